@@ -1,0 +1,1 @@
+"""The shipped tasks, one small file each, and the shipped scenes as YAML."""

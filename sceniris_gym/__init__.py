@@ -1,0 +1,86 @@
+"""Fresh, collision-free scene layouts for every reset of batched MuJoCo-Warp environments.
+
+Public names are imported when they are first used: `import sceniris_gym` loads neither torch, warp nor mujoco.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from sceniris_gym import registration
+
+if TYPE_CHECKING:
+    from sceniris_gym.errors import CycleError as CycleError
+    from sceniris_gym.errors import ErodedSupportError as ErodedSupportError
+    from sceniris_gym.errors import InfeasibleSceneError as InfeasibleSceneError
+    from sceniris_gym.errors import MaskError as MaskError
+    from sceniris_gym.errors import MeshError as MeshError
+    from sceniris_gym.errors import NoSupportError as NoSupportError
+    from sceniris_gym.errors import NotSupportedError as NotSupportedError
+    from sceniris_gym.errors import SceneFileError as SceneFileError
+    from sceniris_gym.errors import SceneKeyError as SceneKeyError
+    from sceniris_gym.errors import ScenirisError as ScenirisError
+    from sceniris_gym.errors import SeedError as SeedError
+    from sceniris_gym.errors import UnknownNameError as UnknownNameError
+    from sceniris_gym.layout.generate import LayoutGenerator as LayoutGenerator
+    from sceniris_gym.layout.layouts import Layouts as Layouts
+    from sceniris_gym.scene.config import SceneConfig as SceneConfig
+    from sceniris_gym.scene.model import SceneModel as SceneModel
+    from sceniris_gym.scene.model import build_model as build_model
+    from sceniris_gym.scene.world import World as World
+    from sceniris_gym.scene.world import build_world as build_world
+    from sceniris_gym.sim.randomizer import ResetRandomizer as ResetRandomizer
+    from sceniris_gym.vector.task import Task as Task
+    from sceniris_gym.vector.vector_env import SceneVectorEnv as SceneVectorEnv
+
+__version__ = "0.1.0"
+
+_HOME = {  # public name -> the module it lives in
+    "SceneConfig": "scene.config",
+    "SceneModel": "scene.model",
+    "build_model": "scene.model",
+    "World": "scene.world",
+    "build_world": "scene.world",
+    "Layouts": "layout.layouts",
+    "LayoutGenerator": "layout.generate",
+    "ResetRandomizer": "sim.randomizer",
+    "SceneVectorEnv": "vector.vector_env",
+    "Task": "vector.task",
+    **dict.fromkeys(
+        (
+            "ScenirisError",
+            "SceneFileError",
+            "SceneKeyError",
+            "NotSupportedError",
+            "UnknownNameError",
+            "NoSupportError",
+            "ErodedSupportError",
+            "CycleError",
+            "MeshError",
+            "InfeasibleSceneError",
+            "MaskError",
+            "SeedError",
+        ),
+        "errors",
+    ),
+}
+
+__all__ = ["__version__", *_HOME]  # noqa: PLE0604
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name on its first use (PEP 562)."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """List the public names, imported or not."""
+    return sorted({*globals(), *__all__})
+
+
+registration.register_envs()

@@ -1,0 +1,122 @@
+"""Every error a user can meet. Each message says what was wrong, where, and what would be right."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+
+
+def nearest(name: str, valid: Iterable[str]) -> str | None:
+    """Return the valid name closest to `name`, or None when none is close."""
+    valid = list(valid)
+    found = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
+    if not found:  # names with prefixes: 'upper_drawer' is near to 'cabinet/upper_drawer'
+        tails = {v.rsplit("/", 1)[-1]: v for v in reversed(valid)}
+        found = [tails[t] for t in difflib.get_close_matches(name.rsplit("/", 1)[-1], tails, n=1, cutoff=0.6)]
+    return found[0] if found else None
+
+
+def did_you_mean(name: str, valid: Iterable[str]) -> str:
+    """Return " Did you mean 'x'?" for the valid name closest to `name`, or an empty string."""
+    found = nearest(name, valid)
+    return f" Did you mean '{found}'?" if found is not None else ""
+
+
+class ScenirisError(Exception):
+    """Base class of all errors of this package."""
+
+
+class SceneFileError(ScenirisError):
+    """A scene file that is missing or is not readable as YAML."""
+
+
+class SceneKeyError(ScenirisError):
+    """A key or a value of a scene that is not understood; the message names its path."""
+
+
+class NotSupportedError(ScenirisError):
+    """A word of the scene language, or a feature of a model, that is known but not supported yet."""
+
+
+class UnknownNameError(ScenirisError):
+    """A name of a body, joint, object, asset or scene that does not exist.
+
+    Args:
+        kind: what the name should name, e.g. "body".
+        name: the unknown name.
+        where: file and key path, or the function, in which it was found.
+        valid: the names that exist there.
+    """
+
+    def __init__(self, kind: str, name: str, where: str, valid: Iterable[str]) -> None:
+        self.kind, self.name, self.where, self.valid = kind, name, where, sorted(valid)
+        listing = ", ".join(self.valid) if self.valid else "none"
+        super().__init__(f"{where}: unknown {kind} '{name}'.{did_you_mean(name, self.valid)} Valid: {listing}.")
+
+    def __reduce__(self) -> tuple:
+        return type(self), (self.kind, self.name, self.where, self.valid)
+
+
+class NoSupportError(ScenirisError):
+    """A parent that has no surface to place anything on."""
+
+
+class ErodedSupportError(ScenirisError):
+    """A support of which a region, or the erosion by `ratio_on_support`, leaves nothing."""
+
+
+class CycleError(ScenirisError):
+    """Names that depend on each other in a circle: parents of objects, or bases of scene files.
+
+    Args:
+        where: the file or scene in which the cycle was found.
+        names: the names along the cycle, each depending on the next, the last one on the first.
+        what: what depends on what, e.g. "objects are supported by each other".
+    """
+
+    def __init__(self, where: str, names: Iterable[str], what: str) -> None:
+        self.where, self.names, self.what = where, list(names), what
+        circle = " -> ".join([*self.names, self.names[0]])
+        super().__init__(f"{where}: {what}: {circle}. Change one of them so that the chain has an end.")
+
+    def __reduce__(self) -> tuple:
+        return type(self), (self.where, self.names, self.what)
+
+
+class MeshError(ScenirisError):
+    """A mesh that cannot be used for collision: it is open, or has no faces."""
+
+
+class InfeasibleSceneError(ScenirisError):
+    """A scene of which no valid layout could be made.
+
+    Args:
+        where: the scene.
+        name: the object that could not be placed most often.
+        cause: the cause that rejected it most often.
+        counts: rejections per object and cause.
+    """
+
+    def __init__(self, where: str, name: str, cause: str, counts: Mapping[str, Mapping[str, int]]) -> None:
+        self.where, self.name, self.cause = where, name, cause
+        self.counts = {k: dict(v) for k, v in counts.items()}
+        rows = "; ".join(
+            f"{obj}: " + ", ".join(f"{c} {n}" for c, n in by_cause.items() if n)
+            for obj, by_cause in self.counts.items()
+            if any(by_cause.values())
+        )
+        super().__init__(
+            f"{where}: no valid layout was found: '{name}' could not be placed, mostly because of {cause}. "
+            f"Rejections: {rows}. Give it a larger region or support, or a smaller clearance, or fewer neighbours."
+        )
+
+    def __reduce__(self) -> tuple:
+        return type(self), (self.where, self.name, self.cause, self.counts)
+
+
+class MaskError(ScenirisError, ValueError):
+    """A mask of worlds with a wrong type, shape or device."""
+
+
+class SeedError(ScenirisError, ValueError):
+    """A seed that is not an integer of 64 bits, or seeds of which there are not as many as worlds."""

@@ -1,0 +1,1 @@
+"""How layouts are made, on the device and at every reset."""

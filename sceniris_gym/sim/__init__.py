@@ -1,0 +1,1 @@
+"""Where layouts go: the batched simulation and the masked write into it."""

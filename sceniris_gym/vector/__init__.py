@@ -1,0 +1,1 @@
+"""The Gymnasium face: vector environments and tasks."""
