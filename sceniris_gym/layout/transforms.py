@@ -1,0 +1,94 @@
+"""Poses on the device, in MuJoCo's order: a quaternion is (w, x, y, z), kept in a `wp.vec4`.
+
+Warp's own `wp.quat` is (x, y, z, w). It is not used in device code here, so the two orders can never be mixed up.
+"""
+
+import warp as wp
+
+
+@wp.struct
+class Pose:
+    """A rigid pose: `x = pos + rot @ y` takes y from the posed frame to its parent's."""
+
+    pos: wp.vec3
+    rot: wp.mat33
+
+
+@wp.func
+def mul_quat(a: wp.vec4, b: wp.vec4) -> wp.vec4:
+    """Hamilton product of two wxyz quaternions."""
+    return wp.vec4(
+        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
+    )
+
+
+@wp.func
+def rot_vec_quat(v: wp.vec3, q: wp.vec4) -> wp.vec3:
+    """`v` rotated by the unit wxyz quaternion `q`."""
+    u = wp.vec3(q[1], q[2], q[3])
+    t = 2.0 * wp.cross(u, v)
+    return v + q[0] * t + wp.cross(u, t)
+
+
+@wp.func
+def quat_z(angle: float) -> wp.vec4:
+    """Rotation by `angle` [rad] about z."""
+    return wp.vec4(wp.cos(0.5 * angle), 0.0, 0.0, wp.sin(0.5 * angle))
+
+
+@wp.func
+def axis_angle_quat(axis: wp.vec3, angle: float) -> wp.vec4:
+    """Rotation by `angle` [rad] about the unit vector `axis`."""
+    s = wp.sin(0.5 * angle)
+    return wp.vec4(wp.cos(0.5 * angle), axis[0] * s, axis[1] * s, axis[2] * s)
+
+
+@wp.func
+def quat_mat(q: wp.vec4) -> wp.mat33:
+    """Rotation matrix of the unit wxyz quaternion `q`."""
+    w = q[0]
+    x = q[1]
+    y = q[2]
+    z = q[3]
+    return wp.mat33(
+        1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y),
+        2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x),
+        2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y),
+    )  # fmt: skip
+
+
+@wp.func
+def pose_of(pos: wp.vec3, quat: wp.vec4) -> Pose:
+    """The pose with position `pos` and unit wxyz orientation `quat`."""
+    p = Pose()
+    p.pos = pos
+    p.rot = quat_mat(quat)
+    return p
+
+
+@wp.func
+def compose(a: Pose, b: Pose) -> Pose:
+    """`b`, given in `a`'s frame, in the frame that `a` is given in."""
+    p = Pose()
+    p.pos = a.pos + a.rot * b.pos
+    p.rot = a.rot * b.rot
+    return p
+
+
+@wp.func
+def relative(a: Pose, b: Pose) -> Pose:
+    """`b` in the frame of `a`, both given in one frame."""
+    at = wp.transpose(a.rot)
+    p = Pose()
+    p.pos = at * (b.pos - a.pos)
+    p.rot = at * b.rot
+    return p
+
+
+@wp.func
+def apply(a: Pose, v: wp.vec3) -> wp.vec3:
+    """The point `v` of `a`'s frame in the frame that `a` is given in."""
+    return a.pos + a.rot * v

@@ -1,0 +1,148 @@
+"""What device code sees of a scene: flat arrays, the same for every world, never written after `build_world`.
+
+Poses are (pos [m], quat wxyz) of a frame in its parent's; angles are in radians. Ranges of a list are (adr, num) pairs as
+in MuJoCo. A *collider* is what is tested as a whole: all pieces of one body below one root of boxes, or one plane.
+"""
+
+from enum import IntEnum
+
+import warp as wp
+
+
+class PieceType(IntEnum):
+    """Kinds of convex pieces. All are centred at their frame; SEGMENT serves tests only and is never an obstacle."""
+
+    SPHERE = 0
+    CAPSULE = 1
+    BOX = 2
+    CYLINDER = 3
+    ELLIPSOID = 4
+    HULL = 5
+    PLANE = 6
+    SEGMENT = 7
+
+
+class ObjectKind(IntEnum):
+    """How an object's pose gets into the simulation."""
+
+    STATIC = 0
+    FREE = 1
+    FIXTURE = 2
+    MARKER = 3
+
+
+class Roof(IntEnum):
+    """What must be true above the drawn point: `in` takes either, `on` open sky, `inside` a cover."""
+
+    EITHER = 0
+    OPEN = 1
+    COVERED = 2
+
+
+class Cause(IntEnum):
+    """Why a candidate was rejected."""
+
+    NONE = 0
+    ROOF = 1
+    FOOTPRINT = 2
+    COLLISION = 3
+
+
+@wp.struct
+class Program:
+    """The placement program of a scene. Objects are listed in placement order."""
+
+    nobject: int
+    attempts: int
+    restarts: int
+    # Bodies and joints: what forward kinematics needs, as in mjModel.
+    body_parent: wp.array(dtype=int)
+    body_pos: wp.array(dtype=wp.vec3)
+    body_quat: wp.array(dtype=wp.vec4)
+    body_jntadr: wp.array(dtype=int)
+    body_jntnum: wp.array(dtype=int)
+    jnt_slide: wp.array(dtype=int)
+    jnt_pos: wp.array(dtype=wp.vec3)
+    jnt_axis: wp.array(dtype=wp.vec3)
+    jnt_qposadr: wp.array(dtype=int)
+    jnt_qpos0: wp.array(dtype=float)
+    # Draws of joint positions: uniform in [lo, hi], or one of a list of values.
+    draw_qposadr: wp.array(dtype=int)
+    draw_range: wp.array(dtype=wp.vec2)
+    draw_choiceadr: wp.array(dtype=int)
+    draw_choicenum: wp.array(dtype=int)
+    choice: wp.array(dtype=float)
+    # Objects.
+    obj_stream: wp.array(dtype=int)
+    obj_kind: wp.array(dtype=int)
+    obj_body: wp.array(dtype=int)
+    obj_adr: wp.array(dtype=int)  # of its qpos (free) or its mocap body (fixture, marker)
+    obj_quat: wp.array(dtype=wp.vec4)
+    obj_yaw: wp.array(dtype=wp.vec2)
+    obj_pivot: wp.array(dtype=wp.vec3)  # in the frame of its root body
+    obj_gap: wp.array(dtype=float)
+    obj_box_lower: wp.array(dtype=wp.vec3)
+    obj_box_upper: wp.array(dtype=wp.vec3)
+    obj_roof: wp.array(dtype=int)
+    obj_footprint: wp.array(dtype=int)
+    obj_drawadr: wp.array(dtype=int)
+    obj_drawnum: wp.array(dtype=int)
+    obj_bodyadr: wp.array(dtype=int)
+    obj_bodynum: wp.array(dtype=int)
+    obj_pieceadr: wp.array(dtype=int)
+    obj_piecenum: wp.array(dtype=int)
+    obj_roofadr: wp.array(dtype=int)
+    obj_roofnum: wp.array(dtype=int)
+    obj_triadr: wp.array(dtype=int)
+    obj_trinum: wp.array(dtype=int)
+    obj_pairadr: wp.array(dtype=int)
+    obj_pairnum: wp.array(dtype=int)
+    body_list: wp.array(dtype=int)
+    piece_list: wp.array(dtype=int)
+    roof_list: wp.array(dtype=int)
+    # Support regions, triangulated; `tri_cdf` is the share of the region's area up to and with a triangle.
+    tri_surface: wp.array(dtype=int)
+    tri_a: wp.array(dtype=wp.vec2)
+    tri_b: wp.array(dtype=wp.vec2)
+    tri_c: wp.array(dtype=wp.vec2)
+    tri_cdf: wp.array(dtype=float)
+    surface_body: wp.array(dtype=int)
+    surface_height: wp.array(dtype=float)
+    surface_edgeadr: wp.array(dtype=int)
+    surface_edgenum: wp.array(dtype=int)
+    edge_a: wp.array(dtype=wp.vec2)
+    edge_b: wp.array(dtype=wp.vec2)
+    # Convex pieces: their frame in the body's, and for hulls their vertices in the piece's frame.
+    piece_type: wp.array(dtype=int)
+    piece_body: wp.array(dtype=int)
+    piece_pos: wp.array(dtype=wp.vec3)
+    piece_quat: wp.array(dtype=wp.vec4)
+    piece_size: wp.array(dtype=wp.vec3)
+    piece_vertadr: wp.array(dtype=int)
+    piece_vertnum: wp.array(dtype=int)
+    piece_contype: wp.array(dtype=int)
+    piece_conaffinity: wp.array(dtype=int)
+    vert: wp.array(dtype=wp.vec3)
+    # Colliders: a binary tree of boxes in the body's frame. `node_child` is the left child (the right one follows it), or
+    # ~leaf: a piece (physics) or a face (visual).
+    collider_body: wp.array(dtype=int)
+    collider_root: wp.array(dtype=int)
+    collider_plane: wp.array(dtype=int)  # piece of a plane, else -1
+    collider_mesh: wp.array(dtype=wp.uint64)
+    collider_pointadr: wp.array(dtype=int)
+    collider_pointnum: wp.array(dtype=int)
+    node_center: wp.array(dtype=wp.vec3)
+    node_half: wp.array(dtype=wp.vec3)
+    node_child: wp.array(dtype=int)
+    face_a: wp.array(dtype=wp.vec3)
+    face_b: wp.array(dtype=wp.vec3)
+    face_c: wp.array(dtype=wp.vec3)
+    point: wp.array(dtype=wp.vec3)  # one of each closed component, for containment
+    pair_a: wp.array(dtype=int)
+    pair_b: wp.array(dtype=int)
+    pair_margin: wp.array(dtype=float)
+    # What a world holds before anything is drawn, and the bank of valid layouts.
+    home_qpos: wp.array(dtype=float)
+    bank_qpos: wp.array2d(dtype=float)
+    bank_mocap_pos: wp.array2d(dtype=wp.vec3)
+    bank_mocap_quat: wp.array2d(dtype=wp.vec4)
