@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from sceniris_gym import registration
 
 if TYPE_CHECKING:
+    from sceniris_gym.errors import ContactBudgetError as ContactBudgetError
     from sceniris_gym.errors import CycleError as CycleError
     from sceniris_gym.errors import ErodedSupportError as ErodedSupportError
     from sceniris_gym.errors import InfeasibleSceneError as InfeasibleSceneError
@@ -58,6 +59,7 @@ _HOME = {  # public name -> the module it lives in
             "ErodedSupportError",
             "CycleError",
             "MeshError",
+            "ContactBudgetError",
             "InfeasibleSceneError",
             "MaskError",
             "SeedError",

@@ -114,6 +114,26 @@ class InfeasibleSceneError(ScenirisError):
         return type(self), (self.where, self.name, self.cause, self.counts)
 
 
+class ContactBudgetError(ScenirisError):
+    """More contacts or constraint rows than a batch of worlds has room for.
+
+    Args:
+        budget: the argument that set the room, "nconmax" or "njmax".
+        room: its value [per world].
+        wanted: what was needed at least [per world].
+    """
+
+    def __init__(self, budget: str, room: int, wanted: int) -> None:
+        self.budget, self.room, self.wanted = budget, room, wanted
+        super().__init__(
+            f"{budget}={room} is too small for this scene, the rest is ignored: {wanted} were needed at this moment. "
+            f"Pass {budget}={max(2 * room, 2 * wanted)}."
+        )
+
+    def __reduce__(self) -> tuple:
+        return type(self), (self.budget, self.room, self.wanted)
+
+
 class MaskError(ScenirisError, ValueError):
     """A mask of worlds with a wrong type, shape or device."""
 
