@@ -1,0 +1,94 @@
+"""What pydantic found wrong with a scene, said in the words of the scene file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from sceniris_gym.errors import NotSupportedError, SceneKeyError, did_you_mean
+
+where_now: ContextVar[str | None] = ContextVar("where_now", default=None)
+"""The file or the class that is being read, or None outside of any reading."""
+
+UNKNOWN_KEY = "unknown_key"  # context: key, valid
+UNSUPPORTED = "not_supported"  # context: word
+ADVICE = "advice"  # context: advice, a sentence that begins with "should"
+
+_SHOULD: dict[str, Callable[[ErrorDetails], str]] = {
+    "float_type": lambda e: "should be a number",
+    "float_parsing": lambda e: "should be a number",
+    "finite_number": lambda e: "should be a finite number",
+    "int_type": lambda e: "should be a whole number",
+    "string_type": lambda e: "should be a name",
+    "path_type": lambda e: "should be the path of a file",
+    "tuple_type": lambda e: "should be a list",
+    "dict_type": lambda e: "should be a mapping of names to settings",
+    "model_type": lambda e: "should be a mapping of keys to values",
+    "model_attributes_type": lambda e: "should be a mapping of keys to values",
+    "too_long": lambda e: f"should have {e.get('ctx', {}).get('max_length')} values at most",
+    "too_short": lambda e: f"should have at least {e.get('ctx', {}).get('min_length')} values",
+    "greater_than": lambda e: f"should be above {e.get('ctx', {}).get('gt')}",
+    "greater_than_equal": lambda e: f"should be at least {e.get('ctx', {}).get('ge')}",
+    "less_than_equal": lambda e: f"should be at most {e.get('ctx', {}).get('le')}",
+    "literal_error": lambda e: f"should be {e.get('ctx', {}).get('expected')}",
+    ADVICE: lambda e: e.get("ctx", {})["advice"],
+}
+
+
+@contextmanager
+def reading(where: str) -> Iterator[None]:
+    """Translate the ValidationErrors raised inside into ScenirisErrors that name `where`."""
+    token = where_now.set(where)
+    try:
+        yield
+    except ValidationError as error:
+        raise _complaint(error, where) from None
+    finally:
+        where_now.reset(token)
+
+
+def _complaint(error: ValidationError, where: str) -> SceneKeyError | NotSupportedError:
+    details = error.errors(include_url=False)
+    unsupported = [e for e in details if e["type"] == UNSUPPORTED]
+    lines = [f"{where}: {_path(e)}: {_sentence(e)}" for e in unsupported or details]
+    return (NotSupportedError if unsupported else SceneKeyError)("\n".join(lines))
+
+
+def _path(error: ErrorDetails) -> str:
+    return ".".join(str(key) for key in error["loc"] if key != "[key]") or "scene"
+
+
+def _sentence(error: ErrorDetails) -> str:
+    context, kind = error.get("ctx", {}), error["type"]
+    if kind == UNSUPPORTED:
+        return f"'{context['word']}' is not supported yet. Leave it out."
+    if kind == UNKNOWN_KEY:
+        return _unknown_key(context["key"], context["valid"])
+    if kind == "missing":
+        return "is missing."
+    advice = _SHOULD[kind](error) if kind in _SHOULD else f"is wrong: {error['msg']}"
+    hint = ""
+    if kind == "literal_error" and isinstance(error["input"], str):
+        hint = did_you_mean(error["input"], re.findall(r"'([^']*)'", str(context["expected"])))
+    return f"{_short(error['input'])} {advice}.{hint}"
+
+
+def _unknown_key(key: Any, valid: list[str]) -> str:
+    listing = f"Valid: {', '.join(valid)}."
+    if str(key).lower() == "true" and "on" in valid:
+        return (
+            "this key is the word 'on', which a loader of YAML 1.1 has read as true. "
+            "Quote it ('on': floor), or let SceneConfig.load read the file."
+        )
+    return f"unknown key.{did_you_mean(str(key), valid)} {listing}"
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "..."
