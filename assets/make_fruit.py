@@ -1,0 +1,139 @@
+"""Apple, orange and banana: one closed surface each, coarse and fine, and convex pieces for contacts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .mjcf import Document, add, inertial
+from .shapes import MESHES, Mesh, lathe, skin, smooth_profile, thin_hull, write_obj
+from .textures import blend, mottle, write_png
+
+# Control points (r [mm], z [mm], density of rings), from the top of the axis to its bottom.
+APPLE = [
+    (0.0, 76.0, 1), (1.9, 75.6, 4), (1.6, 70.0, 2), (1.7, 65.0, 2), (5.5, 65.4, 2), (11.0, 69.6, 1.5), (18.0, 73.2, 1.2),
+    (24.0, 72.6, 1), (32.5, 66.0, 1), (38.6, 54.0, 1), (40.4, 42.0, 1), (38.4, 27.0, 1), (32.4, 13.0, 1), (25.0, 4.0, 1),
+    (17.0, 0.0, 1.2), (11.0, 1.6, 1.5), (6.0, 5.4, 1.5), (0.0, 7.0, 1.5),
+]  # fmt: skip
+ORANGE = [
+    (0.0, 69.2, 1), (2.2, 69.6, 3), (2.8, 69.0, 3), (4.5, 69.6, 2), (9.0, 70.4, 1.2), (18.0, 67.6, 1), (28.5, 59.0, 1), (35.5, 46.5, 1),
+    (37.2, 36.0, 1), (35.8, 25.0, 1), (29.5, 11.8, 1), (20.0, 3.4, 1), (11.0, 0.0, 1.2), (4.0, 0.9, 1.5), (0.0, 1.2, 1.5),
+]  # fmt: skip
+# The banana's axis is an arc of this radius [m] and half-angle [rad], measured at the middle of its thickness.
+BANANA_RADIUS, BANANA_HALF_ANGLE = 0.135, 0.71
+# Radius of its section [mm] along the arc, from the stem to the blossom end; third number as above.
+BANANA = [
+    (0.0, 0.0, 1), (4.4, 1.0, 3), (4.9, 6.0, 1.5), (4.7, 20.0, 1), (6.8, 31.0, 1.5), (12.6, 47.0, 1.2), (16.2, 70.0, 1), (17.4, 98.0, 1),
+    (17.0, 126.0, 1), (14.6, 150.0, 1), (9.8, 171.0, 1.2), (5.0, 184.0, 1.5), (3.7, 188.0, 2), (3.2, 192.8, 1.5), (0.0, 193.6, 2),
+]  # fmt: skip
+
+
+def apple(rows: int, segments: int) -> Mesh:
+    """An apple with five faint lobes, lopsided by a few tenths of a millimetre, and a leaning stem."""
+    profile, t = smooth_profile(APPLE, rows)
+    # One whole ring is the lowest: the apple stands on it.
+    profile[np.argmin(profile[:, 1]), 1] = 0.0
+    body = lathe(profile, segments, t)
+    x, y, z = body.vertices.T.copy()
+    angle = np.arctan2(y, x)
+    low = np.clip((0.060 - z) / 0.060, 0.0, 1.0) * np.clip(np.hypot(x, y) / 0.03, 0.0, 1.0)
+    swelling = 1.0 + 0.022 * low * np.cos(5.0 * angle) + 0.012 * np.clip(z / 0.07, 0, 1) * np.cos(angle - 1.0)
+    lean = 0.0045 * np.clip((z - 0.064) / 0.012, 0.0, 1.0) ** 2 * (np.hypot(x, y) < 0.0035)
+    return Mesh(np.stack([x * swelling + lean, y * swelling, z], axis=1), body.faces, body.uv, body.uv_faces)
+
+
+def orange(rows: int, segments: int) -> Mesh:
+    """An orange, slightly flattened, with the scar of its stem."""
+    profile, t = smooth_profile(ORANGE, rows)
+    profile[np.argmin(profile[:, 1]), 1] = 0.0
+    return lathe(profile, segments, t)
+
+
+def banana(rows: int, segments: int) -> Mesh:
+    """A banana lying on its side, bent in the ground plane, tips along x, with five blunt edges."""
+    stations, t = smooth_profile(BANANA, rows)
+    radius, along = stations[:, 0], stations[:, 1]
+    bend = BANANA_HALF_ANGLE * (2.0 * along / along[-1] - 1.0)
+    angle = 2.0 * np.pi * (np.arange(segments) + 0.5) / segments - 0.5 * np.pi
+    # Blunt edges: the section lies between a circle and a pentagon, and one flat of it is the underside.
+    turned = np.mod(angle + 0.5 * np.pi + np.pi / 5, 2 * np.pi / 5) - np.pi / 5
+    pentagon = np.cos(np.pi / 5) / np.cos(turned) / np.cos(np.pi / 10)
+    section = 0.55 + 0.45 * pentagon
+    in_plane, upward = section * np.cos(angle), section * np.sin(angle)
+    sag = -upward.min()
+    # The thick middle lies flat on the ground, the tips float: the axis is as high as the section needs, and never low.
+    height = np.maximum(radius, 0.93 * radius.max()) * sag
+    reach = BANANA_RADIUS + radius[:, None] * in_plane[None, :]
+    x, y = reach * np.sin(bend)[:, None], -reach * np.cos(bend)[:, None]
+    z = height[:, None] + radius[:, None] * upward[None, :]
+    rings = np.stack([x, y, z], axis=-1)
+    ends = [np.array([BANANA_RADIUS * np.sin(b), -BANANA_RADIUS * np.cos(b), h]) for b, h in zip(bend, height, strict=True)]
+    return centred(skin(rings[1:-1], ends[0], ends[-1], t))
+
+
+def centred(mesh: Mesh) -> Mesh:
+    """The mesh with the bottom centre of its bounds at the origin."""
+    low, high = mesh.bounds
+    return mesh.moved((-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]))
+
+
+def banana_pieces(coarse: Mesh, rows: int, segments: int, count: int = 6) -> list[Mesh]:
+    """Convex pieces along the banana: the hulls of ``count`` runs of neighbouring rings, one ring shared."""
+    rings = coarse.vertices[1:-1].reshape(rows, segments, 3)
+    cuts = np.linspace(0, rows - 1, count + 1).round().astype(int)
+    pieces = []
+    for i, (first, last) in enumerate(zip(cuts[:-1], cuts[1:], strict=True)):
+        points = rings[first : last + 1].reshape(-1, 3)
+        tip = [coarse.vertices[:1]] if i == 0 else [coarse.vertices[-1:]] if i == count - 1 else []
+        pieces.append(thin_hull(np.concatenate([points, *tip]), 32, swell=False))
+    return pieces
+
+
+def write_fruit(name: str, coarse: Mesh, fine: Mesh, pieces: list[Mesh], mass: float, grasp_height: float) -> None:
+    """Write ``<name>.xml`` and ``<name>_16k.xml``: they differ in the mesh for the eye alone."""
+    write_obj(name, coarse)
+    write_obj(f"{name}_16k", fine)
+    for i, piece in enumerate(pieces):
+        write_obj(f"{name}_hull_{i}", piece)
+    for variant in (name, f"{name}_16k"):
+        document = Document(variant, friction=(0.7, 0.005, 0.0001))
+        document.colour("skin", (1, 1, 1), shine=0.35, texture=f"{name}.png")
+        document.mesh("visual", variant)
+        inertial(document.root, coarse, mass)
+        document.visual(document.root, "visual", "visual", "skin")
+        for i in range(len(pieces)):
+            document.mesh(f"hull_{i}", f"{name}_hull_{i}")
+            document.collision(document.root, f"hull_{i}", f"hull_{i}")
+        add(document.root, "site", name="grasp", pos=(*pieces[len(pieces) // 2].vertices.mean(axis=0)[:2], grasp_height), size=0.005, group=4)
+        document.save()
+
+
+def textures() -> None:
+    """Colours of the three skins: u goes around, v from the top of the axis to its bottom (the banana: along it)."""
+    v, grain = np.linspace(0, 1, 256)[:, None], mottle(256, 128, seed=1)
+    apple_stops = [(0.0, (74, 48, 26)), (0.13, (86, 60, 30)), (0.16, (150, 140, 60)), (0.22, (190, 150, 60)), (0.34, (176, 40, 34)),
+                   (0.70, (158, 20, 28)), (0.86, (186, 60, 40)), (0.95, (170, 130, 60)), (1.0, (60, 44, 30))]  # fmt: skip
+    streaks = mottle(256, 128, seed=2, cell=(60, 2)) * np.clip(1.3 - v, 0.2, 1.0)
+    write_png(MESHES / "apple.png", blend(v, apple_stops) * (1 + 0.04 * grain + 0.13 * streaks)[..., None])
+    orange_stops = [(0.0, (92, 110, 50)), (0.05, (110, 120, 50)), (0.09, (226, 130, 28)), (0.5, (240, 134, 22)), (0.95, (236, 130, 24)),
+                    (1.0, (150, 100, 40))]  # fmt: skip
+    write_png(MESHES / "orange.png", blend(v, orange_stops) * (1 + 0.07 * mottle(256, 128, seed=3, cell=(2, 2)))[..., None])
+    banana_stops = [(0.0, (70, 54, 30)), (0.05, (120, 110, 44)), (0.16, (190, 180, 60)), (0.30, (240, 206, 66)), (0.80, (240, 202, 60)),
+                    (0.90, (200, 180, 62)), (0.955, (90, 70, 40)), (1.0, (44, 34, 26))]  # fmt: skip
+    spots = np.clip(mottle(256, 128, seed=4, cell=(5, 3)) - 1.5, 0, 1)
+    write_png(MESHES / "banana.png", blend(v, banana_stops) * (1 - 0.35 * spots + 0.03 * grain)[..., None])
+
+
+def main() -> None:
+    """Write the three fruits."""
+    textures()
+    body, fine = apple(24, 24), apple(128, 64)
+    write_fruit("apple", body, fine, [thin_hull(body.vertices, 80)], mass=0.19, grasp_height=0.038)
+    body, fine = orange(24, 24), orange(128, 64)
+    write_fruit("orange", body, fine, [thin_hull(body.vertices, 80)], mass=0.18, grasp_height=0.036)
+    rows, segments = 32, 20
+    body, fine = banana(rows, segments), banana(128, 64)
+    write_fruit("banana", body, fine, banana_pieces(body, rows, segments), mass=0.14, grasp_height=0.018)
+
+
+if __name__ == "__main__":
+    main()

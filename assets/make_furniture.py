@@ -1,0 +1,192 @@
+"""A table, and a cabinet with two drawers: solids cut and united for the eye, a box per board for contacts."""
+
+from __future__ import annotations
+
+import numpy as np
+from manifold3d import Manifold
+
+from .mjcf import Document, add, inertial
+from .shapes import box, hull, solid, surface, write_obj
+from .tubes import tube
+
+Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
+
+# Table [m]: narrow along x, so that an arm whose base stands at x = -0.5 has the whole top before it.
+TABLE_SIZE, TABLE_HEIGHT, TABLE_TOP, TABLE_LEG = (0.8, 1.0), 0.4, 0.03, 0.06
+
+# Cabinet [m]; the front of the frame is at y = -DEPTH / 2.
+WIDTH, DEPTH, HEIGHT = 0.42, 0.32, 0.50
+SIDE, BOARD, BACK = 0.015, 0.014, 0.010
+OPENING = (HEIGHT - 3 * BOARD) / 2
+TRAVEL = 0.25
+# Drawer, in a frame whose origin is the front bottom edge of its opening, on the middle plane.
+GAP, WALL, FRONT, TRAY_HEIGHT = 0.003, 0.010, 0.018, 0.13
+HALF = WIDTH / 2 - SIDE - GAP
+TRAY_BACK = DEPTH - BACK - GAP - 0.002
+HANDLE_HEIGHT, HANDLE_REACH, HANDLE_HALF, HANDLE_RADIUS = 0.135, 0.034, 0.065, 0.0055
+
+
+def unite(solids: list[Manifold]) -> Manifold:
+    """All solids as one."""
+    whole = solids[0]
+    for other in solids[1:]:
+        whole = whole + other
+    return whole
+
+
+def table_boards() -> dict[str, Corners]:
+    """Corners of the table's top and legs."""
+    x, y = TABLE_SIZE[0] / 2, TABLE_SIZE[1] / 2
+    boards: dict[str, Corners] = {"top": ((-x, -y, TABLE_HEIGHT - TABLE_TOP), (x, y, TABLE_HEIGHT))}
+    for i, (right, back) in enumerate(((0, 0), (1, 0), (0, 1), (1, 1))):
+        low = (-x + 0.02 + right * (2 * x - 0.04 - TABLE_LEG), -y + 0.02 + back * (2 * y - 0.04 - TABLE_LEG), 0.0)
+        boards[f"leg_{i}"] = (low, (low[0] + TABLE_LEG, low[1] + TABLE_LEG, TABLE_HEIGHT - TABLE_TOP))
+    return boards
+
+
+def make_table() -> None:
+    """Write ``table.xml``."""
+    boards = table_boards()
+    apron = 0.05
+    x, y = TABLE_SIZE[0] / 2 - apron, TABLE_SIZE[1] / 2 - apron
+    parts = [box(*boards["top"], radius=0.004)]
+    # Legs reach into the top, so that the union has no seam.
+    parts += [box(low, (high[0], high[1], high[2] + 0.01), radius=0.006) for name, (low, high) in boards.items() if name != "top"]
+    low, high = TABLE_HEIGHT - TABLE_TOP - 0.05, TABLE_HEIGHT - TABLE_TOP + 0.01
+    for sign in (-1, 1):
+        parts += [box((-x, sign * y - 0.01, low), (x, sign * y + 0.01, high)), box((sign * x - 0.01, -y, low), (sign * x + 0.01, y, high))]
+    mesh = surface(unite(parts))
+    write_obj("table", mesh)
+    document = Document("table")
+    document.colour("wood", (0.66, 0.49, 0.33), shine=0.2)
+    document.mesh("table", "table")
+    inertial(document.root, mesh, mass=18.0)
+    document.visual(document.root, "visual", "table", "wood")
+    for name, corners in boards.items():
+        document.collision_box(document.root, name, *corners)
+    for name, corners in aprons(x, y, low):
+        document.collision_box(document.root, name, *corners)
+    document.save()
+
+
+def aprons(x: float, y: float, low: float) -> list[tuple[str, Corners]]:
+    """Corners of the four rails under the table's top."""
+    high = TABLE_HEIGHT - TABLE_TOP
+    rails: list[tuple[str, Corners]] = []
+    for name, sign in (("front", -1), ("back", 1)):
+        rails.append((f"apron_{name}", ((-x, sign * y - 0.01, low), (x, sign * y + 0.01, high))))
+    for name, sign in (("left", -1), ("right", 1)):
+        rails.append((f"apron_{name}", ((sign * x - 0.01, -y, low), (sign * x + 0.01, y, high))))
+    return rails
+
+
+def frame_boards() -> dict[str, Corners]:
+    """Corners of the frame's boards."""
+    x, y = WIDTH / 2, DEPTH / 2
+    shelf = BOARD + OPENING
+    return {
+        "left": ((-x, -y, 0), (-x + SIDE, y, HEIGHT)),
+        "right": ((x - SIDE, -y, 0), (x, y, HEIGHT)),
+        "bottom": ((-x + SIDE, -y, 0), (x - SIDE, y, BOARD)),
+        "shelf": ((-x + SIDE, -y, shelf), (x - SIDE, y, shelf + BOARD)),
+        "top": ((-x + SIDE, -y, HEIGHT - BOARD), (x - SIDE, y, HEIGHT)),
+        "back": ((-x + SIDE, y - BACK, BOARD), (x - SIDE, y, HEIGHT - BOARD)),
+    }
+
+
+def frame_solid() -> Manifold:
+    """The frame: a block with rounded edges and two openings whose rims are bevelled."""
+    x, y = WIDTH / 2, DEPTH / 2
+    body = box((-x, -y, 0), (x, y, HEIGHT), radius=0.005, steps=10)
+    bevel = 0.002
+    for low in (BOARD, 2 * BOARD + OPENING):
+        inner = np.array([[sx * (x - SIDE), 0, low + sz * OPENING] for sx in (-1, 1) for sz in (0, 1)])
+        wide = inner + [[sx * bevel, 0, (2 * sz - 1) * bevel] for sx in (-1, 1) for sz in (0, 1)]
+        body = body - hull(np.concatenate([inner + [0, -y - 0.01, 0], inner + [0, y - BACK, 0]]))
+        body = body - hull(np.concatenate([inner + [0, -y + bevel, 0], wide + [0, -y, 0], wide + [0, -y - 0.01, 0]]))
+    return body
+
+
+def drawer_boards() -> dict[str, Corners]:
+    """Corners of a drawer's boards, and of its handle, in the drawer's frame."""
+    low, back = GAP, TRAY_BACK
+    bar, reach = HANDLE_RADIUS, HANDLE_REACH
+    return {
+        "front": ((-HALF, 0, low), (HALF, FRONT, OPENING - GAP)),
+        "floor": ((-HALF, FRONT, low), (HALF, back, low + WALL)),
+        "left": ((-HALF, FRONT, low + WALL), (-HALF + WALL, back, low + TRAY_HEIGHT)),
+        "right": ((HALF - WALL, FRONT, low + WALL), (HALF, back, low + TRAY_HEIGHT)),
+        "back": ((-HALF + WALL, back - WALL, low + WALL), (HALF - WALL, back, low + TRAY_HEIGHT)),
+        "handle_bar": (
+            (-HANDLE_HALF - bar, -reach - bar, HANDLE_HEIGHT - bar),
+            (HANDLE_HALF + bar, -reach + bar, HANDLE_HEIGHT + bar),
+        ),
+        "handle_left": ((-HANDLE_HALF - bar, -reach + bar, HANDLE_HEIGHT - bar), (-HANDLE_HALF + bar, 0, HANDLE_HEIGHT + bar)),
+        "handle_right": ((HANDLE_HALF - bar, -reach + bar, HANDLE_HEIGHT - bar), (HANDLE_HALF + bar, 0, HANDLE_HEIGHT + bar)),
+    }
+
+
+def drawer_solid() -> Manifold:
+    """The drawer: a tray, hollowed with rounded inner edges, and a front panel whose edges are rounded."""
+    boards = drawer_boards()
+    panel = box(*boards["front"], radius=0.004, steps=8)
+    tray = box((-HALF, FRONT - 0.006, GAP), (HALF, TRAY_BACK, GAP + TRAY_HEIGHT), radius=0.002, steps=4)
+    hollow = box((-HALF + WALL, FRONT, GAP + WALL), (HALF - WALL, TRAY_BACK - WALL, 1.0), radius=0.003, steps=4)
+    return (panel + tray) - (hollow ^ box((-1, FRONT, 0), (1, 1, 0.5)))
+
+
+def handle_solid() -> Manifold:
+    """A bow handle: one bent rod whose feet meet the front panel."""
+    x, y, z = HANDLE_HALF, -HANDLE_REACH, HANDLE_HEIGHT
+    bend = 0.012
+    corner = [(1 - np.cos(a), 1 - np.sin(a)) for a in np.linspace(0, np.pi / 2, 7)]
+    right = [(x, 0.0, z)] + [(x - bend * u, y + bend * v, z) for u, v in corner]
+    left = [(-px, py, pz) for px, py, pz in reversed(right)]
+    return solid(tube(np.array(right + left), HANDLE_RADIUS, 16))
+
+
+def add_drawer(document: Document, name: str, floor: float) -> None:
+    """Add a drawer that slides to the front."""
+    body = add(document.root, "body", name=f"{name}_drawer", pos=(0, -DEPTH / 2, floor))
+    add(body, "joint", name=name, class_="slide")
+    inertial(body, surface(drawer_solid()), mass=2.2)
+    document.visual(body, f"{name}_drawer", "drawer", "front")
+    document.visual(body, f"{name}_handle", "handle", "steel")
+    for part, corners in drawer_boards().items():
+        document.collision_box(body, f"{name}_{part}", *corners)
+    add(body, "site", name=f"{name}_handle", pos=(0, -HANDLE_REACH, HANDLE_HEIGHT), size=0.005, group=4)
+
+
+def make_cabinet() -> None:
+    """Write ``cabinet.xml``."""
+    frame = surface(frame_solid())
+    write_obj("cabinet_frame", frame)
+    write_obj("cabinet_drawer", surface(drawer_solid()))
+    write_obj("cabinet_handle", surface(handle_solid()))
+    document = Document("cabinet")
+    slide = add(document.default, "default", class_="slide")
+    # Dry friction keeps a drawer where it was left; it gives way to a pull of 1.5 N.
+    add(slide, "joint", type="slide", axis=(0, -1, 0), range=(0, TRAVEL), damping=6, frictionloss=1.5, armature=0.1)
+    document.colour("body", (0.72, 0.55, 0.37), shine=0.2)
+    document.colour("front", (0.90, 0.86, 0.78), shine=0.3)
+    document.colour("steel", (0.30, 0.31, 0.33), shine=0.8)
+    for part in ("frame", "drawer", "handle"):
+        document.mesh(part, f"cabinet_{part}")
+    inertial(document.root, frame, mass=14.0)
+    document.visual(document.root, "frame", "frame", "body")
+    for name, corners in frame_boards().items():
+        document.collision_box(document.root, f"frame_{name}", *corners)
+    add_drawer(document, "upper", 2 * BOARD + OPENING)
+    add_drawer(document, "lower", BOARD)
+    add(add(document.tree, "keyframe"), "key", name="home", qpos=(0, 0))
+    document.save()
+
+
+def main() -> None:
+    """Write the table and the cabinet."""
+    make_table()
+    make_cabinet()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,170 @@
+"""Closed triangle meshes from profiles, tubes and rounded boxes, their convex hulls, and OBJ files of them. Units are metres."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import manifold3d
+import numpy as np
+import trimesh
+from scipy.interpolate import PchipInterpolator
+from scipy.spatial import ConvexHull
+
+MESHES = Path(__file__).parent / "meshes"
+# A micrometre: fine enough that neighbours near the pole of a 16,000-face mesh stay apart when written as text.
+DECIMALS = 6
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles: ``vertices`` (n, 3) [m], ``faces`` (m, 3), and optional texture coordinates with faces of their own."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    uv: np.ndarray | None = None
+    uv_faces: np.ndarray | None = None
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """Lowest and highest corner, shape (2, 3)."""
+        return np.array([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+
+    def moved(self, offset: Sequence[float]) -> Mesh:
+        """The same mesh, shifted by ``offset`` [m]."""
+        return replace(self, vertices=self.vertices + np.asarray(offset))
+
+
+def smooth_profile(points: Sequence[tuple[float, float, float]], rows: int) -> tuple[np.ndarray, np.ndarray]:
+    """Sample a curve through control points ``(r [mm], z [mm], weight)`` at ``rows`` + 2 stations.
+
+    ``weight`` says how much denser than by arc length the stations lie on the span that ends in its point.
+    Returns the stations (rows + 2, 2) [m] and their parameters in [0, 1]; the first and the last are the ends.
+    """
+    control = np.asarray(points, dtype=float)
+    spans = np.linalg.norm(np.diff(control[:, :2], axis=0), axis=1) * control[1:, 2]
+    knots = np.concatenate([[0.0], np.cumsum(spans)]) / spans.sum()
+    t = np.linspace(0.0, 1.0, rows + 2)
+    return PchipInterpolator(knots, control[:, :2])(t) / 1000.0, t
+
+
+def skin(rings: np.ndarray, start: np.ndarray, end: np.ndarray, t: np.ndarray) -> Mesh:
+    """Close a stack of ``rings`` (row, segment, 3) with a fan to the point ``start`` and one to ``end``.
+
+    Rings run counter-clockwise when seen from ``start``, so that faces look outward. The texture's u goes once around,
+    its v is ``t`` (row + 2,). There are 2 x rows x segments faces.
+    """
+    rows, segments = rings.shape[:2]
+    vertices = np.concatenate([start[None], rings.reshape(-1, 3), end[None]])
+    around = np.arange(segments)
+    following = (around + 1) % segments
+
+    def face_rows(index, follow, last):
+        faces = [np.stack([np.zeros_like(around), index(0, around), index(0, follow)], axis=1)]
+        for row in range(rows - 1):
+            a, b = index(row, around), index(row, follow)
+            c, d = index(row + 1, around), index(row + 1, follow)
+            faces += [np.stack([a, c, b], axis=1), np.stack([b, c, d], axis=1)]
+        faces.append(np.stack([index(rows - 1, around), np.full_like(around, last), index(rows - 1, follow)], axis=1))
+        return np.concatenate(faces)
+
+    faces = face_rows(lambda row, s: 1 + row * segments + s, following, len(vertices) - 1)
+    u = np.arange(segments + 1) / segments
+    inner = np.stack(np.broadcast_arrays(u[None, :], t[1:-1, None]), axis=-1).reshape(-1, 2)
+    uv = np.concatenate([[[0.5, t[0]]], inner, [[0.5, t[-1]]]])
+    uv_faces = face_rows(lambda row, s: 1 + row * (segments + 1) + s, around + 1, len(uv) - 1)
+    return Mesh(vertices, faces, uv, uv_faces)
+
+
+def lathe(profile: np.ndarray, segments: int, t: np.ndarray | None = None) -> Mesh:
+    """Turn a profile (n, 2) of (r, z) about the z axis. It starts on the axis above, goes outward, and ends on the axis."""
+    angle = 2.0 * np.pi * np.arange(segments) / segments
+    r, z = profile[1:-1, :1], profile[1:-1, 1:]
+    rings = np.stack(np.broadcast_arrays(r * np.cos(angle), r * np.sin(angle), z), axis=-1)
+    ends = np.array([[0.0, 0.0, profile[0, 1]], [0.0, 0.0, profile[-1, 1]]])
+    return skin(rings, ends[0], ends[1], np.linspace(0.0, 1.0, len(profile)) if t is None else t)
+
+
+def solid(mesh: Mesh) -> manifold3d.Manifold:
+    """The mesh as a solid that can be united, cut and intersected."""
+    data = manifold3d.Mesh64(np.ascontiguousarray(mesh.vertices, float), np.ascontiguousarray(mesh.faces, np.uint64))
+    body = manifold3d.Manifold(data)
+    if body.status() != manifold3d.Error.NoError:
+        raise ValueError(f"not a closed mesh of {len(mesh.faces)} faces: {body.status()}")
+    return body
+
+
+def surface(body: manifold3d.Manifold) -> Mesh:
+    """The surface of a solid."""
+    data = body.to_mesh64()
+    return Mesh(np.array(data.vert_properties[:, :3], dtype=float), np.array(data.tri_verts, dtype=np.int64))
+
+
+def hull(points: np.ndarray) -> manifold3d.Manifold:
+    """The convex hull of points (n, 3)."""
+    return manifold3d.Manifold.hull_points(np.ascontiguousarray(points, dtype=float))
+
+
+def box(low: Sequence[float], high: Sequence[float], radius: float = 0.0, steps: int = 4) -> manifold3d.Manifold:
+    """A box between two corners [m] whose edges are rounded by ``radius`` in ``steps`` steps."""
+    low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
+    signs = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    if radius == 0.0:
+        return hull(low + signs * (high - low))
+    lift = 0.5 * np.pi * np.arange(steps + 1) / steps
+    turn, rise = np.meshgrid(lift, lift)
+    octant = np.stack([np.cos(turn) * np.cos(rise), np.sin(turn) * np.cos(rise), np.sin(rise)], axis=-1).reshape(-1, 3)
+    # Poles repeat for every turn, up to rounding: unequal copies of one point would leave slivers in the hull.
+    octant = np.unique(octant.round(12), axis=0)
+    corners = np.where(signs == 0, low + radius, high - radius)
+    points = [corner + radius * octant * (2 * sign - 1) for corner, sign in zip(corners, signs, strict=True)]
+    return hull(np.concatenate(points))
+
+
+def thin_hull(points: np.ndarray, count: int, swell: bool = True) -> Mesh:
+    """A convex mesh of at most ``count`` vertices near the convex hull of ``points`` (n, 3).
+
+    Vertices are added where the hull so far misses most. What it misses in the end is shared out by ``swell``: vertices
+    move outward by half of that distance, but never past the bounds of ``points``, so that a flat underside stays flat.
+    """
+    points = np.unique(np.round(points, DECIMALS), axis=0)
+    points = points[ConvexHull(points).vertices]
+    centre = points.mean(axis=0)
+    # What it stands on comes first: eight corners of the lowest face, and the ends along the axes and the diagonals.
+    lowest = np.flatnonzero(points[:, 2] < points[:, 2].min() + 1e-6)
+    turn = np.arctan2(*(points[lowest, :2] - centre[:2]).T)
+    foot = lowest[np.argsort(turn)][np.linspace(0, len(lowest), 8, endpoint=False).astype(int)]
+    ends = np.concatenate([np.eye(3), -np.eye(3), [[1, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1]]])
+    chosen = list(dict.fromkeys([*foot.tolist(), *((points - centre) @ ends.T).argmax(axis=0).tolist()]))
+    missed = 0.0
+    while True:
+        planes = ConvexHull(points[chosen]).equations
+        outside = (points @ planes[:, :3].T + planes[:, 3]).max(axis=1)
+        missed = float(outside.max())
+        if missed < 1e-6 or len(chosen) >= count:
+            break
+        chosen.append(int(outside.argmax()))
+    kept = points[chosen]
+    if swell:
+        outward = kept - centre
+        kept = kept + 0.5 * missed * outward / np.linalg.norm(outward, axis=1, keepdims=True)
+        kept = np.clip(kept, points.min(axis=0), points.max(axis=0))
+    return surface(hull(kept.round(DECIMALS)))
+
+
+def write_obj(name: str, mesh: Mesh) -> Path:
+    """Write ``meshes/<name>.obj`` and refuse a mesh that is not closed, or not facing outward, once it is read back."""
+    lines = [f"v {x:.{DECIMALS}f} {y:.{DECIMALS}f} {z:.{DECIMALS}f}" for x, y, z in mesh.vertices + 0.0]
+    if mesh.uv is None or mesh.uv_faces is None:
+        lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
+    else:
+        lines += [f"vt {u:.4f} {v:.4f}" for u, v in mesh.uv]
+        corners = np.stack([mesh.faces, mesh.uv_faces], axis=-1).reshape(-1, 6) + 1
+        lines += ["f {}/{} {}/{} {}/{}".format(*row) for row in corners]
+    path = MESHES / f"{name}.obj"
+    path.write_text("\n".join(lines).replace("-0.000000", "0.000000") + "\n")
+    read = trimesh.Trimesh(np.round(mesh.vertices, DECIMALS), mesh.faces, process=True)
+    if not (read.is_watertight and read.is_winding_consistent and read.volume > 0):
+        raise ValueError(f"{path.name} is not a closed mesh that faces outward")
+    return path

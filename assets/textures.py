@@ -1,0 +1,29 @@
+"""Small pictures for surfaces, drawn with numpy and the same on every machine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+
+def blend(v: np.ndarray, stops: Sequence[tuple[float, tuple[int, int, int]]]) -> np.ndarray:
+    """Colours (rows, 1, 3) in 0..255 between ``stops`` of (v, colour); ``v`` has shape (rows, 1)."""
+    places = [place for place, _ in stops]
+    return np.stack([np.interp(v, places, [colour[i] for _, colour in stops]) for i in range(3)], axis=-1)
+
+
+def mottle(rows: int, columns: int, seed: int, cell: tuple[float, float] = (4, 4)) -> np.ndarray:
+    """Smooth noise (rows, columns) of unit variance with grains of about ``cell`` pixels (rows, columns), seamless."""
+    noise = np.random.default_rng(seed).standard_normal((rows, columns))
+    wave = [np.fft.fftfreq(n) * grain * np.pi for n, grain in zip((rows, columns), cell, strict=True)]
+    filtered = np.fft.fft2(noise) * np.exp(-0.5 * (wave[0][:, None] ** 2 + wave[1][None, :] ** 2))
+    smooth = np.fft.ifft2(filtered).real
+    return smooth / smooth.std()
+
+
+def write_png(path: Path, colours: np.ndarray) -> None:
+    """Write colours (rows, columns, 3) in 0..255. Row 0 is v = 1 for MuJoCo, so rows are flipped: ours start at v = 0."""
+    Image.fromarray(np.clip(colours, 0, 255).astype(np.uint8)[::-1]).save(path, optimize=False)
