@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from sceniris_gym.errors import ErodedSupportError as ErodedSupportError
     from sceniris_gym.errors import InfeasibleSceneError as InfeasibleSceneError
     from sceniris_gym.errors import MaskError as MaskError
+    from sceniris_gym.errors import MaskTypeError as MaskTypeError
     from sceniris_gym.errors import MeshError as MeshError
     from sceniris_gym.errors import NoSupportError as NoSupportError
     from sceniris_gym.errors import NotSupportedError as NotSupportedError
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from sceniris_gym.errors import ScenirisError as ScenirisError
     from sceniris_gym.errors import SeedError as SeedError
     from sceniris_gym.errors import UnknownNameError as UnknownNameError
+    from sceniris_gym.errors import WorldMismatchError as WorldMismatchError
     from sceniris_gym.layout.generate import LayoutGenerator as LayoutGenerator
     from sceniris_gym.layout.layouts import Layouts as Layouts
     from sceniris_gym.scene.config import SceneConfig as SceneConfig
@@ -62,13 +64,15 @@ _HOME = {  # public name -> the module it lives in
             "ContactBudgetError",
             "InfeasibleSceneError",
             "MaskError",
+            "MaskTypeError",
             "SeedError",
+            "WorldMismatchError",
         ),
         "errors",
     ),
 }
 
-__all__ = ["__version__", *_HOME]  # noqa: PLE0604
+__all__ = ["__version__", *_HOME]
 
 
 def __getattr__(name: str) -> Any:

@@ -138,5 +138,13 @@ class MaskError(ScenirisError, ValueError):
     """A mask of worlds with a wrong type, shape or device."""
 
 
+class MaskTypeError(MaskError, TypeError):
+    """A mask of worlds that is not an array of booleans."""
+
+
+class WorldMismatchError(ScenirisError, ValueError):
+    """A model, data or generator that does not belong to the World it is used with."""
+
+
 class SeedError(ScenirisError, ValueError):
     """A seed that is not an integer of 64 bits, or seeds of which there are not as many as worlds."""
