@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from . import make_fruit
+from . import make_fruit, make_furniture, make_panda
+
+
+def main() -> None:
+    """Write all MJCF files, meshes and textures."""
+    for module in (make_fruit, make_furniture, make_panda):
+        module.main()
+
 
 if __name__ == "__main__":
-    make_fruit.main()
+    main()

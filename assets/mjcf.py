@@ -16,14 +16,14 @@ Element = ET.Element
 
 
 def text(value: object) -> str:
-    """An attribute's text: numbers with six significant digits, sequences separated by spaces."""
+    """An attribute's text: numbers with nine significant digits, sequences separated by spaces."""
     if isinstance(value, str):
         return value
     if isinstance(value, Iterable):
         return " ".join(text(item) for item in value)
     if isinstance(value, bool):
         return "true" if value else "false"
-    number = f"{float(value):.6g}"  # pyright: ignore[reportArgumentType]
+    number = f"{float(value):.9g}"  # pyright: ignore[reportArgumentType]
     return "0" if number == "-0" else number
 
 

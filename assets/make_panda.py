@@ -1,0 +1,248 @@
+"""A 7-joint arm with the kinematics that Franka publishes for its Panda, and a parallel gripper.
+
+Housings are our own: from link to link a round tube ends in half of a drum about the next joint's axis; the other half
+of the drum belongs to the next link. Shapes are given in the links' frames, which are those of the published (modified,
+Craig) Denavit-Hartenberg table: frame i sits on joint i, z along its axis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from manifold3d import Manifold
+
+from .fields import Field, Point, block, carve, flow, rod
+from .mjcf import Document, add, inertial
+from .shapes import box, hull, lathe, solid, surface, thin_hull, write_obj
+
+# a [m], alpha [rad], d [m] of each joint, then its limits [rad], greatest torque [N m], stiffness [N m/rad] and damping.
+HALF_PI = 0.5 * np.pi
+JOINTS = [
+    (0.0, 0.0, 0.333, (-2.8973, 2.8973), 87, 2000, 140),
+    (0.0, -HALF_PI, 0.0, (-1.7628, 1.7628), 87, 2000, 140),
+    (0.0, HALF_PI, 0.316, (-2.8973, 2.8973), 87, 1500, 100),
+    (0.0825, HALF_PI, 0.0, (-3.0718, -0.0698), 87, 1500, 80),
+    (-0.0825, -HALF_PI, 0.384, (-2.8973, 2.8973), 12, 500, 20),
+    (0.0, HALF_PI, 0.0, (-0.0175, 3.7525), 12, 500, 20),
+    (0.088, HALF_PI, 0.0, (-2.8973, 2.8973), 12, 400, 14),
+]
+FLANGE, GRIPPER_TURN, TCP, FINGER_ROOT = 0.107, -0.25 * np.pi, 0.1034, 0.0584
+HOME = [0.0, -0.25 * np.pi, 0.0, -0.75 * np.pi, 0.0, HALF_PI, 0.25 * np.pi]
+# Masses [kg] of the base, the seven links and the hand, near those identified for the real arm.
+MASSES = [2.8, 2.9, 2.8, 2.5, 2.4, 2.6, 1.5, 0.5, 0.7]
+DRUM, WRIST = 0.058, 0.049
+
+
+@dataclass
+class Link:
+    """The housing of a link: where it fills space, where the neighbour's drum turns, and how it falls into convex pieces."""
+
+    parts: list[Field]
+    low: Point
+    high: Point
+    fillet: float = 0.05
+    # Rods (start, end, radius) that are cut away, and planes (normal, offset) whose positive side is kept.
+    holes: list[tuple[Point, Point, float]] = field(default_factory=list)
+    trims: list[tuple[Point, float]] = field(default_factory=list)
+    # Plane (normal, offset) that parts the housing for contacts.
+    parting: tuple[Point, float] | None = None
+    # Places and directions of dark caps on drums: (centre, axis, radius).
+    caps: list[tuple[Point, Point, float]] = field(default_factory=list)
+
+
+def links() -> list[Link]:
+    """The base and the seven links."""
+    d, w, far, reach, grip = DRUM, WRIST, 0.116, 0.086, 0.002
+    return [
+        Link(
+            [block((-0.145, -0.095, -0.03), (0.07, 0.095, 0.045), 0.028), rod((0, 0, 0), (0, 0, 0.1415), 0.066, 0.061, 0.006),
+             block((-0.15, -0.05, -0.03), (-0.05, 0.05, 0.075), 0.02)],
+            (-0.18, -0.12, -0.05), (0.1, 0.12, 0.16), fillet=0.06, trims=[((0, 0, 1), 0.0)],
+        ),
+        Link(
+            [rod((0, 0, -0.1905), (0, 0, -0.01), 0.061, d, 0.006), rod((0, -far, 0), (0, 0.01, 0), d)],
+            (-0.1, -0.14, -0.21), (0.1, 0.1, 0.09), holes=[((0, 0, 0), (0, 0.2, 0), d + grip)],
+            parting=((0, 0, 1), -0.062), caps=[((0, -far, 0), (0, -1, 0), d)],
+        ),
+        Link(
+            [rod((0, 0.01, 0), (0, -0.1895, 0), d, 0.060, 0.006), rod((0, 0, far), (0, 0, -0.01), d)],
+            (-0.1, -0.21, -0.1), (0.1, 0.09, 0.14), holes=[((0, 0, 0), (0, 0, -0.2), d + grip)],
+            parting=((0, -1, 0), 0.062), caps=[((0, 0, far), (0, 0, 1), d)],
+        ),
+        Link(
+            [rod((0, 0, -0.1245), (0, 0, -0.045), 0.060, d, 0.006), rod((0.0825, 0.105, 0), (0.0825, -0.01, 0), d),
+             rod((0, 0, -0.062), (0.0825, 0.03, 0), 0.054)],
+            (-0.1, -0.1, -0.15), (0.17, 0.13, 0.09), fillet=0.04, holes=[((0.0825, 0, 0), (0.0825, -0.2, 0), d + grip)],
+            parting=((1, 0, 1), 0.0), caps=[((0.0825, 0.105, 0), (0, 1, 0), d)],
+        ),
+        Link(
+            [rod((-0.0825, 0.045, 0), (-0.0825, 0.1205, 0), d, 0.058, 0.006), rod((0, 0, 0.105), (0, 0, -0.01), d),
+             rod((-0.0825, 0.062, 0), (0, 0, 0.03), 0.054)],
+            (-0.17, -0.1, -0.1), (0.1, 0.15, 0.13), fillet=0.04, holes=[((0, 0, 0), (0, 0, -0.2), d + grip)],
+            parting=((-1, 1, 0), 0.083), caps=[((0, 0, 0.105), (0, 0, 1), d)],
+        ),
+        Link(
+            [rod((0, 0, -0.2625), (0, 0, -0.17), 0.058, 0.054, 0.006), rod((0, 0.008, -0.2), (0, 0.03, -0.02), 0.054, 0.043),
+             rod((0, reach, 0), (0, -0.01, 0), w)],
+            (-0.09, -0.09, -0.28), (0.09, 0.11, 0.08), holes=[((0, 0, 0), (0, -0.2, 0), w + grip)],
+            parting=((0, 0, 1), -0.075), caps=[((0, reach, 0), (0, 1, 0), w)],
+        ),
+        Link(
+            [rod((0, 0, reach), (0, 0, -0.01), w), rod((0.088, 0.052, 0), (0.088, -0.0505, 0), 0.047, 0.046, 0.008),
+             rod((0, 0, 0.035), (0.088, 0.0, 0.0), 0.040)],
+            (-0.08, -0.08, -0.08), (0.16, 0.08, 0.11), fillet=0.03, holes=[((0, 0, 0), (0, 0, -0.2), w + grip)],
+            parting=((1, 0, 0), 0.046), caps=[((0, 0, reach), (0, 0, 1), w), ((0.088, 0.052, 0), (0, 1, 0), 0.047)],
+        ),
+        Link(
+            [rod((0, 0, 0.0525), (0, 0, 0.12), 0.045, 0.043, 0.005), rod((0.046, 0, 0.062), (0.046, 0, 0.096), 0.021, 0.021, 0.006)],
+            (-0.07, -0.07, 0.04), (0.09, 0.07, 0.14), fillet=0.02, trims=[((0, 0, -1), -FLANGE)],
+        ),
+    ]  # fmt: skip
+
+
+def round_bar(start: Point, end: Point, radius: float, segments: int = 48) -> Manifold:
+    """A straight cylinder."""
+    a, b = np.array(start, float), np.array(end, float)
+    axis = (b - a) / np.linalg.norm(b - a)
+    side = np.cross(axis, [1.0, 0.0, 0.0] if abs(axis[0]) < 0.5 else [0.0, 1.0, 0.0])
+    side /= np.linalg.norm(side)
+    angle = 2.0 * np.pi * np.arange(segments) / segments
+    ring = radius * (np.outer(np.cos(angle), side) + np.outer(np.sin(angle), np.cross(axis, side)))
+    return hull(np.concatenate([a + ring, b + ring]))
+
+
+def housing(link: Link) -> Manifold:
+    """The solid of a link."""
+    body = carve(flow(link.parts, link.fillet), link.low, link.high, edge=0.009, tolerance=0.0002)
+    for start, end, radius in link.holes:
+        body = body - round_bar(start, end, radius)
+    for normal, offset in link.trims:
+        body = body.trim_by_plane(normal, offset)
+    return body.simplify(0.0002)
+
+
+def convex_pieces(body: Manifold, parting: tuple[Point, float] | None) -> list[np.ndarray]:
+    """Points whose hulls cover the body: all of it, or its two sides of the parting plane."""
+    halves = [body] if parting is None else list(body.split_by_plane(*parting))
+    return [surface(half).vertices for half in halves]
+
+
+def cap() -> Manifold:
+    """A shallow dish of radius 1 and thickness 0.08, around z, that closes a drum."""
+    profile = [(0, 0.075), (0.78, 0.075), (0.80, 0.06), (0.80, 0.0), (0.80, -0.06), (0, -0.06)]
+    return solid(lathe(np.array(profile), 40))
+
+
+def facing(direction: Point) -> np.ndarray:
+    """The quaternion (wxyz) that turns z into ``direction`` (a unit vector)."""
+    quat = np.array([1.0 + direction[2], -direction[1], direction[0], 0.0])
+    return quat / np.linalg.norm(quat) if np.linalg.norm(quat) > 0 else np.array([0.0, 1.0, 0.0, 0.0])
+
+
+def dress(document: Document, body: Element, name: str, link: Link, mass: float, material: str) -> None:
+    """Give a link's body its mass, its housing with caps, and its convex pieces."""
+    shape = housing(link)
+    mesh = surface(shape)
+    write_obj(f"panda_{name}", mesh)
+    document.mesh(name, f"panda_{name}")
+    inertial(body, mesh, mass)
+    document.visual(body, name, name, material)
+    for i, (centre, axis, radius) in enumerate(link.caps):
+        size = f"cap_{round(radius * 1000)}"
+        document.visual(body, f"{name}_cap_{i}", size, "dark", pos=centre, quat=facing(axis))
+    for i, points in enumerate(convex_pieces(shape, link.parting)):
+        write_obj(f"panda_{name}_hull_{i}", thin_hull(points, 40))
+        document.mesh(f"{name}_hull_{i}", f"panda_{name}_hull_{i}")
+        document.collision(body, f"{name}_hull_{i}", f"{name}_hull_{i}")
+
+
+def hand_link() -> Link:
+    """The gripper's housing in the hand's frame: broad along y, its fingers leave it at z = 0.0584."""
+    parts = [block((-0.031, -0.102, 0.006), (0.031, 0.102, 0.0655), 0.014), rod((0, 0, -0.02), (0, 0, 0.03), 0.040, 0.034, 0.004)]
+    return Link(parts, (-0.05, -0.12, -0.03), (0.05, 0.12, 0.085), fillet=0.015, trims=[((0, 0, 1), 0.0)])
+
+
+def finger_boxes() -> dict[str, tuple[Point, Point]]:
+    """Corners of a finger's carriage and of its pad, which is the plane y = 0 in the finger's frame."""
+    return {"carriage": ((-0.0105, 0.003, 0.0), (0.0105, 0.026, 0.021)), "pad": ((-0.0105, 0.0, 0.017), (0.0105, 0.0125, 0.0538))}
+
+
+def finger_solid() -> Manifold:
+    """A finger: the carriage and a blade that grows thinner to its tip."""
+    carriage, pad = finger_boxes().values()
+    (x0, y0, z0), (x1, y1, z1) = pad
+    back = [(x, y, z) for x in (x0, x1) for y, z in ((y1, z0), (y1, 0.032), (0.0075, z1))]
+    blade = hull(np.array([(x, y0, z) for x in (x0, x1) for z in (z0, z1)] + back))
+    return box(*carriage, radius=0.002) + blade
+
+
+def add_gripper(document: Document, parent: Element) -> None:
+    """Hang the hand, its two fingers and the TCP behind the flange."""
+    turn = GRIPPER_TURN / 2
+    hand = add(parent, "body", name="hand", pos=(0, 0, FLANGE), quat=(np.cos(turn), 0, 0, np.sin(turn)), gravcomp=1)
+    dress(document, hand, "hand", hand_link(), MASSES[8], "light")
+    add(hand, "site", name="tcp", pos=(0, 0, TCP), size=0.005, group=4)
+    mesh = surface(finger_solid())
+    write_obj("panda_finger", mesh)
+    document.mesh("finger", "panda_finger")
+    for name, quat in (("left", (1, 0, 0, 0)), ("right", (0, 0, 0, 1))):
+        finger = add(hand, "body", name=f"{name}_finger", pos=(0, 0, FINGER_ROOT), quat=quat, gravcomp=1)
+        add(finger, "joint", name=f"finger_joint{1 + (name == 'right')}", class_="finger")
+        inertial(finger, mesh, mass=0.03)
+        document.visual(finger, f"{name}_finger", "finger", "dark")
+        for part, corners in finger_boxes().items():
+            document.collision_box(finger, f"{name}_{part}", *corners)
+
+
+def add_actuators(document: Document) -> None:
+    """Couple the fingers, and add a position actuator for each joint and one for the gripper."""
+    tendon = add(add(document.tree, "tendon"), "fixed", name="gripper")
+    # Half of the sum: the gripper's command is the travel of one finger, 0 (closed) to 0.04 m.
+    for i in (1, 2):
+        add(tendon, "joint", joint=f"finger_joint{i}", coef=0.5)
+    equality = add(document.tree, "equality")
+    add(equality, "joint", name="fingers", joint1="finger_joint1", joint2="finger_joint2", solref=(0.005, 1), solimp=(0.95, 0.99, 0.001))
+    actuator = add(document.tree, "actuator")
+    for i, (_, _, _, limits, torque, stiffness, _) in enumerate(JOINTS, start=1):
+        add(actuator, "position", name=f"joint{i}", joint=f"joint{i}", kp=stiffness, ctrlrange=limits, forcerange=(-torque, torque))
+    add(actuator, "position", name="gripper", tendon="gripper", kp=4000, ctrlrange=(0, 0.04), forcerange=(-140, 140))
+
+
+def main() -> None:
+    """Write ``panda.xml``."""
+    document = Document("panda", gravcomp=1)
+    revolute = add(document.default, "default", class_="revolute")
+    add(revolute, "joint", axis=(0, 0, 1), armature=0.1)
+    finger = add(document.default, "default", class_="finger")
+    add(finger, "joint", type="slide", axis=(0, 1, 0), range=(0, 0.04), damping=30, armature=0.1)
+    document.colour("white", (0.93, 0.93, 0.92), shine=0.5)
+    document.colour("light", (0.78, 0.79, 0.80), shine=0.5)
+    document.colour("dark", (0.17, 0.18, 0.20), shine=0.5)
+    write_obj("panda_cap", surface(cap()))
+    for size in (round(1000 * r) for r in (DRUM, WRIST, 0.047)):
+        add(document.asset, "mesh", name=f"cap_{size}", file="panda_cap.obj", scale=(size / 1000,) * 3)
+    body = document.root
+    for i, link in enumerate(links()):
+        if i > 0:
+            a, alpha, d, limits, _, _, damping = JOINTS[i - 1]
+            pos, quat = (a, -np.sin(alpha) * d, np.cos(alpha) * d), (np.cos(alpha / 2), np.sin(alpha / 2), 0, 0)
+            body = add(body, "body", name=f"link{i}", pos=pos, quat=quat, gravcomp=1)
+            add(body, "joint", name=f"joint{i}", class_="revolute", range=limits, damping=damping)
+        dress(document, body, f"link{i}", link, MASSES[i], "light" if i in (0, 7) else "white")
+    add_gripper(document, body)
+    contact = add(document.tree, "contact")
+    # Neighbours share a joint's drum and never touch; links two apart meet only where their pieces are fatter than the arm.
+    chain = ["panda", *(f"link{i}" for i in range(1, 8)), "hand"]
+    for apart in (1, 2):
+        for first, second in zip(chain, chain[apart:], strict=False):
+            add(contact, "exclude", body1=first, body2=second)
+    add_actuators(document)
+    home = [*HOME, 0.04, 0.04]
+    add(add(document.tree, "keyframe"), "key", name="home", qpos=home, ctrl=home[:8])
+    document.save()
+
+
+if __name__ == "__main__":
+    main()
