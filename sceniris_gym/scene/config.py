@@ -108,7 +108,7 @@ class JointConfig(Part):
 
 
 class RegionConfig(Part):
-    """A crop of the support, in the support's body frame (the world's for the floor); exactly one of the words is given.
+    """A crop of the support, in its body frame (the world's for the floor); exactly one of the words is given.
 
     `box` ((x, y), (x, y)) [m], or ((x, y, z), (x, y, z)) in the world without a support; `fraction` ((x, y), (x, y))
     of the support's bounds; `polygon` ((x, y), ...) [m].

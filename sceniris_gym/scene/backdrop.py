@@ -1,0 +1,90 @@
+"""What a scene stands in: solver options, the floor, light, and a camera to look at it."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.scene.config import Floor
+from sceniris_gym.scene.values import FLOOR
+
+OVERVIEW = "overview"
+
+
+def set_options(spec: mujoco.MjSpec) -> None:
+    """Set the solver for manipulation. They are the same for all scenes, as they are built into compiled kernels."""
+    option = spec.option
+    option.timestep = 0.005  # 4 substeps make a 50 Hz control step; contacts (solref 0.02 s) are still resolved
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST  # stable with the stiff position actuators of arms
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC  # with impratio: what a gripper holds does not creep out of it
+    option.impratio = 10.0
+    option.iterations = 20  # Newton needs 2 to 5 where it converges; the bounds keep one bad world from stalling all
+    option.ls_iterations = 20
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 960
+    spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
+    spec.visual.headlight.diffuse = [0.35, 0.35, 0.35]
+    spec.visual.headlight.specular = [0.1, 0.1, 0.1]
+
+
+def add_floor(spec: mujoco.MjSpec, floor: Floor) -> None:
+    """Add the plane 'floor' to the world: infinite for contacts, drawn as large as the workspace."""
+    spec.add_texture(
+        name="floor",
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        rgb1=[0.62, 0.64, 0.66],
+        rgb2=[0.56, 0.58, 0.60],
+        width=256,
+        height=256,
+    )
+    textures = [""] * mujoco.mjtTextureRole.mjNTEXROLE
+    textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "floor"
+    # texuniform: squares of 0.1 m whatever the size of the floor
+    spec.add_material(name="floor", textures=textures, texuniform=True, texrepeat=[5.0, 5.0], specular=0.1)
+    spec.worldbody.add_geom(
+        name=FLOOR,
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[floor.size[0] / 2.0, floor.size[1] / 2.0, 0.05],
+        material="floor",
+        friction=[0.8, 0.005, 0.0001],
+    )
+
+
+def add_light(spec: mujoco.MjSpec) -> None:
+    """Add a soft sky and one lamp from the front left; the camera's headlight fills the shadows."""
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.93, 0.95, 0.97],
+        rgb2=[0.70, 0.76, 0.82],
+        width=64,
+        height=384,
+    )
+    spec.worldbody.add_light(
+        name="lamp",
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        pos=[-1.0, -1.5, 3.0],
+        dir=[0.3, 0.4, -0.87],
+        diffuse=[0.6, 0.6, 0.58],
+        specular=[0.2, 0.2, 0.2],
+        castshadow=True,
+    )
+
+
+def add_camera(spec: mujoco.MjSpec, center: np.ndarray, extent: float) -> None:
+    """Add the camera 'overview': from the front, a little from the right and from above.
+
+    Args:
+        spec: the scene.
+        center: what it looks at [m], world frame, shape (3,).
+        extent: how wide the scene is there [m].
+    """
+    backward = np.array([0.35, -1.0, 0.8])
+    backward /= np.linalg.norm(backward)
+    right = np.cross([0.0, 0.0, 1.0], backward)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(backward, right), backward], axis=1)
+    quat = np.zeros(4)
+    mujoco.mju_mat2Quat(quat, axes.flatten())
+    spec.worldbody.add_camera(name=OVERVIEW, pos=center + 1.9 * extent * backward, quat=quat, fovy=40.0)

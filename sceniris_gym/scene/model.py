@@ -1,0 +1,219 @@
+"""The scene as a MuJoCo model: composed of assets, or the user's own, or both."""
+
+from __future__ import annotations
+
+import fnmatch
+import hashlib
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.errors import NotSupportedError, SceneKeyError, UnknownNameError
+from sceniris_gym.scene import backdrop, compose
+from sceniris_gym.scene.config import JointConfig, SceneConfig
+from sceniris_gym.scene.values import FLOOR, ROBOT
+
+HOME = "home"
+
+
+@dataclass(frozen=True)
+class SceneModel:
+    """A compiled scene.
+
+    Attributes:
+        config: the scene as it was written.
+        spec: the editable model; `spec.to_zip` writes it so that stock MuJoCo opens it.
+        mjm: the compiled model; its keyframe 'home' is the start pose.
+        bodies: root body id of every object by its name, and of the robot as 'robot'.
+        home_qpos: start pose, shape (nq,); free objects are where the model has them.
+        home_ctrl: controls of the start pose, shape (nu,).
+        hash: names the scene: equal for equal scenes, in every process. Hexadecimal, 16 digits.
+    """
+
+    config: SceneConfig
+    spec: mujoco.MjSpec
+    mjm: mujoco.MjModel
+    bodies: dict[str, int]
+    home_qpos: np.ndarray
+    home_ctrl: np.ndarray
+    hash: str
+
+    def support_body(self, parent: str, where: str) -> int:
+        """Return the body id of a support: 0 for 'floor', else of 'object' or 'object/body'.
+
+        Raises:
+            UnknownNameError: the object has no such body.
+        """
+        if parent == FLOOR:
+            return 0
+        name, _, part = parent.partition("/")
+        if not part:
+            return self.bodies[name]
+        parts = self.parts(name)
+        if part not in parts:
+            raise UnknownNameError("body", parent, where, [name, *(f"{name}/{p}" for p in parts)])
+        return parts[part]
+
+    def parts(self, name: str) -> dict[str, int]:
+        """Return the bodies inside an object (its root is not among them): id by the name inside the object."""
+        return {_local(self.mjm.body(i).name, name): i for i in self.subtree(name) if i != self.bodies[name]}
+
+    def subtree(self, name: str) -> list[int]:
+        """Return the ids of an object's root body and of all bodies below it, in ascending order."""
+        inside = {self.bodies[name]}
+        for i in range(self.bodies[name] + 1, self.mjm.nbody):  # parents come before their children
+            if self.mjm.body_parentid[i] in inside:
+                inside.add(i)
+        return sorted(inside)
+
+    def joints(self, name: str) -> dict[str, int]:
+        """Return the joints inside an object or the robot, but for a root's freejoint: id by the name inside it."""
+        prefix = self._prefix(name)
+        bodies = set(self.subtree(name))
+        return {
+            _local(self.mjm.joint(i).name, prefix): i
+            for i in range(self.mjm.njnt)
+            if self.mjm.jnt_bodyid[i] in bodies and self.mjm.jnt_type[i] != mujoco.mjtJoint.mjJNT_FREE
+        }
+
+    def joint_configs(self, name: str) -> dict[int, JointConfig]:
+        """Return how the joints of an object, or of the robot, are drawn: by joint id, in ascending order.
+
+        A joint's own name goes before a pattern, an earlier pattern before a later one. Joints that nothing names are
+        not in the answer; they keep their home pose.
+
+        Raises:
+            UnknownNameError: a name or a pattern that no joint matches.
+            SceneKeyError: a fraction of a joint without limits, or values outside of them.
+            NotSupportedError: a ball joint.
+        """
+        part = self.config.robot if name == ROBOT else self.config.objects[name]
+        where = f"{self.config.where}: {ROBOT if name == ROBOT else f'objects.{name}'}.joints"
+        joints = self.joints(name)
+        found: dict[int, JointConfig] = {}
+        words = part.joints if part is not None else {}
+        for word in sorted(words, key=lambda word: word not in joints):  # a stable sort: names first
+            matching = [word] if word in joints else fnmatch.filter(joints, word)
+            if not matching:
+                raise UnknownNameError("joint", word, where, joints)
+            for joint in matching:
+                if joints[joint] not in found:
+                    found[joints[joint]] = words[word]
+                    self._check_joint(joints[joint], words[word], f"{where}.{word}")
+        return dict(sorted(found.items()))
+
+    def _prefix(self, name: str) -> str:
+        robot = self.config.robot
+        return compose.asset_name(robot.asset) if name == ROBOT and robot is not None else name
+
+    def _check_joint(self, joint: int, config: JointConfig, where: str) -> None:
+        name = self.mjm.joint(joint).name
+        if self.mjm.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL:
+            raise NotSupportedError(f"{where}: '{name}' is a ball joint, which is not supported yet. Leave it out.")
+        if not self.mjm.jnt_limited[joint]:
+            if config.fraction is not None:
+                raise SceneKeyError(f"{where}.fraction: '{name}' has no limits. Give a 'range' in m or rad.")
+            return
+        low, high = self.mjm.jnt_range[joint]
+        for word in ("range", "choice", "value"):
+            values = np.atleast_1d([]) if getattr(config, word) is None else np.atleast_1d(getattr(config, word))
+            if np.any(values < low - 1e-6) or np.any(values > high + 1e-6):
+                raise SceneKeyError(
+                    f"{where}.{word}: {getattr(config, word)} should be inside the limits of '{name}', "
+                    f"[{low:g}, {high:g}]."
+                )
+
+
+def build_model(config: SceneConfig) -> SceneModel:
+    """Compose the model of a scene and compile it.
+
+    The root body of an object has the object's name, everything inside it is `name/...`; inside the robot it is the
+    name of the robot's asset. A free object's joint is `name/free`. Fixtures and markers are mocap bodies. The user's
+    own `model` keeps its names and options; objects without an asset are bodies of it.
+
+    Raises:
+        SceneFileError: a file is missing, or MuJoCo cannot read or compile it.
+        UnknownNameError: an asset, body, joint or keyframe that does not exist.
+        SceneKeyError: an object that cannot be of its kind; joint values outside of the joint's limits.
+    """
+    spec, homes = _compose(config)
+    mjm = compose.compile_spec(spec, config.where)
+    home_qpos, home_ctrl = _home(mjm, homes)
+    if config.floor is not None:
+        center, extent = np.array([0.0, 0.0, 0.15]), max(config.floor.size)
+    else:
+        center, extent = mjm.stat.center.copy(), float(mjm.stat.extent)
+    if spec.camera(backdrop.OVERVIEW) is None:
+        backdrop.add_camera(spec, center, extent)
+    if spec.key(HOME) is None:
+        spec.add_key(name=HOME, qpos=home_qpos, ctrl=home_ctrl)
+    mjm = compose.compile_spec(spec, config.where)
+
+    bodies = {name: mjm.body(name).id for name in config.objects}
+    if config.robot is not None:
+        bodies[ROBOT] = mjm.body(compose.asset_name(config.robot.asset)).id
+    scene = SceneModel(config, spec, mjm, bodies, home_qpos, home_ctrl, _hash(config, spec))
+    for name, part in config.objects.items():
+        if part.support is not None:
+            scene.support_body(part.support.parent, f"{config.where}: objects.{name}.{part.support.word}")
+    for name in bodies:
+        scene.joint_configs(name)
+    return scene
+
+
+def _compose(config: SceneConfig) -> tuple[mujoco.MjSpec, list[compose.Home]]:
+    if config.model is not None:
+        spec = compose.load_mjcf(config.model, f"{config.where}: model")
+    else:
+        spec = mujoco.MjSpec()
+        backdrop.set_options(spec)
+    spec.modelname = "scene"
+    homes = []
+    if config.floor is not None and spec.geom(FLOOR) is None:
+        backdrop.add_floor(spec, config.floor)
+    if not spec.lights:
+        backdrop.add_light(spec)
+    if config.robot is not None:
+        if compose.asset_name(config.robot.asset) in config.objects:
+            raise SceneKeyError(
+                f"{config.where}: objects.{compose.asset_name(config.robot.asset)}: the name of the robot's asset is "
+                "taken by the robot. Give the object another name."
+            )
+        homes.append(compose.attach_robot(spec, config.robot, config.where))
+    for name, part in config.objects.items():
+        if part.asset is None and (part.kind != "marker" or spec.body(name) is not None):
+            compose.adopt_body(spec, name, part, config.where)
+        elif spec.body(name) is not None:
+            raise SceneKeyError(f"{config.where}: objects.{name}: the model has a body of this name already.")
+        else:
+            homes.append(compose.attach_object(spec, name, part, config.where))
+    return spec, homes
+
+
+def _home(mjm: mujoco.MjModel, homes: list[compose.Home]) -> tuple[np.ndarray, np.ndarray]:
+    has_home = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, HOME) >= 0
+    qpos = mjm.key(HOME).qpos.copy() if has_home else mjm.qpos0.copy()
+    ctrl = mjm.key(HOME).ctrl.copy() if has_home else np.zeros(mjm.nu)
+    for home in homes:
+        for joint, values in home.qpos.items():
+            i = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_JOINT, joint)
+            if i >= 0:  # a fixture has lost the joints of its root
+                adr = mjm.jnt_qposadr[i]
+                qpos[adr : adr + len(values)] = values
+        for actuator, value in home.ctrl.items():
+            ctrl[mjm.actuator(actuator).id] = value
+    return qpos, ctrl
+
+
+def _hash(config: SceneConfig, spec: mujoco.MjSpec) -> str:
+    digest = hashlib.sha256(config.canonical().encode())
+    digest.update(spec.to_xml().encode())
+    for file in sorted(spec.assets):
+        digest.update(file.encode())
+        digest.update(spec.assets[file])
+    return digest.hexdigest()[:16]
+
+
+def _local(name: str, prefix: str) -> str:
+    return name.removeprefix(f"{prefix}/")
