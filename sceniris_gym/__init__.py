@@ -72,7 +72,7 @@ _HOME = {  # public name -> the module it lives in
     ),
 }
 
-__all__ = ["__version__", *_HOME]
+__all__ = ["__version__", *_HOME]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
