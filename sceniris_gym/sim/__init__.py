@@ -1,1 +1,1 @@
-"""Where layouts go: the batched simulation and the masked write into it."""
+"""Where layouts go: batched simulation, the masked write, and the randomizer for anybody's own loop."""

@@ -1,0 +1,141 @@
+"""The worlds: one MuJoCo-Warp Model and Data, their contact budget and their control step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import warp as wp
+
+from sceniris_gym.errors import ContactBudgetError, UnknownNameError
+from sceniris_gym.sim.sequence import LaunchSequence
+
+if TYPE_CHECKING:
+    from sceniris_gym.scene.model import SceneModel
+
+NEEDS: dict[str, tuple[Callable[[mjw.Model, mjw.Data], None], ...]] = {
+    "kinematics": (mjw.kinematics,),
+    "velocity": (mjw.kinematics, mjw.com_pos, mjw.com_vel),
+    "contacts": (mjw.kinematics, mjw.com_pos, mjw.collision),
+    "sensors": (mjw.forward,),
+    "dynamics": (mjw.forward,),
+}
+"""What can be made current after a step and after a reset, and the functions that do it."""
+
+
+def update_stages(needs: Iterable[str]) -> list[Callable[[mjw.Model, mjw.Data], None]]:
+    """List the functions that make `needs` (keys of NEEDS) current, each once; kinematics always runs.
+
+    Raises:
+        UnknownNameError: a need that NEEDS does not have
+    """
+    needs = ["kinematics", *needs]
+    for name in needs:
+        if name not in NEEDS:
+            raise UnknownNameError("need", name, "needs", NEEDS)
+    stages = list(dict.fromkeys(stage for name in needs for stage in NEEDS[name]))
+    return [mjw.forward] if mjw.forward in stages else stages  # a forward pass contains all the others
+
+
+def default_budget(mjm: mujoco.MjModel) -> tuple[int, int]:
+    """Return contacts and constraint rows per world (nconmax, njmax) that leave room for a busy scene.
+
+    Four contacts for every body that can move and collide, and some to spare; a row for every edge of their friction
+    pyramids, every limit, every dry friction, and six for every equality.
+    """
+    moving = np.unique(mjm.geom_bodyid[(mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)])
+    moving = [b for b in moving if mjm.body_weldid[b] != 0 or mjm.body_mocapid[b] >= 0]
+    nconmax = 16 + 4 * len(moving)
+    condim = int(max(mjm.geom_condim, default=1))
+    pyramidal = mjm.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
+    rows_per_contact = max(1, 2 * (condim - 1)) if pyramidal else condim
+    limits = int(mjm.jnt_limited.sum() + mjm.tendon_limited.sum())
+    friction = int((mjm.dof_frictionloss > 0).sum() + (mjm.tendon_frictionloss > 0).sum())
+    return nconmax, rows_per_contact * nconmax + limits + friction + 6 * mjm.neq
+
+
+class Batch:
+    """Many worlds of one scene, stepped together.
+
+    Args:
+        scene: the scene
+        nworld: number of worlds
+        device: Warp device; None is Warp's current one
+        nconmax: contacts per world; all worlds share nworld times as many (default_budget)
+        njmax: constraint rows of each world (default_budget)
+        needs: what to make current after every control step, keys of NEEDS
+        substeps: physics steps in a control step
+        graph: record the control step into a graph and replay it
+
+    Attributes:
+        model: mujoco_warp Model
+        data: mujoco_warp Data
+    """
+
+    def __init__(
+        self,
+        scene: SceneModel,
+        nworld: int,
+        device: str | None = None,
+        *,
+        nconmax: int | None = None,
+        njmax: int | None = None,
+        needs: Iterable[str] = (),
+        substeps: int = 1,
+        graph: bool = True,
+    ) -> None:
+        self.scene, self.nworld, self.device = scene, nworld, wp.get_device(device)
+        contacts, rows = default_budget(scene.mjm)
+        nconmax, njmax = nconmax or contacts, njmax or rows
+        nccdmax = min(nconmax, max(8, nconmax // 4))  # each needs 5 kB of scratch, and all worlds share them
+        with wp.ScopedDevice(self.device):
+            self.model = mjw.put_model(scene.mjm)
+            self.data = mjw.make_data(scene.mjm, nworld, nconmax=nconmax, nccdmax=nccdmax, njmax=njmax)
+        self.stages = update_stages(needs)
+        self.substeps = substeps
+        self._update = LaunchSequence(self._launch_update, self.device, graph=graph)
+        self._step = LaunchSequence(self._launch_step, self.device, graph=graph)
+
+    def step(self) -> None:
+        """Take one control step: `substeps` physics steps, then what is needed is made current for all worlds.
+
+        Without that last part xpos would be one substep older than qpos.
+        """
+        self._step()
+
+    def update(self) -> None:
+        """Make what is needed current for all worlds."""
+        self._update()
+
+    def check_budget(self) -> None:
+        """Compare contacts and constraint rows with what was allocated. Waits for the device.
+
+        Runs kinematics and collision for the present state, and reads the flags that steps have left.
+
+        Raises:
+            ContactBudgetError: something did not fit; names what to raise, and to what
+        """
+        m, d = self.model, self.data
+        with wp.ScopedDevice(self.device):
+            mjw.kinematics(m, d)
+            mjw.com_pos(m, d)
+            mjw.collision(m, d)
+        contacts = max(int(d.nacon.numpy()[0]), int(d.ncollision.numpy()[0]))
+        flags = int(np.bitwise_or.reduce(d.overflow.numpy()))
+        contact_flags = mjw.OverflowType.BROADPHASE | mjw.OverflowType.NARROWPHASE | mjw.OverflowType.CCD
+        if contacts > d.naconmax or flags & contact_flags:
+            raise ContactBudgetError("nconmax", d.naconmax // self.nworld, contacts // self.nworld + 1)
+        if flags & mjw.OverflowType.NEFC:
+            raise ContactBudgetError("njmax", d.njmax, int(d.nefc.numpy().max()))
+
+    def _launch_step(self) -> None:
+        for _ in range(self.substeps):
+            mjw.step(self.model, self.data)
+        self._launch_update()
+
+    def _launch_update(self) -> None:
+        for stage in self.stages:
+            stage(self.model, self.data)

@@ -1,0 +1,61 @@
+"""A small arm with stored layouts: no scene file and no search, so that these tests are about the write alone."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import pytest
+import warp as wp
+
+from sceniris_gym.layout.stored import StoredGenerator
+from sceniris_gym.sim.randomizer import ResetRandomizer
+
+SMALL_ARM = Path(__file__).parents[1] / "data" / "small_arm.xml"
+NROW = 7
+
+
+def quaternions(rng: np.random.Generator, *shape: int) -> np.ndarray:
+    """Return random unit quaternions wxyz about z, shape (*shape, 4)."""
+    half = rng.uniform(-np.pi / 2, np.pi / 2, shape)
+    return np.stack([np.cos(half), np.zeros(shape), np.zeros(shape), np.sin(half)], axis=-1)
+
+
+@pytest.fixture(scope="session")
+def small_world() -> SimpleNamespace:
+    """Return what the randomizer reads of a World, for the small arm."""
+    mjm = mujoco.MjModel.from_xml_path(str(SMALL_ARM))
+    key = mjm.key("home")
+    scene = SimpleNamespace(mjm=mjm, home_qpos=key.qpos, home_ctrl=key.ctrl)
+    return SimpleNamespace(mjm=mjm, scene=scene, device="cpu")
+
+
+@pytest.fixture(scope="session")
+def rows(small_world: SimpleNamespace) -> SimpleNamespace:
+    """Return seven different stored layouts of the small arm."""
+    rng = np.random.default_rng(1)
+    qpos = np.tile(small_world.scene.home_qpos, (NROW, 1)).astype(np.float32)
+    qpos[:, 0] = rng.uniform(0.05, 0.19, NROW)
+    qpos[:, 1:3] = rng.uniform(-0.15, 0.05, (NROW, 2))
+    qpos[:, 3] = 0.03
+    qpos[:, 4:8] = quaternions(rng, NROW)
+    qpos[:, 8:10] = rng.uniform(-0.3, 0.3, (NROW, 2))
+    qpos[:, 10:12] = rng.uniform(0.0, 0.04, (NROW, 1))
+    mocap_pos = rng.uniform([0.3, 0.3, 0.0], [0.4, 0.4, 0.0], (NROW, 1, 3)).astype(np.float32)
+    return SimpleNamespace(qpos=qpos, mocap_pos=mocap_pos, mocap_quat=quaternions(rng, NROW, 1).astype(np.float32))
+
+
+@pytest.fixture
+def make_randomizer(small_world, rows):
+    """Return a function that makes a randomizer over fresh data of the small arm."""
+    with wp.ScopedDevice("cpu"):
+        model = mjw.put_model(small_world.mjm)
+
+    def make(nworld: int = 4, *, seed=0, graph: bool = True, needs=()) -> ResetRandomizer:
+        with wp.ScopedDevice("cpu"):
+            data = mjw.make_data(small_world.mjm, nworld, nconmax=32, njmax=128)
+        generator = StoredGenerator(rows, nworld, seed=seed, device="cpu")
+        return ResetRandomizer(small_world, model, data, generator=generator, graph=graph, needs=needs)
+
+    return make

@@ -1,0 +1,212 @@
+"""The randomizer: masked resets that leave the other worlds alone, and stored layouts put back."""
+
+from types import SimpleNamespace
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import pytest
+import torch
+import warp as wp
+
+from sceniris_gym.errors import MaskError, MaskTypeError, WorldMismatchError
+from sceniris_gym.layout.stored import StoredGenerator
+from sceniris_gym.sim.randomizer import ResetRandomizer
+
+STATE = ("time", "qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat", "qacc_warmstart", "xfrc_applied", "M")
+DERIVED = ("xpos", "xquat", "geom_xpos", "geom_xmat", "site_xpos", "site_xmat")
+
+
+def snapshot(d: mjw.Data, names: tuple[str, ...] = STATE + DERIVED) -> dict[str, np.ndarray]:
+    """Copy arrays of `d` to the host."""
+    return {name: getattr(d, name).numpy().copy() for name in names}
+
+
+def step(randomizer: ResetRandomizer, n: int = 5) -> None:
+    """Step all worlds and make kinematics current, as an environment does."""
+    for _ in range(n):
+        mjw.step(randomizer.model, randomizer.data)
+    mjw.kinematics(randomizer.model, randomizer.data)
+
+
+def test_a_reset_writes_the_rows_of_the_generator(make_randomizer, rows):
+    """World i gets row (seed + episode) mod nrow: positions, mocap poses and kinematics that belong to them."""
+    randomizer = make_randomizer(4, seed=2)
+    randomizer.reset()
+    randomizer.reset(np.array([True, False, False, True]))
+    d, expected = randomizer.data, np.array([3, 3, 4, 6])
+    np.testing.assert_array_equal(d.qpos.numpy(), rows.qpos[expected])
+    np.testing.assert_array_equal(d.mocap_pos.numpy(), rows.mocap_pos[expected])
+    np.testing.assert_array_equal(d.mocap_quat.numpy(), rows.mocap_quat[expected])
+    np.testing.assert_array_equal(randomizer.layouts.episode.numpy(), [1, 0, 0, 1])
+
+    mjm = randomizer.world.mjm
+    mjd = mujoco.MjData(mjm)
+    for world, row in enumerate(expected):
+        mjd.qpos[:], mjd.mocap_pos[:], mjd.mocap_quat[:] = rows.qpos[row], rows.mocap_pos[row], rows.mocap_quat[row]
+        mujoco.mj_kinematics(mjm, mjd)
+        np.testing.assert_allclose(d.xpos.numpy()[world], mjd.xpos, atol=1e-6)
+        np.testing.assert_allclose(d.geom_xpos.numpy()[world], mjd.geom_xpos, atol=1e-6)
+
+
+def test_other_worlds_stay_the_same_to_the_bit(make_randomizer):
+    """A masked reset changes nothing in the worlds that are not masked, world 0 and the contact count included."""
+    randomizer = make_randomizer(4)
+    randomizer.reset()
+    step(randomizer)
+    before, contacts = snapshot(randomizer.data), int(randomizer.data.nacon.numpy()[0])
+    assert contacts > 0
+    randomizer.reset(np.array([True, False, True, False]))
+    after = snapshot(randomizer.data)
+    for name in STATE + DERIVED:
+        np.testing.assert_array_equal(after[name][[1, 3]], before[name][[1, 3]], err_msg=name)
+    assert not np.array_equal(after["qpos"][[0, 2]], before["qpos"][[0, 2]])
+    assert int(randomizer.data.nacon.numpy()[0]) == contacts
+
+
+def test_contacts_of_other_worlds_survive_a_reset_of_world_0(make_randomizer):
+    """After world 0 was reset, the contacts of world 1 are still listed, and none of world 0 that counts."""
+    randomizer = make_randomizer(2)
+    randomizer.reset()
+    step(randomizer)
+
+    def contacts_of(world: int) -> np.ndarray:
+        contact, count = randomizer.data.contact, int(randomizer.data.nacon.numpy()[0])
+        belongs = (contact.worldid.numpy()[:count] == world) & (contact.type.numpy()[:count] != 0)
+        return contact.pos.numpy()[:count][belongs]
+
+    before = contacts_of(1)
+    assert len(before) > 0
+    assert len(contacts_of(0)) > 0
+    randomizer.reset(np.array([True, False]))
+    np.testing.assert_array_equal(contacts_of(1), before)
+    assert len(contacts_of(0)) == 0
+
+
+def test_an_all_false_mask_changes_nothing(make_randomizer):
+    """No world asked: every array keeps its bits, the episodes too."""
+    randomizer = make_randomizer(3)
+    randomizer.reset()
+    step(randomizer)
+    before = snapshot(randomizer.data)
+    randomizer.reset(torch.zeros(3, dtype=torch.bool))
+    after = snapshot(randomizer.data)
+    for name in STATE + DERIVED:
+        np.testing.assert_array_equal(after[name], before[name], err_msg=name)
+    np.testing.assert_array_equal(randomizer.layouts.episode.numpy(), [0, 0, 0])
+
+
+@pytest.mark.parametrize("graph", [True, False])
+def test_state_depends_on_seed_and_episode_alone(make_randomizer, graph):
+    """Other numbers of worlds, masks, orders and graphs give the same bits of reset state."""
+    reference = make_randomizer(3, seed=[5, 9, 7])
+    for _ in range(3):
+        reference.reset()
+    other = make_randomizer(6, seed=[1, 7, 5, 2, 3, 9], graph=graph)
+    order = [[1, 2], [2], [5, 0], [1, 5], [2, 5], [1, 3]]
+    for worlds in order:
+        mask = np.zeros(6, bool)
+        mask[worlds] = True
+        other.reset(wp.array(mask, dtype=wp.bool, device="cpu"))
+    for name in ("qpos", "qvel", "ctrl", "act", "mocap_pos", "mocap_quat", "xpos", "site_xmat"):
+        np.testing.assert_array_equal(
+            getattr(other.data, name).numpy()[[2, 5, 1]], getattr(reference.data, name).numpy(), err_msg=name
+        )
+
+
+def test_a_world_with_nans_is_cured(make_randomizer, rows):
+    """After its reset a broken world steps exactly as a sound one does."""
+    sick, sound = make_randomizer(2, seed=[4, 4]), make_randomizer(2, seed=[4, 4])
+    for randomizer in (sick, sound):
+        randomizer.reset()
+        step(randomizer)
+    d = sick.data
+    for name in ("qpos", "qvel", "act", "ctrl", "qacc_warmstart", "qacc", "qfrc_applied", "M", "xfrc_applied"):
+        values = getattr(d, name).numpy()
+        values[1] = np.nan
+        getattr(d, name).assign(values)
+    step(sick)
+    assert np.isnan(d.qpos.numpy()[1]).any()
+    for randomizer in (sick, sound):
+        randomizer.reset()
+        step(randomizer)
+    assert np.isfinite(sick.data.qpos.numpy()).all()
+    np.testing.assert_array_equal(sick.data.qpos.numpy(), sound.data.qpos.numpy())
+
+
+def test_the_arm_stays_where_it_was_placed(make_randomizer, rows):
+    """Position actuators hold the sampled pose, over a gear and over a tendon too: half a second later nothing moved."""
+    randomizer = make_randomizer(7)
+    randomizer.reset()
+    placed = randomizer.data.qpos.numpy()[:, 8:12].copy()
+    step(randomizer, 100)
+    np.testing.assert_allclose(randomizer.data.qpos.numpy()[:, 8:12], placed, atol=2e-3)
+    np.testing.assert_allclose(placed, rows.qpos[:, 8:12])
+
+
+def test_stored_layouts_are_put_back(make_randomizer, rows):
+    """World i gets row rows[i], -1 leaves it untouched; numpy arrays and kept layouts do."""
+    randomizer = make_randomizer(4)
+    randomizer.reset()
+    step(randomizer)
+    before = snapshot(randomizer.data)
+    randomizer.write(rows, [5, -1, 5, 0])
+    after = snapshot(randomizer.data)
+    np.testing.assert_array_equal(after["qpos"][[0, 2, 3]], rows.qpos[[5, 5, 0]])
+    np.testing.assert_array_equal(after["mocap_quat"][[0, 2, 3]], rows.mocap_quat[[5, 5, 0]])
+    assert (after["time"][[0, 2, 3]] == 0).all()
+    for name in STATE + DERIVED:
+        np.testing.assert_array_equal(after[name][1], before[name][1], err_msg=name)
+
+    randomizer.write(randomizer.layouts, torch.tensor([-1, 3, -1, -1]))
+    np.testing.assert_array_equal(randomizer.data.qpos.numpy()[1], rows.qpos[3])
+
+
+@pytest.mark.parametrize(
+    ("mask", "error", "match"),
+    [
+        ([True, False], MaskTypeError, "boolean numpy array"),
+        (np.array([1, 0]), MaskTypeError, "int64"),
+        (torch.tensor([1.0, 0.0]), MaskTypeError, "float32"),
+        (np.array([True]), MaskError, r"shape \(2,\)"),
+        (torch.ones(2, 1, dtype=torch.bool), MaskError, r"shape \(2,\)"),
+    ],
+)
+def test_wrong_masks_say_what_is_wrong(make_randomizer, mask, error, match):
+    """Type, dtype and shape are checked at the door, and nothing has changed by then."""
+    randomizer = make_randomizer(2)
+    with pytest.raises(error, match=match):
+        randomizer.reset(mask)
+    assert (randomizer.layouts.episode.numpy() == -1).all()
+
+
+@pytest.mark.parametrize(
+    ("which", "error", "match"),
+    [
+        ([0, 7], MaskError, r"rows\[1\] is 7; rows are 0 to 6"),
+        ([0, -2], MaskError, r"rows\[1\] is -2"),
+        ([0], MaskError, r"shape \(2,\)"),
+        ([0.5, 1.0], MaskTypeError, "float64"),
+    ],
+)
+def test_wrong_rows_say_what_is_wrong(make_randomizer, rows, which, error, match):
+    """Rows that do not exist are refused, not written as something else."""
+    with pytest.raises(error, match=match):
+        make_randomizer(2).write(rows, which)
+
+
+def test_what_does_not_belong_to_the_world_is_refused(make_randomizer, small_world, rows):
+    """Model, data, generator and stored layouts of another scene or size are named in the error."""
+    randomizer = make_randomizer(2)
+    other = mujoco.MjModel.from_xml_string("<mujoco><worldbody><body mocap='true'/></worldbody></mujoco>")
+    generator = StoredGenerator(rows, 2, device="cpu")
+    with pytest.raises(WorldMismatchError, match=r"model\.nq is 0, but 12"):
+        ResetRandomizer(small_world, mjw.put_model(other), mjw.make_data(other, 2), generator=generator)
+    with pytest.raises(WorldMismatchError, match="data has nq=0 and nmocap=1"):
+        ResetRandomizer(small_world, randomizer.model, mjw.make_data(other, 2), generator=generator)
+    with pytest.raises(WorldMismatchError, match="layouts for 3 worlds, but data has 2"):
+        three = StoredGenerator(rows, 3, device="cpu")
+        ResetRandomizer(small_world, randomizer.model, randomizer.data, generator=three)
+    short = SimpleNamespace(qpos=rows.qpos[:, :5], mocap_pos=rows.mocap_pos, mocap_quat=rows.mocap_quat)
+    with pytest.raises(WorldMismatchError, match=r"layouts\.qpos has shape \(7, 5\)"):
+        randomizer.write(short, [0, 1])
