@@ -109,8 +109,8 @@ class ResetRandomizer:
         """Reset worlds to stored layouts. `self.layouts` does not change by it.
 
         Args:
-            layouts: has `qpos` (nrow, nq), `mocap_pos` (nrow, nmocap, 3) and `mocap_quat` (nrow, nmocap, 4) wxyz, as Warp
-                arrays like those of Layouts, or as numpy arrays
+            layouts: has `qpos` (nrow, nq), `mocap_pos` (nrow, nmocap, 3) and `mocap_quat` (nrow, nmocap, 4) wxyz, as
+                Warp arrays like those of Layouts, or as numpy arrays
             rows: row of `layouts` for each world, -1 for worlds that stay as they are, shape (nworld,)
 
         Raises:
@@ -170,22 +170,23 @@ class ResetRandomizer:
 
 
 class _StoredRows:
-    """Layouts that a caller has kept, on the device: qpos, mocap_pos and mocap_quat (wxyz)."""
+    """Layouts that a caller has kept, on the device."""
 
     def __init__(self, layouts: Any, m: mjw.Model, device: wp.Device) -> None:
         self.nrow = layouts.qpos.shape[0]
         self.qpos = self._array(layouts, "qpos", (m.nq,), wp.float32, device)
-        self.mocap_pos = self._array(layouts, "mocap_pos", (m.nmocap, 3), wp.vec3, device)
-        self.mocap_quat = self._array(layouts, "mocap_quat", (m.nmocap, 4), wp.quat, device)
+        # without a mocap body Layouts keep one unused column
+        nmocap = layouts.mocap_pos.shape[1] if m.nmocap == 0 else m.nmocap
+        self.mocap_pos = self._array(layouts, "mocap_pos", (nmocap, 3), wp.vec3, device)
+        self.mocap_quat = self._array(layouts, "mocap_quat", (nmocap, 4), wp.quat, device)
 
     def _array(self, layouts: Any, name: str, shape: tuple[int, ...], dtype: Any, device: wp.Device) -> wp.array:
         array = getattr(layouts, name)
-        if isinstance(array, wp.array) and array.dtype is dtype:
-            found = array.shape + shape[1:]  # a Warp array of vectors has no axis for their elements
-        else:
-            found = tuple(array.shape)
+        on_device = isinstance(array, wp.array)
+        # a Warp array of vectors has no axis for their elements
+        found = (*array.shape, *shape[1:]) if on_device and array.dtype is dtype else tuple(array.shape)
         if found != (self.nrow, *shape):
             raise WorldMismatchError(
                 f"layouts.{name} has shape {found}, but this scene needs {(self.nrow, *shape)}; were they made of it?"
             )
-        return array.to(device) if isinstance(array, wp.array) else wp.array(array, dtype=dtype, device=device)
+        return array.to(device) if on_device else wp.array(array, dtype=dtype, ndim=2, device=device)

@@ -135,7 +135,7 @@ def test_a_world_with_nans_is_cured(make_randomizer, rows):
 
 
 def test_the_arm_stays_where_it_was_placed(make_randomizer, rows):
-    """Position actuators hold the sampled pose, over a gear and over a tendon too: half a second later nothing moved."""
+    """Position actuators hold the sampled pose, over a gear and a tendon too: half a second later nothing moved."""
     randomizer = make_randomizer(7)
     randomizer.reset()
     placed = randomizer.data.qpos.numpy()[:, 8:12].copy()
@@ -204,8 +204,8 @@ def test_what_does_not_belong_to_the_world_is_refused(make_randomizer, small_wor
         ResetRandomizer(small_world, mjw.put_model(other), mjw.make_data(other, 2), generator=generator)
     with pytest.raises(WorldMismatchError, match="data has nq=0 and nmocap=1"):
         ResetRandomizer(small_world, randomizer.model, mjw.make_data(other, 2), generator=generator)
+    three = StoredGenerator(rows, 3, device="cpu")
     with pytest.raises(WorldMismatchError, match="layouts for 3 worlds, but data has 2"):
-        three = StoredGenerator(rows, 3, device="cpu")
         ResetRandomizer(small_world, randomizer.model, randomizer.data, generator=three)
     short = SimpleNamespace(qpos=rows.qpos[:, :5], mocap_pos=rows.mocap_pos, mocap_quat=rows.mocap_quat)
     with pytest.raises(WorldMismatchError, match=r"layouts\.qpos has shape \(7, 5\)"):
