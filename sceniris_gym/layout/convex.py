@@ -111,11 +111,11 @@ def _closest_on_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3):
     ac = c - a
     n = wp.cross(ab, ac)
     nn = wp.dot(n, n)
-    # outward normals of the edges in the triangle's plane, against the origin seen from each edge
-    out_ab = wp.dot(wp.cross(a, ab), n)
-    out_bc = wp.dot(wp.cross(b, c - b), n)
-    out_ca = wp.dot(wp.cross(c, a - c), n)
-    if nn > 1.0e-24 and out_ab >= 0.0 and out_bc >= 0.0 and out_ca >= 0.0:
+    # on which side of each edge the origin lies, seen along the normal
+    in_ab = wp.dot(wp.cross(a, ab), n)
+    in_bc = wp.dot(wp.cross(b, c - b), n)
+    in_ca = wp.dot(wp.cross(c, a - c), n)
+    if nn > 1.0e-24 and in_ab >= 0.0 and in_bc >= 0.0 and in_ca >= 0.0:
         return n * (wp.dot(a, n) / nn), 7
     best, bits = _closest_on_segment(a, b)
     best_sq = wp.dot(best, best)

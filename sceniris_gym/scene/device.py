@@ -127,6 +127,7 @@ class Program:
     # ~leaf: a piece (physics) or a face (visual).
     collider_body: wp.array(dtype=int)
     collider_root: wp.array(dtype=int)
+    collider_pieceadr: wp.array(dtype=int)  # one more entry than colliders: pieces are sorted by collider
     collider_plane: wp.array(dtype=int)  # piece of a plane, else -1
     collider_mesh: wp.array(dtype=wp.uint64)
     collider_pointadr: wp.array(dtype=int)

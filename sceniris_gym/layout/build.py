@@ -1,0 +1,77 @@
+"""`build_world`: the only door from host to device. What cannot be supported fails here, with a reason."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+
+from sceniris_gym.errors import InfeasibleSceneError
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.scene.device import Program
+from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.world import World, fill_program, load_world
+
+# The probe makes layouts in rounds until the bank is full or this many rounds are over.
+_ROUNDS = 8
+
+
+def build_world(
+    scene: str | Path | Mapping | SceneConfig | SceneModel, device: str | None = None, *, bank_size: int = 64
+) -> World:
+    """Build the World of a scene on a device, prove that it can be made, and fill its bank of valid layouts.
+
+    Args:
+        scene: A shipped scene's name, a path, a mapping, a SceneConfig, or a model built before.
+        device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
+        bank_size: Valid layouts to keep for worlds that run out of attempts and restarts.
+
+    Raises:
+        InfeasibleSceneError: no valid layout was found; says which object fails and why.
+        ScenirisError: the scene is wrong in another way; see `SceneConfig.load`, `build_model` and `build_plan`.
+    """
+    wp.init()
+    model = scene if isinstance(scene, SceneModel) else build_model(SceneConfig.load(scene))
+    name = str(wp.get_device(device) if device is not None else wp.get_preferred_device())
+    world = load_world(model, name)
+    return _with_bank(world, bank_size)
+
+
+def _with_bank(world: World, size: int) -> World:
+    probe = LayoutGenerator(world, max(size, 1), seed=0, split="bank")
+    layouts = probe.layouts
+    found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    for _ in range(_ROUNDS):
+        probe.generate()
+        valid = layouts.status.numpy() == Status.VALID
+        rows = (layouts.qpos.numpy()[valid], layouts.mocap_pos.numpy()[valid], layouts.mocap_quat.numpy()[valid])
+        found += zip(*rows, strict=True)
+        if len(found) >= size:
+            break
+    if not found:
+        raise _infeasible(world, probe)
+    program = _copy(world.program)
+    qpos, pos, quat = (np.stack(column) for column in zip(*found[:size], strict=True))
+    fill_program(program, {"bank_qpos": qpos, "bank_mocap_pos": pos, "bank_mocap_quat": quat}, world.device)
+    return replace(world, program=program)
+
+
+def _copy(program: Program) -> Program:
+    other = Program()
+    for name in Program.vars:
+        setattr(other, name, getattr(program, name))
+    return other
+
+
+def _infeasible(world: World, probe: LayoutGenerator) -> InfeasibleSceneError:
+    """Blame the last object that was ever tried: all before it could be placed."""
+    counts = probe.rejection_counts()
+    tried = [name for name, causes in counts.items() if any(causes.values())]
+    name = max(tried, key=lambda n: sum(counts[n].values()))
+    cause = max(counts[name], key=lambda c: counts[name][c])
+    return InfeasibleSceneError(world.config.where, name, cause, counts)

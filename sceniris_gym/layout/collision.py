@@ -1,0 +1,290 @@
+"""Does an object at its candidate pose keep its distance from all that stands already?
+
+Two trees of boxes are descended together by all lanes of a world's thread block: a shared stack holds the box pairs still to
+be looked at, every lane takes one, and what overlaps comes back as two smaller pairs. At the leaves stand convex pieces
+(`geometry: physics`) or triangles (`geometry: visual`). The answer is an "or" over leaves, so it depends neither on how
+many lanes there are nor on which lane takes what.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from sceniris_gym.layout.convex import piece_shape, separated, support
+from sceniris_gym.layout.transforms import Pose, apply, compose, pose_of, relative
+from sceniris_gym.layout.triangles import triangles_separated
+from sceniris_gym.scene.device import Program
+
+# Room for the box pairs of one world. A pass takes at most one pair a lane and leaves one more behind for each, so a block
+# of n lanes needs about n times the depth of both trees; `generate.py` bounds n by that.
+STACK_CAPACITY = 1536
+# Distances are compared with the margin plus this: above the rounding of float32 poses and vertices within a few metres,
+# below the 10 um to which a rejection must be right.
+SKIN = 5.0e-6
+
+_SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+return __syncthreads_or(value);
+#else
+return value;
+#endif
+""")
+def block_any(value: int) -> int:
+    """Non-zero on every lane of the block if `value` is non-zero on any."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+__shared__ int first;
+if (threadIdx.x == 0) first = value;
+__syncthreads();
+int result = first;
+__syncthreads();
+return result;
+#else
+return value;
+#endif
+""")
+def block_first(value: int) -> int:
+    """Lane 0's `value` on every lane; what lane 0 wrote before is visible to all of them after."""
+    ...
+
+
+@wp.func
+def boxes_separated(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pose, margin: float) -> bool:
+    """Is there a separating axis with a gap above `margin` between two boxes (centre, half extents)?
+
+    Box b lies in the frame that `rel` places in a's. S. Gottschalk, M. Lin, D. Manocha, "OBBTree", SIGGRAPH 1996. The nine
+    axes across edges are not normalised (their length is at most 1), which errs towards "not separated".
+    """
+    t = apply(rel, cb) - ca
+    r = rel.rot
+    f = wp.mat33(
+        wp.abs(r[0, 0]), wp.abs(r[0, 1]), wp.abs(r[0, 2]),
+        wp.abs(r[1, 0]), wp.abs(r[1, 1]), wp.abs(r[1, 2]),
+        wp.abs(r[2, 0]), wp.abs(r[2, 1]), wp.abs(r[2, 2]),
+    )  # fmt: skip
+    ga = wp.vec3(wp.abs(t[0]), wp.abs(t[1]), wp.abs(t[2])) - ha - f * hb
+    if wp.max(ga) > margin:
+        return True
+    tb = wp.transpose(r) * t
+    gb = wp.vec3(wp.abs(tb[0]), wp.abs(tb[1]), wp.abs(tb[2])) - hb - wp.transpose(f) * ha
+    if wp.max(gb) > margin:
+        return True
+    for i in range(3):
+        i1 = (i + 1) % 3
+        i2 = (i + 2) % 3
+        for j in range(3):
+            j1 = (j + 1) % 3
+            j2 = (j + 2) % 3
+            reach = ha[i1] * f[i2, j] + ha[i2] * f[i1, j] + hb[j1] * f[i, j2] + hb[j2] * f[i, j1]
+            if wp.abs(t[i2] * r[i1, j] - t[i1] * r[i2, j]) - reach > margin:
+                return True
+    return False
+
+
+@wp.func
+def piece_pose(program: Program, piece: int) -> Pose:
+    """A piece's frame in its body's."""
+    return pose_of(program.piece_pos[piece], program.piece_quat[piece])
+
+
+@wp.func
+def lowest(program: Program, piece: int, in_body: wp.vec3) -> float:
+    """Least extent of a convex piece along the direction `in_body`, both in the body's frame."""
+    shape = piece_shape(program, piece)
+    frame = piece_pose(program, piece)
+    down = -(wp.transpose(frame.rot) * in_body)
+    return wp.dot(in_body, apply(frame, support(program, shape, down))) - shape.radius
+
+
+@wp.func
+def physics_separated(program: Program, a: int, b: int, rel: Pose, margin: float) -> bool:
+    """Leaves of `geometry: physics`: two convex pieces, if MuJoCo's contact bits let them touch at all."""
+    bits = (program.piece_contype[a] & program.piece_conaffinity[b]) | (
+        program.piece_contype[b] & program.piece_conaffinity[a]
+    )
+    if bits == 0:
+        return True
+    frame = relative(piece_pose(program, a), compose(rel, piece_pose(program, b)))
+    return separated(program, piece_shape(program, a), piece_shape(program, b), frame, _SPACE, margin)
+
+
+@wp.func
+def physics_over_plane(program: Program, a: int, plane: int, normal: wp.vec3, height: float, margin: float) -> bool:
+    """Is the convex piece `a` more than `margin` over a plane (normal in a's body frame, body origin at `height`)?"""
+    bits = (program.piece_contype[a] & program.piece_conaffinity[plane]) | (
+        program.piece_contype[plane] & program.piece_conaffinity[a]
+    )
+    return bits == 0 or height + lowest(program, a, normal) > margin
+
+
+@wp.func
+def physics_disjoint(program: Program, a: int, b: int, rel: Pose) -> bool:
+    """Convex pieces need no test for containment of their own."""
+    return True
+
+
+@wp.func
+def visual_separated(program: Program, a: int, b: int, rel: Pose, margin: float) -> bool:
+    """Leaves of `geometry: visual`: two triangles."""
+    return triangles_separated(
+        program.face_a[a],
+        program.face_b[a],
+        program.face_c[a],
+        apply(rel, program.face_a[b]),
+        apply(rel, program.face_b[b]),
+        apply(rel, program.face_c[b]),
+        margin,
+    )
+
+
+@wp.func
+def visual_over_plane(program: Program, a: int, plane: int, normal: wp.vec3, height: float, margin: float) -> bool:
+    """Is the triangle `a` more than `margin` over a plane (normal in a's body frame, body origin at `height`)?"""
+    low = wp.min(
+        wp.min(wp.dot(normal, program.face_a[a]), wp.dot(normal, program.face_b[a])), wp.dot(normal, program.face_c[a])
+    )
+    return height + low > margin
+
+
+@wp.func
+def _points_outside(program: Program, a: int, b: int, rel: Pose) -> bool:
+    """Is no component of collider a inside the solid of b? `rel` is b in a's frame; surfaces are known not to meet."""
+    root = program.collider_root[b]
+    at = wp.transpose(rel.rot)
+    for i in range(program.collider_pointnum[a]):
+        p = at * (program.point[program.collider_pointadr[a] + i] - rel.pos)
+        d = p - program.node_center[root]
+        half = program.node_half[root]
+        if wp.abs(d[0]) <= half[0] and wp.abs(d[1]) <= half[1] and wp.abs(d[2]) <= half[2]:
+            query = wp.mesh_query_point_sign_winding_number(program.collider_mesh[b], p, 4.0 * wp.length(half))
+            if query.result and query.sign < 0.0:
+                return False
+    return True
+
+
+@wp.func
+def visual_disjoint(program: Program, a: int, b: int, rel: Pose) -> bool:
+    """Is neither collider inside the other?"""
+    back = Pose()
+    back.rot = wp.transpose(rel.rot)
+    back.pos = -(back.rot * rel.pos)
+    return _points_outside(program, a, b, rel) and _points_outside(program, b, a, back)
+
+
+@wp.func
+def _larger(a: wp.vec3, b: wp.vec3) -> bool:
+    return wp.max(a) > wp.max(b)
+
+
+def make_collides(leaf_separated: wp.Function, leaf_over_plane: wp.Function, disjoint: wp.Function) -> wp.Function:
+    """The test of one object against its pairs, for one kind of leaves."""
+
+    @wp.func
+    def collides(
+        program: Program,
+        stack: Any,
+        lane: int,
+        obj: int,
+        support_body: int,
+        body_pos: wp.array(dtype=wp.vec3),
+        body_quat: wp.array(dtype=wp.vec4),
+    ) -> bool:
+        adr = program.obj_pairadr[obj]
+        num = program.obj_pairnum[obj]
+        for base in range(0, num, wp.block_dim()):
+            pair = adr + base + lane
+            entry = wp.vec3i(0, 0, 0)
+            if base + lane < num:
+                entry = wp.vec3i(
+                    pair, program.collider_root[program.pair_a[pair]], program.collider_root[program.pair_b[pair]]
+                )
+            wp.tile_stack_push(stack, entry, base + lane < num)
+
+        while wp.tile_stack_count(stack) > 0:
+            entry, slot = wp.tile_stack_pop(stack)
+            hit = int(0)
+            more = bool(False)
+            left = wp.vec3i(0, 0, 0)
+            right = wp.vec3i(0, 0, 0)
+            if slot >= 0:
+                pair = entry[0]
+                na = entry[1]
+                nb = entry[2]
+                a = program.pair_a[pair]
+                b = program.pair_b[pair]
+                body_a = program.collider_body[a]
+                body_b = program.collider_body[b]
+                margin = program.pair_margin[pair]
+                if body_b == support_body:
+                    margin = float(0.0)
+                margin += wp.static(SKIN)
+                pose_a = pose_of(body_pos[body_a], body_quat[body_a])
+                pose_b = pose_of(body_pos[body_b], body_quat[body_b])
+                center = program.node_center[na]
+                half = program.node_half[na]
+                child = program.node_child[na]
+                plane = program.collider_plane[b]
+                if plane >= 0:
+                    up = compose(pose_b, piece_pose(program, plane))
+                    axis = wp.vec3(up.rot[0, 2], up.rot[1, 2], up.rot[2, 2])
+                    normal = wp.transpose(pose_a.rot) * axis
+                    height = wp.dot(axis, pose_a.pos - up.pos)
+                    reach = wp.abs(normal[0]) * half[0] + wp.abs(normal[1]) * half[1] + wp.abs(normal[2]) * half[2]
+                    if height + wp.dot(normal, center) - reach <= margin:
+                        if child < 0:
+                            if not leaf_over_plane(program, ~child, plane, normal, height, margin):
+                                hit = 1
+                        else:
+                            more = True
+                            left = wp.vec3i(pair, child, nb)
+                            right = wp.vec3i(pair, child + 1, nb)
+                else:
+                    rel = relative(pose_a, pose_b)
+                    half_b = program.node_half[nb]
+                    if not boxes_separated(center, half, program.node_center[nb], half_b, rel, margin):
+                        child_b = program.node_child[nb]
+                        if child < 0 and child_b < 0:
+                            if not leaf_separated(program, ~child, ~child_b, rel, margin):
+                                hit = 1
+                        else:
+                            more = True
+                            if child_b < 0 or (child >= 0 and _larger(half, half_b)):
+                                left = wp.vec3i(pair, child, nb)
+                                right = wp.vec3i(pair, child + 1, nb)
+                            else:
+                                left = wp.vec3i(pair, na, child_b)
+                                right = wp.vec3i(pair, na, child_b + 1)
+            at_left = wp.tile_stack_push(stack, left, more)
+            at_right = wp.tile_stack_push(stack, right, more)
+            if more and (at_left < 0 or at_right < 0):
+                hit = 1  # no room left: unproven means not separated
+            if block_any(hit) != 0:
+                wp.tile_stack_clear(stack)
+                return True
+
+        inside = int(0)
+        for base in range(0, num, wp.block_dim()):
+            if base + lane < num:
+                a = program.pair_a[adr + base + lane]
+                b = program.pair_b[adr + base + lane]
+                if program.collider_plane[b] < 0:
+                    body_a = program.collider_body[a]
+                    body_b = program.collider_body[b]
+                    rel = relative(
+                        pose_of(body_pos[body_a], body_quat[body_a]), pose_of(body_pos[body_b], body_quat[body_b])
+                    )
+                    if not disjoint(program, a, b, rel):
+                        inside = 1
+        return block_any(inside) != 0
+
+    return collides
+
+
+collides_physics = make_collides(physics_separated, physics_over_plane, physics_disjoint)
+collides_visual = make_collides(visual_separated, visual_over_plane, visual_disjoint)

@@ -1,0 +1,181 @@
+"""The launch sequence of a reset: advance the episode of the masked worlds, place their layouts, count."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import warp as wp
+
+from sceniris_gym.errors import SeedError
+from sceniris_gym.layout.collision import STACK_CAPACITY
+from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.place import place_physics, place_visual
+from sceniris_gym.layout.random import SPLITS
+from sceniris_gym.scene.device import Cause
+from sceniris_gym.scene.world import World
+
+# Lanes for each world: one warp does best where a layout is a few dozen convex pieces, two where it is thousands of
+# triangles (benchmarks/RESULTS.md).
+_BLOCK_DIM = {"physics": 32, "visual": 64}
+
+
+@wp.kernel(enable_backward=False)
+def _advance(
+    mask: wp.array(dtype=bool),
+    # Layouts in and out:
+    episode: wp.array(dtype=int),
+):
+    worldid = wp.tid()
+    if mask:
+        if not mask[worldid]:
+            return
+    episode[worldid] = episode[worldid] + 1
+
+
+@wp.kernel(enable_backward=False)
+def _reseed(
+    seed_in: wp.array(dtype=wp.uint64),
+    mask: wp.array(dtype=bool),
+    # Layouts out:
+    seed: wp.array(dtype=wp.uint64),
+    episode: wp.array(dtype=int),
+):
+    worldid = wp.tid()
+    if mask:
+        if not mask[worldid]:
+            return
+    seed[worldid] = seed_in[worldid]
+    episode[worldid] = -1
+
+
+class LayoutGenerator:
+    """Makes layouts for a batch of worlds, each a pure function of (scene, split, seed, episode).
+
+    Args:
+        world: The scene.
+        nworld: Number of worlds.
+        seed: World i has seed + i; a sequence of length nworld is taken as it is. 64-bit, not negative.
+        split: "train", "eval" or "bank": independent streams of the same seeds.
+        block_dim: Lanes for each world on a GPU; changes the speed, never the layouts.
+        rejected: Room for a record of the first candidates that collided, for audits.
+
+    Raises:
+        SeedError: a seed that is not a 64-bit integer, or a wrong number of them.
+        ValueError: an unknown split, or a `block_dim` that the collision test has no room for.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        nworld: int,
+        *,
+        seed: int | Sequence[int] | np.ndarray = 0,
+        split: str = "train",
+        block_dim: int | None = None,
+        rejected: int = 0,
+    ) -> None:
+        if split not in SPLITS:
+            raise ValueError(f"LayoutGenerator: unknown split '{split}'. Valid: {', '.join(SPLITS)}.")
+        most = max_block_dim(world)
+        block_dim = min(_BLOCK_DIM[world.config.geometry], most) if block_dim is None else block_dim
+        if not 1 <= block_dim <= most:
+            raise ValueError(f"LayoutGenerator: block_dim={block_dim} should be from 1 to {most} for this scene.")
+        self.world = world
+        self.split = split
+        self.block_dim = block_dim
+        self.layouts = Layouts.create(world, nworld, rejected=rejected)
+        self._seeds = wp.zeros(nworld, dtype=wp.uint64, device=world.device)
+        self._kernel = place_visual if world.config.geometry == "visual" else place_physics
+        self.reseed(seed)
+
+    @property
+    def nworld(self) -> int:
+        """Number of worlds."""
+        return self.layouts.nworld
+
+    def reseed(self, seed: int | Sequence[int] | np.ndarray | wp.array, mask: wp.array | None = None) -> None:
+        """Give the masked worlds new seeds; the next layout they get is that of episode 0.
+
+        Args:
+            seed: As in the class, or a uint64 Warp array of length nworld on the World's device.
+            mask: Which worlds, shape (nworld,), bool; all if None.
+        """
+        if isinstance(seed, wp.array):
+            wp.copy(self._seeds, seed)
+        else:
+            self._seeds.assign(as_seeds(seed, self.nworld))
+        wp.launch(
+            _reseed,
+            dim=self.nworld,
+            inputs=[self._seeds, mask],
+            outputs=[self.layouts.seed, self.layouts.episode],
+            device=self.world.device,
+        )
+
+    def generate(self, mask: wp.array | None = None) -> None:
+        """Advance the masked worlds by one episode and make its layouts, into `layouts`.
+
+        A fixed sequence of launches without allocation or host synchronisation, so it can be part of a captured graph.
+
+        Args:
+            mask: Which worlds, shape (nworld,), bool; all if None.
+        """
+        device = self.world.device
+        wp.launch(_advance, dim=self.nworld, inputs=[mask], outputs=[self.layouts.episode], device=device)
+        wp.launch_tiled(
+            self._kernel,
+            dim=[self.nworld],
+            inputs=[self.world.program, SPLITS[self.split], mask, self.layouts.view],
+            block_dim=self.block_dim,
+            device=device,
+        )
+
+    def rejection_counts(self) -> dict[str, dict[str, int]]:
+        """How many candidates were rejected so far, by object and cause. Synchronises with the device."""
+        return rejection_counts(self.layouts)
+
+
+def rejection_counts(layouts: Layouts) -> dict[str, dict[str, int]]:
+    """`Layouts.rejections` by name: object (in placement order), then cause in small letters."""
+    counts = layouts.rejections.numpy()
+    causes = [c for c in Cause if c != Cause.NONE]
+    return {name: {c.name.lower(): int(counts[i, c]) for c in causes} for i, name in enumerate(layouts.world.placed)}
+
+
+def max_block_dim(world: World) -> int:
+    """The most lanes for which the stack of the collision test has room: a warp, or a power of two beyond it.
+
+    A pass leaves at most one box pair behind for each lane and level of both trees.
+    """
+    lanes = STACK_CAPACITY // max(world.depth + 2, 1)
+    return max(32, min(256, 1 << (lanes.bit_length() - 1)))
+
+
+def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
+    """Seeds of `nworld` worlds, shape (nworld,), uint64: seed + i (modulo 2^64) for an int, else as given.
+
+    Raises:
+        SeedError: see `LayoutGenerator`.
+    """
+    if isinstance(seed, bool | np.bool_):
+        raise SeedError(f"seed={seed} should be an integer from 0 to 2^64 - 1, not a truth value.")
+    if isinstance(seed, int | np.integer):
+        if not 0 <= int(seed) < 1 << 64:
+            raise SeedError(f"seed={seed} should be an integer from 0 to 2^64 - 1.")
+        with np.errstate(over="ignore"):
+            return np.uint64(seed) + np.arange(nworld, dtype=np.uint64)
+    values = list(seed) if isinstance(seed, Sequence | np.ndarray) else None
+    if values is None or len(values) != nworld:
+        given = "" if values is None else f"{len(values)} of them; "
+        raise SeedError(
+            f"seeds should be one integer, or a sequence of {nworld}, one per world ({given}{type(seed).__name__})."
+        )
+    for i, value in enumerate(values):
+        if (
+            isinstance(value, bool | np.bool_)
+            or not isinstance(value, int | np.integer)
+            or not 0 <= int(value) < 1 << 64
+        ):
+            raise SeedError(f"seeds[{i}]={value!r} should be an integer from 0 to 2^64 - 1.")
+    return np.array([int(v) for v in values], dtype=np.uint64)

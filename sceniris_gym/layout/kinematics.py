@@ -1,0 +1,65 @@
+"""Joint positions and body poses of one object, as `mj_kinematics` computes them."""
+
+import warp as wp
+
+from sceniris_gym.layout.random import uniforms
+from sceniris_gym.layout.transforms import axis_angle_quat, mul_quat, rot_vec_quat
+from sceniris_gym.scene.device import Program
+
+# The first draw of a trial is the pose's; joints follow, four numbers a draw.
+_FIRST_DRAW = wp.constant(2)
+
+
+@wp.func
+def draw_joints(
+    program: Program,
+    obj: int,
+    seed: wp.uint64,
+    episode: int,
+    stream: wp.uint32,
+    trial: int,
+    qpos: wp.array(dtype=float),
+):
+    """Draw the object's joint positions into its world's `qpos`."""
+    adr = program.obj_drawadr[obj]
+    u = wp.vec4(0.0)
+    for i in range(program.obj_drawnum[obj]):
+        if i % 4 == 0:
+            u = uniforms(seed, episode, stream, trial, _FIRST_DRAW + i // 4)
+        num = program.draw_choicenum[adr + i]
+        interval = program.draw_range[adr + i]
+        value = interval[0] + u[i % 4] * (interval[1] - interval[0])
+        if num > 0:
+            value = program.choice[program.draw_choiceadr[adr + i] + wp.min(int(u[i % 4] * float(num)), num - 1)]
+        qpos[program.draw_qposadr[adr + i]] = value
+
+
+@wp.func
+def pose_bodies(
+    program: Program,
+    obj: int,
+    first: int,
+    qpos: wp.array(dtype=float),
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+):
+    """Poses of the object's bodies from `first` on in its list (1: its root is already posed), parents before children."""
+    adr = program.obj_bodyadr[obj]
+    for i in range(first, program.obj_bodynum[obj]):
+        body = program.body_list[adr + i]
+        parent = program.body_parent[body]
+        quat = mul_quat(body_quat[parent], program.body_quat[body])
+        pos = body_pos[parent] + rot_vec_quat(program.body_pos[body], body_quat[parent])
+        for j in range(program.body_jntnum[body]):
+            joint = program.body_jntadr[body] + j
+            q = qpos[program.jnt_qposadr[joint]] - program.jnt_qpos0[joint]
+            axis = program.jnt_axis[joint]
+            if program.jnt_slide[joint] != 0:
+                pos += rot_vec_quat(axis, quat) * q
+            else:
+                anchor = program.jnt_pos[joint]
+                pivot = pos + rot_vec_quat(anchor, quat)
+                quat = mul_quat(quat, axis_angle_quat(axis, q))
+                pos = pivot - rot_vec_quat(anchor, quat)
+        body_pos[body] = pos
+        body_quat[body] = wp.normalize(quat)

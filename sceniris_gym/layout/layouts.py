@@ -1,0 +1,141 @@
+"""The batch of layouts: what a reset writes, one row per world, and what is counted on the way."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+import warp as wp
+
+from sceniris_gym.scene.device import Cause
+from sceniris_gym.scene.world import World
+
+
+class Status(IntEnum):
+    """What a row holds."""
+
+    NONE = 0
+    """Nothing yet, or (while a World is being built) no valid layout was found."""
+    VALID = 1
+    """A fresh layout that passed every test."""
+    FALLBACK = 2
+    """Attempts and restarts ran out: an entry of the World's bank of valid layouts."""
+
+
+@wp.struct
+class LayoutsView:
+    """The arrays of a `Layouts` as device code takes them."""
+
+    seed: wp.array(dtype=wp.uint64)
+    episode: wp.array(dtype=int)
+    qpos: wp.array2d(dtype=float)
+    mocap_pos: wp.array2d(dtype=wp.vec3)
+    mocap_quat: wp.array2d(dtype=wp.quat)
+    status: wp.array(dtype=int)
+    attempts: wp.array(dtype=int)
+    first_pass_valid: wp.array(dtype=int)
+    rejections: wp.array2d(dtype=int)
+    body_pos: wp.array2d(dtype=wp.vec3)
+    body_quat: wp.array2d(dtype=wp.vec4)
+    rejected_count: wp.array(dtype=int)
+    rejected_object: wp.array(dtype=int)
+    rejected_qpos: wp.array2d(dtype=float)
+    rejected_mocap_pos: wp.array2d(dtype=wp.vec3)
+    rejected_mocap_quat: wp.array2d(dtype=wp.quat)
+
+
+@dataclass(frozen=True)
+class Layouts:
+    """Layouts of `nworld` worlds. Warp arrays on the World's device; the objects in them never change, only their content.
+
+    Attributes:
+        world: The scene that the rows belong to.
+        view: The arrays as device code takes them.
+        seed: 64-bit seed of each world, shape (nworld,), uint64.
+        episode: Episode of the current row, -1 before the first, shape (nworld,), int32.
+        qpos: Joint positions [m, rad] in the order of the MjModel, quaternions wxyz, shape (nworld, nq).
+        mocap_pos: Positions of mocap bodies [m], world frame, shape (nworld, nmocap).
+        mocap_quat: Their orientations, wxyz inside `wp.quat`, shape (nworld, nmocap).
+        status: A `Status` per world, shape (nworld,), int32.
+        attempts: Candidates drawn for the row, all objects and restarts together, shape (nworld,), int32.
+        first_pass_valid: 1 where no restart was needed, shape (nworld,), int32.
+        rejections: Running count of rejected candidates, shape (nobject, ncause), objects in placement order.
+    """
+
+    world: World
+    view: LayoutsView
+
+    @classmethod
+    def create(cls, world: World, nworld: int, *, rejected: int = 0) -> "Layouts":
+        """Room for `nworld` layouts, and for a record of the first `rejected` candidates that collided."""
+        device = world.device
+        mjm = world.mjm
+        nmocap = max(mjm.nmocap, 1)
+        view = LayoutsView()
+        with wp.ScopedDevice(device):
+            view.seed = wp.zeros(nworld, dtype=wp.uint64)
+            view.episode = wp.full(nworld, -1, dtype=int)
+            view.qpos = wp.array(np.tile(world.home_qpos, (nworld, 1)), dtype=float, shape=(nworld, mjm.nq))
+            view.mocap_pos = wp.zeros((nworld, nmocap), dtype=wp.vec3)
+            view.mocap_quat = wp.full((nworld, nmocap), wp.quat(1.0, 0.0, 0.0, 0.0), dtype=wp.quat)
+            view.status = wp.zeros(nworld, dtype=int)
+            view.attempts = wp.zeros(nworld, dtype=int)
+            view.first_pass_valid = wp.zeros(nworld, dtype=int)
+            view.rejections = wp.zeros((max(len(world.placed), 1), len(Cause)), dtype=int)
+            view.body_pos = wp.array(np.tile(world.home_xpos, (nworld, 1, 1)), dtype=wp.vec3)
+            view.body_quat = wp.array(np.tile(world.home_xquat, (nworld, 1, 1)), dtype=wp.vec4)
+            view.rejected_count = wp.zeros(1, dtype=int)
+            view.rejected_object = wp.zeros(rejected, dtype=int)
+            view.rejected_qpos = wp.zeros((rejected, mjm.nq), dtype=float)
+            view.rejected_mocap_pos = wp.zeros((rejected, nmocap), dtype=wp.vec3)
+            view.rejected_mocap_quat = wp.zeros((rejected, nmocap), dtype=wp.quat)
+        return cls(world, view)
+
+    @property
+    def nworld(self) -> int:
+        """Number of rows."""
+        return self.view.seed.shape[0]
+
+    @property
+    def seed(self) -> wp.array:
+        """See the class."""
+        return self.view.seed
+
+    @property
+    def episode(self) -> wp.array:
+        """See the class."""
+        return self.view.episode
+
+    @property
+    def qpos(self) -> wp.array:
+        """See the class."""
+        return self.view.qpos
+
+    @property
+    def mocap_pos(self) -> wp.array:
+        """See the class."""
+        return self.view.mocap_pos
+
+    @property
+    def mocap_quat(self) -> wp.array:
+        """See the class."""
+        return self.view.mocap_quat
+
+    @property
+    def status(self) -> wp.array:
+        """See the class."""
+        return self.view.status
+
+    @property
+    def attempts(self) -> wp.array:
+        """See the class."""
+        return self.view.attempts
+
+    @property
+    def first_pass_valid(self) -> wp.array:
+        """See the class."""
+        return self.view.first_pass_valid
+
+    @property
+    def rejections(self) -> wp.array:
+        """See the class."""
+        return self.view.rejections

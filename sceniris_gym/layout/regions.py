@@ -1,0 +1,117 @@
+"""Where on its support an object goes: a point by area, what is above it, whether the footprint lies on it."""
+
+import warp as wp
+
+from sceniris_gym.layout.collision import piece_pose
+from sceniris_gym.layout.convex import piece_shape, segment_shape, separated
+from sceniris_gym.layout.transforms import Pose, apply, compose, pose_of, relative
+from sceniris_gym.scene.device import Program
+
+_SHADOW = wp.constant(wp.vec3(1.0, 1.0, 0.0))
+_SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
+# How far up a roof is looked for [m], and how far over the surface the look begins: surfaces of one height but of two
+# geoms may differ by rounding.
+_ROOF_REACH = wp.constant(5.0)
+_ROOF_START = wp.constant(1.0e-4)
+# A footprint may graze the rim of its support by the skin of the collision test.
+_RIM = wp.constant(-1.0e-6)
+
+
+@wp.func
+def draw_triangle(program: Program, obj: int, u: float) -> int:
+    """The triangle of the object's region that holds the share `u` of its area."""
+    low = program.obj_triadr[obj]
+    high = low + program.obj_trinum[obj] - 1
+    while low < high:
+        middle = (low + high) // 2
+        if u < program.tri_cdf[middle]:
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+@wp.func
+def draw_in_triangle(program: Program, tri: int, u: float, v: float) -> wp.vec2:
+    """A uniform point of a triangle from two uniform numbers. R. Osada et al., "Shape distributions", TOG 21(4), 2002."""
+    s = wp.sqrt(u)
+    return (1.0 - s) * program.tri_a[tri] + (s * (1.0 - v)) * program.tri_b[tri] + (s * v) * program.tri_c[tri]
+
+
+@wp.func
+def _upward(point: wp.vec3) -> Pose:
+    """A frame whose x axis runs up from `point`, centred on the segment in which a roof is looked for."""
+    p = Pose()
+    p.pos = point + wp.vec3(0.0, 0.0, _ROOF_START + 0.5 * _ROOF_REACH)
+    p.rot = wp.mat33(0.0, 0.0, -1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0)
+    return p
+
+
+@wp.func
+def roof_physics(
+    program: Program,
+    collider: int,
+    point: wp.vec3,
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+) -> bool:
+    """Is a convex piece of the collider above `point` (world frame)?"""
+    body = program.collider_body[collider]
+    frame = relative(_upward(point), pose_of(body_pos[body], body_quat[body]))
+    for piece in range(program.collider_pieceadr[collider], program.collider_pieceadr[collider + 1]):
+        rel = compose(frame, piece_pose(program, piece))
+        if not separated(program, segment_shape(0.5 * _ROOF_REACH), piece_shape(program, piece), rel, _SPACE, 0.0):
+            return True
+    return False
+
+
+@wp.func
+def roof_visual(
+    program: Program,
+    collider: int,
+    point: wp.vec3,
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+) -> bool:
+    """Is a triangle of the collider above `point` (world frame)?"""
+    body = program.collider_body[collider]
+    frame = pose_of(body_pos[body], body_quat[body])
+    back = wp.transpose(frame.rot)
+    start = back * (point + wp.vec3(0.0, 0.0, _ROOF_START) - frame.pos)
+    return wp.mesh_query_ray(program.collider_mesh[collider], start, back * wp.vec3(0.0, 0.0, 1.0), _ROOF_REACH).result
+
+
+@wp.func
+def _inside(program: Program, surface: int, p: wp.vec2) -> bool:
+    """Does `p` lie inside the surface's outline? Crossings of a ray along x; holes are edges like any other."""
+    inside = bool(False)
+    for i in range(program.surface_edgenum[surface]):
+        a = program.edge_a[program.surface_edgeadr[surface] + i]
+        b = program.edge_b[program.surface_edgeadr[surface] + i]
+        if (a[1] > p[1]) != (b[1] > p[1]) and p[0] < a[0] + (b[0] - a[0]) * (p[1] - a[1]) / (b[1] - a[1]):
+            inside = not inside
+    return inside
+
+
+@wp.func
+def piece_on_surface(program: Program, piece: int, surface: int, rel: Pose) -> bool:
+    """Does the shadow of a piece lie wholly on a surface? `rel`: the piece in the frame of the surface's body, z up.
+
+    A convex shadow lies in an outline if one of its points does and no edge of the outline passes through it.
+    """
+    if not _inside(program, surface, wp.vec2(rel.pos[0], rel.pos[1])):
+        return False
+    shape = piece_shape(program, piece)
+    for i in range(program.surface_edgenum[surface]):
+        a = program.edge_a[program.surface_edgeadr[surface] + i]
+        b = program.edge_b[program.surface_edgeadr[surface] + i]
+        along = b - a
+        length = wp.length(along)
+        c = along[0] / length
+        s = along[1] / length
+        edge = Pose()
+        edge.pos = wp.vec3(0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.0)
+        edge.rot = wp.mat33(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
+        if not separated(program, segment_shape(0.5 * length), shape, relative(edge, rel), _SHADOW, _RIM):
+            return False
+    return True
