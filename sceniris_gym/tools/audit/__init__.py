@@ -1,0 +1,7 @@
+"""A second opinion on layouts: it judges them from the MjModel alone and imports nothing that makes them.
+
+geometry.py    geoms as solids, and their poses          distance.py   exact distances, containment
+pairs.py       which solids must be apart                collisions.py missed collisions, false alarms
+supports.py    level surfaces, rays                      standing.py   objects on their supports
+physics.py     penetration and settling in MuJoCo C      auditor.py    all of it, as one report
+"""

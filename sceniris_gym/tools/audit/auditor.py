@@ -1,0 +1,129 @@
+"""All checks of layouts together, as one report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.tools.audit.collisions import CollisionAudit, Conflict, FalseAlarm
+from sceniris_gym.tools.audit.geometry import Rows, poses_of, solids_of
+from sceniris_gym.tools.audit.pairs import Tree
+from sceniris_gym.tools.audit.physics import FAST, STILL, Penetration, deepest, settle
+from sceniris_gym.tools.audit.standing import Misplaced, StandingAudit
+
+CHUNK = 1000  # rows whose poses are held at once
+
+
+@dataclass(frozen=True)
+class Report:
+    """What the audit found.
+
+    Attributes:
+        layouts: how many layouts were judged.
+        conflicts: missed collisions, one entry per pair of geoms.
+        misplaced: objects that do not stand where the scene says.
+        penetration: the deepest contact of MuJoCo C.
+        settled: how many layouts were stepped.
+        moved: object name -> number of layouts in which it moved more than 1 cm while settling.
+        fast: object name -> number of layouts in which it was faster than 1 m/s.
+        top_speed: the largest speed of any free object [m/s].
+    """
+
+    layouts: int
+    conflicts: list[Conflict]
+    misplaced: list[Misplaced]
+    penetration: Penetration
+    settled: int = 0
+    moved: dict[str, int] = field(default_factory=dict)
+    fast: dict[str, int] = field(default_factory=dict)
+    top_speed: float = 0.0
+
+    @property
+    def colliding(self) -> int:
+        """Number of layouts with a missed collision."""
+        return len({conflict.row for conflict in self.conflicts})
+
+
+class Auditor:
+    """Judges layouts of one scene.
+
+    Args:
+        mjm: the model.
+        config: the scene.
+        bodies: object name -> root body id.
+
+    Raises:
+        NotSupportedError: a geom of a type that has no solid here.
+    """
+
+    def __init__(self, mjm: mujoco.MjModel, config: SceneConfig, bodies: Mapping[str, int]) -> None:
+        self.mjm = mjm
+        self.tree = Tree(mjm, bodies)
+        markers = {name for name, part in config.objects.items() if part.kind == "marker"}
+        solids = [
+            solid
+            for solid in solids_of(mjm, config.geometry)
+            if self.tree.owner[mjm.geom_bodyid[solid.geom]] not in markers
+        ]
+        placed = {name: part for name, part in config.objects.items() if part.kind in ("free", "fixture")}
+        clearances = {name: part.clearance for name, part in placed.items()}
+        self.collisions = CollisionAudit(self.tree, solids, config.geometry, clearances)
+        self.standing = StandingAudit(self.tree, solids, config, bodies)
+        self.free = {name: bodies[name] for name, part in placed.items() if part.kind == "free"}
+
+    def judge(self, rows: Rows, *, settled: int = 0) -> Report:
+        """Check layouts.
+
+        Args:
+            rows: the layouts.
+            settled: how many of them, from the first one on, are stepped for half a second as well.
+        """
+        conflicts: list[Conflict] = []
+        misplaced: list[Misplaced] = []
+        for start, some in rows.chunks(CHUNK):
+            poses = poses_of(self.mjm, some)
+            found, supporting = self.standing.check(poses)
+            misplaced += [Misplaced(start + m.row, m.name, m.cause) for m in found]
+            conflicts += [
+                Conflict(start + c.row, c.geoms, c.owners, c.distance, c.clearance)
+                for c in self.collisions.missed(poses, supporting)
+            ]
+        penetration = deepest(self.tree, rows)
+        some = rows[slice(0, settled)]
+        if not len(some) or not self.free:
+            return Report(len(rows), conflicts, misplaced, penetration)
+        motion = settle(self.mjm, self.free, some)
+        return Report(
+            len(rows),
+            conflicts,
+            misplaced,
+            penetration,
+            settled=len(some),
+            moved={name: int((d > STILL).sum()) for name, d in motion.moved.items()},
+            fast={name: int((v > FAST).sum()) for name, v in motion.speed.items()},
+            top_speed=float(max(v.max() for v in motion.speed.values())),
+        )
+
+    def judge_rejected(self, rows: Rows, candidate: Sequence[str], order: Sequence[str]) -> list[FalseAlarm]:
+        """Check candidates that were rejected for collision.
+
+        Args:
+            rows: layouts in which the rejected object stands at its candidate pose.
+            candidate: name of the rejected object of each row.
+            order: names of the placed objects, in the order they are placed; later ones are not there yet.
+
+        Returns:
+            The candidates that keep their clearance from everything.
+        """
+        alarms = []
+        names = np.asarray(candidate)
+        for start, some in rows.chunks(CHUNK):
+            poses = poses_of(self.mjm, some)
+            _, supporting = self.standing.check(poses)
+            found = self.collisions.false_alarms(poses, supporting, names[start : start + len(some)].tolist(), order)
+            alarms += [FalseAlarm(start + a.row, a.owners, a.surplus) for a in found]
+        return alarms

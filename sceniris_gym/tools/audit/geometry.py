@@ -1,0 +1,210 @@
+"""Solids of a MuJoCo model and their poses, derived from the model alone.
+
+The audit judges layouts, so it shares no code with what makes them: everything here starts from an
+`mujoco.MjModel` and ends in double precision.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from sceniris_gym.errors import NotSupportedError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+_VISIBLE_GROUPS = (0, 1, 2)
+
+
+class Form(Enum):
+    """How the solid of a geom is described."""
+
+    POLYHEDRON = "polyhedron"  # closed triangle surface: boxes, hulls of meshes, meshes
+    ROUNDED = "rounded"  # all points within `radius` of a point or a segment: spheres, capsules
+    CYLINDER = "cylinder"
+    ELLIPSOID = "ellipsoid"
+    HALFSPACE = "halfspace"  # everything below the plane z = 0 of the geom
+
+
+@dataclass(frozen=True)
+class Solid:
+    """The solid of one geom, in the geom's frame [m].
+
+    Attributes:
+        geom: geom id.
+        form: how the solid is described.
+        vertices: surface vertices of a polyhedron, or the point or segment inside a rounded solid, shape (nvert, 3).
+        faces: triangles of a polyhedron, counter-clockwise seen from outside, shape (nface, 3).
+        radius: radius of a rounded solid, else 0.
+        size: geom sizes as MuJoCo has them, shape (3,).
+        center: centre of the local bounding box, shape (3,).
+        half: half extents of the local bounding box, shape (3,); infinite for a half-space.
+    """
+
+    geom: int
+    form: Form
+    vertices: np.ndarray
+    faces: np.ndarray
+    radius: float
+    size: np.ndarray
+    center: np.ndarray = field(init=False)
+    half: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        if self.form is Form.HALFSPACE:
+            low, high = np.full(3, -np.inf), np.full(3, np.inf)
+        elif self.form is Form.CYLINDER:
+            high = np.array([self.size[0], self.size[0], self.size[1]])
+            low = -high
+        elif self.form is Form.ELLIPSOID:
+            low, high = -self.size, self.size
+        else:
+            low, high = self.vertices.min(0) - self.radius, self.vertices.max(0) + self.radius
+        object.__setattr__(self, "center", np.zeros(3) if self.form is Form.HALFSPACE else (low + high) / 2)
+        object.__setattr__(self, "half", (high - low) / 2)
+
+    def lowest(self, up: np.ndarray) -> np.ndarray:
+        """Return the least height of the solid along directions `up` (n, 3) of its own frame, shape (n,)."""
+        if self.form is Form.CYLINDER:
+            return -self.size[0] * np.linalg.norm(up[:, :2], axis=1) - self.size[1] * np.abs(up[:, 2])
+        if self.form is Form.ELLIPSOID:
+            return -np.linalg.norm(up * self.size, axis=1)
+        return (up @ self.vertices.T).min(1) - self.radius
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Layouts as MuJoCo states.
+
+    Attributes:
+        qpos: joint positions, shape (nrow, nq).
+        mocap_pos: positions of the mocap bodies [m], shape (nrow, nmocap, 3).
+        mocap_quat: orientations of the mocap bodies (w, x, y, z), shape (nrow, nmocap, 4).
+    """
+
+    qpos: np.ndarray
+    mocap_pos: np.ndarray
+    mocap_quat: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.qpos)
+
+    def __getitem__(self, index: slice | np.ndarray) -> Rows:
+        return Rows(self.qpos[index], self.mocap_pos[index], self.mocap_quat[index])
+
+    def chunks(self, size: int) -> Iterator[tuple[int, Rows]]:
+        """Yield the first row index and the rows of each chunk of at most `size` rows."""
+        for start in range(0, len(self), size):
+            yield start, self[slice(start, start + size)]
+
+
+@dataclass(frozen=True)
+class Poses:
+    """World poses of the geoms and bodies of some rows: positions (nrow, n, 3), rotations (nrow, n, 3, 3)."""
+
+    geom_xpos: np.ndarray
+    geom_xmat: np.ndarray
+    xpos: np.ndarray
+    xmat: np.ndarray
+
+
+def put_row(data: mujoco.MjData, rows: Rows, i: int) -> None:
+    """Write row `i` into `data`."""
+    data.qpos[:] = rows.qpos[i]
+    data.mocap_pos[:] = rows.mocap_pos[i]
+    data.mocap_quat[:] = rows.mocap_quat[i]
+
+
+def poses_of(mjm: mujoco.MjModel, rows: Rows) -> Poses:
+    """Return the poses of all geoms and bodies in each row, by MuJoCo C's forward kinematics."""
+    data = mujoco.MjData(mjm)
+    n = len(rows)
+    geom_xpos, geom_xmat = np.empty((n, mjm.ngeom, 3)), np.empty((n, mjm.ngeom, 9))
+    xpos, xmat = np.empty((n, mjm.nbody, 3)), np.empty((n, mjm.nbody, 9))
+    for i in range(n):
+        put_row(data, rows, i)
+        mujoco.mj_kinematics(mjm, data)
+        geom_xpos[i], geom_xmat[i], xpos[i], xmat[i] = data.geom_xpos, data.geom_xmat, data.xpos, data.xmat
+    return Poses(geom_xpos, geom_xmat.reshape(n, -1, 3, 3), xpos, xmat.reshape(n, -1, 3, 3))
+
+
+def convex_hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices and outward triangles of the convex hull of points (n, 3)."""
+    hull = ConvexHull(points)
+    used, faces = np.unique(hull.simplices, return_inverse=True)
+    faces = faces.reshape(-1, 3)
+    vertices = points[used]
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    return vertices, faces
+
+
+def _mesh(mjm: mujoco.MjModel, mesh: int) -> tuple[np.ndarray, np.ndarray]:
+    vertadr, faceadr = mjm.mesh_vertadr[mesh], mjm.mesh_faceadr[mesh]
+    vertices = mjm.mesh_vert[vertadr : vertadr + mjm.mesh_vertnum[mesh]].astype(float)
+    faces = mjm.mesh_face[faceadr : faceadr + mjm.mesh_facenum[mesh]].astype(int)
+    return vertices, faces
+
+
+def _mesh_hull(mjm: mujoco.MjModel, mesh: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the hull MuJoCo collides; a mesh with `maxhullvert` has fewer hull vertices than its points."""
+    vertices, _ = _mesh(mjm, mesh)
+    graphadr = mjm.mesh_graphadr[mesh]
+    if graphadr >= 0:
+        numvert = mjm.mesh_graph[graphadr]
+        globalid = mjm.mesh_graph[graphadr + 2 + numvert : graphadr + 2 + 2 * numvert]
+        vertices = vertices[globalid]
+    return convex_hull(vertices)
+
+
+def solid_of(mjm: mujoco.MjModel, geom: int, *, hull: bool) -> Solid:
+    """Return the solid of a geom; meshes as their convex hull if `hull`, else as they are drawn.
+
+    Raises:
+        NotSupportedError: the geom is of a type without a solid here (height field, signed distance field).
+    """
+    none = np.zeros((0, 3))
+    kind, size = mujoco.mjtGeom(mjm.geom_type[geom]), mjm.geom_size[geom].copy()
+    no_faces = np.zeros((0, 3), int)
+    if kind == mujoco.mjtGeom.mjGEOM_BOX:
+        return Solid(geom, Form.POLYHEDRON, *convex_hull(_BOX_CORNERS * size), 0.0, size)
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        mesh = mjm.geom_dataid[geom]
+        surface = _mesh_hull(mjm, mesh) if hull else _mesh(mjm, mesh)
+        return Solid(geom, Form.POLYHEDRON, *surface, 0.0, size)
+    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        return Solid(geom, Form.ROUNDED, np.zeros((1, 3)), no_faces, float(size[0]), size)
+    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        ends = np.array([[0, 0, -size[1]], [0, 0, size[1]]])
+        return Solid(geom, Form.ROUNDED, ends, no_faces, float(size[0]), size)
+    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        return Solid(geom, Form.CYLINDER, none, no_faces, 0.0, size)
+    if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+        return Solid(geom, Form.ELLIPSOID, none, no_faces, 0.0, size)
+    if kind == mujoco.mjtGeom.mjGEOM_PLANE:
+        return Solid(geom, Form.HALFSPACE, none, no_faces, 0.0, size)
+    name = mjm.geom(geom).name or f"number {geom}"
+    raise NotSupportedError(
+        f"audit: geom '{name}' is of type {kind.name.removeprefix('mjGEOM_').lower()}, which has no solid here. "
+        "Valid types: plane, sphere, capsule, ellipsoid, cylinder, box, mesh."
+    )
+
+
+def solids_of(mjm: mujoco.MjModel, geometry: str) -> list[Solid]:
+    """Return the solids of a model: what MuJoCo collides ("physics"), or what is seen ("visual")."""
+    collides = (mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)
+    if geometry == "physics":
+        chosen = collides
+    else:
+        visible = np.isin(mjm.geom_group, _VISIBLE_GROUPS) & (mjm.geom_rgba[:, 3] > 0)
+        # an invisible plane that collides is ground all the same, and a painted backdrop is none
+        chosen = np.where(mjm.geom_type == mujoco.mjtGeom.mjGEOM_PLANE, collides, visible)
+    return [solid_of(mjm, int(g), hull=geometry == "physics") for g in np.flatnonzero(chosen)]

@@ -1,0 +1,247 @@
+"""Checks that every placed object stands where the scene says: on its parent, in its region, under a roof or not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import shapely
+
+from sceniris_gym.scene.config import ObjectConfig, SceneConfig
+from sceniris_gym.scene.values import FLOOR
+from sceniris_gym.tools.audit.geometry import Form, Poses, Rows, Solid, poses_of
+from sceniris_gym.tools.audit.pairs import Tree
+from sceniris_gym.tools.audit.supports import (
+    EDGE_TOLERANCE,
+    HEIGHT_TOLERANCE,
+    Surface,
+    footprint_points,
+    hit_above,
+    inside,
+    level_surfaces,
+    surface_of,
+    upright_frame,
+)
+
+_AROUND = np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]]) * EDGE_TOLERANCE
+
+
+@dataclass(frozen=True)
+class Misplaced:
+    """An object that does not stand where the scene says.
+
+    Attributes:
+        row: the layout.
+        name: the object.
+        cause: "support" (its pivot is on no surface of its parent, or not in its region), "footprint" (a part of it has
+            nothing below) or "roof" (covered although it should be open above, or the other way round).
+    """
+
+    row: int
+    name: str
+    cause: str
+
+
+class StandingAudit:
+    """Support checks over rows.
+
+    Args:
+        tree: owners of the bodies.
+        solids: the solids of the model.
+        config: the scene.
+        bodies: object name -> root body id.
+    """
+
+    def __init__(self, tree: Tree, solids: list[Solid], config: SceneConfig, bodies: Mapping[str, int]) -> None:
+        self.tree, self.config, self.bodies = tree, config, bodies
+        self.placed = {name: part for name, part in config.objects.items() if part.support or part.region}
+        self._solids = solids
+        self._surface = {s.geom: surface_of(s) for s in solids if s.form is not Form.HALFSPACE}
+        self._home = _at_home(tree.mjm)
+        self._points = {name: self._own_points(name) for name in self.placed}
+        self._levels: dict[tuple, list[Surface]] = {}
+
+    def pivots(self, name: str, poses: Poses) -> np.ndarray:
+        """Return the pivot of an object in each row [m], world frame, shape (nrow, 3).
+
+        It is the centre of the object's bounds in its own frame with its joints at home, at the height of its lowest
+        point in the joint state of the row.
+        """
+        root = self.bodies[name]
+        low, high = self._points[name].min(0), self._points[name].max(0)
+        pivot = poses.xpos[:, root] + poses.xmat[:, root] @ np.array([*(low + high)[:2] / 2, low[2]])
+        mine = [s for s in self._solids if self.tree.owner[self.tree.mjm.geom_bodyid[s.geom]] == name]
+        if mine:
+            lowest = [poses.geom_xpos[:, s.geom, 2] + s.lowest(poses.geom_xmat[:, s.geom, 2]) for s in mine]
+            pivot[:, 2] = np.min(lowest, axis=0)
+        return pivot
+
+    def check(self, poses: Poses) -> tuple[list[Misplaced], dict[str, np.ndarray]]:
+        """Judge all placed objects in all rows.
+
+        Returns:
+            What is misplaced, and object name -> id of its supporting body in each row, shape (nrow,), -1 for none.
+        """
+        found: list[Misplaced] = []
+        supporting = {}
+        for name, part in self.placed.items():
+            pivots = self.pivots(name, poses)
+            if part.support is None:
+                outside = ~_in_box(part, pivots)
+                found += [Misplaced(int(row), name, "support") for row in np.flatnonzero(outside)]
+                continue
+            supporting[name], stands = self._supporting(name, part, poses, pivots)
+            wrong = {
+                "support": supporting[name] < 0,
+                "footprint": (supporting[name] >= 0) & ~stands,
+                "roof": self._wrong_roof(part, poses, pivots),
+            }
+            for cause, rows in wrong.items():
+                found += [Misplaced(int(row), name, cause) for row in np.flatnonzero(rows)]
+        return sorted(found, key=lambda m: (m.row, m.name)), supporting
+
+    def _own_points(self, name: str) -> np.ndarray:
+        """Return the corners of the object's hull in its own frame at home, shape (n, 3)."""
+        root, parts = self.bodies[name], []
+        for geom, (vertices, _) in self._surface.items():
+            if self.tree.owner[self.tree.mjm.geom_bodyid[geom]] == name:
+                world = vertices @ self._home.geom_xmat[0, geom].T + self._home.geom_xpos[0, geom]
+                parts.append((world - self._home.xpos[0, root]) @ self._home.xmat[0, root])
+        return footprint_points(parts) if parts else np.zeros((1, 3))
+
+    def _supporting(
+        self, name: str, part: ObjectConfig, poses: Poses, pivots: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the supporting body of each row (-1 for none), and whether the whole footprint is on it if it must."""
+        assert part.support is not None
+        parent = part.support.parent
+        ground = 0 if parent == FLOOR else self.tree.mjm.body(parent).id
+        body, stands = np.full(len(pivots), -1), np.zeros(len(pivots), bool)
+        size = np.ptp(self._points[name][:, :2], axis=0)
+        erosion = part.ratio_on_support * size.min() / 2
+        turned, corners = self._in_frames(ground, poses, pivots, name)
+        for rows, surfaces in self._surfaces(parent, ground, poses, open_above=part.support.word == "on"):
+            bounds = shapely.total_bounds([surface.area for surface in surfaces])
+            for surface in surfaces:
+                level = rows[np.abs(turned[rows, 2] - surface.height - part.gap) <= HEIGHT_TOLERANCE]
+                allowed = inside(surface.area, turned[level, :2], erosion)
+                allowed &= inside(_cropped(surface.area, bounds, part), turned[level, :2])
+                on = level[allowed]
+                body[on] = ground
+                stands[on] = part.ratio_on_support < 1.0 or _all_inside(surface.area, corners[on])
+        return body, stands
+
+    def _in_frames(self, body: int, poses: Poses, pivots: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return pivots (nrow, 3) and xy of the footprint's corners (nrow, n, 2) in the upright frames of a body."""
+        root = self.bodies[name]
+        corners = np.einsum("nij,kj->nki", poses.xmat[:, root], self._points[name]) + poses.xpos[:, root, None]
+        points = np.concatenate([pivots[:, None], corners], axis=1) - poses.xpos[:, body, None]
+        local = np.einsum("nij,nki->nkj", poses.xmat[:, body], points)
+        ups, index = _directions(poses.xmat[:, body, 2])
+        frames = np.stack([upright_frame(up) for up in ups])[index]
+        turned = np.einsum("nij,nkj->nki", frames, local)
+        return turned[:, 0], turned[:, 1:, :2]
+
+    def _surfaces(
+        self, parent: str, body: int, poses: Poses, *, open_above: bool
+    ) -> list[tuple[np.ndarray, list[Surface]]]:
+        """Return the level surfaces of a body, for each group of rows in which the same direction of it is up."""
+        if parent == FLOOR:
+            assert self.config.floor is not None
+            x, y = (extent / 2 for extent in self.config.floor.size)
+            return [(np.arange(len(poses.xpos)), [Surface(0.0, shapely.box(-x, -y, x, y))])]
+        ups, index = _directions(poses.xmat[:, body, 2])
+        groups = []
+        for k, up in enumerate(ups):
+            key = (body, open_above, *np.round(up, 6))
+            if key not in self._levels:
+                self._levels[key] = level_surfaces(self._triangles(body), up, open_above=open_above)
+            groups.append((np.flatnonzero(index == k), self._levels[key]))
+        return groups
+
+    def _triangles(self, body: int) -> list[np.ndarray]:
+        """Return the outward triangles (n, 3, 3) of each solid of a body, in the body's frame [m]."""
+        parts = []
+        for geom, (vertices, faces) in self._surface.items():
+            if self.tree.mjm.geom_bodyid[geom] == body:
+                world = vertices @ self._home.geom_xmat[0, geom].T + self._home.geom_xpos[0, geom]
+                parts.append(((world - self._home.xpos[0, body]) @ self._home.xmat[0, body])[faces])
+        return parts
+
+    def _wrong_roof(self, part: ObjectConfig, poses: Poses, pivots: np.ndarray) -> np.ndarray:
+        """Return the rows, shape (nrow,), in which the object is covered by its parent and should not be, or reversely.
+
+        A ray that passes an edge within the tolerance is no evidence: its four neighbours must agree.
+        """
+        assert part.support is not None
+        wrong = np.zeros(len(pivots), bool)
+        word, parent = part.support.word, part.support.parent
+        if word == "in" or parent == FLOOR:
+            return wrong
+        rows = np.arange(len(pivots))
+        for shift in _AROUND:
+            covered = self._covered(parent.split("/")[0], poses, rows, pivots[rows] + shift)
+            rows = rows[covered if word == "on" else ~covered]
+        wrong[rows] = True
+        return wrong
+
+    def _covered(self, parent: str, poses: Poses, rows: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Return whether any solid of the parent object is above each point (n, 3) of the rows (n,)."""
+        covered = np.zeros(len(rows), bool)
+        for geom, surface in self._surface.items():
+            if self.tree.owner[self.tree.mjm.geom_bodyid[geom]] != parent:
+                continue
+            mat = poses.geom_xmat[rows, geom]
+            origin = np.einsum("nij,ni->nj", mat, points - poses.geom_xpos[rows, geom])
+            covered |= hit_above(surface, origin, mat[:, 2])
+        return covered
+
+
+def _at_home(mjm: mujoco.MjModel) -> Poses:
+    """Return the poses of the keyframe 'home', or of the model's own start state where there is none."""
+    data = mujoco.MjData(mjm)
+    home = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, "home")
+    if home >= 0:
+        mujoco.mj_resetDataKeyframe(mjm, data, home)
+    return poses_of(mjm, Rows(data.qpos[None].copy(), data.mocap_pos[None].copy(), data.mocap_quat[None].copy()))
+
+
+def _in_box(part: ObjectConfig, points: np.ndarray) -> np.ndarray:
+    """Return which points (n, 3) are in the object's region in space."""
+    assert part.region is not None
+    assert part.region.box is not None
+    low, high = np.array(part.region.box)
+    return np.all((points >= low - EDGE_TOLERANCE) & (points <= high + EDGE_TOLERANCE), axis=1)
+
+
+def _directions(up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the different directions among `up` (n, 3), give or take 1e-6, and which of them each one is."""
+    _, first, index = np.unique(np.round(up, 6) + 0.0, axis=0, return_index=True, return_inverse=True)
+    return up[first], index.reshape(-1)
+
+
+def _cropped(area: shapely.Geometry, bounds: np.ndarray, part: ObjectConfig) -> shapely.Geometry:
+    """Return the part of a surface that the object's region allows; `bounds` (4,) are those of the whole support."""
+    if (region := part.region) is None:
+        return area
+    if region.polygon is not None:
+        return shapely.intersection(area, shapely.Polygon(region.polygon))
+    if region.box is not None:
+        (x0, y0), (x1, y1) = region.box
+    else:
+        assert region.fraction is not None
+        left, low, right, high = bounds
+        (x0, y0), (x1, y1) = ((left + (right - left) * x, low + (high - low) * y) for x, y in region.fraction)
+    return shapely.intersection(area, shapely.box(x0, y0, x1, y1))
+
+
+def _all_inside(area: shapely.Geometry, corners: np.ndarray) -> np.ndarray:
+    """Return for each row of corners (n, k, 2) whether their hull lies on the area."""
+    whole = np.atleast_1d(inside(area, corners.reshape(-1, 2)).reshape(corners.shape[:2]).all(1))
+    if not shapely.equals(area, shapely.convex_hull(area)):
+        grown = shapely.buffer(area, EDGE_TOLERANCE, join_style="mitre")
+        for row in np.flatnonzero(whole):
+            whole[row] = shapely.covers(grown, shapely.convex_hull(shapely.multipoints(corners[row])))
+    return whole

@@ -1,0 +1,164 @@
+"""Checks that objects stand on their supports: position, height, footprint and roof, by shapely and rays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from sceniris_gym.tools.audit.geometry import Form, Solid, convex_hull
+
+LEVEL = np.cos(np.radians(1.0))  # least cosine between a face's normal and up at which it can carry something
+NARROW = 0.02  # m; strips less wide than this carry nothing
+HEIGHT_TOLERANCE = 1e-4  # m
+EDGE_TOLERANCE = 1e-5  # m
+_SEGMENTS = 128
+_ABOVE = 5e-4  # m; how far above a surface things are looked for that stand on it
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A level surface of a body.
+
+    Attributes:
+        height: height over the body's origin [m], along `up`.
+        area: the region, in coordinates (x, y) of the body's frame turned so that `up` is z.
+    """
+
+    height: float
+    area: shapely.Geometry
+
+
+def surface_of(solid: Solid) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices and outward triangles of a solid; curved ones as the hull of points on them."""
+    if solid.form is Form.POLYHEDRON:
+        return solid.vertices, solid.faces
+    turn = np.linspace(0, 2 * np.pi, _SEGMENTS, endpoint=False)
+    ring = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], 1)
+    if solid.form is Form.CYLINDER:
+        rim = ring * solid.size[0]
+        return convex_hull(np.concatenate([rim + [0, 0, z] for z in (-solid.size[1], solid.size[1])]))
+    tilt = np.linspace(-np.pi / 2, np.pi / 2, _SEGMENTS // 2 + 1)
+    ball = (ring[None] * np.cos(tilt)[:, None, None] + [0, 0, 1] * np.sin(tilt)[:, None, None]).reshape(-1, 3)
+    if solid.form is Form.ELLIPSOID:
+        return convex_hull(ball * solid.size)
+    return convex_hull(np.concatenate([ball * solid.radius + end for end in solid.vertices]))
+
+
+def upright_frame(up: np.ndarray) -> np.ndarray:
+    """Return the rotation (3, 3) whose rows are x, y and z axes with z = `up`; x stays as near as can be."""
+    x = np.array([1.0, 0.0, 0.0]) - up[0] * up
+    if np.linalg.norm(x) < 0.5:
+        x = np.array([0.0, 1.0, 0.0]) - up[1] * up
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(up, x), up])
+
+
+def level_surfaces(parts: list[np.ndarray], up: np.ndarray, *, open_above: bool) -> list[Surface]:
+    """Return the level surfaces of a body, joined where they have one height.
+
+    What another part of the same body stands on is no surface, nor, with `open_above`, what one hangs over.
+
+    Args:
+        parts: outward triangles (n, 3, 3) of each solid of the body, in the body's frame [m].
+        up: unit vector (3,) of the body's frame that points up in the world.
+        open_above: whether the surfaces must have nothing of the body above them.
+    """
+    turned = [triangles @ upright_frame(up).T for triangles in parts]
+    triangles = np.concatenate([np.zeros((0, 3, 3)), *turned])
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    level = triangles[normal[:, 2] > LEVEL * np.maximum(np.linalg.norm(normal, axis=1), 1e-16)]
+    level = level[np.argsort(level[:, :, 2].mean(1))]
+    if not len(level):
+        return []
+    heights = level[:, :, 2].mean(1)
+    surfaces = []
+    for group in np.split(np.arange(len(level)), np.flatnonzero(np.diff(heights) > EDGE_TOLERANCE) + 1):
+        height = float(heights[group].mean())
+        above = height + _ABOVE
+        taken = [_shadow(t, above) if open_above else _section(t, above) for t in turned]
+        area = shapely.union_all(shapely.polygons(level[group][:, :, :2])).difference(shapely.union_all(taken))
+        wide = [part for part in shapely.get_parts(area) if not part.buffer(-NARROW / 2).is_empty]
+        if wide:
+            surfaces.append(Surface(height, shapely.union_all(wide)))
+    return surfaces
+
+
+def _section(triangles: np.ndarray, z: float) -> shapely.Geometry:
+    """Return what the horizontal plane at `z` cuts out of a closed surface."""
+    above = triangles[:, :, 2] > z
+    cut = triangles[above.any(1) & ~above.all(1)]
+    ends = []
+    for i in range(3):
+        a, b = cut[:, i], cut[:, (i + 1) % 3]
+        low = np.where((a[:, 2] < b[:, 2])[:, None], a, b)  # both triangles of an edge must find the same point
+        high = np.where((a[:, 2] < b[:, 2])[:, None], b, a)
+        crosses = (low[:, 2] <= z) & (high[:, 2] > z)
+        t = (z - low[:, 2:]) / np.where(crosses, high[:, 2] - low[:, 2], 1.0)[:, None]
+        ends.append(np.where(crosses[:, None], low[:, :2] + t * (high[:, :2] - low[:, :2]), np.nan))
+    points = np.stack(ends, 1)
+    pairs = points[~np.isnan(points[:, :, 0])].reshape(-1, 2, 2)
+    segments = [shapely.LineString(pair) for pair in np.round(pairs, 9) if np.any(pair[0] != pair[1])]
+    return shapely.build_area(shapely.GeometryCollection(segments))
+
+
+def _shadow(triangles: np.ndarray, z: float) -> shapely.Geometry:
+    """Return the shadow of what a surface has above `z`: that of its section and of its triangles above."""
+    seen = triangles[(triangles[:, :, 2] > z).any(1)]
+    return shapely.union_all([*(_clipped(triangle, z) for triangle in seen), _section(triangles, z)])
+
+
+def _clipped(triangle: np.ndarray, z: float) -> shapely.Geometry:
+    """Return the shadow of the part of a triangle that is above `z`."""
+    points = []
+    for a, b in zip(triangle, np.roll(triangle, -1, axis=0), strict=True):
+        if a[2] > z:
+            points.append(a[:2])
+        if (a[2] > z) != (b[2] > z):
+            points.append((a + (z - a[2]) / (b[2] - a[2]) * (b - a))[:2])
+    return shapely.MultiPoint(np.array(points)).convex_hull
+
+
+def inside(area: shapely.Geometry, points: np.ndarray, erosion: float = 0.0) -> np.ndarray:
+    """Return which points (n, 2) are in the area eroded by `erosion` [m], give or take the edge tolerance."""
+    eroded = shapely.buffer(area, EDGE_TOLERANCE - erosion, join_style="mitre")
+    shapely.prepare(eroded)
+    return shapely.intersects_xy(eroded, points[:, 0], points[:, 1])
+
+
+def hit_above(surface: tuple[np.ndarray, np.ndarray], origin: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Return which rays hit the triangles of a surface.
+
+    Args:
+        surface: vertices (nvert, 3) and triangles (nface, 3).
+        origin: starts of the rays in the frame of the vertices [m], shape (n, 3).
+        up: their directions, shape (n, 3).
+    """
+    vertices, faces = surface
+    hit = np.zeros(len(origin), bool)
+    for i in np.flatnonzero(_enters_box(vertices.min(0), vertices.max(0), origin, up)):
+        a, b, c = vertices[faces].transpose(1, 0, 2)
+        across = np.cross(up[i], c - a)
+        det = np.einsum("ij,ij->i", b - a, across)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u = ((origin[i] - a) * across).sum(1) / det
+            beside = np.cross(origin[i] - a, b - a)
+            v = beside @ up[i] / det
+            t = ((c - a) * beside).sum(1) / det
+            hit[i] = bool(np.any((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)))
+    return hit
+
+
+def _enters_box(low: np.ndarray, high: np.ndarray, origin: np.ndarray, up: np.ndarray) -> np.ndarray:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t1, t2 = (low - origin) / up, (high - origin) / up
+    near, far = np.fmin(t1, t2), np.fmax(t1, t2)
+    return (near.max(1) <= far.min(1) + 1e-9) & (far.min(1) > 0)
+
+
+def footprint_points(parts: Iterable[np.ndarray]) -> np.ndarray:
+    """Return the points of an object that its footprint can have as corners: the vertices of its convex hull."""
+    points = np.concatenate(list(parts))
+    return convex_hull(points)[0]
