@@ -1,4 +1,4 @@
-"""Solids from signed distances: rounded bodies that flow into each other, for cast housings. Distances are negative inside."""
+"""Solids from signed distances (negative inside): rounded bodies that flow into each other, like cast housings."""
 
 from __future__ import annotations
 
@@ -56,10 +56,14 @@ def flow(fields: Sequence[Field], fillet: float) -> Field:
     return distance
 
 
-def carve(field: Field, low: Sequence[float], high: Sequence[float], edge: float, tolerance: float) -> manifold3d.Manifold:
+def carve(
+    field: Field, low: Sequence[float], high: Sequence[float], edge: float, tolerance: float
+) -> manifold3d.Manifold:
     """The solid where ``field`` is negative, within the corners ``low`` and ``high`` [m].
 
     Triangles have sides of about ``edge`` [m]; flat places are then thinned out within ``tolerance`` [m].
     """
-    body = manifold3d.Manifold.level_set(lambda x, y, z: -field(x, y, z), [*np.asarray(low, float), *np.asarray(high, float)], edge)
+    body = manifold3d.Manifold.level_set(
+        lambda x, y, z: -field(x, y, z), [*np.asarray(low, float), *np.asarray(high, float)], edge
+    )
     return body.simplify(tolerance)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from . import make_fruit, make_furniture, make_panda
+from . import make_fruit, make_furniture, make_kitchenware, make_panda
 
 
 def main() -> None:
     """Write all MJCF files, meshes and textures."""
-    for module in (make_fruit, make_furniture, make_panda):
+    for module in (make_fruit, make_furniture, make_kitchenware, make_panda):
         module.main()
 
 

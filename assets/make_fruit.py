@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from .mjcf import Document, add, inertial
@@ -10,20 +12,22 @@ from .textures import blend, mottle, write_png
 
 # Control points (r [mm], z [mm], density of rings), from the top of the axis to its bottom.
 APPLE = [
-    (0.0, 76.0, 1), (1.9, 75.6, 4), (1.6, 70.0, 2), (1.7, 65.0, 2), (5.5, 65.4, 2), (11.0, 69.6, 1.5), (18.0, 73.2, 1.2),
-    (24.0, 72.6, 1), (32.5, 66.0, 1), (38.6, 54.0, 1), (40.4, 42.0, 1), (38.4, 27.0, 1), (32.4, 13.0, 1), (25.0, 4.0, 1),
-    (17.0, 0.0, 1.2), (11.0, 1.6, 1.5), (6.0, 5.4, 1.5), (0.0, 7.0, 1.5),
+    (0.0, 76.0, 1), (1.9, 75.6, 4), (1.6, 70.0, 2), (1.7, 65.0, 2), (5.5, 65.4, 2), (11.0, 69.6, 1.5),
+    (18.0, 73.2, 1.2), (24.0, 72.6, 1), (32.5, 66.0, 1), (38.6, 54.0, 1), (40.4, 42.0, 1), (38.4, 27.0, 1),
+    (32.4, 13.0, 1), (25.0, 4.0, 1), (17.0, 0.0, 1.2), (11.0, 1.6, 1.5), (6.0, 5.4, 1.5), (0.0, 7.0, 1.5),
 ]  # fmt: skip
 ORANGE = [
-    (0.0, 69.2, 1), (2.2, 69.6, 3), (2.8, 69.0, 3), (4.5, 69.6, 2), (9.0, 70.4, 1.2), (18.0, 67.6, 1), (28.5, 59.0, 1), (35.5, 46.5, 1),
-    (37.2, 36.0, 1), (35.8, 25.0, 1), (29.5, 11.8, 1), (20.0, 3.4, 1), (11.0, 0.0, 1.2), (4.0, 0.9, 1.5), (0.0, 1.2, 1.5),
+    (0.0, 69.2, 1), (2.2, 69.6, 3), (2.8, 69.0, 3), (4.5, 69.6, 2), (9.0, 70.4, 1.2), (18.0, 67.6, 1),
+    (28.5, 59.0, 1), (35.5, 46.5, 1), (37.2, 36.0, 1), (35.8, 25.0, 1), (29.5, 11.8, 1), (20.0, 3.4, 1),
+    (11.0, 0.0, 1.2), (4.0, 0.9, 1.5), (0.0, 1.2, 1.5),
 ]  # fmt: skip
 # The banana's axis is an arc of this radius [m] and half-angle [rad], measured at the middle of its thickness.
 BANANA_RADIUS, BANANA_HALF_ANGLE = 0.135, 0.71
 # Radius of its section [mm] along the arc, from the stem to the blossom end; third number as above.
 BANANA = [
-    (0.0, 0.0, 1), (4.4, 1.0, 3), (4.9, 6.0, 1.5), (4.7, 20.0, 1), (6.8, 31.0, 1.5), (12.6, 47.0, 1.2), (16.2, 70.0, 1), (17.4, 98.0, 1),
-    (17.0, 126.0, 1), (14.6, 150.0, 1), (9.8, 171.0, 1.2), (5.0, 184.0, 1.5), (3.7, 188.0, 2), (3.2, 192.8, 1.5), (0.0, 193.6, 2),
+    (0.0, 0.0, 1), (4.4, 1.0, 3), (4.9, 6.0, 1.5), (4.7, 20.0, 1), (6.8, 31.0, 1.5), (12.6, 47.0, 1.2),
+    (16.2, 70.0, 1), (17.4, 98.0, 1), (17.0, 126.0, 1), (14.6, 150.0, 1), (9.8, 171.0, 1.2), (5.0, 184.0, 1.5),
+    (3.7, 188.0, 2), (3.2, 192.8, 1.5), (0.0, 193.6, 2),
 ]  # fmt: skip
 
 
@@ -61,12 +65,14 @@ def banana(rows: int, segments: int) -> Mesh:
     in_plane, upward = section * np.cos(angle), section * np.sin(angle)
     sag = -upward.min()
     # The thick middle lies flat on the ground, the tips float: the axis is as high as the section needs, and never low.
-    height = np.maximum(radius, 0.93 * radius.max()) * sag
+    height = np.maximum(radius, 0.7 * radius.max()) * sag
     reach = BANANA_RADIUS + radius[:, None] * in_plane[None, :]
     x, y = reach * np.sin(bend)[:, None], -reach * np.cos(bend)[:, None]
     z = height[:, None] + radius[:, None] * upward[None, :]
     rings = np.stack([x, y, z], axis=-1)
-    ends = [np.array([BANANA_RADIUS * np.sin(b), -BANANA_RADIUS * np.cos(b), h]) for b, h in zip(bend, height, strict=True)]
+    ends = [
+        np.array([BANANA_RADIUS * np.sin(b), -BANANA_RADIUS * np.cos(b), h]) for b, h in zip(bend, height, strict=True)
+    ]
     return centred(skin(rings[1:-1], ends[0], ends[-1], t))
 
 
@@ -81,7 +87,7 @@ def banana_pieces(coarse: Mesh, rows: int, segments: int, count: int = 6) -> lis
     rings = coarse.vertices[1:-1].reshape(rows, segments, 3)
     cuts = np.linspace(0, rows - 1, count + 1).round().astype(int)
     pieces = []
-    for i, (first, last) in enumerate(zip(cuts[:-1], cuts[1:], strict=True)):
+    for i, (first, last) in enumerate(pairwise(cuts)):
         points = rings[first : last + 1].reshape(-1, 3)
         tip = [coarse.vertices[:1]] if i == 0 else [coarse.vertices[-1:]] if i == count - 1 else []
         pieces.append(thin_hull(np.concatenate([points, *tip]), 32, swell=False))
@@ -103,24 +109,42 @@ def write_fruit(name: str, coarse: Mesh, fine: Mesh, pieces: list[Mesh], mass: f
         for i in range(len(pieces)):
             document.mesh(f"hull_{i}", f"{name}_hull_{i}")
             document.collision(document.root, f"hull_{i}", f"hull_{i}")
-        add(document.root, "site", name="grasp", pos=(*pieces[len(pieces) // 2].vertices.mean(axis=0)[:2], grasp_height), size=0.005, group=4)
+        add(
+            document.root,
+            "site",
+            name="grasp",
+            pos=(*pieces[len(pieces) // 2].vertices.mean(axis=0)[:2], grasp_height),
+            size=0.005,
+            group=4,
+        )
         document.save()
 
 
+# Colours (red, green, blue in 0..255) at places along the profiles above, 0 to 1.
+APPLE_SKIN = [
+    (0.0, (74, 48, 26)), (0.13, (86, 60, 30)), (0.16, (150, 140, 60)), (0.22, (190, 150, 60)), (0.34, (176, 40, 34)),
+    (0.70, (158, 20, 28)), (0.86, (186, 60, 40)), (0.95, (170, 130, 60)), (1.0, (60, 44, 30)),
+]  # fmt: skip
+ORANGE_SKIN = [
+    (0.0, (92, 110, 50)), (0.05, (110, 120, 50)), (0.09, (226, 130, 28)), (0.5, (240, 134, 22)), (0.95, (236, 130, 24)),
+    (1.0, (150, 100, 40)),
+]  # fmt: skip
+BANANA_SKIN = [
+    (0.0, (70, 54, 30)), (0.05, (120, 110, 44)), (0.16, (190, 180, 60)), (0.30, (240, 206, 66)), (0.80, (240, 202, 60)),
+    (0.90, (200, 180, 62)), (0.955, (90, 70, 40)), (1.0, (44, 34, 26)),
+]  # fmt: skip
+
+
 def textures() -> None:
-    """Colours of the three skins: u goes around, v from the top of the axis to its bottom (the banana: along it)."""
-    v, grain = np.linspace(0, 1, 256)[:, None], mottle(256, 128, seed=1)
-    apple_stops = [(0.0, (74, 48, 26)), (0.13, (86, 60, 30)), (0.16, (150, 140, 60)), (0.22, (190, 150, 60)), (0.34, (176, 40, 34)),
-                   (0.70, (158, 20, 28)), (0.86, (186, 60, 40)), (0.95, (170, 130, 60)), (1.0, (60, 44, 30))]  # fmt: skip
-    streaks = mottle(256, 128, seed=2, cell=(60, 2)) * np.clip(1.3 - v, 0.2, 1.0)
-    write_png(MESHES / "apple.png", blend(v, apple_stops) * (1 + 0.04 * grain + 0.13 * streaks)[..., None])
-    orange_stops = [(0.0, (92, 110, 50)), (0.05, (110, 120, 50)), (0.09, (226, 130, 28)), (0.5, (240, 134, 22)), (0.95, (236, 130, 24)),
-                    (1.0, (150, 100, 40))]  # fmt: skip
-    write_png(MESHES / "orange.png", blend(v, orange_stops) * (1 + 0.07 * mottle(256, 128, seed=3, cell=(2, 2)))[..., None])
-    banana_stops = [(0.0, (70, 54, 30)), (0.05, (120, 110, 44)), (0.16, (190, 180, 60)), (0.30, (240, 206, 66)), (0.80, (240, 202, 60)),
-                    (0.90, (200, 180, 62)), (0.955, (90, 70, 40)), (1.0, (44, 34, 26))]  # fmt: skip
-    spots = np.clip(mottle(256, 128, seed=4, cell=(5, 3)) - 1.5, 0, 1)
-    write_png(MESHES / "banana.png", blend(v, banana_stops) * (1 - 0.35 * spots + 0.03 * grain)[..., None])
+    """Draw the three skins: u goes around, v along the profile."""
+    shape = (256, 128)
+    v, grain = np.linspace(0, 1, shape[0])[:, None], mottle(*shape, seed=1)
+    streaks = mottle(*shape, seed=2, cell=(60, 2)) * np.clip(1.3 - v, 0.2, 1.0)
+    pores = mottle(*shape, seed=3, cell=(2, 2))
+    spots = np.clip(mottle(*shape, seed=4, cell=(5, 3)) - 1.5, 0, 1)
+    write_png(MESHES / "apple.png", blend(v, APPLE_SKIN) * (1 + 0.04 * grain + 0.13 * streaks)[..., None])
+    write_png(MESHES / "orange.png", blend(v, ORANGE_SKIN) * (1 + 0.07 * pores)[..., None])
+    write_png(MESHES / "banana.png", blend(v, BANANA_SKIN) * (1 - 0.35 * spots + 0.03 * grain)[..., None])
 
 
 def main() -> None:

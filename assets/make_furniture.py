@@ -51,10 +51,17 @@ def make_table() -> None:
     x, y = TABLE_SIZE[0] / 2 - apron, TABLE_SIZE[1] / 2 - apron
     parts = [box(*boards["top"], radius=0.004)]
     # Legs reach into the top, so that the union has no seam.
-    parts += [box(low, (high[0], high[1], high[2] + 0.01), radius=0.006) for name, (low, high) in boards.items() if name != "top"]
+    parts += [
+        box(low, (high[0], high[1], high[2] + 0.01), radius=0.006)
+        for name, (low, high) in boards.items()
+        if name != "top"
+    ]
     low, high = TABLE_HEIGHT - TABLE_TOP - 0.05, TABLE_HEIGHT - TABLE_TOP + 0.01
     for sign in (-1, 1):
-        parts += [box((-x, sign * y - 0.01, low), (x, sign * y + 0.01, high)), box((sign * x - 0.01, -y, low), (sign * x + 0.01, y, high))]
+        parts += [
+            box((-x, sign * y - 0.01, low), (x, sign * y + 0.01, high)),
+            box((sign * x - 0.01, -y, low), (sign * x + 0.01, y, high)),
+        ]
     mesh = surface(unite(parts))
     write_obj("table", mesh)
     document = Document("table")
@@ -121,8 +128,14 @@ def drawer_boards() -> dict[str, Corners]:
             (-HANDLE_HALF - bar, -reach - bar, HANDLE_HEIGHT - bar),
             (HANDLE_HALF + bar, -reach + bar, HANDLE_HEIGHT + bar),
         ),
-        "handle_left": ((-HANDLE_HALF - bar, -reach + bar, HANDLE_HEIGHT - bar), (-HANDLE_HALF + bar, 0, HANDLE_HEIGHT + bar)),
-        "handle_right": ((HANDLE_HALF - bar, -reach + bar, HANDLE_HEIGHT - bar), (HANDLE_HALF + bar, 0, HANDLE_HEIGHT + bar)),
+        "handle_left": (
+            (-HANDLE_HALF - bar, -reach + bar, HANDLE_HEIGHT - bar),
+            (-HANDLE_HALF + bar, 0, HANDLE_HEIGHT + bar),
+        ),
+        "handle_right": (
+            (HANDLE_HALF - bar, -reach + bar, HANDLE_HEIGHT - bar),
+            (HANDLE_HALF + bar, 0, HANDLE_HEIGHT + bar),
+        ),
     }
 
 

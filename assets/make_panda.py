@@ -17,7 +17,7 @@ from .fields import Field, Point, block, carve, flow, rod
 from .mjcf import Document, add, inertial
 from .shapes import box, hull, lathe, solid, surface, thin_hull, write_obj
 
-# a [m], alpha [rad], d [m] of each joint, then its limits [rad], greatest torque [N m], stiffness [N m/rad] and damping.
+# Of each joint: a [m], alpha [rad], d [m], limits [rad], greatest torque [N m], stiffness [N m/rad], damping.
 HALF_PI = 0.5 * np.pi
 JOINTS = [
     (0.0, 0.0, 0.333, (-2.8973, 2.8973), 87, 2000, 140),
@@ -37,7 +37,7 @@ DRUM, WRIST = 0.058, 0.049
 
 @dataclass
 class Link:
-    """The housing of a link: where it fills space, where the neighbour's drum turns, and how it falls into convex pieces."""
+    """A link's housing: what fills space, where the neighbour's drum turns, and how it falls into convex pieces."""
 
     parts: list[Field]
     low: Point
@@ -54,52 +54,68 @@ class Link:
 
 def links() -> list[Link]:
     """The base and the seven links."""
-    d, w, far, reach, grip = DRUM, WRIST, 0.116, 0.086, 0.002
-    return [
-        Link(
-            [block((-0.145, -0.095, -0.03), (0.07, 0.095, 0.045), 0.028), rod((0, 0, 0), (0, 0, 0.1415), 0.066, 0.061, 0.006),
-             block((-0.15, -0.05, -0.03), (-0.05, 0.05, 0.075), 0.02)],
-            (-0.18, -0.12, -0.05), (0.1, 0.12, 0.16), fillet=0.06, trims=[((0, 0, 1), 0.0)],
-        ),
-        Link(
-            [rod((0, 0, -0.1905), (0, 0, -0.01), 0.061, d, 0.006), rod((0, -far, 0), (0, 0.01, 0), d)],
-            (-0.1, -0.14, -0.21), (0.1, 0.1, 0.09), holes=[((0, 0, 0), (0, 0.2, 0), d + grip)],
-            parting=((0, 0, 1), -0.062), caps=[((0, -far, 0), (0, -1, 0), d)],
-        ),
-        Link(
-            [rod((0, 0.01, 0), (0, -0.1895, 0), d, 0.060, 0.006), rod((0, 0, far), (0, 0, -0.01), d)],
-            (-0.1, -0.21, -0.1), (0.1, 0.09, 0.14), holes=[((0, 0, 0), (0, 0, -0.2), d + grip)],
-            parting=((0, -1, 0), 0.062), caps=[((0, 0, far), (0, 0, 1), d)],
-        ),
-        Link(
-            [rod((0, 0, -0.1245), (0, 0, -0.045), 0.060, d, 0.006), rod((0.0825, 0.105, 0), (0.0825, -0.01, 0), d),
-             rod((0, 0, -0.062), (0.0825, 0.03, 0), 0.054)],
-            (-0.1, -0.1, -0.15), (0.17, 0.13, 0.09), fillet=0.04, holes=[((0.0825, 0, 0), (0.0825, -0.2, 0), d + grip)],
-            parting=((1, 0, 1), 0.0), caps=[((0.0825, 0.105, 0), (0, 1, 0), d)],
-        ),
-        Link(
-            [rod((-0.0825, 0.045, 0), (-0.0825, 0.1205, 0), d, 0.058, 0.006), rod((0, 0, 0.105), (0, 0, -0.01), d),
-             rod((-0.0825, 0.062, 0), (0, 0, 0.03), 0.054)],
-            (-0.17, -0.1, -0.1), (0.1, 0.15, 0.13), fillet=0.04, holes=[((0, 0, 0), (0, 0, -0.2), d + grip)],
-            parting=((-1, 1, 0), 0.083), caps=[((0, 0, 0.105), (0, 0, 1), d)],
-        ),
-        Link(
-            [rod((0, 0, -0.2625), (0, 0, -0.17), 0.058, 0.054, 0.006), rod((0, 0.008, -0.2), (0, 0.03, -0.02), 0.054, 0.043),
-             rod((0, reach, 0), (0, -0.01, 0), w)],
-            (-0.09, -0.09, -0.28), (0.09, 0.11, 0.08), holes=[((0, 0, 0), (0, -0.2, 0), w + grip)],
-            parting=((0, 0, 1), -0.075), caps=[((0, reach, 0), (0, 1, 0), w)],
-        ),
-        Link(
-            [rod((0, 0, reach), (0, 0, -0.01), w), rod((0.088, 0.052, 0), (0.088, -0.0505, 0), 0.047, 0.046, 0.008),
-             rod((0, 0, 0.035), (0.088, 0.0, 0.0), 0.040)],
-            (-0.08, -0.08, -0.08), (0.16, 0.08, 0.11), fillet=0.03, holes=[((0, 0, 0), (0, 0, -0.2), w + grip)],
-            parting=((1, 0, 0), 0.046), caps=[((0, 0, reach), (0, 0, 1), w), ((0.088, 0.052, 0), (0, 1, 0), 0.047)],
-        ),
-        Link(
-            [rod((0, 0, 0.0525), (0, 0, 0.12), 0.045, 0.043, 0.005), rod((0.046, 0, 0.062), (0.046, 0, 0.096), 0.021, 0.021, 0.006)],
-            (-0.07, -0.07, 0.04), (0.09, 0.07, 0.14), fillet=0.02, trims=[((0, 0, -1), -FLANGE)],
-        ),
-    ]  # fmt: skip
+    d, w, far, near, reach, grip = DRUM, WRIST, 0.116, 0.105, 0.086, 0.002
+    elbow, wrist = 0.0825, 0.088
+    base = Link(
+        [
+            block((-0.145, -0.095, -0.03), (0.07, 0.095, 0.045), 0.028),
+            block((-0.15, -0.05, -0.03), (-0.05, 0.05, 0.075), 0.02),
+            rod((0, 0, 0), (0, 0, 0.17), 0.066, 0.061),
+        ],
+        (-0.18, -0.12, -0.05), (0.1, 0.12, 0.19), fillet=0.06, trims=[((0, 0, 1), 0.0), ((0, 0, -1), -0.1415)],
+    )  # fmt: skip
+    shoulder = Link(
+        [rod((0, 0, -0.22), (0, 0, -0.01), 0.061, d), rod((0, -far, 0), (0, 0.01, 0), d)],
+        (-0.1, -0.14, -0.24), (0.1, 0.1, 0.09), holes=[((0, 0, 0), (0, 0.2, 0), d + grip)],
+        trims=[((0, 0, 1), -0.1905)], parting=((0, 0, 1), -0.062), caps=[((0, -far, 0), (0, -1, 0), d)],
+    )  # fmt: skip
+    upper_arm = Link(
+        [rod((0, 0.01, 0), (0, -0.22, 0), d, 0.060), rod((0, 0, far), (0, 0, -0.01), d)],
+        (-0.1, -0.24, -0.1), (0.1, 0.09, 0.14), holes=[((0, 0, 0), (0, 0, -0.2), d + grip)],
+        trims=[((0, 1, 0), -0.1895)], parting=((0, -1, 0), 0.062), caps=[((0, 0, far), (0, 0, 1), d)],
+    )  # fmt: skip
+    to_elbow = Link(
+        [
+            rod((0, 0, -0.155), (0, 0, -0.045), 0.060, d),
+            rod((elbow, near, 0), (elbow, -0.01, 0), d),
+            rod((0, 0, -0.062), (elbow, 0.03, 0), 0.054),
+        ],
+        (-0.1, -0.1, -0.17), (0.17, 0.13, 0.09), fillet=0.04, holes=[((elbow, 0, 0), (elbow, -0.2, 0), d + grip)],
+        trims=[((0, 0, 1), -0.1245)], parting=((1, 0, 1), 0.0), caps=[((elbow, near, 0), (0, 1, 0), d)],
+    )  # fmt: skip
+    from_elbow = Link(
+        [
+            rod((-elbow, 0.045, 0), (-elbow, 0.15, 0), d, 0.058),
+            rod((0, 0, near), (0, 0, -0.01), d),
+            rod((-elbow, 0.062, 0), (0, 0, 0.03), 0.054),
+        ],
+        (-0.17, -0.1, -0.1), (0.1, 0.17, 0.13), fillet=0.04, holes=[((0, 0, 0), (0, 0, -0.2), d + grip)],
+        trims=[((0, -1, 0), -0.1205)], parting=((-1, 1, 0), 0.083), caps=[((0, 0, near), (0, 0, 1), d)],
+    )  # fmt: skip
+    forearm = Link(
+        [
+            rod((0, 0, -0.29), (0, 0, -0.17), 0.058, 0.054),
+            rod((0, 0.008, -0.2), (0, 0.03, -0.02), 0.054, 0.043),
+            rod((0, reach, 0), (0, -0.01, 0), w),
+        ],
+        (-0.09, -0.09, -0.31), (0.09, 0.11, 0.08), holes=[((0, 0, 0), (0, -0.2, 0), w + grip)],
+        trims=[((0, 0, 1), -0.2625)], parting=((0, 0, 1), -0.075), caps=[((0, reach, 0), (0, 1, 0), w)],
+    )  # fmt: skip
+    wrist_link = Link(
+        [
+            rod((0, 0, reach), (0, 0, -0.01), w),
+            rod((wrist, 0.052, 0), (wrist, -0.08, 0), 0.047, 0.046),
+            rod((0, 0, 0.035), (wrist, 0, 0), 0.040),
+        ],
+        (-0.08, -0.1, -0.08), (0.16, 0.08, 0.11), fillet=0.03, holes=[((0, 0, 0), (0, 0, -0.2), w + grip)],
+        trims=[((0, 1, 0), -0.0505)], parting=((1, 0, 0), 0.046),
+        caps=[((0, 0, reach), (0, 0, 1), w), ((wrist, 0.052, 0), (0, 1, 0), 0.047)],
+    )  # fmt: skip
+    flange = Link(
+        [rod((0, 0, 0.03), (0, 0, 0.14), 0.045, 0.043), rod((0.046, 0, 0.062), (0.046, 0, 0.096), 0.021, edge=0.006)],
+        (-0.07, -0.07, 0.02), (0.09, 0.07, 0.16), fillet=0.02, trims=[((0, 0, 1), 0.0525), ((0, 0, -1), -FLANGE)],
+    )  # fmt: skip
+    return [base, shoulder, upper_arm, to_elbow, from_elbow, forearm, wrist_link, flange]
 
 
 def round_bar(start: Point, end: Point, radius: float, segments: int = 48) -> Manifold:
@@ -115,12 +131,12 @@ def round_bar(start: Point, end: Point, radius: float, segments: int = 48) -> Ma
 
 def housing(link: Link) -> Manifold:
     """The solid of a link."""
-    body = carve(flow(link.parts, link.fillet), link.low, link.high, edge=0.009, tolerance=0.0002)
+    body = carve(flow(link.parts, link.fillet), link.low, link.high, edge=0.008, tolerance=0.0005)
     for start, end, radius in link.holes:
         body = body - round_bar(start, end, radius)
     for normal, offset in link.trims:
         body = body.trim_by_plane(normal, offset)
-    return body.simplify(0.0002)
+    return body.simplify(0.0003)
 
 
 def convex_pieces(body: Manifold, parting: tuple[Point, float] | None) -> list[np.ndarray]:
@@ -160,13 +176,19 @@ def dress(document: Document, body: Element, name: str, link: Link, mass: float,
 
 def hand_link() -> Link:
     """The gripper's housing in the hand's frame: broad along y, its fingers leave it at z = 0.0584."""
-    parts = [block((-0.031, -0.102, 0.006), (0.031, 0.102, 0.0655), 0.014), rod((0, 0, -0.02), (0, 0, 0.03), 0.040, 0.034, 0.004)]
+    parts = [
+        block((-0.031, -0.102, 0.006), (0.031, 0.102, 0.0655), 0.014),
+        rod((0, 0, -0.02), (0, 0, 0.03), 0.040, 0.034, 0.004),
+    ]
     return Link(parts, (-0.05, -0.12, -0.03), (0.05, 0.12, 0.085), fillet=0.015, trims=[((0, 0, 1), 0.0)])
 
 
 def finger_boxes() -> dict[str, tuple[Point, Point]]:
     """Corners of a finger's carriage and of its pad, which is the plane y = 0 in the finger's frame."""
-    return {"carriage": ((-0.0105, 0.003, 0.0), (0.0105, 0.026, 0.021)), "pad": ((-0.0105, 0.0, 0.017), (0.0105, 0.0125, 0.0538))}
+    return {
+        "carriage": ((-0.0105, 0.003, 0.0), (0.0105, 0.026, 0.021)),
+        "pad": ((-0.0105, 0.0, 0.017), (0.0105, 0.0125, 0.0538)),
+    }
 
 
 def finger_solid() -> Manifold:
@@ -203,10 +225,26 @@ def add_actuators(document: Document) -> None:
     for i in (1, 2):
         add(tendon, "joint", joint=f"finger_joint{i}", coef=0.5)
     equality = add(document.tree, "equality")
-    add(equality, "joint", name="fingers", joint1="finger_joint1", joint2="finger_joint2", solref=(0.005, 1), solimp=(0.95, 0.99, 0.001))
+    add(
+        equality,
+        "joint",
+        name="fingers",
+        joint1="finger_joint1",
+        joint2="finger_joint2",
+        solref=(0.005, 1),
+        solimp=(0.95, 0.99, 0.001),
+    )
     actuator = add(document.tree, "actuator")
     for i, (_, _, _, limits, torque, stiffness, _) in enumerate(JOINTS, start=1):
-        add(actuator, "position", name=f"joint{i}", joint=f"joint{i}", kp=stiffness, ctrlrange=limits, forcerange=(-torque, torque))
+        add(
+            actuator,
+            "position",
+            name=f"joint{i}",
+            joint=f"joint{i}",
+            kp=stiffness,
+            ctrlrange=limits,
+            forcerange=(-torque, torque),
+        )
     add(actuator, "position", name="gripper", tendon="gripper", kp=4000, ctrlrange=(0, 0.04), forcerange=(-140, 140))
 
 
@@ -233,7 +271,7 @@ def main() -> None:
         dress(document, body, f"link{i}", link, MASSES[i], "light" if i in (0, 7) else "white")
     add_gripper(document, body)
     contact = add(document.tree, "contact")
-    # Neighbours share a joint's drum and never touch; links two apart meet only where their pieces are fatter than the arm.
+    # Neighbours share a joint's drum; links two apart meet only where their pieces are fatter than the arm.
     chain = ["panda", *(f"link{i}" for i in range(1, 8)), "hand"]
     for apart in (1, 2):
         for first, second in zip(chain, chain[apart:], strict=False):

@@ -47,7 +47,9 @@ class Document:
         self.asset = add(self.tree, "asset")
         self.root = add(add(self.tree, "worldbody"), "body", name=name, **root)
 
-    def colour(self, name: str, rgb: tuple[float, float, float], shine: float = 0.3, texture: str | None = None) -> None:
+    def colour(
+        self, name: str, rgb: tuple[float, float, float], shine: float = 0.3, texture: str | None = None
+    ) -> None:
         """A material; ``texture`` names a PNG file beside the meshes."""
         if texture is None:
             add(self.asset, "material", name=name, rgba=(*rgb, 1), specular=shine, shininess=shine)
@@ -86,5 +88,7 @@ def inertial(body: Element, mesh: Mesh, mass: float) -> None:
     inertia = shape.moment_inertia * mass / shape.volume
     i, j = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
     # The element comes first in its body, as in files written by hand.
-    element = ET.Element("inertial", {"pos": text(shape.center_mass), "mass": text(mass), "fullinertia": text(inertia[i, j])})
+    element = ET.Element(
+        "inertial", {"pos": text(shape.center_mass), "mass": text(mass), "fullinertia": text(inertia[i, j])}
+    )
     body.insert(0, element)

@@ -1,4 +1,4 @@
-"""Closed triangle meshes from profiles, tubes and rounded boxes, their convex hulls, and OBJ files of them. Units are metres."""
+"""Closed meshes from profiles and rounded boxes, their convex hulls, and OBJ files of them. Units are metres."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DECIMALS = 6
 
 @dataclass(frozen=True)
 class Mesh:
-    """Triangles: ``vertices`` (n, 3) [m], ``faces`` (m, 3), and optional texture coordinates with faces of their own."""
+    """Triangles: ``vertices`` (n, 3) [m], ``faces`` (m, 3), and perhaps texture coordinates with faces of their own."""
 
     vertices: np.ndarray
     faces: np.ndarray
@@ -78,7 +78,7 @@ def skin(rings: np.ndarray, start: np.ndarray, end: np.ndarray, t: np.ndarray) -
 
 
 def lathe(profile: np.ndarray, segments: int, t: np.ndarray | None = None) -> Mesh:
-    """Turn a profile (n, 2) of (r, z) about the z axis. It starts on the axis above, goes outward, and ends on the axis."""
+    """Turn a profile (n, 2) of (r, z) [m] about the z axis: from above on the axis outward, and down to the axis."""
     angle = 2.0 * np.pi * np.arange(segments) / segments
     r, z = profile[1:-1, :1], profile[1:-1, 1:]
     rings = np.stack(np.broadcast_arrays(r * np.cos(angle), r * np.sin(angle), z), axis=-1)

@@ -25,5 +25,5 @@ def mottle(rows: int, columns: int, seed: int, cell: tuple[float, float] = (4, 4
 
 
 def write_png(path: Path, colours: np.ndarray) -> None:
-    """Write colours (rows, columns, 3) in 0..255. Row 0 is v = 1 for MuJoCo, so rows are flipped: ours start at v = 0."""
+    """Write colours (rows, columns, 3) in 0..255, row 0 at v = 0. A file starts at v = 1, so the rows are flipped."""
     Image.fromarray(np.clip(colours, 0, 255).astype(np.uint8)[::-1]).save(path, optimize=False)

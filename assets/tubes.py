@@ -10,8 +10,8 @@ from .shapes import Mesh, skin
 def tube(path: np.ndarray, radius: float | np.ndarray, segments: int, flatten: float = 1.0) -> Mesh:
     """A tube with flat ends along ``path`` (n, 3) [m].
 
-    ``radius`` [m] is one number or one for each station; ``flatten`` scales the section across the first plane of the path.
-    The section is carried along without twist, so the path may bend in space but must not double back on itself.
+    ``radius`` [m] is one number or one for each station; ``flatten`` scales the section across the plane of the path.
+    The section is carried along without twist: the path may bend in space, but must not double back on itself.
     """
     tangent = np.gradient(path, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
