@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     from sceniris_gym.errors import SeedError as SeedError
     from sceniris_gym.errors import UnknownNameError as UnknownNameError
     from sceniris_gym.errors import WorldMismatchError as WorldMismatchError
+    from sceniris_gym.layout.build import build_world as build_world
     from sceniris_gym.layout.generate import LayoutGenerator as LayoutGenerator
     from sceniris_gym.layout.layouts import Layouts as Layouts
     from sceniris_gym.scene.config import SceneConfig as SceneConfig
     from sceniris_gym.scene.model import SceneModel as SceneModel
     from sceniris_gym.scene.model import build_model as build_model
     from sceniris_gym.scene.world import World as World
-    from sceniris_gym.scene.world import build_world as build_world
     from sceniris_gym.sim.randomizer import ResetRandomizer as ResetRandomizer
     from sceniris_gym.vector.task import Task as Task
     from sceniris_gym.vector.vector_env import SceneVectorEnv as SceneVectorEnv
@@ -44,7 +44,7 @@ _HOME = {  # public name -> the module it lives in
     "SceneModel": "scene.model",
     "build_model": "scene.model",
     "World": "scene.world",
-    "build_world": "scene.world",
+    "build_world": "layout.build",
     "Layouts": "layout.layouts",
     "LayoutGenerator": "layout.generate",
     "ResetRandomizer": "sim.randomizer",
