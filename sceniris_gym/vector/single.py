@@ -1,0 +1,54 @@
+"""The one-world view of a vector environment: what `gymnasium.make` gives."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from sceniris_gym.vector.task import Task
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+
+
+class SceneEnv(gymnasium.Env):
+    """One world of a task, with numpy observations and no autoreset.
+
+    Args:
+        task: a Task, its class, or "module:Class"
+        kwargs: arguments of SceneVectorEnv, but for num_envs, output and autoreset_mode
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012, Gymnasium wants it on the class
+
+    def __init__(self, task: Task | type[Task] | str, **kwargs: Any) -> None:
+        self.envs = SceneVectorEnv(task, 1, output="numpy", autoreset_mode=AutoresetMode.DISABLED, **kwargs)
+        self.render_mode = self.envs.render_mode
+        self.metadata = {**self.metadata, "render_fps": self.envs.metadata["render_fps"]}
+        self.observation_space = self.envs.single_observation_space
+        self.action_space = self.envs.single_action_space
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Give the world a fresh layout; `seed` starts with episode 0 of that seed, None goes on with the next one."""
+        super().reset(seed=seed)
+        observation, info = self.envs.reset(seed=seed, options=options)
+        return _first(observation), _first(info)
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Take one control step with an action in [-1, 1]."""
+        observation, reward, terminated, truncated, info = self.envs.step(np.asarray(action)[None])
+        return _first(observation), float(reward[0]), bool(terminated[0]), bool(truncated[0]), _first(info)
+
+    def render(self) -> np.ndarray | None:
+        """Return a picture, (height, width, 3) uint8; None without a render mode."""
+        frames = self.envs.render()
+        return None if frames is None else frames[0]
+
+    def close(self) -> None:
+        """Close the world; a second call does nothing."""
+        self.envs.close()
+
+
+def _first(value: Any) -> Any:
+    return {key: _first(item) for key, item in value.items()} if isinstance(value, dict) else value[0]

@@ -1,0 +1,164 @@
+"""What a task sees: named torch views of the batch, in the robot's base frame."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+import torch
+import warp as wp
+from torch import Tensor
+
+from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.sim.batch import Batch
+from sceniris_gym.vector import rotations
+from sceniris_gym.vector.draws import draw_uniform, task_stream
+
+FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+SCALAR = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
+
+
+class State:
+    """The state of all worlds by name. Tensors are on the environment's device; those of mjw data are views.
+
+    Names are those of the scene: an object, the robot (by its asset's name), `object/part` for bodies, sites and joints
+    inside. Poses and velocities are in the robot's base frame, or in the world frame of a scene without a robot.
+
+    Args:
+        batch: the worlds
+        layouts: has `seed` (nworld,) uint64, `episode` (nworld,) int32 and `status` (nworld,) int32
+        split: the split that the layouts are of
+
+    Attributes:
+        num_envs: number of worlds
+        device: torch device
+        elapsed: control steps since the reset of each world, shape (num_envs,), int32
+        ctrl: controls, a view to write to, shape (num_envs, nu)
+        dt: duration of a control step [s]
+        seed: seed of each world's layout, shape (num_envs,), int64 (from 2^63 on as its two's complement)
+        episode: episode of each world's layout, -1 before the first reset, shape (num_envs,), int32
+        layout_status: 0 nothing yet, 1 valid, 2 from the bank, shape (num_envs,), int32
+    """
+
+    def __init__(self, batch: Batch, layouts: Any, split: str = "train") -> None:
+        self.num_envs, self.scene, self.mjm = batch.nworld, batch.scene, batch.scene.mjm
+        self.data, self._layouts, self._split = batch.data, layouts, split
+        self.dt = batch.substeps * float(self.mjm.opt.timestep)
+        self.device = torch.device(wp.device_to_torch(batch.device))
+        self.elapsed = torch.zeros(self.num_envs, dtype=torch.int32, device=self.device)
+        self._elapsed = wp.from_torch(self.elapsed)
+        self.seed, self.episode = wp.to_torch(layouts.seed), wp.to_torch(layouts.episode)
+        self.layout_status = wp.to_torch(layouts.status)
+        d = batch.data
+        self.ctrl = wp.to_torch(d.ctrl)
+        self._qpos, self._qvel = wp.to_torch(d.qpos), wp.to_torch(d.qvel)
+        self._xpos, self._xquat = wp.to_torch(d.xpos), wp.to_torch(d.xquat)
+        self._site_xpos = wp.to_torch(d.site_xpos)
+        self._site_quat = torch.tensor(self.mjm.site_quat, dtype=torch.float32, device=self.device)
+        base_pos, base_quat = _base_pose(self.scene)
+        self._base_pos = torch.tensor(base_pos, dtype=torch.float32, device=self.device)
+        self._to_base = rotations.conjugate(torch.tensor(base_quat, dtype=torch.float32, device=self.device))
+        self._spans: dict[tuple[str, str], slice | Tensor] = {}
+
+    @property
+    def finite(self) -> Tensor:
+        """Whether all positions and velocities of a world are finite, shape (num_envs,), bool."""
+        return torch.isfinite(self._qpos).all(dim=1) & torch.isfinite(self._qvel).all(dim=1)
+
+    def pose(self, name: str) -> Tensor:
+        """Return position [m] and orientation (wxyz) of a body, shape (num_envs, 7)."""
+        body = self._id("body", name)
+        return self._pose(self._xpos[:, body], self._xquat[:, body])
+
+    def site(self, name: str) -> Tensor:
+        """Return position [m] and orientation (wxyz) of a site, shape (num_envs, 7)."""
+        site = self._id("site", name)
+        body_quat = self._xquat[:, int(self.mjm.site_bodyid[site])]
+        return self._pose(self._site_xpos[:, site], rotations.multiply(body_quat, self._site_quat[site]))
+
+    def velocity(self, name: str) -> Tensor:
+        """Return linear [m/s] and angular [rad/s] velocity of a free object, shape (num_envs, 6)."""
+        body = self._id("body", name)
+        joint = int(self.mjm.body_jntadr[body])
+        if joint < 0 or self.mjm.jnt_type[joint] != FREE:
+            free = [self.mjm.body(b).name for j, b in enumerate(self.mjm.jnt_bodyid) if self.mjm.jnt_type[j] == FREE]
+            raise UnknownNameError("free object", name, "State.velocity", free)
+        adr = int(self.mjm.jnt_dofadr[joint])
+        linear, angular = self._qvel[:, adr : adr + 3], self._qvel[:, adr + 3 : adr + 6]
+        # MuJoCo keeps the angular velocity of a free joint in the body's own frame
+        angular = rotations.rotate(self._xquat[:, body], angular)
+        return torch.cat([rotations.rotate(self._to_base, linear), rotations.rotate(self._to_base, angular)], dim=1)
+
+    def qpos(self, name: str) -> Tensor:
+        """Return positions [m or rad] of the hinges and slides inside an object or the robot, or of one joint.
+
+        Shape (num_envs, number of joints), in the order of the model.
+        """
+        return self._qpos[:, self._span("qpos", name)]
+
+    def qvel(self, name: str) -> Tensor:
+        """Return velocities [m/s or rad/s] of the same joints as qpos."""
+        return self._qvel[:, self._span("qvel", name)]
+
+    def random(self, n: int, low: float = 0.0, high: float = 1.0, *, stream: int = 0) -> Tensor:
+        """Draw uniform numbers in [low, high), shape (num_envs, n).
+
+        They depend on the world's seed and episode, the steps since its reset, and `stream` alone: a second call in the
+        same step gives the same numbers, so use another stream for another purpose.
+        """
+        values = torch.empty(self.num_envs, n, device=self.device)
+        number = task_stream(self._split, stream)
+        layouts = self._layouts
+        draw_uniform(layouts.seed, layouts.episode, self._elapsed, number, low, high, wp.from_torch(values))
+        return values
+
+    def _pose(self, pos: Tensor, quat: Tensor) -> Tensor:
+        pos = rotations.rotate(self._to_base, pos - self._base_pos)
+        return torch.cat([pos, rotations.multiply(self._to_base, quat)], dim=1)
+
+    def _id(self, kind: str, name: str) -> int:
+        number = mujoco.mj_name2id(self.mjm, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name)
+        if number < 0:
+            count = {"body": self.mjm.nbody, "site": self.mjm.nsite}[kind]
+            valid = [getattr(self.mjm, kind)(i).name for i in range(count)]
+            raise UnknownNameError(kind, name, f"State.{'pose' if kind == 'body' else kind}", filter(None, valid))
+        return number
+
+    def _span(self, array: str, name: str) -> slice | Tensor:
+        if (array, name) not in self._spans:
+            adr = self.mjm.jnt_qposadr if array == "qpos" else self.mjm.jnt_dofadr
+            columns = [int(adr[j]) for j in self._joints(name)]
+            first = columns[0]
+            contiguous = columns == list(range(first, first + len(columns)))
+            self._spans[array, name] = (
+                slice(first, first + len(columns)) if contiguous else torch.tensor(columns, device=self.device)
+            )
+        return self._spans[array, name]
+
+    def _joints(self, name: str) -> list[int]:
+        """Return the scalar joints inside the body `name`, or the joint `name`."""
+        mjm = self.mjm
+        scalar = [j for j in range(mjm.njnt) if mjm.jnt_type[j] in SCALAR]
+        body = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, name)
+        inside = {body}
+        for b in range(body + 1, mjm.nbody):
+            if int(mjm.body_parentid[b]) in inside:
+                inside.add(b)
+        found = [j for j in scalar if mjm.joint(j).name == name]
+        found = found or [j for j in scalar if body >= 0 and int(mjm.jnt_bodyid[j]) in inside]
+        if not found:
+            roots = {mjm.body(int(mjm.body_rootid[int(mjm.jnt_bodyid[j])])).name for j in scalar}
+            raise UnknownNameError("joint", name, "State.qpos", roots | {mjm.joint(j).name for j in scalar})
+        return found
+
+
+def _base_pose(scene: SceneModel) -> tuple[np.ndarray, np.ndarray]:
+    """Return position and orientation (wxyz) of the robot's base in the world frame; its own without a robot."""
+    body = scene.bodies.get("robot")
+    if body is None:
+        return np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+    data = mujoco.MjData(scene.mjm)
+    mujoco.mj_kinematics(scene.mjm, data)
+    return data.xpos[body].copy(), data.xquat[body].copy()

@@ -1,0 +1,330 @@
+"""The vector environment: many worlds of one task, each with a fresh layout at every reset."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+import warp as wp
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from torch import Tensor
+
+from sceniris_gym.errors import MaskError
+from sceniris_gym.layout.build import build_world
+from sceniris_gym.layout.generate import as_seeds
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.scene.world import World
+from sceniris_gym.sim.batch import Batch
+from sceniris_gym.sim.frames import FrameCamera
+from sceniris_gym.sim.masks import as_mask
+from sceniris_gym.sim.randomizer import ResetRandomizer
+from sceniris_gym.vector import spaces
+from sceniris_gym.vector.state import State
+from sceniris_gym.vector.task import Task
+
+OUTPUTS = ("torch", "numpy")
+
+
+class SceneVectorEnv(VectorEnv):
+    """Steps `num_envs` worlds of a task together, on one device, and gives each a fresh layout at every reset.
+
+    Observations are a dict of groups (`policy`, `critic`), each of shape (num_envs, size); `observation_names` says
+    what lies where. `info` has `layout_seed`, `layout_episode` and `layout_fallback` (the layout came from the bank of
+    valid ones) of each world, and after a step `success` and `reward_terms` of that step. With SAME_STEP it has
+    `final_obs` and `final_info` for all worlds too; they count where `_final_obs` is true.
+
+    A world whose positions or velocities are no longer finite is terminated, with reward 0. With autoreset DISABLED a
+    finished world simply goes on until it is reset.
+
+    Args:
+        task: a Task, its class, or "module:Class"
+        num_envs: number of worlds
+        scene: a scene in place of the task's: a name, path, mapping, SceneConfig or World
+        overrides: parts of the scene to replace, by dotted keys: {"objects.apple.clearance": 0.01}
+        device: "cpu" or "cuda:0"; None is cuda:0 if there is one, else cpu
+        max_episode_steps: control steps after which an episode is truncated; None is never
+        autoreset_mode: an AutoresetMode, or its value
+        output: "torch" (tensors on `device`) or "numpy"
+        copy: what is returned is never overwritten; without it, observations are valid until the next call
+        split: "train" or "eval": layouts and random numbers that share nothing
+        render_mode: "rgb_array" or None
+        render_envs: how many worlds `render` takes pictures of, the first ones
+        render_size: width and height of a picture [pixels]
+        render_camera: name of the camera
+        generator: makes the layouts, `generator(world, num_envs)`; None is a LayoutGenerator
+        nconmax: contacts per world (default_budget)
+        njmax: constraint rows per world (default_budget)
+        graph: record steps and resets into graphs and replay them
+
+    Raises:
+        ScenirisError: the scene cannot be used; see build_world
+        ContactBudgetError: (first reset) more contacts than there is room for
+    """
+
+    def __init__(
+        self,
+        task: Task | type[Task] | str,
+        num_envs: int = 1,
+        *,
+        scene: str | Path | Mapping | SceneConfig | World | None = None,
+        overrides: Mapping[str, Any] | None = None,
+        device: str | None = None,
+        max_episode_steps: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
+        output: str = "torch",
+        copy: bool = True,
+        split: str = "train",
+        render_mode: str | None = None,
+        render_envs: int = 16,
+        render_size: tuple[int, int] = (320, 240),
+        render_camera: str = "overview",
+        generator: Callable[[World, int], Any] | None = None,
+        nconmax: int | None = None,
+        njmax: int | None = None,
+        graph: bool = True,
+    ) -> None:
+        if output not in OUTPUTS:
+            raise ValueError(f"output must be one of {', '.join(OUTPUTS)}, got {output!r}.")
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode must be 'rgb_array' or None, got {render_mode!r}.")
+        if num_envs < 1:
+            raise ValueError(f"num_envs must be at least 1, got {num_envs}.")
+        self.task, self.num_envs, self.max_episode_steps = make_task(task), num_envs, max_episode_steps
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.output, self.copy, self.render_mode = output, copy, render_mode
+        self.render_envs, self.render_size, self.render_camera = min(render_envs, num_envs), render_size, render_camera
+
+        self.world = _make_world(self.task.scene if scene is None else scene, overrides, device)
+        needs, substeps = self.task.needs, self.task.substeps
+        self.batch = Batch(
+            self.world.scene,
+            num_envs,
+            self.world.device,
+            nconmax=nconmax,
+            njmax=njmax,
+            needs=needs,
+            substeps=substeps,
+            graph=graph,
+        )
+        self.randomizer = ResetRandomizer(
+            self.world,
+            self.batch.model,
+            self.batch.data,
+            generator=generator(self.world, num_envs) if generator else None,
+            split=split,
+            needs=needs,
+            graph=graph,
+        )
+        self.state = State(self.batch, self.randomizer.layouts, split)
+        self.device = self.state.device
+        self.metadata = {
+            "autoreset_mode": self.autoreset_mode,
+            "render_modes": ["rgb_array"],
+            "render_fps": round(1.0 / self.state.dt),
+        }
+
+        wp.synchronize_device(self.batch.device)  # torch works on another stream than the arrays were made on
+        self.task.bind(self.state)
+        self.batch.update()
+        observation = self.task.observe(self.state)
+        flat = spaces.flatten(observation)
+        self.observation_names = spaces.names_of(observation)
+        self.single_observation_space = spaces.observation_space(flat)
+        self.single_action_space = spaces.action_space(self.task.action_size or self.world.mjm.nu)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._kept = None if copy else (flat, {group: torch.empty_like(t) for group, t in flat.items()})
+        self._autoreset = torch.zeros(num_envs, dtype=torch.bool, device=self.device)
+        self._camera: FrameCamera | None = None
+        self._ready = False
+
+    def reset(
+        self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Give worlds a fresh layout.
+
+        Args:
+            seed: world i gets seed + i, and starts with episode 0; a list of num_envs seeds is taken as it is. None
+                goes on with the next episode of each world (before the first reset: draws a seed, see np_random_seed)
+            options: {"reset_mask": booleans of shape (num_envs,), numpy or torch, true somewhere} resets, and reseeds,
+                only those worlds; the others do not change
+
+        Raises:
+            SeedError: not integers from 0 to 2^64 - 1, or not as many as worlds
+            MaskTypeError: a mask that is not an array of booleans
+            MaskError: a mask of wrong shape, or not true anywhere
+            ResetNeeded: the first reset has a mask
+        """
+        self._check_open()
+        mask = self._reset_mask(options)
+        if seed is None and not self._ready:
+            seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0] >> np.uint64(2))
+        with self._on_torch_stream():
+            if seed is not None:
+                self.randomizer.reseed(as_seeds(seed, self.num_envs), mask)
+                if isinstance(seed, int | np.integer):
+                    self._np_random, self._np_random_seed = seeding.np_random(int(seed))
+            masked = torch.ones_like(self._autoreset) if mask is None else wp.to_torch(mask)
+            self._reset_worlds(masked)
+            self._autoreset.logical_and_(~masked)
+            if not self._ready:
+                self.batch.check_budget()
+                self._ready = True
+            observation = self._observe(0)
+            return self._returned(observation), self._returned(self._layout_info())
+
+    def step(self, actions: Any) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Any]]:
+        """Take one control step in all worlds.
+
+        Args:
+            actions: in [-1, 1] (what is beyond is cut off), shape (num_envs, action size): torch or numpy
+
+        Returns:
+            observations, rewards (num_envs,) float32, terminations and truncations (num_envs,) bool, info
+
+        Raises:
+            ResetNeeded: before the first reset
+        """
+        self._check_open()
+        if not self._ready:
+            raise gymnasium.error.ResetNeeded("Call reset() before step().")
+        with self._on_torch_stream():
+            action = self._as_action(actions)
+            self.task.apply(self.state, action)
+            self.batch.step()
+            self.state.elapsed.add_(1)
+            return self._outcome(action)
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """Return pictures of the first `render_envs` worlds, each (height, width, 3) uint8; None without a mode."""
+        self._check_open()
+        if self.render_mode is None:
+            return None
+        if self._camera is None:
+            width, height = self.render_size
+            model, mjm = self.batch.model, self.world.mjm
+            self._camera = FrameCamera(mjm, model, self.render_envs, width, height, self.render_camera)
+        with self._on_torch_stream():
+            return tuple(self._camera.take(self.batch.data))
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Let go of what `render` keeps."""
+        self._camera = None
+
+    def _outcome(self, action: Tensor) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Any]]:
+        """Say what the step has led to, and reset the worlds whose turn it is."""
+        s = self.state
+        terms = {name: self._own(term) for name, term in self.task.reward(s, action).items()}
+        success, finite = self._own(self.task.success(s)), s.finite
+        terminated = self.task.terminated(s) | ~finite
+        truncated = torch.zeros_like(terminated)
+        if self.max_episode_steps is not None:
+            truncated = s.elapsed >= self.max_episode_steps
+        reward = torch.where(finite, torch.stack(list(terms.values())).sum(dim=0), 0.0)
+        info: dict[str, Any] = {"success": success, "reward_terms": terms}
+
+        if self.autoreset_mode is AutoresetMode.SAME_STEP:
+            done = terminated | truncated
+            info["final_obs"], info["_final_obs"] = self._observe(1), done
+            info["final_info"], info["_final_info"] = {**info_of_step(info), **self._layout_info()}, done.clone()
+            self._reset_worlds(done)
+        elif self.autoreset_mode is AutoresetMode.NEXT_STEP:
+            # worlds that ended in the step before are reset by this one; what it did to them does not count
+            due = self._autoreset.clone()
+            self._reset_worlds(due)
+            reward = torch.where(due, 0.0, reward)
+            terminated, truncated = terminated & ~due, truncated & ~due
+            self._autoreset.copy_(terminated | truncated)
+        info |= self._layout_info()
+        returned = (self._observe(0), reward, terminated, truncated, info)
+        return tuple(self._returned(value) for value in returned)  # type: ignore[return-value]
+
+    def _reset_worlds(self, mask: Tensor) -> None:
+        self.randomizer.reset(mask)
+        self.state.elapsed.masked_fill_(mask, 0)
+        self.task.on_reset(self.state, mask)
+
+    def _observe(self, buffer: int) -> dict[str, Tensor]:
+        """Return the flat observation, in tensors of its own, or in one of two kept sets of them."""
+        return spaces.flatten(self.task.observe(self.state), None if self._kept is None else self._kept[buffer])
+
+    def _layout_info(self) -> dict[str, Tensor]:
+        s = self.state
+        return {
+            "layout_seed": self._own(s.seed),
+            "layout_episode": self._own(s.episode),
+            "layout_fallback": s.layout_status == Status.FALLBACK,
+        }
+
+    def _own(self, tensor: Tensor) -> Tensor:
+        """Return a tensor that nothing writes to later."""
+        return tensor.clone() if self.copy else tensor
+
+    def _returned(self, value: Any) -> Any:
+        """Bring tensors, and dicts of them, to the output that was asked for."""
+        if self.output == "torch":
+            return value
+        if isinstance(value, dict):
+            return {key: self._returned(item) for key, item in value.items()}
+        return value.detach().cpu().numpy()
+
+    def _as_action(self, actions: Any) -> Tensor:
+        action = torch.as_tensor(actions, dtype=torch.float32, device=self.device)
+        if action.shape != self.action_space.shape:
+            raise ValueError(f"actions must have shape {self.action_space.shape}, got {tuple(action.shape)}.")
+        return action.clamp(-1.0, 1.0)
+
+    def _reset_mask(self, options: dict[str, Any] | None) -> wp.array | None:
+        given = (options or {}).get("reset_mask")
+        if given is None:
+            return None
+        name = "options['reset_mask']"
+        mask = as_mask(given, self.num_envs, self.batch.device, name)
+        if not mask.numpy().any():
+            raise MaskError(f"{name} must be true for at least one world; leave it out to reset all of them.")
+        if not self._ready:
+            raise gymnasium.error.ResetNeeded("The first reset() must be of all worlds; leave out the reset_mask.")
+        return mask
+
+    def _on_torch_stream(self) -> AbstractContextManager:
+        """Run Warp's launches on torch's current stream, so that both see each other's results in order."""
+        if not self.batch.device.is_cuda:
+            return nullcontext()
+        return wp.ScopedStream(wp.stream_from_torch(torch.cuda.current_stream(self.device)), sync_enter=False)
+
+    def _check_open(self) -> None:
+        if self.closed:
+            raise gymnasium.error.ClosedEnvironmentError("This environment was closed; make a new one.")
+
+
+def info_of_step(info: dict[str, Any]) -> dict[str, Any]:
+    """Return what `info` says of the step alone."""
+    return {"success": info["success"], "reward_terms": dict(info["reward_terms"])}
+
+
+def make_task(task: Task | type[Task] | str) -> Task:
+    """Return a Task for one, for its class, or for "module:Class"."""
+    if isinstance(task, str):
+        module, _, name = task.partition(":")
+        task = getattr(importlib.import_module(module), name)
+    made = task() if isinstance(task, type) else task
+    if not isinstance(made, Task):
+        raise TypeError(f"task must be a Task, its class, or 'module:Class', got {made!r}.")
+    return made
+
+
+def _make_world(scene: Any, overrides: Mapping[str, Any] | None, device: str | None) -> World:
+    if isinstance(scene, World):
+        if overrides or (device is not None and wp.get_device(device) != wp.get_device(scene.device)):
+            raise ValueError("A World is finished: give its scene file to change it with overrides or another device.")
+        return scene
+    return build_world(SceneConfig.load(scene, dict(overrides or {})), device)
