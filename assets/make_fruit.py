@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from .mjcf import Document, add, inertial
-from .shapes import MESHES, Mesh, lathe, skin, smooth_profile, thin_hull, write_obj
+from .shapes import Mesh, lathe, skin, smooth_profile, thin_hull, write_obj
 from .textures import blend, mottle, write_png
 
 # Control points (r [mm], z [mm], density of rings), from the top of the axis to its bottom.
@@ -90,7 +90,7 @@ def banana_pieces(coarse: Mesh, rows: int, segments: int, count: int = 6) -> lis
     for i, (first, last) in enumerate(pairwise(cuts)):
         points = rings[first : last + 1].reshape(-1, 3)
         tip = [coarse.vertices[:1]] if i == 0 else [coarse.vertices[-1:]] if i == count - 1 else []
-        pieces.append(thin_hull(np.concatenate([points, *tip]), 32, swell=False))
+        pieces.append(thin_hull(np.concatenate([points, *tip]), 36))
     return pieces
 
 
@@ -142,9 +142,9 @@ def textures() -> None:
     streaks = mottle(*shape, seed=2, cell=(60, 2)) * np.clip(1.3 - v, 0.2, 1.0)
     pores = mottle(*shape, seed=3, cell=(2, 2))
     spots = np.clip(mottle(*shape, seed=4, cell=(5, 3)) - 1.5, 0, 1)
-    write_png(MESHES / "apple.png", blend(v, APPLE_SKIN) * (1 + 0.04 * grain + 0.13 * streaks)[..., None])
-    write_png(MESHES / "orange.png", blend(v, ORANGE_SKIN) * (1 + 0.07 * pores)[..., None])
-    write_png(MESHES / "banana.png", blend(v, BANANA_SKIN) * (1 - 0.35 * spots + 0.03 * grain)[..., None])
+    write_png("apple", blend(v, APPLE_SKIN) * (1 + 0.04 * grain + 0.13 * streaks)[..., None])
+    write_png("orange", blend(v, ORANGE_SKIN) * (1 + 0.07 * pores)[..., None])
+    write_png("banana", blend(v, BANANA_SKIN) * (1 - 0.35 * spots + 0.03 * grain)[..., None])
 
 
 def main() -> None:

@@ -35,33 +35,30 @@ def unite(solids: list[Manifold]) -> Manifold:
 
 
 def table_boards() -> dict[str, Corners]:
-    """Corners of the table's top and legs."""
+    """Corners of the table's top, legs and rails."""
     x, y = TABLE_SIZE[0] / 2, TABLE_SIZE[1] / 2
-    boards: dict[str, Corners] = {"top": ((-x, -y, TABLE_HEIGHT - TABLE_TOP), (x, y, TABLE_HEIGHT))}
+    under = TABLE_HEIGHT - TABLE_TOP
+    boards: dict[str, Corners] = {"top": ((-x, -y, under), (x, y, TABLE_HEIGHT))}
     for i, (right, back) in enumerate(((0, 0), (1, 0), (0, 1), (1, 1))):
         low = (-x + 0.02 + right * (2 * x - 0.04 - TABLE_LEG), -y + 0.02 + back * (2 * y - 0.04 - TABLE_LEG), 0.0)
-        boards[f"leg_{i}"] = (low, (low[0] + TABLE_LEG, low[1] + TABLE_LEG, TABLE_HEIGHT - TABLE_TOP))
+        boards[f"leg_{i}"] = (low, (low[0] + TABLE_LEG, low[1] + TABLE_LEG, under))
+    # Rails run from the middle of a leg to the middle of the next.
+    x, y, half, low_edge = x - 0.05, y - 0.05, 0.01, under - 0.05
+    boards["rail_front"] = ((-x, -y - half, low_edge), (x, -y + half, under))
+    boards["rail_back"] = ((-x, y - half, low_edge), (x, y + half, under))
+    boards["rail_left"] = ((-x - half, -y, low_edge), (-x + half, y, under))
+    boards["rail_right"] = ((x - half, -y, low_edge), (x + half, y, under))
     return boards
 
 
 def make_table() -> None:
     """Write ``table.xml``."""
     boards = table_boards()
-    apron = 0.05
-    x, y = TABLE_SIZE[0] / 2 - apron, TABLE_SIZE[1] / 2 - apron
     parts = [box(*boards["top"], radius=0.004)]
-    # Legs reach into the top, so that the union has no seam.
-    parts += [
-        box(low, (high[0], high[1], high[2] + 0.01), radius=0.006)
-        for name, (low, high) in boards.items()
-        if name != "top"
-    ]
-    low, high = TABLE_HEIGHT - TABLE_TOP - 0.05, TABLE_HEIGHT - TABLE_TOP + 0.01
-    for sign in (-1, 1):
-        parts += [
-            box((-x, sign * y - 0.01, low), (x, sign * y + 0.01, high)),
-            box((sign * x - 0.01, -y, low), (sign * x + 0.01, y, high)),
-        ]
+    for name, (low, high) in boards.items():
+        if name != "top":
+            # They reach into the top, so that the union has no seam.
+            parts.append(box(low, (high[0], high[1], high[2] + 0.01), radius=0.006 if "leg" in name else 0.0))
     mesh = surface(unite(parts))
     write_obj("table", mesh)
     document = Document("table")
@@ -71,20 +68,7 @@ def make_table() -> None:
     document.visual(document.root, "visual", "table", "wood")
     for name, corners in boards.items():
         document.collision_box(document.root, name, *corners)
-    for name, corners in aprons(x, y, low):
-        document.collision_box(document.root, name, *corners)
     document.save()
-
-
-def aprons(x: float, y: float, low: float) -> list[tuple[str, Corners]]:
-    """Corners of the four rails under the table's top."""
-    high = TABLE_HEIGHT - TABLE_TOP
-    rails: list[tuple[str, Corners]] = []
-    for name, sign in (("front", -1), ("back", 1)):
-        rails.append((f"apron_{name}", ((-x, sign * y - 0.01, low), (x, sign * y + 0.01, high))))
-    for name, sign in (("left", -1), ("right", 1)):
-        rails.append((f"apron_{name}", ((sign * x - 0.01, -y, low), (sign * x + 0.01, y, high))))
-    return rails
 
 
 def frame_boards() -> dict[str, Corners]:
@@ -151,7 +135,7 @@ def drawer_solid() -> Manifold:
 def handle_solid() -> Manifold:
     """A bow handle: one bent rod whose feet meet the front panel."""
     x, y, z = HANDLE_HALF, -HANDLE_REACH, HANDLE_HEIGHT
-    bend = 0.012
+    bend = 0.008
     corner = [(1 - np.cos(a), 1 - np.sin(a)) for a in np.linspace(0, np.pi / 2, 7)]
     right = [(x, 0.0, z)] + [(x - bend * u, y + bend * v, z) for u, v in corner]
     left = [(-px, py, pz) for px, py, pz in reversed(right)]

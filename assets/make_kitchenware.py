@@ -9,14 +9,14 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from .mjcf import Document, add, inertial
-from .shapes import MESHES, Mesh, hull, lathe, solid, surface, thin_hull, write_obj
+from .shapes import Mesh, hull, lathe, solid, surface, thin_hull, write_obj
 from .textures import write_png
 from .tubes import tube
 
 # Corners of the profiles: (r, z, radius of the rounding) [mm], from the top of the axis outward and down to it.
 MUG = [(0, 6, 0), (37, 6, 3), (37.4, 95, 1.7), (41, 95, 1.7), (41, 0, 6), (31, 0, 0), (29.5, 1.2, 0), (0, 1.2, 0)]
 BOWL = [
-    (0, 8, 0), (43, 8, 9), (57.4, 35, 60), (69.4, 62, 1.8), (73.4, 62, 1.8), (61.5, 35, 60), (47.5, 5, 7),
+    (0, 8, 0), (43, 8, 5), (57.4, 35, 60), (69.4, 62, 1.8), (73.4, 62, 1.8), (61.5, 35, 60), (47.5, 5, 7),
     (34, 4, 1.5), (33, 0, 1), (30, 0, 0), (29, 1.2, 0), (0, 1.2, 0),
 ]  # fmt: skip
 CAN = [
@@ -177,7 +177,7 @@ def can_label() -> None:
     around = (np.mod(u * 8, 1.0) - 0.5) * 207 / 8
     for place, size in ((0.10, 4.5), (0.92, 3.0)):
         picture[inside & (np.hypot(around, (height - place) * 100) < size)] = (240, 168, 48)
-    write_png(MESHES / "can.png", picture)
+    write_png("can", picture)
 
 
 def main() -> None:
@@ -189,7 +189,7 @@ def main() -> None:
     write_vessel("mug", mugs, pieces, {"rgb": (0.20, 0.36, 0.56), "shine": 0.7}, 0.34, (0, 0, 0.06))
 
     pieces = {"foot": disc([(32.8, 0), (33.8, 4)], 16), "bottom": disc([(34, 4), (45, 5.2), (48, 8)], 16),
-              "wall": wall([(43.4, 48.6, 8), (None, 60.8, 35), (68.4, 73.2, 61), (69.6, 72.4, 62)])}  # fmt: skip
+              "wall": wall([(43.4, 48.6, 8), (None, 60.8, 35), (68.3, 72.1, 60.6), (69.6, 71.4, 62)])}  # fmt: skip
     bowls = {}
     for name, segments, steps, spacing in (("bowl", 36, 2, 0.03), ("bowl_16k", 96, 5, 0.0045)):
         profile, t = rounded(BOWL, steps, spacing)

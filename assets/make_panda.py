@@ -215,7 +215,9 @@ def add_gripper(document: Document, parent: Element) -> None:
         inertial(finger, mesh, mass=0.03)
         document.visual(finger, f"{name}_finger", "finger", "dark")
         for part, corners in finger_boxes().items():
-            document.collision_box(finger, f"{name}_{part}", *corners)
+            # Rubber pads: they also resist spinning about the contact.
+            grip = {"friction": (1.2, 0.01, 0.0001), "condim": 4} if part == "pad" else {}
+            document.collision_box(finger, f"{name}_{part}", *corners, **grip)
 
 
 def add_actuators(document: Document) -> None:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
-from pathlib import Path
 
 import numpy as np
 import trimesh
 
+from .paths import mjcf_file
 from .shapes import Mesh
 
-FOLDER = Path(__file__).parent
 Element = ET.Element
 
 
@@ -69,17 +68,19 @@ class Document:
         """A convex mesh for contacts."""
         add(body, "geom", name=name, class_="collision", mesh=mesh, **more)
 
-    def collision_box(self, body: Element, name: str, low: Iterable[float], high: Iterable[float]) -> None:
+    def collision_box(
+        self, body: Element, name: str, low: Iterable[float], high: Iterable[float], **more: object
+    ) -> None:
         """A box for contacts between two corners [m] in the body's frame."""
         low, high = np.asarray(list(low)), np.asarray(list(high))
-        add(body, "geom", name=name, class_="collision", type="box", pos=(low + high) / 2, size=(high - low) / 2)
+        add(
+            body, "geom", name=name, class_="collision", type="box", pos=(low + high) / 2, size=(high - low) / 2, **more
+        )
 
-    def save(self) -> Path:
-        """Write ``<name>.xml`` beside this file."""
+    def save(self) -> None:
+        """Write ``<name>.xml``."""
         ET.indent(self.tree, "  ")
-        path = FOLDER / f"{self.name}.xml"
-        path.write_text(ET.tostring(self.tree, encoding="unicode") + "\n")
-        return path
+        mjcf_file(self.name).write_text(ET.tostring(self.tree, encoding="unicode") + "\n")
 
 
 def inertial(body: Element, mesh: Mesh, mass: float) -> None:

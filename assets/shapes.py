@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import manifold3d
 import numpy as np
@@ -12,7 +11,8 @@ import trimesh
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial import ConvexHull
 
-MESHES = Path(__file__).parent / "meshes"
+from .paths import mesh_file
+
 # A micrometre: fine enough that neighbours near the pole of a 16,000-face mesh stay apart when written as text.
 DECIMALS = 6
 
@@ -31,7 +31,7 @@ class Mesh:
         """Lowest and highest corner, shape (2, 3)."""
         return np.array([self.vertices.min(axis=0), self.vertices.max(axis=0)])
 
-    def moved(self, offset: Sequence[float]) -> Mesh:
+    def moved(self, offset: Sequence[float] | np.ndarray) -> Mesh:
         """The same mesh, shifted by ``offset`` [m]."""
         return replace(self, vertices=self.vertices + np.asarray(offset))
 
@@ -108,16 +108,16 @@ def hull(points: np.ndarray) -> manifold3d.Manifold:
 
 def box(low: Sequence[float], high: Sequence[float], radius: float = 0.0, steps: int = 4) -> manifold3d.Manifold:
     """A box between two corners [m] whose edges are rounded by ``radius`` in ``steps`` steps."""
-    low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
+    lowest, highest = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     signs = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
     if radius == 0.0:
-        return hull(low + signs * (high - low))
+        return hull(lowest + signs * (highest - lowest))
     lift = 0.5 * np.pi * np.arange(steps + 1) / steps
     turn, rise = np.meshgrid(lift, lift)
     octant = np.stack([np.cos(turn) * np.cos(rise), np.sin(turn) * np.cos(rise), np.sin(rise)], axis=-1).reshape(-1, 3)
     # Poles repeat for every turn, up to rounding: unequal copies of one point would leave slivers in the hull.
     octant = np.unique(octant.round(12), axis=0)
-    corners = np.where(signs == 0, low + radius, high - radius)
+    corners = np.where(signs == 0, lowest + radius, highest - radius)
     points = [corner + radius * octant * (2 * sign - 1) for corner, sign in zip(corners, signs, strict=True)]
     return hull(np.concatenate(points))
 
@@ -126,7 +126,7 @@ def thin_hull(points: np.ndarray, count: int, swell: bool = True) -> Mesh:
     """A convex mesh of at most ``count`` vertices near the convex hull of ``points`` (n, 3).
 
     Vertices are added where the hull so far misses most. What it misses in the end is shared out by ``swell``: vertices
-    move outward by half of that distance, but never past the bounds of ``points``, so that a flat underside stays flat.
+    move outward by half of that distance, but never below the lowest point, so that a flat underside stays flat.
     """
     points = np.unique(np.round(points, DECIMALS), axis=0)
     points = points[ConvexHull(points).vertices]
@@ -149,11 +149,11 @@ def thin_hull(points: np.ndarray, count: int, swell: bool = True) -> Mesh:
     if swell:
         outward = kept - centre
         kept = kept + 0.5 * missed * outward / np.linalg.norm(outward, axis=1, keepdims=True)
-        kept = np.clip(kept, points.min(axis=0), points.max(axis=0))
+        kept[:, 2] = np.maximum(kept[:, 2], points[:, 2].min())
     return surface(hull(kept.round(DECIMALS)))
 
 
-def write_obj(name: str, mesh: Mesh) -> Path:
+def write_obj(name: str, mesh: Mesh) -> None:
     """Write ``meshes/<name>.obj`` and refuse a mesh that is not closed, or not facing outward, once it is read back."""
     lines = [f"v {x:.{DECIMALS}f} {y:.{DECIMALS}f} {z:.{DECIMALS}f}" for x, y, z in mesh.vertices + 0.0]
     if mesh.uv is None or mesh.uv_faces is None:
@@ -162,9 +162,7 @@ def write_obj(name: str, mesh: Mesh) -> Path:
         lines += [f"vt {u:.4f} {v:.4f}" for u, v in mesh.uv]
         corners = np.stack([mesh.faces, mesh.uv_faces], axis=-1).reshape(-1, 6) + 1
         lines += ["f {}/{} {}/{} {}/{}".format(*row) for row in corners]
-    path = MESHES / f"{name}.obj"
-    path.write_text("\n".join(lines).replace("-0.000000", "0.000000") + "\n")
+    mesh_file(f"{name}.obj").write_text("\n".join(lines).replace("-0.000000", "0.000000") + "\n")
     read = trimesh.Trimesh(np.round(mesh.vertices, DECIMALS), mesh.faces, process=True)
     if not (read.is_watertight and read.is_winding_consistent and read.volume > 0):
-        raise ValueError(f"{path.name} is not a closed mesh that faces outward")
-    return path
+        raise ValueError(f"{name}.obj is not a closed mesh that faces outward")

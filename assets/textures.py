@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from PIL import Image
+
+from .paths import mesh_file
 
 
 def blend(v: np.ndarray, stops: Sequence[tuple[float, tuple[int, int, int]]]) -> np.ndarray:
@@ -24,6 +25,6 @@ def mottle(rows: int, columns: int, seed: int, cell: tuple[float, float] = (4, 4
     return smooth / smooth.std()
 
 
-def write_png(path: Path, colours: np.ndarray) -> None:
-    """Write colours (rows, columns, 3) in 0..255, row 0 at v = 0. A file starts at v = 1, so the rows are flipped."""
-    Image.fromarray(np.clip(colours, 0, 255).astype(np.uint8)[::-1]).save(path, optimize=False)
+def write_png(name: str, colours: np.ndarray) -> None:
+    """Write ``meshes/<name>.png`` from colours (rows, columns, 3) in 0..255; their row 0 is at v = 0."""
+    Image.fromarray(np.clip(colours, 0, 255).astype(np.uint8)[::-1]).save(mesh_file(f"{name}.png"))

@@ -1,0 +1,75 @@
+"""What the asset tests read from a compiled model, without the code that made it: surfaces, hulls, winding numbers."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+import mujoco
+import numpy as np
+import trimesh
+from scipy.spatial import ConvexHull
+
+VISUAL, COLLISION = 2, 3
+
+
+def load(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """A shipped asset by itself, in its start pose, with positions computed."""
+    model = mujoco.MjModel.from_xml_path(str(files("sceniris_gym.assets") / f"{name}.xml"))
+    data = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def geoms(model: mujoco.MjModel, group: int, body: str | None = None) -> list[int]:
+    """Ids of the geoms of a group, of one body or of all."""
+    chosen = range(model.ngeom) if body is None else np.flatnonzero(model.geom_bodyid == model.body(body).id)
+    return [int(g) for g in chosen if model.geom_group[g] == group]
+
+
+def mesh(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> trimesh.Trimesh:
+    """The surface of a mesh or box geom in the world frame, vertices as MuJoCo holds them."""
+    rotation, position = data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom]
+    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
+        shape = trimesh.creation.box(extents=2 * model.geom_size[geom])
+        return trimesh.Trimesh(shape.vertices @ rotation.T + position, shape.faces, process=False)
+    index = model.geom_dataid[geom]
+    start, count = model.mesh_vertadr[index], model.mesh_vertnum[index]
+    first, faces = model.mesh_faceadr[index], model.mesh_facenum[index]
+    vertices = model.mesh_vert[start : start + count].astype(float)
+    triangles = model.mesh_face[first : first + faces]
+    return trimesh.Trimesh(vertices @ rotation.T + position, triangles, process=False)
+
+
+def visual(name: str, body: str | None = None) -> trimesh.Trimesh:
+    """The first surface that the eye sees."""
+    model, data = load(name)
+    return mesh(model, data, geoms(model, VISUAL, body)[0])
+
+
+def bounds(model: mujoco.MjModel, data: mujoco.MjData, chosen: list[int]) -> np.ndarray:
+    """Lowest and highest corner of some geoms, shape (2, 3)."""
+    vertices = np.concatenate([mesh(model, data, g).vertices for g in chosen])
+    return np.array([vertices.min(axis=0), vertices.max(axis=0)])
+
+
+def depth_outside(model: mujoco.MjModel, data: mujoco.MjData, chosen: list[int], points: np.ndarray) -> np.ndarray:
+    """How far points (n, 3) lie outside the union of geoms' hulls [m], along face normals; negative inside."""
+    nearest = np.full(len(points), np.inf)
+    for geom in chosen:
+        planes = ConvexHull(mesh(model, data, geom).vertices).equations
+        nearest = np.minimum(nearest, (points @ planes[:, :3].T + planes[:, 3]).max(axis=1))
+    return nearest
+
+
+def winding(shape: trimesh.Trimesh, points: np.ndarray) -> np.ndarray:
+    """Winding numbers of a closed surface about points (n, 3): 1 inside, 0 outside (van Oosterom, Strackee 1983)."""
+    total = np.zeros(len(points))
+    for i, point in enumerate(points):
+        a, b, c = (shape.triangles[:, k] - point for k in range(3))
+        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+        volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+        dots = [np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a))]
+        total[i] = np.arctan2(volume, la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb).sum() / (2 * np.pi)
+    return total
