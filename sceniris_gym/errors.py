@@ -148,3 +148,7 @@ class WorldMismatchError(ScenirisError, ValueError):
 
 class SeedError(ScenirisError, ValueError):
     """A seed that is not an integer of 64 bits, or seeds of which there are not as many as worlds."""
+
+
+class LayoutIdError(ScenirisError):
+    """A layout id that is not `scenehash:split:seed:episode`."""
