@@ -9,7 +9,7 @@ from pathlib import Path
 
 import mujoco
 
-from sceniris_gym.errors import SceneFileError, SceneKeyError, UnknownNameError
+from sceniris_gym.errors import MeshError, SceneFileError, SceneKeyError, UnknownNameError
 from sceniris_gym.scene.config import ObjectConfig, RobotConfig
 from sceniris_gym.scene.files import SHIPPED_NAME, shipped
 
@@ -204,8 +204,16 @@ def _make_kind(spec: mujoco.MjSpec, root: mujoco.MjsBody, name: str, kind: str, 
 
 
 def compile_spec(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
-    """Compile a specification; what MuJoCo finds wrong with it becomes a SceneFileError."""
+    """Compile a specification.
+
+    Raises:
+        MeshError: a mesh is too small or too flat to have a volume.
+        SceneFileError: MuJoCo finds something else wrong.
+    """
     try:
         return spec.compile()
     except ValueError as error:
-        raise SceneFileError(f"{where}: MuJoCo cannot compile this: {error}") from None
+        text = " ".join(str(error).removeprefix("Error: ").split())
+        if "vertices" in text:
+            raise MeshError(f"{where}: MuJoCo cannot use a mesh: {text}. Give it a closed surface.") from None
+        raise SceneFileError(f"{where}: MuJoCo cannot compile this: {text}") from None

@@ -12,7 +12,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from sceniris_gym.errors import NotSupportedError, SceneFileError, SceneKeyError, ScenirisError, UnknownNameError
+from sceniris_gym.errors import (
+    MeshError,
+    NotSupportedError,
+    SceneFileError,
+    SceneKeyError,
+    ScenirisError,
+    UnknownNameError,
+)
 from sceniris_gym.scene.config import SceneConfig
 from sceniris_gym.scene.model import SceneModel, build_model
 
@@ -356,6 +363,14 @@ def test_a_body_of_an_own_model_must_suit_its_kind(folder: Path, objects: dict, 
     """What would silently change the user's model is refused."""
     with pytest.raises(error, match=says):
         build(folder, objects, model=str(folder / "own.xml"))
+
+
+@pytest.mark.parametrize("knob", ["", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 3 4\n"], ids=["empty", "flat"])
+def test_a_mesh_without_a_volume_is_refused(folder: Path, knob: str):
+    """Meshes of which MuJoCo can make no convex hull."""
+    (folder / "parts" / "knob.obj").write_text(knob)
+    with pytest.raises(MeshError, match="vertices"):
+        build(folder, {"a": {"asset": "chest", "kind": "fixture"}})
 
 
 def test_unknown_keyframes_and_taken_names_of_a_robot_are_refused(folder: Path):

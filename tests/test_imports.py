@@ -1,0 +1,113 @@
+"""Who imports whom: the order of the house, where torch may be, and what `import sceniris_gym` loads."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import sceniris_gym
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "sceniris_gym"
+ORDER = {  # a module imports its own part of the house and those with a smaller number
+    name: rank
+    for rank, names in enumerate(
+        [["errors"], ["reach"], ["scene"], ["layout"], ["sim"], ["vector"], ["adapters", "tools"], ["cli"]]
+    )
+    for name in names
+}
+WITH_TORCH = {"reach", "vector", "adapters", "tools"}
+OUTSIDE = {"__init__", "registration"}  # the door of the package: looked at below, by what it loads
+SOURCES = sorted(PACKAGE.rglob("*.py"))
+
+
+def part(path: Path) -> str:
+    """Return the part of the house a file belongs to: 'scene' for scene/config.py, 'cli' for cli.py."""
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def imports(path: Path) -> Iterator[str]:
+    """Yield the full names of all modules a file imports, those inside of functions too."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            yield str(node.module)
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def loaded_by(statement: str) -> set[str]:
+    """Return the modules that a statement loads in a fresh interpreter."""
+    code = f"import sys; {statement}; print(*sys.modules)"
+    return set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split())
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_imports_go_one_way(path: Path):
+    """A file imports parts of the house that come before its own; the envs are reached by name only."""
+    own = part(path)
+    if own in OUTSIDE:
+        return
+    assert own in ORDER, f"'{own}' has no place in the order of imports"
+    for name in imports(path):
+        parts = name.split(".")
+        if parts[0] == "sceniris_gym" and len(parts) > 1:
+            assert parts[1] in ORDER, f"{path} imports {name}, which is reached by name only"
+            assert parts[1] == own or ORDER[parts[1]] < ORDER[own], f"{path} imports {name}"
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_torch_is_imported_only_where_it_may_be(path: Path):
+    """Scenes and layouts are made without torch."""
+    if part(path) not in WITH_TORCH:
+        assert not [name for name in imports(path) if name.split(".")[0] == "torch"]
+
+
+def test_the_audit_shares_no_code_with_the_generator():
+    """What judges layouts imports nothing that makes them."""
+    sources = [path for path in SOURCES if path.is_relative_to(PACKAGE / "tools" / "audit")]
+    assert sources
+    assert not [name for path in sources for name in imports(path) if name.startswith("sceniris_gym.layout")]
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    """Only gymnasium and what it needs: no torch, warp, mujoco, trimesh or pydantic."""
+    loaded = loaded_by("import sceniris_gym")
+    assert "gymnasium" in loaded
+    assert not loaded & {"torch", "warp", "mujoco", "mujoco_warp", "trimesh", "shapely", "scipy", "pydantic", "tyro"}
+
+
+def test_scenes_and_layouts_are_made_without_torch():
+    """A scene is built without torch in the process."""
+    assert "torch" not in loaded_by("from sceniris_gym import SceneConfig, build_model, build_world, LayoutGenerator")
+
+
+@pytest.mark.parametrize("name", sceniris_gym.__all__)
+def test_every_public_name_is_there(name: str):
+    """Each name of `__all__` can be had from the package, and is listed by dir()."""
+    assert getattr(sceniris_gym, name) is not None
+    assert name in dir(sceniris_gym)
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    """As for any module."""
+    with pytest.raises(AttributeError, match="no attribute 'SceneConfigg'"):
+        _ = sceniris_gym.SceneConfigg  # type: ignore[attr-defined]
+
+
+def test_the_envs_are_registered_by_strings():
+    """Gymnasium knows the ids after the import, and their entry points exist."""
+    code = "import gymnasium, sceniris_gym; print(*[i for i in gymnasium.registry if i.startswith('sceniris_gym/')])"
+    ids = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert "sceniris_gym/DrawerPick-v0" in ids
+    for env_id in ids:
+        for entry in ("entry_point", "vector_entry_point"):
+            module, _, name = sceniris_gym.registration.ENVS[env_id][entry].partition(":")
+            assert callable(getattr(importlib.import_module(module), name))

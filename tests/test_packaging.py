@@ -1,0 +1,128 @@
+"""The package as it is shipped: what is in it, and that it works where nothing but its dependencies is."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tarfile
+import tomllib
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from sceniris_gym import SceneConfig, __version__, build_model
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+MAPPED = {"envs": "sceniris_gym.envs", "assets": "sceniris_gym.assets"}  # top-level folders that are sub-packages
+
+
+def run(*command: str | Path, cwd: Path) -> str:
+    """Run a command and return what it prints; show its errors when it fails."""
+    result = subprocess.run(command, cwd=cwd, capture_output=True, text=True)
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout
+
+
+@pytest.fixture(scope="session")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the sdist of the tree, and the wheel that was built from it."""
+    tree = tmp_path_factory.mktemp("tree")
+    for name in ("sceniris_gym", *MAPPED):
+        shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, tree)
+    run(sys.executable, "-m", "build", "--no-isolation", cwd=tree)
+    return tree / "dist"
+
+
+@pytest.fixture(scope="session")
+def python(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the interpreter of a clean venv with the wheel, which sees this one's packages but not this checkout."""
+    folder = tmp_path_factory.mktemp("venv")
+    venv.create(folder, with_pip=False, symlinks=True)
+    python = folder / "bin" / "python"
+    site = Path(run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=folder).strip())
+    # A folder named in a .pth file is searched; its own .pth files, the editable install's among them, are not read.
+    (site / "dependencies.pth").write_text(sysconfig.get_path("purelib"))
+    wheel = next(built.glob("*.whl"))
+    pip = [sys.executable, "-m", "pip", "--python", str(python)]
+    run(*pip, "install", "--no-deps", "--no-index", "--ignore-installed", wheel, cwd=folder)
+    return python
+
+
+def test_the_package_list_is_the_tree():
+    """Every folder with an __init__.py is a package of pyproject.toml, and no other."""
+    found = {
+        ".".join(path.parent.relative_to(ROOT).parts)
+        for folder in ("sceniris_gym", *MAPPED)
+        for path in (ROOT / folder).rglob("__init__.py")
+    }
+    assert {MAPPED.get(name, name) for name in found} == set(PROJECT["tool"]["setuptools"]["packages"])
+    assert {v: k for k, v in MAPPED.items()} == PROJECT["tool"]["setuptools"]["package-dir"]
+
+
+def test_every_folder_with_code_is_a_package():
+    """No module is left out because its folder has no __init__.py."""
+    folders = {path.parent for path in (ROOT / "sceniris_gym").rglob("*.py")}
+    assert [folder for folder in folders if not (folder / "__init__.py").is_file()] == []
+
+
+def test_the_version_is_the_same_everywhere():
+    """In pyproject.toml, in the package and on top of the changelog."""
+    assert PROJECT["project"]["version"] == __version__
+    headings = [line for line in (ROOT / "CHANGELOG.md").read_text().splitlines() if line.startswith("## ")]
+    assert __version__ in headings[0]
+
+
+def test_every_dependency_is_pinned():
+    """Each dependency and extra of pyproject.toml has its exact version in constraints.txt."""
+    lines = (line.split("==")[0] for line in (ROOT / "constraints.txt").read_text().splitlines() if "==" in line)
+    pinned = {line.lower().replace("_", "-") for line in lines}
+    extras = PROJECT["project"]["optional-dependencies"].values()
+    wanted = [*PROJECT["project"]["dependencies"], *(text for extra in extras for text in extra)]
+    names = {text.split(">")[0].split("[")[0].lower().replace("_", "-") for text in wanted}
+    assert names - pinned == set()
+
+
+@pytest.mark.slow
+def test_wheel_and_sdist_hold_all_modules_scenes_and_assets(built: Path):
+    """What is in the tree is in both; tests and caches are not in the wheel."""
+    wheel = set(zipfile.ZipFile(next(built.glob("*.whl"))).namelist())
+    with tarfile.open(next(built.glob("*.tar.gz"))) as archive:
+        sdist = {name.partition("/")[2] for name in archive.getnames()}
+    kinds = {"sceniris_gym": ["*.py", "py.typed"], "envs": ["*.py", "*.yaml"], "assets": ["*.py", "*.xml", "meshes/*"]}
+    files = [
+        p.relative_to(ROOT) for folder, all_ in kinds.items() for kind in all_ for p in (ROOT / folder).rglob(kind)
+    ]
+    files = [path for path in files if "__pycache__" not in path.parts]
+    assert len(files) > 30
+    assert [str(path) for path in files if str(path) not in sdist] == []
+    inside = ["/".join(["sceniris_gym", *p.parts] if p.parts[0] in MAPPED else p.parts) for p in files]
+    assert [path for path in inside if path not in wheel] == []
+    assert [path for path in wheel if path.startswith("tests") or path.endswith(".pyc")] == []
+
+
+@pytest.mark.slow
+def test_the_wheel_builds_the_same_scene_in_a_clean_venv(python: Path, tmp_path: Path):
+    """The installed package, not the checkout, loads `mid`, and gives it the same hash."""
+    code = (
+        "import sceniris_gym as s; print(s.__file__); print(s.build_model(s.SceneConfig.load('mid')).hash); "
+        "import importlib.metadata as m; print(m.version('sceniris-gym'))"
+    )
+    file, scene_hash, version = run(python, "-c", code, cwd=tmp_path).split()
+    assert Path(file).is_relative_to(python.parents[1])
+    assert scene_hash == build_model(SceneConfig.load("mid")).hash
+    assert version == __version__
+
+
+@pytest.mark.slow
+def test_the_console_script_is_installed(python: Path, tmp_path: Path):
+    """`sceniris-gym --help` lists its commands."""
+    said = run(python.parent / "sceniris-gym", "--help", cwd=tmp_path)
+    for command in ("demo", "generate", "audit", "bench", "replay"):
+        assert command in said
