@@ -13,8 +13,8 @@ from .textures import blend, mottle, write_png
 # Control points (r [mm], z [mm], density of rings), from the top of the axis to its bottom.
 APPLE = [
     (0.0, 76.0, 1), (1.9, 75.6, 4), (1.6, 70.0, 2), (1.7, 65.0, 2), (5.5, 65.4, 2), (11.0, 69.6, 1.5),
-    (18.0, 73.2, 1.2), (24.0, 72.6, 1), (32.5, 66.0, 1), (38.6, 54.0, 1), (40.4, 42.0, 1), (38.4, 27.0, 1),
-    (32.4, 13.0, 1), (25.0, 4.0, 1), (17.0, 0.0, 1.2), (11.0, 1.6, 1.5), (6.0, 5.4, 1.5), (0.0, 7.0, 1.5),
+    (18.0, 73.2, 1.2), (23.0, 72.6, 1), (30.5, 66.0, 1), (36.0, 54.0, 1), (37.4, 42.0, 1), (35.4, 27.0, 1),
+    (29.9, 13.0, 1), (23.4, 4.0, 1), (16.4, 0.0, 1.2), (11.0, 1.6, 1.5), (6.0, 5.4, 1.5), (0.0, 7.0, 1.5),
 ]  # fmt: skip
 ORANGE = [
     (0.0, 69.2, 1), (2.2, 69.6, 3), (2.8, 69.0, 3), (4.5, 69.6, 2), (9.0, 70.4, 1.2), (18.0, 67.6, 1),
@@ -151,9 +151,9 @@ def main() -> None:
     """Write the three fruits."""
     textures()
     body, fine = apple(24, 24), apple(128, 64)
-    write_fruit("apple", body, fine, [thin_hull(body.vertices, 80)], mass=0.19, grasp_height=0.038)
+    write_fruit("apple", body, fine, [thin_hull(fine.vertices, 80)], mass=0.17, grasp_height=0.038)
     body, fine = orange(24, 24), orange(128, 64)
-    write_fruit("orange", body, fine, [thin_hull(body.vertices, 80)], mass=0.18, grasp_height=0.036)
+    write_fruit("orange", body, fine, [thin_hull(fine.vertices, 80)], mass=0.18, grasp_height=0.036)
     rows, segments = 32, 20
     body, fine = banana(rows, segments), banana(128, 64)
     write_fruit("banana", body, fine, banana_pieces(body, rows, segments), mass=0.14, grasp_height=0.018)

@@ -131,10 +131,10 @@ def thin_hull(points: np.ndarray, count: int, swell: bool = True) -> Mesh:
     points = np.unique(np.round(points, DECIMALS), axis=0)
     points = points[ConvexHull(points).vertices]
     centre = points.mean(axis=0)
-    # What it stands on comes first: eight corners of the lowest face, and the ends along the axes and the diagonals.
+    # What it stands on comes first: ten corners of the lowest face, and the ends along the axes and the diagonals.
     lowest = np.flatnonzero(points[:, 2] < points[:, 2].min() + 1e-6)
     turn = np.arctan2(*(points[lowest, :2] - centre[:2]).T)
-    foot = lowest[np.argsort(turn)][np.linspace(0, len(lowest), 8, endpoint=False).astype(int)]
+    foot = lowest[np.argsort(turn)][np.linspace(0, len(lowest), 10, endpoint=False).astype(int)]
     ends = np.concatenate([np.eye(3), -np.eye(3), [[1, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1]]])
     chosen = list(dict.fromkeys([*foot.tolist(), *((points - centre) @ ends.T).argmax(axis=0).tolist()]))
     missed = 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from importlib.resources import files
 
 import mujoco
@@ -16,7 +17,7 @@ FINE = [f"{name}_16k" for name in SMALL]
 OTHERS = ["table", "cabinet", "panda"]
 # Least and greatest extent along x, y, z [mm].
 SIZES = {
-    "apple": ((70, 90), (70, 90), (70, 90)),
+    "apple": ((70, 78), (70, 78), (70, 90)),
     "orange": ((65, 85), (65, 85), (60, 85)),
     "banana": ((170, 200), (45, 80), (28, 45)),
     "mug": ((95, 130), (75, 95), (85, 105)),
@@ -99,10 +100,10 @@ def test_collision_pieces_cover_what_the_eye_sees(name):
 
 @pytest.mark.parametrize("name", ["apple", "orange", "banana", "can"])
 def test_collision_pieces_of_full_objects_fit_closely(name):
-    """Their bounds are those of the visual surface within 1.2 mm, their volume is within 8% (dimples are bridged)."""
+    """Their bounds are those of the visual surface within 1.5 mm, their volume is within 8% (dimples are bridged)."""
     model, data = load(name)
     seen, felt = (bounds(model, data, geoms(model, group)) for group in (VISUAL, COLLISION))
-    np.testing.assert_allclose(felt, seen, atol=0.0012)
+    np.testing.assert_allclose(felt, seen, atol=0.0015)
     pieces = sum(mesh(model, data, g).volume for g in geoms(model, COLLISION))
     assert 0.96 < pieces / visual(name).volume < 1.08
 
@@ -139,7 +140,7 @@ def test_small_objects_stay_where_they_are_put(name, ground):
     else:
         height = 0.4
         spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.4, 0.4, 0.02], pos=[0, 0, height - 0.02])
-    asset = load_spec(name)
+    asset = mujoco.MjSpec.from_file(str(files("sceniris_gym.assets") / f"{name}.xml"))
     spec.attach(asset, prefix="o/", frame=spec.worldbody.add_frame(pos=[0, 0, height + 0.0005]))
     spec.body(f"o/{name}").add_freejoint()
     model = spec.compile()
@@ -152,11 +153,6 @@ def test_small_objects_stay_where_they_are_put(name, ground):
         assert np.linalg.norm(data.qpos[:3] - before[:3]) < 0.001
         turned = 2 * np.arccos(min(1.0, abs(data.qpos[3:7] @ before[3:7])))
         assert np.degrees(turned) < 0.5
-
-
-def load_spec(name: str) -> mujoco.MjSpec:
-    """The MJCF of an asset, to be attached."""
-    return mujoco.MjSpec.from_file(str(files("sceniris_gym.assets") / f"{name}.xml"))
 
 
 def test_the_table_is_a_flat_top_on_four_legs():
@@ -174,7 +170,8 @@ def test_the_table_is_a_flat_top_on_four_legs():
 def test_the_scripts_make_what_ships(tmp_path, monkeypatch):
     """Run anew, they write the same files, and meshes of the same extent."""
     pytest.importorskip("manifold3d")
-    from sceniris_gym.assets import make_all, paths
+    make_all = importlib.import_module("sceniris_gym.assets.make_all")
+    paths = importlib.import_module("sceniris_gym.assets.paths")
 
     shipped = paths.FOLDER
     monkeypatch.setattr(paths, "FOLDER", tmp_path)

@@ -66,7 +66,7 @@ def test_drawers_keep_clear_of_the_frame_and_of_each_other(group):
 
 @pytest.mark.parametrize("joint", DRAWERS)
 def test_a_drawer_is_hollow_and_tall_enough_for_a_banana(joint):
-    """Pulled out or not, 0.34 x 0.25 x 0.10 m over its floor are free; floor and walls are solid; the frame is a roof."""
+    """Pulled out or not, 0.34 x 0.25 x 0.10 m over its floor are free; floor and walls are solid."""
     model, data = load("cabinet")
     for travel in (0.0, 0.25):
         data.joint(joint).qpos = travel

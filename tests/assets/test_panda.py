@@ -122,7 +122,7 @@ def test_the_gripper_closes_evenly_and_holds_a_cube():
     mujoco.mj_step(grip, state, nstep=300)
     grip.opt.gravity[2] = -9.81
     mujoco.mj_step(grip, state, nstep=1000)
-    assert np.linalg.norm(state.body("cube").xpos - start) < 0.005
+    assert np.linalg.norm(state.body("cube").xpos - start) < 0.002
 
 
 def test_links_have_plausible_masses_and_dressed_shapes():
