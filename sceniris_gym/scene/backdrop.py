@@ -39,7 +39,7 @@ def add_floor(spec: mujoco.MjSpec, floor: Floor) -> None:
     )
     textures = [""] * mujoco.mjtTextureRole.mjNTEXROLE
     textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "floor"
-    # texuniform: squares of 0.1 m whatever the size of the floor
+    # texuniform: squares of 0.2 m whatever the size of the floor
     spec.add_material(name="floor", textures=textures, texuniform=True, texrepeat=[5.0, 5.0], specular=0.1)
     spec.worldbody.add_geom(
         name=FLOOR,

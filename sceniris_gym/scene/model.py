@@ -17,7 +17,7 @@ from sceniris_gym.scene.values import FLOOR, ROBOT
 HOME = "home"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SceneModel:
     """A compiled scene.
 
