@@ -97,7 +97,7 @@ def load_world(scene: SceneModel, device: str) -> World:
     """Take a scene to a device. The World's bank is empty; `layout.build_world` fills it."""
     plan = build_plan(scene)
     colliders = _collect(plan, scene.config.geometry == "visual", device)
-    arrays = _objects(scene, plan, colliders) | _bodies(scene.mjm) | _pieces(plan.pieces) | _trees(colliders)
+    arrays = _objects(scene, plan, colliders) | _bodies(scene) | _pieces(plan.pieces) | _trees(colliders)
     mocap = max(scene.mjm.nmocap, 1)
     arrays |= {
         "home_qpos": scene.home_qpos,
@@ -229,18 +229,37 @@ def _pieces(pieces: list[Piece]) -> dict[str, np.ndarray]:
     }
 
 
-def _bodies(mjm: mujoco.MjModel) -> dict[str, np.ndarray]:
+def _bodies(scene: SceneModel) -> dict[str, np.ndarray]:
+    """Bodies and joints for forward kinematics, which knows hinges and slides only.
+
+    Free and ball joints are never drawn. A root that stays at the start pose of its freejoint gets that as its body's
+    pose; a ball joint becomes a hinge that stands at the angle of its start pose.
+    """
+    mjm = scene.mjm
+    pos, quat, num = mjm.body_pos.copy(), mjm.body_quat.copy(), mjm.body_jntnum.copy()
+    axis, qpos0 = mjm.jnt_axis.copy(), mjm.qpos0[mjm.jnt_qposadr].copy()
+    for joint, (kind, adr) in enumerate(zip(mjm.jnt_type, mjm.jnt_qposadr, strict=True)):
+        if kind == mujoco.mjtJoint.mjJNT_FREE:
+            body = mjm.jnt_bodyid[joint]
+            pos[body], quat[body], num[body] = scene.home_qpos[adr : adr + 3], scene.home_qpos[adr + 3 : adr + 7], 0
+            quat[body] /= np.linalg.norm(quat[body])
+        elif kind == mujoco.mjtJoint.mjJNT_BALL:
+            rotation = np.zeros(3)
+            mujoco.mju_quat2Vel(rotation, scene.home_qpos[adr : adr + 4], 1.0)
+            angle = np.linalg.norm(rotation)
+            axis[joint] = rotation / angle if angle > 0.0 else axis[joint]
+            qpos0[joint] = scene.home_qpos[adr] - angle
     return {
         "body_parent": mjm.body_parentid,
-        "body_pos": mjm.body_pos,
-        "body_quat": mjm.body_quat,
+        "body_pos": pos,
+        "body_quat": quat,
         "body_jntadr": mjm.body_jntadr,
-        "body_jntnum": mjm.body_jntnum,
+        "body_jntnum": num,
         "jnt_slide": mjm.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE,
         "jnt_pos": mjm.jnt_pos,
-        "jnt_axis": mjm.jnt_axis,
+        "jnt_axis": axis,
         "jnt_qposadr": mjm.jnt_qposadr,
-        "jnt_qpos0": mjm.qpos0[mjm.jnt_qposadr],
+        "jnt_qpos0": qpos0,
     }
 
 
