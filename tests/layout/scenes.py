@@ -1,0 +1,85 @@
+"""Scenes and their layouts for these tests: made on the CPU, read back as MuJoCo states."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.layout.build import build_world
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Layouts, Status
+from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.scene.world import World
+
+FLOOR = {"size": [1.0, 1.0]}
+ANYWHERE = [[-0.2, -0.2, 0.2], [0.2, 0.2, 0.6]]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Layouts as numpy arrays, one row a world."""
+
+    qpos: np.ndarray
+    mocap_pos: np.ndarray
+    mocap_quat: np.ndarray
+    status: np.ndarray
+    attempts: np.ndarray
+
+    def bits(self) -> bytes:
+        """All of it, for comparisons bit by bit."""
+        return b"".join(a.tobytes() for a in (self.qpos, self.mocap_pos, self.mocap_quat, self.status, self.attempts))
+
+    def __getitem__(self, index: Any) -> Rows:
+        return Rows(*(a[index] for a in (self.qpos, self.mocap_pos, self.mocap_quat, self.status, self.attempts)))
+
+
+def cpu_world(scene: Mapping[str, Any] | str, overrides: Mapping[str, Any] | None = None, **options: Any) -> World:
+    """Build a scene's World on the CPU."""
+    return build_world(SceneConfig.load(scene, overrides), "cpu", **options)
+
+
+def read(layouts: Layouts) -> Rows:
+    """Copy the rows of a batch."""
+    arrays = (layouts.qpos, layouts.mocap_pos, layouts.mocap_quat, layouts.status, layouts.attempts)
+    return Rows(*(a.numpy().copy() for a in arrays))
+
+
+def make(world: World, nworld: int, **options: Any) -> Rows:
+    """Make the layouts of one episode."""
+    generator = LayoutGenerator(world, nworld, **options)
+    generator.generate()
+    return read(generator.layouts)
+
+
+def posed(world: World, rows: Rows) -> Iterator[mujoco.MjData]:
+    """The model in the state of each row, posed by MuJoCo C; one MjData, reused."""
+    data = mujoco.MjData(world.mjm)
+    for i in range(len(rows.qpos)):
+        data.qpos[:] = rows.qpos[i]
+        if world.mjm.nmocap:
+            data.mocap_pos[:], data.mocap_quat[:] = rows.mocap_pos[i], rows.mocap_quat[i]
+        mujoco.mj_kinematics(world.mjm, data)
+        yield data
+
+
+def valid(rows: Rows) -> Rows:
+    """The rows that are fresh and valid."""
+    return rows[rows.status == Status.VALID]
+
+
+def write_mjcf(folder: Path, name: str, body: str, rest: str = "") -> str:
+    """Write an asset whose root body holds `body`; return its path."""
+    path = folder / f"{name}.xml"
+    path.write_text(f'<mujoco><worldbody><body name="{name}">{body}</body></worldbody>{rest}</mujoco>')
+    return str(path)
+
+
+def box_mjcf(folder: Path, name: str, x: float, y: float, z: float, extra: str = "") -> str:
+    """Write a box of full extents [m] that stands on its origin; return the file's path."""
+    geom = f'<geom type="box" size="{x / 2} {y / 2} {z / 2}" pos="0 0 {z / 2}" {extra}/>'
+    return write_mjcf(folder, name, geom)
