@@ -152,3 +152,7 @@ class SeedError(ScenirisError, ValueError):
 
 class LayoutIdError(ScenirisError):
     """A layout id that is not `scenehash:split:seed:episode`."""
+
+
+class CountError(ScenirisError, ValueError):
+    """A number of layouts, candidates or worlds that is too small."""
