@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.tools.audit.geometry import Rows
+from sceniris_gym.tools.rows import Rows
 
 MODEL = """
 <mujoco>

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.tools.audit.auditor import Auditor
-from sceniris_gym.tools.audit.geometry import Rows
+from sceniris_gym.tools.rows import Rows
 from tests.tools.scenes import GAP, MODEL, OBJECTS, bodies, layout, small_config, small_model, with_row
 
 MJM = small_model()

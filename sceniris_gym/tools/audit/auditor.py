@@ -10,12 +10,13 @@ import numpy as np
 
 from sceniris_gym.scene.config import SceneConfig
 from sceniris_gym.tools.audit.collisions import CollisionAudit, Conflict, FalseAlarm
-from sceniris_gym.tools.audit.geometry import Rows, poses_of, solids_of
+from sceniris_gym.tools.audit.geometry import poses_of, solids_of
 from sceniris_gym.tools.audit.pairs import Tree
 from sceniris_gym.tools.audit.physics import FAST, STILL, Penetration, deepest, settle
 from sceniris_gym.tools.audit.standing import Misplaced, StandingAudit
+from sceniris_gym.tools.rows import Rows
 
-CHUNK = 1000  # rows whose poses are held at once
+CHUNK = 500  # rows whose poses are held at once
 
 
 @dataclass(frozen=True)

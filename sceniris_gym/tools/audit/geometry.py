@@ -8,16 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from sceniris_gym.errors import NotSupportedError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
+from sceniris_gym.tools.rows import Rows
 
 _BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
 _VISIBLE_GROUPS = (0, 1, 2)
@@ -80,32 +77,6 @@ class Solid:
 
 
 @dataclass(frozen=True)
-class Rows:
-    """Layouts as MuJoCo states.
-
-    Attributes:
-        qpos: joint positions, shape (nrow, nq).
-        mocap_pos: positions of the mocap bodies [m], shape (nrow, nmocap, 3).
-        mocap_quat: orientations of the mocap bodies (w, x, y, z), shape (nrow, nmocap, 4).
-    """
-
-    qpos: np.ndarray
-    mocap_pos: np.ndarray
-    mocap_quat: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.qpos)
-
-    def __getitem__(self, index: slice | np.ndarray) -> Rows:
-        return Rows(self.qpos[index], self.mocap_pos[index], self.mocap_quat[index])
-
-    def chunks(self, size: int) -> Iterator[tuple[int, Rows]]:
-        """Yield the first row index and the rows of each chunk of at most `size` rows."""
-        for start in range(0, len(self), size):
-            yield start, self[slice(start, start + size)]
-
-
-@dataclass(frozen=True)
 class Poses:
     """World poses of the geoms and bodies of some rows: positions (nrow, n, 3), rotations (nrow, n, 3, 3)."""
 
@@ -115,13 +86,6 @@ class Poses:
     xmat: np.ndarray
 
 
-def put_row(data: mujoco.MjData, rows: Rows, i: int) -> None:
-    """Write row `i` into `data`."""
-    data.qpos[:] = rows.qpos[i]
-    data.mocap_pos[:] = rows.mocap_pos[i]
-    data.mocap_quat[:] = rows.mocap_quat[i]
-
-
 def poses_of(mjm: mujoco.MjModel, rows: Rows) -> Poses:
     """Return the poses of all geoms and bodies in each row, by MuJoCo C's forward kinematics."""
     data = mujoco.MjData(mjm)
@@ -129,7 +93,7 @@ def poses_of(mjm: mujoco.MjModel, rows: Rows) -> Poses:
     geom_xpos, geom_xmat = np.empty((n, mjm.ngeom, 3)), np.empty((n, mjm.ngeom, 9))
     xpos, xmat = np.empty((n, mjm.nbody, 3)), np.empty((n, mjm.nbody, 9))
     for i in range(n):
-        put_row(data, rows, i)
+        rows.put(data, i)
         mujoco.mj_kinematics(mjm, data)
         geom_xpos[i], geom_xmat[i], xpos[i], xmat[i] = data.geom_xpos, data.geom_xmat, data.xpos, data.xmat
     return Poses(geom_xpos, geom_xmat.reshape(n, -1, 3, 3), xpos, xmat.reshape(n, -1, 3, 3))

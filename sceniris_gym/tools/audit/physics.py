@@ -9,8 +9,8 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 
-from sceniris_gym.tools.audit.geometry import Rows, put_row
 from sceniris_gym.tools.audit.pairs import Tree
+from sceniris_gym.tools.rows import Rows
 
 SETTLE_SECONDS = 0.5
 STILL = 0.01  # m; a free object that moves more did not rest
@@ -56,7 +56,7 @@ def deepest(tree: Tree, rows: Rows) -> Penetration:
     depth = np.zeros(len(rows))
     pair = np.zeros((len(rows), 2), int)
     for i in range(len(rows)):
-        put_row(data, rows, i)
+        rows.put(data, i)
         mujoco.mj_kinematics(mjm, data)
         mujoco.mj_comPos(mjm, data)
         mujoco.mj_collision(mjm, data)
@@ -107,7 +107,7 @@ def _start(mjm: mujoco.MjModel, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
     given = np.empty((len(rows), mujoco.mj_stateSize(mjm, _GIVEN)))
     for i in range(len(rows)):
         mujoco.mj_resetData(mjm, data)
-        put_row(data, rows, i)
+        rows.put(data, i)
         hold(mjm, data)
         mujoco.mj_getState(mjm, data, states[i], full)
         mujoco.mj_getState(mjm, data, given[i], _GIVEN)

@@ -11,7 +11,7 @@ import shapely
 
 from sceniris_gym.scene.config import ObjectConfig, SceneConfig
 from sceniris_gym.scene.values import FLOOR
-from sceniris_gym.tools.audit.geometry import Form, Poses, Rows, Solid, poses_of
+from sceniris_gym.tools.audit.geometry import Form, Poses, Solid, poses_of
 from sceniris_gym.tools.audit.pairs import Tree
 from sceniris_gym.tools.audit.supports import (
     EDGE_TOLERANCE,
@@ -24,6 +24,7 @@ from sceniris_gym.tools.audit.supports import (
     surface_of,
     upright_frame,
 )
+from sceniris_gym.tools.rows import Rows
 
 _AROUND = np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]]) * EDGE_TOLERANCE
 
@@ -121,7 +122,9 @@ class StandingAudit:
         body, stands = np.full(len(pivots), -1), np.zeros(len(pivots), bool)
         size = np.ptp(self._points[name][:, :2], axis=0)
         erosion = part.ratio_on_support * size.min() / 2
-        turned, corners = self._in_frames(ground, poses, pivots, name)
+        turned = self._in_frame(ground, poses, pivots[:, None])[:, 0]
+        whole = part.ratio_on_support == 1.0
+        corners = self._in_frame(ground, poses, self._corners(name, poses))[:, :, :2] if whole else turned[:, None, :2]
         for rows, surfaces in self._surfaces(parent, ground, poses, open_above=part.support.word == "on"):
             bounds = shapely.total_bounds([surface.area for surface in surfaces])
             for surface in surfaces:
@@ -130,19 +133,19 @@ class StandingAudit:
                 allowed &= inside(_cropped(surface.area, bounds, part), turned[level, :2])
                 on = level[allowed]
                 body[on] = ground
-                stands[on] = part.ratio_on_support < 1.0 or _all_inside(surface.area, corners[on])
+                stands[on] = not whole or _all_inside(surface.area, corners[on])
         return body, stands
 
-    def _in_frames(self, body: int, poses: Poses, pivots: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return pivots (nrow, 3) and xy of the footprint's corners (nrow, n, 2) in the upright frames of a body."""
-        root = self.bodies[name]
-        corners = np.einsum("nij,kj->nki", poses.xmat[:, root], self._points[name]) + poses.xpos[:, root, None]
-        points = np.concatenate([pivots[:, None], corners], axis=1) - poses.xpos[:, body, None]
-        local = np.einsum("nij,nki->nkj", poses.xmat[:, body], points)
+    def _in_frame(self, body: int, poses: Poses, points: np.ndarray) -> np.ndarray:
+        """Return world points (nrow, n, 3) in the upright frame of a body in each row, the same shape."""
         ups, index = _directions(poses.xmat[:, body, 2])
         frames = np.stack([upright_frame(up) for up in ups])[index]
-        turned = np.einsum("nij,nkj->nki", frames, local)
-        return turned[:, 0], turned[:, 1:, :2]
+        return (points - poses.xpos[:, body, None]) @ poses.xmat[:, body] @ frames.transpose(0, 2, 1)
+
+    def _corners(self, name: str, poses: Poses) -> np.ndarray:
+        """Return the corners of an object's hull in each row [m], world frame, shape (nrow, n, 3)."""
+        root = self.bodies[name]
+        return self._points[name] @ poses.xmat[:, root].transpose(0, 2, 1) + poses.xpos[:, root, None]
 
     def _surfaces(
         self, parent: str, body: int, poses: Poses, *, open_above: bool

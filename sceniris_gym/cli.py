@@ -1,0 +1,231 @@
+"""The command line: `sceniris-gym <command>`. Results go to stdout, everything else to stderr."""
+
+from __future__ import annotations
+
+import functools
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from json import dumps
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, ParamSpec
+
+import tyro
+
+from sceniris_gym.errors import CountError, SceneKeyError, ScenirisError
+
+if TYPE_CHECKING:
+    from sceniris_gym.scene.config import SceneConfig
+    from sceniris_gym.scene.world import World
+
+Scene = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE", help="name of a shipped scene, or a path")]
+Device = Annotated[str | None, tyro.conf.arg(help="cpu, cuda:0, ...; by default cuda:0 if there is one, else cpu")]
+Json = Annotated[bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="print one line of JSON and nothing else")]
+Changes = Annotated[
+    tyro.conf.UseAppendAction[tuple[str, ...]],
+    tyro.conf.arg(name="set", metavar="KEY=VALUE", help="replace a part of the scene: objects.apple.clearance=0.01"),
+]
+P = ParamSpec("P")
+
+
+def _command(work: Callable[P, str]) -> Callable[P, str]:
+    """Send all that libraries print while a command works to stderr: stdout is for the answer."""
+
+    @functools.wraps(work)
+    def quiet(*args: P.args, **kwargs: P.kwargs) -> str:
+        import warp as wp
+
+        wp.config.log_level = wp.LOG_WARNING
+        with _stdout_to_stderr():
+            return work(*args, **kwargs)
+
+    return quiet
+
+
+@contextmanager
+def _stdout_to_stderr() -> Iterator[None]:
+    sys.stdout.flush()
+    kept = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        yield
+    finally:
+        sys.stdout.flush()
+        os.dup2(kept, 1)
+        os.close(kept)
+
+
+@_command
+def demo(out: Path = Path("demo/layouts.png"), device: Device = None, json: Json = False) -> str:
+    """Reset 64 worlds of the Mid scene three times, print the figures and write a picture of 16 worlds."""
+    from sceniris_gym.tools import demo as tool
+
+    figures = tool.demo(out, device)
+    return dumps(figures) if json else tool.report(figures)
+
+
+@_command
+def generate(
+    scene: Scene,
+    n: Annotated[int, tyro.conf.arg(aliases=["-n"], help="number of layouts")],
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"], help="folder for layouts.npz and scene.zip")],
+    seed: Annotated[int, tyro.conf.arg(aliases=["-s"], help="row i has this seed + i, episode 0")] = 0,
+    split: Annotated[Literal["train", "eval"], tyro.conf.arg(help="which streams of random numbers")] = "train",
+    chunk: Annotated[int, tyro.conf.arg(help="layouts made at once; no layout depends on it")] = 4096,
+    device: Device = None,
+    changes: Changes = (),
+    json: Json = False,
+) -> str:
+    """Write a data set of layouts with the model they belong to."""
+    _at_least(1, n=n, chunk=chunk)
+    from tqdm import tqdm
+
+    from sceniris_gym.tools.dataset import make_table, write_dataset
+
+    world = _world(scene, changes, device)
+    with tqdm(total=n, unit="layout", file=sys.stderr) as bar:
+        table = make_table(world, n, seed, split=split, chunk=chunk, progress=bar.update)
+    write_dataset(world, table, out)
+    figures = {
+        "scene": world.config.name,
+        "hash": world.hash,
+        "layouts": n,
+        "valid": float(table.valid.mean()),
+        "first_pass_valid": float(table.first_pass_valid.mean()),
+        "files": [str(out / "layouts.npz"), str(out / "scene.zip")],
+    }
+    return dumps(figures) if json else f"{n} layouts of '{world.config.name}' in {out}, {figures['valid']:.2%} valid"
+
+
+@_command
+def audit(
+    scene: Scene,
+    layouts: Annotated[int, tyro.conf.arg(help="layouts to judge")] = 1000,
+    rejected: Annotated[int, tyro.conf.arg(help="rejected candidates to judge")] = 1000,
+    settled: Annotated[int | None, tyro.conf.arg(help="layouts to step for 0.5 s; by default all")] = None,
+    seed: int = 0,
+    device: Device = None,
+    changes: Changes = (),
+    json: Json = False,
+) -> str:
+    """Make layouts and check them again with FCL, MuJoCo C and shapely, which share no code with the generator."""
+    _at_least(1, layouts=layouts)
+    _at_least(0, rejected=rejected, settled=settled or 0)
+    from sceniris_gym.tools.judge import judge
+
+    found = judge(_world(scene, changes, device), layouts, rejected, layouts if settled is None else settled, seed)
+    return dumps(found) if json else _listing(found)
+
+
+@_command
+def bench(
+    scene: Scene,
+    num_envs: int = 4096,
+    geometry: Annotated[Literal["physics", "visual"] | None, tyro.conf.arg(help="instead of the scene's own")] = None,
+    seed: int = 0,
+    device: Device = None,
+    changes: Changes = (),
+    json: Json = False,
+) -> str:
+    """Measure how fast layouts are made and worlds are reset."""
+    _at_least(1, num_envs=num_envs)
+    from sceniris_gym.tools import bench as tool
+
+    overrides = _overrides(changes) | ({} if geometry is None else {"geometry": geometry})
+    measured = tool.bench(scene, num_envs, device, seed, overrides)
+    return dumps(measured) if json else _listing(measured)
+
+
+@_command
+def replay(
+    layout: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="ID", help="scenehash:split:seed:episode")],
+    scene: Annotated[str | None, tyro.conf.arg(help="the scene, if it is not a shipped one")] = None,
+    out: Annotated[Path | None, tyro.conf.arg(help="the picture; by default in demo/")] = None,
+    device: Device = None,
+    changes: Changes = (),
+    json: Json = False,
+) -> str:
+    """Make one layout again from its id, and show it as numbers and as a picture."""
+    from sceniris_gym.layout.build import build_world
+    from sceniris_gym.tools import replay as tool
+    from sceniris_gym.tools.render import captioned, save
+
+    name = tool.LayoutId.parse(layout)
+    world = build_world(tool.find_scene(name.scene, None if scene is None else _config(scene, changes)), device)
+    table = tool.replay(world, name)
+    found = {"id": layout, **tool.describe(world, table), "picture": str(out or tool.default_picture(name))}
+    save(captioned(world.mjm, table.rows, [layout], device=world.device), Path(found["picture"]))
+    return dumps(found) if json else tool.report(found)
+
+
+@_command
+def check(
+    scene: Scene,
+    layouts: Annotated[int, tyro.conf.arg(help="layouts to make")] = 1024,
+    seed: int = 0,
+    device: Device = None,
+    changes: Changes = (),
+    json: Json = False,
+) -> str:
+    """Say why a scene is hard: how many candidates were rejected, per object and cause."""
+    _at_least(1, layouts=layouts)
+    from sceniris_gym.tools import check as tool
+
+    found = tool.check(_world(scene, changes, device), layouts, seed)
+    return dumps(found) if json else tool.report(found)
+
+
+COMMANDS = {command.__name__: command for command in (demo, generate, audit, bench, replay, check)}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run a command. A ScenirisError ends it with its message on stderr and exit status 2."""
+    try:
+        print(tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="sceniris-gym", args=arguments))
+    except ScenirisError as error:
+        print(f"sceniris-gym: {error}", file=sys.stderr)
+        sys.exit(2)
+
+
+def _world(scene: str, changes: Sequence[str], device: str | None) -> World:
+    from sceniris_gym.layout.build import build_world
+
+    return build_world(_config(scene, changes), device)
+
+
+def _config(scene: str, changes: Sequence[str]) -> SceneConfig:
+    from sceniris_gym.scene.config import SceneConfig
+
+    return SceneConfig.load(scene, _overrides(changes))
+
+
+def _overrides(changes: Sequence[str]) -> dict[str, Any]:
+    """Read `key=value` pairs; values are YAML, as in a scene file."""
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    overrides = {}
+    for change in changes:
+        key, equals, value = change.partition("=")
+        if not (key and equals):
+            raise SceneKeyError(f"--set {change}: should be KEY=VALUE, as in objects.apple.clearance=0.01.")
+        try:
+            overrides[key] = YAML(typ="safe").load(value)
+        except YAMLError as error:
+            raise SceneKeyError(f"--set {change}: the value should be YAML: {error}") from error
+    return overrides
+
+
+def _at_least(least: int, **counts: int) -> None:
+    for name, count in counts.items():
+        if count < least:
+            raise CountError(f"--{name.replace('_', '-')} {count}: should be at least {least}.")
+
+
+def _listing(figures: dict[str, Any]) -> str:
+    return "\n".join(f"{name:<24}{value}" for name, value in figures.items())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,42 @@
+"""Why is this scene hard? Rejections per object and cause."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.scene.world import World
+from sceniris_gym.tools.dataset import read_table
+
+
+def check(world: World, layouts: int, seed: int) -> dict:
+    """Make layouts and return the shares of valid ones and the rejections per object and cause."""
+    generator = LayoutGenerator(world, layouts, seed=seed)
+    generator.generate()
+    table = read_table(generator)
+    return {
+        "scene": world.config.name,
+        "hash": world.hash,
+        "layouts": layouts,
+        "valid": float(table.valid.mean()),
+        "first_pass_valid": float(table.first_pass_valid.mean()),
+        "attempts_per_layout": float(table.attempts.mean()),
+        "rejections": generator.rejection_counts(),
+    }
+
+
+def report(found: Mapping) -> str:
+    """Return what `check` found as text."""
+    shares = (
+        f"{found['layouts']} layouts of '{found['scene']}': {found['valid']:.2%} valid, "
+        f"{found['first_pass_valid']:.2%} on the first pass, {found['attempts_per_layout']:.2f} candidates a layout"
+    )
+    return f"{shares}\n{table_of_rejections(found['rejections'])}"
+
+
+def table_of_rejections(counts: Mapping[str, Mapping[str, int]]) -> str:
+    """Return rejection counts as a table: a line for each object, a column for each cause."""
+    causes = list(next(iter(counts.values()), {}))
+    lines = [f"{'rejected':<14}" + "".join(f"{cause:>12}" for cause in causes)]
+    lines += [f"{name:<14}" + "".join(f"{by_cause[c]:>12}" for c in causes) for name, by_cause in counts.items()]
+    return "\n".join(lines)

@@ -1,0 +1,103 @@
+"""The first thing to run: resets 64 worlds of a scene three times, says what happened, and shows 16 of them."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+
+from sceniris_gym.layout.build import build_world
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.scene.world import World
+from sceniris_gym.sim.batch import Batch
+from sceniris_gym.sim.randomizer import ResetRandomizer
+from sceniris_gym.tools.check import table_of_rejections
+from sceniris_gym.tools.render import captioned, save
+from sceniris_gym.tools.rows import Rows
+
+SCENE = "mid"
+WORLDS, RESETS, SHOWN = 64, 3, 16
+_REPEATS = 20  # of the layouts, to time them
+
+
+def demo(out: Path, device: str | None) -> dict:
+    """Run the demo and return its figures.
+
+    Args:
+        out: the picture to write.
+        device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
+    """
+    start = time.perf_counter()
+    world = build_world(SCENE, device)
+    batch = Batch(world.scene, WORLDS, world.device)
+    randomizer = ResetRandomizer(world, batch.model, batch.data)
+    layouts = randomizer.layouts
+    made = Counter()
+    for _ in range(RESETS):
+        randomizer.reset()
+        made["valid"] += int((layouts.status.numpy() == Status.VALID).sum())
+        made["first_pass_valid"] += int(layouts.first_pass_valid.numpy().sum())
+        made["attempts"] += int(layouts.attempts.numpy().sum())
+    ready = time.perf_counter() - start
+    counts = randomizer.rejection_counts()
+    captions = [_caption(randomizer, i) for i in range(SHOWN)]
+    save(captioned(world.mjm, _rows(batch, world, SHOWN), captions, device=world.device), out)
+    total = WORLDS * RESETS
+    return {
+        "scene": world.config.name,
+        "device": world.device,
+        "worlds": WORLDS,
+        "resets": RESETS,
+        "ready_s": ready,
+        "valid": made["valid"] / total,
+        "first_pass_valid": made["first_pass_valid"] / total,
+        "attempts_per_layout": made["attempts"] / total,
+        "rejections": counts,
+        "layouts_per_s": WORLDS / _warm(randomizer, world.device),
+        "shown": SHOWN,
+        "picture": str(out),
+    }
+
+
+def report(figures: Mapping) -> str:
+    """Return the figures of the demo as text."""
+    lines = [
+        f"{figures['worlds']} worlds of the scene '{figures['scene']}' were reset {figures['resets']} times on "
+        f"{figures['device']} ({figures['ready_s']:.1f} s with all preparations)",
+        f"valid {figures['valid']:.1%}, on the first pass {figures['first_pass_valid']:.1%}, "
+        f"{figures['attempts_per_layout']:.2f} candidates a layout",
+        table_of_rejections(figures["rejections"]),
+        f"warm: {figures['layouts_per_s']:,.0f} layouts/s, {figures['worlds']} at a time",
+        f"{figures['shown']} of the worlds are shown in {figures['picture']}",
+    ]
+    return "\n".join(lines)
+
+
+def _rows(batch: Batch, world: World, nrow: int) -> Rows:
+    """Return the state that the first worlds of the simulation are in."""
+    data, nmocap = batch.data, world.mjm.nmocap
+    return Rows(
+        data.qpos.numpy()[:nrow], data.mocap_pos.numpy()[:nrow, :nmocap], data.mocap_quat.numpy()[:nrow, :nmocap]
+    )
+
+
+def _caption(randomizer: ResetRandomizer, i: int) -> str:
+    layouts = randomizer.layouts
+    status = Status(int(layouts.status.numpy()[i])).name.lower()
+    return f"world {i}: seed {layouts.seed.numpy()[i]}, episode {layouts.episode.numpy()[i]}, {status}"
+
+
+def _warm(randomizer: ResetRandomizer, device: str) -> float:
+    """Return the median time [s] in which the layouts of all worlds are made."""
+    times = []
+    for _ in range(_REPEATS):
+        wp.synchronize_device(device)
+        start = time.perf_counter()
+        randomizer.generator.generate()
+        wp.synchronize_device(device)
+        times.append(time.perf_counter() - start)
+    return float(np.median(times))

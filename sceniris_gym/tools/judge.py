@@ -1,0 +1,76 @@
+"""Makes layouts of a scene and lets the audit judge them, together with candidates that were rejected."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.scene.world import World
+from sceniris_gym.tools.audit.auditor import Auditor
+from sceniris_gym.tools.dataset import make_table
+from sceniris_gym.tools.rows import Rows
+
+_WORLDS = 1024  # that are reset again and again until enough candidates were rejected
+_EPISODES = 1000  # after which a scene is taken to reject hardly anything
+
+
+def rejected_candidates(world: World, n: int, seed: int) -> tuple[Rows, list[str]]:
+    """Make layouts until n candidates were rejected for collision.
+
+    Returns:
+        The layouts in which the rejected objects stand at their candidate poses, and the names of these objects; fewer
+        than n where the scene rejects hardly anything.
+    """
+    generator = LayoutGenerator(world, _WORLDS, seed=seed, rejected=n)
+    view, nmocap = generator.layouts.view, world.mjm.nmocap
+    count = 0
+    for _ in range(_EPISODES):
+        generator.generate()
+        count = min(int(view.rejected_count.numpy()[0]), n)
+        if count == n:
+            break
+    qpos, pos, quat = (
+        a.numpy()[:count] for a in (view.rejected_qpos, view.rejected_mocap_pos, view.rejected_mocap_quat)
+    )
+    names = [world.placed[i] for i in view.rejected_object.numpy()[:count]]
+    return Rows(qpos, pos[:, :nmocap], quat[:, :nmocap]), names
+
+
+def judge(world: World, layouts: int, rejected: int, settled: int, seed: int) -> dict:
+    """Make layouts and rejected candidates, and return what the audit finds as plain numbers and names.
+
+    Args:
+        world: the scene.
+        layouts: how many layouts.
+        rejected: how many rejected candidates.
+        settled: how many of the layouts are stepped for half a second.
+        seed: seed of the first layout.
+    """
+    auditor = Auditor(world.mjm, world.config, world.scene.bodies)
+    table = make_table(world, layouts, seed)
+    report = auditor.judge(table.rows, settled=settled)
+    rows, names = rejected_candidates(world, rejected, seed) if rejected else (table.rows[slice(0, 0)], [])
+    alarms = auditor.judge_rejected(rows, names, world.placed)
+    return {
+        "scene": world.config.name,
+        "hash": world.hash,
+        "geometry": world.config.geometry,
+        "device": world.device,
+        "seed": seed,
+        "layouts": report.layouts,
+        "valid": int(table.valid.sum()),
+        "missed_collisions": report.colliding,
+        "missed_pairs": dict(Counter(" ".join(c.owners) for c in report.conflicts)),
+        "rejected": len(rows),
+        "false_alarms": len(alarms),
+        "false_alarm_pairs": dict(Counter(" ".join(a.owners or ()) for a in alarms)),
+        "deepest_penetration_m": report.penetration.depth,
+        "deepest_pair": " ".join(report.penetration.owners or ()),
+        "misplaced": len({m.row for m in report.misplaced}),
+        "misplaced_by": dict(Counter(f"{m.name} {m.cause}" for m in report.misplaced)),
+        "settled": report.settled,
+        "moved": report.moved,
+        "moved_share": sum(report.moved.values()) / max(report.settled * len(report.moved), 1),
+        "fast": report.fast,
+        "top_speed_m_s": report.top_speed,
+    }

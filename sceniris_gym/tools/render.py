@@ -1,0 +1,174 @@
+"""Pictures of layouts by mujoco_warp's ray caster: no GL, on a CPU or a GPU.
+
+The poses of geoms, cameras and lights come from MuJoCo C, so that only the ray caster's own kernels are compiled
+(8 s once on one CPU core).
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import warp as wp
+from PIL import Image, ImageDraw, ImageFont
+
+from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.scene.values import FLOOR
+from sceniris_gym.tools.files import replacing
+from sceniris_gym.tools.rows import Rows
+
+CAMERA = "overview"
+SIZE = (480, 360)  # pixels
+VIEW = (0.45, -1.0, 1.4)  # from the scene to the eye: from the front, a little from the right and well above
+_VISIBLE_GROUPS = (0, 1, 2)
+_SAMPLES = 2  # rays for each pixel, along each axis
+_MARGIN = 1.04
+_APRON = 1.6  # m of ground drawn around the floor, which carries things as far as one looks but is drawn as a workspace
+_GAP, _STRIP = 6, 22  # pixels between tiles, and below each for its caption
+_INK, _PAPER = (40, 44, 50), (255, 255, 255)
+
+
+def render(mjm: mujoco.MjModel, rows: Rows, *, size: tuple[int, int] = SIZE, device: str | None = None) -> np.ndarray:
+    """Render each row with the same camera, which is placed so that it just sees everything in all of them.
+
+    Args:
+        mjm: the model; its camera 'overview' gives the field of view.
+        rows: the layouts.
+        size: width and height of a picture in pixels.
+        device: Warp's name of the device; None is Warp's default.
+
+    Returns:
+        Pictures, uint8, shape (nrow, height, width, 3).
+
+    Raises:
+        UnknownNameError: the model has no camera 'overview'.
+    """
+    camera = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_CAMERA, CAMERA)
+    if camera < 0:
+        raise UnknownNameError("camera", CAMERA, "render", [mjm.camera(i).name for i in range(mjm.ncam)])
+    poses = _poses(mjm, rows)
+    eye, axes = frame(_corners(mjm, poses), np.array(VIEW), mjm.cam_fovy[camera], size[0] / size[1])
+    poses["cam_xpos"][:, camera], poses["cam_xmat"][:, camera] = eye, axes.reshape(9)
+    width, height = size
+    with wp.ScopedDevice(device):
+        mjm = _with_apron(mjm)
+        m, d = mjw.put_model(mjm), mjw.make_data(mjm, nworld=len(rows))
+        for name, values in poses.items():
+            field = getattr(d, name)
+            field.assign(values.reshape(field.shape + tuple(getattr(field.dtype, "_shape_", ()))))
+        context = mjw.create_render_context(
+            mjm,
+            nworld=len(rows),
+            cam_res=size,
+            render_rgb=True,
+            render_depth=False,
+            render_seg=False,
+            use_shadows=True,
+            enabled_geom_groups=list(_VISIBLE_GROUPS),
+            cam_active=[camera],
+            render_skybox=True,
+            enable_backface_culling=False,
+            samples_per_pixel=_SAMPLES,
+        )
+        mjw.refit_bvh(m, d, context)
+        mjw.render(m, d, context)
+        pixels = wp.zeros((len(rows), height, width), dtype=wp.vec3)
+        mjw.get_rgb(context, 0, pixels)
+        return (pixels.numpy() * 255.0 + 0.5).astype(np.uint8)
+
+
+def contact_sheet(pictures: np.ndarray, captions: Sequence[str], *, columns: int = 4) -> Image.Image:
+    """Lay pictures (n, height, width, 3) out in rows of `columns`, each above its caption."""
+    height, width = pictures.shape[1:3]
+    nrow = -(-len(pictures) // columns)
+    cell = np.array([width + _GAP, height + _STRIP + _GAP])
+    sheet = Image.new("RGB", (int(columns * cell[0] + _GAP), int(nrow * cell[1] + _GAP)), _PAPER)
+    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(size=14)
+    for i, (picture, caption) in enumerate(zip(pictures, captions, strict=True)):
+        x, y = (int(_GAP + n * c) for n, c in zip((i % columns, i // columns), cell, strict=True))
+        sheet.paste(Image.fromarray(picture), (x, y))
+        draw.text((x + 2, y + height + 2), caption, _INK, font)
+    return sheet
+
+
+def captioned(mjm: mujoco.MjModel, rows: Rows, captions: Sequence[str], *, device: str | None = None) -> Image.Image:
+    """Render rows as one contact sheet, or a single row larger."""
+    size = SIZE if len(rows) > 1 else (2 * SIZE[0], 2 * SIZE[1])
+    return contact_sheet(render(mjm, rows, size=size, device=device), captions, columns=min(4, len(rows)))
+
+
+def save(image: Image.Image, path: Path) -> None:
+    """Write a PNG; a run that is stopped leaves nothing half written."""
+    with replacing(path) as temporary:
+        image.save(temporary, format="PNG", optimize=True)
+
+
+def frame(points: np.ndarray, backward: np.ndarray, fovy: float, aspect: float) -> tuple[np.ndarray, np.ndarray]:
+    """Place a camera so that it just sees all points.
+
+    With the eye at height t along the viewing direction, a point (x, y, z) in the camera's axes is seen if
+    |x - u| <= (t - z) tan(fovx / 2), and the same for y: the least t and the middle of the interval left for u are the
+    answer.
+
+    Args:
+        points: what must be seen [m], world frame, shape (n, 3).
+        backward: direction from the points to the eye, shape (3,).
+        fovy: vertical field of view [degrees].
+        aspect: width of the picture over its height.
+
+    Returns:
+        Position (3,) [m] and axes (3, 3) of the camera; the columns are right, up and backward.
+    """
+    backward = backward / np.linalg.norm(backward)
+    right = np.cross([0.0, 0.0, 1.0], backward)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(backward, right), backward], axis=1)
+    local = points @ axes
+    slope = np.tan(np.radians(fovy) / 2) * np.array([aspect, 1.0]) / _MARGIN
+    near = (local[:, :2] + slope * local[:, 2:]).max(0)
+    far = (local[:, :2] - slope * local[:, 2:]).min(0)
+    away = float(((near - far) / (2 * slope)).max())
+    return axes @ np.array([*(near + far) / 2, away]), axes
+
+
+def _with_apron(mjm: mujoco.MjModel) -> mujoco.MjModel:
+    """Return the model with a larger floor, so that nothing at the edge of the workspace seems to hang in the air."""
+    floor = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_GEOM, FLOOR)
+    if floor < 0 or mjm.geom_type[floor] != mujoco.mjtGeom.mjGEOM_PLANE or not mjm.geom_size[floor, 0] > 0:
+        return mjm
+    wide = copy.copy(mjm)
+    wide.geom_size[floor, :2] += _APRON
+    return wide
+
+
+def _poses(mjm: mujoco.MjModel, rows: Rows) -> dict[str, np.ndarray]:
+    """Return what the ray caster reads of a simulation's state, by its name there, each with a leading nrow."""
+    data = mujoco.MjData(mjm)
+    names = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
+    poses = {name: np.empty((len(rows), *getattr(data, name).shape)) for name in names}
+    for i in range(len(rows)):
+        rows.put(data, i)
+        mujoco.mj_kinematics(mjm, data)
+        mujoco.mj_comPos(mjm, data)
+        mujoco.mj_camlight(mjm, data)
+        for name in names:
+            poses[name][i] = getattr(data, name)
+    return poses
+
+
+def _corners(mjm: mujoco.MjModel, poses: dict[str, np.ndarray]) -> np.ndarray:
+    """Return the corners of the boxes of all visible geoms in all rows [m], world frame, shape (n, 3)."""
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    corners = []
+    for geom in np.flatnonzero(np.isin(mjm.geom_group, _VISIBLE_GROUPS)):
+        center, half = mjm.geom_aabb[geom, :3], mjm.geom_aabb[geom, 3:]
+        if mjm.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
+            center, half = np.zeros(3), mjm.geom_size[geom] * [1, 1, 0]
+        box = center + signs * half
+        corners.append(box @ poses["geom_xmat"][:, geom].reshape(-1, 3, 3).transpose(0, 2, 1))
+        corners[-1] += poses["geom_xpos"][:, None, geom]
+    return np.concatenate(corners).reshape(-1, 3)

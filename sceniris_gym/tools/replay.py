@@ -1,0 +1,110 @@
+"""One layout from its id `scenehash:split:seed:episode`, as numbers and as a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.errors import LayoutIdError, UnknownNameError
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.random import SPLITS
+from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.scene.files import shipped
+from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.world import World
+from sceniris_gym.tools.dataset import LayoutTable, read_table
+
+
+@dataclass(frozen=True)
+class LayoutId:
+    """Names a layout: the same scene, split, seed and episode make it again anywhere."""
+
+    scene: str
+    split: str
+    seed: int
+    episode: int
+
+    @classmethod
+    def parse(cls, text: str) -> LayoutId:
+        """Read `scenehash:split:seed:episode`.
+
+        Raises:
+            LayoutIdError: the text is not of this form.
+        """
+        parts = text.split(":")
+        splits = sorted(SPLITS)
+        wrong = len(parts) != 4 or parts[1] not in SPLITS or not all(p.isascii() and p.isdigit() for p in parts[2:])
+        if wrong or int(parts[2]) >= 2**64 or int(parts[3]) >= 2**31:
+            raise LayoutIdError(
+                f"layout id '{text}': should be scenehash:split:seed:episode, as in '0123456789abcdef:train:42:0'. "
+                f"Splits: {', '.join(splits)}. The seed is below 2^64, the episode below 2^31."
+            )
+        return cls(parts[0], parts[1], int(parts[2]), int(parts[3]))
+
+    def __str__(self) -> str:
+        return f"{self.scene}:{self.split}:{self.seed}:{self.episode}"
+
+
+def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
+    """Return the scene of a hash: `config` if it has that hash, else one of the shipped ones.
+
+    Raises:
+        UnknownNameError: no scene has it.
+    """
+    configs = [config] if config is not None else [SceneConfig.load(name) for name in shipped("envs", ".yaml")]
+    known = {}
+    for candidate in configs:
+        model = build_model(candidate)
+        if model.hash == scenehash:
+            return model
+        known[model.hash] = candidate.name
+    raise UnknownNameError("scene hash", scenehash, "replay", [f"{h} ({name})" for h, name in known.items()])
+
+
+def replay(world: World, layout: LayoutId) -> LayoutTable:
+    """Make the layout again; the table has one row."""
+    generator = LayoutGenerator(world, 1, seed=[layout.seed], split=layout.split)
+    generator.layouts.episode.fill_(layout.episode - 1)
+    generator.generate()
+    return read_table(generator)
+
+
+def describe(world: World, table: LayoutTable) -> dict:
+    """Return the first layout of a table in words and numbers: poses in the world frame, joints in m and rad."""
+    mjm, data = world.mjm, mujoco.MjData(world.mjm)
+    table.rows.put(data, 0)
+    mujoco.mj_kinematics(mjm, data)
+    objects = {}
+    for name, body in world.scene.bodies.items():
+        joints = {joint: float(data.qpos[mjm.jnt_qposadr[i]]) for joint, i in world.scene.joints(name).items()}
+        objects[name] = {"pos": data.xpos[body].tolist(), "quat": data.xquat[body].tolist(), "joints": joints}
+    return {
+        "scene": world.config.name,
+        "status": Status(int(table.status[0])).name.lower(),
+        "first_pass_valid": bool(table.first_pass_valid[0]),
+        "attempts": int(table.attempts[0]),
+        "objects": objects,
+    }
+
+
+def report(found: Mapping) -> str:
+    """Return a layout as text, angles in degrees."""
+    lines = [f"{found['id']} of scene '{found['scene']}': {found['status']}, {found['attempts']} candidates"]
+    for name, part in found["objects"].items():
+        x, y, z = part["pos"]
+        rotation = np.zeros(9)
+        mujoco.mju_quat2Mat(rotation, np.array(part["quat"]))
+        yaw = np.degrees(np.arctan2(rotation[3], rotation[0]))
+        joints = "".join(f"  {joint} {value:.4f}" for joint, value in part["joints"].items())
+        lines.append(f"  {name:<12} x {x:+.4f}  y {y:+.4f}  z {z:+.4f} m  yaw {yaw:+7.1f} deg{joints}")
+    return "\n".join([*lines, f"picture: {found['picture']}"])
+
+
+def default_picture(layout: LayoutId) -> Path:
+    """Return where the picture of a layout goes if nothing else is said."""
+    return Path("demo") / f"{layout}.png".replace(":", "-")

@@ -1,0 +1,183 @@
+"""The command line: one JSON line on stdout, errors in words, files whole or not at all."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from PIL import Image
+
+from sceniris_gym import cli
+from sceniris_gym.errors import SceneKeyError
+
+
+def answer(capfd: pytest.CaptureFixture, *arguments: str) -> dict:
+    """Run a command with --json, check that stdout is one line, and return what it says."""
+    cli.main([*arguments, "--json", "--device", "cpu"])
+    out = capfd.readouterr().out
+    assert out.count("\n") == 1, out
+    return json.loads(out)
+
+
+def test_check_reports_rejections_per_object_and_cause(capfd: pytest.CaptureFixture):
+    """In the Mid scene some bananas are rejected, all layouts are valid in the end."""
+    found = answer(capfd, "check", "mid", "--layouts", "256")
+    assert found["valid"] == 1.0
+    assert 0.5 < found["first_pass_valid"] <= 1.0
+    assert found["rejections"]["banana"]["collision"] > 0
+    assert set(found["rejections"]) == {"cabinet", "apple", "banana"}
+
+
+def test_overrides_change_the_scene(capfd: pytest.CaptureFixture):
+    """A wider clearance is another scene, and is harder."""
+    plain = answer(capfd, "check", "mid", "--layouts", "256")
+    wider = answer(capfd, "check", "mid", "--layouts", "256", "--set", "objects.banana.clearance=0.03")
+    assert wider["hash"] != plain["hash"]
+    assert wider["rejections"]["banana"]["collision"] > plain["rejections"]["banana"]["collision"]
+
+
+def test_an_override_must_be_a_pair():
+    """`--set` without a value says how it is written."""
+    with pytest.raises(SceneKeyError, match="KEY=VALUE"):
+        cli.check("mid", changes=("objects.apple.clearance",))
+
+
+def test_audit_of_the_mid_scene_finds_nothing(capfd: pytest.CaptureFixture):
+    """No missed collision, no false alarm, nothing misplaced; nothing falls when footprints are supported."""
+    found = answer(capfd, "audit", "mid", "--layouts", "300", "--rejected", "300", "--settled", "40")
+    assert found["layouts"] == 300
+    assert found["rejected"] == 300
+    assert found["settled"] == 40
+    for fault in ("missed_collisions", "false_alarms", "misplaced"):
+        assert found[fault] == 0, found
+    assert found["deepest_penetration_m"] <= 1e-4
+    assert found["moved"].keys() == {"apple", "banana"}
+
+
+def test_audit_of_fine_meshes_finds_nothing(capfd: pytest.CaptureFixture):
+    """The same with triangle meshes of 16,000 faces."""
+    found = answer(capfd, "audit", "mid_16k", "--layouts", "24", "--rejected", "24", "--settled", "0")
+    assert found["geometry"] == "visual"
+    for fault in ("missed_collisions", "false_alarms", "misplaced"):
+        assert found[fault] == 0, found
+
+
+def test_bench_gives_every_figure(capfd: pytest.CaptureFixture):
+    """All keys are there and belong together."""
+    found = answer(capfd, "bench", "mid", "--num-envs", "64")
+    assert found["valid_per_s"] == pytest.approx(found["valid"] * 64 / found["warm_s"])
+    assert found["valid"] == 1.0
+    assert found["fallbacks"] == 0
+    assert (found["attempts"], found["restarts"], found["geometry"]) == (10, 8, "physics")
+    assert found["faces"]["cabinet"] > 100
+    for name in ("cold_s", "warm_s", "first_pass_valid", "full_reset_us", "partial_reset_us", "peak_bytes"):
+        assert found[name] > 0, name
+
+
+def test_bench_takes_the_other_geometry(capfd: pytest.CaptureFixture):
+    """The visual meshes have more faces than the hulls."""
+    found = answer(capfd, "bench", "mid", "--num-envs", "8", "--geometry", "visual")
+    assert found["geometry"] == "visual"
+    assert found["faces"]["apple"] >= 1000
+
+
+def test_generated_rows_depend_on_their_seed_alone(capfd: pytest.CaptureFixture, tmp_path: Path):
+    """Row i has seed S + i and episode 0, whatever N and the chunks are."""
+    many = answer(capfd, "generate", "mid", "-n", "50", "--seed", "7", "-o", str(tmp_path / "many"))
+    answer(capfd, "generate", "mid", "-n", "20", "--seed", "17", "--chunk", "8", "-o", str(tmp_path / "few"))
+    a, b = (np.load(tmp_path / folder / "layouts.npz") for folder in ("many", "few"))
+    assert many["layouts"] == 50
+    assert set(a.files) == {
+        *("qpos", "mocap_pos", "mocap_quat", "valid", "first_pass_valid", "attempts", "status"),
+        *("seed", "episode", "object_names"),
+    }
+    assert a["seed"].tolist() == list(range(7, 57))
+    assert not a["episode"].any()
+    for name in ("qpos", "mocap_pos", "mocap_quat", "status", "attempts", "first_pass_valid", "valid"):
+        assert np.array_equal(a[name][10:30], b[name]), name
+    assert a["qpos"].dtype == np.float32
+    assert (a["mocap_pos"].shape, a["mocap_quat"].shape) == ((50, 1, 3), (50, 1, 4))
+    assert a["object_names"].tolist() == ["cabinet", "apple", "banana"]
+
+
+def test_the_scene_opens_in_stock_mujoco(capfd: pytest.CaptureFixture, tmp_path: Path):
+    """scene.zip alone, in a process without this package: bodies have the scene's names, and rows can be stepped."""
+    answer(capfd, "generate", "mid", "-n", "3", "-o", str(tmp_path))
+    program = """
+import sys, mujoco, numpy as np
+with open(sys.argv[1] + "/scene.zip", "rb") as file:
+    model = mujoco.MjSpec.from_zip(file).compile()
+rows = np.load(sys.argv[1] + "/layouts.npz")
+data = mujoco.MjData(model)
+data.qpos, data.mocap_pos, data.mocap_quat = rows["qpos"][2], rows["mocap_pos"][2], rows["mocap_quat"][2]
+mujoco.mj_forward(model, data)
+assert not (data.contact.dist < 0).any()
+for name in (*rows["object_names"], "cabinet/upper_drawer"):
+    model.body(name)
+assert "sceniris_gym" not in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", program, str(tmp_path)], check=True, cwd=tmp_path)
+
+
+def test_a_stopped_run_leaves_no_half_written_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Ctrl-C while the layouts are written: the old files are whole, and nothing else is there."""
+    cli.generate("mid", n=2, out=tmp_path, device="cpu")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert set(before) == {"layouts.npz", "scene.zip"}
+
+    def interrupted(file, **_):
+        file.write(b"half of it")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(np, "savez", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        cli.generate("mid", n=4, out=tmp_path, device="cpu")
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_replay_makes_a_layout_again_from_its_id(capfd: pytest.CaptureFixture, tmp_path: Path):
+    """The poses are those of the data set's row, and a picture is written."""
+    made = answer(capfd, "generate", "mid", "-n", "4", "--seed", "40", "-o", str(tmp_path))
+    found = answer(capfd, "replay", f"{made['hash']}:train:42:0", "--out", str(tmp_path / "one.png"))
+    qpos = np.load(tmp_path / "layouts.npz")["qpos"][2]
+    with (tmp_path / "scene.zip").open("rb") as file:
+        model = mujoco.MjSpec.from_zip(file).compile()
+    adr = model.jnt_qposadr[model.joint("banana/free").id]
+    assert found["objects"]["banana"]["pos"] == pytest.approx(qpos[adr : adr + 3])
+    assert found["objects"]["cabinet"]["joints"]["upper"] == pytest.approx(
+        qpos[model.jnt_qposadr[model.joint("cabinet/upper").id]]
+    )
+    assert found["status"] == "valid"
+    assert Image.open(tmp_path / "one.png").size[0] > 900
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["check", "nowhere"], "nowhere"),
+        (["check", "mid", "--set", "objects.apple.clearence=0.1"], "clearance"),
+        (["replay", "not-an-id"], "scenehash:split:seed:episode"),
+        (["replay", "0123456789abcdef:train:0:0"], "(mid)"),
+        (["generate", "mid", "-n", "0", "-o", "x"], "at least 1"),
+        (["generate", "mid", "-n", "1", "-o", "x", "--seed", "-1"], "seed=-1"),
+    ],
+)
+def test_errors_are_words_on_stderr(capfd: pytest.CaptureFixture, arguments: list[str], words: str):
+    """A wrong argument ends with status 2 and one message, nothing on stdout, no traceback."""
+    with pytest.raises(SystemExit) as stop:
+        cli.main([*arguments, "--device", "cpu"])
+    out, err = capfd.readouterr()
+    assert stop.value.code == 2
+    assert out == ""
+    assert words in err
+    assert "Traceback" not in err
+
+
+def test_libraries_cannot_print_into_the_answer():
+    """In a process of its own, in which Warp starts up, stdout is still one JSON line."""
+    command = [sys.executable, "-m", "sceniris_gym.cli", "check", "mid", "--layouts", "4", "--json", "--device", "cpu"]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    assert json.loads(done.stdout)["layouts"] == 4
