@@ -1,9 +1,9 @@
 """Does an object at its candidate pose keep its distance from all that stands already?
 
-Two trees of boxes are descended together by all lanes of a world's thread block: a shared stack holds the box pairs still to
-be looked at, every lane takes one, and what overlaps comes back as two smaller pairs. At the leaves stand convex pieces
-(`geometry: physics`) or triangles (`geometry: visual`). The answer is an "or" over leaves, so it depends neither on how
-many lanes there are nor on which lane takes what.
+Two trees of boxes are descended together by all lanes of a world's thread block: a shared stack holds the box pairs
+still to be looked at, every lane takes one, and what overlaps comes back as two smaller pairs. At the leaves stand
+convex pieces (`geometry: physics`) or triangles (`geometry: visual`). The answer is an "or" over leaves, so it depends
+neither on how many lanes there are nor on which lane takes what.
 """
 
 from typing import Any
@@ -15,11 +15,15 @@ from sceniris_gym.layout.transforms import Pose, apply, compose, pose_of, relati
 from sceniris_gym.layout.triangles import triangles_separated
 from sceniris_gym.scene.device import Program
 
-# Room for the box pairs of one world. A pass takes at most one pair a lane and leaves one more behind for each, so a block
-# of n lanes needs about n times the depth of both trees; `generate.py` bounds n by that.
-STACK_CAPACITY = 1536
-# Distances are compared with the margin plus this: above the rounding of float32 poses and vertices within a few metres,
-# below the 10 um to which a rejection must be right.
+# Room for the box pairs of one world. A pass takes at most one pair a lane and leaves one more behind for each, so a
+# block of n lanes needs about n times the depth of both trees; `generate.py` bounds n by that. Shared memory limits how
+# many worlds are under way at once, so a few convex pieces get less than thousands of triangles.
+NODE_CAPACITY = {"physics": 512, "visual": 1536}
+# Leaf pairs wait until there is one for every lane, so that their long tests run side by side. There are always fewer
+# than two a lane.
+LEAF_CAPACITY = 256
+# Distances are compared with the margin plus this [m]: above the rounding of float32 poses and vertices within a few
+# metres, below the 10 um to which a rejection must be right.
 SKIN = 5.0e-6
 
 _SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
@@ -39,18 +43,11 @@ def block_any(value: int) -> int:
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
-__shared__ int first;
-if (threadIdx.x == 0) first = value;
 __syncthreads();
-int result = first;
-__syncthreads();
-return result;
-#else
-return value;
 #endif
 """)
-def block_first(value: int) -> int:
-    """Lane 0's `value` on every lane; what lane 0 wrote before is visible to all of them after."""
+def block_sync():
+    """A barrier: what any lane wrote before is visible to all lanes of the block after."""
     ...
 
 
@@ -58,8 +55,8 @@ def block_first(value: int) -> int:
 def boxes_separated(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pose, margin: float) -> bool:
     """Is there a separating axis with a gap above `margin` between two boxes (centre, half extents)?
 
-    Box b lies in the frame that `rel` places in a's. S. Gottschalk, M. Lin, D. Manocha, "OBBTree", SIGGRAPH 1996. The nine
-    axes across edges are not normalised (their length is at most 1), which errs towards "not separated".
+    Box b lies in the frame that `rel` places in a's. S. Gottschalk, M. Lin, D. Manocha, "OBBTree", SIGGRAPH 1996. The
+    nine axes across edges are not normalised (their length is at most 1), which errs towards "not separated".
     """
     t = apply(rel, cb) - ca
     r = rel.rot
@@ -177,18 +174,121 @@ def visual_disjoint(program: Program, a: int, b: int, rel: Pose) -> bool:
     return _points_outside(program, a, b, rel) and _points_outside(program, b, a, back)
 
 
+@wp.struct
+class _OverPlane:
+    """A plane seen from a body: its normal in the body's frame, and the height of the body's origin over it."""
+
+    normal: wp.vec3
+    height: float
+
+
 @wp.func
-def _larger(a: wp.vec3, b: wp.vec3) -> bool:
-    return wp.max(a) > wp.max(b)
+def _over_plane(program: Program, pose: Pose, plane_pose: Pose, plane: int) -> _OverPlane:
+    up = compose(plane_pose, piece_pose(program, plane))
+    axis = wp.vec3(up.rot[0, 2], up.rot[1, 2], up.rot[2, 2])
+    over = _OverPlane()
+    over.normal = wp.transpose(pose.rot) * axis
+    over.height = wp.dot(axis, pose.pos - up.pos)
+    return over
+
+
+@wp.func
+def _margin(program: Program, pair: int, support_body: int) -> float:
+    """The least distance [m] of a pair: its clearance, or none to the body that the object stands on."""
+    margin = program.pair_margin[pair]
+    if program.collider_body[program.pair_b[pair]] == support_body:
+        margin = float(0.0)
+    return margin + wp.static(SKIN)
+
+
+@wp.struct
+class _Step:
+    """What a pair of boxes leads to: nothing, two smaller pairs, or a test of the leaves themselves."""
+
+    inner: bool
+    leaf: bool
+    left: wp.vec3i
+    right: wp.vec3i
+
+
+@wp.func
+def _descend(
+    program: Program,
+    entry: wp.vec3i,
+    margin: float,
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+) -> _Step:
+    """One step down both trees for an entry (pair, node of a, node of b)."""
+    step = _Step()
+    pair = entry[0]
+    na = entry[1]
+    nb = entry[2]
+    a = program.pair_a[pair]
+    b = program.pair_b[pair]
+    body_a = program.collider_body[a]
+    body_b = program.collider_body[b]
+    pose_a = pose_of(body_pos[body_a], body_quat[body_a])
+    pose_b = pose_of(body_pos[body_b], body_quat[body_b])
+    center = program.node_center[na]
+    half = program.node_half[na]
+    child_a = program.node_child[na]
+    child_b = program.node_child[nb]
+    plane = program.collider_plane[b]
+    half_b = program.node_half[nb]
+    if plane >= 0:
+        over = _over_plane(program, pose_a, pose_b, plane)
+        n = over.normal
+        reach = wp.abs(n[0]) * half[0] + wp.abs(n[1]) * half[1] + wp.abs(n[2]) * half[2]
+        if over.height + wp.dot(n, center) - reach > margin:
+            return step
+    elif boxes_separated(center, half, program.node_center[nb], half_b, relative(pose_a, pose_b), margin):
+        return step
+    if child_a < 0 and child_b < 0:
+        step.leaf = True
+        return step
+    step.inner = True
+    if child_b < 0 or (child_a >= 0 and wp.max(half) > wp.max(half_b)):
+        step.left = wp.vec3i(pair, child_a, nb)
+        step.right = wp.vec3i(pair, child_a + 1, nb)
+    else:
+        step.left = wp.vec3i(pair, na, child_b)
+        step.right = wp.vec3i(pair, na, child_b + 1)
+    return step
 
 
 def make_collides(leaf_separated: wp.Function, leaf_over_plane: wp.Function, disjoint: wp.Function) -> wp.Function:
     """The test of one object against its pairs, for one kind of leaves."""
 
     @wp.func
+    def test_leaf(
+        program: Program,
+        entry: wp.vec3i,
+        margin: float,
+        body_pos: wp.array(dtype=wp.vec3),
+        body_quat: wp.array(dtype=wp.vec4),
+    ) -> int:
+        a = program.pair_a[entry[0]]
+        b = program.pair_b[entry[0]]
+        body_a = program.collider_body[a]
+        body_b = program.collider_body[b]
+        pose_a = pose_of(body_pos[body_a], body_quat[body_a])
+        pose_b = pose_of(body_pos[body_b], body_quat[body_b])
+        leaf_a = ~program.node_child[entry[1]]
+        plane = program.collider_plane[b]
+        apart = bool(True)
+        if plane >= 0:
+            over = _over_plane(program, pose_a, pose_b, plane)
+            apart = leaf_over_plane(program, leaf_a, plane, over.normal, over.height, margin)
+        else:
+            apart = leaf_separated(program, leaf_a, ~program.node_child[entry[2]], relative(pose_a, pose_b), margin)
+        return wp.where(apart, 0, 1)
+
+    @wp.func
     def collides(
         program: Program,
-        stack: Any,
+        nodes: Any,
+        leaves: Any,
         lane: int,
         obj: int,
         support_body: int,
@@ -198,74 +298,33 @@ def make_collides(leaf_separated: wp.Function, leaf_over_plane: wp.Function, dis
         adr = program.obj_pairadr[obj]
         num = program.obj_pairnum[obj]
         for base in range(0, num, wp.block_dim()):
-            pair = adr + base + lane
-            entry = wp.vec3i(0, 0, 0)
-            if base + lane < num:
-                entry = wp.vec3i(
-                    pair, program.collider_root[program.pair_a[pair]], program.collider_root[program.pair_b[pair]]
-                )
-            wp.tile_stack_push(stack, entry, base + lane < num)
+            pair = adr + wp.min(base + lane, num - 1)
+            entry = wp.vec3i(
+                pair, program.collider_root[program.pair_a[pair]], program.collider_root[program.pair_b[pair]]
+            )
+            wp.tile_stack_push(nodes, entry, base + lane < num)
 
-        while wp.tile_stack_count(stack) > 0:
-            entry, slot = wp.tile_stack_pop(stack)
-            hit = int(0)
-            more = bool(False)
-            left = wp.vec3i(0, 0, 0)
-            right = wp.vec3i(0, 0, 0)
-            if slot >= 0:
-                pair = entry[0]
-                na = entry[1]
-                nb = entry[2]
-                a = program.pair_a[pair]
-                b = program.pair_b[pair]
-                body_a = program.collider_body[a]
-                body_b = program.collider_body[b]
-                margin = program.pair_margin[pair]
-                if body_b == support_body:
-                    margin = float(0.0)
-                margin += wp.static(SKIN)
-                pose_a = pose_of(body_pos[body_a], body_quat[body_a])
-                pose_b = pose_of(body_pos[body_b], body_quat[body_b])
-                center = program.node_center[na]
-                half = program.node_half[na]
-                child = program.node_child[na]
-                plane = program.collider_plane[b]
-                if plane >= 0:
-                    up = compose(pose_b, piece_pose(program, plane))
-                    axis = wp.vec3(up.rot[0, 2], up.rot[1, 2], up.rot[2, 2])
-                    normal = wp.transpose(pose_a.rot) * axis
-                    height = wp.dot(axis, pose_a.pos - up.pos)
-                    reach = wp.abs(normal[0]) * half[0] + wp.abs(normal[1]) * half[1] + wp.abs(normal[2]) * half[2]
-                    if height + wp.dot(normal, center) - reach <= margin:
-                        if child < 0:
-                            if not leaf_over_plane(program, ~child, plane, normal, height, margin):
-                                hit = 1
-                        else:
-                            more = True
-                            left = wp.vec3i(pair, child, nb)
-                            right = wp.vec3i(pair, child + 1, nb)
-                else:
-                    rel = relative(pose_a, pose_b)
-                    half_b = program.node_half[nb]
-                    if not boxes_separated(center, half, program.node_center[nb], half_b, rel, margin):
-                        child_b = program.node_child[nb]
-                        if child < 0 and child_b < 0:
-                            if not leaf_separated(program, ~child, ~child_b, rel, margin):
-                                hit = 1
-                        else:
-                            more = True
-                            if child_b < 0 or (child >= 0 and _larger(half, half_b)):
-                                left = wp.vec3i(pair, child, nb)
-                                right = wp.vec3i(pair, child + 1, nb)
-                            else:
-                                left = wp.vec3i(pair, na, child_b)
-                                right = wp.vec3i(pair, na, child_b + 1)
-            at_left = wp.tile_stack_push(stack, left, more)
-            at_right = wp.tile_stack_push(stack, right, more)
-            if more and (at_left < 0 or at_right < 0):
-                hit = 1  # no room left: unproven means not separated
+        hit = int(0)
+        while wp.tile_stack_count(nodes) + wp.tile_stack_count(leaves) > 0:
+            if wp.tile_stack_count(leaves) >= wp.block_dim() or wp.tile_stack_count(nodes) == 0:
+                entry, slot = wp.tile_stack_pop(leaves)
+                if slot >= 0:
+                    margin = _margin(program, entry[0], support_body)
+                    hit = test_leaf(program, entry, margin, body_pos, body_quat)
+            else:
+                entry, slot = wp.tile_stack_pop(nodes)
+                step = _Step()
+                if slot >= 0:
+                    margin = _margin(program, entry[0], support_body)
+                    step = _descend(program, entry, margin, body_pos, body_quat)
+                at_left = wp.tile_stack_push(nodes, step.left, step.inner)
+                at_right = wp.tile_stack_push(nodes, step.right, step.inner)
+                at_leaf = wp.tile_stack_push(leaves, entry, step.leaf)
+                if (step.inner and (at_left < 0 or at_right < 0)) or (step.leaf and at_leaf < 0):
+                    hit = 1  # no room left: unproven means not separated
             if block_any(hit) != 0:
-                wp.tile_stack_clear(stack)
+                wp.tile_stack_clear(nodes)
+                wp.tile_stack_clear(leaves)
                 return True
 
         inside = int(0)

@@ -17,9 +17,10 @@ _CYLINDER = wp.constant(int(PieceType.CYLINDER))
 _ELLIPSOID = wp.constant(int(PieceType.ELLIPSOID))
 _SEGMENT = wp.constant(int(PieceType.SEGMENT))
 
-# Bounds from below and above meet to 1 um: ten times the float32 rounding of a 1 m scene, a tenth of what a false alarm may be.
+# Bounds from below and above meet to 1 um: ten times the float32 rounding of a 1 m scene, a tenth of what a false alarm
+# may be off.
 _TOLERANCE = wp.constant(1.0e-6)
-# Polytopes end in under 20; a cylinder or ellipsoid that needs more is within the tolerance for true primitives by then.
+# Polytopes end in under 20; a cylinder or ellipsoid that needs more is known to far better than 0.1 mm by then.
 _MAX_ITERATIONS = wp.constant(48)
 
 
@@ -144,8 +145,8 @@ def _beyond(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3) -> bool:
 def separated(program: Program, sa: Shape, sb: Shape, rel: Pose, mask: wp.vec3, margin: float) -> bool:
     """Is the distance between two shapes above `margin` [m]?
 
-    `rel` is the pose of `sb` in the frame of `sa`. `mask` multiplies coordinates of that frame: ones for space, (1, 1, 0)
-    for the shapes' shadows on its xy plane. What cannot be decided to within 1 um counts as not separated.
+    `rel` is the pose of `sb` in the frame of `sa`. `mask` multiplies coordinates of that frame: ones for space,
+    (1, 1, 0) for the shapes' shadows on its xy plane. What cannot be decided to within 1 um counts as not separated.
     """
     limit = margin + sa.radius + sb.radius
     to_b = wp.transpose(rel.rot)

@@ -8,16 +8,15 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import SeedError
-from sceniris_gym.layout.collision import STACK_CAPACITY
+from sceniris_gym.layout.collision import LEAF_CAPACITY, NODE_CAPACITY
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.place import place_physics, place_visual
 from sceniris_gym.layout.random import SPLITS
 from sceniris_gym.scene.device import Cause
 from sceniris_gym.scene.world import World
 
-# Lanes for each world: one warp does best where a layout is a few dozen convex pieces, two where it is thousands of
-# triangles (benchmarks/RESULTS.md).
-_BLOCK_DIM = {"physics": 32, "visual": 64}
+# Lanes for each world: one warp; on an H200 two and four made a sixth and a third fewer layouts of the Mid scene.
+_BLOCK_DIM = 32
 
 
 @wp.kernel(enable_backward=False)
@@ -78,7 +77,7 @@ class LayoutGenerator:
         if split not in SPLITS:
             raise ValueError(f"LayoutGenerator: unknown split '{split}'. Valid: {', '.join(SPLITS)}.")
         most = max_block_dim(world)
-        block_dim = min(_BLOCK_DIM[world.config.geometry], most) if block_dim is None else block_dim
+        block_dim = min(_BLOCK_DIM, most) if block_dim is None else block_dim
         if not 1 <= block_dim <= most:
             raise ValueError(f"LayoutGenerator: block_dim={block_dim} should be from 1 to {most} for this scene.")
         self.world = world
@@ -144,12 +143,12 @@ def rejection_counts(layouts: Layouts) -> dict[str, dict[str, int]]:
 
 
 def max_block_dim(world: World) -> int:
-    """The most lanes for which the stack of the collision test has room: a warp, or a power of two beyond it.
+    """The most lanes, as a power of two, for which the stacks of the collision test have room whatever the poses.
 
     A pass leaves at most one box pair behind for each lane and level of both trees.
     """
-    lanes = STACK_CAPACITY // max(world.depth + 2, 1)
-    return max(32, min(256, 1 << (lanes.bit_length() - 1)))
+    lanes = min(NODE_CAPACITY[world.config.geometry] // (world.depth + 2), LEAF_CAPACITY // 2)
+    return 1 << max(lanes.bit_length() - 1, 0)
 
 
 def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:

@@ -43,7 +43,7 @@ def pose_bodies(
     body_pos: wp.array(dtype=wp.vec3),
     body_quat: wp.array(dtype=wp.vec4),
 ):
-    """Poses of the object's bodies from `first` on in its list (1: its root is already posed), parents before children."""
+    """Pose the object's bodies from `first` on in its list (1: its root is posed already), parents before children."""
     adr = program.obj_bodyadr[obj]
     for i in range(first, program.obj_bodynum[obj]):
         body = program.body_list[adr + i]

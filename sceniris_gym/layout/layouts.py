@@ -45,7 +45,7 @@ class LayoutsView:
 
 @dataclass(frozen=True)
 class Layouts:
-    """Layouts of `nworld` worlds. Warp arrays on the World's device; the objects in them never change, only their content.
+    """Layouts of `nworld` worlds: Warp arrays on the World's device, of which only the content ever changes.
 
     Attributes:
         world: The scene that the rows belong to.

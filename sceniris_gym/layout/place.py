@@ -1,14 +1,18 @@
 """The kernel that places a whole layout: one thread block per world.
 
-Lane 0 draws and poses a candidate, the barrier inside `block_first` shows it to the others, and all lanes together test it
-for collision. Every branch around a barrier depends on broadcast values only, so that the block takes it as one.
+All lanes of a block draw the same candidate; lane 0 poses it, and after a barrier all of them share the tests. Every
+branch around a barrier depends only on what is the same on all lanes, so that the block takes it as one.
 """
+
+from typing import Any
 
 import warp as wp
 
 from sceniris_gym.layout.collision import (
-    STACK_CAPACITY,
-    block_first,
+    LEAF_CAPACITY,
+    NODE_CAPACITY,
+    block_any,
+    block_sync,
     collides_physics,
     collides_visual,
     lowest,
@@ -23,10 +27,14 @@ from sceniris_gym.scene.device import Cause, ObjectKind, Program, Roof
 
 wp.set_module_options({"enable_backward": False})
 
+# Left alone the kernel takes all 255 registers of a lane, and a multiprocessor then holds 8 worlds; with half of them
+# and a few spills it holds 16, which makes 1.2 times the layouts on an H200.
+_MAX_REGISTERS = 128
+
 _STATIC = wp.constant(int(ObjectKind.STATIC))
 _FREE = wp.constant(int(ObjectKind.FREE))
 _EITHER = wp.constant(int(Roof.EITHER))
-_OPEN = wp.constant(int(Roof.OPEN))
+_COVERED = wp.constant(int(Roof.COVERED))
 _VALID = wp.constant(int(Status.VALID))
 _FALLBACK = wp.constant(int(Status.FALLBACK))
 _NONE = wp.constant(int(Cause.NONE))
@@ -37,58 +45,123 @@ _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
 _BANK_STREAM = wp.constant(wp.uint32(BANK_STREAM))
 
 
+@wp.struct
+class Candidate:
+    """A drawn pose: where its pivot goes [m], turned by how much [rad], and what it stands on (-1: nothing)."""
+
+    point: wp.vec3
+    pivot: wp.vec3
+    quat: wp.vec4
+    surface: int
+    ground: int
+
+
 @wp.func
-def _bottom(program: Program, obj: int, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)) -> float:
+def _draw_pose(
+    program: Program,
+    obj: int,
+    seed: wp.uint64,
+    episode: int,
+    stream: wp.uint32,
+    trial: int,
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+) -> Candidate:
+    """Yaw first, then the point. It only reads, so that every lane can draw for itself."""
+    u = uniforms(seed, episode, stream, trial, 0)
+    yaw = program.obj_yaw[obj][0] + u[0] * (program.obj_yaw[obj][1] - program.obj_yaw[obj][0])
+    box = program.obj_box_upper[obj] - program.obj_box_lower[obj]
+    c = Candidate()
+    c.surface = int(-1)
+    c.ground = int(-1)
+    c.pivot = program.obj_box_lower[obj] + wp.cw_mul(wp.vec3(u[1], u[2], u[3]), box)
+    if program.obj_trinum[obj] > 0:
+        tri = draw_triangle(program, obj, u[1])
+        at = draw_in_triangle(program, tri, u[2], u[3])
+        c.surface = program.tri_surface[tri]
+        c.ground = program.surface_body[c.surface]
+        frame = pose_of(body_pos[c.ground], body_quat[c.ground])
+        yaw += wp.atan2(frame.rot[1, 0], frame.rot[0, 0])
+        c.point = apply(frame, wp.vec3(at[0], at[1], program.surface_height[c.surface]))
+        c.pivot = c.point + wp.vec3(0.0, 0.0, program.obj_gap[obj])
+    c.quat = wp.normalize(mul_quat(quat_z(yaw), program.obj_quat[obj]))
+    return c
+
+
+@wp.func
+def _bottom(
+    program: Program, obj: int, lane: int, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
+) -> float:
     """Height of the object's lowest point [m], world frame, in the joint state that its bodies are posed in."""
     low = float(1.0e30)
-    for i in range(program.obj_piecenum[obj]):
+    for i in range(lane, program.obj_piecenum[obj], wp.block_dim()):
         piece = program.piece_list[program.obj_pieceadr[obj] + i]
         body = program.piece_body[piece]
-        down = wp.transpose(quat_mat(body_quat[body])) * wp.vec3(0.0, 0.0, 1.0)
-        low = wp.min(low, body_pos[body][2] + lowest(program, piece, down))
-    return low
+        up = wp.transpose(quat_mat(body_quat[body])) * wp.vec3(0.0, 0.0, 1.0)
+        low = wp.min(low, body_pos[body][2] + lowest(program, piece, up))
+    return wp.tile_extract(wp.tile_min(wp.tile(low)), 0)
 
 
 @wp.func
-def _on_surface(
-    program: Program, obj: int, surface: int, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
+def _overhangs(
+    program: Program,
+    obj: int,
+    lane: int,
+    surface: int,
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
 ) -> bool:
-    """Does the whole footprint of the posed object lie on the surface?"""
+    """Does any of the posed object's footprint lie off the surface?"""
     ground = program.surface_body[surface]
     frame = pose_of(body_pos[ground], body_quat[ground])
-    for i in range(program.obj_piecenum[obj]):
+    off = int(0)
+    for i in range(lane, program.obj_piecenum[obj], wp.block_dim()):
         piece = program.piece_list[program.obj_pieceadr[obj] + i]
         body = program.piece_body[piece]
         rel = relative(frame, compose(pose_of(body_pos[body], body_quat[body]), piece_pose(program, piece)))
         if not piece_on_surface(program, piece, surface, rel):
-            return False
-    return True
+            off = 1
+    return block_any(off) != 0
 
 
 @wp.func
-def _pose_root(
+def _pose_object(
     program: Program,
+    layouts: LayoutsView,
+    worldid: int,
+    lane: int,
     obj: int,
-    pivot: wp.vec3,
-    quat: wp.vec4,
-    qpos: wp.array(dtype=float),
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
-) -> wp.vec3:
-    """Pose the object with its pivot at `pivot` and return its root's position, all in the world frame.
+    c: Candidate,
+):
+    """Pose the object's bodies with its pivot where the candidate has it, and write its root's pose.
 
     The pivot is the centre of the bounds in the home state, at the height of the lowest point in the drawn joint state.
     """
+    body_pos = layouts.body_pos[worldid]
+    body_quat = layouts.body_quat[worldid]
+    qpos = layouts.qpos[worldid]
     root = program.obj_body[obj]
-    pos = pivot - quat_mat(quat) * program.obj_pivot[obj]
-    body_pos[root] = pos
-    body_quat[root] = quat
-    pose_bodies(program, obj, 1, qpos, body_pos, body_quat)
+    pos = c.pivot - quat_mat(c.quat) * program.obj_pivot[obj]
     if program.obj_drawnum[obj] > 0:
-        pos += wp.vec3(0.0, 0.0, pivot[2] - _bottom(program, obj, body_pos, body_quat))
+        if lane == 0:
+            body_pos[root] = pos
+            body_quat[root] = c.quat
+            pose_bodies(program, obj, 1, qpos, body_pos, body_quat)
+        block_sync()
+        pos += wp.vec3(0.0, 0.0, c.pivot[2] - _bottom(program, obj, lane, body_pos, body_quat))
+    if lane == 0:
         body_pos[root] = pos
+        body_quat[root] = c.quat
         pose_bodies(program, obj, 1, qpos, body_pos, body_quat)
-    return pos
+        adr = program.obj_adr[obj]
+        if program.obj_kind[obj] == _FREE:
+            for i in range(3):
+                qpos[adr + i] = pos[i]
+            for i in range(4):
+                qpos[adr + 3 + i] = c.quat[i]
+        else:
+            layouts.mocap_pos[worldid, adr] = pos
+            layouts.mocap_quat[worldid, adr] = wp.quat(c.quat[0], c.quat[1], c.quat[2], c.quat[3])
 
 
 @wp.func
@@ -124,70 +197,62 @@ def _fall_back(program: Program, layouts: LayoutsView, worldid: int, split: wp.u
     return _FALLBACK
 
 
-def _make_place(collides: wp.Function, roof: wp.Function, name: str) -> wp.Kernel:
+def _make_place(geometry: str, collides: wp.Function, roof: wp.Function) -> wp.Kernel:
     """The kernel for one kind of geometry."""
 
     @wp.func
     def covered(
         program: Program,
         obj: int,
+        lane: int,
         point: wp.vec3,
         body_pos: wp.array(dtype=wp.vec3),
         body_quat: wp.array(dtype=wp.vec4),
     ) -> bool:
-        for i in range(program.obj_roofnum[obj]):
+        over = int(0)
+        for i in range(lane, program.obj_roofnum[obj], wp.block_dim()):
             if roof(program, program.roof_list[program.obj_roofadr[obj] + i], point, body_pos, body_quat):
-                return True
-        return False
+                over = 1
+        return block_any(over) != 0
 
     @wp.func
-    def propose(program: Program, layouts: LayoutsView, worldid: int, obj: int, stream: wp.uint32, trial: int) -> int:
-        """Draw a candidate and pose it. Returns the body it stands on (-1: none), or -1 - cause if it is rejected."""
+    def attempt(
+        program: Program,
+        layouts: LayoutsView,
+        nodes: Any,
+        leaves: Any,
+        worldid: int,
+        lane: int,
+        obj: int,
+        stream: wp.uint32,
+        trial: int,
+    ) -> int:
+        """Draw one candidate, pose it and test it from cheap to dear. Returns why it was rejected, or NONE."""
         seed = layouts.seed[worldid]
         episode = layouts.episode[worldid]
-        qpos = layouts.qpos[worldid]
         body_pos = layouts.body_pos[worldid]
         body_quat = layouts.body_quat[worldid]
-        draw_joints(program, obj, seed, episode, stream, trial, qpos)
-        if program.obj_kind[obj] == _STATIC:
-            pose_bodies(program, obj, 0, qpos, body_pos, body_quat)
-            return -1
-
-        u = uniforms(seed, episode, stream, trial, 0)
-        yaw = program.obj_yaw[obj][0] + u[0] * (program.obj_yaw[obj][1] - program.obj_yaw[obj][0])
-        box = program.obj_box_upper[obj] - program.obj_box_lower[obj]
-        pivot = program.obj_box_lower[obj] + wp.cw_mul(wp.vec3(u[1], u[2], u[3]), box)
-        surface = int(-1)
-        ground = int(-1)
-        if program.obj_trinum[obj] > 0:
-            tri = draw_triangle(program, obj, u[1])
-            point = draw_in_triangle(program, tri, u[2], u[3])
-            surface = program.tri_surface[tri]
-            ground = program.surface_body[surface]
-            frame = pose_of(body_pos[ground], body_quat[ground])
-            yaw += wp.atan2(frame.rot[1, 0], frame.rot[0, 0])
-            pivot = apply(frame, wp.vec3(point[0], point[1], program.surface_height[surface]))
-            if program.obj_roof[obj] != _EITHER:
-                is_open = not covered(program, obj, pivot, body_pos, body_quat)
-                if is_open != (program.obj_roof[obj] == _OPEN):
-                    return -1 - _ROOF
-            pivot += wp.vec3(0.0, 0.0, program.obj_gap[obj])
-
-        quat = wp.normalize(mul_quat(quat_z(yaw), program.obj_quat[obj]))
-        pos = _pose_root(program, obj, pivot, quat, qpos, body_pos, body_quat)
-        adr = program.obj_adr[obj]
-        if program.obj_kind[obj] == _FREE:
-            for i in range(3):
-                qpos[adr + i] = pos[i]
-            for i in range(4):
-                qpos[adr + 3 + i] = quat[i]
-        else:
-            layouts.mocap_pos[worldid, adr] = pos
-            layouts.mocap_quat[worldid, adr] = wp.quat(quat[0], quat[1], quat[2], quat[3])
-        if program.obj_footprint[obj] != 0 and surface >= 0:
-            if not _on_surface(program, obj, surface, body_pos, body_quat):
-                return -1 - _FOOTPRINT
-        return ground
+        c = Candidate()
+        c.ground = int(-1)
+        if program.obj_kind[obj] != _STATIC:
+            c = _draw_pose(program, obj, seed, episode, stream, trial, body_pos, body_quat)
+            rule = program.obj_roof[obj]
+            if rule != _EITHER:
+                if covered(program, obj, lane, c.point, body_pos, body_quat) != (rule == _COVERED):
+                    return _ROOF
+        if lane == 0:
+            draw_joints(program, obj, seed, episode, stream, trial, layouts.qpos[worldid])
+        if program.obj_kind[obj] != _STATIC:
+            _pose_object(program, layouts, worldid, lane, obj, c)
+        elif lane == 0:
+            pose_bodies(program, obj, 0, layouts.qpos[worldid], body_pos, body_quat)
+        block_sync()
+        if program.obj_footprint[obj] != 0 and c.surface >= 0:
+            if _overhangs(program, obj, lane, c.surface, body_pos, body_quat):
+                return _FOOTPRINT
+        if collides(program, nodes, leaves, lane, obj, c.ground, body_pos, body_quat):
+            return _COLLISION
+        return _NONE
 
     def place(
         program: Program,
@@ -200,7 +265,8 @@ def _make_place(collides: wp.Function, roof: wp.Function, name: str) -> wp.Kerne
         if mask:
             if not mask[worldid]:
                 return
-        stack = wp.tile_stack(capacity=wp.static(STACK_CAPACITY), dtype=wp.vec3i)
+        nodes = wp.tile_stack(capacity=wp.static(NODE_CAPACITY[geometry]), dtype=wp.vec3i)
+        leaves = wp.tile_stack(capacity=wp.static(LEAF_CAPACITY), dtype=wp.vec3i)
         total = int(0)
         restart = int(0)
         status = int(0)
@@ -209,26 +275,17 @@ def _make_place(collides: wp.Function, roof: wp.Function, name: str) -> wp.Kerne
             status = _VALID
             while obj < program.nobject and status == _VALID:
                 stream = (split << _STREAM_BITS) + wp.uint32(program.obj_stream[obj])
-                attempt = int(0)
+                trial = restart * program.attempts
+                last = trial + program.attempts
                 cause = int(-1)
-                while attempt < program.attempts and cause != _NONE:
-                    ground = int(0)
-                    if lane == 0:
-                        trial = restart * program.attempts + attempt
-                        ground = propose(program, layouts, worldid, obj, stream, trial)
-                    ground = block_first(ground)
-                    cause = wp.max(-1 - ground, 0)
-                    if cause == _NONE:
-                        if collides(
-                            program, stack, lane, obj, ground, layouts.body_pos[worldid], layouts.body_quat[worldid]
-                        ):
-                            cause = _COLLISION
+                while trial < last and cause != _NONE:
+                    cause = attempt(program, layouts, nodes, leaves, worldid, lane, obj, stream, trial)
                     if cause != _NONE and lane == 0:
                         wp.atomic_add(layouts.rejections, obj, cause, 1)
                         if cause == _COLLISION and layouts.rejected_object.shape[0] > 0:
                             _record(program, layouts, worldid, obj)
-                    attempt += 1
-                total += attempt
+                    trial += 1
+                    total += 1
                 if cause != _NONE:
                     status = int(0)
                 obj += 1
@@ -240,9 +297,11 @@ def _make_place(collides: wp.Function, roof: wp.Function, name: str) -> wp.Kerne
                 status = _fall_back(program, layouts, worldid, split)
             layouts.status[worldid] = status
 
+    name = f"place_{geometry}"
     place.__name__ = place.__qualname__ = name
-    return wp.Kernel(place, key=name, module=wp.get_module(f"{__name__}.{name}"), options={"enable_backward": False})
+    options = {"enable_backward": False, "grid_stride": False, "cuda_max_registers": _MAX_REGISTERS}
+    return wp.Kernel(place, key=name, module=wp.get_module(f"{__name__}.{name}"), options=options)
 
 
-place_physics = _make_place(collides_physics, roof_physics, "place_physics")
-place_visual = _make_place(collides_visual, roof_visual, "place_visual")
+place_physics = _make_place("physics", collides_physics, roof_physics)
+place_visual = _make_place("visual", collides_visual, roof_visual)

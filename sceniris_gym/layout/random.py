@@ -7,8 +7,8 @@ which worlds are reset beside it, in which order, or on how many lanes share the
 
 import warp as wp
 
-# Streams of one seed and episode. An object's placement uses stream SPLIT * 2^24 + object; what a task draws is kept apart
-# from layouts by the top bit, so that goals and noise never repeat the numbers behind the poses.
+# Streams of one seed and episode. An object's placement uses stream SPLIT * 2^24 + object; what a task draws is kept
+# apart from layouts by the top bit, so that goals and noise never repeat the numbers behind the poses.
 SPLITS = {"train": 0, "eval": 1, "bank": 2}
 STREAM_BITS = 24
 TASK_STREAM = 1 << 31

@@ -4,7 +4,7 @@ import warp as wp
 
 from sceniris_gym.layout.collision import piece_pose
 from sceniris_gym.layout.convex import piece_shape, segment_shape, separated
-from sceniris_gym.layout.transforms import Pose, apply, compose, pose_of, relative
+from sceniris_gym.layout.transforms import Pose, compose, pose_of, relative
 from sceniris_gym.scene.device import Program
 
 _SHADOW = wp.constant(wp.vec3(1.0, 1.0, 0.0))
@@ -33,7 +33,7 @@ def draw_triangle(program: Program, obj: int, u: float) -> int:
 
 @wp.func
 def draw_in_triangle(program: Program, tri: int, u: float, v: float) -> wp.vec2:
-    """A uniform point of a triangle from two uniform numbers. R. Osada et al., "Shape distributions", TOG 21(4), 2002."""
+    """A uniform point of a triangle. R. Osada et al., "Shape distributions", ACM Trans. Graphics 21(4), 2002."""
     s = wp.sqrt(u)
     return (1.0 - s) * program.tri_a[tri] + (s * (1.0 - v)) * program.tri_b[tri] + (s * v) * program.tri_c[tri]
 
@@ -49,20 +49,13 @@ def _upward(point: wp.vec3) -> Pose:
 
 @wp.func
 def roof_physics(
-    program: Program,
-    collider: int,
-    point: wp.vec3,
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
+    program: Program, piece: int, point: wp.vec3, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
 ) -> bool:
-    """Is a convex piece of the collider above `point` (world frame)?"""
-    body = program.collider_body[collider]
-    frame = relative(_upward(point), pose_of(body_pos[body], body_quat[body]))
-    for piece in range(program.collider_pieceadr[collider], program.collider_pieceadr[collider + 1]):
-        rel = compose(frame, piece_pose(program, piece))
-        if not separated(program, segment_shape(0.5 * _ROOF_REACH), piece_shape(program, piece), rel, _SPACE, 0.0):
-            return True
-    return False
+    """Is a convex piece above `point` (world frame)?"""
+    body = program.piece_body[piece]
+    frame = compose(pose_of(body_pos[body], body_quat[body]), piece_pose(program, piece))
+    rel = relative(_upward(point), frame)
+    return not separated(program, segment_shape(0.5 * _ROOF_REACH), piece_shape(program, piece), rel, _SPACE, 0.0)
 
 
 @wp.func

@@ -1,4 +1,4 @@
-"""Are two triangles further apart than a margin? Exact: edges against edges, vertices against faces, edges through faces."""
+"""Are two triangles further apart than a margin? Edges against edges, vertices against faces, edges through faces."""
 
 import warp as wp
 
@@ -48,7 +48,7 @@ def _over_face(p: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3, n: wp.vec3) -> bo
 def _meets_face(
     p: wp.vec3, q: wp.vec3, hp: float, hq: float, a: wp.vec3, b: wp.vec3, c: wp.vec3, n: wp.vec3, limit: float
 ) -> bool:
-    """Does the vertex p lie within `limit` of the face abc, or the edge pq pass through it? hp, hq: heights times |n|."""
+    """Is the vertex p within `limit` of the face abc, or does the edge pq pass it? hp, hq, limit: times |n|."""
     if wp.abs(hp) <= limit and _over_face(p, a, b, c, n):
         return True
     if (hp < 0.0 and hq > 0.0) or (hp > 0.0 and hq < 0.0):

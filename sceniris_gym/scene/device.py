@@ -1,7 +1,7 @@
 """What device code sees of a scene: flat arrays, the same for every world, never written after `build_world`.
 
-Poses are (pos [m], quat wxyz) of a frame in its parent's; angles are in radians. Ranges of a list are (adr, num) pairs as
-in MuJoCo. A *collider* is what is tested as a whole: all pieces of one body below one root of boxes, or one plane.
+Poses are (pos [m], quat wxyz) of a frame in its parent's; angles are in radians. Ranges of a list are (adr, num) pairs
+as in MuJoCo. A *collider* is what is tested as a whole: all pieces of one body below one root of boxes, or one plane.
 """
 
 from enum import IntEnum
@@ -99,7 +99,7 @@ class Program:
     obj_pairnum: wp.array(dtype=int)
     body_list: wp.array(dtype=int)
     piece_list: wp.array(dtype=int)
-    roof_list: wp.array(dtype=int)
+    roof_list: wp.array(dtype=int)  # pieces (physics) or colliders (visual)
     # Support regions, triangulated; `tri_cdf` is the share of the region's area up to and with a triangle.
     tri_surface: wp.array(dtype=int)
     tri_a: wp.array(dtype=wp.vec2)
@@ -123,11 +123,10 @@ class Program:
     piece_contype: wp.array(dtype=int)
     piece_conaffinity: wp.array(dtype=int)
     vert: wp.array(dtype=wp.vec3)
-    # Colliders: a binary tree of boxes in the body's frame. `node_child` is the left child (the right one follows it), or
-    # ~leaf: a piece (physics) or a face (visual).
+    # Colliders: a binary tree of boxes in the body's frame. `node_child` is the left child (the right one follows it),
+    # or ~leaf: a piece (physics) or a face (visual).
     collider_body: wp.array(dtype=int)
     collider_root: wp.array(dtype=int)
-    collider_pieceadr: wp.array(dtype=int)  # one more entry than colliders: pieces are sorted by collider
     collider_plane: wp.array(dtype=int)  # piece of a plane, else -1
     collider_mesh: wp.array(dtype=wp.uint64)
     collider_pointadr: wp.array(dtype=int)

@@ -77,7 +77,7 @@ class Plan:
 
 
 def placement_order(scene: SceneModel) -> list[str]:
-    """Names in the order of placement: what has joints to draw but no pose, then parents before children, as in the file."""
+    """Names in the order of placement: what only draws joints, then parents before children, else as in the file."""
     config = scene.config
     moving = [n for n, part in config.objects.items() if _is_placed(part)]
     still = [ROBOT] if config.robot is not None else []
@@ -161,7 +161,7 @@ def collider_pairs(scene: SceneModel, plan: Plan, colliders: list[int]) -> list[
                     and not _are_neighbours(mjm, colliders[a], colliders[b])
                     and frozenset((colliders[a], colliders[b])) not in touching
                 ]
-            standing.update({body: clearance for body in o.bodies})
+            standing.update(dict.fromkeys(o.bodies, clearance))
         result.append(pairs)
     return result
 

@@ -89,7 +89,7 @@ def crop(surfaces: list[Surface], region: RegionConfig | None, erosion: float, w
 
 
 def triangulate(region: MultiPolygon) -> np.ndarray:
-    """The region as triangles [m], shape (n, 3, 2): a constrained Delaunay triangulation, so nothing is lost or added."""
+    """The region as triangles [m], shape (n, 3, 2): constrained Delaunay, so nothing is lost or added."""
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(region))
     corners = np.reshape([np.asarray(t.exterior.coords)[:3, :2] for t in triangles], (-1, 3, 2))
     return corners[areas(corners) > 0.0]

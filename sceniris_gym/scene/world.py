@@ -10,8 +10,8 @@ import warp as wp
 
 from sceniris_gym.scene import supports
 from sceniris_gym.scene.boxes import build_tree
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.device import ObjectKind, PieceType, Program
+from sceniris_gym.scene.config import ObjectConfig, SceneConfig
+from sceniris_gym.scene.device import ObjectKind, PieceType, Program, Roof
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.pieces import Piece
 from sceniris_gym.scene.program import Plan, build_plan, collider_pairs, roof_rule
@@ -81,7 +81,6 @@ class _Colliders:
     root: list[int] = field(default_factory=list)
     plane: list[int] = field(default_factory=list)
     mesh: list[int] = field(default_factory=list)
-    pieceadr: list[int] = field(default_factory=list)
     points: list[np.ndarray] = field(default_factory=list)
     center: list[np.ndarray] = field(default_factory=list)
     half: list[np.ndarray] = field(default_factory=list)
@@ -144,13 +143,11 @@ def _collect(plan: Plan, visual: bool, device: str) -> _Colliders:
         by_body.setdefault(p.body, []).append(i)
     for body, ids in by_body.items():
         for i in [i for i in ids if plan.pieces[i].type == PieceType.PLANE]:
-            c.pieceadr.append(i)
             _add_tree(c, body, np.zeros((1, 3)), np.zeros((1, 3)), plane=i, mesh=0)
             c.points.append(np.zeros((0, 3)))
         solid = [i for i in ids if plan.pieces[i].type != PieceType.PLANE]
         if not solid:
             continue
-        c.pieceadr.append(solid[0])
         if visual:
             meshes = [plan.pieces[i].mesh for i in solid]
             triangles = np.concatenate([m.triangles for m in meshes if m is not None])
@@ -169,7 +166,6 @@ def _collect(plan: Plan, visual: bool, device: str) -> _Colliders:
             lower, upper = np.array([b[0] for b in bounds]), np.array([b[1] for b in bounds])
             _add_tree(c, body, lower, upper, plane=-1, mesh=0, first=solid[0])
             c.points.append(np.zeros((0, 3)))
-    c.pieceadr.append(len(plan.pieces))
     return c
 
 
@@ -198,7 +194,6 @@ def _trees(c: _Colliders) -> dict[str, np.ndarray]:
     return {
         "collider_body": np.array(c.body, int),
         "collider_root": np.array(c.root, int),
-        "collider_pieceadr": np.array(c.pieceadr, int),
         "collider_plane": np.array(c.plane, int),
         "collider_mesh": np.array(c.mesh, np.uint64),
         "collider_pointadr": adr,
@@ -270,7 +265,8 @@ def _objects(scene: SceneModel, plan: Plan, c: _Colliders) -> dict[str, np.ndarr
     bodies, bodyadr, bodynum = _ranges([o.bodies for o in objects])
     own = [[i for i, p in enumerate(plan.pieces) if p.body in o.bodies] for o in objects]
     own_pieces, pieceadr, piecenum = _ranges(own)
-    roofs = [_roof_colliders(scene, o.config, c.body) for o in objects]
+    cover = c.body if scene.config.geometry == "visual" else [p.body for p in plan.pieces]
+    roofs = [_roofs(scene, o.config, cover) for o in objects]
     roof_list, roofadr, roofnum = _ranges(roofs)
     pairs, pairadr, pairnum = _ranges(collider_pairs(scene, plan, c.body))
     boxes = [_box(o.config) for o in objects]
@@ -344,12 +340,14 @@ def _regions(plan: Plan) -> dict[str, np.ndarray]:
     }
 
 
-def _roof_colliders(scene: SceneModel, config, colliders: list[int]) -> list[int]:
-    """Colliders of the parent object, all of its bodies: any of them may be the roof."""
-    if config is None or config.support is None or config.support.parent.split("/")[0] not in scene.bodies:
+def _roofs(scene: SceneModel, config: ObjectConfig | None, bodies: list[int]) -> list[int]:
+    """Which of the entries of `bodies` belong to the parent object: any of its bodies may be the roof."""
+    if roof_rule(config) == Roof.EITHER:
         return []
-    bodies = scene.subtree(config.support.parent.split("/")[0])
-    return [i for i, body in enumerate(colliders) if body in bodies]
+    assert config is not None
+    assert config.support is not None
+    parent = scene.subtree(config.support.parent.split("/")[0])
+    return [i for i, body in enumerate(bodies) if body in parent]
 
 
 def _address(mjm: mujoco.MjModel, body: int, kind: ObjectKind) -> int:
@@ -358,7 +356,7 @@ def _address(mjm: mujoco.MjModel, body: int, kind: ObjectKind) -> int:
     return int(mjm.body_mocapid[body])
 
 
-def _box(config) -> tuple:
+def _box(config: ObjectConfig | None) -> tuple:
     if config is None or config.region is None or not config.region.is_3d:
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     return config.region.box
