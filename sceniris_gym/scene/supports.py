@@ -133,7 +133,7 @@ def _levels(meshes: list[trimesh.Trimesh]) -> list[tuple[float, MultiPolygon]]:
     cuts = np.flatnonzero(np.diff(heights[order]) > _STEP) + 1
     levels = []
     for group in np.split(order, cuts):
-        faces = shapely.polygons(triangles[group][:, :, :2])
+        faces = np.asarray(shapely.polygons(triangles[group][:, :, :2]))
         merged = shapely.union_all(faces[shapely.area(faces) > 0.0])
         # faces of neighbouring geoms meet only to rounding: close gaps of up to 2 um
         merged = merged.buffer(1e-6, join_style="mitre").buffer(-1e-6, join_style="mitre")
@@ -159,7 +159,7 @@ def _shadow(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
     above = mesh.slice_plane([0.0, 0.0, z], [0.0, 0.0, 1.0]) if mesh.bounds[0, 2] < z else mesh
     if mesh.is_convex:
         return MultiPoint(above.vertices[:, :2]).convex_hull
-    faces = shapely.polygons(above.triangles[:, :, :2])
+    faces = np.asarray(shapely.polygons(above.triangles[:, :, :2]))
     return shapely.union_all(faces[shapely.area(faces) > 1e-12])
 
 

@@ -357,9 +357,9 @@ def _address(mjm: mujoco.MjModel, body: int, kind: ObjectKind) -> int:
 
 
 def _box(config: ObjectConfig | None) -> tuple:
-    if config is None or config.region is None or not config.region.is_3d:
-        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    return config.region.box
+    """Corners of the box in space that an object is drawn in; an empty one for all others."""
+    box = config.region.box if config is not None and config.region is not None and config.region.is_3d else None
+    return box if box is not None else ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def _ranges(lists) -> tuple[list, np.ndarray, np.ndarray]:
