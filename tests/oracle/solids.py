@@ -27,7 +27,14 @@ class Solids:
 
     def distance(self, data: mujoco.MjData, first: list[int], second: list[int]) -> float:
         """Return the least distance [m] of two groups of geoms, posed in `data`; 0 if they touch or one is inside."""
-        return min(self._pair(data, a, b) for a in first for b in second)
+        pairs = [(a, b) for a in first for b in second]
+        apart = np.array([np.linalg.norm(data.geom_xpos[a] - data.geom_xpos[b]) for a, b in pairs])
+        bound = apart - np.array([self.mjm.geom_rbound[a] + self.mjm.geom_rbound[b] for a, b in pairs])
+        least = np.inf
+        for k in np.argsort(bound):
+            if bound[k] < least:  # else their bounding spheres are further apart
+                least = min(least, self._pair(data, *pairs[k]))
+        return least
 
     def lowest(self, data: mujoco.MjData, geoms: list[int]) -> float:
         """Return the height [m] of the lowest point of meshes, boxes and cylinders."""
