@@ -39,6 +39,32 @@ def test_reports_exactly_the_rows_with_a_pushed_and_an_enclosed_object(geometry:
     assert [(m.row, m.name) for m in report.misplaced] == [(11, "gem")]
 
 
+def test_conflicts_are_the_pairs_that_mujoco_finds_too_near():
+    """Crowded random rows: a pair is reported exactly where MuJoCo's own distance is below the clearance."""
+    rng = np.random.default_rng(3)
+    judge = auditor()
+    rows = layout(MJM, 200)
+    for i in range(len(rows)):
+        crowd = {name: (*rng.uniform(-0.07, 0.07, 2), rng.uniform(0.0, 0.12), rng.uniform(-3, 3)) for name in ORDER[1:]}
+        rows = with_row(rows, i, layout(MJM, **crowd))
+    found = {(c.row, c.geoms) for c in judge.judge(rows).conflicts}
+    data = mujoco.MjData(MJM)
+    checked = 0
+    for i in range(len(rows)):
+        rows.put(data, i)
+        mujoco.mj_kinematics(MJM, data)
+        for pair in judge.collisions.pairs:
+            first, second = (judge.collisions.solids[k].geom for k in (pair.first, pair.second))
+            if "world" in pair.owners:
+                continue  # planes, and what stands on them, have a test of their own
+            surplus = mujoco.mj_geomDistance(MJM, data, first, second, 1.0, None) - pair.clearance
+            if abs(surplus) > 1e-4:
+                assert ((i, (first, second)) in found) == (surplus < 0), (i, pair.owners, surplus)
+                checked += 1
+    assert len(found) > 200
+    assert checked > 2000
+
+
 @GEOMETRIES
 def test_a_pair_within_its_clearance_is_a_missed_collision(geometry: str):
     """The larger clearance of two objects counts, less the tolerance of 0.01 mm."""
