@@ -3,9 +3,10 @@
 import numpy as np
 import scipy.stats
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 
-def equal_cells(region: shapely.Geometry, depth: int) -> list[shapely.Geometry]:
+def equal_cells(region: BaseGeometry, depth: int) -> list[BaseGeometry]:
     """Cut a region into 2^depth cells of one area, each time across its longer side."""
     if depth == 0:
         return [region]
@@ -14,7 +15,7 @@ def equal_cells(region: shapely.Geometry, depth: int) -> list[shapely.Geometry]:
     low, high = (x0, x1) if across_x else (y0, y1)
     ends = low, high
 
-    def below(cut: float) -> shapely.Geometry:
+    def below(cut: float) -> BaseGeometry:
         return region.intersection(shapely.box(x0, y0, *((cut, y1) if across_x else (x1, cut))))
 
     for _ in range(60):
@@ -25,7 +26,7 @@ def equal_cells(region: shapely.Geometry, depth: int) -> list[shapely.Geometry]:
     return equal_cells(below(low), depth - 1) + equal_cells(rest, depth - 1)
 
 
-def p_value(points: np.ndarray, region: shapely.Geometry, depth: int = 6) -> float:
+def p_value(points: np.ndarray, region: BaseGeometry, depth: int = 6) -> float:
     """Return the probability that points (n, 2) drawn uniformly from the region are spread as unevenly as these.
 
     Points that are outside of all cells count as one more cell in which none is expected, which gives 0.

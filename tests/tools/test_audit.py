@@ -45,8 +45,8 @@ def test_conflicts_are_the_pairs_that_mujoco_finds_too_near():
     judge = auditor()
     rows = layout(MJM, 200)
     for i in range(len(rows)):
-        crowd = {name: (*rng.uniform(-0.07, 0.07, 2), rng.uniform(0.0, 0.12), rng.uniform(-3, 3)) for name in ORDER[1:]}
-        rows = with_row(rows, i, layout(MJM, **crowd))
+        crowd = {name: tuple(rng.uniform([-0.07, -0.07, 0.0, -3.0], [0.07, 0.07, 0.12, 3.0])) for name in ORDER[1:]}
+        rows = with_row(rows, i, layout(MJM, 1, **crowd))
     found = {(c.row, c.geoms) for c in judge.judge(rows).conflicts}
     data = mujoco.MjData(MJM)
     checked = 0
