@@ -6,10 +6,13 @@ import gymnasium
 
 ENVS = {  # id -> keyword arguments of gymnasium.register
     "sceniris_gym/DrawerPick-v0": {
-        "entry_point": "sceniris_gym.envs.drawer_pick:make_env",
-        "vector_entry_point": "sceniris_gym.envs.drawer_pick:make_vector_env",
+        "kwargs": {"task": "sceniris_gym.envs.drawer_pick:DrawerPick"},
         "max_episode_steps": 200,
     },
+}
+ENTRY_POINTS = {
+    "entry_point": "sceniris_gym.vector.single:SceneEnv",
+    "vector_entry_point": "sceniris_gym.vector.vector_env:SceneVectorEnv",
 }
 
 
@@ -17,4 +20,4 @@ def register_envs() -> None:
     """Register every environment of this package with Gymnasium; a second call changes nothing."""
     for env_id, arguments in ENVS.items():
         if env_id not in gymnasium.registry:
-            gymnasium.register(id=env_id, **arguments)
+            gymnasium.register(id=env_id, **ENTRY_POINTS, **arguments)

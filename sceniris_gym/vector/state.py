@@ -49,7 +49,7 @@ class State:
         self.device = torch.device(wp.device_to_torch(batch.device))
         self.elapsed = torch.zeros(self.num_envs, dtype=torch.int32, device=self.device)
         self._elapsed = wp.from_torch(self.elapsed)
-        self.seed, self.episode = wp.to_torch(layouts.seed), wp.to_torch(layouts.episode)
+        self.seed, self.episode = wp.to_torch(layouts.seed).view(torch.int64), wp.to_torch(layouts.episode)
         self.layout_status = wp.to_torch(layouts.status)
         d = batch.data
         self.ctrl = wp.to_torch(d.ctrl)

@@ -15,7 +15,7 @@ class Task:
     """Base class of tasks. All methods work on all worlds at once, in torch operations without host synchronisation.
 
     A task reads the worlds through a State, in which poses are in the robot's base frame. It may keep tensors of its
-    own: make them in `bind`, write to them in place, and bring those of masked worlds back to their start in `on_reset`.
+    own: make them in `bind`, write to them in place, and start those of masked worlds afresh in `on_reset`.
 
     Attributes:
         scene: the name of a shipped scene, or the path of a scene file

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
@@ -17,17 +16,15 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
-from sceniris_gym.errors import MaskError
-from sceniris_gym.layout.build import build_world
 from sceniris_gym.layout.generate import as_seeds
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.scene.config import SceneConfig
 from sceniris_gym.scene.world import World
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.frames import FrameCamera
-from sceniris_gym.sim.masks import as_mask
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector import spaces
+from sceniris_gym.vector.arguments import as_action, as_reset_mask, as_task, as_world, fresh_seed
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Task
 
@@ -98,12 +95,12 @@ class SceneVectorEnv(VectorEnv):
             raise ValueError(f"render_mode must be 'rgb_array' or None, got {render_mode!r}.")
         if num_envs < 1:
             raise ValueError(f"num_envs must be at least 1, got {num_envs}.")
-        self.task, self.num_envs, self.max_episode_steps = make_task(task), num_envs, max_episode_steps
+        self.task, self.num_envs, self.max_episode_steps = as_task(task), num_envs, max_episode_steps
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.output, self.copy, self.render_mode = output, copy, render_mode
         self.render_envs, self.render_size, self.render_camera = min(render_envs, num_envs), render_size, render_camera
 
-        self.world = _make_world(self.task.scene if scene is None else scene, overrides, device)
+        self.world = as_world(self.task.scene if scene is None else scene, overrides, device)
         needs, substeps = self.task.needs, self.task.substeps
         self.batch = Batch(
             self.world.scene,
@@ -165,9 +162,11 @@ class SceneVectorEnv(VectorEnv):
             ResetNeeded: the first reset has a mask
         """
         self._check_open()
-        mask = self._reset_mask(options)
-        if seed is None and not self._ready:
-            seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0] >> np.uint64(2))
+        mask = as_reset_mask(options, self.num_envs, self.batch.device)
+        if not self._ready:
+            if mask is not None:
+                raise gymnasium.error.ResetNeeded("The first reset() must be of all worlds; leave out the reset_mask.")
+            seed = fresh_seed() if seed is None else seed
         with self._on_torch_stream():
             if seed is not None:
                 self.randomizer.reseed(as_seeds(seed, self.num_envs), mask)
@@ -198,7 +197,7 @@ class SceneVectorEnv(VectorEnv):
         if not self._ready:
             raise gymnasium.error.ResetNeeded("Call reset() before step().")
         with self._on_torch_stream():
-            action = self._as_action(actions)
+            action = as_action(actions, self.action_space, self.device)
             self.task.apply(self.state, action)
             self.batch.step()
             self.state.elapsed.add_(1)
@@ -235,7 +234,8 @@ class SceneVectorEnv(VectorEnv):
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             done = terminated | truncated
             info["final_obs"], info["_final_obs"] = self._observe(1), done
-            info["final_info"], info["_final_info"] = {**info_of_step(info), **self._layout_info()}, done.clone()
+            final_info = {"success": success, "reward_terms": dict(terms), **self._layout_info()}
+            info["final_info"], info["_final_info"] = final_info, done.clone()
             self._reset_worlds(done)
         elif self.autoreset_mode is AutoresetMode.NEXT_STEP:
             # worlds that ended in the step before are reset by this one; what it did to them does not count
@@ -277,24 +277,6 @@ class SceneVectorEnv(VectorEnv):
             return {key: self._returned(item) for key, item in value.items()}
         return value.detach().cpu().numpy()
 
-    def _as_action(self, actions: Any) -> Tensor:
-        action = torch.as_tensor(actions, dtype=torch.float32, device=self.device)
-        if action.shape != self.action_space.shape:
-            raise ValueError(f"actions must have shape {self.action_space.shape}, got {tuple(action.shape)}.")
-        return action.clamp(-1.0, 1.0)
-
-    def _reset_mask(self, options: dict[str, Any] | None) -> wp.array | None:
-        given = (options or {}).get("reset_mask")
-        if given is None:
-            return None
-        name = "options['reset_mask']"
-        mask = as_mask(given, self.num_envs, self.batch.device, name)
-        if not mask.numpy().any():
-            raise MaskError(f"{name} must be true for at least one world; leave it out to reset all of them.")
-        if not self._ready:
-            raise gymnasium.error.ResetNeeded("The first reset() must be of all worlds; leave out the reset_mask.")
-        return mask
-
     def _on_torch_stream(self) -> AbstractContextManager:
         """Run Warp's launches on torch's current stream, so that both see each other's results in order."""
         if not self.batch.device.is_cuda:
@@ -304,27 +286,3 @@ class SceneVectorEnv(VectorEnv):
     def _check_open(self) -> None:
         if self.closed:
             raise gymnasium.error.ClosedEnvironmentError("This environment was closed; make a new one.")
-
-
-def info_of_step(info: dict[str, Any]) -> dict[str, Any]:
-    """Return what `info` says of the step alone."""
-    return {"success": info["success"], "reward_terms": dict(info["reward_terms"])}
-
-
-def make_task(task: Task | type[Task] | str) -> Task:
-    """Return a Task for one, for its class, or for "module:Class"."""
-    if isinstance(task, str):
-        module, _, name = task.partition(":")
-        task = getattr(importlib.import_module(module), name)
-    made = task() if isinstance(task, type) else task
-    if not isinstance(made, Task):
-        raise TypeError(f"task must be a Task, its class, or 'module:Class', got {made!r}.")
-    return made
-
-
-def _make_world(scene: Any, overrides: Mapping[str, Any] | None, device: str | None) -> World:
-    if isinstance(scene, World):
-        if overrides or (device is not None and wp.get_device(device) != wp.get_device(scene.device)):
-            raise ValueError("A World is finished: give its scene file to change it with overrides or another device.")
-        return scene
-    return build_world(SceneConfig.load(scene, dict(overrides or {})), device)

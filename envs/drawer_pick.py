@@ -1,0 +1,133 @@
+"""DrawerPick-v0: lift the banana out of an open drawer."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from sceniris_gym.vector.state import State
+from sceniris_gym.vector.task import Observation, Task
+
+JOINT_STEP = 0.04
+"""Largest change of a joint's target in a control step [rad]: 2 rad/s at 50 Hz."""
+
+TARGET_LEAD = 0.2
+"""How far a joint's target may be ahead of the joint [rad]; keeps targets from running away from a blocked arm."""
+
+CLEAR_HEIGHT = 0.55
+"""Height of the banana's underside that counts as out [m]: 5 cm over the cabinet, 7 cm over the drawer's face."""
+
+LOST_HEIGHT = 0.15
+"""Below this height [m] the banana has fallen out of the drawer, whose floor is at 0.27 m."""
+
+FINGER_OPENING = 0.08
+"""Distance between the open fingers [m]."""
+
+
+class DrawerPick(Task):
+    """A Panda before a cabinet takes a banana out of the open upper drawer; an apple lies on the floor beside.
+
+    It has not been trained yet.
+
+    Frames: poses and velocities are in the robot's base frame (on the floor, x to the front, z up), rotations are
+    quaternions wxyz. Every reset draws the cabinet's place and yaw, the drawer's opening, both fruits and a little
+    noise on the arm.
+
+    Action, 8 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.04 rad, and the
+    gripper from -1 (closed) to 1 (open).
+
+    Observations, group `policy`, 54 numbers:
+
+    | name | shape | what |
+    |---|---|---|
+    | arm_qpos | 7 | joint angles [rad] |
+    | arm_qvel | 7 | joint velocities [rad/s] |
+    | arm_lead | 7 | joint targets minus joint angles [rad] |
+    | finger_width | 1 | distance between the fingers [m] |
+    | tcp_pose | 7 | point between the finger tips: position [m], rotation |
+    | banana_pose | 7 | underside of the banana: position [m], rotation |
+    | tcp_to_banana | 3 | from the point between the finger tips to the grasp site of the banana [m] |
+    | drawer_pose | 7 | lower edge of the drawer's face: position [m], rotation |
+    | last_action | 8 | the action taken last, zeros after a reset |
+
+    Group `critic`, 67 numbers: the same, then `banana_velocity` (6: [m/s], [rad/s]) and `apple_pose` (7: position
+    [m], rotation).
+
+    Reward terms, summed: `reaching` (0 to 1, the fingers near the banana), `grasping` (0 to 1, and closed there),
+    `lifting` (0 to 5, share of the way out), `out` (5 once it is out) and `effort` (-0.01 times the mean square of the
+    action). Success is the banana's underside higher than 0.55 m. The episode terminates when the banana has fallen
+    out of the drawer, and is truncated after 200 steps (4 s).
+    """
+
+    scene = "drawer_pick"
+    action_size = 8
+
+    def bind(self, s: State) -> None:
+        """Find the arm's controls, and make room for what is remembered between steps."""
+        arm = [s.mjm.actuator(f"panda/joint{i}") for i in range(1, 8)]
+        self.arm = torch.tensor([a.id for a in arm], device=s.device)
+        self.gripper = s.mjm.actuator("panda/gripper").id
+        limits = torch.tensor(s.mjm.actuator_ctrlrange, dtype=torch.float32, device=s.device)
+        self.lower, self.upper = limits[self.arm].unbind(dim=1)
+        self.open = limits[self.gripper, 1]
+        self.last_action = torch.zeros(s.num_envs, 8, device=s.device)
+        self.start_height = torch.zeros(s.num_envs, device=s.device)
+
+    def apply(self, s: State, action: Tensor) -> None:
+        """Move the joint targets, and open or close the gripper."""
+        qpos = s.qpos("panda")[:, :7]
+        target = s.ctrl[:, self.arm] + JOINT_STEP * action[:, :7]
+        target = torch.clamp(target, qpos - TARGET_LEAD, qpos + TARGET_LEAD)
+        s.ctrl[:, self.arm] = torch.clamp(target, self.lower, self.upper)
+        s.ctrl[:, self.gripper] = self.open * 0.5 * (action[:, 7] + 1.0)
+        self.last_action.copy_(action)
+
+    def observe(self, s: State) -> Observation:
+        """Return what the class lists."""
+        joints, velocities = s.qpos("panda"), s.qvel("panda")
+        policy = {
+            "arm_qpos": joints[:, :7],
+            "arm_qvel": velocities[:, :7],
+            "arm_lead": s.ctrl[:, self.arm] - joints[:, :7],
+            "finger_width": self._finger_width(s)[:, None],
+            "tcp_pose": s.site("panda/tcp"),
+            "banana_pose": s.pose("banana"),
+            "tcp_to_banana": self._to_banana(s),
+            "drawer_pose": s.pose("cabinet/upper_drawer"),
+            "last_action": self.last_action,
+        }
+        critic = {"banana_velocity": s.velocity("banana"), "apple_pose": s.pose("apple")}
+        return {"policy": policy, "critic": policy | critic}
+
+    def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
+        """Return reaching, grasping, lifting, out and effort."""
+        distance = self._to_banana(s).norm(dim=1)
+        near = torch.exp(-((distance / 0.04) ** 2))
+        height = s.pose("banana")[:, 2]
+        lifted = (height - self.start_height) / (CLEAR_HEIGHT - self.start_height)
+        return {
+            "reaching": 1.0 - torch.tanh(5.0 * distance),
+            "grasping": near * (1.0 - self._finger_width(s) / FINGER_OPENING).clamp(0.0, 1.0),
+            "lifting": 5.0 * lifted.clamp(0.0, 1.0),
+            "out": 5.0 * self.success(s).float(),
+            "effort": -0.01 * action.square().mean(dim=1),
+        }
+
+    def success(self, s: State) -> Tensor:
+        """Say where the banana is out: its underside clear of drawer and cabinet."""
+        return s.pose("banana")[:, 2] > CLEAR_HEIGHT
+
+    def terminated(self, s: State) -> Tensor:
+        """Say where the banana has fallen out of the drawer."""
+        return s.pose("banana")[:, 2] < LOST_HEIGHT
+
+    def on_reset(self, s: State, mask: Tensor) -> None:
+        """Forget the last action, and remember how high the banana lies."""
+        self.last_action.masked_fill_(mask[:, None], 0.0)
+        self.start_height.copy_(torch.where(mask, s.pose("banana")[:, 2], self.start_height))
+
+    def _finger_width(self, s: State) -> Tensor:
+        return s.qpos("panda")[:, 7:9].sum(dim=1)
+
+    def _to_banana(self, s: State) -> Tensor:
+        return s.site("banana/grasp")[:, :3] - s.site("panda/tcp")[:, :3]

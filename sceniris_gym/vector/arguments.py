@@ -1,0 +1,79 @@
+"""What users hand to an environment: tasks, scenes, reset masks and actions, checked at the door."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+import warp as wp
+from gymnasium import Space
+from torch import Tensor
+
+from sceniris_gym.errors import MaskError
+from sceniris_gym.layout.build import build_world
+from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.scene.world import World
+from sceniris_gym.sim.masks import as_mask
+from sceniris_gym.vector.task import Task
+
+
+def as_task(task: Task | type[Task] | str) -> Task:
+    """Return a Task for one, for its class, or for "module:Class"."""
+    if isinstance(task, str):
+        module, _, name = task.partition(":")
+        task = getattr(importlib.import_module(module), name)
+    made = task() if isinstance(task, type) else task
+    if not isinstance(made, Task):
+        raise TypeError(f"task must be a Task, its class, or 'module:Class', got {made!r}.")
+    return made
+
+
+def as_world(scene: Any, overrides: Mapping[str, Any] | None, device: str | None) -> World:
+    """Return a World for one, or for all that SceneConfig.load takes; None for a device is cuda:0 if there is one.
+
+    Raises:
+        ValueError: a World with overrides, or on another device than the one asked for
+        ScenirisError: see build_world
+    """
+    if isinstance(scene, World):
+        if overrides or (device is not None and wp.get_device(device) != wp.get_device(scene.device)):
+            raise ValueError("A World is finished: give its scene file to change it with overrides or another device.")
+        return scene
+    return build_world(SceneConfig.load(scene, dict(overrides or {})), device)
+
+
+def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int, device: wp.Device) -> wp.array | None:
+    """Return `options["reset_mask"]` on the device, or None where all worlds are meant. The options stay as they are.
+
+    Raises:
+        MaskTypeError: not an array of booleans
+        MaskError: wrong shape, or not true anywhere
+    """
+    given = (options or {}).get("reset_mask")
+    if given is None:
+        return None
+    name = "options['reset_mask']"
+    mask = as_mask(given, num_envs, device, name)
+    if not mask.numpy().any():
+        raise MaskError(f"{name} must be true for at least one world; leave it out to reset all of them.")
+    return mask
+
+
+def as_action(actions: Any, space: Space, device: torch.device) -> Tensor:
+    """Return actions of all worlds on the device, cut off at -1 and 1.
+
+    Raises:
+        ValueError: wrong shape
+    """
+    action = torch.as_tensor(actions, dtype=torch.float32, device=device)
+    if action.shape != space.shape:
+        raise ValueError(f"actions must have shape {space.shape}, got {tuple(action.shape)}.")
+    return action.clamp(-1.0, 1.0)
+
+
+def fresh_seed() -> int:
+    """Draw a seed from the operating system: 62 bits, so that seed + i stays a positive int64."""
+    return int(np.random.SeedSequence().generate_state(1, np.uint64)[0] >> np.uint64(2))
