@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 import shapely
@@ -149,7 +150,8 @@ def _section(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
     if cut is None:
         return None
     planar, _ = cut.to_2D(to_2D=np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -z], [0, 0, 0, 1.0]]))
-    return shapely.union_all(planar.polygons_full)
+    rings = [p for p in planar.polygons_closed if p is not None]
+    return reduce(shapely.symmetric_difference, rings, Polygon())  # rings inside of rings are holes
 
 
 def _shadow(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:

@@ -1,0 +1,256 @@
+"""Where points are drawn: uniform over regions, on what is left of a support, below a roof or under open sky."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import shapely
+from scipy import stats
+from shapely.geometry import MultiPoint, Polygon, box
+from shapely.geometry.base import BaseGeometry
+
+from sceniris_gym.errors import InfeasibleSceneError
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.world import load_world
+from tests.layout.scenes import FLOOR, Rows, cpu_world, make, posed, read, write_mjcf
+from tests.oracle.solids import Solids
+
+# An L of two tiles and a frame of four around a hole, 6 cm high.
+TILES = [
+    ((-0.4, -0.4), (0.0, 0.0)),
+    ((-0.4, 0.0), (0.0, 0.4)),
+    ((0.0, -0.4), (0.4, -0.3)),
+    ((0.0, -0.1), (0.4, 0.0)),
+    ((0.0, -0.3), (0.1, -0.1)),
+    ((0.3, -0.3), (0.4, -0.1)),
+]
+SHAPE = shapely.union_all([box(*low, *high) for low, high in TILES])
+SHELF = """<geom type="box" size=".3 .2 .01" pos="0 0 .01"/><geom type="box" size=".3 .01 .2" pos="0 .21 .2"/>
+  <geom type="box" size=".1 .2 .01" pos=".2 0 .39"/>"""
+
+
+def _tiles(folder: Path) -> str:
+    """Write the asset of the L-shaped support."""
+    geoms = [
+        f'<geom type="box" size="{(x1 - x0) / 2} {(y1 - y0) / 2} .03" pos="{(x0 + x1) / 2} {(y0 + y1) / 2} .03"/>'
+        for (x0, y0), (x1, y1) in TILES
+    ]
+    return write_mjcf(folder, "slab", "".join(geoms))
+
+
+def _uniformity(points: np.ndarray, region: BaseGeometry, n: int = 8) -> float:
+    """The p value of a chi-square test of points (n, 2) over the cells that a grid cuts the region into."""
+    assert shapely.covers(region.buffer(1e-6), shapely.points(points)).all()
+    x0, y0, x1, y1 = region.bounds
+    xs, ys = np.linspace(x0, x1, n + 1), np.linspace(y0, y1, n + 1)
+    cells = [box(xs[i], ys[j], xs[i + 1], ys[j + 1]) for i in range(n) for j in range(n)]
+    share = shapely.area(shapely.intersection(cells, region)) / region.area
+    i, j = (
+        np.clip(np.searchsorted(s, p, side="right") - 1, 0, n - 1) for s, p in ((xs, points[:, 0]), (ys, points[:, 1]))
+    )
+    count = np.bincount(i * n + j, minlength=n * n)
+    small = share * len(points) < 8
+    expected = np.append(share[~small], share[small].sum()) * len(points)
+    observed = np.append(count[~small], count[small].sum())
+    keep = expected > 1e-6
+    return stats.chisquare(observed[keep], expected[keep]).pvalue
+
+
+def _points(scene: dict, nworld: int = 4000, seed: int = 11) -> np.ndarray:
+    """Where a goal without a body is drawn, shape (nworld, 3)."""
+    world = cpu_world(scene)
+    rows = make(world, nworld, seed=seed)
+    assert (rows.status == Status.VALID).all()
+    return rows.mocap_pos[:, int(world.mjm.body("goal").mocapid[0])]
+
+
+REGIONS = {
+    "whole": (None, SHAPE),
+    "box": ({"box": [[-0.2, -0.2], [0.35, 0.3]]}, SHAPE & box(-0.2, -0.2, 0.35, 0.3)),
+    "fraction": ({"fraction": [[0.25, 0.0], [1.0, 0.5]]}, SHAPE & box(-0.2, -0.4, 0.4, 0.0)),
+    "polygon": (
+        {"polygon": [[-0.4, -0.4], [0.3, -0.4], [-0.3, 0.1], [-0.1, 0.3], [-0.4, 0.3]]},
+        SHAPE & Polygon([[-0.4, -0.4], [0.3, -0.4], [-0.3, 0.1], [-0.1, 0.3], [-0.4, 0.3]]),
+    ),
+}
+
+
+@pytest.mark.parametrize("region", [{}, {"region": {"box": [[-0.1, -0.3], [0.9, 0.05]]}}])
+def test_points_are_uniform_over_the_floor(region: dict):
+    """The whole floor, and a crop that reaches beyond it."""
+    goal = {"kind": "marker", "on": "floor", **region}
+    points = _points({"floor": {"size": [1.2, 0.7]}, "objects": {"goal": goal}})
+    floor = box(-0.6, -0.35, 0.6, 0.35)
+    assert _uniformity(points[:, :2], floor & box(-0.1, -0.3, 0.9, 0.05) if region else floor) > 0.001
+    np.testing.assert_allclose(points[:, 2], 0.0005, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", REGIONS)
+def test_points_are_uniform_over_an_l_with_a_hole(tmp_path: Path, name: str):
+    """All of the support and its crops, in the support's frame; nothing falls through the hole."""
+    words, expected = REGIONS[name]
+    objects = {
+        "slab": {"asset": _tiles(tmp_path), "kind": "static"},
+        "goal": {"kind": "marker", "on": "slab", **({"region": words} if words else {})},
+    }
+    points = _points({"objects": objects})
+    assert _uniformity(points[:, :2], expected) > 0.001
+    np.testing.assert_allclose(points[:, 2], 0.0605, atol=1e-6)
+
+
+def test_points_are_uniform_in_the_frame_of_a_turned_support(tmp_path: Path):
+    """A fixture at any yaw, its region given in its own frame."""
+    words, expected = REGIONS["polygon"]
+    objects = {
+        "slab": {"asset": _tiles(tmp_path), "kind": "fixture", "on": "floor"},
+        "goal": {"kind": "marker", "on": "slab", "region": words},
+    }
+    world = cpu_world({"floor": FLOOR, "objects": objects})
+    rows = make(world, 4000, seed=12)
+    slab, goal = (int(world.mjm.body(n).mocapid[0]) for n in ("slab", "goal"))
+    local = []
+    for data in posed(world, rows):
+        body = world.mjm.body("slab").id
+        local.append(data.xmat[body].reshape(3, 3).T @ (data.mocap_pos[goal] - data.xpos[body]))
+    assert _uniformity(np.array(local)[:, :2], expected) > 0.001
+    assert np.ptp(rows.mocap_quat[:, slab, 0]) > 0.9
+
+
+def test_two_surfaces_are_chosen_by_their_areas(tmp_path: Path):
+    """Two steps of a stair, one three times as large; and within each the points are uniform."""
+    geoms = '<geom type="box" size=".1 .1 .05" pos="-.1 0 .05"/><geom type="box" size=".15 .2 .1" pos=".15 0 .1"/>'
+    objects = {
+        "stair": {"asset": write_mjcf(tmp_path, "stair", geoms), "kind": "static"},
+        "goal": {"kind": "marker", "on": "stair"},
+    }
+    points = _points({"objects": objects})
+    high = points[:, 2] > 0.15
+    assert stats.binomtest(int(high.sum()), len(points), 0.75).pvalue > 0.001
+    assert _uniformity(points[high, :2], box(0.0, -0.2, 0.3, 0.2), 5) > 0.001
+    assert _uniformity(points[~high, :2], box(-0.2, -0.1, 0.0, 0.1), 5) > 0.001
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.5])
+def test_the_support_is_eroded_by_the_ratio_times_half_the_shorter_edge(tmp_path: Path, ratio: float):
+    """A brick of 16 x 8 cm: its pivot keeps 2 cm from every edge at a ratio of 0.5, and reaches that far."""
+    brick = write_mjcf(tmp_path, "brick", '<geom type="box" size=".08 .04 .02" pos="0 0 .02"/>')
+    objects = {
+        "slab": {"asset": _tiles(tmp_path), "kind": "static"},
+        "brick": {"asset": brick, "on": "slab", "ratio_on_support": ratio},
+    }
+    points = make(cpu_world({"objects": objects}), 4000).qpos[:, :2]
+    left = SHAPE.buffer(-0.04 * ratio)
+    assert _uniformity(points, left) > 0.001
+    reach = shapely.distance(SHAPE.boundary, shapely.points(points)).min()
+    assert 0.04 * ratio - 1e-6 <= reach < 0.04 * ratio + 0.001
+
+
+@pytest.mark.parametrize("geometry", ["physics", "visual"])
+@pytest.mark.parametrize("asset", ["banana", "mug"])
+def test_at_ratio_one_the_whole_footprint_lies_on_the_support(tmp_path: Path, asset: str, geometry: str):
+    """The shadow of the posed meshes is inside of the L and off its hole; and what was refused was not."""
+    objects = {
+        "slab": {"asset": _tiles(tmp_path), "kind": "fixture", "on": "floor"},
+        asset: {"asset": asset, "on": "slab", "ratio_on_support": 1.0},
+    }
+    config = {"floor": FLOOR, "geometry": geometry, "attempts": 1, "restarts": 0, "objects": objects}
+    world = load_world(
+        build_model(SceneConfig.load(config)), "cpu"
+    )  # without a bank: a refused candidate is left there
+    generator = LayoutGenerator(world, 300, seed=3)
+    generator.generate()
+    rows, solids = read(generator.layouts), Solids(world.mjm, geometry)
+    outside = []
+    for data in posed(world, rows):
+        body = world.mjm.body("slab").id
+        frame = data.xmat[body].reshape(3, 3)
+        points = [(solids.points(data, g) - data.xpos[body]) @ frame for g in solids.geoms(asset)]
+        hulls = [MultiPoint(p[:, :2]).convex_hull for p in points]
+        outside.append(max(h.difference(SHAPE.buffer(1e-5, join_style="mitre")).area for h in hulls))
+    accepted = rows.status == Status.VALID
+    assert 50 < accepted.sum() < 280
+    assert np.array(outside)[accepted].max() == 0.0
+    assert generator.rejection_counts()[asset] == {"roof": 0, "footprint": int((~accepted).sum()), "collision": 0}
+    assert np.array(outside)[~accepted].min() > 0.0
+
+
+def _drawer(word: str, opening: float, geometry: str, **others) -> dict:
+    cabinet = {"asset": "cabinet", "kind": "fixture", "on": "floor", "joints": {"upper": {"value": opening}}}
+    goal = {"kind": "marker", word: "cabinet/upper_drawer"}
+    return {"floor": FLOOR, "geometry": geometry, "objects": {"cabinet": cabinet, "goal": goal}, **others}
+
+
+def _covered(world, rows: Rows, geometry: str) -> np.ndarray:
+    """MuJoCo C's rays straight up from the goals: is any part of the cabinet above?"""
+    groups = np.zeros(6, np.uint8)
+    groups[3 if geometry == "physics" else 2] = 1
+    goal, geom = int(world.mjm.body("goal").mocapid[0]), np.zeros(1, np.int32)
+    up = np.array([0.0, 0.0, 1.0])
+    return np.array(
+        [
+            mujoco.mj_ray(world.mjm, data, data.mocap_pos[goal].copy(), up, groups, 1, -1, geom) >= 0.0
+            for data in posed(world, rows)
+        ]
+    )
+
+
+@pytest.mark.parametrize("geometry", ["physics", "visual"])
+@pytest.mark.parametrize("opening", [0.1, 0.25])
+def test_the_roof_over_a_drawer_is_decided_by_its_opening(opening: float, geometry: str):
+    """`on` draws open points, `inside` covered ones, `in` both; single refusals of `inside` are right as well."""
+    rows = {}
+    for word in ("on", "inside", "in"):
+        world = cpu_world(_drawer(word, opening, geometry, attempts=100))
+        rows[word] = make(world, 300, seed=5)
+        assert (rows[word].status == Status.VALID).all()
+    world = cpu_world(_drawer("in", opening, geometry))
+    covered = {word: _covered(world, rows[word], geometry) for word in rows}
+    assert not covered["on"].any()
+    assert covered["inside"].all()
+    assert 0.05 < covered["in"].mean() < 0.95
+    once = make(cpu_world(_drawer("inside", opening, geometry, attempts=1, restarts=0)), 300, seed=5)
+    assert ((once.status == Status.VALID) == covered["in"]).all()
+
+
+@pytest.mark.parametrize("geometry", ["physics", "visual"])
+def test_a_shut_drawer_has_no_open_sky(geometry: str):
+    """What cannot be placed under it is named, with the roof as the cause."""
+    with pytest.raises(InfeasibleSceneError, match="'goal' could not be placed, mostly because of roof"):
+        cpu_world(_drawer("on", 0.0, geometry))
+
+
+@pytest.mark.parametrize("geometry", ["physics", "visual"])
+def test_a_roof_of_the_same_body_counts(tmp_path: Path, geometry: str):
+    """A shelf covered over its right third, whose roof is a surface as well."""
+    shelf = {"asset": write_mjcf(tmp_path, "shelf", SHELF), "kind": "static"}
+    words = {}
+    for word in ("on", "inside", "in"):
+        goal = {"kind": "marker", word: "shelf"}
+        words[word] = _points({"geometry": geometry, "objects": {"shelf": shelf, "goal": goal}}, 2000)
+    covered = {word: (p[:, 0] > 0.1) & (p[:, 2] < 0.3) for word, p in words.items()}
+    low = {word: p[:, 2] < 0.3 for word, p in words.items()}
+    assert not covered["on"].any()
+    assert covered["inside"].all()
+    share = 0.4 / (0.6 + 0.2)  # the roof is 0.2 m wide, the board 0.6 m, 0.4 m of which lie open
+    assert stats.binomtest(int((low["on"]).sum()), 2000, 0.4 / 0.6).pvalue > 0.001
+    assert stats.binomtest(int((low["in"] & ~covered["in"]).sum()), 2000, share).pvalue > 0.001
+    open_board = box(-0.3, -0.2, 0.1, 0.2)
+    assert _uniformity(words["on"][low["on"], :2], open_board, 5) > 0.001
+
+
+def test_a_roof_of_another_object_does_not_count(tmp_path: Path):
+    """A board that hangs over the floor is no roof of a crate below it: only the support's own object is asked."""
+    board = write_mjcf(tmp_path, "board", '<geom type="box" size=".4 .4 .01" pos="0 0 .5"/>')
+    crate = write_mjcf(tmp_path, "crate", '<geom type="box" size=".1 .1 .1" pos="0 0 .1"/>')
+    objects = {
+        "board": {"asset": board, "kind": "static"},
+        "crate": {"asset": crate, "kind": "static"},
+        "goal": {"kind": "marker", "on": "crate"},
+    }
+    assert len(_points({"objects": objects}, 50)) == 50
