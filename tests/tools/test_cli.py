@@ -14,9 +14,9 @@ from sceniris_gym import cli
 from sceniris_gym.errors import SceneKeyError
 
 
-def answer(capfd: pytest.CaptureFixture, *arguments: str) -> dict:
+def answer(capfd: pytest.CaptureFixture, *arguments: str, device: str = "cpu") -> dict:
     """Run a command with --json, check that stdout is one line, and return what it says."""
-    cli.main([*arguments, "--json", "--device", "cpu"])
+    cli.main([*arguments, "--json", "--device", device])
     out = capfd.readouterr().out
     assert out.count("\n") == 1, out
     return json.loads(out)
@@ -65,9 +65,10 @@ def test_audit_of_fine_meshes_finds_nothing(capfd: pytest.CaptureFixture):
         assert found[fault] == 0, found
 
 
-def test_bench_gives_every_figure(capfd: pytest.CaptureFixture):
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
+def test_bench_gives_every_figure(capfd: pytest.CaptureFixture, device: str):
     """All keys are there and belong together."""
-    found = answer(capfd, "bench", "mid", "--num-envs", "64")
+    found = answer(capfd, "bench", "mid", "--num-envs", "64", device=device)
     assert found["valid_per_s"] == pytest.approx(found["valid"] * 64 / found["warm_s"])
     assert found["valid"] == 1.0
     assert found["fallbacks"] == 0

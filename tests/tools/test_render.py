@@ -71,3 +71,11 @@ def test_a_single_row_is_drawn_larger():
     one, two = (captioned(mjm, layout(mjm, n), ["a"] * n, device="cpu").size for n in (1, 2))
     assert one[0] == pytest.approx(two[0], abs=10)
     assert one[1] > 1.5 * two[1]
+
+
+@pytest.mark.cuda
+def test_a_gpu_draws_the_same_pictures():
+    """The same rows on both devices differ by rounding at edges only."""
+    mjm = model_with_camera()
+    cpu, gpu = (render(mjm, layout(mjm, 2), size=(120, 90), device=d).astype(int) for d in ("cpu", "cuda:0"))
+    assert np.mean(np.abs(cpu - gpu) > 8) < 0.01
