@@ -34,6 +34,9 @@ class LayoutsView:
     attempts: wp.array(dtype=int)
     first_pass_valid: wp.array(dtype=int)
     rejections: wp.array2d(dtype=int)
+    present: wp.array2d(dtype=int)
+    place: wp.array2d(dtype=wp.vec4)
+    bounds: wp.array2d(dtype=wp.vec4)
     body_pos: wp.array2d(dtype=wp.vec3)
     body_quat: wp.array2d(dtype=wp.vec4)
     rejected_count: wp.array(dtype=int)
@@ -58,6 +61,8 @@ class Layouts:
         status: A `Status` per world, shape (nworld,), int32.
         attempts: Candidates drawn for the row, all objects and restarts together, shape (nworld,), int32.
         first_pass_valid: 1 where no restart was needed, shape (nworld,), int32.
+        present: 1 where an object is there, 0 where its group left it out, shape (nworld, nslot), slots in the order of
+            `World.slots`.
         rejections: Running count of rejected candidates, shape (nobject, ncause), objects in placement order.
     """
 
@@ -70,6 +75,7 @@ class Layouts:
         device = world.device
         mjm = world.mjm
         nmocap = max(mjm.nmocap, 1)
+        nslot = len(world.home_place)
         view = LayoutsView()
         with wp.ScopedDevice(device):
             view.seed = wp.zeros(nworld, dtype=wp.uint64)
@@ -81,6 +87,9 @@ class Layouts:
             view.attempts = wp.zeros(nworld, dtype=int)
             view.first_pass_valid = wp.zeros(nworld, dtype=int)
             view.rejections = wp.zeros((max(len(world.placed), 1), len(Cause)), dtype=int)
+            view.present = wp.ones((nworld, nslot), dtype=int)
+            view.place = wp.array(np.tile(world.home_place, (nworld, 1, 1)), dtype=wp.vec4, shape=(nworld, nslot))
+            view.bounds = wp.array(np.tile(world.home_bounds, (nworld, 1, 1)), dtype=wp.vec4, shape=(nworld, nslot))
             view.body_pos = wp.array(np.tile(world.home_xpos, (nworld, 1, 1)), dtype=wp.vec3)
             view.body_quat = wp.array(np.tile(world.home_xquat, (nworld, 1, 1)), dtype=wp.vec4)
             view.rejected_count = wp.zeros(1, dtype=int)
@@ -134,6 +143,11 @@ class Layouts:
     def first_pass_valid(self) -> wp.array:
         """See the class."""
         return self.view.first_pass_valid
+
+    @property
+    def present(self) -> wp.array:
+        """See the class."""
+        return self.view.present
 
     @property
     def rejections(self) -> wp.array:

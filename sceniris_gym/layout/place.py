@@ -18,12 +18,15 @@ from sceniris_gym.layout.collision import (
     lowest,
     piece_pose,
 )
+from sceniris_gym.layout.groups import draw_groups, waiting_place
 from sceniris_gym.layout.kinematics import draw_joints, pose_bodies
 from sceniris_gym.layout.layouts import LayoutsView, Status
+from sceniris_gym.layout.orientations import Turn, draw_turn, facing
+from sceniris_gym.layout.points import draw_in_triangle, draw_related, draw_triangle
 from sceniris_gym.layout.random import BANK_STREAM, STREAM_BITS, philox, uniforms
-from sceniris_gym.layout.regions import draw_in_triangle, draw_triangle, piece_on_surface, roof_physics, roof_visual
+from sceniris_gym.layout.regions import piece_on_surface, roof_physics, roof_visual
 from sceniris_gym.layout.transforms import apply, compose, mul_quat, pose_of, quat_mat, quat_z, relative
-from sceniris_gym.scene.device import Cause, ObjectKind, Program, Roof
+from sceniris_gym.scene.device import Cause, ObjectKind, Program, Roof, TurnType
 
 wp.set_module_options({"enable_backward": False})
 
@@ -33,6 +36,8 @@ _MAX_REGISTERS = 128
 
 _STATIC = wp.constant(int(ObjectKind.STATIC))
 _FREE = wp.constant(int(ObjectKind.FREE))
+_ANY = wp.constant(int(TurnType.ANY))
+_FACE_TO = wp.constant(int(TurnType.FACE_TO))
 _EITHER = wp.constant(int(Roof.EITHER))
 _COVERED = wp.constant(int(Roof.COVERED))
 _VALID = wp.constant(int(Status.VALID))
@@ -47,59 +52,168 @@ _BANK_STREAM = wp.constant(wp.uint32(BANK_STREAM))
 
 @wp.struct
 class Candidate:
-    """A drawn pose: where its pivot goes [m], turned by how much [rad], and what it stands on (-1: nothing)."""
+    """A drawn pose: the point of the support under its pivot [m], its heading [rad], and what it stands on (-1: nothing)."""
 
+    turn: Turn
+    heading: float
     point: wp.vec3
-    pivot: wp.vec3
-    quat: wp.vec4
+    gap: float
     surface: int
     ground: int
+    cause: int
+
+
+@wp.func
+def _measure(
+    program: Program,
+    obj: int,
+    lane: int,
+    turn: Turn,
+    qpos: wp.array(dtype=float),
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+) -> Turn:
+    """The turn with the bounds and the lowest point of the object in its drawn joint state and orientation.
+
+    The bodies are left posed at the origin with heading 0. The pivot stays the centre of the bounds in the home state
+    where joints are drawn; with a free orientation there is no such state, and it is the centre of the bounds drawn.
+    """
+    if lane == 0:
+        body_pos[program.obj_body[obj]] = wp.vec3(0.0)
+        body_quat[program.obj_body[obj]] = turn.quat
+        pose_bodies(program, obj, 1, qpos, body_pos, body_quat)
+    block_sync()
+    low = wp.vec3(1.0e30)
+    high = wp.vec3(1.0e30)  # of the extent to the other side
+    for i in range(lane, program.obj_piecenum[obj], wp.block_dim()):
+        piece = program.piece_list[program.obj_pieceadr[obj] + i]
+        body = program.piece_body[piece]
+        back = wp.transpose(quat_mat(body_quat[body]))
+        for axis in range(3):
+            along = wp.vec3(0.0)
+            along[axis] = 1.0
+            at = body_pos[body][axis]
+            low[axis] = wp.min(low[axis], at + lowest(program, piece, back * along))
+            high[axis] = wp.min(high[axis], lowest(program, piece, -(back * along)) - at)
+    for axis in range(3):
+        low[axis] = wp.tile_extract(wp.tile_min(wp.tile(low[axis])), 0)
+        high[axis] = -wp.tile_extract(wp.tile_min(wp.tile(high[axis])), 0)
+    center = quat_mat(turn.quat) * turn.pivot
+    if program.obj_turn[obj] == _ANY:
+        center = 0.5 * (low + high)
+    bottom = wp.vec3(center[0], center[1], low[2])
+    turn.pivot = wp.transpose(quat_mat(turn.quat)) * bottom
+    turn.bounds = wp.vec4(low[0] - center[0], low[1] - center[1], high[0] - center[0], high[1] - center[1])
+    return turn
 
 
 @wp.func
 def _draw_pose(
     program: Program,
+    layouts: LayoutsView,
+    worldid: int,
+    lane: int,
     obj: int,
-    seed: wp.uint64,
-    episode: int,
     stream: wp.uint32,
     trial: int,
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
 ) -> Candidate:
-    """Yaw first, then the point. It only reads, so that every lane can draw for itself."""
+    """Joints and orientation first, then the point, which may depend on them."""
+    seed = layouts.seed[worldid]
+    episode = layouts.episode[worldid]
+    body_pos = layouts.body_pos[worldid]
+    body_quat = layouts.body_quat[worldid]
+    place = layouts.place[worldid]
     u = uniforms(seed, episode, stream, trial, 0)
-    yaw = program.obj_yaw[obj][0] + u[0] * (program.obj_yaw[obj][1] - program.obj_yaw[obj][0])
-    box = program.obj_box_upper[obj] - program.obj_box_lower[obj]
     c = Candidate()
+    c.cause = _NONE
     c.surface = int(-1)
-    c.ground = int(-1)
-    c.pivot = program.obj_box_lower[obj] + wp.cw_mul(wp.vec3(u[1], u[2], u[3]), box)
-    if program.obj_trinum[obj] > 0:
-        tri = draw_triangle(program, obj, u[1])
-        at = draw_in_triangle(program, tri, u[2], u[3])
-        c.surface = program.tri_surface[tri]
-        c.ground = program.surface_body[c.surface]
+    c.ground = program.obj_ground[obj]
+    c.turn = draw_turn(program, obj, u, uniforms(seed, episode, stream, trial, 1))
+    if program.obj_measured[obj] != 0:
+        c.turn = _measure(program, obj, lane, c.turn, layouts.qpos[worldid], body_pos, body_quat)
+
+    box = program.obj_box_upper[obj] - program.obj_box_lower[obj]
+    c.point = program.obj_box_lower[obj] + wp.cw_mul(wp.vec3(u[1], u[2], u[3]), box)
+    c.heading = c.turn.yaw
+    if c.ground >= 0:
         frame = pose_of(body_pos[c.ground], body_quat[c.ground])
-        yaw += wp.atan2(frame.rot[1, 0], frame.rot[0, 0])
-        c.point = apply(frame, wp.vec3(at[0], at[1], program.surface_height[c.surface]))
-        c.pivot = c.point + wp.vec3(0.0, 0.0, program.obj_gap[obj])
-    c.quat = wp.normalize(mul_quat(quat_z(yaw), program.obj_quat[obj]))
+        support_heading = wp.atan2(frame.rot[1, 0], frame.rot[0, 0])
+        c.gap = program.obj_gap[obj]
+        if program.obj_turn[obj] != _ANY:
+            c.heading += support_heading
+        if program.obj_regionnum[obj] > 0:
+            spot = draw_related(
+                program,
+                obj,
+                lane,
+                c.turn,
+                frame,
+                support_heading,
+                seed,
+                episode,
+                stream,
+                trial,
+                place,
+                layouts.bounds[worldid],
+                layouts.present[worldid],
+            )
+            c.cause = spot.cause
+            c.surface = spot.surface
+            c.point = spot.at
+        else:
+            tri = draw_triangle(program, obj, u[1])
+            at = draw_in_triangle(program, tri, u[2], u[3])
+            c.surface = program.tri_surface[tri]
+            c.point = apply(frame, wp.vec3(at[0], at[1], program.surface_height[c.surface]))
+    if program.obj_turn[obj] == _FACE_TO:
+        target = program.obj_target[obj]
+        if layouts.present[worldid, target] != 0:
+            at = wp.vec2(place[target][0], place[target][1])
+            c.heading = c.turn.yaw + facing(wp.vec2(c.point[0], c.point[1]), at)
     return c
 
 
 @wp.func
-def _bottom(
-    program: Program, obj: int, lane: int, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
-) -> float:
-    """Height of the object's lowest point [m], world frame, in the joint state that its bodies are posed in."""
-    low = float(1.0e30)
-    for i in range(lane, program.obj_piecenum[obj], wp.block_dim()):
-        piece = program.piece_list[program.obj_pieceadr[obj] + i]
-        body = program.piece_body[piece]
-        up = wp.transpose(quat_mat(body_quat[body])) * wp.vec3(0.0, 0.0, 1.0)
-        low = wp.min(low, body_pos[body][2] + lowest(program, piece, up))
-    return wp.tile_extract(wp.tile_min(wp.tile(low)), 0)
+def _pose_object(program: Program, layouts: LayoutsView, worldid: int, obj: int, c: Candidate):
+    """Pose the object's bodies with its pivot over the candidate's point, and write its root's pose. One lane's work."""
+    body_pos = layouts.body_pos[worldid]
+    body_quat = layouts.body_quat[worldid]
+    qpos = layouts.qpos[worldid]
+    root = program.obj_body[obj]
+    slot = program.obj_slot[obj]
+    pivot = c.point + wp.vec3(0.0, 0.0, c.gap)
+    quat = wp.normalize(mul_quat(quat_z(c.heading), c.turn.quat))
+    pos = pivot - quat_mat(quat) * c.turn.pivot
+    body_pos[root] = pos
+    body_quat[root] = quat
+    pose_bodies(program, obj, 1, qpos, body_pos, body_quat)
+    layouts.place[worldid, slot] = wp.vec4(pivot[0], pivot[1], pivot[2], c.heading)
+    layouts.bounds[worldid, slot] = c.turn.bounds
+    adr = program.obj_adr[obj]
+    if program.obj_kind[obj] == _FREE:
+        for i in range(3):
+            qpos[adr + i] = pos[i]
+        for i in range(4):
+            qpos[adr + 3 + i] = quat[i]
+    else:
+        layouts.mocap_pos[worldid, adr] = pos
+        layouts.mocap_quat[worldid, adr] = wp.quat(quat[0], quat[1], quat[2], quat[3])
+
+
+@wp.func
+def _put_away(program: Program, layouts: LayoutsView, worldid: int, obj: int):
+    """Lay an absent object down where it waits, its joints at home. One lane's work."""
+    for i in range(program.obj_drawnum[obj]):
+        adr = program.draw_qposadr[program.obj_drawadr[obj] + i]
+        layouts.qpos[worldid, adr] = program.home_qpos[adr]
+    variant = program.obj_variantadr[obj]
+    c = Candidate()
+    c.turn.quat = program.variant_quat[variant]
+    c.turn.pivot = program.variant_pivot[variant]
+    c.turn.bounds = program.variant_bounds[variant]
+    c.point = waiting_place(program.obj_slot[obj])
+    c.gap = program.obj_gap[obj]
+    _pose_object(program, layouts, worldid, obj, c)
 
 
 @wp.func
@@ -122,46 +236,6 @@ def _overhangs(
         if not piece_on_surface(program, piece, surface, rel):
             off = 1
     return block_any(off) != 0
-
-
-@wp.func
-def _pose_object(
-    program: Program,
-    layouts: LayoutsView,
-    worldid: int,
-    lane: int,
-    obj: int,
-    c: Candidate,
-):
-    """Pose the object's bodies with its pivot where the candidate has it, and write its root's pose.
-
-    The pivot is the centre of the bounds in the home state, at the height of the lowest point in the drawn joint state.
-    """
-    body_pos = layouts.body_pos[worldid]
-    body_quat = layouts.body_quat[worldid]
-    qpos = layouts.qpos[worldid]
-    root = program.obj_body[obj]
-    pos = c.pivot - quat_mat(c.quat) * program.obj_pivot[obj]
-    if program.obj_drawnum[obj] > 0:
-        if lane == 0:
-            body_pos[root] = pos
-            body_quat[root] = c.quat
-            pose_bodies(program, obj, 1, qpos, body_pos, body_quat)
-        block_sync()
-        pos += wp.vec3(0.0, 0.0, c.pivot[2] - _bottom(program, obj, lane, body_pos, body_quat))
-    if lane == 0:
-        body_pos[root] = pos
-        body_quat[root] = c.quat
-        pose_bodies(program, obj, 1, qpos, body_pos, body_quat)
-        adr = program.obj_adr[obj]
-        if program.obj_kind[obj] == _FREE:
-            for i in range(3):
-                qpos[adr + i] = pos[i]
-            for i in range(4):
-                qpos[adr + 3 + i] = c.quat[i]
-        else:
-            layouts.mocap_pos[worldid, adr] = pos
-            layouts.mocap_quat[worldid, adr] = wp.quat(c.quat[0], c.quat[1], c.quat[2], c.quat[3])
 
 
 @wp.func
@@ -194,6 +268,8 @@ def _fall_back(program: Program, layouts: LayoutsView, worldid: int, split: wp.u
         layouts.mocap_pos[worldid, i] = program.bank_mocap_pos[row, i]
         q = program.bank_mocap_quat[row, i]
         layouts.mocap_quat[worldid, i] = wp.quat(q[0], q[1], q[2], q[3])
+    for i in range(layouts.present.shape[1]):
+        layouts.present[worldid, i] = program.bank_present[row, i]
     return _FALLBACK
 
 
@@ -228,24 +304,28 @@ def _make_place(geometry: str, collides: wp.Function, roof: wp.Function) -> wp.K
         trial: int,
     ) -> int:
         """Draw one candidate, pose it and test it from cheap to dear. Returns why it was rejected, or NONE."""
-        seed = layouts.seed[worldid]
-        episode = layouts.episode[worldid]
         body_pos = layouts.body_pos[worldid]
         body_quat = layouts.body_quat[worldid]
+        if lane == 0:
+            draw_joints(
+                program, obj, layouts.seed[worldid], layouts.episode[worldid], stream, trial, layouts.qpos[worldid]
+            )
         c = Candidate()
         c.ground = int(-1)
-        if program.obj_kind[obj] != _STATIC:
-            c = _draw_pose(program, obj, seed, episode, stream, trial, body_pos, body_quat)
+        c.surface = int(-1)
+        if program.obj_kind[obj] == _STATIC:
+            if lane == 0:
+                pose_bodies(program, obj, 0, layouts.qpos[worldid], body_pos, body_quat)
+        else:
+            c = _draw_pose(program, layouts, worldid, lane, obj, stream, trial)
+            if c.cause != _NONE:
+                return c.cause
             rule = program.obj_roof[obj]
             if rule != _EITHER:
                 if covered(program, obj, lane, c.point, body_pos, body_quat) != (rule == _COVERED):
                     return _ROOF
-        if lane == 0:
-            draw_joints(program, obj, seed, episode, stream, trial, layouts.qpos[worldid])
-        if program.obj_kind[obj] != _STATIC:
-            _pose_object(program, layouts, worldid, lane, obj, c)
-        elif lane == 0:
-            pose_bodies(program, obj, 0, layouts.qpos[worldid], body_pos, body_quat)
+            if lane == 0:
+                _pose_object(program, layouts, worldid, obj, c)
         block_sync()
         if program.obj_footprint[obj] != 0 and c.surface >= 0:
             if _overhangs(program, obj, lane, c.surface, body_pos, body_quat):
@@ -267,6 +347,12 @@ def _make_place(geometry: str, collides: wp.Function, roof: wp.Function) -> wp.K
                 return
         nodes = wp.tile_stack(capacity=wp.static(NODE_CAPACITY[geometry]), dtype=wp.vec3i)
         leaves = wp.tile_stack(capacity=wp.static(LEAF_CAPACITY), dtype=wp.vec3i)
+        if program.ngroup > 0:
+            if lane == 0:
+                draw_groups(
+                    program, layouts.seed[worldid], layouts.episode[worldid], split, layouts.present[worldid]
+                )
+            block_sync()
         total = int(0)
         restart = int(0)
         status = int(0)
@@ -278,6 +364,11 @@ def _make_place(geometry: str, collides: wp.Function, roof: wp.Function) -> wp.K
                 trial = restart * program.attempts
                 last = trial + program.attempts
                 cause = int(-1)
+                if layouts.present[worldid, program.obj_slot[obj]] == 0:
+                    cause = _NONE
+                    if lane == 0:
+                        _put_away(program, layouts, worldid, obj)
+                    block_sync()
                 while trial < last and cause != _NONE:
                     cause = attempt(program, layouts, nodes, leaves, worldid, lane, obj, stream, trial)
                     if cause != _NONE and lane == 0:

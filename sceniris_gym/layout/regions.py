@@ -1,4 +1,4 @@
-"""Where on its support an object goes: a point by area, what is above it, whether the footprint lies on it."""
+"""What is above a point of a support, and whether a footprint lies on it."""
 
 import warp as wp
 
@@ -15,27 +15,6 @@ _ROOF_REACH = wp.constant(5.0)
 _ROOF_START = wp.constant(1.0e-4)
 # A footprint may graze the rim of its support by the skin of the collision test.
 _RIM = wp.constant(-1.0e-6)
-
-
-@wp.func
-def draw_triangle(program: Program, obj: int, u: float) -> int:
-    """The triangle of the object's region that holds the share `u` of its area."""
-    low = program.obj_triadr[obj]
-    high = low + program.obj_trinum[obj] - 1
-    while low < high:
-        middle = (low + high) // 2
-        if u < program.tri_cdf[middle]:
-            high = middle
-        else:
-            low = middle + 1
-    return low
-
-
-@wp.func
-def draw_in_triangle(program: Program, tri: int, u: float, v: float) -> wp.vec2:
-    """A uniform point of a triangle. R. Osada et al., "Shape distributions", ACM Trans. Graphics 21(4), 2002."""
-    s = wp.sqrt(u)
-    return (1.0 - s) * program.tri_a[tri] + (s * (1.0 - v)) * program.tri_b[tri] + (s * v) * program.tri_c[tri]
 
 
 @wp.func

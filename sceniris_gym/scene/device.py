@@ -46,6 +46,29 @@ class Cause(IntEnum):
     ROOF = 1
     FOOTPRINT = 2
     COLLISION = 3
+    EMPTY = 4
+    REGION = 5
+
+
+class RelationType(IntEnum):
+    """Shapes of regions that relations give."""
+
+    SECTOR = 0
+    BETWEEN = 1
+    BESIDE = 2
+
+
+class TurnType(IntEnum):
+    """How an orientation is drawn: a yaw about one of the object's poses, all of SO(3), or towards another object."""
+
+    YAW = 0
+    ANY = 1
+    FACE_TO = 2
+
+
+# What turns a relation's direction, where it is not the heading of an object.
+FRAME_SUPPORT = -1
+FRAME_WORLD = -2
 
 
 @wp.struct
@@ -53,6 +76,7 @@ class Program:
     """The placement program of a scene. Objects are listed in placement order."""
 
     nobject: int
+    ngroup: int
     attempts: int
     restarts: int
     # Bodies and joints: what forward kinematics needs, as in mjModel.
@@ -77,9 +101,15 @@ class Program:
     obj_kind: wp.array(dtype=int)
     obj_body: wp.array(dtype=int)
     obj_adr: wp.array(dtype=int)  # of its qpos (free) or its mocap body (fixture, marker)
-    obj_quat: wp.array(dtype=wp.vec4)
+    obj_slot: wp.array(dtype=int)  # where relations and groups find it: its place in the scene file
+    obj_quat: wp.array(dtype=wp.vec4)  # of its root as authored
+    obj_turn: wp.array(dtype=int)
+    obj_target: wp.array(dtype=int)  # slot of what it faces
     obj_yaw: wp.array(dtype=wp.vec2)
-    obj_pivot: wp.array(dtype=wp.vec3)  # in the frame of its root body
+    obj_variantadr: wp.array(dtype=int)
+    obj_variantnum: wp.array(dtype=int)
+    obj_measured: wp.array(dtype=int)  # 1: its bounds are those of the drawn joint state or orientation
+    obj_ground: wp.array(dtype=int)  # body that carries it, or -1
     obj_gap: wp.array(dtype=float)
     obj_box_lower: wp.array(dtype=wp.vec3)
     obj_box_upper: wp.array(dtype=wp.vec3)
@@ -95,11 +125,39 @@ class Program:
     obj_roofnum: wp.array(dtype=int)
     obj_triadr: wp.array(dtype=int)
     obj_trinum: wp.array(dtype=int)
+    obj_regionnum: wp.array(dtype=int)  # pieces that relations cut its region into; 0: the same region in every world
+    obj_reladr: wp.array(dtype=int)
+    obj_relnum: wp.array(dtype=int)
     obj_pairadr: wp.array(dtype=int)
     obj_pairnum: wp.array(dtype=int)
     body_list: wp.array(dtype=int)
     piece_list: wp.array(dtype=int)
     roof_list: wp.array(dtype=int)  # pieces (physics) or colliders (visual)
+    # Poses that an orientation is drawn from, at heading 0: pivot in the root's frame, bounds around it in xy.
+    variant_quat: wp.array(dtype=wp.vec4)
+    variant_pivot: wp.array(dtype=wp.vec3)
+    variant_bounds: wp.array(dtype=wp.vec4)
+    variant_cdf: wp.array(dtype=float)
+    # Relations. Directions and half angles in rad; distances in m, 1e30 for none.
+    rel_type: wp.array(dtype=int)
+    rel_anchoradr: wp.array(dtype=int)
+    rel_anchornum: wp.array(dtype=int)
+    rel_anchor: wp.array(dtype=int)  # slots
+    rel_frame: wp.array(dtype=int)  # slot, or one of FRAME_*
+    rel_heading: wp.array(dtype=float)
+    rel_half_angle: wp.array(dtype=float)
+    rel_low: wp.array(dtype=float)
+    rel_high: wp.array(dtype=float)
+    rel_bounds: wp.array(dtype=int)
+    rel_width: wp.array(dtype=float)
+    rel_gap: wp.array(dtype=float)
+    rel_piecenum: wp.array(dtype=int)
+    # Groups: their members' slots and how many of them are present.
+    group_adr: wp.array(dtype=int)
+    group_num: wp.array(dtype=int)
+    group_slot: wp.array(dtype=int)
+    group_low: wp.array(dtype=int)
+    group_high: wp.array(dtype=int)
     # Support regions, triangulated; `tri_cdf` is the share of the region's area up to and with a triangle.
     tri_surface: wp.array(dtype=int)
     tri_a: wp.array(dtype=wp.vec2)
@@ -143,6 +201,9 @@ class Program:
     pair_margin: wp.array(dtype=float)
     # What a world holds before anything is drawn, and the bank of valid layouts.
     home_qpos: wp.array(dtype=float)
+    home_place: wp.array(dtype=wp.vec4)
+    home_bounds: wp.array(dtype=wp.vec4)
+    bank_present: wp.array2d(dtype=int)
     bank_qpos: wp.array2d(dtype=float)
     bank_mocap_pos: wp.array2d(dtype=wp.vec3)
     bank_mocap_quat: wp.array2d(dtype=wp.vec4)

@@ -1,0 +1,75 @@
+"""How an object is turned: yaw, stable poses, all of SO(3), or facing another object.
+
+Every orientation is split in two: one of heading 0, which decides the pivot, the bounds and the lowest point, and a yaw
+about the vertical. The heading of an object is the direction of its x axis seen from above, relative to its x axis as
+authored.
+"""
+
+import math
+
+import warp as wp
+
+from sceniris_gym.layout.placed import turned
+from sceniris_gym.layout.transforms import mul_quat, quat_mat, quat_z
+from sceniris_gym.scene.device import Program, TurnType
+
+_ANY = wp.constant(int(TurnType.ANY))
+_TWO_PI = wp.constant(2.0 * math.pi)
+
+
+@wp.struct
+class Turn:
+    """A drawn orientation of heading 0, the yaw that goes with it [rad], and what they make of the object's bounds.
+
+    `pivot` is in the root's frame [m]. `bounds` is (low x, low y, high x, high y) around the pivot [m].
+    """
+
+    quat: wp.vec4
+    yaw: float
+    pivot: wp.vec3
+    bounds: wp.vec4
+
+
+@wp.func
+def heading_of(quat: wp.vec4, authored: wp.vec4) -> float:
+    """The heading [rad] of a root with orientation `quat` whose orientation as authored is `authored`."""
+    x = quat_mat(mul_quat(quat, wp.vec4(authored[0], -authored[1], -authored[2], -authored[3]))) * wp.vec3(1.0, 0.0, 0.0)
+    if wp.abs(x[0]) + wp.abs(x[1]) < 1.0e-6:
+        return 0.0
+    return wp.atan2(x[1], x[0])
+
+
+@wp.func
+def _any_quat(u: wp.vec4) -> wp.vec4:
+    """A uniform rotation. K. Shoemake, "Uniform random rotations", Graphics Gems III, 1992."""
+    a = wp.sqrt(1.0 - u[0])
+    b = wp.sqrt(u[0])
+    return wp.vec4(
+        b * wp.cos(_TWO_PI * u[2]), a * wp.sin(_TWO_PI * u[1]), a * wp.cos(_TWO_PI * u[1]), b * wp.sin(_TWO_PI * u[2])
+    )
+
+
+@wp.func
+def draw_turn(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> Turn:
+    """Draw an orientation from two draws of four uniform numbers (of `u` the first only)."""
+    t = Turn()
+    variant = program.obj_variantadr[obj]
+    last = variant + program.obj_variantnum[obj] - 1
+    while variant < last and w[3] >= program.variant_cdf[variant]:
+        variant += 1
+    t.quat = program.variant_quat[variant]
+    t.pivot = program.variant_pivot[variant]
+    t.bounds = program.variant_bounds[variant]
+    t.yaw = program.obj_yaw[obj][0] + u[0] * (program.obj_yaw[obj][1] - program.obj_yaw[obj][0])
+    if program.obj_turn[obj] == _ANY:
+        quat = _any_quat(w)
+        t.yaw = heading_of(quat, program.obj_quat[obj])
+        t.quat = mul_quat(quat_z(-t.yaw), quat)
+    return t
+
+
+@wp.func
+def facing(at: wp.vec2, target: wp.vec2) -> float:
+    """The heading [rad] that points an object's front (-y) from `at` to `target`."""
+    d = turned(target - at, 0.5 * wp.static(math.pi))
+    return wp.atan2(d[1], d[0])
