@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -101,6 +102,7 @@ class LayoutGenerator:
             mask: Which worlds, shape (nworld,), bool; all if None.
         """
         if isinstance(seed, wp.array):
+            _check_on_device(seed, self.nworld)
             wp.copy(self._seeds, seed)
         else:
             self._seeds.assign(as_seeds(seed, self.nworld))
@@ -151,6 +153,14 @@ def max_block_dim(world: World) -> int:
     return 1 << max(lanes.bit_length() - 1, 0)
 
 
+def _check_on_device(seeds: Any, nworld: int) -> None:
+    if seeds.dtype is not wp.uint64 or seeds.shape != (nworld,):
+        raise SeedError(
+            f"seeds on the device should be a uint64 array of shape ({nworld},), one per world, not "
+            f"{seeds.dtype.__name__} of shape {tuple(seeds.shape)}."
+        )
+
+
 def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
     """Seeds of `nworld` worlds, shape (nworld,), uint64: seed + i (modulo 2^64) for an int, else as given.
 
@@ -164,7 +174,8 @@ def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
             raise SeedError(f"seed={seed} should be an integer from 0 to 2^64 - 1.")
         with np.errstate(over="ignore"):
             return np.uint64(seed) + np.arange(nworld, dtype=np.uint64)
-    values = list(seed) if isinstance(seed, Sequence | np.ndarray) else None
+    many = isinstance(seed, Sequence) or (isinstance(seed, np.ndarray) and seed.ndim > 0)
+    values = list(seed) if many else None  # type: ignore[arg-type]
     if values is None or len(values) != nworld:
         given = "" if values is None else f"{len(values)} of them; "
         raise SeedError(

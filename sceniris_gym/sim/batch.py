@@ -93,6 +93,8 @@ class Batch:
         nccdmax = min(nconmax, max(8, nconmax // 4))  # each needs 5 kB of scratch, and all worlds share them
         with wp.ScopedDevice(self.device):
             self.model = mjw.put_model(scene.mjm)
+            # the solver's bounds are there to be reached; kernels that say so at every step would flood stdout
+            self.model.opt.warn_overflow &= ~int(mjw.OverflowType.ITERATIONS | mjw.OverflowType.LS_ITERATIONS)
             self.data = mjw.make_data(scene.mjm, nworld, nconmax=nconmax, nccdmax=nccdmax, njmax=njmax)
         self.stages = update_stages(needs)
         self.substeps = substeps

@@ -23,7 +23,7 @@ from sceniris_gym.tools.rows import Rows
 
 CAMERA = "overview"
 SIZE = (480, 360)  # pixels
-VIEW = (0.45, -1.0, 1.4)  # from the scene to the eye: from the front, a little from the right and well above
+VIEW = (0.4, -1.0, 2.0)  # from the scene to the eye: from the front, a little from the right and well above
 _VISIBLE_GROUPS = (0, 1, 2)
 _SAMPLES = 2  # rays for each pixel, along each axis
 _MARGIN = 1.04

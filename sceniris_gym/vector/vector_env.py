@@ -279,9 +279,14 @@ class SceneVectorEnv(VectorEnv):
 
     def _on_torch_stream(self) -> AbstractContextManager:
         """Run Warp's launches on torch's current stream, so that both see each other's results in order."""
-        if not self.batch.device.is_cuda:
+        device = self.batch.device
+        if not device.is_cuda:
             return nullcontext()
-        return wp.ScopedStream(wp.stream_from_torch(torch.cuda.current_stream(self.device)), sync_enter=False)
+        stream = torch.cuda.current_stream(self.device)
+        # Warp knows a capture by its Stream object, so an own capture on this stream must keep the one it has
+        if device.stream.cuda_stream == stream.cuda_stream:
+            return nullcontext()
+        return wp.ScopedStream(wp.stream_from_torch(stream), sync_enter=False)
 
     def _check_open(self) -> None:
         if self.closed:

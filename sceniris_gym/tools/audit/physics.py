@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -16,7 +17,7 @@ SETTLE_SECONDS = 0.5
 STILL = 0.01  # m; a free object that moves more did not rest
 FAST = 1.0  # m/s
 _FIRST_MOMENT = 0.005  # s; the contact solver's first push is not a motion
-_THREADS = 2
+_THREADS = os.cpu_count() or 1
 _CHUNK = 250  # rows whose states are kept at once
 _GIVEN = mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_MOCAP_POS | mujoco.mjtState.mjSTATE_MOCAP_QUAT
 

@@ -1,0 +1,181 @@
+"""DrawerPick-v0: made by name, reachable, observed in the robot's frame, and solved by a script."""
+
+from __future__ import annotations
+
+import importlib
+import pickle
+import re
+
+import gymnasium
+import mujoco
+import numpy as np
+import pytest
+import torch
+from gymnasium.utils.env_checker import check_env
+
+import sceniris_gym
+from sceniris_gym.layout.build import build_world
+from sceniris_gym.scene.world import World
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+from tests.envs.reaching import Arm, descent
+
+ENV_ID = "sceniris_gym/DrawerPick-v0"
+drawer_pick = importlib.import_module("sceniris_gym.envs.drawer_pick")
+DrawerPick = drawer_pick.DrawerPick
+
+
+@pytest.fixture(scope="session")
+def world() -> World:
+    """Return the World of the task, built once."""
+    return build_world("drawer_pick", "cpu", bank_size=8)
+
+
+def host_data(envs: SceneVectorEnv, world: int) -> mujoco.MjData:
+    """Return plain MuJoCo's data for the state of one world."""
+    d, data = envs.batch.data, mujoco.MjData(envs.world.mjm)
+    data.qpos[:] = d.qpos.numpy()[world]
+    data.mocap_pos[:], data.mocap_quat[:] = d.mocap_pos.numpy()[world], d.mocap_quat.numpy()[world]
+    mujoco.mj_kinematics(envs.world.mjm, data)
+    return data
+
+
+def test_it_is_made_by_id_by_module_and_by_spec(world):
+    """make_vec takes the id, the id with its module, and the spec of what was made, pickled in between."""
+    assert sceniris_gym.__version__
+    first = gymnasium.make_vec(ENV_ID, num_envs=2, scene=world)
+    again = gymnasium.make_vec(f"sceniris_gym:{ENV_ID}", num_envs=2, scene=world, max_episode_steps=7, output="numpy")
+    assert isinstance(first, SceneVectorEnv)
+    assert isinstance(again, SceneVectorEnv)
+    assert (first.max_episode_steps, again.max_episode_steps) == (200, 7)
+    plain = gymnasium.make_vec(ENV_ID, num_envs=2, device="cpu", autoreset_mode="NextStep")
+    assert plain.spec is not None
+    spec = pickle.loads(pickle.dumps(plain.spec))
+    third = gymnasium.make_vec(spec)
+    assert (third.num_envs, third.metadata["autoreset_mode"]) == (2, gymnasium.vector.AutoresetMode.NEXT_STEP)
+    observations = [envs.reset(seed=1)[0] for envs in (first, again, third)]
+    for group in ("policy", "critic"):
+        np.testing.assert_array_equal(observations[0][group].numpy(), observations[1][group])
+        np.testing.assert_array_equal(observations[0][group].numpy(), observations[2][group].numpy())
+
+
+@pytest.mark.filterwarnings("ignore:.*A Box observation space")
+def test_one_world_of_it_passes_gymnasiums_checker(world):
+    """gymnasium.make gives a plain environment whose observations are those of world 0 of the batch."""
+    env = gymnasium.make(ENV_ID, device="cpu", render_mode="rgb_array", render_size=(32, 24))
+    check_env(env.unwrapped, skip_render_check=True)
+    observation, info = env.reset(seed=5)
+    batch, _ = SceneVectorEnv(DrawerPick, 3, scene=world).reset(seed=5)
+    np.testing.assert_array_equal(observation["policy"], batch["policy"][0].numpy())
+    assert (info["layout_seed"], info["layout_episode"]) == (5, 0)
+    _, reward, terminated, truncated, _ = env.step(np.zeros(8, np.float32))
+    assert isinstance(reward, float)
+    assert (terminated, truncated) == (False, False)
+    frame = env.render()
+    assert isinstance(frame, np.ndarray)
+    assert frame.shape == (24, 32, 3)
+    env.close()
+    env.close()
+
+
+def test_the_scene_can_be_changed_by_overrides():
+    """`overrides` replaces parts of the task's scene, here the drawer's opening."""
+    envs = SceneVectorEnv(DrawerPick, 4, device="cpu", overrides={"objects.cabinet.joints": {"upper": {"value": 0.2}}})
+    envs.reset(seed=0)
+    np.testing.assert_allclose(envs.state.qpos("cabinet/upper").numpy(), 0.2, atol=1e-6)
+
+
+def test_the_docstring_lists_what_is_observed(world):
+    """Names and sizes in the table of the class are those of the observation."""
+    assert DrawerPick.__doc__ is not None
+    table = re.findall(r"^\s+\| (\w+) \| (\d+) \|", DrawerPick.__doc__, flags=re.MULTILINE)
+    envs = SceneVectorEnv(DrawerPick, 1, scene=world)
+    names = envs.observation_names
+    assert [(name, (int(size),)) for name, size in table] == names["policy"]
+    assert names["critic"] == [*names["policy"], ("banana_velocity", (6,)), ("apple_pose", (7,))]
+    sizes = {group: sum(shape[0] for _, shape in named) for group, named in names.items()}
+    for group, size in sizes.items():
+        assert re.search(rf"[Gg]roup `{group}`, {size} numbers", DrawerPick.__doc__)
+
+
+def test_poses_are_in_the_robots_base_frame(world):
+    """Tool, banana and drawer as seen from the base, against plain MuJoCo."""
+    envs = SceneVectorEnv(DrawerPick, 3, scene=world)
+    observation, _ = envs.reset(seed=2)
+    first = 0
+    for name, shape in envs.observation_names["policy"]:
+        values = observation["policy"][:, first : first + shape[0]].numpy()
+        first += shape[0]
+        for i in range(3):
+            data = host_data(envs, i)
+            base = data.body("panda").xmat.reshape(3, 3)
+            where = {
+                "tcp_pose": (data.site("panda/tcp").xpos, data.site("panda/tcp").xmat),
+                "banana_pose": (data.body("banana").xpos, data.body("banana").xmat),
+                "drawer_pose": (data.body("cabinet/upper_drawer").xpos, data.body("cabinet/upper_drawer").xmat),
+            }
+            if name in where:
+                pos, matrix = where[name]
+                seen = np.zeros(9)
+                mujoco.mju_quat2Mat(seen, values[i, 3:].astype(float))
+                np.testing.assert_allclose(values[i, :3], base.T @ (pos - data.body("panda").xpos), atol=1e-5)
+                np.testing.assert_allclose(seen.reshape(3, 3), base.T @ matrix.reshape(3, 3), atol=1e-5)
+
+
+def test_nothing_moves_until_the_agent_does(world):
+    """With zero actions the arm holds the sampled pose, and the banana only settles in the drawer."""
+    envs = SceneVectorEnv(DrawerPick, 4, scene=world)
+    envs.reset(seed=0)
+    s = envs.state
+    arm, banana = s.qpos("panda")[:, :7].clone(), s.pose("banana").clone()
+    assert len(torch.unique(arm[:, 0])) == 4, "the start pose has noise"
+    hold = torch.zeros(4, 8)
+    hold[:, 7] = 1.0
+    for _ in range(25):
+        _, _, terminated, _, info = envs.step(hold)
+    assert not terminated.any()
+    assert not info["success"].any()
+    torch.testing.assert_close(s.qpos("panda")[:, :7], arm, rtol=0, atol=1e-3)
+    torch.testing.assert_close(s.pose("banana")[:, :3], banana[:, :3], rtol=0, atol=5e-3)
+
+
+def test_the_banana_is_within_reach_from_above(world):
+    """In nearly all layouts the open hand goes straight down to the banana and touches nothing else."""
+    envs = SceneVectorEnv(DrawerPick, 30, scene=world)
+    envs.reset(seed=300)
+    arm = Arm.of(world.mjm)
+    ways = [descent(arm, host_data(envs, i), "banana", "banana/grasp") for i in range(30)]
+    assert sum(way is not None for way in ways) >= 28
+
+
+def test_a_script_lifts_the_banana_out(world):
+    """Down, close, up: success where the script knows a way, with the reward growing on it."""
+    envs = SceneVectorEnv(DrawerPick, 4, scene=world, autoreset_mode="Disabled")
+    envs.reset(seed=0)
+    arm = Arm.of(world.mjm)
+    found = (descent(arm, host_data(envs, i), "banana", "banana/grasp") for i in range(4))
+    ways = [way for way in found if way is not None]
+    assert len(ways) == 4
+    down = torch.tensor(np.stack(ways, axis=1), dtype=torch.float32)
+    high = down[0].clone()
+    high[:, 1] -= 0.25  # the shoulder leans back: higher than the way down began
+    rewards = []
+
+    def go(goal: torch.Tensor, gripper: float, steps: int, speed: float) -> dict:
+        info = {}
+        for _ in range(steps):
+            action = torch.full((4, 8), gripper)
+            action[:, :7] = ((goal - envs.state.ctrl[:, :7]) / drawer_pick.JOINT_STEP).clamp(-speed, speed)
+            _, reward, _, _, info = envs.step(action)
+        rewards.append(float(reward.mean()))
+        return info
+
+    go(down[0], 1.0, 110, 1.0)
+    for goal in down[1:]:
+        go(goal, 1.0, 8, 0.5)
+    go(down[-1], -1.0, 20, 0.5)
+    for goal in down.flip(0)[1:]:
+        go(goal, -1.0, 10, 0.3)
+    info = go(high, -1.0, 30, 0.3)
+    assert info["success"].sum() >= 3
+    assert (envs.state.pose("banana")[info["success"], 2] > drawer_pick.CLEAR_HEIGHT).all()
+    assert rewards[0] < 0.5 < rewards[len(down)] < 8.0 < rewards[-1]

@@ -1,0 +1,510 @@
+"""Layouts as pure functions of their seeds, the bank as the last resort, and what is counted on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+import warp as wp
+from scipy import stats
+
+from sceniris_gym.errors import SeedError
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.scene.device import Cause
+from sceniris_gym.scene.world import World
+from tests.layout.scenes import FLOOR, Rows, box_mjcf, cpu_world, make, posed, read, write_mjcf
+from tests.oracle.solids import Solids
+
+
+@pytest.fixture(scope="module", params=["physics", "visual"])
+def mid(request) -> World:
+    """The shipped scene `mid`, with both kinds of geometry."""
+    return cpu_world("mid", {"geometry": request.param})
+
+
+@pytest.fixture(scope="module")
+def hard(tmp_path_factory) -> World:
+    """A tray that is so full that one attempt and no restart fail most of the time."""
+    folder = tmp_path_factory.mktemp("hard")
+    crate = box_mjcf(folder, "crate", 0.1, 0.1, 0.05)
+    objects = {f"crate_{i}": {"asset": crate, "on": "floor", "orientation": "fixed"} for i in range(3)}
+    return cpu_world({"floor": {"size": [0.4, 0.4]}, "attempts": 1, "restarts": 0, "objects": objects}, bank_size=16)
+
+
+def _mask(values: list[bool] | np.ndarray) -> wp.array:
+    return wp.array(np.asarray(values, bool), dtype=bool, device="cpu")
+
+
+def _by_id(world: World, seeds: list[int], episodes: int, split: str = "train") -> dict[tuple[int, int], bytes]:
+    """The bits of the layouts of some seeds and episodes, each seed in a batch of its own."""
+    found = {}
+    for seed in seeds:
+        generator = LayoutGenerator(world, 1, seed=seed, split=split)
+        for episode in range(episodes):
+            generator.generate()
+            found[seed, episode] = read(generator.layouts).bits()
+    return found
+
+
+def _rows(generator: LayoutGenerator) -> dict[tuple[int, int], bytes]:
+    rows, layouts = read(generator.layouts), generator.layouts
+    ids = zip(layouts.seed.numpy().tolist(), layouts.episode.numpy().tolist(), strict=True)
+    return {key: rows[i : i + 1].bits() for i, key in enumerate(ids)}
+
+
+def test_a_layout_is_the_same_in_any_batch(mid: World):
+    """Alone, among others, under masks and in another order of resets: the same bits for a seed and an episode."""
+    expected = _by_id(mid, list(range(40, 52)), 4)
+    generator = LayoutGenerator(mid, 12, seed=40)
+    rng = np.random.default_rng(0)
+    seen = set()
+    for _ in range(6):
+        generator.generate(_mask(rng.random(12) < 0.5))
+        rows = {k: v for k, v in _rows(generator).items() if 0 <= k[1] < 4}
+        assert all(expected[k] == v for k, v in rows.items())
+        seen |= set(rows)
+    assert len(seen) > 25
+    backwards = LayoutGenerator(mid, 12, seed=list(range(51, 39, -1)))
+    backwards.generate()
+    assert all(expected[k] == v for k, v in _rows(backwards).items())
+
+
+def test_generators_do_not_influence_each_other(mid: World):
+    """Two generators over one World take turns."""
+    expected = _by_id(mid, [5, 6], 3)
+    first, second = LayoutGenerator(mid, 2, seed=5), LayoutGenerator(mid, 300, seed=5)
+    for _ in range(3):
+        first.generate()
+        second.generate()
+        assert all(expected[k] == v for k, v in _rows(first).items())
+        assert all(_rows(second)[k] == v for k, v in _rows(first).items())
+
+
+def test_nothing_of_an_earlier_episode_is_left_in_a_later_one(mid: World):
+    """A world that has made many layouts makes the next one as a fresh world does."""
+    generator = LayoutGenerator(mid, 3, seed=1)
+    for _ in range(5):
+        generator.generate()
+    generator.reseed(77)
+    generator.generate()
+    assert _rows(generator) == _rows_of(mid, 77, 3)
+
+
+def _rows_of(world: World, seed: int, nworld: int) -> dict[tuple[int, int], bytes]:
+    generator = LayoutGenerator(world, nworld, seed=seed)
+    generator.generate()
+    return _rows(generator)
+
+
+def test_what_the_mask_leaves_out_does_not_change_by_a_bit(mid: World):
+    """Every array of the batch, working space included; an all-false mask changes nothing at all."""
+    generator = LayoutGenerator(mid, 8, seed=3)
+    generator.generate()
+    view = generator.layouts.view
+    names = ["seed", "episode", "qpos", "mocap_pos", "mocap_quat", "status", "attempts", "first_pass_valid"]
+    names += ["body_pos", "body_quat"]
+    before = {n: getattr(view, n).numpy().copy() for n in names}
+    counts = view.rejections.numpy().copy()
+    generator.generate(_mask([False] * 8))
+    assert all((getattr(view, n).numpy() == before[n]).all() for n in names)
+    assert (view.rejections.numpy() == counts).all()
+    mask = np.array([True, False, False, True, False, True, False, False])
+    generator.generate(_mask(mask))
+    assert all((getattr(view, n).numpy()[~mask] == before[n][~mask]).all() for n in names)
+    assert (view.qpos.numpy()[mask] != before["qpos"][mask]).any(axis=1).all()
+    assert (view.episode.numpy() == mask).all()
+
+
+def test_splits_seeds_and_episodes_all_differ(mid: World):
+    """No two layouts of two splits, twenty seeds and two episodes are equal."""
+    train, held = (_by_id(mid, list(range(20)), 2, split) for split in ("train", "eval"))
+    assert len(set(train.values()) | set(held.values())) == 80
+
+
+def test_high_bits_of_a_seed_count(mid: World):
+    """Seeds that agree in their low 32 bits give different layouts, and the largest seed is one."""
+    seeds = [7, 7 + (1 << 32), 7 + (1 << 63), (1 << 64) - 1]
+    generator = LayoutGenerator(mid, 4, seed=seeds)
+    generator.generate()
+    assert generator.layouts.seed.numpy().tolist() == seeds
+    assert len({bytes(row.tobytes()) for row in generator.layouts.qpos.numpy()}) == 4
+
+
+def test_seeds_wrap_around():
+    """Seed + i is taken modulo 2^64."""
+    generator = LayoutGenerator(cpu_world({"objects": {}}), 3, seed=(1 << 64) - 2)
+    assert generator.layouts.seed.numpy().tolist() == [(1 << 64) - 2, (1 << 64) - 1, 0]
+
+
+def test_reseeding_starts_the_masked_worlds_at_episode_zero(mid: World):
+    """The others keep their seeds and go on; seeds on the device and on the host mean the same."""
+    generator = LayoutGenerator(mid, 4, seed=10)
+    for _ in range(2):
+        generator.generate()
+    mask = _mask([False, True, False, True])
+    generator.reseed([100, 101, 102, 103], mask)
+    assert generator.layouts.seed.numpy().tolist() == [10, 101, 12, 103]
+    assert generator.layouts.episode.numpy().tolist() == [1, -1, 1, -1]
+    generator.generate()
+    expected = _by_id(mid, [10, 12], 3) | _by_id(mid, [101, 103], 1)
+    assert all(expected[k] == v for k, v in _rows(generator).items())
+    generator.reseed(wp.array(np.array([1, 2, 3, 4], np.uint64), dtype=wp.uint64, device="cpu"), mask)
+    assert generator.layouts.seed.numpy().tolist() == [10, 2, 12, 4]
+
+
+@pytest.mark.parametrize(
+    "seed",
+    [-1, 1 << 64, True, np.True_, 1.0, np.float64(2), None, "12", [1, 2], [1, 2, 3, 4], [1, 2, -3], [1, 2, 1 << 64]]
+    + [[1, 2, True], [1, 2, 3.0], np.array([1.0, 2.0, 3.0]), np.array([True] * 3), np.array(5), np.ones((3, 1), int)]
+    + [{1, 2, 3}, ["1", "2", "3"], "abc"],
+    ids=str,
+)
+def test_a_wrong_seed_is_refused(seed):
+    """Negative, too large, no integer, or not one for each world: in the constructor and in `reseed`."""
+    world = cpu_world({"objects": {}})
+    with pytest.raises(SeedError, match="seed"):
+        LayoutGenerator(world, 3, seed=seed)
+    generator = LayoutGenerator(world, 3, seed=8)
+    with pytest.raises(SeedError, match="seed"):
+        generator.reseed(seed)
+    assert generator.layouts.seed.numpy().tolist() == [8, 9, 10]
+
+
+@pytest.mark.parametrize("dtype", [wp.int32, wp.int64, wp.float32])
+def test_device_seeds_of_a_wrong_kind_are_refused(dtype):
+    """A Warp array of another type or length is no set of seeds."""
+    generator = LayoutGenerator(cpu_world({"objects": {}}), 3)
+    with pytest.raises(SeedError, match="uint64"):
+        generator.reseed(wp.zeros(3, dtype=dtype, device="cpu"))
+    with pytest.raises(SeedError, match="3"):
+        generator.reseed(wp.zeros(2, dtype=wp.uint64, device="cpu"))
+
+
+def test_an_unknown_split_is_refused(mid: World):
+    """The message lists the valid ones."""
+    with pytest.raises(ValueError, match="train, eval"):
+        LayoutGenerator(mid, 1, split="test")
+
+
+def test_an_exhausted_world_takes_an_entry_of_the_bank(hard: World):
+    """Row Philox(seed, episode) of the bank, marked as such; which one depends on nothing else."""
+    bank = [row.tobytes() for row in hard.program.bank_qpos.numpy()]
+    generator = LayoutGenerator(hard, 400, seed=0)
+    generator.generate()
+    rows = read(generator.layouts)
+    fallen = rows.status == Status.FALLBACK
+    assert 100 < fallen.sum() < 390
+    assert (fallen | (rows.status == Status.VALID)).all()
+    served = [bank.index(row.tobytes()) for row in rows.qpos[fallen]]
+    assert stats.chisquare(np.bincount(served, minlength=len(bank))).pvalue > 0.001
+    assert not any(row.tobytes() in bank for row in rows.qpos[~fallen])
+    assert (generator.layouts.first_pass_valid.numpy() == ~fallen).all()
+    expected = _rows(generator)
+    for seed in np.flatnonzero(fallen)[:20].tolist():
+        alone = LayoutGenerator(hard, 1, seed=seed)
+        alone.generate()
+        assert _rows(alone)[seed, 0] == expected[seed, 0]
+
+
+def test_bank_entries_are_valid_layouts(hard: World):
+    """They keep every clearance, by FCL, and they differ."""
+    qpos = hard.program.bank_qpos.numpy()
+    solids = Solids(hard.mjm, "physics")
+    rows = Rows(qpos, hard.program.bank_mocap_pos.numpy(), hard.program.bank_mocap_quat.numpy(), *[np.zeros(16)] * 2)
+    names = list(hard.object_names)
+    for data in posed(hard, rows):
+        for i, a in enumerate(names):
+            assert all(solids.distance(data, solids.geoms(a), solids.geoms(b)) >= 0.001 for b in names[:i])
+    assert len({row.tobytes() for row in qpos}) == 16
+
+
+def test_a_failed_world_does_not_touch_its_neighbours(hard: World):
+    """Beside worlds that fall back, and with the same seeds alone, valid worlds are bit for bit the same."""
+    generator = LayoutGenerator(hard, 60, seed=900)
+    generator.generate()
+    rows = _rows(generator)
+    keep = generator.layouts.status.numpy() == Status.VALID
+    seeds = generator.layouts.seed.numpy()[keep]
+    assert 3 < len(seeds) < 57
+    alone = LayoutGenerator(hard, len(seeds), seed=seeds)
+    alone.generate()
+    assert all(rows[k] == v for k, v in _rows(alone).items())
+    assert (alone.layouts.status.numpy() == Status.VALID).all()
+
+
+def test_every_object_is_in_every_row(hard: World):
+    """Nothing is switched off or parked anywhere when placement fails: all crates lie on the floor."""
+    rows = make(hard, 200)
+    for i in range(3):
+        at = rows.qpos[:, 7 * i : 7 * i + 3]
+        assert (np.abs(at[:, :2]) <= 0.2).all()
+        np.testing.assert_allclose(at[:, 2], 0.0005, atol=1e-6)
+
+
+@pytest.mark.parametrize("restarts", [0, 3])
+def test_rejections_and_attempts_add_up(restarts: int, tmp_path: Path):
+    """Every candidate is accepted or counted once, by object and cause; the counts run on over resets."""
+    crate = box_mjcf(tmp_path, "crate", 0.1, 0.14, 0.05)
+    words = {"asset": crate, "on": "floor", "ratio_on_support": 1.0}
+    objects = {"cabinet": {"asset": "cabinet", "kind": "fixture", "on": "floor", "joints": {"*": {"fraction": [0, 1]}}}}
+    objects |= {f"crate_{i}": words for i in range(4)} | {"apple": {"asset": "apple", "on": "cabinet/lower_drawer"}}
+    scene = {"floor": {"size": [0.8, 0.8]}, "attempts": 4, "restarts": restarts, "objects": objects}
+    world = cpu_world(scene)
+    generator = LayoutGenerator(world, 300, seed=4)
+    attempts = np.zeros(300, int)
+    for _ in range(2):
+        generator.generate()
+        attempts += generator.layouts.attempts.numpy()
+    counts = generator.layouts.rejections.numpy()
+    status, first = generator.layouts.status.numpy(), generator.layouts.first_pass_valid.numpy()
+    assert (status[first == 1] == Status.VALID).all()
+    last = generator.layouts.attempts.numpy()
+    assert (last[first == 1] <= 6 * 4).all()
+    assert last.max() <= 6 * 4 * (restarts + 1)
+    assert 0 < first.sum() < 300
+    if restarts == 0:
+        assert ((status == Status.VALID) == (first == 1)).all()
+    else:
+        assert (status == Status.VALID).sum() > first.sum()
+    named = generator.rejection_counts()
+    assert list(named) == list(world.placed)
+    for i, name in enumerate(world.placed):
+        assert named[name] == {c.name.lower(): counts[i, c] for c in Cause if c is not Cause.NONE}
+    assert counts[:, Cause.NONE].sum() == 0
+    assert {c for c in Cause if counts[:, c].any()} == {Cause.ROOF, Cause.FOOTPRINT, Cause.COLLISION}
+    assert attempts.sum() - counts.sum() >= 6 * (status == Status.VALID).sum()
+
+
+def test_each_world_accounts_for_its_attempts(hard: World, mid: World):
+    """One acceptance for each object that was placed; a world that fails has one object with no attempt left."""
+    for world in (hard, mid):
+        most, total = world.config.attempts, 0
+        generator = LayoutGenerator(world, 1, seed=0)
+        for _ in range(100):
+            before = generator.layouts.rejections.numpy().sum(axis=1)
+            generator.generate()
+            rejected = generator.layouts.rejections.numpy().sum(axis=1) - before
+            attempts = int(generator.layouts.attempts.numpy()[0])
+            if generator.layouts.first_pass_valid.numpy()[0]:
+                total += 1
+                assert (rejected < most).all()
+                assert attempts == len(world.placed) + rejected.sum()
+            elif world.config.restarts == 0:
+                failed = int(np.flatnonzero(rejected)[-1])
+                assert rejected[failed] == most
+                assert attempts == failed + rejected.sum()
+        assert total > 10
+
+
+def test_the_record_of_rejected_candidates_is_bounded_and_changes_no_layout(mid: World):
+    """Room for ten: the count runs on, the rows do not, and the layouts are those without a record."""
+    generator = LayoutGenerator(mid, 200, seed=6, rejected=10)
+    generator.generate()
+    collisions = generator.layouts.rejections.numpy()[:, Cause.COLLISION].sum()
+    assert generator.layouts.view.rejected_count.numpy()[0] == collisions > 10
+    assert generator.layouts.view.rejected_qpos.shape[0] == 10
+    assert _rows(generator) == _rows_of(mid, 6, 200)
+
+
+def test_the_streams_of_objects_follow_their_place_in_the_file(tmp_path: Path):
+    """A change of a later object leaves the draws of an earlier one alone."""
+    crate = box_mjcf(tmp_path, "crate", 0.05, 0.05, 0.05)
+    one = {"asset": crate, "on": "floor"}
+    alone = make(cpu_world({"floor": FLOOR, "objects": {"a": one}}), 50)
+    both = make(cpu_world({"floor": FLOOR, "objects": {"a": one, "b": {**one, "gap": 0.3}}}), 50)
+    assert (alone.qpos[:, :7] == both.qpos[:, :7]).all()
+    assert not np.allclose(both.qpos[:, :2], both.qpos[:, 7:9])
+
+
+def test_generation_runs_in_a_captured_graph(mid: World):
+    """Captured once and replayed, it makes the layouts of one episode after the other."""
+    expected = _by_id(mid, [21, 22], 3)
+    generator = LayoutGenerator(mid, 2, seed=21)
+    with wp.ScopedCapture(device="cpu") as capture:
+        generator.generate()
+    generator.reseed(21)
+    for episode in range(3):
+        wp.capture_launch(capture.graph)
+        assert {k[1] for k in _rows(generator)} == {episode}
+        assert all(expected[k] == v for k, v in _rows(generator).items())
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Poses
+
+
+def _one(scene: Mapping, nworld: int = 400) -> tuple[World, Rows]:
+    world = cpu_world(scene)
+    rows = make(world, nworld, seed=13)
+    assert (rows.status == Status.VALID).all()
+    return world, rows
+
+
+@pytest.mark.parametrize("geometry", ["physics", "visual"])
+@pytest.mark.parametrize("asset", ["apple", "banana", "mug", "bowl", "can", "orange", "cabinet"])
+def test_the_lowest_point_stands_at_the_gap_over_the_surface(asset: str, geometry: str):
+    """On a table, at any yaw and with any joints drawn: the posed meshes end 2 mm above its top."""
+    joints = {"*": {"fraction": [0, 1]}} if asset == "cabinet" else {}
+    kind = "fixture" if asset == "cabinet" else "free"
+    objects = {
+        "table": {"asset": "table", "kind": "static"},
+        asset: {"asset": asset, "kind": kind, "on": "table", "gap": 0.002, "joints": joints},
+    }
+    world, rows = _one({"geometry": geometry, "attempts": 40, "objects": objects}, 40)
+    solids = Solids(world.mjm, geometry)
+    lowest = [solids.lowest(data, solids.geoms(asset)) for data in posed(world, rows)]
+    np.testing.assert_allclose(lowest, 0.4 + 0.002, atol=3e-6)
+
+
+def test_the_lowest_point_of_what_unfolds_downwards_stands_on_the_surface(tmp_path: Path):
+    """Legs on hinges reach below the body, each by its own angle: the body is raised to stand on the longer one."""
+    leg = '<body name="{0}" pos="{1} 0 .1"><joint name="{0}" axis="0 1 0" range="-60 60"/><geom type="box"'
+    leg += ' size=".005 .005 .08" pos="0 0 -.06"/></body>'
+    body = '<geom type="box" size=".1 .02 .005" pos="0 0 .1"/>' + leg.format("l", -0.08) + leg.format("r", 0.08)
+    stool = {"asset": write_mjcf(tmp_path, "stool", body), "on": "floor", "joints": {"*": {"fraction": [0, 1]}}}
+    world, rows = _one({"floor": FLOOR, "attempts": 50, "objects": {"stool": stool}}, 100)
+    solids = Solids(world.mjm, "physics")
+    lowest = [solids.lowest(data, solids.geoms("stool")) for data in posed(world, rows)]
+    np.testing.assert_allclose(lowest, 0.0005, atol=2e-6)
+    assert np.ptp(rows.qpos[:, 2]) > 0.01
+
+
+def test_the_pivot_is_the_bottom_centre_of_the_bounds(tmp_path: Path):
+    """A box whose frame is far from its middle and lies on its side: region and turn are about the bottom centre."""
+    (tmp_path / "lying.xml").write_text("""<mujoco><worldbody><body name="lying" quat=".707106781 .707106781 0 0">
+      <geom type="box" size=".05 .02 .1" pos=".3 -.2 .4"/></body></worldbody></mujoco>""")
+    words = {"asset": str(tmp_path / "lying.xml"), "on": "floor", "region": {"box": [[-0.01, 0.1], [0.01, 0.12]]}}
+    world, rows = _one({"floor": FLOOR, "objects": {"lying": words}})
+    solids = Solids(world.mjm, "physics")
+    centres = np.array([solids.points(data, solids.geoms("lying")[0]).mean(0) for data in posed(world, rows)])
+    assert (np.abs(centres[:, 0]) <= 0.01 + 1e-6).all()
+    assert (np.abs(centres[:, 1] - 0.11) <= 0.01 + 1e-6).all()
+    np.testing.assert_allclose(centres[:, 2], 0.02 + 0.0005, atol=2e-6)  # lying: its y half extent is up
+
+
+def _yaw(quat: np.ndarray) -> np.ndarray:
+    """Yaw [rad] of upright wxyz quaternions, shape (n, 4)."""
+    return 2 * np.arctan2(quat[:, 3], quat[:, 0])
+
+
+def _wrapped(angle: np.ndarray) -> np.ndarray:
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+@pytest.mark.parametrize(
+    ("words", "low", "high"), [("fixed", 0, 0), ({"yaw": [170, 250]}, 170, 250), (None, -180, 180)]
+)
+def test_the_yaw_is_drawn_about_the_heading_of_the_support(tmp_path: Path, words, low: float, high: float):
+    """Uniform in its range relative to a turned tray; the range may cross 180 degrees."""
+    tray = box_mjcf(tmp_path, "tray", 0.4, 0.4, 0.02)
+    crate = {"asset": box_mjcf(tmp_path, "crate", 0.05, 0.03, 0.04), "on": "tray"}
+    if words is not None:
+        crate["orientation"] = words
+    objects = {"tray": {"asset": tray, "kind": "fixture", "on": "floor"}, "crate": crate}
+    _, rows = _one({"floor": FLOOR, "objects": objects}, 1000)
+    turn = _wrapped(_yaw(rows.qpos[:, 3:7]) - _yaw(rows.mocap_quat[:, 0]) - np.radians((low + high) / 2))
+    assert np.ptp(_yaw(rows.mocap_quat[:, 0])) > 6.0
+    half = np.radians(high - low) / 2
+    assert np.abs(turn).max() <= half + 2e-6
+    if half > 0:
+        assert stats.kstest(turn, "uniform", args=(-half, 2 * half)).pvalue > 0.001
+
+
+def test_orientations_keep_the_tilt_that_the_asset_has(tmp_path: Path):
+    """A fixed orientation is that of the model; a free yaw turns it about the vertical alone."""
+    (tmp_path / "tilted.xml").write_text("""<mujoco><worldbody><body name="tilted" euler="35 0 20">
+      <geom type="box" size=".05 .02 .03"/></body></worldbody></mujoco>""")
+    words = {"asset": str(tmp_path / "tilted.xml"), "on": "floor", "clearance": 0.0}
+    objects = {"a": {**words, "orientation": "fixed"}, "b": words}
+    world, rows = _one({"floor": {"size": [2, 2]}, "objects": objects})
+    solids = Solids(world.mjm, "physics")
+    up = world.mjm.body_quat[world.mjm.body("a").id]
+    np.testing.assert_allclose(np.abs(rows.qpos[:, 3:7] @ up), 1.0, atol=1e-6)
+    for data in posed(world, rows):
+        # the world's vertical in the body's frame does not depend on the yaw
+        np.testing.assert_allclose(data.xmat[1].reshape(3, 3)[2], data.xmat[2].reshape(3, 3)[2], atol=1e-6)
+        np.testing.assert_allclose(solids.lowest(data, solids.geoms("b")), 0.0005, atol=2e-6)
+
+
+@pytest.mark.parametrize("kind", ["free", "fixture", "marker"])
+def test_a_box_in_space_is_filled_uniformly(tmp_path: Path, kind: str):
+    """Markers, free objects and fixtures without a support: the pivot, in the world, in all three directions."""
+    crate = box_mjcf(tmp_path, "crate", 0.04, 0.02, 0.01)
+    region = {"box": [[-0.2, 0.1, 0.3], [0.4, 0.3, 1.1]]}
+    _, rows = _one({"objects": {"crate": {"asset": crate, "kind": kind, "region": region}}}, 2000)
+    at = rows.qpos[:, :3] if kind == "free" else rows.mocap_pos[:, 0]
+    for column, low, high in zip(at.T, *region["box"], strict=True):
+        assert low - 1e-6 <= column.min() <= column.max() <= high + 1e-6
+        assert stats.kstest(column, "uniform", args=(low, high - low)).pvalue > 0.001
+    assert np.abs(np.corrcoef(at.T) - np.eye(3)).max() < 0.1
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Joints
+
+GADGET = """<geom type="box" size=".02 .02 .02" pos="0 0 .02"/>
+  <body name="s" pos="0 0 .1"><joint name="slide" type="slide" axis="0 0 1" range="-.1 .3"/>
+    <geom type="box" size=".01 .01 .01"/></body>
+  <body name="h" pos="0 0 .8"><joint name="hinge" type="hinge" axis="0 0 1" range="-30 90"/>
+    <geom type="box" size=".01 .01 .01"/></body>
+  <body name="w" pos="0 0 .9"><joint name="wheel" type="hinge" axis="0 0 1"/>
+    <geom type="box" size=".01 .01 .01"/></body>"""
+HINGE = np.radians([-30.0, 90.0])
+FORMS = {
+    "fraction": ({"slide": {"fraction": [0.25, 0.5]}}, "slide", (0.0, 0.1)),
+    "fraction of a hinge": ({"hinge": {"fraction": [0, 1]}}, "hinge", tuple(HINGE)),
+    "range": ({"hinge": {"range": [0.1, 0.4]}}, "hinge", (0.1, 0.4)),
+    "range without limits": ({"wheel": {"range": [-9.0, 9.0]}}, "wheel", (-9.0, 9.0)),
+    "noise": ({"slide": {"noise": 0.05}}, "slide", (-0.05, 0.05)),
+    "noise cut off at a limit": ({"slide": {"noise": 0.2}}, "slide", (-0.1, 0.2)),
+    "noise without limits": ({"wheel": {"noise": 0.5}}, "wheel", (-0.5, 0.5)),
+    "pattern": ({"*": {"value": 0.2}, "s*": {"noise": 0.0}, "hinge": {"range": [0, 0.5]}}, "hinge", (0.0, 0.5)),
+}
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_joints_are_uniform_in_their_interval(tmp_path: Path, name: str):
+    """All forms that name an interval, of slides and hinges, with limits and without."""
+    joints, joint, (low, high) = FORMS[name]
+    gadget = {"asset": write_mjcf(tmp_path, "gadget", GADGET), "kind": "fixture", "on": "floor", "joints": joints}
+    world, rows = _one({"floor": FLOOR, "objects": {"gadget": gadget}}, 1000)
+    q = rows.qpos[:, world.mjm.joint(f"gadget/{joint}").qposadr[0]]
+    assert low - 1e-6 <= q.min() <= q.max() <= high + 1e-6
+    assert stats.kstest(q, "uniform", args=(low, high - low)).pvalue > 0.001
+
+
+def test_joints_take_values_and_choices(tmp_path: Path):
+    """A value holds, each choice comes equally often, and what is not named stays at home; all independent."""
+    joints = {"slide": {"choice": [-0.05, 0.0, 0.25]}, "hinge": {"value": 1.2}}
+    gadget = {"asset": write_mjcf(tmp_path, "gadget", GADGET), "kind": "free", "on": "floor", "joints": joints}
+    _, rows = _one({"floor": FLOOR, "objects": {"gadget": gadget}}, 1500)
+    slide, hinge, wheel = rows.qpos[:, 7:].T
+    values, counts = np.unique(slide, return_counts=True)
+    np.testing.assert_array_equal(values, np.array([-0.05, 0.0, 0.25], np.float32))
+    assert stats.chisquare(counts).pvalue > 0.001
+    assert (hinge == np.float32(1.2)).all()
+    assert (wheel == 0.0).all()
+
+
+def test_joints_are_drawn_independently_of_each_other_and_of_the_pose():
+    """Seven joints of the arm and two drawers: no two are correlated, nor with where the cabinet stands."""
+    cabinet = {"asset": "cabinet", "kind": "fixture", "on": "floor", "joints": {"*": {"fraction": [0, 1]}}}
+    cabinet["region"] = {"box": [[0.0, 1.0], [0.3, 1.3]]}
+    robot = {"asset": "panda", "joints": {"joint*": {"noise": 0.05}}}
+    world, rows = _one({"floor": {"size": [4, 4]}, "robot": robot, "objects": {"cabinet": cabinet}}, 2000)
+    joints = [i for i in range(world.mjm.nq) if np.ptp(rows.qpos[:, i]) > 0]
+    assert len(joints) == 9
+    columns = np.column_stack([rows.qpos[:, joints], rows.mocap_pos[:, 0, :2], _yaw(rows.mocap_quat[:, 0])])
+    assert np.abs(np.corrcoef(columns.T) - np.eye(12))[:9].max() < 0.09
+
+
+def test_what_no_object_names_stays_at_home_bit_for_bit():
+    """Fingers of an arm whose other joints are drawn, and controls of nothing else."""
+    robot = {"asset": "panda", "joints": {"joint*": {"noise": 0.1}}}
+    world, rows = _one({"robot": robot}, 20)
+    still = [i for i in range(world.mjm.nq) if not world.mjm.joint(i).name.startswith("panda/joint")]
+    assert len(still) == 2
+    assert (rows.qpos[:, still] == world.home_qpos[still]).all()

@@ -1,0 +1,69 @@
+"""What only a GPU has: streams, and one graph of torch and Warp together."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+import warp as wp
+
+from sceniris_gym.layout.build import build_world
+from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.scene.world import World
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+from tests.vector.conftest import SCENE, Reach
+
+pytestmark = pytest.mark.cuda
+
+
+@pytest.fixture(scope="module")
+def cuda_world() -> World:
+    """Return the World of the reaching task on the GPU."""
+    return build_world(SceneConfig.load(SCENE), "cuda:0", bank_size=8)
+
+
+def test_reset_states_have_the_same_bits_with_and_without_graphs(cuda_world):
+    """Recorded or not, 3 or 5 worlds: the same seed is the same observation."""
+    envs = SceneVectorEnv(Reach, 3, scene=cuda_world)
+    other = SceneVectorEnv(Reach, 5, scene=cuda_world, graph=False)
+    for _ in range(2):
+        first, _ = envs.reset(seed=[7, 8, 9])
+        second, _ = other.reset(seed=[1, 9, 2, 7, 8])
+        envs.step(torch.zeros(3, 5))
+    for group in first:
+        assert torch.equal(first[group], second[group][[3, 4, 1]])
+
+
+def test_other_worlds_keep_their_bits(cuda_world):
+    """A masked reset leaves state and observation of the other worlds as they are, with the mask on the GPU."""
+    envs = SceneVectorEnv(Reach, 4, scene=cuda_world, autoreset_mode="Disabled")
+    envs.reset(seed=0)
+    for _ in range(5):
+        before, *_ = envs.step(torch.full((4, 5), 0.2, device="cuda"))
+    qpos = envs.batch.data.qpos.numpy()
+    after, _ = envs.reset(options={"reset_mask": torch.tensor([True, False, False, True], device="cuda")})
+    assert (envs.batch.data.qpos.numpy()[1:3] == qpos[1:3]).all()
+    for group in before:
+        assert torch.equal(after[group][1:3], before[group][1:3])
+    assert not torch.equal(after["critic"], before["critic"])
+
+
+def test_a_whole_step_can_be_captured_with_torch(cuda_world):
+    """Task, physics, autoreset and layouts replay as one CUDA graph, and episodes advance in it."""
+    envs = SceneVectorEnv(Reach, 4, scene=cuda_world, max_episode_steps=3)
+    envs.reset(seed=0)
+    action = torch.zeros(4, 5, device="cuda")
+    for _ in range(3):  # compiles and loads all that the capture needs
+        envs.step(action)
+    stream, graph = torch.cuda.Stream(), torch.cuda.CUDAGraph()
+    torch.cuda.synchronize()
+    with torch.cuda.graph(graph, stream=stream):
+        warp_stream = wp.stream_from_torch(torch.cuda.current_stream())
+        with wp.ScopedStream(warp_stream, sync_enter=False), wp.ScopedCapture(stream=warp_stream, external=True):
+            observation, _, _, truncated, info = envs.step(action)
+    counts = []
+    for _ in range(6):
+        graph.replay()
+        counts.append((truncated.tolist(), info["layout_episode"].tolist()))
+    assert [flags for flags, _ in counts] == [[False] * 4, [False] * 4, [True] * 4] * 2
+    assert [episodes for _, episodes in counts] == [[1] * 4, [1] * 4, [2] * 4, [2] * 4, [2] * 4, [3] * 4]
+    assert torch.isfinite(observation["critic"]).all()

@@ -1,0 +1,342 @@
+"""The vector environment: spaces, autoreset, masked resets, outputs and pictures."""
+
+from __future__ import annotations
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
+
+from sceniris_gym.errors import MaskError, MaskTypeError, SeedError
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+
+STATE = ("time", "qpos", "qvel", "ctrl", "act", "mocap_pos", "mocap_quat", "xpos", "site_xpos", "qacc_warmstart")
+
+
+def actions(num_envs: int, ending: tuple[int, ...] = ()) -> torch.Tensor:
+    """Return small actions that end the episode of the worlds `ending`."""
+    action = torch.linspace(-0.5, 0.5, num_envs * 5).reshape(num_envs, 5).clone()
+    action[list(ending), 0] = 1.0
+    return action
+
+
+def state(envs: SceneVectorEnv) -> dict[str, np.ndarray]:
+    """Copy the state of the worlds to the host."""
+    return {name: getattr(envs.batch.data, name).numpy().copy() for name in STATE}
+
+
+def assert_equal(left: dict, right: dict, worlds: list[int] | slice = slice(None)) -> None:
+    """Check that two dicts of arrays agree to the bit in some worlds."""
+    for name in left:
+        np.testing.assert_array_equal(np.asarray(left[name])[worlds], np.asarray(right[name])[worlds], err_msg=name)
+
+
+def test_observations_are_flat_groups_with_named_parts(make_env):
+    """Spaces, shapes and names agree, and the seed's worlds differ from each other."""
+    envs = make_env(3)
+    observation, info = envs.reset(seed=1)
+    assert envs.observation_names["policy"] == [("arm", (4,)), ("tcp", (7,)), ("last", (5,)), ("noise", (3,))]
+    assert {group: tuple(t.shape) for group, t in observation.items()} == {"policy": (3, 19), "critic": (3, 28)}
+    assert envs.single_observation_space["critic"].shape == (28,)
+    assert envs.observation_space["policy"].shape == (3, 19)
+    assert envs.action_space.shape == (3, 5)
+    assert envs.observation_space.contains({g: t.numpy() for g, t in observation.items()})
+    assert info["layout_seed"].tolist() == [1, 2, 3]
+    assert info["layout_episode"].tolist() == [0, 0, 0]
+    assert info["layout_fallback"].tolist() == [False, False, False]
+    assert len(np.unique(observation["critic"][:, 19:22].numpy(), axis=0)) == 3
+
+
+def test_the_autoreset_mode_is_the_instances_own(make_env):
+    """Mode and metadata belong to one environment, and take members and their values."""
+    default, other = make_env(1), make_env(1, autoreset_mode="NextStep")
+    assert default.metadata["autoreset_mode"] is default.autoreset_mode is AutoresetMode.SAME_STEP
+    assert other.metadata["autoreset_mode"] is other.autoreset_mode is AutoresetMode.NEXT_STEP
+    with pytest.raises(ValueError, match="Sometimes"):
+        make_env(1, autoreset_mode="Sometimes")
+
+
+def test_same_step_returns_the_reset_observation_and_the_final_one(make_env):
+    """Worlds that end get episode 1 in the same step; what they ended with is in final_obs and final_info."""
+    envs, twin = make_env(3), make_env(3, autoreset_mode=AutoresetMode.DISABLED)
+    for each in (envs, twin):
+        each.reset(seed=4)
+    action = actions(3, ending=(1,))
+    observation, reward, terminated, truncated, info = envs.step(action)
+    final, final_reward, final_terminated, _, final_info = twin.step(action)
+    assert terminated.tolist() == final_terminated.tolist() == info["_final_obs"].tolist() == [False, True, False]
+    assert not truncated.any()
+    assert_equal(info["final_obs"], final)
+    assert_equal({"reward": reward}, {"reward": final_reward})
+    assert info["final_info"]["layout_episode"].tolist() == [0, 0, 0]
+    assert info["layout_episode"].tolist() == [0, 1, 0]
+    assert_equal(info["final_info"]["reward_terms"], final_info["reward_terms"])
+    reset, _ = twin.reset(options={"reset_mask": np.array([False, True, False])})
+    assert_equal(observation, reset)
+
+
+def test_next_step_resets_in_the_step_after(make_env):
+    """The ending step returns the last observation, the next one the reset, with reward 0 and no flags."""
+    envs, twin = make_env(3, autoreset_mode=AutoresetMode.NEXT_STEP), make_env(3, autoreset_mode="Disabled")
+    for each in (envs, twin):
+        each.reset(seed=4)
+    action = actions(3, ending=(1,))
+    observation, _, terminated, _, info = envs.step(action)
+    last, *_ = twin.step(action)
+    assert terminated.tolist() == [False, True, False]
+    assert "final_obs" not in info
+    assert_equal(observation, last)
+    observation, reward, terminated, truncated, info = envs.step(action)
+    assert info["layout_episode"].tolist() == [0, 1, 0]
+    assert float(reward[1]) == 0.0
+    assert not (terminated | truncated).any()
+    twin.step(action)
+    reset, _ = twin.reset(options={"reset_mask": np.array([False, True, False])})
+    assert_equal(observation, reset)
+    _, reward, terminated, *_ = envs.step(action)
+    assert terminated.tolist() == [False, True, False]
+    assert float(reward[1]) < 0.0
+
+
+def test_disabled_leaves_resets_to_the_user(make_env):
+    """Truncation stays until the world is reset, and only that world starts anew."""
+    envs = make_env(2, autoreset_mode=AutoresetMode.DISABLED, max_episode_steps=2)
+    envs.reset(seed=0)
+    flags = [envs.step(actions(2))[3].tolist() for _ in range(3)]
+    assert flags == [[False, False], [True, True], [True, True]]
+    envs.reset(options={"reset_mask": np.array([False, True])})
+    assert envs.step(actions(2))[3].tolist() == [True, False]
+
+
+def test_truncation_counts_the_steps_of_each_world(make_env):
+    """A world that ended early is truncated later than the others."""
+    envs = make_env(2, max_episode_steps=3)
+    envs.reset(seed=0)
+    envs.step(actions(2, ending=(0,)))
+    flags = [envs.step(actions(2))[3].tolist() for _ in range(3)]
+    assert flags == [[False, False], [False, True], [True, False]]
+
+
+@pytest.mark.parametrize("mask_type", [np.asarray, torch.as_tensor])
+def test_a_masked_reset_changes_the_masked_worlds_alone(make_env, mask_type):
+    """State and observation of the others keep their bits, in a reset with a seed too; options stay as they were."""
+    envs = make_env(4, autoreset_mode=AutoresetMode.DISABLED)
+    envs.reset(seed=10)
+    for _ in range(3):
+        observation, *_ = envs.step(actions(4))
+    before = state(envs)
+    mask = mask_type(np.array([True, False, True, False]))
+    options = {"reset_mask": mask, "other": 1}
+    for seed, seeds, episodes in ((None, [10, 11, 12, 13], [1, 0, 1, 0]), (50, [50, 11, 52, 13], [0, 0, 0, 0])):
+        reset, info = envs.reset(seed=seed, options=options)
+        assert_equal(state(envs), before, [1, 3])
+        assert_equal(reset, observation, [1, 3])
+        assert (reset["critic"][[0, 2]] != observation["critic"][[0, 2]]).any(dim=1).all()
+        assert info["layout_seed"].tolist() == seeds
+        assert info["layout_episode"].tolist() == episodes
+    assert set(options) == {"reset_mask", "other"}
+    assert options["reset_mask"] is mask
+    assert mask.tolist() == [True, False, True, False]
+
+
+def test_a_seed_gives_the_same_bits_whatever_is_beside_it(make_env):
+    """Other numbers of worlds, orders of resets, and no graph: world by world the same observation."""
+    envs, other = make_env(3), make_env(5, graph=False)
+    envs.reset(seed=[7, 8, 9])
+    first, _ = envs.reset()
+    other.reset(seed=[1, 9, 2, 7, 8])
+    for worlds in ([3], [1, 4], [0]):
+        mask = np.zeros(5, bool)
+        mask[worlds] = True
+        second, _ = other.reset(options={"reset_mask": mask})
+    for group in first:
+        np.testing.assert_array_equal(first[group].numpy(), second[group][[3, 4, 1]].numpy())
+
+
+def test_an_int_seed_starts_again_and_none_goes_on(make_env):
+    """seed=s is s + i and episode 0, every time; without a seed the next episode comes."""
+    envs = make_env(2)
+    first, _ = envs.reset(seed=3)
+    second, info = envs.reset()
+    assert info["layout_seed"].tolist() == [3, 4]
+    assert info["layout_episode"].tolist() == [1, 1]
+    again, _ = envs.reset(seed=3)
+    assert_equal(again, first)
+    assert (second["critic"] != first["critic"]).any(dim=1).all()
+    assert envs.np_random_seed == 3
+
+
+def test_a_first_reset_without_a_seed_draws_one_and_records_it(make_env):
+    """Two environments differ, and the recorded seed brings the layout back."""
+    envs, other = make_env(2), make_env(2)
+    first, info = envs.reset()
+    different, _ = other.reset()
+    assert (first["critic"] != different["critic"]).any()
+    assert info["layout_seed"].tolist() == [envs.np_random_seed, envs.np_random_seed + 1]
+    again, _ = other.reset(seed=envs.np_random_seed)
+    assert_equal(again, first)
+
+
+def test_the_evaluation_split_has_layouts_of_its_own(make_env):
+    """The same seed is another layout in the other split."""
+    train, _ = make_env(2).reset(seed=3)
+    evaluation, _ = make_env(2, split="eval").reset(seed=3)
+    assert (train["critic"] != evaluation["critic"]).any(dim=1).all()
+
+
+@pytest.mark.parametrize(
+    ("mask", "error", "kind"),
+    [
+        ([True, False], MaskTypeError, TypeError),
+        (np.array([1, 0]), MaskTypeError, TypeError),
+        (torch.tensor([1, 0]), MaskTypeError, TypeError),
+        (np.array([True]), MaskError, ValueError),
+        (np.array([[True, False]]), MaskError, ValueError),
+        (np.array([False, False]), MaskError, ValueError),
+    ],
+)
+def test_wrong_reset_masks_raise_what_gymnasium_raises(make_env, mask, error, kind):
+    """The kind of error is that of Gymnasium's own vector environments, and nothing was reset."""
+    envs = make_env(2)
+    envs.reset(seed=0)
+    before = state(envs)
+    with pytest.raises(error, match="reset_mask") as caught:
+        envs.reset(options={"reset_mask": mask})
+    assert isinstance(caught.value, kind)
+    assert_equal(state(envs), before)
+
+
+@pytest.mark.parametrize("seed", [-1, 1 << 64, 1.5, True, [1], [1, 2, 3], [1, -2], "1", [1, None]])
+def test_wrong_seeds_are_refused(make_env, seed):
+    """A seed is an integer of 64 bits, or one for each world."""
+    with pytest.raises(SeedError):
+        make_env(2).reset(seed=seed)
+
+
+def test_calls_out_of_order_are_refused(make_env):
+    """No step and no masked reset before the first reset, nothing after close; close may come twice."""
+    envs = make_env(2)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        envs.step(actions(2))
+    with pytest.raises(gymnasium.error.ResetNeeded, match="all worlds"):
+        envs.reset(options={"reset_mask": np.array([True, False])})
+    envs.reset(seed=0)
+    with pytest.raises(ValueError, match=r"shape \(2, 5\), got \(5,\)"):
+        envs.step(np.zeros(5))
+    envs.close()
+    envs.close()
+    with pytest.raises(gymnasium.error.ClosedEnvironmentError):
+        envs.reset()
+
+
+@pytest.mark.parametrize("arguments", [{"output": "jax"}, {"render_mode": "human"}, {"num_envs": 0}])
+def test_wrong_arguments_are_refused(make_env, arguments):
+    """Outputs, render modes and sizes that there are not."""
+    with pytest.raises(ValueError, match=next(iter(arguments))):
+        make_env(**arguments)
+
+
+def test_returned_tensors_are_never_overwritten(make_env):
+    """What a caller keeps from a step stays as it was through later steps and resets."""
+    envs = make_env(2, max_episode_steps=2)
+    kept = [envs.reset(seed=0), *(envs.step(actions(2)) for _ in range(2))]
+    copies = [[leaf.clone() for leaf in leaves(result)] for result in kept]
+    for _ in range(3):
+        envs.step(-actions(2))
+    envs.reset()
+    for result, copied in zip(kept, copies, strict=True):
+        for leaf, copy in zip(leaves(result), copied, strict=True):
+            torch.testing.assert_close(leaf, copy, rtol=0, atol=0)
+
+
+def test_without_copy_the_observation_buffers_are_used_again(make_env):
+    """copy=False is opt-in: the same memory every time, apart from final_obs, with the same values as with copies."""
+    envs, twin = make_env(2, copy=False), make_env(2)
+    envs.reset(seed=0)
+    twin.reset(seed=0)
+    first, *_ = envs.step(actions(2))
+    twin.step(actions(2))
+    second, _, _, _, info = envs.step(actions(2))
+    assert first["policy"].data_ptr() == second["policy"].data_ptr() != info["final_obs"]["policy"].data_ptr()
+    assert_equal(second, twin.step(actions(2))[0])
+
+
+def leaves(value) -> list[torch.Tensor]:
+    """List the tensors inside nested tuples and dicts."""
+    if isinstance(value, torch.Tensor):
+        return [value]
+    items = value.values() if isinstance(value, dict) else value
+    return [leaf for item in items for leaf in leaves(item)]
+
+
+def test_numpy_output_suits_gymnasiums_wrappers(make_env):
+    """Plain arrays, no objects and no key `episode`; statistics and lists of infos can be made of them."""
+    envs = make_env(2, output="numpy", max_episode_steps=2)
+    plain, _ = envs.reset(seed=0)
+    result = envs.step(envs.action_space.sample())
+
+    def check(value) -> None:
+        if isinstance(value, dict):
+            assert "episode" not in value
+            for item in value.values():
+                check(item)
+        else:
+            assert isinstance(value, np.ndarray)
+            assert value.dtype != object
+
+    for value in (plain, *result):
+        check(value)
+    wrapped = DictInfoToList(RecordEpisodeStatistics(envs))
+    wrapped.reset(seed=0)
+    total = np.zeros(2)
+    for _ in range(2):
+        _, reward, _, truncated, infos = wrapped.step(np.zeros((2, 5), np.float32))
+        total += reward
+    assert truncated.all()
+    np.testing.assert_allclose([info["episode"]["r"] for info in infos], total, rtol=1e-5)
+    assert infos[1]["final_info"]["layout_episode"] == 0
+
+
+def test_a_world_with_nans_is_ended_and_cured(make_env):
+    """A broken world is terminated with reward 0 and starts anew; its neighbour goes on."""
+    envs = make_env(2)
+    envs.reset(seed=0)
+    qvel = envs.batch.data.qvel.numpy()
+    qvel[0] = np.nan
+    envs.batch.data.qvel.assign(qvel)
+    observation, reward, terminated, _, info = envs.step(actions(2))
+    assert terminated.tolist() == info["_final_obs"].tolist() == [True, False]
+    assert float(reward[0]) == 0.0
+    assert torch.isfinite(observation["critic"]).all()
+    twin = make_env(2)
+    twin.reset(seed=0)
+    twin.reset()
+    np.testing.assert_array_equal(envs.step(actions(2))[0]["critic"][0], twin.step(actions(2))[0]["critic"][0])
+
+
+def test_it_steps_under_inference_mode(make_env):
+    """Buffers made outside are written inside, and can be used outside again."""
+    envs = make_env(2, max_episode_steps=2)
+    envs.reset(seed=0)
+    with torch.inference_mode():
+        for _ in range(3):
+            envs.step(actions(2))
+    envs.reset()
+    _, _, _, truncated, _ = envs.step(actions(2))
+    assert not truncated.any()
+
+
+def test_render_takes_pictures_of_the_first_worlds(make_env):
+    """One picture per world up to the stated number, different ones, and the worlds stay as they are."""
+    envs = make_env(3, render_mode="rgb_array", render_envs=2, render_size=(48, 32))
+    envs.reset(seed=0)
+    before = state(envs)
+    frames = envs.render()
+    assert [frame.shape for frame in frames] == [(32, 48, 3)] * 2
+    assert all(frame.dtype == np.uint8 for frame in frames)
+    assert not np.array_equal(frames[0], frames[1])
+    assert ((frames[0][..., 0] > 100) & (frames[0][..., 1] < 60)).any(), "the red block is in the picture"
+    assert_equal(state(envs), before)
+    assert make_env(1).render() is None
