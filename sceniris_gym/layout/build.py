@@ -19,6 +19,8 @@ from sceniris_gym.scene.world import World, fill_program, load_world
 
 # The probe makes layouts in rounds until the bank is full or this many rounds are over.
 _ROUNDS = 8
+# What a row of the bank holds.
+_BANK = ("qpos", "mocap_pos", "mocap_quat", "present")
 
 
 def build_world(
@@ -45,19 +47,19 @@ def build_world(
 def _with_bank(world: World, size: int) -> World:
     probe = LayoutGenerator(world, max(size, 1), seed=0, split="bank")
     layouts = probe.layouts
-    found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    found: list[tuple[np.ndarray, ...]] = []
     for _ in range(_ROUNDS):
         probe.generate()
         valid = layouts.status.numpy() == Status.VALID
-        rows = (layouts.qpos.numpy()[valid], layouts.mocap_pos.numpy()[valid], layouts.mocap_quat.numpy()[valid])
+        rows = [getattr(layouts, name).numpy()[valid] for name in _BANK]
         found += zip(*rows, strict=True)
         if len(found) >= size:
             break
     if not found:
         raise _infeasible(world, probe)
     program = _copy(world.program)
-    qpos, pos, quat = (np.stack(column) for column in zip(*found[:size], strict=True))
-    fill_program(program, {"bank_qpos": qpos, "bank_mocap_pos": pos, "bank_mocap_quat": quat}, world.device)
+    bank = {f"bank_{name}": np.stack(rows) for name, rows in zip(_BANK, zip(*found[:size], strict=True), strict=True)}
+    fill_program(program, bank, world.device)
     return replace(world, program=program)
 
 

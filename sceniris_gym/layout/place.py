@@ -135,10 +135,12 @@ def _draw_pose(
     box = program.obj_box_upper[obj] - program.obj_box_lower[obj]
     c.point = program.obj_box_lower[obj] + wp.cw_mul(wp.vec3(u[1], u[2], u[3]), box)
     c.heading = c.turn.yaw
-    if c.ground >= 0:
-        frame = pose_of(body_pos[c.ground], body_quat[c.ground])
+    if program.obj_trinum[obj] > 0:
+        frame = pose_of(wp.vec3(0.0), wp.vec4(1.0, 0.0, 0.0, 0.0))
+        if c.ground >= 0:
+            frame = pose_of(body_pos[c.ground], body_quat[c.ground])
+            c.gap = program.obj_gap[obj]
         support_heading = wp.atan2(frame.rot[1, 0], frame.rot[0, 0])
-        c.gap = program.obj_gap[obj]
         if program.obj_turn[obj] != _ANY:
             c.heading += support_heading
         if program.obj_regionnum[obj] > 0:
@@ -158,8 +160,11 @@ def _draw_pose(
                 layouts.present[worldid],
             )
             c.cause = spot.cause
-            c.surface = spot.surface
-            c.point = spot.at
+            if c.ground >= 0:
+                c.surface = spot.surface
+                c.point = spot.at
+            else:
+                c.point = wp.vec3(spot.at[0], spot.at[1], c.point[2])
         else:
             tri = draw_triangle(program, obj, u[1])
             at = draw_in_triangle(program, tri, u[2], u[3])
@@ -226,7 +231,7 @@ def _overhangs(
     body_quat: wp.array(dtype=wp.vec4),
 ) -> bool:
     """Does any of the posed object's footprint lie off the surface?"""
-    ground = program.surface_body[surface]
+    ground = program.obj_ground[obj]
     frame = pose_of(body_pos[ground], body_quat[ground])
     off = int(0)
     for i in range(lane, program.obj_piecenum[obj], wp.block_dim()):

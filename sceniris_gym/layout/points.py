@@ -19,6 +19,7 @@ from sceniris_gym.scene.device import Cause, Program, TurnType
 _NONE = wp.constant(int(Cause.NONE))
 _EMPTY = wp.constant(int(Cause.EMPTY))
 _REGION = wp.constant(int(Cause.REGION))
+_ANY = wp.constant(int(TurnType.ANY))
 _FACE_TO = wp.constant(int(TurnType.FACE_TO))
 # Draws of a trial from here on belong to the region: a block of them for each redraw, one number for each piece.
 _FIRST_DRAW = wp.constant(1 << 16)
@@ -29,8 +30,8 @@ _REDRAWS = wp.constant(64)
 # Pieces below this area [m^2] are rounding: a line of 1 mm, drawn 40 um wide, has 4e-8.
 _LEAST_AREA = wp.constant(1.0e-10)
 _NOBODY = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
-# A surface carries as long as it is level to 1 degree.
-_LEVEL = wp.constant(0.99985)
+# A surface carries as long as it is level to 0.1 degree.
+_LEVEL = wp.constant(0.9999985)
 
 
 @wp.struct
@@ -144,7 +145,9 @@ def draw_related(
     if frame.rot[2, 2] < _LEVEL:
         return spot
     own = Placed()
-    own.heading = support_heading + turn.yaw
+    own.heading = turn.yaw
+    if program.obj_turn[obj] != _ANY:
+        own.heading += support_heading
     own.low = wp.vec2(turn.bounds[0], turn.bounds[1])
     own.high = wp.vec2(turn.bounds[2], turn.bounds[3])
     total = program.obj_regionnum[obj]
@@ -171,7 +174,7 @@ def draw_related(
                 own.heading = turn.yaw + facing(own.at, wp.vec2(target[0], target[1]))
         spot.surface = program.tri_surface[program.obj_triadr[obj] + index % program.obj_trinum[obj]]
         ground = apply(frame, wp.vec3(0.0, 0.0, program.surface_height[spot.surface]))
-        # the surface's height over the point: level to 1 degree is not level to 0.1 mm
+        # the surface's height over the point: what is level to 0.1 degree is not level to 0.1 mm
         n = wp.vec3(frame.rot[0, 2], frame.rot[1, 2], frame.rot[2, 2])
         z = ground[2] - (n[0] * (own.at[0] - ground[0]) + n[1] * (own.at[1] - ground[1])) / n[2]
         spot.at = wp.vec3(own.at[0], own.at[1], z)

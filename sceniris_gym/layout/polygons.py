@@ -2,9 +2,7 @@
 
 import warp as wp
 
-# A triangle cut by the half-planes of four relations: 3 + 4 x 4, or 3 + 3 x 4 and a hull of eight anchors. What has more
-# corners than this is refused when the program is made.
-MAX_CORNERS = 24
+from sceniris_gym.scene.device import MAX_CORNERS
 
 _Corners = wp.types.vector(length=2 * MAX_CORNERS, dtype=float)
 

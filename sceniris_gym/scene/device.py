@@ -66,6 +66,10 @@ class TurnType(IntEnum):
     FACE_TO = 2
 
 
+# Corners that a polygon of the device has room for: a triangle cut by four relations of four half-planes, or by three
+# and a hull of eight anchors.
+MAX_CORNERS = 24
+
 # What turns a relation's direction, where it is not the heading of an object.
 FRAME_SUPPORT = -1
 FRAME_WORLD = -2
@@ -164,7 +168,6 @@ class Program:
     tri_b: wp.array(dtype=wp.vec2)
     tri_c: wp.array(dtype=wp.vec2)
     tri_cdf: wp.array(dtype=float)
-    surface_body: wp.array(dtype=int)
     surface_height: wp.array(dtype=float)
     surface_edgeadr: wp.array(dtype=int)
     surface_edgenum: wp.array(dtype=int)

@@ -1,27 +1,29 @@
-"""A scene becomes a placement program: who is placed when, where, and what it must keep clear of.
+"""A scene becomes a placement program: who is placed when, where, and in which poses.
 
-The result is plain numpy, one entry per field of `device.Program`; `world.py` takes it to the device.
+The result is plain numpy; `arrays.py` flattens it into the fields of `device.Program`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 
 import mujoco
 import numpy as np
 
-from sceniris_gym.errors import NoSupportError, SceneKeyError
+from sceniris_gym.errors import CycleError, NoSupportError, NotSupportedError, SceneKeyError
 from sceniris_gym.scene import supports
-from sceniris_gym.scene.config import JointConfig, ObjectConfig
+from sceniris_gym.scene.config import JointConfig, ObjectConfig, SceneConfig
 from sceniris_gym.scene.device import ObjectKind, PieceType, Roof
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.pieces import Piece, extract_pieces
+from sceniris_gym.scene.poses import HomeShape, Variant, heading_of
 from sceniris_gym.scene.supports import Surface
 from sceniris_gym.scene.values import FLOOR, ROBOT
 
 _KINDS = {"free": ObjectKind.FREE, "fixture": ObjectKind.FIXTURE, "marker": ObjectKind.MARKER}
 _ROOFS = {"in": Roof.EITHER, "on": Roof.OPEN, "inside": Roof.COVERED}
+# A support may lean by 0.1 degree: that is 0.1 mm under an object of 8 cm, a fifth of the default gap.
+_UPRIGHT = np.cos(np.radians(0.1))
 
 
 @dataclass(frozen=True)
@@ -44,9 +46,11 @@ class PlacedObject:
         kind: How its pose is written; STATIC for what only draws joint positions.
         bodies: Its bodies, the root first, parents before children.
         draws: What is drawn for its joints.
-        quat: Orientation of its root at yaw 0, wxyz.
-        pivot: Bottom centre of its bounds at home, in its root's frame [m].
-        surfaces: Surfaces and regions that it may stand on; empty for a box in space or STATIC.
+        quat: Orientation of its root as authored, wxyz.
+        variants: Poses that its orientation is drawn from; empty for STATIC.
+        ground: Body that carries it; None in a box in space or for STATIC.
+        tilts: Whether that body may lean in the states it is drawn in.
+        surfaces: Surfaces and regions that it may stand on; for relations in space the box seen from above.
         config: Its words in the scene file; None for the robot.
     """
 
@@ -56,7 +60,9 @@ class PlacedObject:
     bodies: list[int]
     draws: list[Draw]
     quat: np.ndarray
-    pivot: np.ndarray
+    variants: list[Variant]
+    ground: int | None
+    tilts: bool
     surfaces: list[Surface]
     config: ObjectConfig | None
 
@@ -68,16 +74,26 @@ class Plan:
     Attributes:
         objects: In placement order.
         pieces: All obstacles, sorted by body, planes before what is solid.
+        slots: Names as relations and groups find them: all objects as in the scene file, then the robot.
+        place: Where each of them stands at home: pivot [m] and heading [rad], shape (nslot, 4).
+        bounds: Their bounds around the pivot [m] in that heading: low x, low y, high x, high y, shape (nslot, 4).
         home: MjData at the start pose.
     """
 
     objects: list[PlacedObject]
     pieces: list[Piece]
+    slots: tuple[str, ...]
+    place: np.ndarray
+    bounds: np.ndarray
     home: mujoco.MjData
 
 
 def placement_order(scene: SceneModel) -> list[str]:
-    """Names in the order of placement: what only draws joints, then parents before children, else as in the file."""
+    """Names in the order of placement: what only draws joints, then what others refer to before them, as in the file.
+
+    Raises:
+        CycleError: objects that refer to each other.
+    """
     config = scene.config
     moving = [n for n, part in config.objects.items() if _is_placed(part)]
     still = [ROBOT] if config.robot is not None else []
@@ -85,14 +101,21 @@ def placement_order(scene: SceneModel) -> list[str]:
     order = [n for n in still if scene.joint_configs(n)]
     pending = list(moving)
     while pending:
-        for name in pending:
-            support = config.objects[name].support
-            owner = support.parent.split("/")[0] if support is not None else FLOOR
-            if owner not in pending:
-                order.append(name)
-                pending.remove(name)
-                break
+        ready = [n for n in pending if not needs(config, n) & set(pending)]
+        if not ready:
+            raise CycleError(config.where, pending, "objects refer to each other")
+        order.append(ready[0])
+        pending.remove(ready[0])
     return order
+
+
+def needs(config: SceneConfig, name: str) -> set[str]:
+    """What must stand before an object is placed: its parent, its anchors, what turns its directions, what it faces."""
+    part = config.objects[name]
+    names = {part.support.parent.split("/")[0]} if part.support is not None else set()
+    for relation in part.relations:
+        names |= {*relation.anchors, relation.frame}
+    return (names | {part.turn.target or FLOOR}) - {name}
 
 
 def build_plan(scene: SceneModel) -> Plan:
@@ -101,106 +124,80 @@ def build_plan(scene: SceneModel) -> Plan:
     Raises:
         NoSupportError: a parent without any level surface.
         ErodedSupportError: nothing is left of a support after its erosion and region.
-        MeshError, NotSupportedError: a geom that cannot be an obstacle.
+        MeshError, NotSupportedError: a geom that cannot be an obstacle, or a support that leans.
     """
     home = mujoco.MjData(scene.mjm)
     home.qpos[:] = scene.home_qpos
     mujoco.mj_kinematics(scene.mjm, home)
+    mujoco.mj_comPos(scene.mjm, home)
     pieces = sorted(
         extract_pieces(scene.mjm, scene.config.geometry), key=lambda p: (p.body, p.type != PieceType.PLANE, p.geom)
     )
     objects = [_placed_object(scene, name, pieces, home) for name in placement_order(scene)]
-    return Plan(objects, pieces, home)
+    slots = (*scene.config.objects, *([ROBOT] if scene.config.robot is not None else []))
+    standing = [_standing(scene, name, pieces, home) for name in slots]
+    place = np.reshape([s[0] for s in standing], (-1, 4))
+    bounds = np.reshape([s[1] for s in standing], (-1, 4))
+    return Plan(objects, pieces, slots, place, bounds, home)
 
 
-def collider_pairs(scene: SceneModel, plan: Plan, colliders: list[int]) -> list[list[tuple[int, int, float]]]:
-    """For each object of the plan, which colliders to keep apart when it is placed, and the least gap [m].
-
-    Args:
-        scene: The scene.
-        plan: Its plan.
-        colliders: Body of each collider.
-
-    Returns:
-        Per object a list of (own collider, other collider, clearance).
-    """
-    mjm = scene.mjm
-    excluded = {(int(s) >> 16, int(s) & 0xFFFF) for s in mjm.exclude_signature}
-    ordered = {body for o in plan.objects for body in o.bodies}
-    standing = {body: 0.0 for body in range(mjm.nbody) if body not in ordered}
-    for name, part in scene.config.objects.items():
-        for body in scene.subtree(name):
-            if part.kind == "marker":
-                standing.pop(body, None)
-            elif body in standing:
-                standing[body] = part.clearance
-    touching = _touching_at_home(scene, plan)
-
-    def may_meet(a: int, b: int) -> bool:
-        fixed = mjm.body_weldid[a] == 0 and mjm.body_weldid[b] == 0 and not _is_mocap(mjm, a) and not _is_mocap(mjm, b)
-        return not fixed and (min(a, b), max(a, b)) not in excluded
-
-    result = []
-    for o in plan.objects:
-        clearance = o.config.clearance if o.config is not None else 0.0
-        own = [c for c, body in enumerate(colliders) if body in o.bodies]
-        others = [c for c, body in enumerate(colliders) if body in standing]
-        pairs = []
-        if o.config is None or o.config.kind != "marker":
-            pairs = [
-                (a, b, max(clearance, standing[colliders[b]]) if o.kind != ObjectKind.STATIC else 0.0)
-                for a, b in product(own, others)
-                if may_meet(colliders[a], colliders[b])
-            ]
-            if o.draws:
-                pairs += [
-                    (a, b, 0.0)
-                    for a, b in product(own, own)
-                    if a < b
-                    and may_meet(colliders[a], colliders[b])
-                    and not _are_neighbours(mjm, colliders[a], colliders[b])
-                    and frozenset((colliders[a], colliders[b])) not in touching
-                ]
-            standing.update(dict.fromkeys(o.bodies, clearance))
-        result.append(pairs)
-    return result
+def roof_rule(config: ObjectConfig | None) -> Roof:
+    """What must be above the point that an object is placed on."""
+    if config is None or config.support is None or config.support.parent == FLOOR:
+        return Roof.EITHER
+    return _ROOFS[config.support.word]
 
 
 def _is_placed(part: ObjectConfig) -> bool:
     return part.kind != "static" and (part.support is not None or part.region is not None)
 
 
-def _is_mocap(mjm: mujoco.MjModel, body: int) -> bool:
-    return mjm.body_mocapid[mjm.body_rootid[body]] >= 0
-
-
-def _are_neighbours(mjm: mujoco.MjModel, a: int, b: int) -> bool:
-    """Whether MuJoCo filters the pair as parent and child, or as parts of one rigid body."""
-    wa, wb = mjm.body_weldid[a], mjm.body_weldid[b]
-    pa, pb = mjm.body_weldid[mjm.body_parentid[wa]], mjm.body_weldid[mjm.body_parentid[wb]]
-    return wa == wb or (wa != 0 and wa == pb) or (wb != 0 and wb == pa)
-
-
-def _touching_at_home(scene: SceneModel, plan: Plan) -> set[frozenset[int]]:
-    """Pairs of bodies that the model itself starts in contact: those cannot be asked to keep apart."""
-    data = mujoco.MjData(scene.mjm)
-    data.qpos[:] = plan.home.qpos
-    mujoco.mj_kinematics(scene.mjm, data)
-    mujoco.mj_collision(scene.mjm, data)
-    return {frozenset(int(b) for b in scene.mjm.geom_bodyid[c.geom]) for c in data.contact}
+def _standing(
+    scene: SceneModel, name: str, pieces: list[Piece], home: mujoco.MjData
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where an object stands at home, as relations see it: (pivot, heading) and bounds."""
+    root = scene.bodies[name]
+    authored = scene.mjm.body_quat[root]
+    heading = heading_of(home.xmat[root].reshape(3, 3), authored)
+    shape = HomeShape(home, root, [p for p in pieces if p.body in scene.subtree(name) and p.type != PieceType.PLANE])
+    variant = shape.variant(authored)
+    pivot = home.xpos[root] + home.xmat[root].reshape(3, 3) @ variant.pivot
+    return np.array([*pivot, heading]), variant.bounds
 
 
 def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujoco.MjData) -> PlacedObject:
     config = None if name == ROBOT else scene.config.objects[name]
     bodies = scene.subtree(name)
-    stream = 0 if config is None else 1 + list(scene.config.objects).index(name)
-    draws = [_draw(scene, joint, words) for joint, words in scene.joint_configs(name).items()]
-    if config is None or not _is_placed(config):
-        return PlacedObject(name, stream, ObjectKind.STATIC, bodies, draws, np.zeros(4), np.zeros(3), [], config)
     quat = scene.mjm.body_quat[bodies[0]].copy()
-    pivot, footprint = _pivot(home, bodies, quat, [p for p in pieces if p.body in bodies])
-    surfaces = _surfaces(scene, name, config, pieces, 0.5 * float(footprint.min()))
-    return PlacedObject(name, stream, _KINDS[config.kind], bodies, draws, quat, pivot, surfaces, config)
+    stream = 0 if config is None else 1 + list(scene.config.objects).index(name)
+    draws = _draws(scene, name)
+    if config is None or not _is_placed(config):
+        return PlacedObject(name, stream, ObjectKind.STATIC, bodies, draws, quat, [], None, False, [], config)
+    own = [p for p in pieces if p.body in bodies]
+    if any(p.type == PieceType.PLANE for p in own):
+        raise NotSupportedError(
+            f"{scene.config.where}: objects.{name}: a plane is endless and cannot be part of what is placed. Use a box."
+        )
+    shape = HomeShape(home, bodies[0], own)
+    variants = shape.stable(quat) if config.turn.kind == "stable" and own else [shape.variant(quat)]
+    ground, surfaces = _surfaces(scene, name, config, pieces, home, 0.5 * min(v.short_edge for v in variants))
+    return PlacedObject(
+        name=name,
+        stream=stream,
+        kind=_KINDS[config.kind],
+        bodies=bodies,
+        draws=draws,
+        quat=quat,
+        variants=variants,
+        ground=ground,
+        tilts=ground is not None and _tilts(scene, config, ground),
+        surfaces=surfaces,
+        config=config,
+    )
+
+
+def _draws(scene: SceneModel, name: str) -> list[Draw]:
+    return [_draw(scene, joint, words) for joint, words in scene.joint_configs(name).items()]
 
 
 def _draw(scene: SceneModel, joint: int, words: JointConfig) -> Draw:
@@ -221,40 +218,23 @@ def _draw(scene: SceneModel, joint: int, words: JointConfig) -> Draw:
     return Draw(adr, max(start - words.noise, low), min(start + words.noise, high))
 
 
-def _pivot(
-    home: mujoco.MjData, bodies: list[int], quat: np.ndarray, pieces: list[Piece]
-) -> tuple[np.ndarray, np.ndarray]:
-    """The bottom centre of an object's bounds in its root's frame, and the bounds' size in xy [m]; axes at yaw 0."""
-    upright = np.empty(9)
-    mujoco.mju_quat2Mat(upright, quat)
-    upright = upright.reshape(3, 3)
-    if not pieces:
-        return np.zeros(3), np.zeros(2)
-    root_pos, root_mat = home.xpos[bodies[0]], home.xmat[bodies[0]].reshape(3, 3)
-    lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
-    for p in pieces:
-        mat = upright @ root_mat.T @ home.xmat[p.body].reshape(3, 3)
-        pos = upright @ root_mat.T @ (home.xpos[p.body] - root_pos)
-        low, high = p.extents(mat)
-        lower, upper = np.minimum(lower, low + pos), np.maximum(upper, high + pos)
-    bottom = np.array([*0.5 * (lower + upper)[:2], lower[2]])
-    return upright.T @ bottom, (upper - lower)[:2]
-
-
 def _surfaces(
-    scene: SceneModel, name: str, config: ObjectConfig, pieces: list[Piece], half_edge: float
-) -> list[Surface]:
+    scene: SceneModel, name: str, config: ObjectConfig, pieces: list[Piece], home: mujoco.MjData, half_edge: float
+) -> tuple[int | None, list[Surface]]:
+    """The body that carries an object and the surfaces on it."""
     support = config.support
     if support is None:
-        return []
+        in_space = config.relations and config.region is not None
+        return None, [supports.shadow_of_box(config.region)] if in_space else []
     where = f"{scene.config.where}: objects.{name}.{support.word}"
+    body = scene.support_body(support.parent, where)
     if support.parent == FLOOR:
         assert scene.config.floor is not None
         if support.word == "inside":
             raise SceneKeyError(f"{where}: the floor has no roof. Write 'on: floor'.")
         found = [supports.floor_surface(scene.config.floor.size)]
     else:
-        body = scene.support_body(support.parent, where)
+        _check_upright(support.parent, home.xmat[body][8], where)
         own = [p for p in pieces if p.body == body]
         found = supports.level_surfaces(body, own, open_above=support.word == "on")
     if not found:
@@ -262,11 +242,34 @@ def _surfaces(
             f"{where}: '{support.parent}' has no level surface of 2 cm or more in width"
             f"{' that is open above' if support.word == 'on' else ''}. Valid: a body with a flat top or floor."
         )
-    return supports.crop(found, config.region, config.ratio_on_support * half_edge, where)
+    return body, supports.crop(found, config.region, config.ratio_on_support * half_edge, where)
 
 
-def roof_rule(config: ObjectConfig | None) -> Roof:
-    """What must be above the point that an object is placed on."""
-    if config is None or config.support is None or config.support.parent == FLOOR:
-        return Roof.EITHER
-    return _ROOFS[config.support.word]
+def _check_upright(parent: str, up: float, where: str) -> None:
+    """Surfaces are level in their body's frame, so that frame must stand upright at home."""
+    if up < _UPRIGHT:
+        lean = np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
+        raise NotSupportedError(
+            f"{where}: the z axis of '{parent}' leans by {lean:.3g} degrees at home, and things are placed on level "
+            "surfaces only. Give the support a body whose z axis points up."
+        )
+
+
+def _tilts(scene: SceneModel, config: ObjectConfig, ground: int) -> bool:
+    """Whether a support may lean: a joint above it turns about an axis that is not vertical, or its object may lie."""
+    assert config.support is not None
+    owner = config.support.parent.split("/")[0]
+    if owner == FLOOR:
+        return False
+    if scene.config.objects[owner].turn.kind in ("stable", "any"):
+        return True
+    mjm, chain = scene.mjm, [ground]
+    while chain[-1] != scene.bodies[owner]:
+        chain.append(int(mjm.body_parentid[chain[-1]]))
+    drawn = scene.joint_configs(owner)
+    return any(
+        mjm.jnt_bodyid[j] in chain
+        and mjm.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE
+        and abs(mjm.jnt_axis[j][2]) < _UPRIGHT
+        for j in drawn
+    )

@@ -64,6 +64,14 @@ def floor_surface(size: tuple[float, float]) -> Surface:
     return Surface(0, 0.0, ground, ground)
 
 
+def shadow_of_box(region: RegionConfig) -> Surface:
+    """A box in space seen from above, as relations cut it."""
+    assert region.box is not None
+    (x0, y0, *_), (x1, y1, *_) = region.box
+    seen = MultiPolygon([box(x0, y0, x1, y1)])
+    return Surface(0, 0.0, seen, seen)
+
+
 def crop(surfaces: list[Surface], region: RegionConfig | None, erosion: float, where: str) -> list[Surface]:
     """The surfaces with their regions eroded by `erosion` [m] and cropped to `region`.
 

@@ -1,0 +1,288 @@
+"""The placement program as the flat arrays of `device.Program`."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.errors import SceneKeyError
+from sceniris_gym.scene import supports
+from sceniris_gym.scene.colliders import Colliders
+from sceniris_gym.scene.config import ObjectConfig
+from sceniris_gym.scene.device import (
+    FRAME_SUPPORT,
+    FRAME_WORLD,
+    MAX_CORNERS,
+    ObjectKind,
+    PieceType,
+    RelationType,
+    Roof,
+    TurnType,
+)
+from sceniris_gym.scene.lists import ranges
+from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.scene.pairs import collider_pairs
+from sceniris_gym.scene.pieces import Piece
+from sceniris_gym.scene.program import PlacedObject, Plan, roof_rule
+from sceniris_gym.scene.relations import Relation
+
+_TURNS = {"yaw": TurnType.YAW, "stable": TurnType.YAW, "any": TurnType.ANY, "face_to": TurnType.FACE_TO}
+_TYPES = {
+    "direction": RelationType.SECTOR,
+    "near": RelationType.SECTOR,
+    "between": RelationType.BETWEEN,
+    "beside": RelationType.BESIDE,
+}
+_FRAMES = {"support": FRAME_SUPPORT, "world": FRAME_WORLD}
+_NO_LIMIT = 1.0e30
+# A ring is cut into slices of at most 30 degrees: they hold 4% more than the ring.
+_SLICE = math.pi / 6.0
+
+
+def program_arrays(scene: SceneModel, plan: Plan, colliders: Colliders) -> dict[str, np.ndarray]:
+    """All fields of `device.Program` but those of colliders and of the bank.
+
+    Raises:
+        SceneKeyError: an object with more relations than fit into the polygons of the device.
+    """
+    return (
+        _objects(scene, plan, colliders)
+        | _relations(scene, plan)
+        | _groups(scene, plan)
+        | _regions(plan)
+        | _pieces(plan.pieces)
+        | _bodies(scene.mjm)
+        | {"home_qpos": scene.home_qpos, "home_place": plan.place, "home_bounds": plan.bounds}
+    )
+
+
+def _objects(scene: SceneModel, plan: Plan, c: Colliders) -> dict[str, np.ndarray]:
+    objects = plan.objects
+    draws, drawadr, drawnum = ranges(o.draws for o in objects)
+    choice, choiceadr, choicenum = ranges(d.choice for d in draws)
+    bodies, bodyadr, bodynum = ranges(o.bodies for o in objects)
+    own_pieces, pieceadr, piecenum = ranges(
+        [i for i, p in enumerate(plan.pieces) if p.body in o.bodies] for o in objects
+    )
+    roof_list, roofadr, roofnum = ranges(_roofs(scene, plan, c, o.config) for o in objects)
+    pairs, pairadr, pairnum = ranges(collider_pairs(scene, plan, c))
+    variants, variantadr, variantnum = ranges(o.variants for o in objects)
+    boxes = [_box(o.config) for o in objects]
+    turns = [o.config.turn if o.config is not None else None for o in objects]
+    return {
+        "draw_qposadr": np.array([d.qposadr for d in draws], int),
+        "draw_range": np.reshape([(d.low, d.high) for d in draws], (-1, 2)),
+        "draw_choiceadr": choiceadr,
+        "draw_choicenum": choicenum,
+        "choice": np.array(choice, float),
+        "obj_stream": np.array([o.stream for o in objects], int),
+        "obj_kind": np.array([o.kind for o in objects], int),
+        "obj_body": np.array([o.bodies[0] for o in objects], int),
+        "obj_adr": np.array([_address(scene.mjm, o.bodies[0], o.kind) for o in objects], int),
+        "obj_slot": np.array([plan.slots.index(o.name) for o in objects], int),
+        "obj_quat": np.reshape([o.quat for o in objects], (-1, 4)),
+        "obj_turn": np.array([_TURNS[t.kind] if t is not None else TurnType.YAW for t in turns], int),
+        "obj_target": np.array([plan.slots.index(t.target) if t is not None and t.target else 0 for t in turns], int),
+        "obj_yaw": np.reshape([t.yaw if t is not None else (0.0, 0.0) for t in turns], (-1, 2)),
+        "obj_variantadr": variantadr,
+        "obj_variantnum": variantnum,
+        "obj_measured": np.array([_is_measured(o) for o in objects], int),
+        "obj_ground": np.array([-1 if o.ground is None else o.ground for o in objects], int),
+        "obj_gap": np.array([o.config.gap if o.config else 0.0 for o in objects]),
+        "obj_box_lower": np.reshape([b[0] for b in boxes], (-1, 3)),
+        "obj_box_upper": np.reshape([b[1] for b in boxes], (-1, 3)),
+        "obj_roof": np.array([roof_rule(o.config) for o in objects], int),
+        "obj_footprint": np.array([bool(o.config and o.config.ratio_on_support == 1.0) for o in objects], int),
+        "obj_drawadr": drawadr,
+        "obj_drawnum": drawnum,
+        "obj_bodyadr": bodyadr,
+        "obj_bodynum": bodynum,
+        "obj_pieceadr": pieceadr,
+        "obj_piecenum": piecenum,
+        "obj_roofadr": roofadr,
+        "obj_roofnum": roofnum,
+        "obj_pairadr": pairadr,
+        "obj_pairnum": pairnum,
+        "body_list": np.array(bodies, int),
+        "piece_list": np.array(own_pieces, int),
+        "roof_list": np.array(roof_list, int),
+        "variant_quat": np.reshape([v.quat for v in variants], (-1, 4)),
+        "variant_pivot": np.reshape([v.pivot for v in variants], (-1, 3)),
+        "variant_bounds": np.reshape([v.bounds for v in variants], (-1, 4)),
+        "variant_cdf": np.array([s for o in objects for s in np.cumsum([v.probability for v in o.variants])], float),
+        "pair_a": np.array([p[0] for p in pairs], int),
+        "pair_b": np.array([p[1] for p in pairs], int),
+        "pair_margin": np.array([p[2] for p in pairs], float),
+    }
+
+
+def _relations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
+    owners = [o for o in plan.objects for _ in _relations_of(o)]
+    relations, reladr, relnum = ranges(_relations_of(o) for o in plan.objects)
+    anchors, anchoradr, anchornum = ranges([plan.slots.index(a) for a in r.anchors] for r in relations)
+    for o in plan.objects:
+        _check_size(scene, o)
+    return {
+        "obj_reladr": reladr,
+        "obj_relnum": relnum,
+        "rel_type": np.array([_TYPES[r.kind] for r in relations], int),
+        "rel_anchoradr": anchoradr,
+        "rel_anchornum": anchornum,
+        "rel_anchor": np.array(anchors, int),
+        "rel_frame": np.array([_frame(r, plan.slots) for r in relations], int),
+        "rel_heading": np.array([r.heading for r in relations], float),
+        "rel_half_angle": np.array([r.half_angle for r in relations], float),
+        "rel_low": np.array([r.low for r in relations], float),
+        "rel_high": np.array([min(r.high, _NO_LIMIT) for r in relations], float),
+        "rel_bounds": np.array([r.bounds for r in relations], int),
+        "rel_width": np.array([_width(r, o) for r, o in zip(relations, owners, strict=True)], float),
+        "rel_gap": np.array([r.gap for r in relations], float),
+        "rel_piecenum": np.array([_pieces_of(r) for r in relations], int),
+    }
+
+
+def _groups(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
+    groups = scene.config.groups.values()
+    members, adr, num = ranges([plan.slots.index(name) for name in g.of] for g in groups)
+    return {
+        "group_adr": adr,
+        "group_num": num,
+        "group_slot": np.array(members, int),
+        "group_low": np.array([g.count[0] for g in groups], int),
+        "group_high": np.array([g.count[1] for g in groups], int),
+    }
+
+
+def _regions(plan: Plan) -> dict[str, np.ndarray]:
+    surfaces, _, _ = ranges(o.surfaces for o in plan.objects)
+    side, edgeadr, edgenum = ranges(supports.edges(s.outline) for s in surfaces)
+    triangles, owners, cdf, counts, cuts = [], [], [], [], []
+    number = 0
+    for o in plan.objects:
+        parts = [supports.triangulate(s.region) for s in o.surfaces]
+        corners = np.concatenate([*parts, np.zeros((0, 3, 2))])
+        share = np.cumsum(supports.areas(corners))
+        triangles.append(corners)
+        owners += [number + i for i, part in enumerate(parts) for _ in part]
+        cdf.append(share / share[-1] if len(share) else share)
+        counts.append(len(corners))
+        related = bool(_relations_of(o)) or o.tilts
+        cuts.append(len(corners) * math.prod(_pieces_of(r) for r in _relations_of(o)) if related else 0)
+        number += len(o.surfaces)
+    corners = np.concatenate([*triangles, np.zeros((0, 3, 2))])
+    side = np.reshape(side, (-1, 2, 2))
+    return {
+        "obj_triadr": np.concatenate([[0], np.cumsum(counts)[:-1]]) if counts else np.zeros(0, int),
+        "obj_trinum": np.array(counts, int),
+        "obj_regionnum": np.array(cuts, int),
+        "tri_surface": np.array(owners, int),
+        "tri_a": corners[:, 0],
+        "tri_b": corners[:, 1],
+        "tri_c": corners[:, 2],
+        "tri_cdf": np.concatenate([*cdf, np.zeros(0)]),
+        "surface_height": np.array([s.height for s in surfaces]),
+        "surface_edgeadr": edgeadr,
+        "surface_edgenum": edgenum,
+        "edge_a": side[:, 0],
+        "edge_b": side[:, 1],
+    }
+
+
+def _pieces(pieces: list[Piece]) -> dict[str, np.ndarray]:
+    vert, adr, num = ranges(p.vertices for p in pieces)
+    return {
+        "piece_type": np.array([p.type for p in pieces], int),
+        "piece_body": np.array([p.body for p in pieces], int),
+        "piece_pos": np.reshape([p.pos for p in pieces], (-1, 3)),
+        "piece_quat": np.reshape([p.quat for p in pieces], (-1, 4)),
+        "piece_size": np.reshape([p.size for p in pieces], (-1, 3)),
+        "piece_vertadr": adr,
+        "piece_vertnum": num,
+        "piece_contype": np.array([p.contype for p in pieces], int),
+        "piece_conaffinity": np.array([p.conaffinity for p in pieces], int),
+        "vert": np.reshape(vert, (-1, 3)),
+    }
+
+
+def _bodies(mjm: mujoco.MjModel) -> dict[str, np.ndarray]:
+    return {
+        "body_parent": mjm.body_parentid,
+        "body_pos": mjm.body_pos,
+        "body_quat": mjm.body_quat,
+        "body_jntadr": mjm.body_jntadr,
+        "body_jntnum": mjm.body_jntnum,
+        "jnt_slide": mjm.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE,
+        "jnt_pos": mjm.jnt_pos,
+        "jnt_axis": mjm.jnt_axis,
+        "jnt_qposadr": mjm.jnt_qposadr,
+        "jnt_qpos0": mjm.qpos0[mjm.jnt_qposadr],
+    }
+
+
+def _roofs(scene: SceneModel, plan: Plan, c: Colliders, config: ObjectConfig | None) -> list[int]:
+    """Pieces, or colliders of visual geometry, of the parent object: any of its bodies may be the roof, no plane is."""
+    if roof_rule(config) == Roof.EITHER:
+        return []
+    assert config is not None
+    assert config.support is not None
+    parent = scene.subtree(config.support.parent.split("/")[0])
+    if scene.config.geometry == "visual":
+        return [i for i, body in enumerate(c.body) if body in parent and c.plane[i] < 0]
+    return [i for i, p in enumerate(plan.pieces) if p.body in parent and p.type != PieceType.PLANE]
+
+
+def _is_measured(o: PlacedObject) -> bool:
+    """Whether the object's extents depend on what is drawn, so that each candidate must be measured."""
+    if o.kind == ObjectKind.STATIC or o.config is None:
+        return False
+    return bool(o.draws) or o.config.turn.kind == "any"
+
+
+def _relations_of(o: PlacedObject) -> tuple[Relation, ...]:
+    return o.config.relations if o.config is not None and o.kind != ObjectKind.STATIC else ()
+
+
+def _pieces_of(relation: Relation) -> int:
+    """How many convex pieces a relation is cut into."""
+    if relation.kind in ("between", "beside"):
+        return 1
+    ring = relation.low > 0.0 or relation.high < math.inf
+    return math.ceil(2.0 * relation.half_angle / (_SLICE if ring else math.pi) - 1e-9)
+
+
+def _check_size(scene: SceneModel, o: PlacedObject) -> None:
+    corners = 3 + sum(max(4, len(r.anchors)) for r in _relations_of(o))
+    where = f"{scene.config.where}: objects.{o.name}.relations"
+    if corners > MAX_CORNERS:
+        raise SceneKeyError(
+            f"{where}: together may cut a support into pieces of {corners} corners, and there is room for "
+            f"{MAX_CORNERS}. Use fewer relations, or fewer anchors of 'between'."
+        )
+    if o.config is not None and o.config.turn.kind == "face_to" and any(r.kind == "beside" for r in _relations_of(o)):
+        raise SceneKeyError(
+            f"{where}: 'beside' needs to know how the object is turned, and 'face_to' where it is. Use one of them."
+        )
+
+
+def _frame(relation: Relation, slots: tuple[str, ...]) -> int:
+    if relation.frame == "anchor":
+        return slots.index(relation.anchors[0])
+    return _FRAMES[relation.frame] if relation.frame in _FRAMES else slots.index(relation.frame)
+
+
+def _width(relation: Relation, o: PlacedObject) -> float:
+    return relation.width if relation.width is not None else min(v.short_edge for v in o.variants)
+
+
+def _address(mjm: mujoco.MjModel, body: int, kind: ObjectKind) -> int:
+    if kind == ObjectKind.FREE:
+        return int(mjm.jnt_qposadr[mjm.body_jntadr[body]])
+    return int(mjm.body_mocapid[body])
+
+
+def _box(config: ObjectConfig | None) -> tuple:
+    """Corners of the box in space that an object is drawn in; an empty one for all others."""
+    box = config.region.box if config is not None and config.region is not None and config.region.is_3d else None
+    return box if box is not None else ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))

@@ -1,0 +1,15 @@
+"""Many lists as one array, addressed as MuJoCo does: the start and the length of each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+
+def ranges(lists: Iterable) -> tuple[list, np.ndarray, np.ndarray]:
+    """All entries in one list, and the address and the length of each of the lists in it."""
+    lists = list(lists)
+    num = np.array([len(x) for x in lists], int)
+    adr = np.concatenate([[0], np.cumsum(num)[:-1]]) if len(num) else np.zeros(0, int)
+    return [x for part in lists for x in part], adr, num

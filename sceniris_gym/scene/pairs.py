@@ -1,0 +1,91 @@
+"""Which colliders an object is kept apart from when it is placed, and by how much."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import mujoco
+
+from sceniris_gym.scene.colliders import Colliders
+from sceniris_gym.scene.device import ObjectKind
+from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.scene.program import Plan
+
+
+def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[list[tuple[int, int, float]]]:
+    """For each object of the plan, which colliders to keep apart when it is placed, and the least gap [m].
+
+    Args:
+        scene: The scene.
+        plan: Its plan.
+        colliders: Its colliders.
+
+    Returns:
+        Per object a list of (own collider, other collider, clearance).
+    """
+    mjm, bodies = scene.mjm, colliders.body
+    excluded = {(int(s) >> 16, int(s) & 0xFFFF) for s in mjm.exclude_signature}
+    ordered = {body for o in plan.objects for body in o.bodies}
+    standing = {body: 0.0 for body in range(mjm.nbody) if body not in ordered}
+    for name, part in scene.config.objects.items():
+        for body in scene.subtree(name):
+            if part.kind == "marker":
+                standing.pop(body, None)
+            elif body in standing:
+                standing[body] = part.clearance
+    touching = _touching_at_home(scene, plan)
+
+    def may_meet(a: int, b: int) -> bool:
+        fixed = mjm.body_weldid[a] == 0 and mjm.body_weldid[b] == 0 and not _is_mocap(mjm, a) and not _is_mocap(mjm, b)
+        return not fixed and (min(a, b), max(a, b)) not in excluded
+
+    result = []
+    for o in plan.objects:
+        clearance = o.config.clearance if o.config is not None else 0.0
+        own = [c for c, body in enumerate(bodies) if body in o.bodies]
+        others = [c for c, body in enumerate(bodies) if body in standing]
+        pairs = []
+        if o.config is None or o.config.kind != "marker":
+            pairs = [
+                (a, b, max(clearance, standing[bodies[b]]) if o.kind != ObjectKind.STATIC else 0.0)
+                for a, b in product(own, others)
+                if may_meet(bodies[a], bodies[b])
+            ]
+            if o.draws:
+                pairs += [
+                    (a, b, 0.0)
+                    for a, b in product(own, own)
+                    if a < b
+                    and may_meet(bodies[a], bodies[b])
+                    and not _are_neighbours(mjm, bodies[a], bodies[b])
+                    and frozenset((bodies[a], bodies[b])) not in touching
+                ]
+            standing.update(dict.fromkeys(o.bodies, clearance))
+        result.append(_planes_last(pairs, colliders.plane))
+    return result
+
+
+def _is_mocap(mjm: mujoco.MjModel, body: int) -> bool:
+    return mjm.body_mocapid[mjm.body_rootid[body]] >= 0
+
+
+def _are_neighbours(mjm: mujoco.MjModel, a: int, b: int) -> bool:
+    """Whether MuJoCo filters the pair as parent and child, or as parts of one rigid body."""
+    wa, wb = mjm.body_weldid[a], mjm.body_weldid[b]
+    pa, pb = mjm.body_weldid[mjm.body_parentid[wa]], mjm.body_weldid[mjm.body_parentid[wb]]
+    return wa == wb or (wa != 0 and wa == pb) or (wb != 0 and wb == pa)
+
+
+def _touching_at_home(scene: SceneModel, plan: Plan) -> set[frozenset[int]]:
+    """Pairs of bodies that the model itself starts in contact: those cannot be asked to keep apart."""
+    data = mujoco.MjData(scene.mjm)
+    data.qpos[:] = plan.home.qpos
+    mujoco.mj_kinematics(scene.mjm, data)
+    mujoco.mj_collision(scene.mjm, data)
+    return {frozenset(int(b) for b in scene.mjm.geom_bodyid[c.geom]) for c in data.contact}
+
+
+def _planes_last(pairs: list[tuple[int, int, float]], planes: list[int]) -> list[tuple[int, int, float]]:
+    """The same pairs as the collision test takes them, a plane only in the second place; two planes never meet."""
+    turned = [(b, a, margin) if planes[a] >= 0 else (a, b, margin) for a, b, margin in pairs]
+    return [p for p in turned if planes[p[0]] < 0]

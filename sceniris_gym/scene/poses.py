@@ -1,0 +1,103 @@
+"""Poses that an object's orientation is drawn from: as authored, or its stable poses with their probabilities."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import trimesh
+
+from sceniris_gym.scene.pieces import Piece
+
+# Stable poses that are rarer than this are left out; no more than so many are kept.
+_LEAST_PROBABILITY = 0.01
+_MOST_POSES = 64
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One pose of an object, turned about the vertical so that its heading is 0.
+
+    Attributes:
+        quat: Orientation of its root, wxyz.
+        pivot: Bottom centre of its bounds in its root's frame [m].
+        bounds: Bounds in xy around the pivot [m]: low x, low y, high x, high y.
+        probability: How often it is drawn.
+    """
+
+    quat: np.ndarray
+    pivot: np.ndarray
+    bounds: np.ndarray
+    probability: float = 1.0
+
+    @property
+    def short_edge(self) -> float:
+        """The shorter edge of the bounds [m]."""
+        return float((self.bounds[2:] - self.bounds[:2]).min())
+
+
+class HomeShape:
+    """The pieces of an object in its home state, seen from its root."""
+
+    def __init__(self, home: mujoco.MjData, root: int, pieces: list[Piece]) -> None:
+        self._pieces = pieces
+        back = home.xmat[root].reshape(3, 3).T
+        self._mats = [back @ home.xmat[p.body].reshape(3, 3) for p in pieces]
+        self._at = [back @ (home.xpos[p.body] - home.xpos[root]) for p in pieces]
+        self.center_of_mass = back @ (home.subtree_com[root] - home.xpos[root])
+
+    def variant(self, quat: np.ndarray, probability: float = 1.0) -> Variant:
+        """The pose with the root's orientation `quat` (of heading 0)."""
+        turn = matrix(quat)
+        if not self._pieces:
+            return Variant(quat, np.zeros(3), np.zeros(4), probability)
+        lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
+        for p, mat, at in zip(self._pieces, self._mats, self._at, strict=True):
+            low, high = p.extents(turn @ mat)
+            lower, upper = np.minimum(lower, low + turn @ at), np.maximum(upper, high + turn @ at)
+        bottom = np.array([*0.5 * (lower + upper)[:2], lower[2]])
+        half = 0.5 * (upper - lower)[:2]
+        return Variant(quat, turn.T @ bottom, np.concatenate([-half, half]), probability)
+
+    def stable(self, authored: np.ndarray) -> list[Variant]:
+        """Stable poses on a plane by the quasi-static estimate of K. Goldberg et al., "Part pose statistics", 1999.
+
+        Args:
+            authored: Orientation of the root as authored, which headings are counted from.
+        """
+        points = [
+            at + (p.mesh.vertices if p.mesh is not None else np.zeros((0, 3))) @ mat.T
+            for p, mat, at in zip(self._pieces, self._mats, self._at, strict=True)
+        ]
+        hull = trimesh.convex.convex_hull(np.concatenate(points))
+        transforms, probability = trimesh.poses.compute_stable_poses(
+            hull, center_mass=self.center_of_mass, sigma=0.0, n_samples=1, threshold=_LEAST_PROBABILITY
+        )
+        kept = np.argsort(-probability, kind="stable")[:_MOST_POSES]
+        share = probability[kept] / probability[kept].sum()
+        return [
+            self.variant(_of_heading_zero(transforms[i][:3, :3], authored), float(p))
+            for i, p in zip(kept, share, strict=True)
+        ]
+
+
+def heading_of(mat: np.ndarray, authored: np.ndarray) -> float:
+    """The heading [rad] of a root with orientation `mat` (3, 3): where its x axis as authored points, seen from above."""
+    x = mat @ matrix(authored).T[:, 0]
+    return float(np.arctan2(x[1], x[0])) if np.abs(x[:2]).sum() > 1e-6 else 0.0
+
+
+def matrix(quat: np.ndarray) -> np.ndarray:
+    """The rotation matrix (3, 3) of a wxyz quaternion."""
+    mat = np.empty(9)
+    mujoco.mju_quat2Mat(mat, np.asarray(quat, float))
+    return mat.reshape(3, 3)
+
+
+def _of_heading_zero(mat: np.ndarray, authored: np.ndarray) -> np.ndarray:
+    back = -heading_of(mat, authored)
+    turn = np.array([[np.cos(back), -np.sin(back), 0.0], [np.sin(back), np.cos(back), 0.0], [0.0, 0.0, 1.0]])
+    quat = np.empty(4)
+    mujoco.mju_mat2Quat(quat, (turn @ mat).ravel())
+    return quat
