@@ -11,7 +11,7 @@ from itertools import product
 import mujoco
 import numpy as np
 
-from sceniris_gym.errors import NoSupportError, SceneKeyError
+from sceniris_gym.errors import NoSupportError, NotSupportedError, SceneKeyError
 from sceniris_gym.scene import supports
 from sceniris_gym.scene.config import JointConfig, ObjectConfig
 from sceniris_gym.scene.device import ObjectKind, PieceType, Roof
@@ -22,6 +22,8 @@ from sceniris_gym.scene.values import FLOOR, ROBOT
 
 _KINDS = {"free": ObjectKind.FREE, "fixture": ObjectKind.FIXTURE, "marker": ObjectKind.MARKER}
 _ROOFS = {"in": Roof.EITHER, "on": Roof.OPEN, "inside": Roof.COVERED}
+# A support may lean by 0.1 degree: that is 0.1 mm under an object of 8 cm, a fifth of the default gap.
+_UPRIGHT = np.cos(np.radians(0.1))
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,7 @@ def build_plan(scene: SceneModel) -> Plan:
     Raises:
         NoSupportError: a parent without any level surface.
         ErodedSupportError: nothing is left of a support after its erosion and region.
-        MeshError, NotSupportedError: a geom that cannot be an obstacle.
+        MeshError, NotSupportedError: a geom that cannot be an obstacle, or a support that leans.
     """
     home = mujoco.MjData(scene.mjm)
     home.qpos[:] = scene.home_qpos
@@ -197,9 +199,14 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
     draws = [_draw(scene, joint, words) for joint, words in scene.joint_configs(name).items()]
     if config is None or not _is_placed(config):
         return PlacedObject(name, stream, ObjectKind.STATIC, bodies, draws, np.zeros(4), np.zeros(3), [], config)
+    own = [p for p in pieces if p.body in bodies]
+    if any(p.type == PieceType.PLANE for p in own):
+        raise NotSupportedError(
+            f"{scene.config.where}: objects.{name}: a plane is endless and cannot be part of what is placed. Use a box."
+        )
     quat = scene.mjm.body_quat[bodies[0]].copy()
-    pivot, footprint = _pivot(home, bodies, quat, [p for p in pieces if p.body in bodies])
-    surfaces = _surfaces(scene, name, config, pieces, 0.5 * float(footprint.min()))
+    pivot, footprint = _pivot(home, bodies, quat, own)
+    surfaces = _surfaces(scene, name, config, pieces, home, 0.5 * float(footprint.min()))
     return PlacedObject(name, stream, _KINDS[config.kind], bodies, draws, quat, pivot, surfaces, config)
 
 
@@ -242,7 +249,7 @@ def _pivot(
 
 
 def _surfaces(
-    scene: SceneModel, name: str, config: ObjectConfig, pieces: list[Piece], half_edge: float
+    scene: SceneModel, name: str, config: ObjectConfig, pieces: list[Piece], home: mujoco.MjData, half_edge: float
 ) -> list[Surface]:
     support = config.support
     if support is None:
@@ -255,6 +262,7 @@ def _surfaces(
         found = [supports.floor_surface(scene.config.floor.size)]
     else:
         body = scene.support_body(support.parent, where)
+        _check_upright(scene, support.parent, body, home, where)
         own = [p for p in pieces if p.body == body]
         found = supports.level_surfaces(body, own, open_above=support.word == "on")
     if not found:
@@ -263,6 +271,29 @@ def _surfaces(
             f"{' that is open above' if support.word == 'on' else ''}. Valid: a body with a flat top or floor."
         )
     return supports.crop(found, config.region, config.ratio_on_support * half_edge, where)
+
+
+def _check_upright(scene: SceneModel, parent: str, body: int, home: mujoco.MjData, where: str) -> None:
+    """Surfaces are level in their body's frame, so that frame must stand upright in every state it is drawn in.
+
+    It is looked at with all joints of the parent at their lowest, middle and highest position, and at all choices.
+    """
+    owner = parent.split("/")[0]
+    draws = [_draw(scene, joint, words) for joint, words in scene.joint_configs(owner).items()]
+    states = max([3, *(len(d.choice) for d in draws)])
+    data = mujoco.MjData(scene.mjm)
+    data.qpos[:] = home.qpos
+    for k in range(states):
+        for d in draws:
+            part = k / (states - 1)
+            data.qpos[d.qposadr] = d.choice[k % len(d.choice)] if d.choice else d.low + part * (d.high - d.low)
+        mujoco.mj_kinematics(scene.mjm, data)
+        if (up := data.xmat[body][8]) < _UPRIGHT:
+            lean = np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
+            raise NotSupportedError(
+                f"{where}: the z axis of '{parent}' leans by {lean:.3g} degrees, and things are placed on level "
+                "surfaces only. Give the support a body whose z axis points up, and draw no joint that tilts it."
+            )
 
 
 def roof_rule(config: ObjectConfig | None) -> Roof:

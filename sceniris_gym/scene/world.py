@@ -265,10 +265,12 @@ def _objects(scene: SceneModel, plan: Plan, c: _Colliders) -> dict[str, np.ndarr
     bodies, bodyadr, bodynum = _ranges([o.bodies for o in objects])
     own = [[i for i, p in enumerate(plan.pieces) if p.body in o.bodies] for o in objects]
     own_pieces, pieceadr, piecenum = _ranges(own)
-    cover = c.body if scene.config.geometry == "visual" else [p.body for p in plan.pieces]
+    cover = [p.body if p.type != PieceType.PLANE else -1 for p in plan.pieces]  # a plane is no roof
+    if scene.config.geometry == "visual":
+        cover = [body if plane < 0 else -1 for body, plane in zip(c.body, c.plane, strict=True)]
     roofs = [_roofs(scene, o.config, cover) for o in objects]
     roof_list, roofadr, roofnum = _ranges(roofs)
-    pairs, pairadr, pairnum = _ranges(collider_pairs(scene, plan, c.body))
+    pairs, pairadr, pairnum = _ranges([_planes_last(p, c.plane) for p in collider_pairs(scene, plan, c.body)])
     boxes = [_box(o.config) for o in objects]
     return {
         "draw_qposadr": np.array([d.qposadr for d in draws], int),
@@ -348,6 +350,12 @@ def _roofs(scene: SceneModel, config: ObjectConfig | None, bodies: list[int]) ->
     assert config.support is not None
     parent = scene.subtree(config.support.parent.split("/")[0])
     return [i for i, body in enumerate(bodies) if body in parent]
+
+
+def _planes_last(pairs: list[tuple[int, int, float]], planes: list[int]) -> list[tuple[int, int, float]]:
+    """The same pairs as the collision test takes them, a plane only in the second place; two planes never meet."""
+    turned = [(b, a, margin) if planes[a] >= 0 else (a, b, margin) for a, b, margin in pairs]
+    return [p for p in turned if planes[p[0]] < 0]
 
 
 def _address(mjm: mujoco.MjModel, body: int, kind: ObjectKind) -> int:
