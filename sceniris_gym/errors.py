@@ -92,7 +92,7 @@ class InfeasibleSceneError(ScenirisError):
 
     Args:
         where: the scene.
-        name: the object that could not be placed most often.
+        name: the object that could not be placed; all before it could.
         cause: the cause that rejected it most often.
         counts: rejections per object and cause.
     """

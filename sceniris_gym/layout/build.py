@@ -31,12 +31,15 @@ def build_world(
     Args:
         scene: A shipped scene's name, a path, a mapping, a SceneConfig, or a model built before.
         device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
-        bank_size: Valid layouts to keep for worlds that run out of attempts and restarts.
+        bank_size: Valid layouts to keep for worlds that run out of attempts and restarts, at least 1.
 
     Raises:
+        ValueError: a bank without room.
         InfeasibleSceneError: no valid layout was found; says which object fails and why.
         ScenirisError: the scene is wrong in another way; see `SceneConfig.load`, `build_model` and `build_plan`.
     """
+    if bank_size < 1:
+        raise ValueError(f"build_world: bank_size={bank_size} should be 1 or more.")
     wp.init()
     model = scene if isinstance(scene, SceneModel) else build_model(SceneConfig.load(scene))
     name = str(wp.get_device(device) if device is not None else wp.get_preferred_device())
@@ -45,7 +48,7 @@ def build_world(
 
 
 def _with_bank(world: World, size: int) -> World:
-    probe = LayoutGenerator(world, max(size, 1), seed=0, split="bank")
+    probe = LayoutGenerator(world, size, seed=0, split="bank")
     layouts = probe.layouts
     found: list[tuple[np.ndarray, ...]] = []
     for _ in range(_ROUNDS):
@@ -74,6 +77,6 @@ def _infeasible(world: World, probe: LayoutGenerator) -> InfeasibleSceneError:
     """Blame the last object that was ever tried: all before it could be placed."""
     counts = probe.rejection_counts()
     tried = [name for name, causes in counts.items() if any(causes.values())]
-    name = max(tried, key=lambda n: sum(counts[n].values()))
+    name = tried[-1]
     cause = max(counts[name], key=lambda c: counts[name][c])
     return InfeasibleSceneError(world.config.where, name, cause, counts)

@@ -10,8 +10,11 @@ import torch
 import warp as wp
 
 from sceniris_gym.errors import MaskError, MaskTypeError, WorldMismatchError
+from sceniris_gym.layout.build import build_world
+from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.stored import StoredGenerator
 from sceniris_gym.sim.randomizer import ResetRandomizer
+from tests.sim.conftest import SMALL_ARM
 
 STATE = ("time", "qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat", "qacc_warmstart", "xfrc_applied", "M")
 DERIVED = ("xpos", "xquat", "geom_xpos", "geom_xmat", "site_xpos", "site_xmat")
@@ -210,3 +213,53 @@ def test_what_does_not_belong_to_the_world_is_refused(make_randomizer, small_wor
     short = SimpleNamespace(qpos=rows.qpos[:, :5], mocap_pos=rows.mocap_pos, mocap_quat=rows.mocap_quat)
     with pytest.raises(WorldMismatchError, match=r"layouts\.qpos has shape \(7, 5\)"):
         randomizer.write(short, [0, 1])
+
+
+def test_contacts_are_current_where_a_task_needs_them(make_randomizer, small_world, rows):
+    """With needs=["contacts"] the block that was just put on the floor is in contact, as plain MuJoCo finds it."""
+    low = SimpleNamespace(**vars(rows))
+    low.qpos = rows.qpos.copy()
+    low.qpos[:, 3] = 0.0299
+    randomizer = make_randomizer(3, needs=["contacts"])
+    randomizer.write(low, [0, 1, 2])
+    count = int(randomizer.data.nacon.numpy()[0])
+    data = mujoco.MjData(small_world.mjm)
+    for world in range(3):
+        data.qpos[:], data.mocap_pos[:] = low.qpos[world], low.mocap_pos[world]
+        data.mocap_quat[:] = low.mocap_quat[world]
+        mujoco.mj_fwdPosition(small_world.mjm, data)
+        assert (randomizer.data.contact.worldid.numpy()[:count] == world).sum() == data.ncon > 0
+
+
+def test_velocities_are_current_where_a_task_needs_them(make_randomizer):
+    """With needs=["velocity"] the bodies of a reset world are at rest, those of the others still move."""
+    randomizer = make_randomizer(2, needs=["velocity"])
+    randomizer.reset()
+    randomizer.data.qvel.fill_(0.5)
+    randomizer.reset(np.array([False, True]))
+    cvel = np.abs(randomizer.data.cvel.numpy()).max(axis=(1, 2))
+    assert cvel[0] > 0.4
+    assert cvel[1] == 0.0
+
+
+def test_it_makes_its_own_layouts_of_a_scene():
+    """Without a generator the layouts are those of a LayoutGenerator of the same seed and split, episode by episode."""
+    scene = {
+        "model": str(SMALL_ARM),
+        "floor": {"size": [1.6, 1.6]},
+        "objects": {"block": {"on": "floor", "region": {"box": [[-0.3, -0.6], [0.3, 0.6]]}}},
+    }
+    world = build_world(scene, "cpu", bank_size=4)
+    with wp.ScopedDevice("cpu"):
+        model, data = mjw.put_model(world.mjm), mjw.make_data(world.mjm, 3)
+    randomizer = ResetRandomizer(world, model, data, seed=5, split="eval")
+    twin = LayoutGenerator(world, 3, seed=5, split="eval")
+    for _ in range(2):
+        randomizer.reset()
+        twin.generate()
+        np.testing.assert_array_equal(data.qpos.numpy(), twin.layouts.qpos.numpy())
+    randomizer.reseed([9, 9, 5], np.array([False, False, True]))
+    randomizer.reset(torch.tensor([False, False, True]))
+    np.testing.assert_array_equal(randomizer.layouts.seed.numpy(), [5, 6, 5])
+    np.testing.assert_array_equal(randomizer.layouts.episode.numpy(), [1, 1, 0])
+    assert set(randomizer.rejection_counts()) == {"block"}

@@ -1,0 +1,300 @@
+"""`build_world`: what a World holds, and what cannot be supported, each with its own error and reason."""
+
+from __future__ import annotations
+
+from dataclasses import FrozenInstanceError
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sceniris_gym.errors import (
+    CycleError,
+    ErodedSupportError,
+    InfeasibleSceneError,
+    MeshError,
+    NoSupportError,
+    NotSupportedError,
+    ScenirisError,
+    UnknownNameError,
+)
+from sceniris_gym.layout.build import build_world
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.scene.model import build_model
+from tests.layout.scenes import ANYWHERE, FLOOR, box_mjcf, cpu_world, make, valid, write_mjcf
+
+TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+
+@pytest.fixture
+def crate(tmp_path: Path) -> dict[str, Any]:
+    """Return a crate of 5 cm that stands on the floor."""
+    return {"asset": box_mjcf(tmp_path, "crate", 0.05, 0.05, 0.05), "on": "floor"}
+
+
+def _mesh(folder: Path, text: str) -> str:
+    (folder / "part.obj").write_text(text)
+    return write_mjcf(
+        folder,
+        "thing",
+        '<geom name="shell" type="mesh" mesh="part"/>',
+        '<asset><mesh name="part" file="part.obj"/></asset>',
+    )
+
+
+def _refused(scene: dict, error: type[ScenirisError], *words: str) -> ScenirisError:
+    """Build a scene that must fail with an error whose message has all the words."""
+    with pytest.raises(error) as caught:
+        cpu_world(scene)
+    assert type(caught.value) is error
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+    return caught.value
+
+
+def test_every_way_to_name_a_scene_gives_the_same_world(tmp_path: Path):
+    """A shipped name, its path, its mapping, its config and its model: one hash, one bank, one order."""
+    path = tmp_path / "mine.yaml"
+    path.write_text("base: mid\n")
+    config = SceneConfig.load("mid")
+    worlds = [build_world(scene, "cpu") for scene in ("mid", path, {"base": "mid"}, config, build_model(config))]
+    first = worlds[0]
+    for world in worlds:
+        assert world.hash == first.hash
+        assert (world.program.bank_qpos.numpy() == first.program.bank_qpos.numpy()).all()
+        assert world.object_names == world.placed == ("cabinet", "apple", "banana")
+        assert world.device == "cpu"
+        assert world.bank_size == 64
+
+
+def test_a_world_is_frozen():
+    """Nothing of it can be set again."""
+    world = cpu_world("mid", bank_size=3)
+    assert world.bank_size == 3
+    with pytest.raises(FrozenInstanceError):
+        world.device = "cuda:0"  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("size", [0, -1])
+def test_a_bank_without_room_is_refused(size: int):
+    """An exhausted world needs something to fall back on."""
+    with pytest.raises(ValueError, match="bank_size"):
+        cpu_world("mid", bank_size=size)
+
+
+def test_object_names_are_in_the_order_of_the_file_and_placed_in_that_of_placement():
+    """Children that are written before their parents are placed after them."""
+    objects = {
+        "apple": {"asset": "apple", "on": "table"},
+        "table": {"asset": "table", "kind": "fixture", "on": "floor"},
+        "goal": {"kind": "marker", "region": {"box": ANYWHERE}},
+        "wall": {"asset": "cabinet", "kind": "static", "joints": {"upper": {"value": 0.1}}},
+    }
+    robot = {"asset": "panda", "base": [3, 0, 0], "joints": {"*": {"noise": 0.01}}}
+    world = cpu_world({"floor": {"size": [4, 4]}, "objects": objects, "robot": robot})
+    assert world.object_names == ("apple", "table", "goal", "wall")
+    assert world.placed == ("robot", "wall", "table", "apple", "goal")
+
+
+@pytest.mark.parametrize("robot", [None, {"asset": "panda"}, {"asset": "panda", "joints": {"*": {"noise": 0.1}}}])
+@pytest.mark.parametrize("geometry", ["physics", "visual"])
+def test_a_scene_without_objects_is_a_scene(robot: dict | None, geometry: str):
+    """Nothing, a robot at rest, and a robot with drawn joints: valid at the first attempt."""
+    scene = {"floor": FLOOR, "objects": {}, "geometry": geometry, **({"robot": robot} if robot else {})}
+    world = cpu_world(scene)
+    rows = make(world, 30)
+    assert (rows.status == Status.VALID).all()
+    if robot is None or "joints" not in robot:
+        assert (rows.qpos == world.home_qpos).all()
+        assert (rows.attempts == 0).all()
+
+
+@pytest.mark.parametrize("word", ["on", "in", "inside"])
+@pytest.mark.parametrize("parent", ["apple", "banana"])
+def test_a_parent_without_a_level_surface_is_refused(parent: str, word: str, crate: dict):
+    """Fruit carries nothing: the message names the parent and where it was named."""
+    objects = {parent: {"asset": parent, "on": "floor"}, "crate": {"asset": crate["asset"], word: parent}}
+    _refused({"floor": FLOOR, "objects": objects}, NoSupportError, f"objects.crate.{word}", f"'{parent}'")
+
+
+def test_a_support_that_is_eroded_to_nothing_is_refused_and_never_a_pose_at_the_origin(tmp_path: Path, crate: dict):
+    """A table of 80 x 100 cm under a box of 85 x 95 cm at ratio 1; and regions beside, and without area."""
+    wide = {"asset": box_mjcf(tmp_path, "wide", 1.05, 0.85, 0.1), "on": "table", "ratio_on_support": 1.0}
+    table = {"asset": "table", "kind": "static"}
+    _refused({"objects": {"table": table, "wide": wide}}, ErodedSupportError, "objects.wide.on", "ratio_on_support")
+    regions: list[dict] = [
+        {"box": [[0.6, 0.6], [0.9, 0.9]]},
+        {"box": [[0.1, 0.1], [0.1, 0.3]]},
+        {"polygon": [[5, 5], [6, 5], [5, 6]]},
+        {"fraction": [[0.5, 0.0], [0.5, 1.0]]},
+    ]
+    for region in regions:
+        scene = {"floor": FLOOR, "objects": {"crate": {**crate, "region": region}}}
+        _refused(scene, ErodedSupportError, "objects.crate.on", "its region leaves nothing", "[-0.5, 0.5]")
+    both = {**crate, "region": {"box": [[0.49, 0.49], [0.5, 0.5]]}, "ratio_on_support": 1.0}
+    _refused({"floor": FLOOR, "objects": {"crate": both}}, ErodedSupportError, "erosion of 0.025 m and its region")
+
+
+@pytest.mark.parametrize("geometry", ["physics", "visual"])
+def test_an_infeasible_scene_names_the_object_and_the_cause(crate: dict, geometry: str):
+    """A crate that must stand where the cabinet is."""
+    objects = {
+        "apple": {"asset": "apple", "on": "floor"},
+        "cabinet": {"asset": "cabinet", "kind": "static"},
+        "crate": {**crate, "region": {"box": [[-0.01, -0.15], [0.01, -0.14]]}},
+    }
+    scene = {"floor": FLOOR, "geometry": geometry, "objects": objects}
+    error = _refused(scene, InfeasibleSceneError, "'crate'", "collision", "crate: collision")
+    assert isinstance(error, InfeasibleSceneError)
+    assert (error.name, error.cause) == ("crate", "collision")
+    assert error.counts["crate"]["collision"] > error.counts["apple"]["collision"] > 0
+    assert error.counts["crate"]["roof"] == error.counts["crate"]["footprint"] == 0
+
+
+def test_the_object_that_cannot_be_placed_is_blamed_and_not_the_one_that_is_hard(tmp_path: Path, crate: dict):
+    """The first crate finds its narrow place seldom and fails most passes; the second one never can."""
+    post = {"asset": box_mjcf(tmp_path, "post", 0.5, 0.5, 0.5), "kind": "static"}
+    objects = {
+        "post": post,
+        "hard": {**crate, "region": {"box": [[-0.3, -0.3], [0.3, 0.3]]}},
+        "never": {**crate, "region": {"box": [[-0.2, -0.2], [0.2, 0.2]]}},
+    }
+    error = _refused({"floor": FLOOR, "objects": objects, "attempts": 5}, InfeasibleSceneError, "'never'")
+    assert isinstance(error, InfeasibleSceneError)
+    assert error.counts["hard"]["collision"] > error.counts["never"]["collision"]
+
+
+def test_a_footprint_that_never_fits_is_the_cause_that_is_named(tmp_path: Path):
+    """A long bar whose width passes the erosion of a round table, but whose length does not fit on it."""
+    disc = write_mjcf(tmp_path, "disc", '<geom type="cylinder" size=".1 .02" pos="0 0 .02"/>')
+    bar = {"asset": box_mjcf(tmp_path, "bar", 0.5, 0.02, 0.02), "on": "disc", "ratio_on_support": 1.0}
+    objects = {"disc": {"asset": disc, "kind": "static"}, "bar": bar}
+    _refused({"objects": objects}, InfeasibleSceneError, "'bar'", "footprint")
+
+
+def test_an_open_mesh_is_refused_where_it_is_seen_and_is_a_hull_where_it_collides(tmp_path: Path):
+    """A tetrahedron without one of its faces."""
+    asset = _mesh(tmp_path, TETRAHEDRON.removesuffix("f 2 3 4\n"))
+    scene = {"floor": FLOOR, "objects": {"thing": {"asset": asset, "on": "floor"}}}
+    _refused({**scene, "geometry": "visual"}, MeshError, "thing/shell", "open", "geometry: physics")
+    assert (make(cpu_world(scene), 10).status == Status.VALID).all()
+
+
+@pytest.mark.parametrize("geometry", ["physics", "visual"])
+@pytest.mark.parametrize("text", ["", "v 0 0 0\nv .1 0 0\nv 0 .1 0\nf 1 2 3\n"], ids=["empty", "one face"])
+def test_a_mesh_without_a_solid_is_refused(tmp_path: Path, geometry: str, text: str):
+    """A file without faces, and a single triangle."""
+    scene = {
+        "floor": FLOOR,
+        "geometry": geometry,
+        "objects": {"thing": {"asset": _mesh(tmp_path, text), "on": "floor"}},
+    }
+    _refused(scene, MeshError, "mesh", "thing")
+
+
+def test_a_mesh_that_is_inside_out_is_turned(tmp_path: Path):
+    """All faces inwards: the solid is the same, and what is inside of it collides."""
+    faces = TETRAHEDRON.replace("f 1 3 2", "f 1 2 3").replace("f 1 2 4", "f 1 4 2")
+    faces = faces.replace("f 1 4 3", "f 1 3 4").replace("f 2 3 4", "f 2 4 3")
+    (tmp_path / "part.obj").write_text(faces)
+    body = '<geom name="shell" type="mesh" mesh="part" mass="1"/>'
+    rest = '<asset><mesh name="part" file="part.obj" scale="10 10 10" inertia="shell"/></asset>'
+    objects = {
+        "thing": {"asset": write_mjcf(tmp_path, "thing", body, rest), "kind": "static"},
+        "pea": {
+            "asset": box_mjcf(tmp_path, "pea", 0.01, 0.01, 0.01),
+            "region": {"box": [[0.02, 0.02, 0.02], [2.0, 0.2, 0.2]]},
+        },
+    }
+    x = valid(make(cpu_world({"geometry": "visual", "objects": objects}), 300)).qpos[:, :3]
+    assert x.sum(axis=1).min() > 0.98
+
+
+@pytest.mark.parametrize(
+    ("parent", "nearest"), [("cabinett", "cabinet"), ("cabinet/uper_drawer", "cabinet/upper_drawer"), ("flor", "floor")]
+)
+def test_an_unknown_parent_is_refused_with_the_nearest_name(crate: dict, parent: str, nearest: str):
+    """Objects, parts of objects and the floor."""
+    objects = {"cabinet": {"asset": "cabinet", "kind": "fixture", "on": "floor"}, "crate": {**crate, "on": parent}}
+    _refused({"floor": FLOOR, "objects": objects}, UnknownNameError, "objects.crate.on", f"Did you mean '{nearest}'?")
+
+
+def test_cycles_are_named(crate: dict):
+    """Objects on each other, and one on itself."""
+    table = {"asset": "table", "kind": "fixture"}
+    objects = {"a": {**table, "on": "b"}, "b": {**table, "on": "c"}, "c": {**table, "on": "a"}}
+    _refused({"floor": FLOOR, "objects": objects}, CycleError, "a -> b -> c -> a")
+    _refused({"floor": FLOOR, "objects": {"a": {**table, "on": "a"}}}, CycleError, "a -> a")
+
+
+def test_a_support_that_leans_is_refused(tmp_path: Path, crate: dict):
+    """Fixed at an angle, or tilted by a joint that is drawn; but not one that is turned about the vertical."""
+    body = """<geom type="box" size=".2 .2 .01"/>
+      <body name="flat" pos="0 0 .3" euler="0 0 30"><joint name="swing" axis="0 0 1" range="-90 90"/>
+        <geom type="box" size=".1 .1 .005"/></body>
+      <body name="wall" pos=".5 0 .3" euler="90 0 0"><geom type="box" size=".1 .1 .005"/></body>
+      <body name="lid" pos="-.5 0 .3"><joint name="lid" axis="1 0 0" range="-90 90"/>
+        <geom type="box" size=".1 .1 .005"/></body>"""
+    rack = {"asset": write_mjcf(tmp_path, "rack", body), "kind": "fixture", "on": "floor"}
+
+    def scene(part: str, joints: dict) -> dict:
+        return {
+            "floor": FLOOR,
+            "objects": {"rack": {**rack, "joints": joints}, "crate": {**crate, "on": f"rack/{part}"}},
+        }
+
+    _refused(scene("wall", {}), NotSupportedError, "objects.crate.on", "'rack/wall' leans by 90 degrees")
+    _refused(scene("lid", {"lid": {"range": [0.0, 0.5]}}), NotSupportedError, "'rack/lid' leans by 14.3 degrees")
+    _refused(scene("lid", {"lid": {"choice": [0.0, 0.0, 0.0, 1.0]}}), NotSupportedError, "'rack/lid' leans")
+    for part, joints in (("lid", {}), ("lid", {"lid": {"value": 0.0}}), ("flat", {"swing": {"fraction": [0, 1]}})):
+        rows = make(cpu_world(scene(part, joints)), 50)
+        np.testing.assert_allclose(rows.qpos[:, -5], 0.01 + 0.0005 + 0.3 + 0.005 + 0.0005, atol=1e-5)
+
+
+@pytest.mark.parametrize("geometry", ["physics", "visual"])
+def test_planes_stand_still(tmp_path: Path, crate: dict, geometry: str):
+    """A plane in something that is placed is refused; in something that stays it is ground, and no roof."""
+    body = '<geom type="plane" size="1 1 .1"/><geom type="box" size=".2 .2 .05" pos="0 0 .05"/>'
+    ground = {"asset": write_mjcf(tmp_path, "ground", body)}
+    fixed = {**ground, "kind": "fixture", "region": {"box": ANYWHERE}}
+    _refused({"geometry": geometry, "objects": {"ground": fixed}}, NotSupportedError, "objects.ground", "plane")
+    objects = {
+        "ground": {**ground, "kind": "static"},
+        "crate": {**crate, "on": "ground"},
+        "fallen": {**crate, "on": None, "region": {"box": [[0.5, 0.5, -0.2], [0.8, 0.8, 0.2]]}},
+    }
+    world = cpu_world({"geometry": geometry, "objects": objects})
+    rows = valid(make(world, 300))
+    np.testing.assert_allclose(rows.qpos[:, 2], 0.1005, atol=1e-6)
+    assert 0.001 <= rows.qpos[:, 9].min() < 0.01
+
+
+def test_a_robot_that_stands_on_a_plane_of_its_own_keeps_others_off_it(tmp_path: Path, crate: dict):
+    """The plane is the obstacle, whichever of the two was placed first."""
+    body = """<geom type="plane" size="1 1 .1"/><body name="arm" pos="0 0 .5">
+      <joint name="turn" axis="0 0 1" range="-90 90"/><geom type="box" size=".02 .02 .02"/></body>"""
+    robot = {"asset": write_mjcf(tmp_path, "bot", body, '<keyframe><key name="home" qpos="0"/></keyframe>')}
+    robot["joints"] = {"turn": {"fraction": [0, 1]}}  # type: ignore[assignment]
+    stone = {"asset": crate["asset"], "region": {"box": [[0.3, 0.3, -0.3], [0.5, 0.5, 0.3]]}}
+    world = cpu_world({"robot": robot, "objects": {"stone": stone}})
+    rows = valid(make(world, 300))
+    assert len(rows.qpos) > 290
+    assert 0.001 <= rows.qpos[:, 3].min() < 0.01
+
+
+def test_a_height_field_is_refused(tmp_path: Path, crate: dict):
+    """What has neither a hull nor a closed mesh cannot be an obstacle."""
+    body = '<geom name="dunes" type="hfield" hfield="dunes"/>'
+    rest = '<asset><hfield name="dunes" nrow="2" ncol="2" size="1 1 .1 .1" elevation="0 1 0 1"/></asset>'
+    objects = {"dunes": {"asset": write_mjcf(tmp_path, "dunes", body, rest), "kind": "static"}, "crate": crate}
+    _refused({"floor": FLOOR, "objects": objects}, NotSupportedError, "dunes", "hfield")
+
+
+@pytest.mark.parametrize("geometry", ["physics", "visual"])
+def test_a_robot_with_drawn_joints_is_feasible_as_it_is_shipped(geometry: str):
+    """Links that touch or overlap as they are built do not count against the arm."""
+    robot = {"asset": "panda", "joints": {"*": {"noise": 0.05}}}
+    rows = make(cpu_world({"floor": FLOOR, "robot": robot, "geometry": geometry}), 100)
+    assert (rows.status == Status.VALID).all()
+    assert rows.attempts.mean() < 1.1
