@@ -26,7 +26,7 @@ from sceniris_gym.layout.points import draw_in_triangle, draw_related, draw_tria
 from sceniris_gym.layout.random import BANK_STREAM, STREAM_BITS, philox, uniforms
 from sceniris_gym.layout.regions import piece_on_surface, roof_physics, roof_visual
 from sceniris_gym.layout.transforms import apply, compose, mul_quat, pose_of, quat_mat, quat_z, relative
-from sceniris_gym.scene.device import Cause, ObjectKind, Program, Roof, TurnType
+from sceniris_gym.scene.device import Cause, Measure, ObjectKind, Program, Roof, TurnType
 
 wp.set_module_options({"enable_backward": False})
 
@@ -38,6 +38,7 @@ _STATIC = wp.constant(int(ObjectKind.STATIC))
 _FREE = wp.constant(int(ObjectKind.FREE))
 _ANY = wp.constant(int(TurnType.ANY))
 _FACE_TO = wp.constant(int(TurnType.FACE_TO))
+_WHOLE = wp.constant(int(Measure.WHOLE))
 _EITHER = wp.constant(int(Roof.EITHER))
 _COVERED = wp.constant(int(Roof.COVERED))
 _VALID = wp.constant(int(Status.VALID))
@@ -73,7 +74,7 @@ def _measure(
     body_pos: wp.array(dtype=wp.vec3),
     body_quat: wp.array(dtype=wp.vec4),
 ) -> Turn:
-    """The turn with the bounds and the lowest point of the object in its drawn joint state and orientation.
+    """The turn with the lowest point, and if need be the bounds, in the drawn joint state and orientation.
 
     The bodies are left posed at the origin with heading 0. The pivot stays the centre of the bounds in the home state
     where joints are drawn; with a free orientation there is no such state, and it is the centre of the bounds drawn.
@@ -83,27 +84,31 @@ def _measure(
         body_quat[program.obj_body[obj]] = turn.quat
         pose_bodies(program, obj, 1, qpos, body_pos, body_quat)
     block_sync()
+    whole = program.obj_measured[obj] == _WHOLE
     low = wp.vec3(1.0e30)
     high = wp.vec3(1.0e30)  # of the extent to the other side
     for i in range(lane, program.obj_piecenum[obj], wp.block_dim()):
         piece = program.piece_list[program.obj_pieceadr[obj] + i]
         body = program.piece_body[piece]
         back = wp.transpose(quat_mat(body_quat[body]))
-        for axis in range(3):
-            along = wp.vec3(0.0)
-            along[axis] = 1.0
-            at = body_pos[body][axis]
-            low[axis] = wp.min(low[axis], at + lowest(program, piece, back * along))
-            high[axis] = wp.min(high[axis], lowest(program, piece, -(back * along)) - at)
-    for axis in range(3):
-        low[axis] = wp.tile_extract(wp.tile_min(wp.tile(low[axis])), 0)
-        high[axis] = -wp.tile_extract(wp.tile_min(wp.tile(high[axis])), 0)
-    center = quat_mat(turn.quat) * turn.pivot
-    if program.obj_turn[obj] == _ANY:
-        center = 0.5 * (low + high)
-    bottom = wp.vec3(center[0], center[1], low[2])
+        low[2] = wp.min(low[2], body_pos[body][2] + lowest(program, piece, back * wp.vec3(0.0, 0.0, 1.0)))
+        if whole:
+            for axis in range(2):
+                along = back * wp.vec3(float(1 - axis), float(axis), 0.0)
+                at = body_pos[body][axis]
+                low[axis] = wp.min(low[axis], at + lowest(program, piece, along))
+                high[axis] = wp.min(high[axis], lowest(program, piece, -along) - at)
+    low[2] = wp.tile_extract(wp.tile_min(wp.tile(low[2])), 0)
+    bottom = quat_mat(turn.quat) * turn.pivot
+    if whole:
+        for axis in range(2):
+            low[axis] = wp.tile_extract(wp.tile_min(wp.tile(low[axis])), 0)
+            high[axis] = -wp.tile_extract(wp.tile_min(wp.tile(high[axis])), 0)
+            if program.obj_turn[obj] == _ANY:
+                bottom[axis] = 0.5 * (low[axis] + high[axis])
+        turn.bounds = wp.vec4(low[0] - bottom[0], low[1] - bottom[1], high[0] - bottom[0], high[1] - bottom[1])
+    bottom[2] = low[2]
     turn.pivot = wp.transpose(quat_mat(turn.quat)) * bottom
-    turn.bounds = wp.vec4(low[0] - center[0], low[1] - center[1], high[0] - center[0], high[1] - center[1])
     return turn
 
 

@@ -157,8 +157,8 @@ def draw_related(
         for i in range(lane, total, wp.block_dim()):
             size = area(_piece(program, obj, i, frame, own, support_heading, place, bounds, present))
             if size > _LEAST_AREA:
-                u = uniforms(seed, episode, stream, trial, first_draw + 1 + i // 4)[i % 4]
-                finish = -wp.log(1.0 - u) / size
+                race = uniforms(seed, episode, stream, trial, first_draw + 1 + i // 4)
+                finish = -wp.log(1.0 - race[i % 4]) / size
                 best = wp.min(best, (wp.uint64(wp.cast(finish, wp.uint32)) << wp.uint64(32)) | wp.uint64(i))
         best = wp.tile_extract(wp.tile_min(wp.tile(best)), 0)
         if best == _NOBODY:

@@ -15,6 +15,7 @@ from sceniris_gym.scene.device import (
     FRAME_SUPPORT,
     FRAME_WORLD,
     MAX_CORNERS,
+    Measure,
     ObjectKind,
     PieceType,
     RelationType,
@@ -53,7 +54,7 @@ def program_arrays(scene: SceneModel, plan: Plan, colliders: Colliders) -> dict[
         | _groups(scene, plan)
         | _regions(plan)
         | _pieces(plan.pieces)
-        | _bodies(scene.mjm)
+        | _bodies(scene)
         | {"home_qpos": scene.home_qpos, "home_place": plan.place, "home_bounds": plan.bounds}
     )
 
@@ -88,7 +89,7 @@ def _objects(scene: SceneModel, plan: Plan, c: Colliders) -> dict[str, np.ndarra
         "obj_yaw": np.reshape([t.yaw if t is not None else (0.0, 0.0) for t in turns], (-1, 2)),
         "obj_variantadr": variantadr,
         "obj_variantnum": variantnum,
-        "obj_measured": np.array([_is_measured(o) for o in objects], int),
+        "obj_measured": np.array([_measured(plan, o) for o in objects], int),
         "obj_ground": np.array([-1 if o.ground is None else o.ground for o in objects], int),
         "obj_gap": np.array([o.config.gap if o.config else 0.0 for o in objects]),
         "obj_box_lower": np.reshape([b[0] for b in boxes], (-1, 3)),
@@ -206,18 +207,37 @@ def _pieces(pieces: list[Piece]) -> dict[str, np.ndarray]:
     }
 
 
-def _bodies(mjm: mujoco.MjModel) -> dict[str, np.ndarray]:
+def _bodies(scene: SceneModel) -> dict[str, np.ndarray]:
+    """Bodies and joints for forward kinematics, which knows hinges and slides only.
+
+    Free and ball joints are never drawn. A root that stays at the start pose of its freejoint gets that as its body's
+    pose; a ball joint becomes a hinge that stands at the angle of its start pose.
+    """
+    mjm = scene.mjm
+    pos, quat, num = mjm.body_pos.copy(), mjm.body_quat.copy(), mjm.body_jntnum.copy()
+    axis, qpos0 = mjm.jnt_axis.copy(), mjm.qpos0[mjm.jnt_qposadr].copy()
+    for joint, (kind, adr) in enumerate(zip(mjm.jnt_type, mjm.jnt_qposadr, strict=True)):
+        if kind == mujoco.mjtJoint.mjJNT_FREE:
+            body = mjm.jnt_bodyid[joint]
+            pos[body], quat[body], num[body] = scene.home_qpos[adr : adr + 3], scene.home_qpos[adr + 3 : adr + 7], 0
+            quat[body] /= np.linalg.norm(quat[body])
+        elif kind == mujoco.mjtJoint.mjJNT_BALL:
+            rotation = np.zeros(3)
+            mujoco.mju_quat2Vel(rotation, scene.home_qpos[adr : adr + 4], 1.0)
+            angle = np.linalg.norm(rotation)
+            axis[joint] = rotation / angle if angle > 0.0 else axis[joint]
+            qpos0[joint] = scene.home_qpos[adr] - angle
     return {
         "body_parent": mjm.body_parentid,
-        "body_pos": mjm.body_pos,
-        "body_quat": mjm.body_quat,
+        "body_pos": pos,
+        "body_quat": quat,
         "body_jntadr": mjm.body_jntadr,
-        "body_jntnum": mjm.body_jntnum,
+        "body_jntnum": num,
         "jnt_slide": mjm.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE,
         "jnt_pos": mjm.jnt_pos,
-        "jnt_axis": mjm.jnt_axis,
+        "jnt_axis": axis,
         "jnt_qposadr": mjm.jnt_qposadr,
-        "jnt_qpos0": mjm.qpos0[mjm.jnt_qposadr],
+        "jnt_qpos0": qpos0,
     }
 
 
@@ -233,11 +253,18 @@ def _roofs(scene: SceneModel, plan: Plan, c: Colliders, config: ObjectConfig | N
     return [i for i, p in enumerate(plan.pieces) if p.body in parent and p.type != PieceType.PLANE]
 
 
-def _is_measured(o: PlacedObject) -> bool:
-    """Whether the object's extents depend on what is drawn, so that each candidate must be measured."""
+def _measured(plan: Plan, o: PlacedObject) -> Measure:
+    """What of an object must be measured for each candidate. Bounds matter only where a relation looks at them."""
     if o.kind == ObjectKind.STATIC or o.config is None:
-        return False
-    return bool(o.draws) or o.config.turn.kind == "any"
+        return Measure.NOTHING
+    if o.config.turn.kind == "any":
+        return Measure.WHOLE
+    if not o.draws:
+        return Measure.NOTHING
+    seen = [
+        r for other in plan.objects for r in _relations_of(other) if o.name in (other.name, *r.anchors)
+    ]
+    return Measure.WHOLE if any(r.bounds or r.kind == "beside" for r in seen) else Measure.LOWEST
 
 
 def _relations_of(o: PlacedObject) -> tuple[Relation, ...]:

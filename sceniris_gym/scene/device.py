@@ -66,6 +66,14 @@ class TurnType(IntEnum):
     FACE_TO = 2
 
 
+class Measure(IntEnum):
+    """What of an object depends on what is drawn: nothing, its lowest point, or its bounds as well."""
+
+    NOTHING = 0
+    LOWEST = 1
+    WHOLE = 2
+
+
 # Corners that a polygon of the device has room for: a triangle cut by four relations of four half-planes, or by three
 # and a hull of eight anchors.
 MAX_CORNERS = 24
@@ -112,7 +120,7 @@ class Program:
     obj_yaw: wp.array(dtype=wp.vec2)
     obj_variantadr: wp.array(dtype=int)
     obj_variantnum: wp.array(dtype=int)
-    obj_measured: wp.array(dtype=int)  # 1: its bounds are those of the drawn joint state or orientation
+    obj_measured: wp.array(dtype=int)
     obj_ground: wp.array(dtype=int)  # body that carries it, or -1
     obj_gap: wp.array(dtype=float)
     obj_box_lower: wp.array(dtype=wp.vec3)

@@ -80,8 +80,8 @@ class World:
 def load_world(scene: SceneModel, device: str) -> World:
     """Take a scene to a device. The World's bank is empty; `layout.build_world` fills it."""
     plan = build_plan(scene)
-    colliders = _collect(plan, scene.config.geometry == "visual", device)
-    arrays = _objects(scene, plan, colliders) | _bodies(scene) | _pieces(plan.pieces) | _trees(colliders)
+    colliders = collect_colliders(plan.pieces, scene.config.geometry == "visual", device)
+    arrays = program_arrays(scene, plan, colliders) | collider_arrays(colliders)
     mocap = max(scene.mjm.nmocap, 1)
     arrays |= {
         "bank_present": np.zeros((0, len(plan.slots))),
