@@ -13,7 +13,7 @@ import numpy as np
 
 from sceniris_gym.errors import NoSupportError, NotSupportedError, SceneKeyError
 from sceniris_gym.scene import supports
-from sceniris_gym.scene.config import JointConfig, ObjectConfig
+from sceniris_gym.scene.config import JointConfig, ObjectConfig, SceneConfig
 from sceniris_gym.scene.device import ObjectKind, PieceType, Roof
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.pieces import Piece, extract_pieces
@@ -105,6 +105,7 @@ def build_plan(scene: SceneModel) -> Plan:
         ErodedSupportError: nothing is left of a support after its erosion and region.
         MeshError, NotSupportedError: a geom that cannot be an obstacle, or a support that leans.
     """
+    _check_words(scene.config)
     home = mujoco.MjData(scene.mjm)
     home.qpos[:] = scene.home_qpos
     mujoco.mj_kinematics(scene.mjm, home)
@@ -166,6 +167,17 @@ def collider_pairs(scene: SceneModel, plan: Plan, colliders: list[int]) -> list[
             standing.update(dict.fromkeys(o.bodies, clearance))
         result.append(pairs)
     return result
+
+
+def _check_words(config: SceneConfig) -> None:
+    """Refuse the words that a program cannot say yet."""
+    found = [f"objects.{name}.relations" for name, part in config.objects.items() if part.relations]
+    found += [f"objects.{name}.orientation" for name, part in config.objects.items() if part.turn.kind != "yaw"]
+    found += [f"groups.{name}" for name in config.groups]
+    if found:
+        raise NotSupportedError(
+            "\n".join(f"{config.where}: {path}: is not supported yet. Leave it out." for path in found)
+        )
 
 
 def _is_placed(part: ObjectConfig) -> bool:
