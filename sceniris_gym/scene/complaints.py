@@ -18,7 +18,7 @@ where_now: ContextVar[str | None] = ContextVar("where_now", default=None)
 
 UNKNOWN_KEY = "unknown_key"  # context: key, valid
 UNSUPPORTED = "not_supported"  # context: word
-ADVICE = "advice"  # context: advice, a sentence that begins with "should"
+ADVICE = "advice"  # context: advice, a sentence that begins with "should", and hint, what may have been meant
 
 _SHOULD: dict[str, Callable[[ErrorDetails], str]] = {
     "float_type": lambda e: "should be a number",
@@ -73,7 +73,7 @@ def _sentence(error: ErrorDetails) -> str:
     if kind == "missing":
         return "is missing."
     advice = _SHOULD[kind](error) if kind in _SHOULD else f"is wrong: {error['msg']}"
-    hint = ""
+    hint = context.get("hint", "")
     if kind == "literal_error" and isinstance(error["input"], str):
         hint = did_you_mean(error["input"], re.findall(r"'([^']*)'", str(context["expected"])))
     return f"{_short(error['input'])} {advice}.{hint}"

@@ -1,33 +1,26 @@
 """What a scene is said to be: SceneConfig and its parts, from YAML, a dict or Python.
 
-Lengths are metres. Angles are degrees in files; `ObjectConfig.yaw` and the joints' ranges are radians.
+Lengths are metres. Angles are degrees in files; `ObjectConfig.turn`, the attributes of relations and the joints'
+ranges are radians.
 """
 
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    ModelWrapValidatorHandler,
-    PrivateAttr,
-    Strict,
-    ValidationError,
-    model_validator,
-)
-from pydantic_core import InitErrorDetails, PydanticCustomError
+from pydantic import ConfigDict, Field, PrivateAttr, Strict, model_validator
 
-from sceniris_gym.errors import CycleError, NoSupportError, SceneKeyError, UnknownNameError
-from sceniris_gym.scene.complaints import UNKNOWN_KEY, UNSUPPORTED, reading, where_now
+from sceniris_gym.scene.complaints import reading, where_now
 from sceniris_gym.scene.files import JOINT_FORMS, REGION_FORMS, SUPPORT_WORDS, merge, nest, read_scene
+from sceniris_gym.scene.groups import GroupConfig
+from sceniris_gym.scene.orientations import Orientation, Turn
+from sceniris_gym.scene.part import Part, check_one_of
+from sceniris_gym.scene.references import check_names
+from sceniris_gym.scene.relations import MAX_RELATIONS, RELATION_WORDS, Relation
 from sceniris_gym.scene.values import (
     FLOOR,
     Box,
@@ -44,43 +37,6 @@ from sceniris_gym.scene.values import (
     Polygon,
     wrong,
 )
-
-
-class Part(BaseModel):
-    """A mapping of the scene file: frozen, and every wrong key or value is a ScenirisError."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-    unsupported: ClassVar[tuple[str, ...]] = ()
-    """Words of the scene language that this version knows of and refuses."""
-
-    @model_validator(mode="wrap")
-    @classmethod
-    def _in_words(cls, data: Any, handler: ModelWrapValidatorHandler) -> Any:
-        # A part that is made in Python by itself is named by its class; inside of a scene, the scene does the reading.
-        with reading(cls.__name__) if where_now.get() is None else nullcontext():
-            if isinstance(data, Mapping):
-                cls._check_keys(data)
-            return handler(data)
-
-    @classmethod
-    def _check_keys(cls, data: Mapping) -> None:
-        valid = [field.alias or name for name, field in cls.model_fields.items()]
-        problems = [
-            InitErrorDetails(
-                type=PydanticCustomError(UNSUPPORTED, "not supported", {"word": key})
-                if key in cls.unsupported
-                else PydanticCustomError(UNKNOWN_KEY, "unknown key", {"key": key, "valid": valid}),
-                loc=(str(key),),
-                input=value,
-            )
-            for key, value in data.items()
-            if key not in valid and key not in cls.model_fields
-        ]
-        if problems:
-            raise ValidationError.from_exception_data(cls.__name__, problems)
-
-
-_PartT = TypeVar("_PartT", bound=Part)
 
 
 class Floor(Part):
@@ -104,7 +60,7 @@ class JointConfig(Part):
 
     @model_validator(mode="after")
     def _exactly_one(self) -> JointConfig:
-        return _check_one_of(self, JOINT_FORMS)
+        return check_one_of(self, JOINT_FORMS)
 
 
 class RegionConfig(Part):
@@ -120,30 +76,12 @@ class RegionConfig(Part):
 
     @model_validator(mode="after")
     def _exactly_one(self) -> RegionConfig:
-        return _check_one_of(self, REGION_FORMS)
+        return check_one_of(self, REGION_FORMS)
 
     @property
     def is_3d(self) -> bool:
         """Whether this is a box in space rather than a crop of a support."""
         return self.box is not None and len(self.box[0]) == 3
-
-
-class Orientation(Part):
-    """The yaw about the support's normal, drawn uniformly from `yaw` [low, high] in degrees."""
-
-    unsupported = ("face_to",)
-    yaw: Interval
-
-    @model_validator(mode="before")
-    @classmethod
-    def _from_word(cls, data: Any) -> Any:
-        if data == "fixed":
-            return {"yaw": (0.0, 0.0)}
-        if isinstance(data, str):
-            if data in ("any", "stable"):
-                raise PydanticCustomError(UNSUPPORTED, "not supported", {"word": data})
-            raise wrong("should be 'fixed' or {yaw: [low, high]} in degrees")
-        return data
 
 
 @dataclass(frozen=True)
@@ -158,7 +96,8 @@ class ObjectConfig(Part):
     """One object of the scene; the words are explained in the scene language."""
 
     model_config = ConfigDict(populate_by_name=True)
-    unsupported = ("relations", "between", "beside", "reachable")
+    unsupported = ("reachable",)
+    misplaced = dict.fromkeys(RELATION_WORDS, "should stand in 'relations', as in relations: [{near: mug, ...}]")
     asset: str | None = None
     kind: Literal["free", "fixture", "static", "marker"] = "free"
     on: str | None = None
@@ -166,8 +105,9 @@ class ObjectConfig(Part):
     in_: str | None = Field(default=None, alias="in")
     ratio_on_support: Fraction = 0.0
     region: RegionConfig | None = None
+    relations: Annotated[tuple[Relation, ...], Field(max_length=MAX_RELATIONS)] = ()
     orientation: Orientation | None = None
-    joints: dict[str, JointConfig] = {}
+    joints: dict[str, JointConfig] = Field(default_factory=dict)
     clearance: NotNegative = 0.001
     gap: NotNegative = 0.0005
 
@@ -179,24 +119,52 @@ class ObjectConfig(Part):
         return next((SupportConfig(word, parent) for word, parent in words if parent is not None), None)
 
     @property
+    def turn(self) -> Turn:
+        """How the orientation is drawn: any yaw by default."""
+        return Turn("yaw") if self.orientation is None else self.orientation.turn
+
+    @property
     def yaw(self) -> tuple[float, float]:
-        """Interval [rad] from which the yaw is drawn; (0, 0) for a fixed one, (-pi, pi) by default."""
-        if self.orientation is None:
-            return (-math.pi, math.pi)
-        low, high = self.orientation.yaw
-        return (math.radians(low), math.radians(high))
+        """Interval [rad] from which the turn about the vertical is drawn; see `Turn`."""
+        return self.turn.yaw
+
+    @property
+    def is_placed(self) -> bool:
+        """Whether a reset draws a pose for it; else it stays where the model has it."""
+        return self.kind != "static" and (self.support is not None or self.region is not None)
+
+    @property
+    def references(self) -> list[tuple[str, str]]:
+        """The objects that its relations and orientation name: (key path inside of the object, name)."""
+        found = []
+        for i, relation in enumerate(self.relations):
+            word = "of" if relation.word == "direction" else relation.word
+            found += [(f"relations.{i}.{word}", anchor) for anchor in relation.anchors]
+            found += [(f"relations.{i}.frame", relation.frame_object)] if relation.frame_object else []
+        return found + ([("orientation.face_to", self.turn.target)] if self.turn.target is not None else [])
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """The objects that are placed before it ('robot' for the robot): its support, then all that it refers to."""
+        owner = [] if self.support is None else [self.support.parent.split("/")[0]]
+        names = [*owner, *(name for _, name in self.references)]
+        return tuple(dict.fromkeys(name for name in names if name != FLOOR))
 
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> ObjectConfig:
         words = [word for word in SUPPORT_WORDS if getattr(self, "in_" if word == "in" else word) is not None]
         if len(words) > 1:
             raise wrong(f"should have one of {', '.join(SUPPORT_WORDS)}, and has {' and '.join(words)}")
-        if self.kind == "static" and (words or self.region or self.orientation or self.ratio_on_support):
-            raise wrong("should have no support, region or orientation: a static object stays where the model has it")
+        if self.kind == "static" and (
+            words or self.region or self.orientation or self.ratio_on_support or self.relations
+        ):
+            raise wrong("should have no support, region, relations or orientation: it stays where the model has it")
         if words and self.region is not None and self.region.is_3d:
             raise wrong("should have a region in two dimensions: a 3D box is for an object without a support")
         if not words and self.region is not None and not self.region.is_3d:
             raise wrong("should name its support ('on', 'inside' or 'in'), or have a region that is a 3D box")
+        if not words and self.relations:
+            raise wrong("should name its support ('on', 'inside' or 'in'): relations choose a place on a surface")
         return self
 
 
@@ -207,7 +175,7 @@ class RobotConfig(Part):
     base: Point3 = (0.0, 0.0, 0.0)
     yaw: Number = 0.0
     keyframe: str = "home"
-    joints: dict[str, JointConfig] = {}
+    joints: dict[str, JointConfig] = Field(default_factory=dict)
 
 
 class SceneConfig(Part):
@@ -216,15 +184,15 @@ class SceneConfig(Part):
     Raises:
         SceneKeyError: a key or a value is wrong.
         NotSupportedError: a word that is not supported yet.
-        UnknownNameError: an object is placed on something that is not in the scene.
-        CycleError: objects that are placed on each other.
+        UnknownNameError: a support, or an object that another refers to, that is not in the scene.
+        CycleError: objects that are placed relative to each other.
     """
 
-    unsupported = ("groups",)
     name: str = "scene"
     floor: Floor | None = None
     robot: RobotConfig | None = None
-    objects: dict[ObjectName, ObjectConfig] = {}
+    objects: dict[ObjectName, ObjectConfig] = Field(default_factory=dict)
+    groups: dict[ObjectName, GroupConfig] = Field(default_factory=dict)
     geometry: Literal["physics", "visual"] = "physics"
     attempts: Annotated[int, Strict(), Field(ge=1)] = 10
     restarts: Annotated[int, Strict(), Field(ge=0)] = 8
@@ -275,42 +243,5 @@ class SceneConfig(Part):
 
     @model_validator(mode="after")
     def _names_are_known(self) -> SceneConfig:
-        where = where_now.get() or type(self).__name__
-        for name, part in self.objects.items():
-            if part.asset is None and self.model is None and part.kind != "marker":
-                raise SceneKeyError(
-                    f"{where}: objects.{name}.asset: is missing. Name an asset, or give the scene a 'model' with a "
-                    f"body '{name}'; only a marker needs none."
-                )
-            if (support := part.support) is not None:
-                self._check_parent(f"{where}: objects.{name}.{support.word}", support.parent)
-        self._check_cycles(where)
+        check_names(self, where_now.get() or type(self).__name__)
         return self
-
-    def _check_parent(self, where: str, parent: str) -> None:
-        owner = parent.split("/")[0]
-        if parent == FLOOR and self.floor is None:
-            raise UnknownNameError(
-                "support", parent, f"{where}: the scene has no floor (add 'floor: {{size: [x, y]}}')", self.objects
-            )
-        if parent != FLOOR and owner not in self.objects:
-            raise UnknownNameError("support", parent, where, [*([FLOOR] if self.floor else []), *self.objects])
-        if parent != FLOOR and self.objects[owner].kind == "marker":
-            raise NoSupportError(f"{where}: '{parent}' is a marker and has no surface. Name a support of another kind.")
-
-    def _check_cycles(self, where: str) -> None:
-        parents = {name: part.support.parent.split("/")[0] for name, part in self.objects.items() if part.support}
-        for name in parents:
-            chain = [name]
-            while (above := parents.get(chain[-1])) is not None:
-                if above in chain:
-                    raise CycleError(where, chain[chain.index(above) :], "objects are placed on each other")
-                chain.append(above)
-
-
-def _check_one_of(part: _PartT, words: tuple[str, ...]) -> _PartT:
-    given = [word for word in words if getattr(part, word) is not None]
-    if len(given) != 1:
-        has = " and ".join(given) if given else "none"
-        raise wrong(f"should have exactly one of {', '.join(words)}, and has {has}")
-    return part

@@ -21,6 +21,7 @@ SHIPPED_NAME = re.compile(r"[A-Za-z0-9_-]+")  # anything else, such as 'my/scene
 SUPPORT_WORDS = ("on", "inside", "in")
 REGION_FORMS = ("box", "fraction", "polygon")
 JOINT_FORMS = ("fraction", "range", "choice", "value", "noise")
+TURN_FORMS = ("yaw", "any", "stable", "face_to")
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,8 @@ def _one_of(path: tuple[str, ...]) -> tuple[str, ...]:
             return SUPPORT_WORDS
         case ("objects", _, "region"):
             return REGION_FORMS
+        case ("objects", _, "orientation"):
+            return TURN_FORMS
         case ("objects", _, "joints", _) | ("robot", "joints", _):
             return JOINT_FORMS
     return ()

@@ -126,6 +126,7 @@ def build_plan(scene: SceneModel) -> Plan:
         ErodedSupportError: nothing is left of a support after its erosion and region.
         MeshError, NotSupportedError: a geom that cannot be an obstacle, or a support that leans.
     """
+    _check_words(scene.config)
     home = mujoco.MjData(scene.mjm)
     home.qpos[:] = scene.home_qpos
     mujoco.mj_kinematics(scene.mjm, home)
@@ -146,6 +147,17 @@ def roof_rule(config: ObjectConfig | None) -> Roof:
     if config is None or config.support is None or config.support.parent == FLOOR:
         return Roof.EITHER
     return _ROOFS[config.support.word]
+
+
+def _check_words(config: SceneConfig) -> None:
+    """Refuse the words that a program cannot say yet."""
+    found = [f"objects.{name}.relations" for name, part in config.objects.items() if part.relations]
+    found += [f"objects.{name}.orientation" for name, part in config.objects.items() if part.turn.kind != "yaw"]
+    found += [f"groups.{name}" for name in config.groups]
+    if found:
+        raise NotSupportedError(
+            "\n".join(f"{config.where}: {path}: is not supported yet. Leave it out." for path in found)
+        )
 
 
 def _is_placed(part: ObjectConfig) -> bool:

@@ -3,25 +3,34 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from typing import Annotated, Any
 
 import shapely
 from pydantic import AfterValidator, AllowInfNan, BeforeValidator, Field, Strict
 from pydantic_core import PydanticCustomError
 
+from sceniris_gym.errors import did_you_mean
 from sceniris_gym.scene.complaints import ADVICE
 
 FLOOR = "floor"
 ROBOT = "robot"
 
 
-def wrong(advice: str) -> PydanticCustomError:
-    """Return the error of a value; `advice` says what it should be and begins with "should"."""
-    return PydanticCustomError(ADVICE, "{advice}", {"advice": advice})  # type: ignore[arg-type]
+def wrong(advice: str, word: str = "", valid: Iterable[str] = ()) -> PydanticCustomError:
+    """Return the error of a value; `advice` says what it should be and begins with "should".
+
+    Args:
+        advice: what the value should be.
+        word: the word that was found, where it is one that may be misspelt.
+        valid: the words that it could have been.
+    """
+    context = {"advice": advice, "hint": did_you_mean(word, valid)}
+    return PydanticCustomError(ADVICE, "{advice}", context)  # type: ignore[arg-type]
 
 
-def _listed(value: Any) -> Any:
-    """Let everything that is a sequence of numbers be one, NumPy's arrays too, but no set and no text."""
+def listed(value: Any) -> Any:
+    """Return NumPy's arrays as lists and the rest as it is: any sequence is a list then, but no set and no text."""
     return value.tolist() if hasattr(value, "tolist") else value
 
 
@@ -29,6 +38,12 @@ def _ascending(interval: tuple[float, float]) -> tuple[float, float]:
     if interval[0] > interval[1]:
         raise wrong("should be [low, high] with low <= high")
     return interval
+
+
+def _not_zero(direction: tuple[float, float]) -> tuple[float, float]:
+    if max(map(abs, direction)) < 1e-9:
+        raise wrong("should be a direction [x, y] that is not [0, 0]")
+    return direction
 
 
 def _corners(box: tuple[tuple[float, ...], tuple[float, ...]]) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -47,7 +62,7 @@ def _simple(polygon: tuple[tuple[float, float], ...]) -> tuple[tuple[float, floa
 def _object_name(name: str) -> str:
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", name):
         raise wrong("should be a name of letters, digits, '_' and '-'")
-    if name in (FLOOR, ROBOT, "world"):
+    if name in (FLOOR, ROBOT, "world", "anchor", "support"):
         raise wrong("should be another name: this one is taken by the scene itself")
     return name
 
@@ -56,15 +71,16 @@ Number = Annotated[float, Strict(), AllowInfNan(False)]
 Fraction = Annotated[Number, Field(ge=0.0, le=1.0)]
 Positive = Annotated[Number, Field(gt=0.0)]
 NotNegative = Annotated[Number, Field(ge=0.0)]
-Interval = Annotated[tuple[Number, Number], BeforeValidator(_listed), AfterValidator(_ascending)]
-Point2 = Annotated[tuple[Number, Number], BeforeValidator(_listed)]
-FractionPoint2 = Annotated[tuple[Fraction, Fraction], BeforeValidator(_listed)]
-Point3 = Annotated[tuple[Number, Number, Number], BeforeValidator(_listed)]
-Corner = Annotated[tuple[Number, ...], BeforeValidator(_listed)]
-FractionInterval = Annotated[tuple[Fraction, Fraction], BeforeValidator(_listed), AfterValidator(_ascending)]
-Choice = Annotated[tuple[Number, ...], BeforeValidator(_listed), Field(min_length=1)]
-Extents2 = Annotated[tuple[Positive, Positive], BeforeValidator(_listed)]
-Box = Annotated[tuple[Corner, Corner], BeforeValidator(_listed), AfterValidator(_corners)]
-FractionBox = Annotated[tuple[FractionPoint2, FractionPoint2], BeforeValidator(_listed), AfterValidator(_corners)]
-Polygon = Annotated[tuple[Point2, ...], BeforeValidator(_listed), AfterValidator(_simple)]
+Interval = Annotated[tuple[Number, Number], BeforeValidator(listed), AfterValidator(_ascending)]
+Point2 = Annotated[tuple[Number, Number], BeforeValidator(listed)]
+Direction2 = Annotated[Point2, AfterValidator(_not_zero)]
+FractionPoint2 = Annotated[tuple[Fraction, Fraction], BeforeValidator(listed)]
+Point3 = Annotated[tuple[Number, Number, Number], BeforeValidator(listed)]
+Corner = Annotated[tuple[Number, ...], BeforeValidator(listed)]
+FractionInterval = Annotated[tuple[Fraction, Fraction], BeforeValidator(listed), AfterValidator(_ascending)]
+Choice = Annotated[tuple[Number, ...], BeforeValidator(listed), Field(min_length=1)]
+Extents2 = Annotated[tuple[Positive, Positive], BeforeValidator(listed)]
+Box = Annotated[tuple[Corner, Corner], BeforeValidator(listed), AfterValidator(_corners)]
+FractionBox = Annotated[tuple[FractionPoint2, FractionPoint2], BeforeValidator(listed), AfterValidator(_corners)]
+Polygon = Annotated[tuple[Point2, ...], BeforeValidator(listed), AfterValidator(_simple)]
 ObjectName = Annotated[str, AfterValidator(_object_name)]

@@ -90,12 +90,14 @@ class Batch:
         self.scene, self.nworld, self.device = scene, nworld, wp.get_device(device)
         contacts, rows = default_budget(scene.mjm)
         nconmax, njmax = nconmax or contacts, njmax or rows
-        nccdmax = min(nconmax, max(8, nconmax // 4))  # each needs 5 kB of scratch, and all worlds share them
+        naconmax = nworld * nconmax
+        # a pair of convex geoms takes 5 kB of scratch: many worlds share room for a quarter, few may need it all
+        naccdmax = min(naconmax, max(naconmax // 4, 16 * nconmax))
         with wp.ScopedDevice(self.device):
             self.model = mjw.put_model(scene.mjm)
             # the solver's bounds are there to be reached; kernels that say so at every step would flood stdout
             self.model.opt.warn_overflow &= ~int(mjw.OverflowType.ITERATIONS | mjw.OverflowType.LS_ITERATIONS)
-            self.data = mjw.make_data(scene.mjm, nworld, nconmax=nconmax, nccdmax=nccdmax, njmax=njmax)
+            self.data = mjw.make_data(scene.mjm, nworld, nconmax=nconmax, naccdmax=naccdmax, njmax=njmax)
         self.stages = update_stages(needs)
         self.substeps = substeps
         self._update = LaunchSequence(self._launch_update, self.device, graph=graph)

@@ -29,7 +29,7 @@ class ResetRandomizer:
     A reset clears the data of the chosen worlds (`mjw.reset_data`, so velocities, warm starts, clocks, and NaNs
     too), writes positions, mocap poses, activations and controls of their next layouts, and makes kinematics current
     for all worlds. Position actuators hold the sampled pose; the other controls are those of the home
-    keyframe. Nothing waits for the device, so a reset can be captured in a graph.
+    keyframe. Nothing waits for the device, so a reset with a mask on the device can be captured in a graph.
 
     Args:
         world: the scene, on the device of `data`

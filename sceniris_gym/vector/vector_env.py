@@ -130,10 +130,11 @@ class SceneVectorEnv(VectorEnv):
         }
 
         wp.synchronize_device(self.batch.device)  # torch works on another stream than the arrays were made on
-        self.task.bind(self.state)
-        self.batch.update()
-        observation = self.task.observe(self.state)
-        flat = spaces.flatten(observation)
+        with self._on_torch_stream():
+            self.task.bind(self.state)
+            self.batch.update()
+            observation = self.task.observe(self.state)
+            flat = spaces.flatten(observation)
         self.observation_names = spaces.names_of(observation)
         self.single_observation_space = spaces.observation_space(flat)
         self.single_action_space = spaces.action_space(self.task.action_size or self.world.mjm.nu)
@@ -242,6 +243,8 @@ class SceneVectorEnv(VectorEnv):
             due = self._autoreset.clone()
             self._reset_worlds(due)
             reward = torch.where(due, 0.0, reward)
+            info["success"] = success & ~due
+            info["reward_terms"] = {name: torch.where(due, 0.0, term) for name, term in terms.items()}
             terminated, truncated = terminated & ~due, truncated & ~due
             self._autoreset.copy_(terminated | truncated)
         info |= self._layout_info()
