@@ -3,14 +3,13 @@
 import warp as wp
 
 from sceniris_gym.layout.random import GROUP_STREAM, STREAM_BITS, uniforms
-from sceniris_gym.scene.device import Program
+from sceniris_gym.scene.device import WAITING_COLUMNS, WAITING_FROM, WAITING_SPACING, Program
 
 _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
 _GROUP_STREAM = wp.constant(wp.uint32(GROUP_STREAM))
-# Absent objects wait on a lattice far from every scene, 2 m from each other [m].
-_FAR = wp.constant(40.0)
-_SPACING = wp.constant(2.0)
-_COLUMNS = wp.constant(8)
+_FAR = wp.constant(WAITING_FROM)
+_SPACING = wp.constant(WAITING_SPACING)
+_COLUMNS = wp.constant(WAITING_COLUMNS)
 
 
 @wp.func

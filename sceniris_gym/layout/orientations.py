@@ -33,7 +33,9 @@ class Turn:
 @wp.func
 def heading_of(quat: wp.vec4, authored: wp.vec4) -> float:
     """The heading [rad] of a root with orientation `quat` whose orientation as authored is `authored`."""
-    x = quat_mat(mul_quat(quat, wp.vec4(authored[0], -authored[1], -authored[2], -authored[3]))) * wp.vec3(1.0, 0.0, 0.0)
+    x = quat_mat(mul_quat(quat, wp.vec4(authored[0], -authored[1], -authored[2], -authored[3]))) * wp.vec3(
+        1.0, 0.0, 0.0
+    )
     if wp.abs(x[0]) + wp.abs(x[1]) < 1.0e-6:
         return 0.0
     return wp.atan2(x[1], x[0])

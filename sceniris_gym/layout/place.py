@@ -53,7 +53,7 @@ _BANK_STREAM = wp.constant(wp.uint32(BANK_STREAM))
 
 @wp.struct
 class Candidate:
-    """A drawn pose: the point of the support under its pivot [m], its heading [rad], and what it stands on (-1: nothing)."""
+    """A drawn pose: the point of the support under its pivot [m], its heading [rad], the body under it (-1: none)."""
 
     turn: Turn
     heading: float
@@ -185,7 +185,7 @@ def _draw_pose(
 
 @wp.func
 def _pose_object(program: Program, layouts: LayoutsView, worldid: int, obj: int, c: Candidate):
-    """Pose the object's bodies with its pivot over the candidate's point, and write its root's pose. One lane's work."""
+    """Pose the object with its pivot over the candidate's point, and write its root's pose. One lane's work."""
     body_pos = layouts.body_pos[worldid]
     body_quat = layouts.body_quat[worldid]
     qpos = layouts.qpos[worldid]
@@ -359,9 +359,7 @@ def _make_place(geometry: str, collides: wp.Function, roof: wp.Function) -> wp.K
         leaves = wp.tile_stack(capacity=wp.static(LEAF_CAPACITY), dtype=wp.vec3i)
         if program.ngroup > 0:
             if lane == 0:
-                draw_groups(
-                    program, layouts.seed[worldid], layouts.episode[worldid], split, layouts.present[worldid]
-                )
+                draw_groups(program, layouts.seed[worldid], layouts.episode[worldid], split, layouts.present[worldid])
             block_sync()
         total = int(0)
         restart = int(0)

@@ -2,8 +2,6 @@
 
 import warp as wp
 
-from sceniris_gym.layout.polygons import cross2
-
 
 @wp.struct
 class Placed:

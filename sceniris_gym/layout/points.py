@@ -1,9 +1,9 @@
 """The point of the support that an object goes to: uniform by area in the region that its relations leave.
 
-Without relations the region is the same in every world and its triangles are cut once, on the host. With relations each
-triangle is clipped against the relations' pieces in the world at hand; what is left is chosen by area in one pass without
-any sum: piece i runs an exponential race at the rate of its area, and the first one wins (P(i) = area_i / total), so the
-choice does not depend on how many lanes share the work.
+Without relations the region is the same in every world and its triangles are cut once, on the host. With relations
+each triangle is clipped against the relations' pieces in the world at hand; what is left is chosen by area in one pass
+without any sum: piece i runs an exponential race at the rate of its area, and the first one wins (P(i) = area_i /
+total), so the choice does not depend on how many lanes share the work.
 """
 
 import warp as wp

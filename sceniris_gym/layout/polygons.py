@@ -54,7 +54,10 @@ def triangle(a: wp.vec2, b: wp.vec2, c: wp.vec2) -> Polygon:
 
 @wp.func
 def clip(p: Polygon, normal: wp.vec2, origin: wp.vec2, offset: float) -> Polygon:
-    """The part of a convex polygon with normal . (x - origin) <= offset (I. Sutherland, G. Hodgman, CACM 17(1), 1974)."""
+    """The part of a convex polygon with normal . (x - origin) <= offset.
+
+    I. Sutherland, G. Hodgman, "Reentrant polygon clipping", CACM 17(1), 1974.
+    """
     q = Polygon()
     q.num = int(0)
     for i in range(p.num):

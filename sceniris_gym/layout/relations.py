@@ -28,8 +28,8 @@ _LINE = wp.constant(2.0e-5)
 class Sight:
     """What one relation comes to in one world.
 
-    A sector: apex, direction of its axis and half angle [rad], circles [m]. A strip or a line: `apex` and the unit vector
-    `along`, from `low` to `high` along it and `half` to both sides. A hull: its corners.
+    A sector: apex, direction of its axis and half angle [rad], circles [m]. A strip or a line: `apex` and the unit
+    vector `along`, from `low` to `high` along it and `half` to both sides. A hull: its corners.
     """
 
     active: bool
@@ -213,7 +213,7 @@ def holds(
     place: wp.array(dtype=wp.vec4),
     bounds: wp.array(dtype=wp.vec4),
 ) -> bool:
-    """Does a relation hold exactly, with the object where `own` has it? Its convex pieces are known to hold the point."""
+    """Does a relation hold exactly, with the object where `own` has it? One of its pieces holds the point already."""
     if not s.active or program.rel_type[rel] != _SECTOR:
         return True
     v = own.at - s.apex

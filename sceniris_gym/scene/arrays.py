@@ -261,9 +261,7 @@ def _measured(plan: Plan, o: PlacedObject) -> Measure:
         return Measure.WHOLE
     if not o.draws:
         return Measure.NOTHING
-    seen = [
-        r for other in plan.objects for r in _relations_of(other) if o.name in (other.name, *r.anchors)
-    ]
+    seen = [r for other in plan.objects for r in _relations_of(other) if o.name in (other.name, *r.anchors)]
     return Measure.WHOLE if any(r.bounds or r.kind == "beside" for r in seen) else Measure.LOWEST
 
 

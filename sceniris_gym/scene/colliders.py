@@ -18,7 +18,7 @@ _GROW = 1.0e-6
 
 @dataclass
 class Colliders:
-    """Colliders and their box trees, one entry of each list a collider; `keep` holds the device meshes they point to."""
+    """Colliders and their box trees, an entry of each list for each; `keep` holds the device meshes they point to."""
 
     body: list[int] = field(default_factory=list)
     root: list[int] = field(default_factory=list)

@@ -78,6 +78,11 @@ class Measure(IntEnum):
 # and a hull of eight anchors.
 MAX_CORNERS = 24
 
+# Absent members of groups wait on a square lattice far from every scene: its first corner and its spacing [m].
+WAITING_FROM = 40.0
+WAITING_SPACING = 2.0
+WAITING_COLUMNS = 8
+
 # What turns a relation's direction, where it is not the heading of an object.
 FRAME_SUPPORT = -1
 FRAME_WORLD = -2

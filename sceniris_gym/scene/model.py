@@ -146,6 +146,9 @@ def build_model(config: SceneConfig) -> SceneModel:
         center, extent = mjm.stat.center.copy(), float(mjm.stat.extent)
     if spec.camera(backdrop.OVERVIEW) is None:
         backdrop.add_camera(spec, center, extent)
+    if config.groups and mujoco.mjtGeom.mjGEOM_PLANE not in mjm.geom_type:
+        spec.stat.center, spec.stat.extent = mjm.stat.center, mjm.stat.extent  # of the scene without its waiting ground
+        backdrop.add_waiting_ground(spec)
     if spec.key(HOME) is None:
         spec.add_key(name=HOME, qpos=home_qpos, ctrl=home_ctrl)
     mjm = compose.compile_spec(spec, config.where)

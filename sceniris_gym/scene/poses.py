@@ -83,7 +83,7 @@ class HomeShape:
 
 
 def heading_of(mat: np.ndarray, authored: np.ndarray) -> float:
-    """The heading [rad] of a root with orientation `mat` (3, 3): where its x axis as authored points, seen from above."""
+    """Where the x axis as authored points, seen from above [rad], of a root with orientation `mat`, shape (3, 3)."""
     x = mat @ matrix(authored).T[:, 0]
     return float(np.arctan2(x[1], x[0])) if np.abs(x[:2]).sum() > 1e-6 else 0.0
 

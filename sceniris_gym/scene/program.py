@@ -126,7 +126,6 @@ def build_plan(scene: SceneModel) -> Plan:
         ErodedSupportError: nothing is left of a support after its erosion and region.
         MeshError, NotSupportedError: a geom that cannot be an obstacle, or a support that leans.
     """
-    _check_words(scene.config)
     home = mujoco.MjData(scene.mjm)
     home.qpos[:] = scene.home_qpos
     mujoco.mj_kinematics(scene.mjm, home)
@@ -149,24 +148,11 @@ def roof_rule(config: ObjectConfig | None) -> Roof:
     return _ROOFS[config.support.word]
 
 
-def _check_words(config: SceneConfig) -> None:
-    """Refuse the words that a program cannot say yet."""
-    found = [f"objects.{name}.relations" for name, part in config.objects.items() if part.relations]
-    found += [f"objects.{name}.orientation" for name, part in config.objects.items() if part.turn.kind != "yaw"]
-    found += [f"groups.{name}" for name in config.groups]
-    if found:
-        raise NotSupportedError(
-            "\n".join(f"{config.where}: {path}: is not supported yet. Leave it out." for path in found)
-        )
-
-
 def _is_placed(part: ObjectConfig) -> bool:
     return part.kind != "static" and (part.support is not None or part.region is not None)
 
 
-def _standing(
-    scene: SceneModel, name: str, pieces: list[Piece], home: mujoco.MjData
-) -> tuple[np.ndarray, np.ndarray]:
+def _standing(scene: SceneModel, name: str, pieces: list[Piece], home: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
     """Where an object stands at home, as relations see it: (pivot, heading) and bounds."""
     root = scene.bodies[name]
     authored = scene.mjm.body_quat[root]
@@ -236,8 +222,8 @@ def _surfaces(
     """The body that carries an object and the surfaces on it."""
     support = config.support
     if support is None:
-        in_space = config.relations and config.region is not None
-        return None, [supports.shadow_of_box(config.region)] if in_space else []
+        assert config.region is not None
+        return None, [supports.shadow_of_box(config.region)] if config.relations else []
     where = f"{scene.config.where}: objects.{name}.{support.word}"
     body = scene.support_body(support.parent, where)
     if support.parent == FLOOR:
