@@ -51,7 +51,7 @@ def level_surfaces(body: int, pieces: list[Piece], *, open_above: bool) -> list[
     for height, flat in _levels(meshes):
         over = [_shadow(m, height + _ABOVE) if open_above else _section(m, height + _ABOVE) for m in meshes]
         outline = _parts(flat.difference(shapely.union_all([o for o in over if o is not None])))
-        wide = MultiPolygon([p for p in outline.geoms if not p.buffer(-_HALF_WIDTH).is_empty])
+        wide = _without_strips(outline)
         if not wide.is_empty:
             surfaces.append(Surface(body, height, wide, wide))
     return surfaces
@@ -129,6 +129,12 @@ def _crop_shape(surfaces: list[Surface], region: RegionConfig | None) -> Polygon
     low, high = np.asarray(shapely.union_all([s.outline for s in surfaces]).bounds).reshape(2, 2)
     (x0, y0), (x1, y1) = (low + np.asarray(f) * (high - low) for f in region.fraction)
     return box(x0, y0, x1, y1)
+
+
+def _without_strips(outline: MultiPolygon) -> MultiPolygon:
+    """The outline where it is wide enough: shrunk until strips are gone and grown again, 10 um beyond its old edges."""
+    core = outline.buffer(-_HALF_WIDTH, join_style="mitre")
+    return _parts(outline.intersection(core.buffer(_HALF_WIDTH + 1e-5, join_style="mitre")))
 
 
 def _levels(meshes: list[trimesh.Trimesh]) -> list[tuple[float, MultiPolygon]]:
