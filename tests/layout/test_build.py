@@ -229,7 +229,7 @@ def test_cycles_are_named(crate: dict):
 
 
 def test_a_support_that_leans_carries_nothing(tmp_path: Path, crate: dict):
-    """Fixed at an angle it is refused, tilted by a joint it is empty in that world; turning about the vertical is fine."""
+    """At a fixed angle it is refused, tilted by a joint it is empty; turning about the vertical is fine."""
     body = """<geom type="box" size=".2 .2 .01"/>
       <body name="flat" pos="0 0 .3" euler="0 0 30"><joint name="swing" axis="0 0 1" range="-90 90"/>
         <geom type="box" size=".1 .1 .005"/></body>

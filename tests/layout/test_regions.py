@@ -176,7 +176,8 @@ def test_at_ratio_one_the_whole_footprint_lies_on_the_support(tmp_path: Path, as
     accepted = rows.status == Status.VALID
     assert 50 < accepted.sum() < 280
     assert np.array(outside)[accepted].max() == 0.0
-    assert generator.rejection_counts()[asset] == {"roof": 0, "footprint": int((~accepted).sum()), "collision": 0}
+    counts = {cause: n for cause, n in generator.rejection_counts()[asset].items() if n}
+    assert counts == {"footprint": int((~accepted).sum())}
     assert np.array(outside)[~accepted].min() > 0.0
 
 

@@ -8,10 +8,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from sceniris_gym.scene.colliders import Colliders
 from sceniris_gym.scene.config import SceneConfig
 from sceniris_gym.scene.device import ObjectKind
 from sceniris_gym.scene.model import SceneModel, build_model
-from sceniris_gym.scene.program import Plan, build_plan, collider_pairs, placement_order
+from sceniris_gym.scene.pairs import collider_pairs
+from sceniris_gym.scene.program import Plan, build_plan, placement_order
 
 BOX = (
     '<mujoco><worldbody><body name="box"><geom type="box" size=".05 .02 .1" pos=".3 0 .4"/></body></worldbody></mujoco>'
@@ -95,8 +97,8 @@ def test_a_pivot_is_the_bottom_centre_of_the_bounds_at_home(folder: Path):
             }
         )
     )
-    np.testing.assert_allclose(plan.objects[0].pivot, [0.3, 0.0, 0.3], atol=1e-9)
-    np.testing.assert_allclose(plan.objects[1].pivot, [0.0, 0.0, -0.02], atol=1e-9)
+    np.testing.assert_allclose(plan.objects[0].variants[0].pivot, [0.3, 0.0, 0.3], atol=1e-9)
+    np.testing.assert_allclose(plan.objects[1].variants[0].pivot, [0.0, 0.0, -0.02], atol=1e-9)
 
 
 def test_home_is_the_state_of_mujoco_at_the_start_pose(folder: Path):
@@ -115,7 +117,7 @@ def _meetings(scene: SceneModel, plan: Plan | None = None) -> dict[tuple[str, st
     bodies = list(range(scene.mjm.nbody))
     name = {b: scene.mjm.body(b).name for b in bodies}
     found = {}
-    for pairs in collider_pairs(scene, plan, bodies):
+    for pairs in collider_pairs(scene, plan, Colliders(body=bodies, plane=[-1] * len(bodies))):
         for a, b, gap in pairs:
             assert (name[a], name[b]) not in found
             found[name[a], name[b]] = gap
