@@ -2,12 +2,32 @@
 
 from __future__ import annotations
 
-from . import make_fruit, make_furniture, make_kitchenware, make_panda
+from . import (
+    make_fruit,
+    make_furniture,
+    make_groceries,
+    make_kitchenware,
+    make_panda,
+    make_rooms,
+    make_tableware,
+    make_things,
+)
+
+MODULES = (
+    make_fruit,
+    make_kitchenware,
+    make_furniture,
+    make_panda,
+    make_groceries,
+    make_rooms,
+    make_tableware,
+    make_things,
+)
 
 
 def main() -> None:
     """Write all MJCF files, meshes and textures."""
-    for module in (make_fruit, make_furniture, make_kitchenware, make_panda):
+    for module in MODULES:
         module.main()
 
 

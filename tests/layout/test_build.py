@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import warp as wp
 
 from sceniris_gym.errors import (
     CycleError,
@@ -22,6 +23,7 @@ from sceniris_gym.errors import (
 from sceniris_gym.layout.build import build_world
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.scene.device import Program
 from sceniris_gym.scene.model import build_model
 from tests.layout.scenes import ANYWHERE, FLOOR, box_mjcf, cpu_world, make, valid, write_mjcf
 
@@ -74,6 +76,20 @@ def test_a_world_is_frozen():
     assert world.bank_size == 3
     with pytest.raises(FrozenInstanceError):
         world.device = "cuda:0"  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("scene", ["mid", {"objects": {}}], ids=["mid", "nothing"])
+@pytest.mark.parametrize("geometry", ["physics", "visual"])
+def test_every_field_of_the_device_program_is_set(scene: str | dict, geometry: str):
+    """Arrays that nobody filled would be null pointers in a kernel; float arrays hold numbers only."""
+    world = cpu_world(scene, {"geometry": geometry})
+    for name, field in Program.vars.items():
+        if isinstance(field.type, wp.array):
+            values = getattr(world.program, name)
+            assert values is not None, name
+            assert values.dtype == field.type.dtype, name
+            assert values.ndim == field.type.ndim, name
+            assert np.isfinite(values.numpy().astype(float)).all(), name
 
 
 @pytest.mark.parametrize("size", [0, -1])

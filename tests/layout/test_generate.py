@@ -372,6 +372,39 @@ def test_the_lowest_point_of_what_unfolds_downwards_stands_on_the_surface(tmp_pa
     assert np.ptp(rows.qpos[:, 2]) > 0.01
 
 
+def test_what_stands_on_what_stands_rises_with_it(tmp_path: Path):
+    """A lift whose platform is drawn between 20 and 60 cm, a free tray on it, a crate on the tray."""
+    body = """<geom type="box" size=".2 .2 .01" pos="0 0 .01"/><body name="platform" pos="0 0 .2">
+      <joint name="lift" type="slide" axis="0 0 1" range="0 .4"/><geom type="box" size=".2 .2 .01"/></body>"""
+    lift = {"asset": write_mjcf(tmp_path, "lift", body), "kind": "fixture", "on": "floor"}
+    objects = {
+        "crate": {"asset": box_mjcf(tmp_path, "crate", 0.02, 0.02, 0.02), "on": "tray", "gap": 0.003},
+        "tray": {"asset": box_mjcf(tmp_path, "tray", 0.2, 0.1, 0.02), "on": "lift/platform", "gap": 0.002},
+        "lift": {**lift, "joints": {"lift": {"fraction": [0, 1]}}, "gap": 0.001},
+    }
+    world, rows = _one({"floor": FLOOR, "objects": objects}, 200)
+    assert world.placed == ("lift", "tray", "crate")
+    at = {joint: int(world.mjm.joint(joint).qposadr[0]) for joint in ("lift/lift", "tray/free", "crate/free")}
+    platform = 0.001 + 0.2 + rows.qpos[:, at["lift/lift"]] + 0.01
+    tray, crate = rows.qpos[:, at["tray/free"] :][:, :7], rows.qpos[:, at["crate/free"] :][:, :7]
+    np.testing.assert_allclose(tray[:, 2], platform + 0.002, atol=1e-6)
+    np.testing.assert_allclose(crate[:, 2], tray[:, 2] + 0.02 + 0.003, atol=1e-6)
+    turn = _yaw(tray[:, 3:])
+    dx, dy = (crate[:, :2] - tray[:, :2]).T
+    across = np.abs([np.cos(turn) * dx + np.sin(turn) * dy, np.cos(turn) * dy - np.sin(turn) * dx]).max(axis=1)
+    np.testing.assert_allclose(across, [0.1, 0.05], rtol=0.05)
+
+
+@pytest.mark.xfail(reason="a marker without obstacles of its own has no lowest point to stand on", strict=True)
+def test_a_marker_with_drawn_joints_stays_in_its_region(tmp_path: Path):
+    """With `geometry: physics` its geoms touch nothing, and are no pieces; its pose must not depend on them."""
+    body = """<geom type="box" size=".01 .01 .01"/><body name="tip" pos="0 0 .1">
+      <joint name="tip" type="slide" axis="0 0 1" range="0 .1"/><geom type="box" size=".01 .01 .01"/></body>"""
+    wand = {"asset": write_mjcf(tmp_path, "wand", body), "kind": "marker", "joints": {"tip": {"fraction": [0, 1]}}}
+    _, rows = _one({"objects": {"wand": {**wand, "region": {"box": [[0.1, 0.2, 0.5], [0.1, 0.2, 0.5]]}}}}, 20)
+    np.testing.assert_allclose(rows.mocap_pos[:, 0], np.tile([0.1, 0.2, 0.5], (20, 1)), atol=1e-6)
+
+
 def test_the_pivot_is_the_bottom_centre_of_the_bounds(tmp_path: Path):
     """A box whose frame is far from its middle and lies on its side: region and turn are about the bottom centre."""
     (tmp_path / "lying.xml").write_text("""<mujoco><worldbody><body name="lying" quat=".707106781 .707106781 0 0">

@@ -1,0 +1,38 @@
+"""What is written about the arrays of a batch or of a World is true: every name, in the order of the fields."""
+
+import dataclasses
+import re
+
+import pytest
+
+from sceniris_gym.layout.layouts import Layouts, LayoutsView
+from sceniris_gym.scene.boxes import BoxTree
+from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.scene.pieces import Piece
+from sceniris_gym.scene.program import PlacedObject, Plan
+from sceniris_gym.scene.supports import Surface
+from sceniris_gym.scene.world import World
+
+
+def _documented(cls: type) -> list[str]:
+    """The names under "Attributes:" in a class's docstring, in order."""
+    text = (cls.__doc__ or "").split("Attributes:")[1]
+    listed = re.findall(r"^ {8}([\w, ]+): ", text, re.MULTILINE)
+    return [name.strip() for line in listed for name in line.split(",")]
+
+
+@pytest.mark.parametrize("cls", [BoxTree, Piece, PlacedObject, Plan, SceneModel, Surface, World])
+def test_a_docstring_lists_the_fields_in_their_order(cls: type):
+    """All of them, and no other."""
+    assert _documented(cls) == [field.name for field in dataclasses.fields(cls)]
+
+
+def test_layouts_are_documented_in_the_order_of_the_view():
+    """Every public array is a property, is documented with its shape, and comes in the order of the device struct."""
+    public = [name for name, value in vars(Layouts).items() if isinstance(value, property) and name != "nworld"]
+    assert [name for name in LayoutsView.vars if name in public] == public
+    assert _documented(Layouts) == ["world", "view", *public]
+    for name in public:
+        line = re.search(rf"^ {{8}}{name}: (.*(?:\n {{12}}.*)*)", Layouts.__doc__ or "", re.MULTILINE)
+        assert line is not None
+        assert "shape (" in line.group(1)
