@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import SeedError
+from sceniris_gym.errors import MaskError, SeedError
 from sceniris_gym.layout.collision import LEAF_CAPACITY, NODE_CAPACITY
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.place import place_physics, place_visual
@@ -121,7 +121,14 @@ class LayoutGenerator:
 
         Args:
             mask: Which worlds, shape (nworld,), bool; all if None.
+
+        Raises:
+            MaskError: a mask of another length.
         """
+        if mask is not None and mask.shape != (self.nworld,):
+            raise MaskError(
+                f"LayoutGenerator.generate: a mask of shape {mask.shape} should have shape ({self.nworld},)."
+            )
         device = self.world.device
         wp.launch(_advance, dim=self.nworld, inputs=[mask], outputs=[self.layouts.episode], device=device)
         wp.launch_tiled(

@@ -395,7 +395,6 @@ def test_what_stands_on_what_stands_rises_with_it(tmp_path: Path):
     np.testing.assert_allclose(across, [0.1, 0.05], rtol=0.05)
 
 
-@pytest.mark.xfail(reason="a marker without obstacles of its own has no lowest point to stand on", strict=True)
 def test_a_marker_with_drawn_joints_stays_in_its_region(tmp_path: Path):
     """With `geometry: physics` its geoms touch nothing, and are no pieces; its pose must not depend on them."""
     body = """<geom type="box" size=".01 .01 .01"/><body name="tip" pos="0 0 .1">
