@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from sceniris_gym.errors import CycleError as CycleError
     from sceniris_gym.errors import ErodedSupportError as ErodedSupportError
     from sceniris_gym.errors import InfeasibleSceneError as InfeasibleSceneError
+    from sceniris_gym.errors import KeysLeftOutWarning as KeysLeftOutWarning
     from sceniris_gym.errors import MaskError as MaskError
     from sceniris_gym.errors import MaskTypeError as MaskTypeError
     from sceniris_gym.errors import MeshError as MeshError
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from sceniris_gym.scene.config import SceneConfig as SceneConfig
     from sceniris_gym.scene.model import SceneModel as SceneModel
     from sceniris_gym.scene.model import build_model as build_model
+    from sceniris_gym.scene.original import read_sceniris as read_sceniris
     from sceniris_gym.scene.world import World as World
     from sceniris_gym.sim.randomizer import ResetRandomizer as ResetRandomizer
     from sceniris_gym.vector.task import Task as Task
@@ -43,6 +45,7 @@ _HOME = {  # public name -> the module it lives in
     "SceneConfig": "scene.config",
     "SceneModel": "scene.model",
     "build_model": "scene.model",
+    "read_sceniris": "scene.original",
     "World": "scene.world",
     "build_world": "layout.build",
     "Layouts": "layout.layouts",
@@ -63,6 +66,7 @@ _HOME = {  # public name -> the module it lives in
             "MeshError",
             "ContactBudgetError",
             "InfeasibleSceneError",
+            "KeysLeftOutWarning",
             "MaskError",
             "MaskTypeError",
             "SeedError",

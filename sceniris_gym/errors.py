@@ -156,3 +156,18 @@ class LayoutIdError(ScenirisError):
 
 class CountError(ScenirisError, ValueError):
     """A number of layouts, candidates or worlds that is too small."""
+
+
+class KeysLeftOutWarning(UserWarning):
+    """A configuration of the original package was read without some of its keys.
+
+    Args:
+        keys: dotted paths of the keys that are left out.
+    """
+
+    def __init__(self, keys: Iterable[str]) -> None:
+        self.keys = tuple(keys)
+        super().__init__(f"not carried over from the original configuration: {', '.join(self.keys)}.")
+
+    def __reduce__(self) -> tuple:
+        return type(self), (self.keys,)
