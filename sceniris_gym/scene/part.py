@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from contextlib import nullcontext
 from typing import Any, ClassVar, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ModelWrapValidatorHandler, ValidationError, model_validator
-from pydantic_core import InitErrorDetails, PydanticCustomError
+from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationError, ValidatorFunctionWrapHandler
+from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
+from pydantic_core.core_schema import no_info_wrap_validator_function
 
 from sceniris_gym.scene.complaints import UNKNOWN_KEY, UNSUPPORTED, reading, where_now
 from sceniris_gym.scene.values import wrong
@@ -22,9 +23,13 @@ class Part(BaseModel):
     misplaced: ClassVar[Mapping[str, str]] = {}
     """Words that belong somewhere else, and what to do with them; the advice begins with "should"."""
 
-    @model_validator(mode="wrap")
     @classmethod
-    def _in_words(cls, data: Any, handler: ModelWrapValidatorHandler) -> Any:
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        # Around all validators of the part, also those that it runs after its fields.
+        return no_info_wrap_validator_function(cls._in_words, handler(source))
+
+    @classmethod
+    def _in_words(cls, data: Any, handler: ValidatorFunctionWrapHandler) -> Any:
         # A part that is made in Python by itself is named by its class; inside of a scene, the scene does the reading.
         with reading(cls.__name__) if where_now.get() is None else nullcontext():
             if isinstance(data, Mapping):

@@ -271,6 +271,8 @@ def test_python_construction_is_judged_like_a_file():
         ObjectConfig(asset="apple", clearance=-1)
     with pytest.raises(SceneKeyError, match=r"ObjectConfig: onn: unknown key\. Did you mean 'on'"):
         ObjectConfig(asset="apple", onn="floor")  # type: ignore[call-arg]
+    with pytest.raises(SceneKeyError, match=r"JointConfig: scene: .*exactly one of .*, and has value and noise"):
+        JointConfig(value=1.0, noise=1.0)
     with pytest.raises(SceneKeyError, match=r"SceneConfig: objects\.a\.gap: 'x' should be a number"):
         SceneConfig(objects={"a": {"asset": "apple", "gap": "x"}})  # type: ignore[dict-item]
     with pytest.raises(UnknownNameError, match="unknown support 'floor'"):
