@@ -11,8 +11,9 @@ from .mjcf import Document, add
 from .parts import Corners, Look, Part, Piece, add_part, chamfered, disc, sheared, write_thing
 from .shapes import Mesh, box, lathe, solid, surface
 
-OAK, DARK_OAK, PAINT, STEEL, STONE = (
+OAK, DARK_OAK, PAINT, STEEL, STONE, CARCASS = (
     (0.70, 0.53, 0.35), (0.47, 0.32, 0.20), (0.84, 0.86, 0.84), (0.66, 0.68, 0.70), (0.30, 0.31, 0.33),
+    (0.62, 0.60, 0.56),
 )  # fmt: skip
 
 # Chair [m]: the seat's upper side; the back leans by a slope.
@@ -174,35 +175,37 @@ def make_counter() -> None:
     under = z - COUNTER_TOP
     hole, tops = counter_top()
     sink_floor = z - SINK_DEPTH - SINK_WALL
-    # The carcass is solid below the sink, and two blocks beside it above.
-    body: dict[str, Corners] = {
-        "carcass": ((-x + 0.01, -y + 0.04, TOE), (x - 0.01, y, sink_floor)),
-        "carcass_left": ((-x + 0.01, -y + 0.04, sink_floor), (hole[0][0], y, under)),
-        "carcass_right": ((hole[1][0], -y + 0.04, sink_floor), (x - 0.01, y, under)),
-        "carcass_front": ((hole[0][0], -y + 0.04, sink_floor), (hole[1][0], hole[0][1], under)),
-        "carcass_back": ((hole[0][0], hole[1][1], sink_floor), (hole[1][0], y, under)),
-        "toe": ((-x + 0.01, -y + 0.09, 0.0), (x - 0.01, y, TOE)),
-    }
+    # What is below the sink belongs to its body: the worktop's body has no level side that is hidden under it.
+    (left, front, _), (right, back, _) = hole
+    body: dict[str, Corners] = {}
+    for name, low, high in (("left", -x + 0.01, left), ("right", right, x - 0.01)):
+        body[f"carcass_{name}"] = ((low, -y + 0.04, TOE), (high, y, under))
+        body[f"toe_{name}"] = ((low, -y + 0.09, 0.0), (high, y, TOE))
+    body["carcass_front"] = ((left, -y + 0.04, TOE), (right, front, under))
+    body["toe_front"] = ((left, -y + 0.09, 0.0), (right, front, TOE))
+    body["carcass_back"] = ((left, back, 0.0), (right, y, under))
     fronts: dict[str, Corners] = {}
     width = (2 * x - 0.02) / 4
     for i in range(4):
-        left = -x + 0.01 + i * width
-        low, high = (left + 0.002, -y + 0.022, TOE + 0.004), (left + width - 0.002, -y + 0.041, under - 0.03)
+        start = -x + 0.01 + i * width
+        low, high = (start + 0.002, -y + 0.022, TOE + 0.004), (start + width - 0.002, -y + 0.041, under - 0.03)
         fronts[f"front_{i}"] = (low, high)
     (sx, sy), (px, py) = SINK, SINK_PLACE
+    rim, base = z - 0.001, sink_floor + SINK_WALL
     basin: dict[str, Corners] = {
-        "floor": (hole[0][:2] + (sink_floor,), hole[1][:2] + (sink_floor + SINK_WALL,)),
-        "left": ((hole[0][0], hole[0][1], sink_floor + SINK_WALL), (px - sx / 2, hole[1][1], z - 0.001)),
-        "right": ((px + sx / 2, hole[0][1], sink_floor + SINK_WALL), (hole[1][0], hole[1][1], z - 0.001)),
-        "front": ((px - sx / 2, hole[0][1], sink_floor + SINK_WALL), (px + sx / 2, py - sy / 2, z - 0.001)),
-        "back": ((px - sx / 2, py + sy / 2, sink_floor + SINK_WALL), (px + sx / 2, hole[1][1], z - 0.001)),
+        "floor": ((left, front, sink_floor), (right, back, base)),
+        "left": ((left, front, base), (px - sx / 2, back, rim)),
+        "right": ((px + sx / 2, front, base), (right, back, rim)),
+        "front": ((px - sx / 2, front, base), (px + sx / 2, py - sy / 2, rim)),
+        "back": ((px - sx / 2, py + sy / 2, base), (px + sx / 2, back, rim)),
     }
+    below: Corners = ((left, front, 0.0), (right, back, sink_floor))
     drain = lathe(np.array([(0, 1.2), (21, 1.2), (22, 0.6), (22, -1), (0, -1)]) / 1000.0, 24)
     pieces: dict[str, Piece] = {**tops, **body, **fronts}
     counter = Part(
         {
             "worktop": Look(union(tops), STONE, 0.5),
-            "cabinets": Look(union(body), (0.62, 0.60, 0.56), 0.2),
+            "cabinets": Look(union(body), CARCASS, 0.2),
             **{f"panel_{i}": Look(surface(box(*corners)), PAINT, 0.3) for i, corners in enumerate(fronts.values())},
         },
         pieces,
@@ -211,9 +214,10 @@ def make_counter() -> None:
     sink = Part(
         {
             "basin": Look(union(basin), STEEL, 0.8),
-            "drain": Look(drain.moved((px, py, sink_floor + SINK_WALL)), (0.25, 0.26, 0.27), 0.8),
+            "block": Look(surface(box(*below)), CARCASS, 0.2),
+            "drain": Look(drain.moved((px, py, base)), (0.25, 0.26, 0.27), 0.8),
         },
-        {**basin},
+        {**basin, "below": below},
         4.0,
     )
     document = Document("counter")

@@ -27,7 +27,7 @@ def make_plate() -> None:
         "bottom": disc([(70.5, 0), (73.4, 1.5), (73.0, 4.5)], 12),
         "rim": wall([(65.0, 70.3, 0.1), (104.6, 109.0, 18.0)], 12, steps=5),
     }
-    look = Look(mesh, (0.88, 0.88, 0.85), shine=0.6)
+    look = Look(mesh, (0.74, 0.76, 0.78), shine=0.6)
     write_thing("plate", Part({"visual": look}, pieces, 0.45, {"grasp": (0, -0.106, 0.018)}))
 
 
