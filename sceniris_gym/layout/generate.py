@@ -11,7 +11,7 @@ import warp as wp
 from sceniris_gym.errors import MaskError, SeedError
 from sceniris_gym.layout.collision import LEAF_CAPACITY, NODE_CAPACITY
 from sceniris_gym.layout.layouts import Layouts
-from sceniris_gym.layout.place import place_physics, place_visual
+from sceniris_gym.layout.place import PLACE
 from sceniris_gym.layout.random import SPLITS
 from sceniris_gym.scene.device import Cause
 from sceniris_gym.scene.world import World
@@ -86,7 +86,7 @@ class LayoutGenerator:
         self.block_dim = block_dim
         self.layouts = Layouts.create(world, nworld, rejected=rejected)
         self._seeds = wp.zeros(nworld, dtype=wp.uint64, device=world.device)
-        self._kernel = place_visual if world.config.geometry == "visual" else place_physics
+        self._kernel = PLACE[world.config.geometry, world.related]
         self.reseed(seed)
 
     @property

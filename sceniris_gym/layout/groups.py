@@ -3,7 +3,8 @@
 import warp as wp
 
 from sceniris_gym.layout.random import GROUP_STREAM, STREAM_BITS, uniforms
-from sceniris_gym.scene.device import WAITING_COLUMNS, WAITING_FROM, WAITING_SPACING, Program
+from sceniris_gym.scene.device import Program
+from sceniris_gym.scene.limits import WAITING_COLUMNS, WAITING_FROM, WAITING_SPACING
 
 _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
 _GROUP_STREAM = wp.constant(wp.uint32(GROUP_STREAM))

@@ -22,7 +22,7 @@ from sceniris_gym.layout.groups import draw_groups, waiting_place
 from sceniris_gym.layout.kinematics import draw_joints, pose_bodies
 from sceniris_gym.layout.layouts import LayoutsView, Status
 from sceniris_gym.layout.orientations import Turn, draw_turn, facing
-from sceniris_gym.layout.points import draw_in_triangle, draw_related, draw_triangle
+from sceniris_gym.layout.points import draw_in_triangle, draw_related, draw_triangle, draw_unrelated
 from sceniris_gym.layout.random import BANK_STREAM, STREAM_BITS, philox, uniforms
 from sceniris_gym.layout.regions import piece_on_surface, roof_physics, roof_visual
 from sceniris_gym.layout.transforms import apply, compose, mul_quat, pose_of, quat_mat, quat_z, relative
@@ -33,6 +33,8 @@ wp.set_module_options({"enable_backward": False})
 # Left alone the kernel takes all 255 registers of a lane, and a multiprocessor then holds 8 worlds; with half of them
 # and a few spills it holds 16, which makes 1.2 times the layouts on an H200.
 _MAX_REGISTERS = 128
+
+_GEOMETRY = {"physics": (collides_physics, roof_physics), "visual": (collides_visual, roof_visual)}
 
 _STATIC = wp.constant(int(ObjectKind.STATIC))
 _FREE = wp.constant(int(ObjectKind.FREE))
@@ -113,120 +115,6 @@ def _measure(
 
 
 @wp.func
-def _draw_pose(
-    program: Program,
-    layouts: LayoutsView,
-    worldid: int,
-    lane: int,
-    obj: int,
-    stream: wp.uint32,
-    trial: int,
-) -> Candidate:
-    """Joints and orientation first, then the point, which may depend on them."""
-    seed = layouts.seed[worldid]
-    episode = layouts.episode[worldid]
-    body_pos = layouts.body_pos[worldid]
-    body_quat = layouts.body_quat[worldid]
-    place = layouts.place[worldid]
-    u = uniforms(seed, episode, stream, trial, 0)
-    c = Candidate()
-    c.cause = _NONE
-    c.surface = int(-1)
-    c.ground = program.obj_ground[obj]
-    c.turn = draw_turn(program, obj, u, uniforms(seed, episode, stream, trial, 1))
-    if program.obj_measured[obj] != 0:
-        c.turn = _measure(program, obj, lane, c.turn, layouts.qpos[worldid], body_pos, body_quat)
-
-    box = program.obj_box_upper[obj] - program.obj_box_lower[obj]
-    c.point = program.obj_box_lower[obj] + wp.cw_mul(wp.vec3(u[1], u[2], u[3]), box)
-    c.heading = c.turn.yaw
-    if program.obj_trinum[obj] > 0:
-        frame = pose_of(wp.vec3(0.0), wp.vec4(1.0, 0.0, 0.0, 0.0))
-        if c.ground >= 0:
-            frame = pose_of(body_pos[c.ground], body_quat[c.ground])
-            c.gap = program.obj_gap[obj]
-        support_heading = wp.atan2(frame.rot[1, 0], frame.rot[0, 0])
-        if program.obj_turn[obj] != _ANY:
-            c.heading += support_heading
-        if program.obj_regionnum[obj] > 0:
-            spot = draw_related(
-                program,
-                obj,
-                lane,
-                c.turn,
-                frame,
-                support_heading,
-                seed,
-                episode,
-                stream,
-                trial,
-                place,
-                layouts.bounds[worldid],
-                layouts.present[worldid],
-            )
-            c.cause = spot.cause
-            if c.ground >= 0:
-                c.surface = spot.surface
-                c.point = spot.at
-            else:
-                c.point = wp.vec3(spot.at[0], spot.at[1], c.point[2])
-        else:
-            tri = draw_triangle(program, obj, u[1])
-            at = draw_in_triangle(program, tri, u[2], u[3])
-            c.surface = program.tri_surface[tri]
-            c.point = apply(frame, wp.vec3(at[0], at[1], program.surface_height[c.surface]))
-    if program.obj_turn[obj] == _FACE_TO:
-        target = program.obj_target[obj]
-        if layouts.present[worldid, target] != 0:
-            at = wp.vec2(place[target][0], place[target][1])
-            c.heading = c.turn.yaw + facing(wp.vec2(c.point[0], c.point[1]), at)
-    return c
-
-
-@wp.func
-def _pose_object(program: Program, layouts: LayoutsView, worldid: int, obj: int, c: Candidate):
-    """Pose the object with its pivot over the candidate's point, and write its root's pose. One lane's work."""
-    body_pos = layouts.body_pos[worldid]
-    body_quat = layouts.body_quat[worldid]
-    qpos = layouts.qpos[worldid]
-    root = program.obj_body[obj]
-    slot = program.obj_slot[obj]
-    pivot = c.point + wp.vec3(0.0, 0.0, c.gap)
-    quat = wp.normalize(mul_quat(quat_z(c.heading), c.turn.quat))
-    pos = pivot - quat_mat(quat) * c.turn.pivot
-    body_pos[root] = pos
-    body_quat[root] = quat
-    pose_bodies(program, obj, 1, qpos, body_pos, body_quat)
-    layouts.place[worldid, slot] = wp.vec4(pivot[0], pivot[1], pivot[2], c.heading)
-    layouts.bounds[worldid, slot] = c.turn.bounds
-    adr = program.obj_adr[obj]
-    if program.obj_kind[obj] == _FREE:
-        for i in range(3):
-            qpos[adr + i] = pos[i]
-        for i in range(4):
-            qpos[adr + 3 + i] = quat[i]
-    else:
-        layouts.mocap_pos[worldid, adr] = pos
-        layouts.mocap_quat[worldid, adr] = wp.quat(quat[0], quat[1], quat[2], quat[3])
-
-
-@wp.func
-def _put_away(program: Program, layouts: LayoutsView, worldid: int, obj: int):
-    """Lay an absent object down where it waits, its joints at home. One lane's work."""
-    for i in range(program.obj_drawnum[obj]):
-        adr = program.draw_qposadr[program.obj_drawadr[obj] + i]
-        layouts.qpos[worldid, adr] = program.home_qpos[adr]
-    variant = program.obj_variantadr[obj]
-    c = Candidate()
-    c.turn.quat = program.variant_quat[variant]
-    c.turn.pivot = program.variant_pivot[variant]
-    c.turn.bounds = program.variant_bounds[variant]
-    c.point = waiting_place(program.obj_slot[obj])
-    c.gap = program.obj_gap[obj]
-    _pose_object(program, layouts, worldid, obj, c)
-
-
-@wp.func
 def _overhangs(
     program: Program,
     obj: int,
@@ -283,8 +171,121 @@ def _fall_back(program: Program, layouts: LayoutsView, worldid: int, split: wp.u
     return _FALLBACK
 
 
-def _make_place(geometry: str, collides: wp.Function, roof: wp.Function) -> wp.Kernel:
-    """The kernel for one kind of geometry."""
+def _make_place(geometry: str, related: bool) -> wp.Kernel:
+    """The kernel for one kind of geometry, with or without relations: what a scene does not use costs registers."""
+    collides, roof = _GEOMETRY[geometry]
+    draw_spot = draw_related if related else draw_unrelated
+
+    @wp.func
+    def draw_pose(
+        program: Program,
+        layouts: LayoutsView,
+        worldid: int,
+        lane: int,
+        obj: int,
+        stream: wp.uint32,
+        trial: int,
+    ) -> Candidate:
+        """Joints and orientation first, then the point, which may depend on them."""
+        seed = layouts.seed[worldid]
+        episode = layouts.episode[worldid]
+        body_pos = layouts.body_pos[worldid]
+        body_quat = layouts.body_quat[worldid]
+        place = layouts.place[worldid]
+        u = uniforms(seed, episode, stream, trial, 0)
+        c = Candidate()
+        c.cause = _NONE
+        c.surface = int(-1)
+        c.ground = program.obj_ground[obj]
+        c.turn = draw_turn(program, obj, u, uniforms(seed, episode, stream, trial, 1))
+        if program.obj_measured[obj] != 0:
+            c.turn = _measure(program, obj, lane, c.turn, layouts.qpos[worldid], body_pos, body_quat)
+
+        box = program.obj_box_upper[obj] - program.obj_box_lower[obj]
+        c.point = program.obj_box_lower[obj] + wp.cw_mul(wp.vec3(u[1], u[2], u[3]), box)
+        c.heading = c.turn.yaw
+        if program.obj_trinum[obj] > 0:
+            frame = pose_of(wp.vec3(0.0), wp.vec4(1.0, 0.0, 0.0, 0.0))
+            if c.ground >= 0:
+                frame = pose_of(body_pos[c.ground], body_quat[c.ground])
+                c.gap = program.obj_gap[obj]
+            support_heading = wp.atan2(frame.rot[1, 0], frame.rot[0, 0])
+            if program.obj_turn[obj] != _ANY:
+                c.heading += support_heading
+            if program.obj_regionnum[obj] > 0:
+                spot = draw_spot(
+                    program,
+                    obj,
+                    lane,
+                    c.turn,
+                    frame,
+                    support_heading,
+                    seed,
+                    episode,
+                    stream,
+                    trial,
+                    place,
+                    layouts.bounds[worldid],
+                    layouts.present[worldid],
+                )
+                c.cause = spot.cause
+                if c.ground >= 0:
+                    c.surface = spot.surface
+                    c.point = spot.at
+                else:
+                    c.point = wp.vec3(spot.at[0], spot.at[1], c.point[2])
+            else:
+                tri = draw_triangle(program, obj, u[1])
+                at = draw_in_triangle(program, tri, u[2], u[3])
+                c.surface = program.tri_surface[tri]
+                c.point = apply(frame, wp.vec3(at[0], at[1], program.surface_height[c.surface]))
+        if program.obj_turn[obj] == _FACE_TO:
+            target = program.obj_target[obj]
+            if layouts.present[worldid, target] != 0:
+                at = wp.vec2(place[target][0], place[target][1])
+                c.heading = c.turn.yaw + facing(wp.vec2(c.point[0], c.point[1]), at)
+        return c
+
+    @wp.func
+    def _pose_object(program: Program, layouts: LayoutsView, worldid: int, obj: int, c: Candidate):
+        """Pose the object with its pivot over the candidate's point, and write its root's pose. One lane's work."""
+        body_pos = layouts.body_pos[worldid]
+        body_quat = layouts.body_quat[worldid]
+        qpos = layouts.qpos[worldid]
+        root = program.obj_body[obj]
+        slot = program.obj_slot[obj]
+        pivot = c.point + wp.vec3(0.0, 0.0, c.gap)
+        quat = wp.normalize(mul_quat(quat_z(c.heading), c.turn.quat))
+        pos = pivot - quat_mat(quat) * c.turn.pivot
+        body_pos[root] = pos
+        body_quat[root] = quat
+        pose_bodies(program, obj, 1, qpos, body_pos, body_quat)
+        layouts.place[worldid, slot] = wp.vec4(pivot[0], pivot[1], pivot[2], c.heading)
+        layouts.bounds[worldid, slot] = c.turn.bounds
+        adr = program.obj_adr[obj]
+        if program.obj_kind[obj] == _FREE:
+            for i in range(3):
+                qpos[adr + i] = pos[i]
+            for i in range(4):
+                qpos[adr + 3 + i] = quat[i]
+        else:
+            layouts.mocap_pos[worldid, adr] = pos
+            layouts.mocap_quat[worldid, adr] = wp.quat(quat[0], quat[1], quat[2], quat[3])
+
+    @wp.func
+    def _put_away(program: Program, layouts: LayoutsView, worldid: int, obj: int):
+        """Lay an absent object down where it waits, its joints at home. One lane's work."""
+        for i in range(program.obj_drawnum[obj]):
+            adr = program.draw_qposadr[program.obj_drawadr[obj] + i]
+            layouts.qpos[worldid, adr] = program.home_qpos[adr]
+        variant = program.obj_variantadr[obj]
+        c = Candidate()
+        c.turn.quat = program.variant_quat[variant]
+        c.turn.pivot = program.variant_pivot[variant]
+        c.turn.bounds = program.variant_bounds[variant]
+        c.point = waiting_place(program.obj_slot[obj])
+        c.gap = program.obj_gap[obj]
+        _pose_object(program, layouts, worldid, obj, c)
 
     @wp.func
     def covered(
@@ -327,7 +328,7 @@ def _make_place(geometry: str, collides: wp.Function, roof: wp.Function) -> wp.K
             if lane == 0:
                 pose_bodies(program, obj, 0, layouts.qpos[worldid], body_pos, body_quat)
         else:
-            c = _draw_pose(program, layouts, worldid, lane, obj, stream, trial)
+            c = draw_pose(program, layouts, worldid, lane, obj, stream, trial)
             if c.cause != _NONE:
                 return c.cause
             rule = program.obj_roof[obj]
@@ -396,11 +397,11 @@ def _make_place(geometry: str, collides: wp.Function, roof: wp.Function) -> wp.K
                 status = _fall_back(program, layouts, worldid, split)
             layouts.status[worldid] = status
 
-    name = f"place_{geometry}"
+    name = f"place_{geometry}_related" if related else f"place_{geometry}"
     place.__name__ = place.__qualname__ = name
     options = {"enable_backward": False, "grid_stride": False, "cuda_max_registers": _MAX_REGISTERS}
     return wp.Kernel(place, key=name, module=wp.get_module(f"{__name__}.{name}"), options=options)
 
 
-place_physics = _make_place("physics", collides_physics, roof_physics)
-place_visual = _make_place("visual", collides_visual, roof_visual)
+PLACE = {(geometry, related): _make_place(geometry, related) for geometry in _GEOMETRY for related in (False, True)}
+"""The kernel for a scene, by its geometry and by whether any of its regions differs between worlds."""

@@ -6,16 +6,23 @@ without any sum: piece i runs an exponential race at the rate of its area, and t
 total), so the choice does not depend on how many lanes share the work.
 """
 
+from typing import Any
+
 import warp as wp
 
 from sceniris_gym.layout.orientations import Turn, facing
 from sceniris_gym.layout.placed import Placed
-from sceniris_gym.layout.polygons import Polygon, area, draw_in_polygon, triangle
+from sceniris_gym.layout.polygons import area, clip, draw_in_polygon, set_triangle
 from sceniris_gym.layout.random import uniforms
-from sceniris_gym.layout.relations import clip_to, holds, look
+from sceniris_gym.layout.relations import Sight, holds, look, piece_side, side_num
 from sceniris_gym.layout.transforms import Pose, apply
 from sceniris_gym.scene.device import Cause, Program, TurnType
+from sceniris_gym.scene.limits import MAX_ANCHORS, MAX_CORNERS, MAX_RELATIONS
 
+_MAX_ANCHORS = wp.constant(MAX_ANCHORS)
+_MAX_CORNERS = wp.constant(MAX_CORNERS)
+_MAX_RELATIONS = wp.constant(MAX_RELATIONS)
+_MAX_HULLS = wp.constant(MAX_RELATIONS * MAX_ANCHORS)
 _NONE = wp.constant(int(Cause.NONE))
 _EMPTY = wp.constant(int(Cause.EMPTY))
 _REGION = wp.constant(int(Cause.REGION))
@@ -70,56 +77,54 @@ def _xy(frame: Pose, p: wp.vec2, height: float) -> wp.vec2:
     return wp.vec2(w[0], w[1])
 
 
-@wp.func
-def _piece(
+@wp.func(inline=False)
+def _look_around(
     program: Program,
     obj: int,
-    index: int,
-    frame: Pose,
     own: Placed,
     support_heading: float,
     place: wp.array(dtype=wp.vec4),
     bounds: wp.array(dtype=wp.vec4),
     present: wp.array(dtype=int),
-) -> Polygon:
-    """Piece `index` of the region: a triangle of the support within one convex piece of every relation."""
-    num = program.obj_trinum[obj]
-    tri = program.obj_triadr[obj] + index % num
-    rest = index // num
+    sights: Any,
+    hulls: Any,
+):
+    """What each of the object's relations comes to in this world."""
+    for i in range(program.obj_relnum[obj]):
+        rel = program.obj_reladr[obj] + i
+        sights[i] = look(program, rel, own, support_heading, place, bounds, present, hulls, i * _MAX_ANCHORS)
+
+
+@wp.func(inline=False)
+def _cut(
+    program: Program, obj: int, index: int, frame: Pose, sights: Any, hulls: Any, polygon: Any, scratch: Any
+) -> int:
+    """Piece `index` of the region: a triangle of the support within one convex piece of every relation.
+
+    Returns the number of corners of `polygon`.
+    """
+    tri = program.obj_triadr[obj] + index % program.obj_trinum[obj]
+    rest = index // program.obj_trinum[obj]
     height = program.surface_height[program.tri_surface[tri]]
-    p = triangle(
+    num = set_triangle(
+        polygon,
         _xy(frame, program.tri_a[tri], height),
         _xy(frame, program.tri_b[tri], height),
         _xy(frame, program.tri_c[tri], height),
     )
     for i in range(program.obj_relnum[obj]):
         rel = program.obj_reladr[obj] + i
-        pieces = program.rel_piecenum[rel]
-        sight = look(program, rel, own, support_heading, place, bounds, present)
+        sight = sights[i]
+        piece = rest % program.rel_piecenum[rel]
+        rest = rest // program.rel_piecenum[rel]
         # a relation that is not active has one piece, the whole plane
-        if not sight.active and rest % pieces != 0:
-            p.num = 0
-        p = clip_to(program, rel, rest % pieces, sight, p)
-        rest = rest // pieces
-    return p
-
-
-@wp.func
-def _all_hold(
-    program: Program,
-    obj: int,
-    own: Placed,
-    support_heading: float,
-    place: wp.array(dtype=wp.vec4),
-    bounds: wp.array(dtype=wp.vec4),
-    present: wp.array(dtype=int),
-) -> bool:
-    for i in range(program.obj_relnum[obj]):
-        rel = program.obj_reladr[obj] + i
-        sight = look(program, rel, own, support_heading, place, bounds, present)
-        if not holds(program, rel, sight, own, place, bounds):
-            return False
-    return True
+        if not sight.active and piece > 0:
+            num = int(0)
+        for side in range(side_num(program, rel, sight)):
+            if num > 0:
+                plane = piece_side(program, rel, piece, side, sight, hulls, i * _MAX_ANCHORS)
+                num = clip(polygon, num, plane, scratch)
+    return num
 
 
 @wp.func
@@ -150,12 +155,16 @@ def draw_related(
         own.heading += support_heading
     own.low = wp.vec2(turn.bounds[0], turn.bounds[1])
     own.high = wp.vec2(turn.bounds[2], turn.bounds[3])
-    total = program.obj_regionnum[obj]
+    sights = wp.zeros(shape=(_MAX_RELATIONS,), dtype=Sight)
+    hulls = wp.zeros(shape=(_MAX_HULLS,), dtype=wp.vec2)
+    polygon = wp.zeros(shape=(_MAX_CORNERS,), dtype=wp.vec2)
+    scratch = wp.zeros(shape=(_MAX_CORNERS,), dtype=wp.vec2)
+    _look_around(program, obj, own, support_heading, place, bounds, present, sights, hulls)
     for redraw in range(_REDRAWS):
         first_draw = _FIRST_DRAW + redraw * _DRAWS
         best = _NOBODY
-        for i in range(lane, total, wp.block_dim()):
-            size = area(_piece(program, obj, i, frame, own, support_heading, place, bounds, present))
+        for i in range(lane, program.obj_regionnum[obj], wp.block_dim()):
+            size = area(polygon, _cut(program, obj, i, frame, sights, hulls, polygon, scratch))
             if size > _LEAST_AREA:
                 race = uniforms(seed, episode, stream, trial, first_draw + 1 + i // 4)
                 finish = -wp.log(1.0 - race[i % 4]) / size
@@ -166,8 +175,8 @@ def draw_related(
             return spot
         index = int(best & wp.uint64(0xFFFFFFFF))
         u = uniforms(seed, episode, stream, trial, first_draw)
-        p = _piece(program, obj, index, frame, own, support_heading, place, bounds, present)
-        own.at = draw_in_polygon(p, u[0], u[1], u[2])
+        num = _cut(program, obj, index, frame, sights, hulls, polygon, scratch)
+        own.at = draw_in_polygon(polygon, num, u[0], u[1], u[2])
         if program.obj_turn[obj] == _FACE_TO:
             target = place[program.obj_target[obj]]
             if present[program.obj_target[obj]] != 0:
@@ -178,8 +187,30 @@ def draw_related(
         n = wp.vec3(frame.rot[0, 2], frame.rot[1, 2], frame.rot[2, 2])
         z = ground[2] - (n[0] * (own.at[0] - ground[0]) + n[1] * (own.at[1] - ground[1])) / n[2]
         spot.at = wp.vec3(own.at[0], own.at[1], z)
-        if _all_hold(program, obj, own, support_heading, place, bounds, present):
-            spot.cause = _NONE
+        spot.cause = _NONE
+        for i in range(program.obj_relnum[obj]):
+            if not holds(program, program.obj_reladr[obj] + i, sights[i], own, place, bounds):
+                spot.cause = _REGION
+        if spot.cause == _NONE:
             return spot
-        spot.cause = _REGION
     return spot
+
+
+@wp.func
+def draw_unrelated(
+    program: Program,
+    obj: int,
+    lane: int,
+    turn: Turn,
+    frame: Pose,
+    support_heading: float,
+    seed: wp.uint64,
+    episode: int,
+    stream: wp.uint32,
+    trial: int,
+    place: wp.array(dtype=wp.vec4),
+    bounds: wp.array(dtype=wp.vec4),
+    present: wp.array(dtype=int),
+) -> Spot:
+    """Stands for `draw_related` in scenes without relations, whose kernel need not carry it; never called there."""
+    return Spot()

@@ -1,34 +1,34 @@
-"""Small convex polygons on the device: clipped by half-planes, measured, drawn from."""
+"""Small convex polygons on the device: clipped by half-planes, measured, drawn from.
+
+A polygon is a lane's own array of `MAX_CORNERS` corners [m], counter-clockwise, and how many of them count.
+"""
+
+from typing import Any
 
 import warp as wp
 
-from sceniris_gym.scene.device import MAX_CORNERS
+from sceniris_gym.scene.limits import MAX_CORNERS
 
-_Corners = wp.types.vector(length=2 * MAX_CORNERS, dtype=float)
+_MAX_CORNERS = wp.constant(MAX_CORNERS)
 
 
 @wp.struct
-class Polygon:
-    """Corners [m] in counter-clockwise order, xy one after the other."""
+class HalfPlane:
+    """The points x with normal . (x - origin) <= offset."""
 
-    corners: _Corners
-    num: int
-
-
-@wp.func
-def corner(p: Polygon, i: int) -> wp.vec2:
-    """Corner `i` of a polygon."""
-    return wp.vec2(p.corners[2 * i], p.corners[2 * i + 1])
+    normal: wp.vec2
+    origin: wp.vec2
+    offset: float
 
 
 @wp.func
-def push_corner(p: Polygon, c: wp.vec2) -> Polygon:
-    """The polygon with one corner more."""
-    if p.num < wp.static(MAX_CORNERS):
-        p.corners[2 * p.num] = c[0]
-        p.corners[2 * p.num + 1] = c[1]
-        p.num += 1
-    return p
+def half_plane(normal: wp.vec2, origin: wp.vec2, offset: float) -> HalfPlane:
+    """The half-plane of these fields."""
+    h = HalfPlane()
+    h.normal = normal
+    h.origin = origin
+    h.offset = offset
+    return h
 
 
 @wp.func
@@ -38,58 +38,64 @@ def cross2(a: wp.vec2, b: wp.vec2) -> float:
 
 
 @wp.func
-def triangle(a: wp.vec2, b: wp.vec2, c: wp.vec2) -> Polygon:
-    """A triangle as a polygon, turned counter-clockwise."""
-    p = Polygon()
-    p.num = int(0)
-    p = push_corner(p, a)
+def set_triangle(p: Any, a: wp.vec2, b: wp.vec2, c: wp.vec2) -> int:
+    """Make `p` a triangle, turned counter-clockwise. Returns its number of corners."""
+    p[0] = a
     if cross2(b - a, c - a) >= 0.0:
-        p = push_corner(p, b)
-        p = push_corner(p, c)
+        p[1] = b
+        p[2] = c
     else:
-        p = push_corner(p, c)
-        p = push_corner(p, b)
-    return p
+        p[1] = c
+        p[2] = b
+    return 3
 
 
 @wp.func
-def clip(p: Polygon, normal: wp.vec2, origin: wp.vec2, offset: float) -> Polygon:
-    """The part of a convex polygon with normal . (x - origin) <= offset.
+def clip(p: Any, num: int, h: HalfPlane, scratch: Any) -> int:
+    """Cut `p` down to a half-plane. Returns the number of corners that are left.
 
     I. Sutherland, G. Hodgman, "Reentrant polygon clipping", CACM 17(1), 1974.
     """
-    q = Polygon()
-    q.num = int(0)
-    for i in range(p.num):
-        a = corner(p, i)
-        b = corner(p, (i + 1) % p.num)
-        ha = wp.dot(normal, a - origin) - offset
-        hb = wp.dot(normal, b - origin) - offset
-        if ha <= 0.0:
-            q = push_corner(q, a)
-        if (ha < 0.0 and hb > 0.0) or (ha > 0.0 and hb < 0.0):
-            q = push_corner(q, a + (b - a) * (ha / (ha - hb)))
-    return q
+    left = int(0)
+    a = wp.vec2(0.0, 0.0)
+    ha = float(0.0)
+    if num > 0:
+        a = p[num - 1]
+        ha = wp.dot(h.normal, a - h.origin) - h.offset
+    for i in range(num):
+        b = p[i]
+        hb = wp.dot(h.normal, b - h.origin) - h.offset
+        if ((ha < 0.0 and hb > 0.0) or (ha > 0.0 and hb < 0.0)) and left < _MAX_CORNERS:
+            scratch[left] = a + (b - a) * (ha / (ha - hb))
+            left += 1
+        if hb <= 0.0 and left < _MAX_CORNERS:
+            scratch[left] = b
+            left += 1
+        a = b
+        ha = hb
+    for i in range(left):
+        p[i] = scratch[i]
+    return left
 
 
 @wp.func
-def area(p: Polygon) -> float:
+def area(p: Any, num: int) -> float:
     """Area [m^2]."""
     total = float(0.0)
-    for i in range(2, p.num):
-        total += cross2(corner(p, i - 1) - corner(p, 0), corner(p, i) - corner(p, 0))
+    for i in range(2, num):
+        total += cross2(p[i - 1] - p[0], p[i] - p[0])
     return 0.5 * total
 
 
 @wp.func
-def draw_in_polygon(p: Polygon, pick: float, u: float, v: float) -> wp.vec2:
+def draw_in_polygon(p: Any, num: int, pick: float, u: float, v: float) -> wp.vec2:
     """A uniform point from three uniform numbers: a triangle of the fan by area, then a point of it."""
-    left = 2.0 * pick * area(p)
-    chosen = p.num - 1
-    for i in range(2, p.num):
-        part = cross2(corner(p, i - 1) - corner(p, 0), corner(p, i) - corner(p, 0))
+    left = 2.0 * pick * area(p, num)
+    chosen = num - 1
+    for i in range(2, num):
+        part = cross2(p[i - 1] - p[0], p[i] - p[0])
         if left < part and i < chosen:
             chosen = i
         left -= part
     s = wp.sqrt(u)
-    return (1.0 - s) * corner(p, 0) + s * (1.0 - v) * corner(p, chosen - 1) + s * v * corner(p, chosen)
+    return (1.0 - s) * p[0] + s * (1.0 - v) * p[chosen - 1] + s * v * p[chosen]

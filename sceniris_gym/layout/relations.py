@@ -6,18 +6,22 @@ hold too much is drawn again after the exact test.
 """
 
 import math
+from typing import Any
 
 import warp as wp
 
 from sceniris_gym.layout.placed import Placed, bounds_distance, bounds_extent, bounds_radius, turned
-from sceniris_gym.layout.polygons import Polygon, clip, corner, cross2, push_corner
+from sceniris_gym.layout.polygons import HalfPlane, cross2, half_plane
 from sceniris_gym.scene.device import FRAME_SUPPORT, FRAME_WORLD, Program, RelationType
+from sceniris_gym.scene.limits import MAX_ANCHORS
 
 _SECTOR = wp.constant(int(RelationType.SECTOR))
 _BETWEEN = wp.constant(int(RelationType.BETWEEN))
 _FRAME_SUPPORT = wp.constant(FRAME_SUPPORT)
 _FRAME_WORLD = wp.constant(FRAME_WORLD)
+_MAX_ANCHORS = wp.constant(MAX_ANCHORS)
 _PI = wp.constant(math.pi)
+_NO_LIMIT = wp.constant(1.0e29)
 # Anchors whose hull is thinner than this [m] are collinear: a strip takes the hull's place.
 _THIN = wp.constant(1.0e-3)
 # Beside is a line; it is drawn as a strip of this half width [m], a fifth of what a violation would be.
@@ -28,12 +32,13 @@ _LINE = wp.constant(2.0e-5)
 class Sight:
     """What one relation comes to in one world.
 
-    A sector: apex, direction of its axis and half angle [rad], circles [m]. A strip or a line: `apex` and the unit
-    vector `along`, from `low` to `high` along it and `half` to both sides. A hull: its corners.
+    A sector: apex, direction of its axis and half angle [rad], least and greatest distance that its pieces hold [m]. A
+    strip or a line: `apex` and the unit vector `along`, from `low` to `high` along it and `half` to both sides. A hull:
+    its number of corners, which are kept beside.
     """
 
     active: bool
-    hull: Polygon
+    hullnum: int
     apex: wp.vec2
     axis: float
     half_angle: float
@@ -55,60 +60,78 @@ def load_placed(place: wp.array(dtype=wp.vec4), bounds: wp.array(dtype=wp.vec4),
 
 
 @wp.func
-def _hull(points: Polygon) -> Polygon:
-    """The convex hull, counter-clockwise (R. Jarvis, Information Processing Letters 2(1), 1973)."""
+def _hull(points: Any, num: int, hull: Any, first: int) -> int:
+    """The convex hull, counter-clockwise, into `hull` from `first` on. Returns its number of corners.
+
+    R. Jarvis, "On the identification of the convex hull", Information Processing Letters 2(1), 1973.
+    """
     start = int(0)
-    for i in range(1, points.num):
-        a = corner(points, i)
-        b = corner(points, start)
+    for i in range(1, num):
+        a = points[i]
+        b = points[start]
         if a[1] < b[1] or (a[1] == b[1] and a[0] < b[0]):
             start = i
-    hull = Polygon()
-    hull.num = int(0)
     at = start
-    for _i in range(points.num):
-        hull = push_corner(hull, corner(points, at))
-        to = (at + 1) % points.num
-        for j in range(points.num):
-            if cross2(corner(points, to) - corner(points, at), corner(points, j) - corner(points, at)) < 0.0:
+    count = int(0)
+    for _i in range(num):
+        hull[first + count] = points[at]
+        count += 1
+        to = (at + 1) % num
+        for j in range(num):
+            if cross2(points[to] - points[at], points[j] - points[at]) < 0.0:
                 to = j
         at = to
         if at == start:
             break
-    return hull
+    return count
 
 
 @wp.func
-def _between(program: Program, rel: int, points: Polygon) -> Sight:
+def _between(width: float, points: Any, num: int, hull: Any, first: int) -> Sight:
     """The hull of the anchors, or a strip around the longest segment if they lie on a line."""
     s = Sight()
-    s.active = points.num >= 2
+    s.active = num >= 2
     a = int(0)
     b = int(0)
     longest = float(0.0)
-    for i in range(points.num):
+    for i in range(num):
         for j in range(i):
-            length = wp.length(corner(points, i) - corner(points, j))
+            length = wp.length(points[i] - points[j])
             if length > longest:
                 longest = length
                 a = i
                 b = j
-    s.apex = corner(points, a)
+    s.apex = points[a]
     s.along = wp.vec2(1.0, 0.0)
     if longest > 0.0:
-        s.along = (corner(points, b) - corner(points, a)) / longest
-    s.low = float(0.0)
+        s.along = (points[b] - points[a]) / longest
     s.high = longest
-    s.half = 0.5 * program.rel_width[rel]
+    s.half = 0.5 * width
     left = float(0.0)
     right = float(0.0)
-    for i in range(points.num):
-        off = cross2(s.along, corner(points, i) - s.apex)
+    for i in range(num):
+        off = cross2(s.along, points[i] - s.apex)
         left = wp.max(left, off)
         right = wp.min(right, off)
-    s.hull.num = int(0)
     if left - right > _THIN:
-        s.hull = _hull(points)
+        s.hullnum = _hull(points, num, hull, first)
+    return s
+
+
+@wp.func
+def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float) -> Sight:
+    """The line on which the pivot lies where the bounds are `gap` apart and the narrower lies within the wider."""
+    s = Sight()
+    s.active = True
+    side = turned(wp.vec2(1.0, 0.0), axis)
+    s.along = wp.vec2(-side[1], side[0])
+    offset = bounds_extent(anchor, side)[1] + program.rel_gap[rel] - bounds_extent(own, side)[0]
+    wide = bounds_extent(anchor, s.along)
+    narrow = bounds_extent(own, s.along)
+    s.apex = anchor.at + side * offset
+    s.low = wp.min(wide[0] - narrow[0], wide[1] - narrow[1])
+    s.high = wp.max(wide[0] - narrow[0], wide[1] - narrow[1])
+    s.half = _LINE
     return s
 
 
@@ -121,87 +144,89 @@ def look(
     place: wp.array(dtype=wp.vec4),
     bounds: wp.array(dtype=wp.vec4),
     present: wp.array(dtype=int),
+    hull: Any,
+    first: int,
 ) -> Sight:
     """What a relation comes to for an object (its bounds and heading; where it is does not matter) in one world.
 
-    Absent anchors count as not named; a relation that is left without enough of them is not active.
+    Absent anchors count as not named; a relation that is left without enough of them is not active. The corners of a
+    hull go into `hull` from `first` on.
     """
     adr = program.rel_anchoradr[rel]
-    points = Polygon()
-    points.num = int(0)
+    points = wp.zeros(shape=(_MAX_ANCHORS,), dtype=wp.vec2)
+    num = int(0)
     for i in range(program.rel_anchornum[rel]):
         slot = program.rel_anchor[adr + i]
         if present[slot] != 0:
-            points = push_corner(points, wp.vec2(place[slot][0], place[slot][1]))
+            points[num] = wp.vec2(place[slot][0], place[slot][1])
+            num += 1
     if program.rel_type[rel] == _BETWEEN:
-        return _between(program, rel, points)
+        return _between(program.rel_width[rel], points, num, hull, first)
 
     s = Sight()
-    s.hull.num = int(0)
-    s.active = points.num > 0
+    frame = program.rel_frame[rel]
+    axis = program.rel_heading[rel]
+    s.active = num > 0
+    if frame == _FRAME_SUPPORT:
+        axis += support_heading
+    elif frame != _FRAME_WORLD:
+        axis += place[frame][3]
+        s.active = s.active and present[frame] != 0
     if not s.active:
         return s
     anchor = load_placed(place, bounds, program.rel_anchor[adr])
-    frame = program.rel_frame[rel]
-    s.axis = program.rel_heading[rel]
-    if frame == _FRAME_SUPPORT:
-        s.axis += support_heading
-    elif frame != _FRAME_WORLD:
-        if present[frame] != 0:
-            s.axis += place[frame][3]
-        else:
-            s.active = False
+    if program.rel_type[rel] != _SECTOR:
+        return _beside(program, rel, own, anchor, axis)
     s.apex = anchor.at
-    if program.rel_type[rel] == _SECTOR:
-        s.half_angle = program.rel_half_angle[rel]
-        s.low = program.rel_low[rel]
-        s.high = program.rel_high[rel]
-        if program.rel_bounds[rel] != 0:
-            s.high += bounds_radius(anchor) + bounds_radius(own)
-        return s
-
-    side = turned(wp.vec2(1.0, 0.0), s.axis)
-    across = wp.vec2(-side[1], side[0])
-    offset = bounds_extent(anchor, side)[1] + program.rel_gap[rel] - bounds_extent(own, side)[0]
-    wide = bounds_extent(anchor, across)
-    narrow = bounds_extent(own, across)
-    s.apex = anchor.at + side * offset
-    s.along = across
-    s.low = wp.min(wide[0] - narrow[0], wide[1] - narrow[1])
-    s.high = wp.max(wide[0] - narrow[0], wide[1] - narrow[1])
-    s.half = _LINE
+    s.axis = axis
+    s.half_angle = program.rel_half_angle[rel]
+    s.low = program.rel_low[rel]
+    s.high = program.rel_high[rel]
+    if program.rel_bounds[rel] != 0:
+        s.high += bounds_radius(anchor) + bounds_radius(own)
     return s
 
 
 @wp.func
-def clip_to(program: Program, rel: int, piece: int, s: Sight, p: Polygon) -> Polygon:
-    """The part of a polygon in one convex piece of a relation."""
+def side_num(program: Program, rel: int, s: Sight) -> int:
+    """How many half-planes hold one piece of a relation."""
     if not s.active:
-        return p
+        return 0
+    if s.hullnum > 0:
+        return s.hullnum
+    return 4
+
+
+@wp.func
+def piece_side(program: Program, rel: int, piece: int, side: int, s: Sight, hull: Any, first: int) -> HalfPlane:
+    """One of the half-planes that hold a piece of a relation."""
+    if s.hullnum > 0:
+        a = hull[first + side]
+        edge = hull[first + (side + 1) % s.hullnum] - a
+        return half_plane(wp.vec2(edge[1], -edge[0]), a, 0.0)
+    sign = float(1 - 2 * (side % 2))
     if program.rel_type[rel] != _SECTOR:
-        if s.hull.num > 0:
-            for i in range(s.hull.num):
-                a = corner(s.hull, i)
-                side = corner(s.hull, (i + 1) % s.hull.num) - a
-                p = clip(p, wp.vec2(side[1], -side[0]), a, 0.0)
-            return p
-        across = wp.vec2(-s.along[1], s.along[0])
-        p = clip(p, s.along, s.apex, s.high)
-        p = clip(p, -s.along, s.apex, -s.low)
-        p = clip(p, across, s.apex, s.half)
-        return clip(p, -across, s.apex, s.half)
+        if side == 0:
+            return half_plane(s.along, s.apex, s.high)
+        if side == 1:
+            return half_plane(-s.along, s.apex, -s.low)
+        return half_plane(wp.vec2(-s.along[1], s.along[0]) * sign, s.apex, s.half)
 
     slice = 2.0 * s.half_angle / float(program.rel_piecenum[rel])
-    first = s.axis - s.half_angle + slice * float(piece)
-    middle = turned(wp.vec2(1.0, 0.0), first + 0.5 * slice)
-    if program.rel_piecenum[rel] > 1 or s.half_angle < _PI:
-        p = clip(p, turned(wp.vec2(0.0, -1.0), first), s.apex, 0.0)
-        p = clip(p, turned(wp.vec2(0.0, 1.0), first + slice), s.apex, 0.0)
-    if s.low > 0.0:
-        p = clip(p, -middle, s.apex, -s.low * wp.cos(0.5 * slice))
-    if program.rel_high[rel] < 1.0e29:
-        p = clip(p, middle, s.apex, s.high)
-    return p
+    start = s.axis - s.half_angle + slice * float(piece)
+    everything = half_plane(wp.vec2(0.0, 0.0), s.apex, 0.0)
+    if side < 2:
+        if s.half_angle >= _PI and program.rel_piecenum[rel] == 1:
+            return everything
+        return half_plane(turned(wp.vec2(0.0, -sign), start + slice * float(side)), s.apex, 0.0)
+    middle = turned(wp.vec2(1.0, 0.0), start + 0.5 * slice)
+    if side == 2:
+        if s.low <= 0.0:
+            return everything
+        return half_plane(-middle, s.apex, -s.low * wp.cos(0.5 * slice))
+    if s.high >= _NO_LIMIT:
+        return everything
+    return half_plane(middle, s.apex, s.high)
 
 
 @wp.func

@@ -14,7 +14,6 @@ from sceniris_gym.scene.config import ObjectConfig
 from sceniris_gym.scene.device import (
     FRAME_SUPPORT,
     FRAME_WORLD,
-    MAX_CORNERS,
     Measure,
     ObjectKind,
     PieceType,
@@ -22,6 +21,7 @@ from sceniris_gym.scene.device import (
     Roof,
     TurnType,
 )
+from sceniris_gym.scene.limits import MAX_CORNERS
 from sceniris_gym.scene.lists import ranges
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.pairs import collider_pairs

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.scene.config import Floor
-from sceniris_gym.scene.device import WAITING_COLUMNS, WAITING_FROM, WAITING_SPACING
+from sceniris_gym.scene.limits import WAITING_COLUMNS, WAITING_FROM, WAITING_SPACING
 from sceniris_gym.scene.values import FLOOR
 
 OVERVIEW = "overview"

@@ -17,10 +17,11 @@ from pydantic import ConfigDict, Field, PrivateAttr, Strict, model_validator
 from sceniris_gym.scene.complaints import reading, where_now
 from sceniris_gym.scene.files import JOINT_FORMS, REGION_FORMS, SUPPORT_WORDS, merge, nest, read_scene
 from sceniris_gym.scene.groups import GroupConfig
+from sceniris_gym.scene.limits import MAX_RELATIONS
 from sceniris_gym.scene.orientations import Orientation, Turn
 from sceniris_gym.scene.part import Part, check_one_of
 from sceniris_gym.scene.references import check_names
-from sceniris_gym.scene.relations import MAX_RELATIONS, RELATION_WORDS, Relation
+from sceniris_gym.scene.relations import RELATION_WORDS, Relation
 from sceniris_gym.scene.values import (
     FLOOR,
     Box,

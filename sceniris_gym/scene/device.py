@@ -74,15 +74,6 @@ class Measure(IntEnum):
     WHOLE = 2
 
 
-# Corners that a polygon of the device has room for: a triangle cut by four relations of four half-planes, or by three
-# and a hull of eight anchors.
-MAX_CORNERS = 24
-
-# Absent members of groups wait on a square lattice far from every scene: its first corner and its spacing [m].
-WAITING_FROM = 40.0
-WAITING_SPACING = 2.0
-WAITING_COLUMNS = 8
-
 # What turns a relation's direction, where it is not the heading of an object.
 FRAME_SUPPORT = -1
 FRAME_WORLD = -2

@@ -10,13 +10,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from sceniris_gym.scene.limits import MAX_ANCHORS
 from sceniris_gym.scene.part import Part, check_one_of
 from sceniris_gym.scene.values import Direction2, NotNegative, Number, Positive, wrong
-
-MAX_RELATIONS = 4
-"""Relations of one object."""
-MAX_ANCHORS = 8
-"""Anchors of one `between`."""
 
 HEADINGS = {"right": 0.0, "back": 0.5 * math.pi, "left": math.pi, "front": -0.5 * math.pi}
 """Heading [rad] of each side, from x towards y."""

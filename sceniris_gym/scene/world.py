@@ -72,6 +72,11 @@ class World:
         return self.plan.slots
 
     @property
+    def related(self) -> bool:
+        """Whether any object's region differs between worlds."""
+        return bool(self.program.obj_regionnum.numpy().any())
+
+    @property
     def bank_size(self) -> int:
         """Number of valid layouts in the bank."""
         return int(self.program.bank_qpos.shape[0])
