@@ -186,7 +186,7 @@ def make_lemon() -> None:
     # Seen from the start, at -x, rings run counter-clockwise.
     r = PchipInterpolator(along, size)(fine)[1:-1, None]
     rings = np.stack(np.broadcast_arrays(fine[1:-1, None], -r * np.cos(angle), r * np.sin(angle)), axis=-1)
-    rings[..., 2] = np.maximum(rings[..., 2], -0.0255)
+    rings[..., 2] = np.maximum(rings[..., 2], -0.0248)
     ends = np.array([[fine[0], 0, 0], [fine[-1], 0, 0]])
     mesh = skin(rings, ends[0], ends[1], np.linspace(0, 1, len(fine)))
     shape = (128, 128)
