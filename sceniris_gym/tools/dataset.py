@@ -26,6 +26,8 @@ class LayoutTable:
         qpos: joint positions, shape (nrow, nq), float32.
         mocap_pos: positions of the mocap bodies [m], shape (nrow, nmocap, 3), float32.
         mocap_quat: orientations of the mocap bodies (w, x, y, z), shape (nrow, nmocap, 4), float32.
+        present: which objects are there and not left out by their groups, shape (nrow, nslot), bool: the objects in the
+            order of the scene file, then the robot if there is one.
         valid: whether the layout is freshly made and valid, not one of the bank, shape (nrow,), bool.
         first_pass_valid: whether it was valid without a restart, shape (nrow,), bool.
         attempts: candidates drawn for it, shape (nrow,), int32.
@@ -37,6 +39,7 @@ class LayoutTable:
     qpos: np.ndarray
     mocap_pos: np.ndarray
     mocap_quat: np.ndarray
+    present: np.ndarray
     valid: np.ndarray
     first_pass_valid: np.ndarray
     attempts: np.ndarray
@@ -50,7 +53,7 @@ class LayoutTable:
     @property
     def rows(self) -> Rows:
         """The layouts alone."""
-        return Rows(self.qpos, self.mocap_pos, self.mocap_quat)
+        return Rows(self.qpos, self.mocap_pos, self.mocap_quat, self.present)
 
 
 def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTable:
@@ -65,6 +68,7 @@ def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTab
         qpos=read(layouts.qpos),
         mocap_pos=read(layouts.mocap_pos)[:, :nmocap],
         mocap_quat=read(layouts.mocap_quat)[:, :nmocap],
+        present=read(layouts.present) != 0,
         valid=status == Status.VALID,
         first_pass_valid=read(layouts.first_pass_valid) != 0,
         attempts=read(layouts.attempts),

@@ -92,15 +92,17 @@ def test_generated_rows_depend_on_their_seed_alone(capfd: pytest.CaptureFixture,
     a, b = (np.load(tmp_path / folder / "layouts.npz") for folder in ("many", "few"))
     assert many["layouts"] == 50
     assert set(a.files) == {
-        *("qpos", "mocap_pos", "mocap_quat", "valid", "first_pass_valid", "attempts", "status"),
+        *("qpos", "mocap_pos", "mocap_quat", "present", "valid", "first_pass_valid", "attempts", "status"),
         *("seed", "episode", "object_names"),
     }
     assert a["seed"].tolist() == list(range(7, 57))
     assert not a["episode"].any()
-    for name in ("qpos", "mocap_pos", "mocap_quat", "status", "attempts", "first_pass_valid", "valid"):
+    for name in ("qpos", "mocap_pos", "mocap_quat", "status", "attempts", "first_pass_valid", "valid", "present"):
         assert np.array_equal(a[name][10:30], b[name]), name
     assert a["qpos"].dtype == np.float32
     assert (a["mocap_pos"].shape, a["mocap_quat"].shape) == ((50, 1, 3), (50, 1, 4))
+    assert a["present"].shape == (50, 3)
+    assert a["present"].all()
     assert a["object_names"].tolist() == ["cabinet", "apple", "banana"]
 
 

@@ -3,5 +3,8 @@
 geometry.py    geoms as solids, and their poses          distance.py   exact distances, containment
 pairs.py       which solids must be apart                collisions.py missed collisions, false alarms
 supports.py    level surfaces, rays                      standing.py   objects on their supports
-physics.py     penetration and settling in MuJoCo C      auditor.py    all of it, as one report
+outlines.py    objects seen from above                   relations.py  relations between them
+turns.py       orientations                              presence.py   groups and who is absent
+language.py    those three, counted                      physics.py    penetration and settling in MuJoCo C
+auditor.py     all of it, as one report
 """

@@ -10,9 +10,12 @@ import numpy as np
 
 from sceniris_gym.scene.config import SceneConfig
 from sceniris_gym.tools.audit.collisions import CollisionAudit, Conflict, FalseAlarm
-from sceniris_gym.tools.audit.geometry import poses_of, solids_of
+from sceniris_gym.tools.audit.geometry import home_of, pose_of, poses_of, solids_of
+from sceniris_gym.tools.audit.language import Kept, LanguageAudit
+from sceniris_gym.tools.audit.outlines import Outlines
 from sceniris_gym.tools.audit.pairs import Tree
 from sceniris_gym.tools.audit.physics import FAST, STILL, Penetration, deepest, settle
+from sceniris_gym.tools.audit.presence import presence
 from sceniris_gym.tools.audit.standing import Misplaced, StandingAudit
 from sceniris_gym.tools.rows import Rows
 
@@ -28,6 +31,7 @@ class Report:
         conflicts: missed collisions, one entry per pair of geoms.
         misplaced: objects that do not stand where the scene says.
         penetration: the deepest contact of MuJoCo C.
+        kept: how well every relation, orientation and group is kept.
         settled: how many layouts were stepped.
         moved: object name -> number of layouts in which it moved more than 1 cm while settling.
         fast: object name -> number of layouts in which it was faster than 1 m/s.
@@ -38,6 +42,7 @@ class Report:
     conflicts: list[Conflict]
     misplaced: list[Misplaced]
     penetration: Penetration
+    kept: list[Kept] = field(default_factory=list)
     settled: int = 0
     moved: dict[str, int] = field(default_factory=dict)
     fast: dict[str, int] = field(default_factory=dict)
@@ -47,6 +52,11 @@ class Report:
     def colliding(self) -> int:
         """Number of layouts with a missed collision."""
         return len({conflict.row for conflict in self.conflicts})
+
+    @property
+    def relation_violations(self) -> int:
+        """Number of relations, orientations and groups that are not kept, over all layouts."""
+        return sum(kept.broken for kept in self.kept)
 
 
 class Auditor:
@@ -73,11 +83,15 @@ class Auditor:
         placed = {name: part for name, part in config.objects.items() if part.kind in ("free", "fixture")}
         clearances = {name: part.clearance for name, part in placed.items()}
         self.collisions = CollisionAudit(self.tree, solids, config.geometry, clearances)
-        self.standing = StandingAudit(self.tree, solids, config, bodies)
+        home = home_of(mjm)
+        outlines = Outlines(self.tree, solids, config, bodies, pose_of(home))
+        self.standing = StandingAudit(self.tree, solids, config, outlines, pose_of(home))
+        self.language = LanguageAudit(config, outlines, self.standing.hulls, home)
+        self.config = config
         self.free = {name: bodies[name] for name, part in placed.items() if part.kind == "free"}
 
     def judge(self, rows: Rows, *, settled: int = 0) -> Report:
-        """Check layouts.
+        """Check layouts. Absent objects are judged by their groups alone, and by what MuJoCo makes of them.
 
         Args:
             rows: the layouts.
@@ -85,29 +99,41 @@ class Auditor:
         """
         conflicts: list[Conflict] = []
         misplaced: list[Misplaced] = []
+        kept: list[Kept] = []
         for start, some in rows.chunks(CHUNK):
             poses = poses_of(self.mjm, some)
+            there = presence(self.config, some)
             found, supporting = self.standing.check(poses)
-            misplaced += [Misplaced(start + m.row, m.name, m.cause) for m in found]
+            misplaced += [Misplaced(start + m.row, m.name, m.cause) for m in found if there[m.name][m.row]]
             conflicts += [
                 Conflict(start + c.row, c.geoms, c.owners, c.distance, c.clearance)
                 for c in self.collisions.missed(poses, supporting)
+                if all(there[owner][c.row] for owner in c.owners if owner in there)
             ]
+            kept = self.language.add(kept, start, poses, there)
         penetration = deepest(self.tree, rows)
         some = rows[slice(0, settled)]
         if not len(some) or not self.free:
-            return Report(len(rows), conflicts, misplaced, penetration)
+            return Report(len(rows), conflicts, misplaced, penetration, kept)
         motion = settle(self.mjm, self.free, some)
         return Report(
             len(rows),
             conflicts,
             misplaced,
             penetration,
+            kept,
             settled=len(some),
             moved={name: int((d > STILL).sum()) for name, d in motion.moved.items()},
             fast={name: int((v > FAST).sum()) for name, v in motion.speed.items()},
             top_speed=float(max(v.max() for v in motion.speed.values())),
         )
+
+    def judge_language(self, rows: Rows) -> list[Kept]:
+        """Check relations, orientations and groups alone, which is quick."""
+        kept: list[Kept] = []
+        for start, some in rows.chunks(CHUNK):
+            kept = self.language.add(kept, start, poses_of(self.mjm, some), presence(self.config, some))
+        return kept
 
     def judge_rejected(self, rows: Rows, candidate: Sequence[str], order: Sequence[str]) -> list[FalseAlarm]:
         """Check candidates that were rejected for collision.

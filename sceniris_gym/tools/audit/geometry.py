@@ -99,6 +99,23 @@ def poses_of(mjm: mujoco.MjModel, rows: Rows) -> Poses:
     return Poses(geom_xpos, geom_xmat.reshape(n, -1, 3, 3), xpos, xmat.reshape(n, -1, 3, 3))
 
 
+def home_of(mjm: mujoco.MjModel) -> mujoco.MjData:
+    """Return the model in its keyframe 'home', or in its own start state where there is none, with poses and masses."""
+    data = mujoco.MjData(mjm)
+    home = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, "home")
+    if home >= 0:
+        mujoco.mj_resetDataKeyframe(mjm, data, home)
+    mujoco.mj_kinematics(mjm, data)
+    mujoco.mj_comPos(mjm, data)
+    return data
+
+
+def pose_of(data: mujoco.MjData) -> Poses:
+    """Return the poses of a posed model as those of one row."""
+    mats = (data.geom_xmat.reshape(1, -1, 3, 3).copy(), data.xmat.reshape(1, -1, 3, 3).copy())
+    return Poses(data.geom_xpos[None].copy(), mats[0], data.xpos[None].copy(), mats[1])
+
+
 def convex_hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return vertices and outward triangles of the convex hull of points (n, 3)."""
     hull = ConvexHull(points)

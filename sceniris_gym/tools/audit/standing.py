@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 import shapely
+from scipy.spatial import ConvexHull
 
 from sceniris_gym.scene.config import ObjectConfig, SceneConfig
 from sceniris_gym.scene.values import FLOOR
-from sceniris_gym.tools.audit.geometry import Form, Poses, Solid, poses_of
+from sceniris_gym.tools.audit.geometry import Form, Poses, Solid
+from sceniris_gym.tools.audit.outlines import Outlines
 from sceniris_gym.tools.audit.pairs import Tree
 from sceniris_gym.tools.audit.supports import (
     EDGE_TOLERANCE,
@@ -24,7 +24,6 @@ from sceniris_gym.tools.audit.supports import (
     surface_of,
     upright_frame,
 )
-from sceniris_gym.tools.rows import Rows
 
 _AROUND = np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]]) * EDGE_TOLERANCE
 
@@ -52,32 +51,22 @@ class StandingAudit:
         tree: owners of the bodies.
         solids: the solids of the model.
         config: the scene.
-        bodies: object name -> root body id.
+        outlines: knows the pivots of the objects.
+        home: the start pose, one row.
+
+    Attributes:
+        placed: object name -> its words, of all that are placed.
+        hulls: object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
     """
 
-    def __init__(self, tree: Tree, solids: list[Solid], config: SceneConfig, bodies: Mapping[str, int]) -> None:
-        self.tree, self.config, self.bodies = tree, config, bodies
-        self.placed = {name: part for name, part in config.objects.items() if part.support or part.region}
-        self._solids = solids
+    def __init__(self, tree: Tree, solids: list[Solid], config: SceneConfig, outlines: Outlines, home: Poses) -> None:
+        self.tree, self.config, self.bodies, self.outlines = tree, config, outlines.bodies, outlines
+        self.placed = {name: part for name, part in config.objects.items() if part.is_placed}
         self._surface = {s.geom: surface_of(s) for s in solids if s.form is not Form.HALFSPACE}
-        self._home = _at_home(tree.mjm)
-        self._points = {name: self._own_points(name) for name in self.placed}
+        self._home = home
+        self.hulls = {name: self._hull(name) for name in self.placed}
+        self._short_edge = {name: self._least_edge(name, part) for name, part in self.placed.items()}
         self._levels: dict[tuple, list[Surface]] = {}
-
-    def pivots(self, name: str, poses: Poses) -> np.ndarray:
-        """Return the pivot of an object in each row [m], world frame, shape (nrow, 3).
-
-        It is the centre of the object's bounds in its own frame with its joints at home, at the height of its lowest
-        point in the joint state of the row.
-        """
-        root = self.bodies[name]
-        low, high = self._points[name].min(0), self._points[name].max(0)
-        pivot = poses.xpos[:, root] + poses.xmat[:, root] @ np.array([*(low + high)[:2] / 2, low[2]])
-        mine = [s for s in self._solids if self.tree.owner[self.tree.mjm.geom_bodyid[s.geom]] == name]
-        if mine:
-            lowest = [poses.geom_xpos[:, s.geom, 2] + s.lowest(poses.geom_xmat[:, s.geom, 2]) for s in mine]
-            pivot[:, 2] = np.min(lowest, axis=0)
-        return pivot
 
     def check(self, poses: Poses) -> tuple[list[Misplaced], dict[str, np.ndarray]]:
         """Judge all placed objects in all rows.
@@ -88,7 +77,7 @@ class StandingAudit:
         found: list[Misplaced] = []
         supporting = {}
         for name, part in self.placed.items():
-            pivots = self.pivots(name, poses)
+            pivots = self.outlines.outline(name, poses).pivot
             if part.support is None:
                 outside = ~_in_box(part, pivots)
                 found += [Misplaced(int(row), name, "support") for row in np.flatnonzero(outside)]
@@ -103,7 +92,21 @@ class StandingAudit:
                 found += [Misplaced(int(row), name, cause) for row in np.flatnonzero(rows)]
         return sorted(found, key=lambda m: (m.row, m.name)), supporting
 
-    def _own_points(self, name: str) -> np.ndarray:
+    def _least_edge(self, name: str, part: ObjectConfig) -> float:
+        """Return the shorter edge [m] of an object's footprint; the shortest of all if it may lie on any face."""
+        points, authored = self.hulls[name], self.outlines.authored(name)
+        if len(points) < 4:
+            return 0.0
+        ups = -ConvexHull(points).equations[:, :3] if part.turn.kind == "stable" else authored[2:]
+        x, y = authored[:2]
+        least = np.inf
+        for up in ups:
+            ahead = x - (x @ up) * up if abs(x @ up) < 0.999999 else np.cross(y, up)
+            ahead /= np.linalg.norm(ahead)
+            least = min(least, np.ptp(points @ ahead), np.ptp(points @ np.cross(up, ahead)))
+        return least
+
+    def _hull(self, name: str) -> np.ndarray:
         """Return the corners of the object's hull in its own frame at home, shape (n, 3)."""
         root, parts = self.bodies[name], []
         for geom, (vertices, _) in self._surface.items():
@@ -120,8 +123,7 @@ class StandingAudit:
         parent = part.support.parent
         ground = 0 if parent == FLOOR else self.tree.mjm.body(parent).id
         body, stands = np.full(len(pivots), -1), np.zeros(len(pivots), bool)
-        size = np.ptp(self._points[name][:, :2], axis=0)
-        erosion = part.ratio_on_support * size.min() / 2
+        erosion = part.ratio_on_support * self._short_edge[name] / 2
         turned = self._in_frame(ground, poses, pivots[:, None])[:, 0]
         whole = part.ratio_on_support == 1.0
         corners = self._in_frame(ground, poses, self._corners(name, poses))[:, :, :2] if whole else turned[:, None, :2]
@@ -145,7 +147,7 @@ class StandingAudit:
     def _corners(self, name: str, poses: Poses) -> np.ndarray:
         """Return the corners of an object's hull in each row [m], world frame, shape (nrow, n, 3)."""
         root = self.bodies[name]
-        return self._points[name] @ poses.xmat[:, root].transpose(0, 2, 1) + poses.xpos[:, root, None]
+        return self.hulls[name] @ poses.xmat[:, root].transpose(0, 2, 1) + poses.xpos[:, root, None]
 
     def _surfaces(
         self, parent: str, body: int, poses: Poses, *, open_above: bool
@@ -200,15 +202,6 @@ class StandingAudit:
             origin = np.einsum("nij,ni->nj", mat, points - poses.geom_xpos[rows, geom])
             covered |= hit_above(surface, origin, mat[:, 2])
         return covered
-
-
-def _at_home(mjm: mujoco.MjModel) -> Poses:
-    """Return the poses of the keyframe 'home', or of the model's own start state where there is none."""
-    data = mujoco.MjData(mjm)
-    home = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, "home")
-    if home >= 0:
-        mujoco.mj_resetDataKeyframe(mjm, data, home)
-    return poses_of(mjm, Rows(data.qpos[None].copy(), data.mocap_pos[None].copy(), data.mocap_quat[None].copy()))
 
 
 def _in_box(part: ObjectConfig, points: np.ndarray) -> np.ndarray:

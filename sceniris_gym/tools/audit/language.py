@@ -1,0 +1,96 @@
+"""How well a scene's relations, orientations and groups are kept: all their checks together, counted over rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.tools.audit import presence
+from sceniris_gym.tools.audit.geometry import Poses
+from sceniris_gym.tools.audit.outlines import Outlines
+from sceniris_gym.tools.audit.relations import RelationAudit, support_headings
+from sceniris_gym.tools.audit.turns import TurnAudit
+
+TOLERANCES = {"m": 1e-4, "rad": 1e-3, "objects": 0.0}
+
+
+@dataclass(frozen=True)
+class Kept:
+    """How well one word of one object, or of a group, is kept.
+
+    Attributes:
+        name: the object or the group.
+        word: the relation (its place among the object's, and its word), or part of the orientation or of the group.
+        unit: "m", "rad" or "objects".
+        checked: number of rows in which it applies.
+        broken: number of rows in which it is missed by more than the tolerance of the unit.
+        worst: by how much it is missed at most, in the unit; at most 0 if never.
+        row: where that is, -1 if it applies nowhere.
+    """
+
+    name: str
+    word: str
+    unit: str
+    checked: int
+    broken: int
+    worst: float
+    row: int
+
+
+class LanguageAudit:
+    """Judges relations, orientations and groups.
+
+    Args:
+        config: the scene.
+        outlines: knows what objects look like from above.
+        hulls: object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
+        home: the model at the start pose.
+    """
+
+    def __init__(
+        self, config: SceneConfig, outlines: Outlines, hulls: Mapping[str, np.ndarray], home: mujoco.MjData
+    ) -> None:
+        self.config, self.outlines = config, outlines
+        self._relations = RelationAudit(config)
+        self._turns = TurnAudit(config, outlines, hulls, home)
+
+    def add(self, kept: list[Kept], start: int, poses: Poses, present: Mapping[str, np.ndarray]) -> list[Kept]:
+        """Judge some rows, and return the counts with these rows in them.
+
+        Args:
+            kept: the counts so far, empty at first.
+            start: number of the first of the rows.
+            poses: their poses.
+            present: object name -> rows in which it is there, shape (nrow,).
+        """
+        seen = {name: self.outlines.outline(name, poses) for name in self.outlines.bodies}
+        headings = support_headings(self.config, poses, self.outlines.mjm)
+        found = [
+            *self._relations.excess(seen, present, headings).items(),
+            *self._turns.excess(poses, seen, present, headings).items(),
+            *presence.excess(self.config, seen, present).items(),
+        ]
+        before = kept or [Kept(*key, 0, 0, -np.inf, -1) for key, _ in found]
+        return [_counted(k, start, amount) for k, (_, amount) in zip(before, found, strict=True)]
+
+
+def _counted(kept: Kept, start: int, amount: np.ndarray) -> Kept:
+    """Return the counts with those of rows from `start` on, which miss it by `amount` (nrow,), nan for not at all."""
+    applies = ~np.isnan(amount)
+    if not applies.any():
+        return kept
+    row = int(np.nanargmax(amount))
+    worse = amount[row] > kept.worst
+    return Kept(
+        kept.name,
+        kept.word,
+        kept.unit,
+        kept.checked + int(applies.sum()),
+        kept.broken + int((amount[applies] > TOLERANCES[kept.unit]).sum()),
+        float(amount[row]) if worse else kept.worst,
+        start + row if worse else kept.row,
+    )

@@ -1,0 +1,43 @@
+"""Checks of groups: how many members are there, and that absent ones are far away."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.scene.values import ROBOT
+from sceniris_gym.tools.audit.outlines import Outline
+from sceniris_gym.tools.rows import Rows
+
+FAR = 20.0  # m; farther from the origin than anything that takes part
+
+
+def presence(config: SceneConfig, rows: Rows) -> dict[str, np.ndarray]:
+    """Return object name (and "robot") -> rows in which it is there, shape (nrow,)."""
+    names = [*config.objects, *([ROBOT] if config.robot is not None else [])]
+    if rows.present is None:
+        return {name: np.ones(len(rows), bool) for name in names}
+    return {name: rows.present[:, i].astype(bool) for i, name in enumerate(names)}
+
+
+def excess(
+    config: SceneConfig, outlines: Mapping[str, Outline], present: Mapping[str, np.ndarray]
+) -> dict[tuple[str, str, str], np.ndarray]:
+    """Count what is wrong with groups.
+
+    Returns:
+        (group or object, word, "objects") -> in each row how many members are too many or too few, and for every placed
+        object whether it is far away although it is there or the other way round. Shape (nrow,).
+    """
+    found = {}
+    for name, group in config.groups.items():
+        count = np.sum([present[member] for member in group.of], axis=0)
+        low, high = group.count
+        found[name, "count", "objects"] = np.maximum(np.maximum(low - count, count - high), 0).astype(float)
+    for name, part in config.objects.items():
+        if part.is_placed:
+            away = np.abs(outlines[name].pivot[:, :2]).max(1) > FAR
+            found[name, "present", "objects"] = (away == present[name]).astype(float)
+    return found

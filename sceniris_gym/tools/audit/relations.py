@@ -1,0 +1,158 @@
+"""Checks every relation of a scene in every row, by distances and angles in double precision and by shapely."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+import shapely
+
+from sceniris_gym.scene.config import ObjectConfig, SceneConfig
+from sceniris_gym.scene.relations import Relation
+from sceniris_gym.scene.values import FLOOR
+from sceniris_gym.tools.audit.geometry import Poses
+from sceniris_gym.tools.audit.outlines import Outline
+
+THIN = 1e-3  # m; anchors whose hull is thinner lie on a line
+_NEARLY_THIN = 1e-5  # m; so near to that either answer is right
+ROUNDING = 1e-6  # m; what a position in single precision may be off, which is an angle next to the anchor
+
+
+class RelationAudit:
+    """Measures by how much relations are missed.
+
+    Args:
+        config: the scene.
+    """
+
+    def __init__(self, config: SceneConfig) -> None:
+        self.config = config
+
+    def excess(
+        self,
+        outlines: Mapping[str, Outline],
+        present: Mapping[str, np.ndarray],
+        support_heading: Mapping[str, np.ndarray],
+    ) -> dict[tuple[str, str, str], np.ndarray]:
+        """Measure every relation of every object.
+
+        Args:
+            outlines: object name -> what it looks like from above in each row.
+            present: object name -> rows in which it is there, shape (nrow,).
+            support_heading: object name -> heading of what it stands on [rad], shape (nrow,).
+
+        Returns:
+            (object, relation, unit) -> by how much it is missed in each row [m or rad], at most 0 where it holds, nan
+            where the relation is left out since something is absent. Shape (nrow,).
+        """
+        found = {}
+        for name, part in self.config.objects.items():
+            for i, relation in enumerate(part.relations):
+                judged = present[name] & _complete(relation, present)
+                missed = self._missed(part, relation, outlines[name], outlines, present, support_heading[name])
+                for unit, amount in missed.items():
+                    found[name, f"{i} {relation.word}", unit] = np.where(judged, amount, np.nan)
+        return found
+
+    def _missed(
+        self,
+        part: ObjectConfig,
+        relation: Relation,
+        own: Outline,
+        outlines: Mapping[str, Outline],
+        present: Mapping[str, np.ndarray],
+        support_heading: np.ndarray,
+    ) -> dict[str, np.ndarray]:
+        """Return unit -> by how much a relation is missed, as if nothing were absent but anchors of a 'between'."""
+        if relation.kind == "between":
+            anchors = np.stack([outlines[a].pivot[:, :2] for a in relation.anchors], 1)
+            there = np.stack([present[a] for a in relation.anchors], 1)
+            width = (own.high - own.low).min(1) if relation.width is None else np.full(len(there), relation.width)
+            return {"m": _off_between(own.pivot[:, :2], anchors, there, width)}
+        anchor = outlines[relation.anchors[0]]
+        turned = {"anchor": anchor.heading, "support": support_heading, "world": np.zeros(len(anchor.heading))}
+        frame = turned[relation.frame] if relation.frame in turned else outlines[relation.frame].heading
+        if relation.kind == "beside":
+            return {"m": _off_beside(own, anchor, relation.heading + frame, relation.gap)}
+        missed = {}
+        apart = own.pivot[:, :2] - anchor.pivot[:, :2]
+        if relation.low > 0 or relation.high < np.inf:
+            distance = _between_bounds(own, anchor) if relation.bounds else np.linalg.norm(apart, axis=1)
+            missed["m"] = np.maximum(relation.low - distance, distance - relation.high)
+        if relation.kind == "direction":
+            off = wrapped(np.arctan2(apart[:, 1], apart[:, 0]) - relation.heading - frame)
+            rounding = ROUNDING / np.maximum(np.linalg.norm(apart, axis=1), ROUNDING)
+            missed["rad"] = np.abs(off) - relation.half_angle - rounding
+        return missed
+
+
+def support_headings(config: SceneConfig, poses: Poses, mjm: mujoco.MjModel) -> dict[str, np.ndarray]:
+    """Return object name -> heading [rad] of the x axis of the body it stands on, 0 on the floor and in the air.
+
+    Args:
+        config: the scene.
+        poses: poses of the rows.
+        mjm: the model.
+    """
+    found = {}
+    for name, part in config.objects.items():
+        found[name] = np.zeros(len(poses.xpos))
+        if part.support is not None and part.support.parent != FLOOR:
+            x = poses.xmat[:, mjm.body(part.support.parent).id, :, 0]
+            found[name] = np.arctan2(x[:, 1], x[:, 0])
+    return found
+
+
+def wrapped(angle: np.ndarray) -> np.ndarray:
+    """Return angles [rad] turned into (-pi, pi]."""
+    return np.pi - np.mod(np.pi - angle, 2 * np.pi)
+
+
+def _complete(relation: Relation, present: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return the rows in which enough of what a relation names is there, shape (nrow,)."""
+    there = np.stack([present[a] for a in relation.anchors])
+    if relation.kind == "between":
+        return there.sum(0) >= 2
+    return there[0] if relation.frame_object is None else there[0] & present[relation.frame_object]
+
+
+def _rectangles(outline: Outline) -> np.ndarray:
+    """Return the bounds as shapes, shape (nrow,); the hull makes a proper point or line of those without area."""
+    return shapely.convex_hull(shapely.multipoints(outline.corners()))
+
+
+def _between_bounds(own: Outline, anchor: Outline) -> np.ndarray:
+    return np.asarray(shapely.distance(_rectangles(own), _rectangles(anchor)))
+
+
+def _off_beside(own: Outline, anchor: Outline, heading: np.ndarray, gap: float) -> np.ndarray:
+    """Return by how much [m] the bounds are not `gap` apart along a heading, or the narrower one sticks out."""
+    side = np.stack([np.cos(heading), np.sin(heading)], 1)
+    across = np.stack([-side[:, 1], side[:, 0]], 1)
+    off = np.abs(own.span(side)[0] - anchor.span(side)[1] - gap)
+    (low, high), (other_low, other_high) = own.span(across), anchor.span(across)
+    inside = np.maximum(other_low - low, high - other_high)
+    around = np.maximum(low - other_low, other_high - high)
+    return np.maximum(off, np.where(high - low <= other_high - other_low, inside, around))
+
+
+def _off_between(point: np.ndarray, anchors: np.ndarray, there: np.ndarray, width: np.ndarray) -> np.ndarray:
+    """Return how far [m] points (nrow, 2) are outside of the hull, or of the strip, of anchors (nrow, n, 2)."""
+    first = anchors[np.arange(len(there)), there.argmax(1)]
+    anchors = np.where(there[..., None], anchors, first[:, None])  # the absent ones do not count
+    hull = shapely.convex_hull(shapely.multipoints(anchors))
+    to_hull = shapely.distance(shapely.points(point), hull)
+
+    apart = np.linalg.norm(anchors[:, :, None] - anchors[:, None], axis=-1)
+    a, b = np.unravel_index(apart.reshape(len(point), -1).argmax(1), apart.shape[1:])
+    rows = np.arange(len(point))
+    length = apart[rows, a, b]
+    along = (anchors[rows, b] - anchors[rows, a]) / np.maximum(length, 1e-12)[:, None]
+    across = np.stack([-along[:, 1], along[:, 0]], 1)
+    from_line = np.einsum("nkj,nj->nk", anchors - anchors[rows, a][:, None], across)
+    thin = np.ptp(from_line, axis=1)
+    t, u = (((point - anchors[rows, a]) * axis).sum(1) for axis in (along, across))
+    to_strip = np.hypot(np.maximum(np.maximum(-t, t - length), 0), np.maximum(np.abs(u) - width / 2, 0))
+    either = np.minimum(to_hull, to_strip)
+    return np.where(thin > THIN + _NEARLY_THIN, to_hull, np.where(thin < THIN - _NEARLY_THIN, to_strip, either))
