@@ -201,7 +201,8 @@ def make_counter() -> None:
         "back": ((px - sx / 2, py + sy / 2, base), (px + sx / 2, back, rim)),
     }
     below: Corners = ((left, front, 0.0), (right, back, sink_floor))
-    drain = lathe(np.array([(0, 1.2), (21, 1.2), (22, 0.6), (22, -1), (0, -1)]) / 1000.0, 24)
+    # 5 um above the floor: seen, but no step, and no level of its own.
+    drain = lathe(np.array([(0, 0.005), (22, 0.005), (22, -1), (0, -1)]) / 1000.0, 24)
     pieces: dict[str, Piece] = {**tops, **body, **fronts}
     counter = Part(
         {
