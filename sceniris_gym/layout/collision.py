@@ -295,14 +295,10 @@ def make_collides(leaf_separated: wp.Function, leaf_over_plane: wp.Function, dis
         body_pos: wp.array(dtype=wp.vec3),
         body_quat: wp.array(dtype=wp.vec4),
     ) -> bool:
-        adr = program.obj_pairadr[obj]
-        num = program.obj_pairnum[obj]
-        for base in range(0, num, wp.block_dim()):
-            pair = adr + wp.min(base + lane, num - 1)
-            entry = wp.vec3i(
-                pair, program.collider_root[program.pair_a[pair]], program.collider_root[program.pair_b[pair]]
-            )
-            wp.tile_stack_push(nodes, entry, base + lane < num)
+        start = program.obj_startnum[obj]
+        for base in range(0, start, wp.block_dim()):
+            entry = program.start[program.obj_startadr[obj] + wp.min(base + lane, start - 1)]
+            wp.tile_stack_push(nodes, entry, base + lane < start)
 
         hit = int(0)
         while wp.tile_stack_count(nodes) + wp.tile_stack_count(leaves) > 0:
@@ -327,6 +323,8 @@ def make_collides(leaf_separated: wp.Function, leaf_over_plane: wp.Function, dis
                 wp.tile_stack_clear(leaves)
                 return True
 
+        adr = program.obj_pairadr[obj]
+        num = program.obj_pairnum[obj]
         inside = int(0)
         for base in range(0, num, wp.block_dim()):
             if base + lane < num:

@@ -197,7 +197,10 @@ def _make_place(geometry: str, related: bool) -> wp.Kernel:
         c.cause = _NONE
         c.surface = int(-1)
         c.ground = program.obj_ground[obj]
-        c.turn = draw_turn(program, obj, u, uniforms(seed, episode, stream, trial, 1))
+        w = wp.vec4(0.0)
+        if program.obj_turn[obj] == _ANY or program.obj_variantnum[obj] > 1:
+            w = uniforms(seed, episode, stream, trial, 1)
+        c.turn = draw_turn(program, obj, u, w)
         if program.obj_measured[obj] != 0:
             c.turn = _measure(program, obj, lane, c.turn, layouts.qpos[worldid], body_pos, body_quat)
 

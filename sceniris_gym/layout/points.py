@@ -77,7 +77,7 @@ def _xy(frame: Pose, p: wp.vec2, height: float) -> wp.vec2:
     return wp.vec2(w[0], w[1])
 
 
-@wp.func(inline=False)
+@wp.func
 def _look_around(
     program: Program,
     obj: int,
@@ -95,7 +95,7 @@ def _look_around(
         sights[i] = look(program, rel, own, support_heading, place, bounds, present, hulls, i * _MAX_ANCHORS)
 
 
-@wp.func(inline=False)
+@wp.func
 def _cut(
     program: Program, obj: int, index: int, frame: Pose, sights: Any, hulls: Any, polygon: Any, scratch: Any
 ) -> int:

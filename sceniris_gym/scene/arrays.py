@@ -24,7 +24,7 @@ from sceniris_gym.scene.device import (
 from sceniris_gym.scene.limits import MAX_CORNERS
 from sceniris_gym.scene.lists import ranges
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.scene.pairs import collider_pairs
+from sceniris_gym.scene.pairs import collider_pairs, first_nodes
 from sceniris_gym.scene.pieces import Piece
 from sceniris_gym.scene.program import PlacedObject, Plan, roof_rule
 from sceniris_gym.scene.relations import Relation
@@ -42,14 +42,14 @@ _NO_LIMIT = 1.0e30
 _SLICE = math.pi / 6.0
 
 
-def program_arrays(scene: SceneModel, plan: Plan, colliders: Colliders) -> dict[str, np.ndarray]:
-    """All fields of `device.Program` but those of colliders and of the bank.
+def program_arrays(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int) -> dict[str, np.ndarray]:
+    """All fields of `device.Program` but those of colliders and of the bank, for `lanes` that share a world's work.
 
     Raises:
         SceneKeyError: an object with more relations than fit into the polygons of the device.
     """
     return (
-        _objects(scene, plan, colliders)
+        _objects(scene, plan, colliders, lanes)
         | _relations(scene, plan)
         | _groups(scene, plan)
         | _regions(plan)
@@ -59,7 +59,7 @@ def program_arrays(scene: SceneModel, plan: Plan, colliders: Colliders) -> dict[
     )
 
 
-def _objects(scene: SceneModel, plan: Plan, c: Colliders) -> dict[str, np.ndarray]:
+def _objects(scene: SceneModel, plan: Plan, c: Colliders, lanes: int) -> dict[str, np.ndarray]:
     objects = plan.objects
     draws, drawadr, drawnum = ranges(o.draws for o in objects)
     choice, choiceadr, choicenum = ranges(d.choice for d in draws)
@@ -68,7 +68,11 @@ def _objects(scene: SceneModel, plan: Plan, c: Colliders) -> dict[str, np.ndarra
         [i for i, p in enumerate(plan.pieces) if p.body in o.bodies] for o in objects
     )
     roof_list, roofadr, roofnum = ranges(_roofs(scene, plan, c, o.config) for o in objects)
-    pairs, pairadr, pairnum = ranges(collider_pairs(scene, plan, c))
+    meetings = collider_pairs(scene, plan, c)
+    pairs, pairadr, pairnum = ranges(meetings)
+    start, startadr, startnum = ranges(
+        first_nodes(c, part, int(first), lanes) for part, first in zip(meetings, pairadr, strict=True)
+    )
     variants, variantadr, variantnum = ranges(o.variants for o in objects)
     boxes = [_box(o.config) for o in objects]
     turns = [o.config.turn if o.config is not None else None for o in objects]
@@ -106,6 +110,8 @@ def _objects(scene: SceneModel, plan: Plan, c: Colliders) -> dict[str, np.ndarra
         "obj_roofnum": roofnum,
         "obj_pairadr": pairadr,
         "obj_pairnum": pairnum,
+        "obj_startadr": startadr,
+        "obj_startnum": startnum,
         "body_list": np.array(bodies, int),
         "piece_list": np.array(own_pieces, int),
         "roof_list": np.array(roof_list, int),
@@ -113,6 +119,7 @@ def _objects(scene: SceneModel, plan: Plan, c: Colliders) -> dict[str, np.ndarra
         "variant_pivot": np.reshape([v.pivot for v in variants], (-1, 3)),
         "variant_bounds": np.reshape([v.bounds for v in variants], (-1, 4)),
         "variant_cdf": np.array([s for o in objects for s in np.cumsum([v.probability for v in o.variants])], float),
+        "start": np.reshape(start, (-1, 3)).astype(int),
         "pair_a": np.array([p[0] for p in pairs], int),
         "pair_b": np.array([p[1] for p in pairs], int),
         "pair_margin": np.array([p[2] for p in pairs], float),

@@ -138,6 +138,8 @@ class Program:
     obj_relnum: wp.array(dtype=int)
     obj_pairadr: wp.array(dtype=int)
     obj_pairnum: wp.array(dtype=int)
+    obj_startadr: wp.array(dtype=int)
+    obj_startnum: wp.array(dtype=int)
     body_list: wp.array(dtype=int)
     piece_list: wp.array(dtype=int)
     roof_list: wp.array(dtype=int)  # pieces (physics) or colliders (visual)
@@ -206,6 +208,7 @@ class Program:
     pair_a: wp.array(dtype=int)
     pair_b: wp.array(dtype=int)
     pair_margin: wp.array(dtype=float)
+    start: wp.array(dtype=wp.vec3i)  # (pair, node of a, node of b) that the collision test begins with
     # What a world holds before anything is drawn, and the bank of valid layouts.
     home_qpos: wp.array(dtype=float)
     home_place: wp.array(dtype=wp.vec4)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import product
 
 import mujoco
+import numpy as np
 
 from sceniris_gym.scene.colliders import Colliders
 from sceniris_gym.scene.device import ObjectKind
@@ -63,6 +64,35 @@ def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[
             standing.update(dict.fromkeys(o.bodies, clearance))
         result.append(_planes_last(pairs, colliders.plane))
     return result
+
+
+def first_nodes(
+    c: Colliders, pairs: list[tuple[int, int, float]], first: int, lanes: int
+) -> list[tuple[int, int, int]]:
+    """Where the descent of both trees begins: (pair, node of a, node of b).
+
+    The largest boxes are opened ahead of time, whatever the poses, until there is an entry for every lane: that saves
+    the first passes of every test, in which most lanes would have nothing to do.
+
+    Args:
+        c: All colliders.
+        pairs: The pairs of one object.
+        first: Number of the first of them among all pairs.
+        lanes: How many lanes share the work; with one the trees are best descended from their roots.
+    """
+    half, child = np.concatenate([*c.half, np.zeros((0, 3))]), np.concatenate([*c.child, np.zeros(0, int)])
+    entries = [(first + i, c.root[a], c.root[b]) for i, (a, b, _) in enumerate(pairs)]
+    while 0 < len(entries) < lanes:
+        sizes = [max(half[node].max() if child[node] >= 0 else 0.0 for node in e[1:]) for e in entries]
+        widest = int(np.argmax(sizes))
+        if sizes[widest] <= 0.0:
+            break
+        pair, a, b = entries.pop(widest)
+        if child[b] < 0 or (child[a] >= 0 and half[a].max() > half[b].max()):
+            entries += [(pair, int(child[a]), b), (pair, int(child[a]) + 1, b)]
+        else:
+            entries += [(pair, a, int(child[b])), (pair, a, int(child[b]) + 1)]
+    return entries
 
 
 def _is_mocap(mjm: mujoco.MjModel, body: int) -> bool:

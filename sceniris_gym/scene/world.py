@@ -15,6 +15,9 @@ from sceniris_gym.scene.device import Program
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.program import Plan, build_plan
 
+# Lanes of a warp, the least that a GPU gives to a world.
+_WARP = 32
+
 
 @dataclass(frozen=True)
 class World:
@@ -86,7 +89,8 @@ def load_world(scene: SceneModel, device: str) -> World:
     """Take a scene to a device. The World's bank is empty; `layout.build_world` fills it."""
     plan = build_plan(scene)
     colliders = collect_colliders(plan.pieces, scene.config.geometry == "visual", device)
-    arrays = program_arrays(scene, plan, colliders) | collider_arrays(colliders)
+    lanes = _WARP if wp.get_device(device).is_cuda else 1
+    arrays = program_arrays(scene, plan, colliders, lanes) | collider_arrays(colliders)
     mocap = max(scene.mjm.nmocap, 1)
     arrays |= {
         "bank_present": np.zeros((0, len(plan.slots))),
