@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from .make_kitchenware import rounded
-from .parts import Look, Part, disc, sheared, wall, write_thing
-from .shapes import Mesh, box, lathe, surface, thin_hull
+from .parts import Look, Part, chamfered, disc, sheared, wall, write_thing
+from .shapes import Mesh, box, hull, lathe, surface
 
 # Corners of the profiles: (r, z, radius of the rounding) [mm], from the top of the axis outward and down to it.
 PLATE = [(0, 4.5, 0), (74, 4.5, 8), (108.6, 20, 0.9), (110.6, 18.6, 0.9), (72, 0, 2), (0, 0, 0)]
@@ -43,12 +45,13 @@ def make_glass() -> None:
 def make_pan() -> None:
     """Write ``pan.xml``: its handle to +x, slightly rising."""
     vessel = turned(PAN, 48, 3, 0.05)
-    handle = sheared(surface(box((0.0895, -0.0095, 0.031), (0.245, 0.0095, 0.041), 0.0045, 5)), (0, 0, 0.12), 0, 0.0895)
+    low, high, radius, slope = (0.0895, -0.0095, 0.031), (0.245, 0.0095, 0.041), 0.0045, (0.0, 0.0, 0.12)
+    handle = sheared(surface(box(low, high, radius, 5)), slope, 0, low[0])
     levels = [(70.3, 73.0, 0.4), (90.7, 95.2, 47.0), (91.6, 94.8, 48.0)]
     pieces = {
         "bottom": disc([(72, 0), (76, 2.5), (77.5, 5)], 12),
         "wall": wall(levels, 12),
-        "grip": thin_hull(handle.vertices, 36, swell=False),
+        "grip": sheared(chamfered(low, high, radius), slope, 0, low[0]),
     }
     looks = {"vessel": Look(vessel, (0.16, 0.17, 0.18), shine=0.7), "handle": Look(handle, (0.36, 0.21, 0.12))}
     write_thing("pan", Part(looks, pieces, 0.85, {"grasp": (0.20, 0, 0.049)}))
@@ -56,15 +59,16 @@ def make_pan() -> None:
 
 def make_spatula() -> None:
     """Write ``spatula.xml``: a wooden turner lying flat along x, its blade to +x."""
-    blade = box((0.055, -0.030, 0.0), (0.150, 0.030, 0.005), 0.0022, 4)
-    # The blade narrows towards the handle.
-    blade = blade.warp(lambda p: (p[0], p[1] * (0.62 + 0.38 * min(1.0, max(0.0, (p[0] - 0.055) / 0.08))), p[2]))
-    handle = box((-0.150, -0.008, 0.0), (0.075, 0.008, 0.011), 0.0045, 5)
-    pieces = {
-        "blade": thin_hull(surface(blade).vertices, 40, swell=False),
-        "handle": thin_hull(surface(handle).vertices, 36, swell=False),
-    }
-    look = Look(surface(blade + handle), (0.74, 0.55, 0.33), shine=0.15)
+    low, high, radius = (0.055, -0.030, 0.0), (0.150, 0.030, 0.005), 0.0022
+    grip = (-0.150, -0.008, 0.0), (0.075, 0.008, 0.011), 0.0045
+
+    def narrowed(p: Sequence[float] | np.ndarray) -> tuple[float, float, float]:
+        """The blade narrows towards the handle."""
+        return p[0], p[1] * (0.62 + 0.38 * min(1.0, max(0.0, (p[0] - low[0]) / 0.08))), p[2]
+
+    blade = surface(hull(np.array([narrowed(p) for p in chamfered(low, high, radius).vertices])))
+    pieces = {"blade": blade, "handle": chamfered(*grip)}
+    look = Look(surface(box(low, high, radius, 4).warp(narrowed) + box(*grip, 5)), (0.74, 0.55, 0.33), shine=0.15)
     write_thing("spatula", Part({"visual": look}, pieces, 0.06, {"grasp": (-0.06, 0, 0.0055)}))
 
 
