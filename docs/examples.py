@@ -1,0 +1,80 @@
+"""The examples of a page: every block of YAML that has its picture below it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from ruamel.yaml import YAML
+
+from sceniris_gym.scene.config import SceneConfig
+
+FOLDER = Path(__file__).parent
+TEXT_KEY = "Scene"
+"""Key of a PNG's text that holds the example which it was drawn from."""
+_BLOCK = re.compile(r"^```yaml\n(?P<text>.*?)^```$(?P<rest>[^`]*)", re.MULTILINE | re.DOTALL)
+_PICTURE = re.compile(r"\n!\[(?P<caption>[^\]]+)\]\((?P<path>[^)\s]+)\)\n")
+
+
+@dataclass(frozen=True)
+class Example:
+    """A scene file within a page.
+
+    Attributes:
+        text: The YAML as it stands there. Paths in it are relative to the picture's folder.
+        caption: What the picture shows.
+        picture: Where it lies.
+    """
+
+    text: str
+    caption: str
+    picture: Path
+
+    @property
+    def name(self) -> str:
+        """The picture's name, which no two examples share."""
+        return self.picture.stem
+
+    @property
+    def own_objects(self) -> list[str]:
+        """The objects that the example itself speaks of, and not only its base."""
+        return list(self._data()["objects"])
+
+    @property
+    def jointed_objects(self) -> list[str]:
+        """Those whose joints it draws."""
+        return [name for name, words in self._data()["objects"].items() if "joints" in words]
+
+    def load(self) -> SceneConfig:
+        """Read the scene.
+
+        Raises:
+            ScenirisError: the scene is wrong.
+        """
+        data = self._data()
+        for key in ("base", "model"):
+            if (self.picture.parent / str(data.get(key))).is_file():
+                data[key] = str(self.picture.parent / data[key])
+        return SceneConfig.load({"name": self.name, **data})
+
+    def _data(self) -> dict:
+        return YAML(typ="safe", pure=True).load(self.text)
+
+
+def read_examples(page: Path) -> list[Example]:
+    """Return the examples of a page in their order.
+
+    Raises:
+        ValueError: an example without a picture, or two with the same one.
+    """
+    found: dict[Path, Example] = {}
+    for block in _BLOCK.finditer(page.read_text(encoding="utf-8")):
+        picture = _PICTURE.match(block["rest"])
+        if picture is None:
+            raise ValueError(f"{page}: an example has no picture below it:\n{block['text']}")
+        path = page.parent / picture["path"]
+        if path in found:
+            raise ValueError(f"{page}: '{picture['path']}' is the picture of two examples.")
+        found[path] = Example(block["text"], picture["caption"], path)
+    return list(found.values())

@@ -1,0 +1,269 @@
+"""What is seen of layouts from above: pivots, headings and bounds, by MuJoCo C; supports and regions, by shapely."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Container
+from dataclasses import dataclass
+from functools import cached_property
+
+import mujoco
+import numpy as np
+import shapely
+from shapely import affinity
+from shapely.geometry import LineString, MultiPoint, Polygon, box
+
+from sceniris_gym.layout.build import build_world
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.scene.poses import heading_of
+from sceniris_gym.scene.program import PlacedObject
+from sceniris_gym.scene.relations import Relation
+from sceniris_gym.scene.values import ROBOT
+
+_FAR = 10.0  # m: further than any support reaches
+_UNIT_BOX = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Where an object stands: pivot [m], shape (3,), heading [rad], and its bounds in that heading around the pivot."""
+
+    pivot: np.ndarray
+    heading: float
+    low: np.ndarray
+    high: np.ndarray
+
+    @property
+    def shape(self) -> shapely.Geometry:
+        """The bounds in the world."""
+        return self.to_world(_box(self.low, self.high))
+
+    def to_world(self, shape: shapely.Geometry) -> shapely.Geometry:
+        """A shape around the pivot, in the object's heading, as it lies in the world."""
+        return _moved(shape, self.pivot, self.heading)
+
+    @property
+    def front(self) -> np.ndarray:
+        """The unit vector to its front, shape (2,)."""
+        return np.array([math.sin(self.heading), -math.cos(self.heading)])
+
+
+class View:
+    """Layouts of a scene, each in a world of its own, seen from above.
+
+    Args:
+        config: The scene.
+        nworld: Number of layouts; world i has seed i.
+    """
+
+    def __init__(self, config: SceneConfig, nworld: int) -> None:
+        self.config = config
+        self.world = build_world(config, "cpu", bank_size=16)
+        generator = LayoutGenerator(self.world, nworld)
+        generator.generate()
+        layouts = generator.layouts
+        self._fresh = layouts.status.numpy() == Status.VALID
+        self._present = layouts.present.numpy() == 1
+        qpos, pos, quat = layouts.qpos.numpy(), layouts.mocap_pos.numpy(), layouts.mocap_quat.numpy()
+        self._states = [self._posed(*row) for row in zip(qpos, pos, quat, strict=True)]
+        drawn = [i for name in self.names for i in self.world.scene.joint_configs(name)]
+        adr = self.world.mjm.jnt_qposadr[drawn]
+        qpos[:, adr] = self.world.home_qpos[adr]
+        self._with_joints_at_home = [self._posed(*row) for row in zip(qpos, pos, quat, strict=True)]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All objects, and the robot."""
+        return self.world.slots
+
+    def is_placed(self, name: str) -> bool:
+        """Whether a pose is drawn for it."""
+        return name != ROBOT and self.config.objects[name].is_placed
+
+    def is_point(self, name: str) -> bool:
+        """Whether it has no extent."""
+        return not self._geoms(self.world.scene.subtree(name))
+
+    def is_fresh(self, i: int) -> bool:
+        """Whether world i has a fresh layout; else it fell back on the bank."""
+        return bool(self._fresh[i])
+
+    def is_present(self, name: str, i: int) -> bool:
+        """Whether an object is in world i."""
+        return bool(self._present[i, self.names.index(name)])
+
+    def worlds(self, name: str) -> list[int]:
+        """The worlds that an object is in."""
+        return [int(i) for i in np.flatnonzero(self._present[:, self.names.index(name)])]
+
+    def stays(self, name: str) -> bool:
+        """Whether an object stands where it is in all worlds, to some millimetres, and its joints as they are."""
+        at = np.array([self._states[i].xpos[self.bodies(name)] for i in self.worlds(name)])
+        return bool(np.ptp(at, axis=0).max() < 0.005)
+
+    def bounds(self, name: str, i: int) -> Bounds:
+        """Where an object stands in world i. Drawn joints do not move its pivot, but for the height."""
+        return self._bounds(name, self.bodies(name), i)
+
+    def root_bounds(self, name: str, i: int) -> Bounds:
+        """The same of its root body alone, without what its joints move."""
+        return self._bounds(name, self.bodies(name)[:1], i)
+
+    def outline(self, body: int, i: int = 0) -> shapely.Geometry | None:
+        """The rectangle around a body's own pieces, along its x axis, in world i; None if it has none."""
+        points = self._points(self._states[i], [body])
+        if not len(points):
+            return None
+        heading = self._heading(body, i)
+        local = points[:, :2] @ _turn(heading)
+        return _moved(_box(local.min(0), local.max(0)), np.zeros(2), heading)
+
+    def boxes_from_the_front(self, body: int, i: int = 0) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Low and high corners in x and z [m] of a body's pieces in world i."""
+        parts = [self._points_of(self._states[i], g)[:, [0, 2]] for g in self._geoms([body])]
+        return [(p.min(0), p.max(0)) for p in parts]
+
+    def owner(self, name: str) -> str | None:
+        """The object that carries an object, or 'floor'; None for what is in the air."""
+        support = self.config.objects[name].support
+        return None if support is None else support.parent.split("/")[0]
+
+    @cached_property
+    def extent(self) -> float:
+        """How wide all that carries something is [m], or all there is, for sizes of marks."""
+        shapes = [s for name in self.names if self.is_placed(name) for s in self.supports(name)]
+        shapes = shapes or [self.root_bounds(name, 0).shape for name in self.names]
+        x0, y0, x1, y1 = shapely.union_all(shapes).bounds
+        return max(x1 - x0, (y1 - y0) * 4 / 3)
+
+    def bodies(self, name: str) -> list[int]:
+        """All bodies of an object."""
+        return self.world.scene.subtree(name)
+
+    def moving_bodies(self, name: str) -> list[int]:
+        """The bodies that drawn joints move; of the robot only its hand."""
+        joints = self.world.scene.joint_configs(name)
+        if name == ROBOT:
+            return [b for b in self.bodies(name) if self.world.mjm.body(b).name.endswith("/hand")]
+        return [int(self.world.mjm.jnt_bodyid[j]) for j in joints]
+
+    def supports(self, name: str, i: int = 0) -> list[shapely.Geometry]:
+        """The outlines of the surfaces that an object is placed on, or of its box in space, in world i."""
+        plan = self._plan(name)
+        if plan.ground is None:
+            region = self.config.objects[name].region
+            assert region is not None
+            assert region.box is not None
+            return [MultiPoint([corner[:2] for corner in region.box]).envelope]
+        return [self._on_body(plan.ground, s.outline, i) for s in plan.surfaces]
+
+    def region(self, name: str, i: int = 0) -> shapely.Geometry | None:
+        """The region of an object in world i, or None where it depends on how the object is turned."""
+        plan, config = self._plan(name), self.config.objects[name]
+        if plan.ground is None:
+            return shapely.union_all(self.supports(name, i))
+        region = shapely.union_all([self._on_body(plan.ground, s.region, i) for s in plan.surfaces])
+        for relation in config.relations:
+            if relation.bounds or relation.kind == "beside":
+                return None
+            region = region.intersection(self._relation(name, relation, plan.ground, i))
+        return region
+
+    def _relation(self, name: str, relation: Relation, ground: int, i: int) -> shapely.Geometry:
+        """Where a relation holds in world i: everywhere if too many of its anchors, or its frame, are absent."""
+        anchors = [self.bounds(a, i) for a in relation.anchors if self.is_present(a, i)]
+        turned_by = relation.frame_object
+        everywhere = box(-_FAR, -_FAR, _FAR, _FAR)
+        if relation.kind == "between":
+            if len(anchors) < 2:
+                return everywhere
+            hull = MultiPoint([a.pivot[:2] for a in anchors]).convex_hull
+            own = self.bounds(name, i)
+            width = relation.width or float((own.high - own.low).min())
+            return hull.buffer(0.5 * width, cap_style="flat") if isinstance(hull, LineString) else hull
+        if not anchors or (turned_by is not None and not self.is_present(turned_by, i)):
+            return everywhere
+        if turned_by is not None:
+            frame = self.bounds(turned_by, i).heading
+        else:
+            frame = {"anchor": anchors[0].heading, "world": 0.0, "support": self._heading(ground, i)}[relation.frame]
+        middle, half = relation.heading + frame, relation.half_angle
+        angles = np.linspace(middle - half, middle + half, 361)
+        rim = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        # a whole disc is cut open along one radius, which a buffer of nothing closes
+        whole = Polygon([(0.0, 0.0), *min(relation.high, _FAR) * rim]).buffer(0.0)
+        hole = Polygon([(0.0, 0.0), *relation.low * rim]).buffer(0.0) if relation.low > 0.0 else Polygon()
+        return _moved(whole.difference(hole), anchors[0].pivot, 0.0)
+
+    def _plan(self, name: str) -> PlacedObject:
+        return next(o for o in self.world.plan.objects if o.name == name)
+
+    def _on_body(self, body: int, shape: shapely.Geometry, i: int) -> shapely.Geometry:
+        return _moved(shape, self._states[i].xpos[body], self._heading(body, i))
+
+    def _heading(self, body: int, i: int) -> float:
+        xmat = self._states[i].xmat[body]
+        return math.atan2(xmat[3], xmat[0])
+
+    def _bounds(self, name: str, bodies: list[int], i: int) -> Bounds:
+        data, root = self._states[i], self.bodies(name)[0]
+        heading = heading_of(data.xmat[root].reshape(3, 3), self.world.mjm.body_quat[root])
+        turn = _turn(heading)
+        still, now = self._points(self._with_joints_at_home[i], bodies), self._points(data, bodies)
+        if not len(now):
+            return Bounds(data.xpos[root].copy(), heading, np.zeros(2), np.zeros(2))
+        local = still[:, :2] @ turn
+        middle = 0.5 * (local.min(0) + local.max(0))
+        local = now[:, :2] @ turn - middle
+        return Bounds(np.array([*turn @ middle, now[:, 2].min()]), heading, local.min(0), local.max(0))
+
+    def _points(self, data: mujoco.MjData, bodies: Container[int]) -> np.ndarray:
+        """Corners of the collision pieces of bodies [m], shape (n, 3)."""
+        return np.concatenate([np.zeros((0, 3)), *(self._points_of(data, g) for g in self._geoms(bodies))])
+
+    def _points_of(self, data: mujoco.MjData, geom: int) -> np.ndarray:
+        return self._corners[geom] @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
+
+    @cached_property
+    def _corners(self) -> dict[int, np.ndarray]:
+        """Corners of every collision geom in its own frame: of a mesh its vertices, else of the box around it."""
+        mjm = self.world.mjm
+        found = {}
+        for g in self._geoms(range(1, mjm.nbody)):
+            mesh = mjm.geom_dataid[g]
+            if mjm.geom_type[g] == mujoco.mjtGeom.mjGEOM_MESH:
+                first = mjm.mesh_vertadr[mesh]
+                found[g] = mjm.mesh_vert[first : first + mjm.mesh_vertnum[mesh]].astype(float)
+            else:
+                found[g] = mjm.geom_aabb[g, :3] + mjm.geom_aabb[g, 3:] * _UNIT_BOX
+        return found
+
+    def _geoms(self, bodies: Container[int]) -> list[int]:
+        mjm = self.world.mjm
+        solid = np.flatnonzero(mjm.geom_contype | mjm.geom_conaffinity)
+        return [int(g) for g in solid if mjm.geom_bodyid[g] in bodies]
+
+    def _posed(self, qpos: np.ndarray, mocap_pos: np.ndarray, mocap_quat: np.ndarray) -> mujoco.MjData:
+        data = mujoco.MjData(self.world.mjm)
+        data.qpos[:] = qpos
+        if self.world.mjm.nmocap:
+            data.mocap_pos[:], data.mocap_quat[:] = mocap_pos, mocap_quat
+        mujoco.mj_kinematics(self.world.mjm, data)
+        return data
+
+
+def _box(low: np.ndarray, high: np.ndarray) -> Polygon:
+    return box(float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+
+
+def _turn(angle: float) -> np.ndarray:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+def _moved(shape: shapely.Geometry, at: np.ndarray, heading: float) -> shapely.Geometry:
+    """A shape of a frame at `at` [m] that is turned by `heading` [rad], in the world."""
+    turned = affinity.rotate(shape, heading, origin=(0.0, 0.0), use_radians=True)
+    return affinity.translate(turned, float(at[0]), float(at[1]))
