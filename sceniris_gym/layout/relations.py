@@ -129,8 +129,9 @@ def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float
     wide = bounds_extent(anchor, s.along)
     narrow = bounds_extent(own, s.along)
     s.apex = anchor.at + side * offset
-    s.low = wp.min(wide[0] - narrow[0], wide[1] - narrow[1])
-    s.high = wp.max(wide[0] - narrow[0], wide[1] - narrow[1])
+    # wider by as much at its ends: it is a point where both are of one width
+    s.low = wp.min(wide[0] - narrow[0], wide[1] - narrow[1]) - _LINE
+    s.high = wp.max(wide[0] - narrow[0], wide[1] - narrow[1]) + _LINE
     s.half = _LINE
     return s
 

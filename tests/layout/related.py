@@ -76,13 +76,13 @@ class Shapes:
             _make_airy(path)
 
 
-def near_middle(asset: str, x: float = 0.0, y: float = 0.0, **words: Any) -> dict[str, Any]:
+def near_middle(asset: str, x: float = 0.0, y: float = 0.0, /, **words: Any) -> dict[str, Any]:
     """A fixture on the floor within `GENTLE` of (x, y)."""
     box = [[x - GENTLE, y - GENTLE], [x + GENTLE, y + GENTLE]]
     return {"asset": asset, "kind": "fixture", "on": "floor", "region": {"box": box}, **words}
 
 
-def related(asset: str, *relations: Mapping[str, Any], **words: Any) -> dict[str, Any]:
+def related(asset: str | None, *relations: Mapping[str, Any], **words: Any) -> dict[str, Any]:
     """An object on the floor with relations."""
     return {"asset": asset, "on": "floor", "relations": list(relations), **words}
 
