@@ -1,8 +1,8 @@
 """How an object is turned: yaw, stable poses, all of SO(3), or facing another object.
 
 Every orientation is split in two: one of heading 0, which decides the pivot, the bounds and the lowest point, and a yaw
-about the vertical. The heading of an object is the direction of its x axis seen from above, relative to its x axis as
-authored.
+about the vertical. The heading of an object is the direction of its x axis as authored, seen from above; where that axis
+points straight up or down it is that of its y axis less a right angle.
 """
 
 import math
@@ -14,6 +14,8 @@ from sceniris_gym.layout.transforms import mul_quat, quat_mat, quat_z
 from sceniris_gym.scene.device import Program, TurnType
 
 _ANY = wp.constant(int(TurnType.ANY))
+# An x axis points straight up or down if its shadow is shorter than this; see `scene.poses`.
+_UPRIGHT = wp.constant(1.0e-3)
 _TWO_PI = wp.constant(2.0 * math.pi)
 
 
@@ -33,12 +35,10 @@ class Turn:
 @wp.func
 def heading_of(quat: wp.vec4, authored: wp.vec4) -> float:
     """The heading [rad] of a root with orientation `quat` whose orientation as authored is `authored`."""
-    x = quat_mat(mul_quat(quat, wp.vec4(authored[0], -authored[1], -authored[2], -authored[3]))) * wp.vec3(
-        1.0, 0.0, 0.0
-    )
-    if wp.abs(x[0]) + wp.abs(x[1]) < 1.0e-6:
-        return 0.0
-    return wp.atan2(x[1], x[0])
+    mat = quat_mat(mul_quat(quat, wp.vec4(authored[0], -authored[1], -authored[2], -authored[3])))
+    if wp.abs(mat[0, 0]) + wp.abs(mat[1, 0]) < _UPRIGHT:
+        return wp.atan2(-mat[0, 1], mat[1, 1])
+    return wp.atan2(mat[1, 0], mat[0, 0])
 
 
 @wp.func

@@ -10,9 +10,12 @@ import trimesh
 
 from sceniris_gym.scene.pieces import Piece
 
-# Stable poses that are rarer than this are left out; no more than so many are kept.
-_LEAST_PROBABILITY = 0.01
-_MOST_POSES = 64
+# Stable poses that are rarer than the most frequent one by this factor are left out, and no more than so many are kept:
+# each of the many narrow faces of something round is rare, and together they are what it lies on.
+_RARE = 1.0e-3
+_MOST_POSES = 256
+# An x axis whose shadow is shorter than this points straight up or down, but for rounding.
+_UPRIGHT = 1.0e-3
 
 
 @dataclass(frozen=True)
@@ -72,9 +75,10 @@ class HomeShape:
         ]
         hull = trimesh.convex.convex_hull(np.concatenate(points))
         transforms, probability = trimesh.poses.compute_stable_poses(
-            hull, center_mass=self.center_of_mass, sigma=0.0, n_samples=1, threshold=_LEAST_PROBABILITY
+            hull, center_mass=self.center_of_mass, sigma=0.0, n_samples=1, threshold=0.0
         )
         kept = np.argsort(-probability, kind="stable")[:_MOST_POSES]
+        kept = kept[probability[kept] > _RARE * probability[kept[0]]]
         share = probability[kept] / probability[kept].sum()
         return [
             self.variant(_of_heading_zero(transforms[i][:3, :3], authored), float(p))
@@ -83,9 +87,14 @@ class HomeShape:
 
 
 def heading_of(mat: np.ndarray, authored: np.ndarray) -> float:
-    """Where the x axis as authored points, seen from above [rad], of a root with orientation `mat`, shape (3, 3)."""
-    x = mat @ matrix(authored).T[:, 0]
-    return float(np.arctan2(x[1], x[0])) if np.abs(x[:2]).sum() > 1e-6 else 0.0
+    """Where the x axis as authored points, seen from above [rad], of a root with orientation `mat`, shape (3, 3).
+
+    Where it points straight up or down, where the y axis points, less a right angle.
+    """
+    turn = mat @ matrix(authored).T
+    if np.abs(turn[:2, 0]).sum() < _UPRIGHT:
+        return float(np.arctan2(-turn[0, 1], turn[1, 1]))
+    return float(np.arctan2(turn[1, 0], turn[0, 0]))
 
 
 def matrix(quat: np.ndarray) -> np.ndarray:
