@@ -8,11 +8,10 @@ from typing import Any
 
 import warp as wp
 
+from sceniris_gym.layout.blocks import block_any, block_sync
 from sceniris_gym.layout.collision import (
     LEAF_CAPACITY,
     NODE_CAPACITY,
-    block_any,
-    block_sync,
     collides_physics,
     collides_visual,
     lowest,
@@ -216,21 +215,7 @@ def _make_place(geometry: str, related: bool) -> wp.Kernel:
             if program.obj_turn[obj] != _ANY:
                 c.heading += support_heading
             if program.obj_regionnum[obj] > 0:
-                spot = draw_spot(
-                    program,
-                    obj,
-                    lane,
-                    c.turn,
-                    frame,
-                    support_heading,
-                    seed,
-                    episode,
-                    stream,
-                    trial,
-                    place,
-                    layouts.bounds[worldid],
-                    layouts.present[worldid],
-                )
+                spot = draw_spot(program, layouts, worldid, lane, obj, c.turn, frame, support_heading, stream, trial)
                 c.cause = spot.cause
                 if c.ground >= 0:
                     c.surface = spot.surface
