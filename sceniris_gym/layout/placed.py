@@ -63,6 +63,12 @@ def _outside_sq(p: Placed, x: wp.vec2) -> float:
 
 
 @wp.func
+def bounds_offset(p: Placed) -> float:
+    """How far [m] the pivot is outside of the bounds, where drawn joints carried all of an object away from it."""
+    return wp.sqrt(_outside_sq(p, p.at))
+
+
+@wp.func
 def _apart_along(a: Placed, b: Placed, direction: wp.vec2) -> bool:
     shift = wp.dot(b.at - a.at, direction)
     ea = bounds_extent(a, direction)

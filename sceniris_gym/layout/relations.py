@@ -10,7 +10,7 @@ from typing import Any
 
 import warp as wp
 
-from sceniris_gym.layout.placed import Placed, bounds_distance, bounds_extent, bounds_radius, turned
+from sceniris_gym.layout.placed import Placed, bounds_distance, bounds_extent, bounds_offset, bounds_radius, turned
 from sceniris_gym.layout.polygons import HalfPlane, cross2, half_plane
 from sceniris_gym.scene.device import FRAME_SUPPORT, FRAME_WORLD, Program, RelationType
 from sceniris_gym.scene.limits import MAX_ANCHORS
@@ -129,8 +129,9 @@ def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float
     wide = bounds_extent(anchor, s.along)
     narrow = bounds_extent(own, s.along)
     s.apex = anchor.at + side * offset
-    s.low = wp.min(wide[0] - narrow[0], wide[1] - narrow[1])
-    s.high = wp.max(wide[0] - narrow[0], wide[1] - narrow[1])
+    # wider by as much at its ends: it is a point where both are of one width
+    s.low = wp.min(wide[0] - narrow[0], wide[1] - narrow[1]) - _LINE
+    s.high = wp.max(wide[0] - narrow[0], wide[1] - narrow[1]) + _LINE
     s.half = _LINE
     return s
 
@@ -183,6 +184,7 @@ def look(
     s.low = program.rel_low[rel]
     s.high = program.rel_high[rel]
     if program.rel_bounds[rel] != 0:
+        s.low -= bounds_offset(anchor) + bounds_offset(own)
         s.high += bounds_radius(anchor) + bounds_radius(own)
     return s
 

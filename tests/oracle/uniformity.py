@@ -37,3 +37,43 @@ def p_value(points: np.ndarray, region: BaseGeometry, depth: int = 6) -> float:
     if counts.sum() < 0.999 * len(points):  # what lies on a cut is in no cell
         return 0.0
     return float(scipy.stats.chisquare(counts).pvalue)
+
+
+def shares(points: np.ndarray, regions: np.ndarray) -> np.ndarray:
+    """Return two numbers (n, 2) for each point (n, 2) that are uniform in [0, 1]^2 if it is uniform in its region (n,).
+
+    The share of the area to the left of it, and that of the line through it, along y, which is below it (M. Rosenblatt,
+    "Remarks on a multivariate transformation", Annals of Mathematical Statistics 23(3), 1952).
+    """
+    x0, y0, _, y1 = shapely.bounds(regions).T
+    x, y = points.T
+    left = shapely.area(shapely.intersection(regions, shapely.box(x0 - 1, y0 - 1, x, y1 + 1))) / shapely.area(regions)
+
+    def length(top: np.ndarray) -> np.ndarray:
+        ends = np.stack([np.stack([x, y0 - 1], 1), np.stack([x, top], 1)], 1)
+        return shapely.length(shapely.intersection(regions, shapely.linestrings(ends)))
+
+    return np.stack([left, length(y) / length(y1 + 1)], 1)
+
+
+def turned_back(points: np.ndarray, regions: np.ndarray, headings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return points (n, 2) and regions (n,) turned by minus the headings (n,) [rad] about the origin."""
+    coordinates, row = shapely.get_coordinates(regions, return_index=True)
+
+    def turn(x: np.ndarray, angle: np.ndarray) -> np.ndarray:
+        c, s = np.cos(angle), np.sin(angle)
+        return np.stack([c * x[:, 0] + s * x[:, 1], c * x[:, 1] - s * x[:, 0]], 1)
+
+    return turn(points, headings), shapely.set_coordinates(regions.copy(), turn(coordinates, headings[row]))
+
+
+def spread_p_value(points: np.ndarray, regions: np.ndarray, cells: int = 5) -> float:
+    """Return the probability that points, each uniform in a region of its own, are spread as unevenly as these.
+
+    By chi-square over `cells` x `cells` parts of equal area of the regions. A point that is outside of its region by
+    more than 0.5 mm (the arcs of the regions are polygons) gives 0.
+    """
+    if shapely.distance(regions, shapely.points(points)).max() > 5e-4:
+        return 0.0
+    counts, _, _ = np.histogram2d(*shares(points, regions).T, bins=cells, range=[[0, 1], [0, 1]])
+    return float(scipy.stats.chisquare(counts.ravel()).pvalue)

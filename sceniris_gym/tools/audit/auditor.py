@@ -86,6 +86,7 @@ class Auditor:
         home = home_of(mjm)
         outlines = Outlines(self.tree, solids, config, bodies, pose_of(home))
         self.standing = StandingAudit(self.tree, solids, config, outlines, pose_of(home))
+        self.outlines = outlines
         self.language = LanguageAudit(config, outlines, self.standing.hulls, home)
         self.config = config
         self.free = {name: bodies[name] for name, part in placed.items() if part.kind == "free"}

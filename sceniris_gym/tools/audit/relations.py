@@ -119,7 +119,7 @@ def _complete(relation: Relation, present: Mapping[str, np.ndarray]) -> np.ndarr
 
 def _rectangles(outline: Outline) -> np.ndarray:
     """Return the bounds as shapes, shape (nrow,); the hull makes a proper point or line of those without area."""
-    return shapely.convex_hull(shapely.multipoints(outline.corners()))
+    return np.asarray(shapely.convex_hull(shapely.multipoints(outline.corners())))
 
 
 def _between_bounds(own: Outline, anchor: Outline) -> np.ndarray:

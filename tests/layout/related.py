@@ -1,0 +1,109 @@
+"""Scenes of simple shapes for relations, and their layouts as the audit judges them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from sceniris_gym.scene.world import World
+from sceniris_gym.tools.audit.auditor import Auditor
+from sceniris_gym.tools.audit.language import Kept
+from sceniris_gym.tools.dataset import LayoutTable, make_table
+from tests.layout.scenes import box_mjcf, cpu_world, write_mjcf
+
+FLOOR = {"size": [2.0, 2.0]}
+GENTLE = 0.03  # half width [m] of the box that keeps anchors near the middle
+
+
+def odd_mjcf(folder: Path, name: str, scale: float = 1.0) -> str:
+    """Write an L of two boxes whose origin is at neither a corner nor the centre; return the file's path."""
+    a, b = 0.05 * scale, 0.02 * scale
+    geoms = f'<geom type="box" size="{a} {b} {b}" pos="{a} 0 {b}"/>'
+    geoms += f'<geom type="box" size="{b} {a} {b}" pos="0 {a} {b}"/>'
+    return write_mjcf(folder, name, geoms)
+
+
+def drawer_mjcf(folder: Path, name: str) -> str:
+    """Write a case with a drawer that slides out to the front (-y) by up to 0.2 m; return the file's path."""
+    wall = "".join(
+        f'<geom type="box" size="{x} {y} {z}" pos="{px} {py} {pz}"/>'
+        for x, y, z, px, py, pz in (
+            (0.15, 0.1, 0.005, 0, 0, 0.005),
+            (0.15, 0.1, 0.005, 0, 0, 0.145),
+            (0.005, 0.1, 0.065, -0.145, 0, 0.075),
+            (0.005, 0.1, 0.065, 0.145, 0, 0.075),
+        )
+    )
+    drawer = (
+        '<body name="drawer" pos="0 0 0.02"><joint name="slide" type="slide" axis="0 -1 0" range="0 0.2"/>'
+        '<geom type="box" size="0.135 0.095 0.004" pos="0 0 0.004"/>'
+        '<geom type="box" size="0.135 0.004 0.03" pos="0 -0.095 0.03"/></body>'
+    )
+    return write_mjcf(folder, name, wall + drawer)
+
+
+def lid_mjcf(folder: Path, name: str) -> str:
+    """Write a low box with a lid that turns up about its back edge by up to 86 degrees; return the file's path."""
+    base = '<geom type="box" size="0.2 0.15 0.05" pos="0 0 0.05"/>'
+    lid = (
+        '<body name="lid" pos="0 0.15 0.101"><joint name="hinge" type="hinge" axis="-1 0 0" range="-86 0"/>'
+        '<geom type="box" size="0.2 0.15 0.005" pos="0 -0.15 0.005"/></body>'
+    )
+    return write_mjcf(folder, name, base + lid)
+
+
+def cart_mjcf(folder: Path, name: str) -> str:
+    """Write a block of which all slides to the right (x) by up to 0.3 m; return the file's path."""
+    joint = '<joint name="slide" type="slide" axis="1 0 0" range="0 0.3"/>'
+    return write_mjcf(folder, name, f'<body>{joint}<geom type="box" size="0.04 0.04 0.02" pos="0 0 0.02"/></body>')
+
+
+class Shapes:
+    """Paths of assets: `odd` (an L), `bar` (0.12 x 0.04 m), `cube` (5 cm), a `slab`, and `drawer`, `lid` and `cart`.
+
+    Args:
+        folder: where they are written.
+        airy: whether they touch nothing, by their contact bits.
+    """
+
+    def __init__(self, folder: Path, *, airy: bool = False) -> None:
+        self.odd, self.bar = odd_mjcf(folder, "odd"), box_mjcf(folder, "bar", 0.12, 0.04, 0.03)
+        self.cube, self.slab = box_mjcf(folder, "cube", 0.05, 0.05, 0.05), box_mjcf(folder, "slab", 1.2, 0.9, 0.05)
+        self.drawer, self.lid = drawer_mjcf(folder, "case"), lid_mjcf(folder, "chest")
+        self.cart = cart_mjcf(folder, "cart")
+        for path in vars(self).values() if airy else ():
+            _make_airy(path)
+
+
+def near_middle(asset: str, x: float = 0.0, y: float = 0.0, /, **words: Any) -> dict[str, Any]:
+    """A fixture on the floor within `GENTLE` of (x, y)."""
+    box = [[x - GENTLE, y - GENTLE], [x + GENTLE, y + GENTLE]]
+    return {"asset": asset, "kind": "fixture", "on": "floor", "region": {"box": box}, **words}
+
+
+def related(asset: str | None, *relations: Mapping[str, Any], **words: Any) -> dict[str, Any]:
+    """An object on the floor with relations."""
+    return {"asset": asset, "on": "floor", "relations": list(relations), **words}
+
+
+def scene(objects: Mapping[str, Any], **words: Any) -> World:
+    """The World of these objects on a floor of 2 m x 2 m."""
+    return cpu_world({"floor": FLOOR, "objects": dict(objects), **words}, bank_size=8)
+
+
+def table_of(world: World, n: int, seed: int = 0) -> LayoutTable:
+    """Make layouts; at least nine of ten are valid."""
+    table = make_table(world, n, seed)
+    assert table.valid.mean() >= 0.9
+    return table
+
+
+def judged(world: World, table: LayoutTable) -> list[Kept]:
+    """What the audit says of the relations, orientations and groups of the layouts."""
+    return Auditor(world.mjm, world.config, world.scene.bodies).judge_language(table.rows)
+
+
+def _make_airy(path: str) -> None:
+    file = Path(path)
+    file.write_text(file.read_text().replace("<geom ", '<geom contype="2" conaffinity="0" '))

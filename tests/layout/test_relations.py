@@ -1,0 +1,236 @@
+"""Relations hold in every layout, as the audit sees it: every word, frame, measure and option."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sceniris_gym.errors import InfeasibleSceneError
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.tools.dataset import make_table
+from tests.layout.related import Shapes, judged, near_middle, related, scene, table_of
+
+N = 1000
+SIDES = ("left", "right", "front", "back")
+
+
+@pytest.fixture(scope="module")
+def shapes(tmp_path_factory) -> Shapes:
+    """The assets."""
+    return Shapes(tmp_path_factory.mktemp("shapes"))
+
+
+def relations_hold(objects: dict[str, Any], words: int, n: int = N) -> None:
+    """Make layouts; `words` measures of the object `q` apply to all of them, and nothing that is measured is broken."""
+    world = scene(objects)
+    kept = judged(world, table_of(world, n))
+    broken = [k for k in kept if k.broken]
+    assert not broken, broken
+    mine = [k for k in kept if k.name == "q" and k.word not in ("yaw", "upright", "present")]
+    assert len(mine) == words
+    assert all(k.checked == n for k in mine)
+
+
+ONE_ANCHOR = {
+    **{f"{side} of": ({f"{side}_of": "a"}, 1) for side in SIDES},
+    **{
+        f"{frame} frame": ({"left_of": "a", "frame": frame, "angle": 20}, 1)
+        for frame in ("anchor", "support", "world", "b")
+    },
+    **{f"angle of {angle}": ({"left_of": "a", "angle": angle}, 1) for angle in (5, 45, 120, 175, 180)},
+    **{f"{side} across": ({f"{side}_of": "a", "angle": 60, "frame": "world"}, 1) for side in SIDES},
+    "direction": ({"direction": [-1, -0.1], "of": "a", "angle": 33}, 1),
+    "near": ({"near": "a", "distance": {"min": 0.1, "max": 0.4}}, 1),
+    "equal": ({"near": "a", "distance": {"equal": 0.3}}, 1),
+    "equal within 1 mm": ({"near": "a", "distance": {"equal": 0.3, "tolerance": 0.001}}, 1),
+    "slice of a ring": ({"left_of": "a", "angle": 40, "distance": {"min": 0.2, "max": 0.5}}, 2),
+    "far": ({"back_of": "a", "distance": {"min": 0.6}}, 2),
+    "near by bounds": ({"near": "a", "measure": "bounds", "distance": {"min": 0.05, "max": 0.1}}, 1),
+    "equal by bounds": ({"near": "a", "measure": "bounds", "distance": {"equal": 0.1}}, 1),
+    "side by bounds": ({"front_of": "a", "measure": "bounds", "distance": {"min": 0.02, "max": 0.1}}, 2),
+    **{f"beside {side}": ({"beside": "a", "side": side, "gap": 0.02}, 1) for side in SIDES},
+    **{f"beside {side} in the world": ({"beside": "a", "side": side, "frame": "world"}, 1) for side in SIDES},
+    "beside in another's frame": ({"beside": "a", "side": "left", "frame": "b"}, 1),
+}
+
+
+@pytest.mark.parametrize("name", ONE_ANCHOR)
+def test_a_relation_to_one_anchor_holds(name: str, shapes: Shapes):
+    """The anchor is an L that is drawn and turned anew in every world, and so is the object."""
+    relation, words = ONE_ANCHOR[name]
+    others = {"a": near_middle(shapes.odd), "b": near_middle(shapes.bar, 0.8, 0.8)}
+    relations_hold({**others, "q": related(shapes.odd, relation)}, words)
+
+
+@pytest.mark.parametrize(
+    "relation",
+    [
+        {"near": "a", "measure": "bounds", "distance": {"min": 0.02, "max": 0.1}},
+        {"beside": "a", "side": "front"},
+        {"beside": "a", "side": "left", "frame": "world"},
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("own", ["bar", "drawer"])
+def test_bounds_are_those_of_the_drawn_joints(relation: dict, own: str, shapes: Shapes):
+    """A drawer that is open makes its case longer, be it the anchor or the object itself."""
+    joints = {"joints": {"*": {"fraction": [0, 1]}}}
+    drawn = {"a": near_middle(shapes.drawer, **joints)}
+    relations_hold({**drawn, "q": related(getattr(shapes, own), relation, **(joints if own == "drawer" else {}))}, 1)
+
+
+def test_beside_something_as_wide_as_itself_is_one_place(shapes: Shapes):
+    """Two equal bars with one heading: there is one point, and it is found."""
+    still = {"orientation": "fixed"}
+    objects = {
+        "a": near_middle(shapes.bar, **still),
+        "q": related(shapes.bar, {"beside": "a", "side": "right"}, **still),
+    }
+    relations_hold(objects, 1)
+
+
+def _posts(shapes: Shapes, places: list[tuple[float, float]]) -> dict[str, Any]:
+    """Cubes that stand at these places to 10 um."""
+    return {
+        f"p{i}": {
+            **{"asset": shapes.cube, "kind": "fixture", "on": "floor"},
+            "region": {"box": [[x - 1e-5, y - 1e-5], [x + 1e-5, y + 1e-5]]},
+        }
+        for i, (x, y) in enumerate(places)
+    }
+
+
+BETWEEN = {
+    "two": [(-0.4, 0.0), (0.4, 0.1)],
+    "three": [(-0.4, -0.3), (0.5, 0.1), (0.0, 0.6)],
+    "three on a line": [(-0.5, -0.3), (0.0, 0.0), (0.5, 0.3)],
+    "three nearly on a line": [(-0.5, -0.3), (0.0, 0.0004), (0.5, 0.3)],
+    "four, of which three are on a line": [(0.0, -0.4), (-0.5, -0.4), (0.5, -0.4), (0.1, 0.5)],
+    "five, of which one is inside": [(-0.5, -0.5), (0.5, -0.5), (0.05, 0.1), (0.5, 0.5), (-0.5, 0.5)],
+    "eight": [(0.6 * np.cos(t), 0.6 * np.sin(t)) for t in np.arange(8) * 0.75 * np.pi + 0.1],
+}
+
+
+@pytest.mark.parametrize("name", BETWEEN)
+@pytest.mark.parametrize("width", [0.2, None], ids=["strip", "own width"])
+def test_between_holds(name: str, width: float | None, shapes: Shapes):
+    """Two to eight anchors in any order, and anchors on a line, in a strip of a given width or of the object's own."""
+    posts = _posts(shapes, BETWEEN[name])
+    relations_hold({**posts, "q": related(shapes.bar, {"between": list(posts), "width": width})}, 1)
+
+
+def test_between_anchors_that_are_drawn_anywhere_holds(shapes: Shapes):
+    """Eight cubes all over the floor."""
+    cubes = {name: {"asset": shapes.cube, "kind": "fixture", "on": "floor"} for name in "abcdefgh"}
+    relations_hold({**cubes, "q": related(shapes.bar, {"between": list("abcdefgh")})}, 1)
+
+
+def test_between_three_on_a_line_is_the_strip_from_end_to_end(shapes: Shapes):
+    """Points reach both ends and both sides of the strip, and nothing beyond."""
+    posts = _posts(shapes, BETWEEN["three on a line"])
+    world = scene({**posts, "q": related(None, {"between": list(posts), "width": 0.2}, kind="marker")})
+    at = table_of(world, 4000).mocap_pos[:, -1, :2]
+    along = np.array([0.5, 0.3]) / np.hypot(0.5, 0.3)
+    t, u = at @ along, at @ [-along[1], along[0]]
+    assert [t.min(), t.max()] == pytest.approx([-np.hypot(0.5, 0.3), np.hypot(0.5, 0.3)], abs=0.005)
+    assert [u.min(), u.max()] == pytest.approx([-0.1, 0.1], abs=0.001)
+
+
+TWO = [{"front_of": "a", "distance": {"min": 0.2}}, {"right_of": "b", "angle": 80}]
+FOUR = [
+    {"front_of": "a", "distance": {"min": 0.2}},
+    {"right_of": "b", "angle": 170},
+    {"near": "b", "measure": "bounds", "distance": {"max": 0.9}},
+    {"between": ["a", "b"], "width": 1.5},
+]
+PINNED = [{"beside": "a", "side": "right"}, {"near": "b", "distance": {"max": 0.85}}]
+
+
+@pytest.mark.parametrize(
+    ("relations", "words"), [(TWO, 3), (FOUR, 5), (PINNED, 2)], ids=["two", "four", "beside and near"]
+)
+def test_relations_hold_together(relations: list[dict], words: int, shapes: Shapes):
+    """Regions intersect, lines with areas too."""
+    others = {"a": near_middle(shapes.odd, -0.4, 0.0), "b": near_middle(shapes.bar, 0.4, 0.1)}
+    relations_hold({**others, "q": related(shapes.bar, *relations)}, words)
+
+
+def test_relations_hold_on_a_turned_support(shapes: Shapes):
+    """On a slab that is turned anew in every world; one direction in its frame, one in the anchor's."""
+    slab = near_middle(shapes.slab, orientation={"yaw": [-180, 180]})
+    on_it = {"asset": shapes.odd, "on": "slab", "region": {"fraction": [[0.4, 0.4], [0.6, 0.6]]}}
+    relations = [{"left_of": "a", "frame": "support", "angle": 30}, {"front_of": "a"}]
+    relations_hold({"slab": slab, "a": on_it, "q": related(shapes.bar, *relations, on="slab")}, 2)
+
+
+def test_relations_hold_on_the_floor_of_a_drawer(shapes: Shapes):
+    """A drawer that is drawn out by 16 to 20 cm carries both."""
+    case = near_middle(shapes.drawer, joints={"slide": {"fraction": [0.8, 1.0]}})
+    inside = {"asset": shapes.cube, "in": "case/drawer"}
+    relation = {"near": "a", "distance": {"max": 0.1}}
+    relations_hold({"case": case, "a": inside, "q": {**inside, "relations": [relation]}}, 1)
+
+
+def test_relations_hold_on_a_lid_that_is_shut(shapes: Shapes):
+    """Where the lid is drawn open nothing can stand on it, and the layout is made anew."""
+    chest = near_middle(shapes.lid, joints={"hinge": {"choice": [0.0, -1.0]}})
+    cube = {"asset": shapes.cube, "on": "chest/lid"}
+    objects = {"chest": chest, "a": cube, "q": {**cube, "relations": [{"right_of": "a", "frame": "support"}]}}
+    world = scene(objects)
+    generator = LayoutGenerator(world, 400)
+    generator.generate()
+    assert (generator.layouts.status.numpy() == Status.VALID).mean() > 0.95
+    assert (generator.layouts.qpos.numpy()[:, world.mjm.joint("chest/hinge").qposadr[0]] == 0.0).all()
+    assert generator.rejection_counts()["a"]["empty"] > 1000
+    assert not [k for k in judged(world, make_table(world, 400, 0)) if k.broken]
+
+
+def test_a_region_crops_what_relations_leave(shapes: Shapes):
+    """A polygon on the floor, with a direction."""
+    crop = {"polygon": [[-0.5, -0.5], [0.9, 0.0], [0.0, 0.9]]}
+    objects = {"a": near_middle(shapes.odd), "q": related(None, {"right_of": "a"}, kind="marker", region=crop)}
+    world = scene(objects)
+    table = table_of(world, N)
+    assert not [k for k in judged(world, table) if k.broken]
+    x, y = table.mocap_pos[:, -1, :2].T
+    sides = [(1.4 * (y + 0.5) - 0.5 * (x + 0.5)), -(0.9 * (x - 0.9) + 0.9 * y), (1.4 * (x + 0.5) - 0.5 * (y + 0.5))]
+    assert np.min(sides) > -1e-5
+
+
+@pytest.mark.parametrize("anchor", ["marker", "post"])
+def test_markers_take_part(anchor: str, shapes: Shapes):
+    """A point without an asset is placed by relations, and others by relations to it."""
+    others = {
+        "a": near_middle(shapes.odd),
+        "marker": {"kind": "marker", "on": "floor"},
+        "post": near_middle(shapes.bar, 0.5),
+    }
+    near = [{"near": anchor, "measure": "bounds", "distance": {"equal": 0.2}}, {"back_of": "a", "angle": 120}]
+    relations_hold({**others, "q": {"kind": "marker", "on": "floor", "relations": near}}, 2)
+    relations_hold({**others, "q": related(shapes.odd, *near)}, 2)
+
+
+def test_an_empty_region_is_a_cause_of_its_own(shapes: Shapes):
+    """A wedge that leaves the floor in some worlds: those are made anew, and nothing is put at the origin."""
+    others = {"a": {"asset": shapes.cube, "kind": "fixture", "on": "floor"}}
+    far = related(shapes.cube, {"right_of": "a", "frame": "world", "distance": {"min": 1.5}, "angle": 20})
+    world = scene({**others, "q": far})
+    generator = LayoutGenerator(world, 500)
+    generator.generate()
+    assert generator.rejection_counts()["q"]["empty"] > 500
+    table = make_table(world, 500, 0)
+    assert table.valid.mean() > 0.05
+    assert not [k for k in judged(world, table) if k.broken]  # those of the bank keep their relations too
+
+
+def test_a_region_that_is_always_empty_is_infeasible(shapes: Shapes):
+    """Nothing on a floor of 2 m is 3 m away from its middle."""
+    objects = {
+        "a": near_middle(shapes.cube),
+        "q": related(shapes.cube, {"near": "a", "distance": {"min": 3.0, "max": 4.0}}),
+    }
+    with pytest.raises(InfeasibleSceneError, match="'q' could not be placed, mostly because of empty"):
+        scene(objects)
