@@ -10,6 +10,7 @@ from typing import Any
 
 import warp as wp
 
+from sceniris_gym.layout.blocks import block_any
 from sceniris_gym.layout.convex import piece_shape, separated, support
 from sceniris_gym.layout.transforms import Pose, apply, compose, pose_of, relative
 from sceniris_gym.layout.triangles import triangles_separated
@@ -27,28 +28,6 @@ LEAF_CAPACITY = 256
 SKIN = 5.0e-6
 
 _SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-return __syncthreads_or(value);
-#else
-return value;
-#endif
-""")
-def block_any(value: int) -> int:
-    """Non-zero on every lane of the block if `value` is non-zero on any."""
-    ...
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-__syncthreads();
-#endif
-""")
-def block_sync():
-    """A barrier: what any lane wrote before is visible to all lanes of the block after."""
-    ...
 
 
 @wp.func

@@ -6,7 +6,9 @@ from enum import IntEnum
 import numpy as np
 import warp as wp
 
+from sceniris_gym.layout.relations import Sight
 from sceniris_gym.scene.device import Cause
+from sceniris_gym.scene.limits import MAX_ANCHORS, MAX_RELATIONS
 from sceniris_gym.scene.world import World
 
 
@@ -37,6 +39,9 @@ class LayoutsView:
     rejections: wp.array2d(dtype=int)
     place: wp.array2d(dtype=wp.vec4)
     bounds: wp.array2d(dtype=wp.vec4)
+    sights: wp.array2d(dtype=Sight)
+    hulls: wp.array2d(dtype=wp.vec2)
+    drawn: wp.array(dtype=wp.vec3)
     body_pos: wp.array2d(dtype=wp.vec3)
     body_quat: wp.array2d(dtype=wp.vec4)
     rejected_count: wp.array(dtype=int)
@@ -90,6 +95,10 @@ class Layouts:
             view.present = wp.ones((nworld, nslot), dtype=int)
             view.place = wp.array(np.tile(world.home_place, (nworld, 1, 1)), dtype=wp.vec4, shape=(nworld, nslot))
             view.bounds = wp.array(np.tile(world.home_bounds, (nworld, 1, 1)), dtype=wp.vec4, shape=(nworld, nslot))
+            related = nworld if world.related else 0
+            view.sights = wp.zeros((related, MAX_RELATIONS), dtype=Sight)
+            view.hulls = wp.zeros((related, MAX_RELATIONS * MAX_ANCHORS), dtype=wp.vec2)
+            view.drawn = wp.zeros(related, dtype=wp.vec3)
             view.body_pos = wp.array(np.tile(world.home_xpos, (nworld, 1, 1)), dtype=wp.vec3)
             view.body_quat = wp.array(np.tile(world.home_xquat, (nworld, 1, 1)), dtype=wp.vec4)
             view.rejected_count = wp.zeros(1, dtype=int)

@@ -8,11 +8,10 @@ from typing import Any
 
 import warp as wp
 
+from sceniris_gym.layout.blocks import block_any, block_sync
 from sceniris_gym.layout.collision import (
     LEAF_CAPACITY,
     NODE_CAPACITY,
-    block_any,
-    block_sync,
     collides_physics,
     collides_visual,
     lowest,
@@ -24,7 +23,7 @@ from sceniris_gym.layout.layouts import LayoutsView, Status
 from sceniris_gym.layout.orientations import Turn, draw_turn, facing
 from sceniris_gym.layout.points import draw_in_triangle, draw_related, draw_triangle, draw_unrelated
 from sceniris_gym.layout.random import BANK_STREAM, STREAM_BITS, philox, uniforms
-from sceniris_gym.layout.regions import piece_on_surface, roof_physics, roof_visual
+from sceniris_gym.layout.regions import inside_outline, roof_physics, roof_visual, shadow_on_edge
 from sceniris_gym.layout.transforms import apply, compose, mul_quat, pose_of, quat_mat, quat_z, relative
 from sceniris_gym.scene.device import Cause, Measure, ObjectKind, Program, Roof, TurnType
 
@@ -127,11 +126,14 @@ def _overhangs(
     ground = program.obj_ground[obj]
     frame = pose_of(body_pos[ground], body_quat[ground])
     off = int(0)
-    for i in range(lane, program.obj_piecenum[obj], wp.block_dim()):
-        piece = program.piece_list[program.obj_pieceadr[obj] + i]
+    sides = program.surface_edgenum[surface]
+    for i in range(lane, program.obj_shadownum[obj] * sides, wp.block_dim()):
+        piece = program.shadow_list[program.obj_shadowadr[obj] + i // sides]
         body = program.piece_body[piece]
         rel = relative(frame, compose(pose_of(body_pos[body], body_quat[body]), piece_pose(program, piece)))
-        if not piece_on_surface(program, piece, surface, rel):
+        if shadow_on_edge(program, piece, program.surface_edgeadr[surface] + i % sides, rel):
+            off = 1
+        if i % sides == 0 and not inside_outline(program, surface, wp.vec2(rel.pos[0], rel.pos[1])):
             off = 1
     return block_any(off) != 0
 
@@ -216,21 +218,7 @@ def _make_place(geometry: str, related: bool) -> wp.Kernel:
             if program.obj_turn[obj] != _ANY:
                 c.heading += support_heading
             if program.obj_regionnum[obj] > 0:
-                spot = draw_spot(
-                    program,
-                    obj,
-                    lane,
-                    c.turn,
-                    frame,
-                    support_heading,
-                    seed,
-                    episode,
-                    stream,
-                    trial,
-                    place,
-                    layouts.bounds[worldid],
-                    layouts.present[worldid],
-                )
+                spot = draw_spot(program, layouts, worldid, lane, obj, c.turn, frame, support_heading, stream, trial)
                 c.cause = spot.cause
                 if c.ground >= 0:
                     c.surface = spot.surface

@@ -10,19 +10,19 @@ from typing import Any
 
 import warp as wp
 
+from sceniris_gym.layout.blocks import block_sync
+from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.orientations import Turn, facing
 from sceniris_gym.layout.placed import Placed
 from sceniris_gym.layout.polygons import area, clip, draw_in_polygon, set_triangle
 from sceniris_gym.layout.random import uniforms
-from sceniris_gym.layout.relations import Sight, holds, look, piece_side, side_num
+from sceniris_gym.layout.relations import holds, look, piece_side, side_num
 from sceniris_gym.layout.transforms import Pose, apply
 from sceniris_gym.scene.device import Cause, Program, TurnType
-from sceniris_gym.scene.limits import MAX_ANCHORS, MAX_CORNERS, MAX_RELATIONS
+from sceniris_gym.scene.limits import MAX_ANCHORS, MAX_CORNERS
 
 _MAX_ANCHORS = wp.constant(MAX_ANCHORS)
 _MAX_CORNERS = wp.constant(MAX_CORNERS)
-_MAX_RELATIONS = wp.constant(MAX_RELATIONS)
-_MAX_HULLS = wp.constant(MAX_RELATIONS * MAX_ANCHORS)
 _NONE = wp.constant(int(Cause.NONE))
 _EMPTY = wp.constant(int(Cause.EMPTY))
 _REGION = wp.constant(int(Cause.REGION))
@@ -78,26 +78,32 @@ def _xy(frame: Pose, p: wp.vec2, height: float) -> wp.vec2:
 
 
 @wp.func
-def _look_around(
-    program: Program,
-    obj: int,
-    own: Placed,
-    support_heading: float,
-    place: wp.array(dtype=wp.vec4),
-    bounds: wp.array(dtype=wp.vec4),
-    present: wp.array(dtype=int),
-    sights: Any,
-    hulls: Any,
-):
-    """What each of the object's relations comes to in this world."""
+def _look_around(program: Program, layouts: LayoutsView, worldid: int, obj: int, own: Placed, support_heading: float):
+    """What each of the object's relations comes to in this world, into `layouts.sights` and `layouts.hulls`."""
     for i in range(program.obj_relnum[obj]):
-        rel = program.obj_reladr[obj] + i
-        sights[i] = look(program, rel, own, support_heading, place, bounds, present, hulls, i * _MAX_ANCHORS)
+        layouts.sights[worldid, i] = look(
+            program,
+            program.obj_reladr[obj] + i,
+            own,
+            support_heading,
+            layouts.place[worldid],
+            layouts.bounds[worldid],
+            layouts.present[worldid],
+            layouts.hulls[worldid],
+            i * _MAX_ANCHORS,
+        )
 
 
 @wp.func
 def _cut(
-    program: Program, obj: int, index: int, frame: Pose, sights: Any, hulls: Any, polygon: Any, scratch: Any
+    program: Program,
+    layouts: LayoutsView,
+    worldid: int,
+    obj: int,
+    index: int,
+    frame: Pose,
+    polygon: Any,
+    scratch: Any,
 ) -> int:
     """Piece `index` of the region: a triangle of the support within one convex piece of every relation.
 
@@ -114,7 +120,7 @@ def _cut(
     )
     for i in range(program.obj_relnum[obj]):
         rel = program.obj_reladr[obj] + i
-        sight = sights[i]
+        sight = layouts.sights[worldid, i]
         piece = rest % program.rel_piecenum[rel]
         rest = rest // program.rel_piecenum[rel]
         # a relation that is not active has one piece, the whole plane
@@ -122,7 +128,7 @@ def _cut(
             num = int(0)
         for side in range(side_num(program, rel, sight)):
             if num > 0:
-                plane = piece_side(program, rel, piece, side, sight, hulls, i * _MAX_ANCHORS)
+                plane = piece_side(program, rel, piece, side, sight, layouts.hulls[worldid], i * _MAX_ANCHORS)
                 num = clip(polygon, num, plane, scratch)
     return num
 
@@ -130,41 +136,44 @@ def _cut(
 @wp.func
 def draw_related(
     program: Program,
-    obj: int,
+    layouts: LayoutsView,
+    worldid: int,
     lane: int,
+    obj: int,
     turn: Turn,
     frame: Pose,
     support_heading: float,
-    seed: wp.uint64,
-    episode: int,
     stream: wp.uint32,
     trial: int,
-    place: wp.array(dtype=wp.vec4),
-    bounds: wp.array(dtype=wp.vec4),
-    present: wp.array(dtype=int),
 ) -> Spot:
-    """A uniform point of the region in this world. All lanes of the block must call it together; all get the same."""
+    """A uniform point of the region in this world. All lanes of the block must call it together; all get the same.
+
+    Lane 0 looks at the relations and draws the point, all lanes cut and measure: a polygon is memory of a lane's own,
+    and 32 copies of the same one would be 32 times the traffic.
+    """
     spot = Spot()
     spot.surface = int(-1)
     spot.cause = _EMPTY
     if frame.rot[2, 2] < _LEVEL:
         return spot
+    seed = layouts.seed[worldid]
+    episode = layouts.episode[worldid]
     own = Placed()
     own.heading = turn.yaw
     if program.obj_turn[obj] != _ANY:
         own.heading += support_heading
     own.low = wp.vec2(turn.bounds[0], turn.bounds[1])
     own.high = wp.vec2(turn.bounds[2], turn.bounds[3])
-    sights = wp.zeros(shape=(_MAX_RELATIONS,), dtype=Sight)
-    hulls = wp.zeros(shape=(_MAX_HULLS,), dtype=wp.vec2)
     polygon = wp.zeros(shape=(_MAX_CORNERS,), dtype=wp.vec2)
     scratch = wp.zeros(shape=(_MAX_CORNERS,), dtype=wp.vec2)
-    _look_around(program, obj, own, support_heading, place, bounds, present, sights, hulls)
+    if lane == 0:
+        _look_around(program, layouts, worldid, obj, own, support_heading)
+    block_sync()
     for redraw in range(_REDRAWS):
         first_draw = _FIRST_DRAW + redraw * _DRAWS
         best = _NOBODY
         for i in range(lane, program.obj_regionnum[obj], wp.block_dim()):
-            size = area(polygon, _cut(program, obj, i, frame, sights, hulls, polygon, scratch))
+            size = area(polygon, _cut(program, layouts, worldid, obj, i, frame, polygon, scratch))
             if size > _LEAST_AREA:
                 race = uniforms(seed, episode, stream, trial, first_draw + 1 + i // 4)
                 finish = -wp.log(1.0 - race[i % 4]) / size
@@ -174,24 +183,32 @@ def draw_related(
             spot.cause = _EMPTY
             return spot
         index = int(best & wp.uint64(0xFFFFFFFF))
-        u = uniforms(seed, episode, stream, trial, first_draw)
-        num = _cut(program, obj, index, frame, sights, hulls, polygon, scratch)
-        own.at = draw_in_polygon(polygon, num, u[0], u[1], u[2])
-        if program.obj_turn[obj] == _FACE_TO:
-            target = place[program.obj_target[obj]]
-            if present[program.obj_target[obj]] != 0:
-                own.heading = turn.yaw + facing(own.at, wp.vec2(target[0], target[1]))
-        spot.surface = program.tri_surface[program.obj_triadr[obj] + index % program.obj_trinum[obj]]
-        ground = apply(frame, wp.vec3(0.0, 0.0, program.surface_height[spot.surface]))
-        # the surface's height over the point: what is level to 0.1 degree is not level to 0.1 mm
-        n = wp.vec3(frame.rot[0, 2], frame.rot[1, 2], frame.rot[2, 2])
-        z = ground[2] - (n[0] * (own.at[0] - ground[0]) + n[1] * (own.at[1] - ground[1])) / n[2]
-        spot.at = wp.vec3(own.at[0], own.at[1], z)
-        spot.cause = _NONE
-        for i in range(program.obj_relnum[obj]):
-            if not holds(program, program.obj_reladr[obj] + i, sights[i], own, place, bounds):
-                spot.cause = _REGION
-        if spot.cause == _NONE:
+        if lane == 0:
+            u = uniforms(seed, episode, stream, trial, first_draw)
+            num = _cut(program, layouts, worldid, obj, index, frame, polygon, scratch)
+            own.at = draw_in_polygon(polygon, num, u[0], u[1], u[2])
+            target = program.obj_target[obj]
+            if program.obj_turn[obj] == _FACE_TO and layouts.present[worldid, target] != 0:
+                at = layouts.place[worldid, target]
+                own.heading = turn.yaw + facing(own.at, wp.vec2(at[0], at[1]))
+            held = int(1)
+            for i in range(program.obj_relnum[obj]):
+                sight = layouts.sights[worldid, i]
+                rel = program.obj_reladr[obj] + i
+                if not holds(program, rel, sight, own, layouts.place[worldid], layouts.bounds[worldid]):
+                    held = int(0)
+            layouts.drawn[worldid] = wp.vec3(own.at[0], own.at[1], float(held))
+        block_sync()
+        drawn = layouts.drawn[worldid]
+        spot.cause = _REGION
+        if drawn[2] > 0.0:
+            spot.cause = _NONE
+            spot.surface = program.tri_surface[program.obj_triadr[obj] + index % program.obj_trinum[obj]]
+            ground = apply(frame, wp.vec3(0.0, 0.0, program.surface_height[spot.surface]))
+            # the surface's height over the point: what is level to 0.1 degree is not level to 0.1 mm
+            n = wp.vec3(frame.rot[0, 2], frame.rot[1, 2], frame.rot[2, 2])
+            z = ground[2] - (n[0] * (drawn[0] - ground[0]) + n[1] * (drawn[1] - ground[1])) / n[2]
+            spot.at = wp.vec3(drawn[0], drawn[1], z)
             return spot
     return spot
 
@@ -199,18 +216,15 @@ def draw_related(
 @wp.func
 def draw_unrelated(
     program: Program,
-    obj: int,
+    layouts: LayoutsView,
+    worldid: int,
     lane: int,
+    obj: int,
     turn: Turn,
     frame: Pose,
     support_heading: float,
-    seed: wp.uint64,
-    episode: int,
     stream: wp.uint32,
     trial: int,
-    place: wp.array(dtype=wp.vec4),
-    bounds: wp.array(dtype=wp.vec4),
-    present: wp.array(dtype=int),
 ) -> Spot:
     """Stands for `draw_related` in scenes without relations, whose kernel need not carry it; never called there."""
     return Spot()

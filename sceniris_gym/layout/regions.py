@@ -54,7 +54,7 @@ def roof_visual(
 
 
 @wp.func
-def _inside(program: Program, surface: int, p: wp.vec2) -> bool:
+def inside_outline(program: Program, surface: int, p: wp.vec2) -> bool:
     """Does `p` lie inside the surface's outline? Crossings of a ray along x; holes are edges like any other."""
     inside = bool(False)
     for i in range(program.surface_edgenum[surface]):
@@ -66,24 +66,19 @@ def _inside(program: Program, surface: int, p: wp.vec2) -> bool:
 
 
 @wp.func
-def piece_on_surface(program: Program, piece: int, surface: int, rel: Pose) -> bool:
-    """Does the shadow of a piece lie wholly on a surface? `rel`: the piece in the frame of the surface's body, z up.
+def shadow_on_edge(program: Program, piece: int, edge: int, rel: Pose) -> bool:
+    """Does an edge of an outline pass through the shadow of a piece? `rel`: the piece in the outline's frame, z up.
 
     A convex shadow lies in an outline if one of its points does and no edge of the outline passes through it.
     """
-    if not _inside(program, surface, wp.vec2(rel.pos[0], rel.pos[1])):
-        return False
+    a = program.edge_a[edge]
+    b = program.edge_b[edge]
+    along = b - a
+    length = wp.length(along)
+    c = along[0] / length
+    s = along[1] / length
+    frame = Pose()
+    frame.pos = wp.vec3(0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.0)
+    frame.rot = wp.mat33(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
     shape = piece_shape(program, piece)
-    for i in range(program.surface_edgenum[surface]):
-        a = program.edge_a[program.surface_edgeadr[surface] + i]
-        b = program.edge_b[program.surface_edgeadr[surface] + i]
-        along = b - a
-        length = wp.length(along)
-        c = along[0] / length
-        s = along[1] / length
-        edge = Pose()
-        edge.pos = wp.vec3(0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.0)
-        edge.rot = wp.mat33(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
-        if not separated(program, segment_shape(0.5 * length), shape, relative(edge, rel), _SHADOW, _RIM):
-            return False
-    return True
+    return not separated(program, segment_shape(0.5 * length), shape, relative(frame, rel), _SHADOW, _RIM)

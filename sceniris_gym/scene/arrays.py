@@ -53,7 +53,7 @@ def program_arrays(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: i
         | _relations(scene, plan)
         | _groups(scene, plan)
         | _regions(plan)
-        | _pieces(plan.pieces)
+        | _pieces([*plan.pieces, *_hulls(plan)])
         | _bodies(scene)
         | {"home_qpos": scene.home_qpos, "home_place": plan.place, "home_bounds": plan.bounds}
     )
@@ -64,9 +64,12 @@ def _objects(scene: SceneModel, plan: Plan, c: Colliders, lanes: int) -> dict[st
     draws, drawadr, drawnum = ranges(o.draws for o in objects)
     choice, choiceadr, choicenum = ranges(d.choice for d in draws)
     bodies, bodyadr, bodynum = ranges(o.bodies for o in objects)
-    own_pieces, pieceadr, piecenum = ranges(
-        [i for i, p in enumerate(plan.pieces) if p.body in o.bodies] for o in objects
+    own = [[i for i, p in enumerate(plan.pieces) if p.body in o.bodies] for o in objects]
+    numbers = iter(range(len(plan.pieces), len(plan.pieces) + len(_hulls(plan))))
+    shadows, shadowadr, shadownum = ranges(
+        [next(numbers)] if o.footprint is not None else mine for o, mine in zip(objects, own, strict=True)
     )
+    own_pieces, pieceadr, piecenum = ranges(own)
     roof_list, roofadr, roofnum = ranges(_roofs(scene, plan, c, o.config) for o in objects)
     meetings = collider_pairs(scene, plan, c)
     pairs, pairadr, pairnum = ranges(meetings)
@@ -106,6 +109,8 @@ def _objects(scene: SceneModel, plan: Plan, c: Colliders, lanes: int) -> dict[st
         "obj_bodynum": bodynum,
         "obj_pieceadr": pieceadr,
         "obj_piecenum": piecenum,
+        "obj_shadowadr": shadowadr,
+        "obj_shadownum": shadownum,
         "obj_roofadr": roofadr,
         "obj_roofnum": roofnum,
         "obj_pairadr": pairadr,
@@ -114,6 +119,7 @@ def _objects(scene: SceneModel, plan: Plan, c: Colliders, lanes: int) -> dict[st
         "obj_startnum": startnum,
         "body_list": np.array(bodies, int),
         "piece_list": np.array(own_pieces, int),
+        "shadow_list": np.array(shadows, int),
         "roof_list": np.array(roof_list, int),
         "variant_quat": np.reshape([v.quat for v in variants], (-1, 4)),
         "variant_pivot": np.reshape([v.pivot for v in variants], (-1, 3)),
@@ -246,6 +252,11 @@ def _bodies(scene: SceneModel) -> dict[str, np.ndarray]:
         "jnt_qposadr": mjm.jnt_qposadr,
         "jnt_qpos0": qpos0,
     }
+
+
+def _hulls(plan: Plan) -> list[Piece]:
+    """Footprints that are pieces of their own, numbered after all obstacles."""
+    return [o.footprint for o in plan.objects if o.footprint is not None]
 
 
 def _roofs(scene: SceneModel, plan: Plan, c: Colliders, config: ObjectConfig | None) -> list[int]:

@@ -30,6 +30,7 @@ from sceniris_gym.scene.values import (
     Fraction,
     FractionBox,
     FractionInterval,
+    Gap,
     Interval,
     NotNegative,
     Number,
@@ -110,7 +111,7 @@ class ObjectConfig(Part):
     orientation: Orientation | None = None
     joints: dict[str, JointConfig] = Field(default_factory=dict)
     clearance: NotNegative = 0.001
-    gap: NotNegative = 0.0005
+    gap: Gap = 0.0005
 
     @property
     def support(self) -> SupportConfig | None:

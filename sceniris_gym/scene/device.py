@@ -129,6 +129,8 @@ class Program:
     obj_bodynum: wp.array(dtype=int)
     obj_pieceadr: wp.array(dtype=int)
     obj_piecenum: wp.array(dtype=int)
+    obj_shadowadr: wp.array(dtype=int)
+    obj_shadownum: wp.array(dtype=int)
     obj_roofadr: wp.array(dtype=int)
     obj_roofnum: wp.array(dtype=int)
     obj_triadr: wp.array(dtype=int)
@@ -142,6 +144,7 @@ class Program:
     obj_startnum: wp.array(dtype=int)
     body_list: wp.array(dtype=int)
     piece_list: wp.array(dtype=int)
+    shadow_list: wp.array(dtype=int)  # pieces whose shadows must lie on the support
     roof_list: wp.array(dtype=int)  # pieces (physics) or colliders (visual)
     # Poses that an orientation is drawn from, at heading 0: pivot in the root's frame, bounds around it in xy.
     variant_quat: wp.array(dtype=wp.vec4)

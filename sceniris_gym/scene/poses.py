@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import trimesh
 
+from sceniris_gym.scene.device import PieceType
 from sceniris_gym.scene.pieces import Piece
 
 # Stable poses that are rarer than the most frequent one by this factor are left out, and no more than so many are kept:
@@ -63,17 +64,28 @@ class HomeShape:
         half = 0.5 * (upper - lower)[:2]
         return Variant(quat, turn.T @ bottom, np.concatenate([-half, half]), probability)
 
+    def hull(self, body: int) -> Piece:
+        """All pieces as one convex piece of the root body `body`: the convex footprint in any orientation."""
+        vertices = trimesh.convex.convex_hull(self._points()).vertices
+        middle = vertices.mean(axis=0)
+        unit = np.array([1.0, 0.0, 0.0, 0.0])
+        return Piece(-1, body, PieceType.HULL, middle, unit, np.zeros(3), vertices - middle, None, 0, 0)
+
+    def _points(self) -> np.ndarray:
+        """Vertices of all pieces in the root's frame [m], shape (n, 3)."""
+        points = [
+            at + (p.mesh.vertices if p.mesh is not None else np.zeros((0, 3))) @ mat.T
+            for p, mat, at in zip(self._pieces, self._mats, self._at, strict=True)
+        ]
+        return np.concatenate(points)
+
     def stable(self, authored: np.ndarray) -> list[Variant]:
         """Stable poses on a plane by the quasi-static estimate of K. Goldberg et al., "Part pose statistics", 1999.
 
         Args:
             authored: Orientation of the root as authored, which headings are counted from.
         """
-        points = [
-            at + (p.mesh.vertices if p.mesh is not None else np.zeros((0, 3))) @ mat.T
-            for p, mat, at in zip(self._pieces, self._mats, self._at, strict=True)
-        ]
-        hull = trimesh.convex.convex_hull(np.concatenate(points))
+        hull = trimesh.convex.convex_hull(self._points())
         transforms, probability = trimesh.poses.compute_stable_poses(
             hull, center_mass=self.center_of_mass, sigma=0.0, n_samples=1, threshold=0.0
         )

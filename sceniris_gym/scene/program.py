@@ -47,6 +47,8 @@ class PlacedObject:
         bodies: Its bodies, the root first, parents before children.
         draws: What is drawn for its joints.
         quat: Orientation of its root as authored, wxyz.
+        footprint: What must lie on the support as a whole, with `ratio_on_support` 1: the hull of all pieces as one
+            more piece; None for a single piece, or where joints are drawn, whose footprint is that of each piece.
         variants: Poses that its orientation is drawn from; empty for STATIC.
         ground: Body that carries it; None in a box in space or for STATIC.
         tilts: Whether that body may lean in the states it is drawn in.
@@ -60,6 +62,7 @@ class PlacedObject:
     bodies: list[int]
     draws: list[Draw]
     quat: np.ndarray
+    footprint: Piece | None
     variants: list[Variant]
     ground: int | None
     tilts: bool
@@ -170,7 +173,7 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
     stream = 0 if config is None else 1 + list(scene.config.objects).index(name)
     draws = _draws(scene, name)
     if config is None or not _is_placed(config):
-        return PlacedObject(name, stream, ObjectKind.STATIC, bodies, draws, quat, [], None, False, [], config)
+        return PlacedObject(name, stream, ObjectKind.STATIC, bodies, draws, quat, None, [], None, False, [], config)
     own = [p for p in pieces if p.body in bodies]
     if any(p.type == PieceType.PLANE for p in own):
         raise NotSupportedError(
@@ -186,6 +189,7 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
         bodies=bodies,
         draws=draws,
         quat=quat,
+        footprint=shape.hull(bodies[0]) if len(own) > 1 and not draws and config.ratio_on_support == 1.0 else None,
         variants=variants,
         ground=ground,
         tilts=ground is not None and _tilts(scene, config, ground),

@@ -21,6 +21,8 @@ _STEP = 2.0e-4
 _ABOVE = 5.0e-4
 # A strip narrower than 2 cm (a rim, the edge of a wall, a handle) carries nothing.
 _HALF_WIDTH = 0.01
+# Segments of a quarter circle where an erosion goes around a corner: 4 cm of it are right to 3 um.
+_ARC = 64
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ def crop(surfaces: list[Surface], region: RegionConfig | None, erosion: float, w
     keep = _crop_shape(surfaces, region)
     kept = []
     for s in surfaces:
-        left = s.outline.buffer(-erosion, quad_segs=32) if erosion > 0.0 else s.outline
+        left = s.outline.buffer(-erosion, quad_segs=_ARC) if erosion > 0.0 else s.outline
         left = _parts(left.intersection(keep) if keep is not None else left)
         if not left.is_empty:
             kept.append(Surface(s.body, s.height, s.outline, left))

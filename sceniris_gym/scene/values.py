@@ -46,6 +46,12 @@ def _not_zero(direction: tuple[float, float]) -> tuple[float, float]:
     return direction
 
 
+def _over_the_skin(gap: float) -> float:
+    if gap < 2e-5:
+        raise wrong("should be at least 0.00002 m: nearer to its support an object counts as touching it, by rounding")
+    return gap
+
+
 def _corners(box: tuple[tuple[float, ...], tuple[float, ...]]) -> tuple[tuple[float, ...], tuple[float, ...]]:
     low, high = box
     if len(low) != len(high) or len(low) not in (2, 3) or any(a > b for a, b in zip(low, high, strict=False)):
@@ -71,6 +77,7 @@ Number = Annotated[float, Strict(), AllowInfNan(False)]
 Fraction = Annotated[Number, Field(ge=0.0, le=1.0)]
 Positive = Annotated[Number, Field(gt=0.0)]
 NotNegative = Annotated[Number, Field(ge=0.0)]
+Gap = Annotated[Number, AfterValidator(_over_the_skin)]
 Interval = Annotated[tuple[Number, Number], BeforeValidator(listed), AfterValidator(_ascending)]
 Point2 = Annotated[tuple[Number, Number], BeforeValidator(listed)]
 Direction2 = Annotated[Point2, AfterValidator(_not_zero)]

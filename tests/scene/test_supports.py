@@ -166,7 +166,7 @@ def _surface(*shapes: Polygon) -> Surface:
         (RegionConfig(box=((0.05, 0.05), (0.9, 0.2))), 0.0, L_SHAPE & box(0.05, 0.05, 0.9, 0.2)),
         (RegionConfig(fraction=((0.5, 0.0), (1.0, 0.2))), 0.0, L_SHAPE & box(0.2, 0.0, 0.4, 0.06)),
         (RegionConfig(polygon=((0, 0), (0.4, 0), (0, 0.3))), 0.0, L_SHAPE & Polygon([(0, 0), (0.4, 0), (0, 0.3)])),
-        (RegionConfig(box=((0.0, 0.0), (0.2, 0.3))), 0.03, L_SHAPE.buffer(-0.03) & box(0, 0, 0.2, 0.3)),
+        (RegionConfig(box=((0.0, 0.0), (0.2, 0.3))), 0.03, L_SHAPE.buffer(-0.03, quad_segs=64) & box(0, 0, 0.2, 0.3)),
     ],
 )
 def test_a_region_is_cut_from_the_eroded_outline(region: RegionConfig | None, erosion: float, expected: BaseGeometry):

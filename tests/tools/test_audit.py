@@ -79,7 +79,7 @@ def test_a_pair_within_its_clearance_is_a_missed_collision(geometry: str):
 def test_an_object_may_touch_what_carries_it_but_not_sink_in(geometry: str):
     """A gem and a crate 0.05 mm into their supports are missed collisions, one that just touches is none."""
     sunk = layout(MJM, gem=(0, -0.04, GAP + 0.02 - 5e-5, 0), crate=(0.3, 0, -5e-5, 0.5))
-    flat = {name: {"gap": 0.0} for name in ("gem", "crate")}
+    flat = {name: {"gap": 0.00002} for name in ("gem", "crate")}
     pairs = {frozenset(c.owners) for c in auditor(geometry, **flat).judge(sunk).conflicts}
     assert pairs == {frozenset({"gem", "shelf"}), frozenset({"crate", "world"})}
     touching = layout(MJM, gem=(0, -0.04, GAP + 0.02, 0), crate=(0.3, 0, 0, 0.5))
