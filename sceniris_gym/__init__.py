@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from sceniris_gym.scene.original import read_sceniris as read_sceniris
     from sceniris_gym.scene.world import World as World
     from sceniris_gym.sim.randomizer import ResetRandomizer as ResetRandomizer
+    from sceniris_gym.vector.state import State as State
     from sceniris_gym.vector.task import Task as Task
     from sceniris_gym.vector.vector_env import SceneVectorEnv as SceneVectorEnv
 
@@ -52,6 +53,7 @@ _HOME = {  # public name -> the module it lives in
     "LayoutGenerator": "layout.generate",
     "ResetRandomizer": "sim.randomizer",
     "SceneVectorEnv": "vector.vector_env",
+    "State": "vector.state",
     "Task": "vector.task",
     **dict.fromkeys(
         (

@@ -1,0 +1,48 @@
+"""A vector environment by its Gymnasium name: random actions, seeds, masked resets and what `info` says of layouts."""
+
+import gymnasium as gym
+import numpy as np
+import torch
+import tyro
+
+import sceniris_gym  # noqa: F401, the import registers the environments
+
+
+def main(num_envs: int = 64, steps: int = 250, device: str | None = None) -> None:
+    """Act at random in DrawerPick-v0.
+
+    Args:
+        num_envs: worlds that are stepped together.
+        steps: control steps, of 20 ms each.
+        device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
+    """
+    envs = gym.make_vec("sceniris_gym/DrawerPick-v0", num_envs=num_envs, device=device)
+    obs, info = envs.reset(seed=0)  # world i gets seed i: the same layouts on every run
+    print("one world observes", envs.single_observation_space, "and takes", envs.single_action_space)
+    print("policy:", tuple(obs["policy"].shape), "critic:", tuple(obs["critic"].shape), "on", obs["policy"].device)
+    print("layouts: seeds", info["layout_seed"][:4].tolist(), "episodes", info["layout_episode"][:4].tolist())
+
+    # worlds that end are reset within the step and get the layout of their next episode
+    envs.action_space.seed(0)
+    total, ended = torch.zeros(num_envs, device=obs["policy"].device), 0
+    for _ in range(steps):
+        action = envs.action_space.sample()  # numpy, or a tensor that is on the device already
+        obs, reward, terminated, truncated, info = envs.step(action)
+        total += reward
+        ended += int((terminated | truncated).sum())
+    fallbacks = int(info["layout_fallback"].sum())
+    print(f"{steps} steps of {num_envs} worlds: mean reward {total.mean() / steps:.3f}, {ended} episodes ended")
+    print("reward terms:", {name: round(float(term.mean()), 3) for name, term in info["reward_terms"].items()})
+    print(f"{fallbacks} worlds hold a layout from the bank; the others were made for their reset")
+
+    # fresh layouts for every other world; the rest does not change by a bit
+    mask = np.arange(num_envs) % 2 == 0
+    before = obs["policy"]
+    obs, info = envs.reset(options={"reset_mask": mask})
+    kept = torch.equal(obs["policy"][~mask], before[~mask])
+    print(f"masked reset of {mask.sum()} worlds; the others kept their observations: {kept}")
+    envs.close()
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,59 @@
+"""A data set of layouts, and how to use it with nothing but MuJoCo and NumPy.
+
+`sceniris-gym generate kitchen -n 64 -o layouts/kitchen` writes the same files from the command line.
+"""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import tyro
+
+from sceniris_gym import cli
+
+
+def main(
+    scene: str = "kitchen", n: int = 64, folder: Path = Path("layouts/kitchen"), device: str | None = None
+) -> None:
+    """Write layouts of a scene, and open them again.
+
+    Args:
+        scene: name of a shipped scene, or the path of a scene file.
+        n: number of layouts; row i has seed i and episode 0, whatever n is.
+        folder: where `layouts.npz` and `scene.zip` go.
+        device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
+    """
+    where = [] if device is None else ["--device", device]
+    cli.main(["generate", scene, "-n", str(n), "-o", str(folder), *where])
+    look(folder)
+
+
+def look(folder: Path) -> None:
+    """Put the layouts into stock MuJoCo, measure contacts, and let the first one settle for half a second."""
+    layouts = np.load(folder / "layouts.npz")
+    model = mujoco.MjSpec.from_zip(str(folder / "scene.zip")).compile()
+    data = mujoco.MjData(model)
+    names = layouts["object_names"].tolist()  # of the scene; the bodies have the same names
+    deepest = 0.0
+    for qpos, pos, quat in zip(layouts["qpos"], layouts["mocap_pos"], layouts["mocap_quat"], strict=True):
+        data.qpos[:], data.mocap_pos[:], data.mocap_quat[:] = qpos, pos, quat
+        mujoco.mj_forward(model, data)
+        deepest = max(deepest, -data.contact.dist.min(initial=0.0))
+    print(f"{len(layouts['qpos'])} layouts, {layouts['valid'].mean():.1%} of them fresh and valid")
+    print(f"deepest contact in MuJoCo before the first step: {1000.0 * deepest:.3f} mm")
+
+    mujoco.mj_resetData(model, data)
+    data.qpos[:], data.mocap_pos[:] = layouts["qpos"][0], layouts["mocap_pos"][0]
+    data.mocap_quat[:] = layouts["mocap_quat"][0]
+    mujoco.mj_kinematics(model, data)
+    start = {name: data.body(name).xpos.copy() for name in names}
+    while data.time < 0.5:
+        mujoco.mj_step(model, data)
+    for name in names:
+        x, y, z = start[name]
+        moved = 1000.0 * np.linalg.norm(data.body(name).xpos - start[name])
+        print(f"  {name:<12} x {x:+.3f}  y {y:+.3f}  z {z:+.3f} m, moved {moved:.1f} mm while it settled")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

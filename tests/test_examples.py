@@ -1,0 +1,68 @@
+"""Every file in examples/ runs, and says what it is there to show."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+SCRIPTS = sorted(EXAMPLES.glob("*.py"))
+
+
+def load(name: str) -> ModuleType:
+    """Import an example, whose name starts with a digit."""
+    spec = importlib.util.spec_from_file_location(f"example_{name}", EXAMPLES / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
+def test_an_example_is_short_and_has_a_test(path: Path):
+    """Under 120 lines, and named in this file."""
+    assert len(path.read_text().splitlines()) < 120
+    assert f'load("{path.stem}")' in Path(__file__).read_text()
+
+
+@pytest.mark.slow
+def test_the_vector_env_is_stepped_and_reset_in_part(capsys: pytest.CaptureFixture[str]):
+    """Worlds outside of a reset mask keep their observations."""
+    load("01_vector_env").main(num_envs=4, steps=3, device="cpu")
+    out = capsys.readouterr().out
+    assert "policy: (4, 54) critic: (4, 67) on cpu" in out
+    assert "layouts: seeds [0, 1, 2, 3] episodes [0, 0, 0, 0]" in out
+    assert "masked reset of 2 worlds; the others kept their observations: True" in out
+
+
+@pytest.mark.slow
+def test_the_own_loop_resets_the_worlds_whose_crate_fell(capsys: pytest.CaptureFixture[str]):
+    """The paddle has crossed the bench once in each world."""
+    load("02_own_loop").main(nworld=2, steps=900, device="cpu")
+    out = capsys.readouterr().out
+    assert "2 crates fell in 900 steps of 2 worlds; episodes are now [1 1]" in out
+
+
+def test_the_data_set_opens_in_stock_mujoco(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Layouts touch nothing at first, and hardly move when they settle."""
+    load("03_data_set").main(scene="mid", n=8, folder=tmp_path, device="cpu")
+    out = capsys.readouterr().out
+    assert "8 layouts, 100.0% of them fresh and valid" in out
+    assert "before the first step: 0.000 mm" in out
+    moved = [float(found) for found in re.findall(r"moved ([0-9.]+) mm", out)]
+    assert len(moved) == 3
+    assert max(moved) < 10.0
+
+
+@pytest.mark.slow
+def test_the_own_task_starts_at_a_distance_from_the_handle(capsys: pytest.CaptureFixture[str]):
+    """The scene's overrides hold, and random actions do not reach the handle."""
+    load("04_own_task").main(num_envs=4, steps=3, device="cpu")
+    found = re.search(r"handle: ([0-9.]+) m at the start, ([0-9.]+) m at best, 0 touches", capsys.readouterr().out)
+    assert found is not None
+    assert 0.1 < float(found[2]) <= float(found[1]) < 0.6
