@@ -165,8 +165,12 @@ class ObjectConfig(Part):
             raise wrong("should have a region in two dimensions: a 3D box is for an object without a support")
         if not words and self.region is not None and not self.region.is_3d:
             raise wrong("should name its support ('on', 'inside' or 'in'), or have a region that is a 3D box")
-        if not words and self.relations:
-            raise wrong("should name its support ('on', 'inside' or 'in'): relations choose a place on a surface")
+        if not words and self.relations and self.region is None:
+            raise wrong(
+                "should name its support ('on', 'inside' or 'in') or have a region that is a 3D box: it has relations"
+            )
+        if not words and any(relation.frame == "support" for relation in self.relations):
+            raise wrong("should name its support ('on', 'inside' or 'in'), which is the frame of one of its relations")
         return self
 
 

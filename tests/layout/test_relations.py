@@ -200,6 +200,25 @@ def test_a_region_crops_what_relations_leave(shapes: Shapes):
     assert np.min(sides) > -1e-5
 
 
+@pytest.mark.parametrize(
+    ("relation", "words"),
+    [
+        ({"right_of": "a", "distance": {"max": 0.5}}, 2),
+        ({"near": "a", "measure": "bounds", "distance": {"equal": 0.1}}, 1),
+        ({"beside": "a", "side": "left"}, 1),
+        ({"between": ["a", "b"], "width": 0.2}, 1),
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("turn", ["any", {"yaw": [0, 90]}], ids=str)
+def test_relations_hold_in_a_box_in_space(relation: dict, words: int, turn: Any, shapes: Shapes):
+    """Seen from above, at any height of the box."""
+    others = {"a": near_middle(shapes.odd), "b": near_middle(shapes.bar, 0.5, 0.3)}
+    box = {"box": [[-0.9, -0.9, 0.3], [0.9, 0.9, 0.6]]}
+    thing = {"asset": shapes.odd, "region": box, "orientation": turn, "relations": [relation]}
+    relations_hold({**others, "q": thing}, words)
+
+
 @pytest.mark.parametrize("anchor", ["marker", "post"])
 def test_markers_take_part(anchor: str, shapes: Shapes):
     """A point without an asset is placed by relations, and others by relations to it."""

@@ -311,17 +311,22 @@ WRONG = {
         SceneKeyError,
         ["objects.post:", "stays where the model has it"],
     ),
-    "relations without a support": (
+    "relations of what is not placed": (
+        {"objects.goal": {"kind": "marker", "on": None, "relations": [NEAR]}},
+        SceneKeyError,
+        ["objects.goal:", "should name its support", "or have a region that is a 3D box"],
+    ),
+    "the support's frame without a support": (
         {
             "objects.goal": {
                 "kind": "marker",
                 "on": None,
                 "region": {"box": [[0, 0, 0], [1, 1, 1]]},
-                "relations": [NEAR],
+                "relations": [{"left_of": "mug", "frame": "support"}],
             }
         },
         SceneKeyError,
-        ["objects.goal:", "should name its support"],
+        ["objects.goal:", "should name its support", "the frame of one of its relations"],
     ),
     "a point between": (
         {"objects.goal.relations": [{"front_of": "mug"}, {"between": ["cabinet", "mug"]}]},
