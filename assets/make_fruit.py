@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from collections.abc import Sequence
 
 import numpy as np
 
+from .hulls import press_in
 from .mjcf import Document, add, inertial
-from .shapes import Mesh, lathe, skin, smooth_profile, thin_hull, write_obj
+from .shapes import Mesh, hull, lathe, skin, smooth_profile, surface, write_obj
 from .textures import blend, mottle, write_png
 
 # Control points (r [mm], z [mm], density of rings), from the top of the axis to its bottom.
 APPLE = [
-    (0.0, 76.0, 1), (1.9, 75.6, 4), (1.6, 70.0, 2), (1.7, 65.0, 2), (5.5, 65.4, 2), (11.0, 69.6, 1.5),
-    (18.0, 73.2, 1.2), (23.0, 72.6, 1), (30.5, 66.0, 1), (36.0, 54.0, 1), (37.4, 42.0, 1), (35.4, 27.0, 1),
-    (29.9, 13.0, 1), (23.4, 4.0, 1), (16.4, 0.0, 1.2), (11.0, 1.6, 1.5), (6.0, 5.4, 1.5), (0.0, 7.0, 1.5),
+    (0.0, 76.0, 1), (1.9, 75.6, 2.5), (1.6, 73.5, 3), (1.7, 71.4, 3), (5.0, 71.5, 2), (11.0, 72.3, 1.5),
+    (17.0, 73.0, 1.2), (23.8, 71.4, 1), (30.5, 66.0, 1), (36.0, 54.0, 1), (37.4, 42.0, 1), (35.4, 27.0, 1),
+    (29.9, 13.0, 1), (23.4, 4.0, 1), (16.4, 0.0, 1.2), (0.0, 0.0, 1.0),
 ]  # fmt: skip
 ORANGE = [
     (0.0, 69.2, 1), (2.2, 69.6, 3), (2.8, 69.0, 3), (4.5, 69.6, 2), (9.0, 70.4, 1.2), (18.0, 67.6, 1),
     (28.5, 59.0, 1), (35.5, 46.5, 1), (37.2, 36.0, 1), (35.8, 25.0, 1), (29.5, 11.8, 1), (20.0, 3.4, 1),
-    (11.0, 0.0, 1.2), (4.0, 0.9, 1.5), (0.0, 1.2, 1.5),
+    (11.0, 0.0, 1.2), (0.0, 0.0, 1.0),
 ]  # fmt: skip
 # The banana's axis is an arc of this radius [m] and half-angle [rad], measured at the middle of its thickness.
 BANANA_RADIUS, BANANA_HALF_ANGLE = 0.135, 0.71
@@ -29,6 +30,13 @@ BANANA = [
     (16.2, 70.0, 1), (17.4, 98.0, 1), (17.0, 126.0, 1), (14.6, 150.0, 1), (9.8, 171.0, 1.2), (5.0, 184.0, 1.5),
     (3.7, 188.0, 2), (3.2, 192.8, 1.5), (0.0, 193.6, 2),
 ]  # fmt: skip
+# Rings of the coarse meshes: those that make a hull, and those between which the banana falls into convex pieces.
+APPLE_RINGS, ORANGE_RINGS = (7, 9, 11, 14, 17, 20, 22), (4, 7, 10, 13, 16, 19, 22)
+BANANA_PIECES = [(0, 2, 5), (5, 9), (9, 11, 14), (14, 18), (18, 21, 25), (25, 31)]
+# Rings and segments. The fine mesh has all vertices of the coarse one: steps are divided by 5 and 3, the banana's by 4
+# and 3.
+COARSE, FINE = (24, 24), (124, 72)
+BANANA_COARSE, BANANA_FINE = (32, 22), (131, 66)
 
 
 def apple(rows: int, segments: int) -> Mesh:
@@ -41,7 +49,7 @@ def apple(rows: int, segments: int) -> Mesh:
     angle = np.arctan2(y, x)
     low = np.clip((0.060 - z) / 0.060, 0.0, 1.0) * np.clip(np.hypot(x, y) / 0.03, 0.0, 1.0)
     swelling = 1.0 + 0.022 * low * np.cos(5.0 * angle) + 0.012 * np.clip(z / 0.07, 0, 1) * np.cos(angle - 1.0)
-    lean = 0.0045 * np.clip((z - 0.064) / 0.012, 0.0, 1.0) ** 2 * (np.hypot(x, y) < 0.0035)
+    lean = 0.0015 * np.clip((z - 0.0715) / 0.0045, 0.0, 1.0) ** 2 * (np.hypot(x, y) < 0.0035)
     return Mesh(np.stack([x * swelling + lean, y * swelling, z], axis=1), body.faces, body.uv, body.uv_faces)
 
 
@@ -63,12 +71,12 @@ def banana(rows: int, segments: int) -> Mesh:
     pentagon = np.cos(np.pi / 5) / np.cos(turned) / np.cos(np.pi / 10)
     section = 0.55 + 0.45 * pentagon
     in_plane, upward = section * np.cos(angle), section * np.sin(angle)
-    sag = -upward.min()
-    # The thick middle lies flat on the ground, the tips float: the axis is as high as the section needs, and never low.
-    height = np.maximum(radius, 0.7 * radius.max()) * sag
+    # The thick middle lies flat on the ground, the tips float: the axis is nearly as high as the section needs (what
+    # would be below is flattened) and never low.
+    height = np.maximum(radius, 0.7 * radius.max()) * 0.985 * (0.55 + 0.45 * np.cos(np.pi / 5) / np.cos(np.pi / 10))
     reach = BANANA_RADIUS + radius[:, None] * in_plane[None, :]
     x, y = reach * np.sin(bend)[:, None], -reach * np.cos(bend)[:, None]
-    z = height[:, None] + radius[:, None] * upward[None, :]
+    z = np.maximum(height[:, None] + radius[:, None] * upward[None, :], 0.0)
     rings = np.stack([x, y, z], axis=-1)
     ends = [
         np.array([BANANA_RADIUS * np.sin(b), -BANANA_RADIUS * np.cos(b), h]) for b, h in zip(bend, height, strict=True)
@@ -82,19 +90,27 @@ def centred(mesh: Mesh) -> Mesh:
     return mesh.moved((-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]))
 
 
-def banana_pieces(coarse: Mesh, rows: int, segments: int, count: int = 6) -> list[Mesh]:
-    """Convex pieces along the banana: the hulls of ``count`` runs of neighbouring rings, one ring shared."""
-    rings = coarse.vertices[1:-1].reshape(rows, segments, 3)
-    cuts = np.linspace(0, rows - 1, count + 1).round().astype(int)
-    pieces = []
-    for i, (first, last) in enumerate(pairwise(cuts)):
-        points = rings[first : last + 1].reshape(-1, 3)
-        tip = [coarse.vertices[:1]] if i == 0 else [coarse.vertices[-1:]] if i == count - 1 else []
-        pieces.append(thin_hull(np.concatenate([points, *tip]), 36))
-    return pieces
+def staggered(mesh: Mesh, rows: Sequence[int]) -> Mesh:
+    """The hull of some rings of a convex body: every second corner of each, by turns, and every third at the ends."""
+    corners = mesh.vertices[1:-1].reshape(*COARSE, 3)
+    ends = [corners[rows[0], ::3], corners[rows[-1], ::3]]
+    return surface(hull(np.concatenate([*ends, *(corners[row, i % 2 :: 2] for i, row in enumerate(rows[1:-1], 1))])))
 
 
-def write_fruit(name: str, coarse: Mesh, fine: Mesh, pieces: list[Mesh], mass: float, grasp_height: float) -> None:
+def apple_pieces(coarse: Mesh, fine: Mesh) -> list[Mesh]:
+    """The apple up to the bottom of its dimple, and the stem."""
+    stem = press_in(coarse.vertices[1:-1].reshape(*COARSE, 3)[:3, ::4].reshape(-1, 3), [coarse, fine])
+    return [staggered(coarse, APPLE_RINGS), stem]
+
+
+def banana_pieces(coarse: Mesh, fine: Mesh) -> list[Mesh]:
+    """Convex pieces along the banana, from every second corner of some rings, and from two flats they stand on."""
+    rings, half = coarse.vertices[1:-1].reshape(*BANANA_COARSE, 3), BANANA_COARSE[1] // 2
+    rings = rings[:, [*range(0, half, 2), *range(half, 2 * half, 2)]]
+    return [press_in(rings[list(rows)].reshape(-1, 3), [coarse, fine], ground=0.0) for rows in BANANA_PIECES]
+
+
+def write_fruit(name: str, coarse: Mesh, fine: Mesh, pieces: list[Mesh], mass: float, grasp: tuple) -> None:
     """Write ``<name>.xml`` and ``<name>_16k.xml``: they differ in the mesh for the eye alone."""
     write_obj(name, coarse)
     write_obj(f"{name}_16k", fine)
@@ -109,14 +125,7 @@ def write_fruit(name: str, coarse: Mesh, fine: Mesh, pieces: list[Mesh], mass: f
         for i in range(len(pieces)):
             document.mesh(f"hull_{i}", f"{name}_hull_{i}")
             document.collision(document.root, f"hull_{i}", f"hull_{i}")
-        add(
-            document.root,
-            "site",
-            name="grasp",
-            pos=(*pieces[len(pieces) // 2].vertices.mean(axis=0)[:2], grasp_height),
-            size=0.005,
-            group=4,
-        )
+        add(document.root, "site", name="grasp", pos=grasp, size=0.005, group=4)
         document.save()
 
 
@@ -150,13 +159,12 @@ def textures() -> None:
 def main() -> None:
     """Write the three fruits."""
     textures()
-    body, fine = apple(24, 24), apple(128, 64)
-    write_fruit("apple", body, fine, [thin_hull(fine.vertices, 80)], mass=0.17, grasp_height=0.038)
-    body, fine = orange(24, 24), orange(128, 64)
-    write_fruit("orange", body, fine, [thin_hull(fine.vertices, 80)], mass=0.18, grasp_height=0.036)
-    rows, segments = 32, 20
-    body, fine = banana(rows, segments), banana(128, 64)
-    write_fruit("banana", body, fine, banana_pieces(body, rows, segments), mass=0.14, grasp_height=0.018)
+    body, fine = apple(*COARSE), apple(*FINE)
+    write_fruit("apple", body, fine, apple_pieces(body, fine), mass=0.17, grasp=(0, 0, 0.038))
+    body, fine = orange(*COARSE), orange(*FINE)
+    write_fruit("orange", body, fine, [staggered(body, ORANGE_RINGS)], mass=0.18, grasp=(0, 0, 0.036))
+    body, fine = banana(*BANANA_COARSE), banana(*BANANA_FINE)
+    write_fruit("banana", body, fine, banana_pieces(body, fine), mass=0.14, grasp=(0.004, -0.009, 0.018))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,8 @@
-"""A table, and a cabinet with two drawers: solids cut and united for the eye, a box per board for contacts."""
+"""A table, and a cabinet with two drawers: solids cut and united for the eye, a box per board for contacts.
+
+Edges are rounded for the eye by ``EDGE``; the boxes for contacts are as much smaller along two axes, so that their own
+sharp edges stay within, and as large along the third, where something may stand on a board or against it.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +10,12 @@ import numpy as np
 from manifold3d import Manifold
 
 from .mjcf import Document, add, inertial
-from .shapes import box, hull, solid, surface, write_obj
-from .tubes import tube
+from .shapes import box, hull, surface, write_obj
 
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
+
+# Radius of rounded edges [m].
+EDGE = 0.0015
 
 # Table [m]: narrow along x, so that an arm whose base stands at x = -0.5 has the whole top before it.
 TABLE_SIZE, TABLE_HEIGHT, TABLE_TOP, TABLE_LEG = (0.8, 1.0), 0.4, 0.03, 0.06
@@ -23,7 +29,7 @@ TRAVEL = 0.25
 GAP, WALL, FRONT, TRAY_HEIGHT = 0.003, 0.010, 0.018, 0.13
 HALF = WIDTH / 2 - SIDE - GAP
 TRAY_BACK = DEPTH - BACK - GAP - 0.002
-HANDLE_HEIGHT, HANDLE_REACH, HANDLE_HALF, HANDLE_RADIUS = 0.135, 0.034, 0.065, 0.0055
+HANDLE_HEIGHT, HANDLE_REACH, HANDLE_HALF, HANDLE_THICKNESS = 0.135, 0.034, 0.065, 0.011
 
 
 def unite(solids: list[Manifold]) -> Manifold:
@@ -32,6 +38,13 @@ def unite(solids: list[Manifold]) -> Manifold:
     for other in solids[1:]:
         whole = whole + other
     return whole
+
+
+def inset(corners: Corners, axes: str) -> Corners:
+    """Corners moved inward by ``EDGE`` along some axes, at both ends of each."""
+    (x0, y0, z0), (x1, y1, z1) = corners
+    x, y, z = (EDGE * (axis in axes) for axis in "xyz")
+    return (x0 + x, y0 + y, z0 + z), (x1 - x, y1 - y, z1 - z)
 
 
 def table_boards() -> dict[str, Corners]:
@@ -54,11 +67,11 @@ def table_boards() -> dict[str, Corners]:
 def make_table() -> None:
     """Write ``table.xml``."""
     boards = table_boards()
-    parts = [box(*boards["top"], radius=0.004)]
+    parts = [box(*boards["top"], radius=EDGE)]
     for name, (low, high) in boards.items():
         if name != "top":
             # They reach into the top, so that the union has no seam.
-            parts.append(box(low, (high[0], high[1], high[2] + 0.01), radius=0.006 if "leg" in name else 0.0))
+            parts.append(box(low, (high[0], high[1], high[2] + 0.01), radius=EDGE if "leg" in name else 0.0))
     mesh = surface(unite(parts))
     write_obj("table", mesh)
     document = Document("table")
@@ -67,29 +80,30 @@ def make_table() -> None:
     inertial(document.root, mesh, mass=18.0)
     document.visual(document.root, "visual", "table", "wood")
     for name, corners in boards.items():
-        document.collision_box(document.root, name, *corners)
+        document.collision_box(document.root, name, *(corners if "rail" in name else inset(corners, "xy")))
     document.save()
 
 
 def frame_boards() -> dict[str, Corners]:
-    """Corners of the frame's boards."""
-    x, y = WIDTH / 2, DEPTH / 2
+    """Corners of the boxes for the frame's boards."""
+    x, y = WIDTH / 2 - EDGE, DEPTH / 2 - EDGE
+    inner = WIDTH / 2 - SIDE
     shelf = BOARD + OPENING
     return {
-        "left": ((-x, -y, 0), (-x + SIDE, y, HEIGHT)),
-        "right": ((x - SIDE, -y, 0), (x, y, HEIGHT)),
-        "bottom": ((-x + SIDE, -y, 0), (x - SIDE, y, BOARD)),
-        "shelf": ((-x + SIDE, -y, shelf), (x - SIDE, y, shelf + BOARD)),
-        "top": ((-x + SIDE, -y, HEIGHT - BOARD), (x - SIDE, y, HEIGHT)),
-        "back": ((-x + SIDE, y - BACK, BOARD), (x - SIDE, y, HEIGHT - BOARD)),
+        "left": ((-x, -y, 0), (-inner, y, HEIGHT)),
+        "right": ((inner, -y, 0), (x, y, HEIGHT)),
+        "bottom": ((-inner, -y, 0), (inner, y, BOARD)),
+        "shelf": ((-inner, -y, shelf), (inner, y, shelf + BOARD)),
+        "top": ((-inner, -y, HEIGHT - BOARD), (inner, y, HEIGHT)),
+        "back": ((-inner, DEPTH / 2 - BACK, BOARD), (inner, y, HEIGHT - BOARD)),
     }
 
 
 def frame_solid() -> Manifold:
     """The frame: a block with rounded edges and two openings whose rims are bevelled."""
     x, y = WIDTH / 2, DEPTH / 2
-    body = box((-x, -y, 0), (x, y, HEIGHT), radius=0.005, steps=10)
-    bevel = 0.002
+    body = box((-x, -y, 0), (x, y, HEIGHT), radius=EDGE, steps=10)
+    bevel = EDGE
     for low in (BOARD, 2 * BOARD + OPENING):
         inner = np.array([[sx * (x - SIDE), 0, low + sz * OPENING] for sx in (-1, 1) for sz in (0, 1)])
         wide = inner + [[sx * bevel, 0, (2 * sz - 1) * bevel] for sx in (-1, 1) for sz in (0, 1)]
@@ -99,47 +113,61 @@ def frame_solid() -> Manifold:
 
 
 def drawer_boards() -> dict[str, Corners]:
-    """Corners of a drawer's boards, and of its handle, in the drawer's frame."""
+    """Corners of a drawer's boards, in the drawer's frame."""
     low, back = GAP, TRAY_BACK
-    bar, reach = HANDLE_RADIUS, HANDLE_REACH
     return {
         "front": ((-HALF, 0, low), (HALF, FRONT, OPENING - GAP)),
         "floor": ((-HALF, FRONT, low), (HALF, back, low + WALL)),
         "left": ((-HALF, FRONT, low + WALL), (-HALF + WALL, back, low + TRAY_HEIGHT)),
         "right": ((HALF - WALL, FRONT, low + WALL), (HALF, back, low + TRAY_HEIGHT)),
         "back": ((-HALF + WALL, back - WALL, low + WALL), (HALF - WALL, back, low + TRAY_HEIGHT)),
-        "handle_bar": (
-            (-HANDLE_HALF - bar, -reach - bar, HANDLE_HEIGHT - bar),
-            (HANDLE_HALF + bar, -reach + bar, HANDLE_HEIGHT + bar),
-        ),
-        "handle_left": (
-            (-HANDLE_HALF - bar, -reach + bar, HANDLE_HEIGHT - bar),
-            (-HANDLE_HALF + bar, 0, HANDLE_HEIGHT + bar),
-        ),
-        "handle_right": (
-            (HANDLE_HALF - bar, -reach + bar, HANDLE_HEIGHT - bar),
-            (HANDLE_HALF + bar, 0, HANDLE_HEIGHT + bar),
-        ),
     }
+
+
+def drawer_boxes() -> dict[str, Corners]:
+    """Corners of the boxes for a drawer's boards: where the tray's outer edges are rounded, they end before."""
+    boards = drawer_boards()
+    (x0, y0, z0), (x1, y1, z1) = boards["floor"]
+    boxes = {"front": inset(boards["front"], "xz"), "floor": ((x0 + EDGE, y0, z0), (x1 - EDGE, y1 - EDGE, z1))}
+    for name in ("left", "right"):
+        low, (x1, y1, z1) = boards[name]
+        boxes[name] = (low, (x1, y1 - EDGE, z1 - EDGE))
+    low, (x1, y1, z1) = boards["back"]
+    return boxes | {"back": (low, (x1, y1, z1 - EDGE))}
 
 
 def drawer_solid() -> Manifold:
     """The drawer: a tray, hollowed with rounded inner edges, and a front panel whose edges are rounded."""
     boards = drawer_boards()
-    panel = box(*boards["front"], radius=0.004, steps=8)
-    tray = box((-HALF, FRONT - 0.006, GAP), (HALF, TRAY_BACK, GAP + TRAY_HEIGHT), radius=0.002, steps=4)
+    panel = box(*boards["front"], radius=EDGE, steps=8)
+    tray = box((-HALF, FRONT - 0.006, GAP), (HALF, TRAY_BACK, GAP + TRAY_HEIGHT), radius=EDGE, steps=4)
     hollow = box((-HALF + WALL, FRONT, GAP + WALL), (HALF - WALL, TRAY_BACK - WALL, 1.0), radius=0.003, steps=4)
     return (panel + tray) - (hollow ^ box((-1, FRONT, 0), (1, 1, 0.5)))
 
 
+def handle_bars() -> dict[str, Corners]:
+    """Corners of a handle's bar and of its two feet, which end in the front panel."""
+    x, y, z, half = HANDLE_HALF, -HANDLE_REACH, HANDLE_HEIGHT, HANDLE_THICKNESS / 2
+    return {
+        "handle_bar": ((-x - half, y - half, z - half), (x + half, y + half, z + half)),
+        "handle_left": ((-x - half, y - half, z - half), (-x + half, 0.003, z + half)),
+        "handle_right": ((x - half, y - half, z - half), (x + half, 0.003, z + half)),
+    }
+
+
+def handle_boxes() -> dict[str, Corners]:
+    """Corners of the boxes for a handle's bars: the feet begin behind the bar and end on the panel."""
+    bars = {name: inset(corners, "xz") for name, corners in handle_bars().items()}
+    behind = -HANDLE_REACH + HANDLE_THICKNESS / 2
+    for name in ("handle_left", "handle_right"):
+        (x0, _, z0), (x1, _, z1) = bars[name]
+        bars[name] = ((x0, behind, z0), (x1, 0.0, z1))
+    return bars
+
+
 def handle_solid() -> Manifold:
-    """A bow handle: one bent rod whose feet meet the front panel."""
-    x, y, z = HANDLE_HALF, -HANDLE_REACH, HANDLE_HEIGHT
-    bend = 0.008
-    corner = [(1 - np.cos(a), 1 - np.sin(a)) for a in np.linspace(0, np.pi / 2, 7)]
-    right = [(x, 0.0, z)] + [(x - bend * u, y + bend * v, z) for u, v in corner]
-    left = [(-px, py, pz) for px, py, pz in reversed(right)]
-    return solid(tube(np.array(right + left), HANDLE_RADIUS, 16))
+    """A handle of three square bars with rounded edges."""
+    return unite([box(*corners, radius=EDGE, steps=6) for corners in handle_bars().values()])
 
 
 def add_drawer(document: Document, name: str, floor: float) -> None:
@@ -149,7 +177,7 @@ def add_drawer(document: Document, name: str, floor: float) -> None:
     inertial(body, surface(drawer_solid()), mass=2.2)
     document.visual(body, f"{name}_drawer", "drawer", "front")
     document.visual(body, f"{name}_handle", "handle", "steel")
-    for part, corners in drawer_boards().items():
+    for part, corners in (drawer_boxes() | handle_boxes()).items():
         document.collision_box(body, f"{name}_{part}", *corners)
     add(body, "site", name=f"{name}_handle", pos=(0, -HANDLE_REACH, HANDLE_HEIGHT), size=0.005, group=4)
 

@@ -1,4 +1,7 @@
-"""Mug, bowl and can. The hollow ones collide as a ring of wall pieces on a bottom; one mesh, turned, makes the ring."""
+"""Mug, bowl and can. The hollow ones collide as a ring of wall pieces on a bottom; one mesh, turned, makes the ring.
+
+Meshes for the eye have 32 or 96 segments, so that the corners of a piece with 16 or 32 lie on their edges.
+"""
 
 from __future__ import annotations
 
@@ -8,36 +11,30 @@ from itertools import pairwise
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from .hulls import press_in
 from .mjcf import Document, add, inertial
-from .shapes import Mesh, hull, lathe, solid, surface, thin_hull, write_obj
+from .shapes import Mesh, hull, lathe, solid, surface, write_obj
 from .textures import write_png
 from .tubes import tube
 
 # Corners of the profiles: (r, z, radius of the rounding) [mm], from the top of the axis outward and down to it.
-MUG = [(0, 6, 0), (37, 6, 3), (37.4, 95, 1.7), (41, 95, 1.7), (41, 0, 6), (31, 0, 0), (29.5, 1.2, 0), (0, 1.2, 0)]
+MUG = [(0, 6, 0), (37, 6, 3), (37.4, 95, 1.7), (41, 95, 1.7), (41, 0, 6), (0, 0, 0)]
 BOWL = [
-    (0, 8, 0), (43, 8, 5), (57.4, 35, 60), (69.4, 62, 1.8), (73.4, 62, 1.8), (61.5, 35, 60), (47.5, 5, 7),
-    (34, 4, 1.5), (33, 0, 1), (30, 0, 0), (29, 1.2, 0), (0, 1.2, 0),
+    (0, 8, 0), (45, 8, 5), (69.4, 62, 1.8), (73.4, 62, 1.8), (61.5, 35, 60), (47.5, 5, 7), (34, 4, 1.5), (33, 0, 1),
+    (0, 0, 0),
 ]  # fmt: skip
 CAN = [
-    (0, 118, 0), (23.5, 118, 1), (24.6, 115.6, 0.4), (25.4, 115.8, 0.4), (26, 122, 0.5), (27.4, 122, 0.6),
-    (27.2, 119.5, 0.8), (33, 109, 7), (33, 8, 5), (27, 2, 2), (24.5, 0, 0.6), (22.8, 0, 0.5), (19, 6, 4), (0, 9, 0),
+    (0, 120.2, 0), (25.4, 120.2, 0.4), (26, 122, 0.5), (27.4, 122, 0.6), (27.2, 119.5, 0.8), (33, 109, 7), (33, 8, 5),
+    (27, 2, 2), (24.5, 0, 0.6), (0, 0, 0),
 ]  # fmt: skip
-WALLS = 12
+COARSE, FINE, WALLS = 32, 96, 16
 # The mug's handle: half thickness and half breadth of its section, and its path (x, z), all [mm].
 HANDLE_HALF, HANDLE_BREADTH = 4.0, 6.6
+# Stations and segments of the handle's coarse surface.
+HANDLE_COARSE = (15, 12)
 HANDLE = [
-    (39.2, 80),
-    (50, 80),
-    (59, 77),
-    (65.5, 70),
-    (68, 59),
-    (67.5, 48),
-    (63.5, 37),
-    (56, 28.5),
-    (47, 24),
-    (39.2, 22),
-]
+    (39.2, 80), (50, 80), (59, 77), (65.5, 70), (68, 59), (67.5, 48), (63.5, 37), (56, 28.5), (47, 24), (39.2, 22),
+]  # fmt: skip
 
 
 def rounded(corners: Sequence[tuple[float, float, float]], steps: int, spacing: float) -> tuple[np.ndarray, np.ndarray]:
@@ -79,24 +76,23 @@ def ring(radius: float, z: float, count: int, start: float = 0.0, stop: float = 
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(count, z)], axis=1) / 1000.0
 
 
-def disc(rings: Sequence[tuple[float, float]], count: int) -> Mesh:
-    """The hull of circles (r, z) [mm]: its flats lie as far inside a circle as its corners lie outside."""
-    fair = 2.0 / (1.0 + np.cos(np.pi / count))
-    return surface(hull(np.concatenate([ring(r * fair, z, count) for r, z in rings])))
+def disc(rings: Sequence[tuple[float, float]]) -> Mesh:
+    """The hull of circles (r, z) [mm], of 16 corners each."""
+    return surface(hull(np.concatenate([ring(r, z, WALLS) for r, z in rings])))
 
 
 def wall(levels: Sequence[tuple[float | None, float, float]]) -> Mesh:
     """One of ``WALLS`` wall pieces, about the x axis. Levels are (inner r or None, outer r, z) [mm].
 
-    Its outside has a corner in the middle; its inside is flat, and lies fairly about the true circle.
+    Its outside has a corner in the middle. Its inside is flat and touches the inner circle in the middle: its ends lie
+    deeper in the wall, 2% of the radius.
     """
     half = np.pi / WALLS
-    outside, inside = 2.0 / (1.0 + np.cos(half / 2)), 2.0 / (1.0 + np.cos(half))
     points = []
     for inner, outer, z in levels:
-        points.append(ring(outer * outside, z, 3, -half, half))
+        points.append(ring(outer, z, 3, -half, half))
         if inner is not None:
-            points.append(ring(inner * inside, z, 2, -half, half))
+            points.append(ring(inner / np.cos(half), z, 2, -half, half))
     return surface(hull(np.concatenate(points)))
 
 
@@ -115,11 +111,12 @@ def mug_mesh(segments: int, steps: int, spacing: float, handle_grid: tuple[int, 
     return surface(solid(lathe(profile, segments, t)) + solid(handle(*handle_grid)))
 
 
-def handle_pieces(count: int = 6) -> list[Mesh]:
-    """Convex pieces along the handle."""
-    segments = 10
-    rings = handle(2 * count + 1, segments).vertices[1:-1].reshape(2 * count + 1, segments, 3)
-    return [thin_hull(rings[2 * i : 2 * i + 3].reshape(-1, 3), 24, swell=False) for i in range(count)]
+def handle_pieces(coarse: Mesh, fine: Mesh, count: int = 7) -> dict[str, Mesh]:
+    """Convex pieces along the handle, inside both mugs."""
+    rings = handle(*HANDLE_COARSE).vertices[1:-1].reshape(*HANDLE_COARSE, 3)
+    cuts = np.linspace(0, HANDLE_COARSE[0] - 1, count + 1).round().astype(int)
+    parts = [rings[[first, last]].reshape(-1, 3) for first, last in pairwise(cuts)]
+    return {f"handle_{i}": press_in(points, [coarse, fine]) for i, points in enumerate(parts)}
 
 
 def write_vessel(
@@ -182,26 +179,30 @@ def can_label() -> None:
 
 def main() -> None:
     """Write the mug, the bowl and the can, each coarse and fine."""
-    bottom = disc([(33.5, 0), (39.2, 1.8), (41, 6)], 20)
-    body = wall([(37.2, 41, 6), (37.4, 41, 94), (38.2, 40.2, 95)])
-    pieces = {"bottom": bottom, "wall": body} | {f"handle_{i}": piece for i, piece in enumerate(handle_pieces())}
-    mugs = {"mug": mug_mesh(36, 2, 0.045, (15, 12)), "mug_16k": mug_mesh(96, 6, 0.0045, (48, 32))}
+    mugs = {"mug": mug_mesh(COARSE, 2, 0.045, HANDLE_COARSE), "mug_16k": mug_mesh(FINE, 6, 0.0045, (43, 36))}
+    pieces = {
+        "bottom": disc([(35, 0), (39.24, 1.757), (41, 6)]),
+        "wall": wall([(37, 41, 6), (37.4, 41, 93.3), (38.4, 40, 94.7)]),
+    } | handle_pieces(mugs["mug"], mugs["mug_16k"])
     write_vessel("mug", mugs, pieces, {"rgb": (0.20, 0.36, 0.56), "shine": 0.7}, 0.34, (0, 0, 0.06))
 
-    pieces = {"foot": disc([(32.8, 0), (33.8, 4)], 16), "bottom": disc([(34, 4), (45, 5.2), (48, 8)], 16),
-              "wall": wall([(43.4, 48.6, 8), (None, 60.8, 35), (68.3, 72.1, 60.6), (69.6, 71.4, 62)])}  # fmt: skip
+    pieces = {
+        "foot": disc([(32.2, 0), (33.9, 4)]),
+        "bottom": disc([(33.9, 4), (43.4, 4.71), (48.6, 8)]),
+        "wall": wall([(45, 48.6, 8), (None, 61.4, 35), (68.93, 72.1, 60.95), (69.5, 71.5, 61.5)]),
+    }
     bowls = {}
-    for name, segments, steps, spacing in (("bowl", 36, 2, 0.03), ("bowl_16k", 96, 5, 0.0045)):
+    for name, segments, steps, spacing in (("bowl", COARSE, 2, 0.03), ("bowl_16k", FINE, 6, 0.0045)):
         profile, t = rounded(BOWL, steps, spacing)
         bowls[name] = lathe(profile, segments, t)
     write_vessel("bowl", bowls, pieces, {"rgb": (0.86, 0.84, 0.76), "shine": 0.6}, 0.38, (-0.0695, 0, 0.058))
 
     can_label()
     cans = {}
-    for name, segments, steps, spacing in (("can", 28, 1, 0.05), ("can_16k", 96, 4, 0.0045)):
+    for name, segments, steps, spacing in (("can", COARSE, 1, 0.05), ("can_16k", FINE, 6, 0.0045)):
         profile, t = rounded(CAN, steps, spacing)
         cans[name] = lathe(profile, segments, t)
-    pieces = {"hull": disc([(25, 0), (33, 8.5), (33, 108.5), (27.4, 122)], 16)}
+    pieces = {"hull": disc([(24.25, 0), (31.5, 6.54), (33, 10.08), (33, 107.19), (26.8, 120.2)])}
     write_vessel("can", cans, pieces, {"rgb": (1, 1, 1), "shine": 0.7, "texture": "can.png"}, 0.36, (0, 0, 0.062))
 
 

@@ -14,8 +14,10 @@ import numpy as np
 from manifold3d import Manifold
 
 from .fields import Field, Point, block, carve, flow, rod
+from .hulls import few_corners, press_in
+from .make_furniture import EDGE, Corners, inset
 from .mjcf import Document, add, inertial
-from .shapes import box, hull, lathe, solid, surface, thin_hull, write_obj
+from .shapes import box, hull, lathe, solid, surface, write_obj
 
 # Of each joint: a [m], alpha [rad], d [m], limits [rad], greatest torque [N m], stiffness [N m/rad], damping.
 HALF_PI = 0.5 * np.pi
@@ -38,19 +40,26 @@ DRUM, WRIST = 0.058, 0.049
 PAD = {"friction": (1.2, 0.01, 0.0001), "condim": 4, "priority": 1, "solimp": (0.995, 0.999, 0.001)}
 
 
+Plane = tuple[Point, float]
+
+
 @dataclass
 class Link:
-    """A link's housing: what fills space, where the neighbour's drum turns, and how it falls into convex pieces."""
+    """A link's housing: what fills space, where the neighbour's drum turns, and how it falls into convex pieces.
+
+    A plane (normal, offset) stands for its positive side.
+    """
 
     parts: list[Field]
     low: Point
     high: Point
-    fillet: float = 0.05
-    # Rods (start, end, radius) that are cut away, and planes (normal, offset) whose positive side is kept.
-    holes: list[tuple[Point, Point, float]] = field(default_factory=list)
-    trims: list[tuple[Point, float]] = field(default_factory=list)
-    # Plane (normal, offset) that parts the housing for contacts.
-    parting: tuple[Point, float] | None = None
+    fillet: float = 0.02
+    trims: list[Plane] = field(default_factory=list)
+    # What lies in neither of the two sides is cut away: there the neighbour's drum turns.
+    seat: tuple[Plane, Plane] | None = None
+    # Parts whose hulls make convex pieces: on the first side of the seat, and on the second side only.
+    pieces: list[list[int]] = field(default_factory=list)
+    second: list[list[int]] = field(default_factory=list)
     # Places and directions of dark caps on drums: (centre, axis, radius).
     caps: list[tuple[Point, Point, float]] = field(default_factory=list)
 
@@ -65,17 +74,20 @@ def links() -> list[Link]:
             block((-0.15, -0.05, -0.03), (-0.05, 0.05, 0.075), 0.02),
             rod((0, 0, 0), (0, 0, 0.17), 0.066, 0.061),
         ],
-        (-0.18, -0.12, -0.05), (0.1, 0.12, 0.19), fillet=0.06, trims=[((0, 0, 1), 0.0), ((0, 0, -1), -0.1415)],
+        (-0.18, -0.12, -0.05), (0.1, 0.12, 0.19),
+        trims=[((0, 0, 1), 0.0), ((0, 0, -1), -0.1415)], pieces=[[0], [1], [2]],
     )  # fmt: skip
     shoulder = Link(
         [rod((0, 0, -0.22), (0, 0, -0.01), 0.061, d), rod((0, -far, 0), (0, 0.01, 0), d)],
-        (-0.1, -0.14, -0.24), (0.1, 0.1, 0.09), holes=[((0, 0, 0), (0, 0.2, 0), d + grip)],
-        trims=[((0, 0, 1), -0.1905)], parting=((0, 0, 1), -0.062), caps=[((0, -far, 0), (0, -1, 0), d)],
+        (-0.1, -0.14, -0.24), (0.1, 0.1, 0.09), trims=[((0, 0, 1), -0.1905)],
+        seat=(((0, 0, -1), d + grip), ((0, -1, 0), 0.0)), pieces=[[0]], second=[[0], [1]],
+        caps=[((0, -far, 0), (0, -1, 0), d)],
     )  # fmt: skip
     upper_arm = Link(
         [rod((0, 0.01, 0), (0, -0.22, 0), d, 0.060), rod((0, 0, far), (0, 0, -0.01), d)],
-        (-0.1, -0.24, -0.1), (0.1, 0.09, 0.14), holes=[((0, 0, 0), (0, 0, -0.2), d + grip)],
-        trims=[((0, 1, 0), -0.1895)], parting=((0, -1, 0), 0.062), caps=[((0, 0, far), (0, 0, 1), d)],
+        (-0.1, -0.24, -0.1), (0.1, 0.09, 0.14), trims=[((0, 1, 0), -0.1895)],
+        seat=(((0, -1, 0), d + grip), ((0, 0, 1), 0.0)), pieces=[[0]], second=[[0], [1]],
+        caps=[((0, 0, far), (0, 0, 1), d)],
     )  # fmt: skip
     to_elbow = Link(
         [
@@ -83,8 +95,9 @@ def links() -> list[Link]:
             rod((elbow, near, 0), (elbow, -0.01, 0), d),
             rod((0, 0, -0.062), (elbow, 0.03, 0), 0.054),
         ],
-        (-0.1, -0.1, -0.17), (0.17, 0.13, 0.09), fillet=0.04, holes=[((elbow, 0, 0), (elbow, -0.2, 0), d + grip)],
-        trims=[((0, 0, 1), -0.1245)], parting=((1, 0, 1), 0.0), caps=[((elbow, near, 0), (0, 1, 0), d)],
+        (-0.1, -0.1, -0.17), (0.17, 0.13, 0.09), trims=[((0, 0, 1), -0.1245)],
+        seat=(((-0.8, 0, -0.6), d + grip - 0.8 * elbow), ((0, 1, 0), 0.0)), pieces=[[0], [2]], second=[[1], [2]],
+        caps=[((elbow, near, 0), (0, 1, 0), d)],
     )  # fmt: skip
     from_elbow = Link(
         [
@@ -92,8 +105,9 @@ def links() -> list[Link]:
             rod((0, 0, near), (0, 0, -0.01), d),
             rod((-elbow, 0.062, 0), (0, 0, 0.03), 0.054),
         ],
-        (-0.17, -0.1, -0.1), (0.1, 0.17, 0.13), fillet=0.04, holes=[((0, 0, 0), (0, 0, -0.2), d + grip)],
-        trims=[((0, -1, 0), -0.1205)], parting=((-1, 1, 0), 0.083), caps=[((0, 0, near), (0, 0, 1), d)],
+        (-0.17, -0.1, -0.1), (0.1, 0.17, 0.13), trims=[((0, -1, 0), -0.1205)],
+        seat=(((-0.8, 0.6, 0), d + grip), ((0, 0, 1), 0.0)), pieces=[[0], [2]], second=[[1], [2]],
+        caps=[((0, 0, near), (0, 0, 1), d)],
     )  # fmt: skip
     forearm = Link(
         [
@@ -101,8 +115,9 @@ def links() -> list[Link]:
             rod((0, 0.008, -0.2), (0, 0.03, -0.02), 0.054, 0.043),
             rod((0, reach, 0), (0, -0.01, 0), w),
         ],
-        (-0.09, -0.09, -0.31), (0.09, 0.11, 0.08), holes=[((0, 0, 0), (0, -0.2, 0), w + grip)],
-        trims=[((0, 0, 1), -0.2625)], parting=((0, 0, 1), -0.075), caps=[((0, reach, 0), (0, 1, 0), w)],
+        (-0.09, -0.09, -0.31), (0.09, 0.11, 0.08), trims=[((0, 0, 1), -0.2625)],
+        seat=(((0, 0, -1), w + grip), ((0, 1, 0), 0.0)), pieces=[[0], [1]], second=[[1, 2]],
+        caps=[((0, reach, 0), (0, 1, 0), w)],
     )  # fmt: skip
     wrist_link = Link(
         [
@@ -110,42 +125,54 @@ def links() -> list[Link]:
             rod((wrist, 0.052, 0), (wrist, -0.08, 0), 0.047, 0.046),
             rod((0, 0, 0.035), (wrist, 0, 0), 0.040),
         ],
-        (-0.08, -0.1, -0.08), (0.16, 0.08, 0.11), fillet=0.03, holes=[((0, 0, 0), (0, 0, -0.2), w + grip)],
-        trims=[((0, 1, 0), -0.0505)], parting=((1, 0, 0), 0.046),
+        (-0.08, -0.1, -0.08), (0.16, 0.08, 0.11), trims=[((0, 1, 0), -0.0505)],
+        seat=(((1, 0, 0), w + grip), ((0, 0, 1), 0.0)), pieces=[[1], [2]], second=[[0], [1, 2]],
         caps=[((0, 0, reach), (0, 0, 1), w), ((wrist, 0.052, 0), (0, 1, 0), 0.047)],
     )  # fmt: skip
     flange = Link(
         [rod((0, 0, 0.03), (0, 0, 0.14), 0.045, 0.043), rod((0.046, 0, 0.062), (0.046, 0, 0.096), 0.021, edge=0.006)],
-        (-0.07, -0.07, 0.02), (0.09, 0.07, 0.16), fillet=0.02, trims=[((0, 0, 1), 0.0525), ((0, 0, -1), -FLANGE)],
+        (-0.07, -0.07, 0.02), (0.09, 0.07, 0.16), trims=[((0, 0, 1), 0.0525), ((0, 0, -1), -FLANGE)], pieces=[[0], [1]],
     )  # fmt: skip
     return [base, shoulder, upper_arm, to_elbow, from_elbow, forearm, wrist_link, flange]
 
 
-def round_bar(start: Point, end: Point, radius: float, segments: int = 48) -> Manifold:
-    """A straight cylinder."""
-    a, b = np.array(start, float), np.array(end, float)
-    axis = (b - a) / np.linalg.norm(b - a)
-    side = np.cross(axis, [1.0, 0.0, 0.0] if abs(axis[0]) < 0.5 else [0.0, 1.0, 0.0])
-    side /= np.linalg.norm(side)
-    angle = 2.0 * np.pi * np.arange(segments) / segments
-    ring = radius * (np.outer(np.cos(angle), side) + np.outer(np.sin(angle), np.cross(axis, side)))
-    return hull(np.concatenate([a + ring, b + ring]))
-
-
 def housing(link: Link) -> Manifold:
     """The solid of a link."""
-    body = carve(flow(link.parts, link.fillet), link.low, link.high, edge=0.008, tolerance=0.0005)
-    for start, end, radius in link.holes:
-        body = body - round_bar(start, end, radius)
+    return seated(carved(link, link.parts), link).as_original().simplify(0.0003)
+
+
+def carved(link: Link, parts: list[Field]) -> Manifold:
+    """Some parts of a link as one solid, trimmed."""
+    body = carve(flow(parts, link.fillet), link.low, link.high, edge=0.008, tolerance=0.0005)
     for normal, offset in link.trims:
         body = body.trim_by_plane(normal, offset)
-    return body.simplify(0.0003)
+    return body
 
 
-def convex_pieces(body: Manifold, parting: tuple[Point, float] | None) -> list[np.ndarray]:
-    """Points whose hulls cover the body: all of it, or its two sides of the parting plane."""
-    halves = [body] if parting is None else list(body.split_by_plane(*parting))
-    return [surface(half).vertices for half in halves]
+def seated(body: Manifold, link: Link) -> Manifold:
+    """A solid without what is on neither side of the seat."""
+    if link.seat is None:
+        return body
+    return body.trim_by_plane(*link.seat[0]) + body.trim_by_plane(*link.seat[1])
+
+
+def convex_pieces(link: Link) -> list[np.ndarray]:
+    """Points (n, 3) [m] whose hulls fill the housing except for its fillets."""
+    groups = [[carved(link, [link.parts[part]]) for part in parts] for parts in link.pieces + link.second]
+    if link.seat is not None:
+        first, second = link.seat
+        for i, bodies in enumerate(groups):
+            if i < len(link.pieces):
+                groups[i] = [body.trim_by_plane(*first) for body in bodies]
+            else:
+                groups[i] = [body.trim_by_plane(*second).split_by_plane(*first)[1] for body in bodies]
+    pieces = []
+    for bodies in groups:
+        points = np.concatenate([surface(body).vertices for body in bodies])
+        # The housing's own surface is up to 0.3 mm simpler.
+        foot = np.append(points.mean(axis=0)[:2], points[:, 2].min())
+        pieces.append(foot + 0.995 * (points - foot))
+    return pieces
 
 
 def cap() -> Manifold:
@@ -171,8 +198,8 @@ def dress(document: Document, body: Element, name: str, link: Link, mass: float,
     for i, (centre, axis, radius) in enumerate(link.caps):
         size = f"cap_{round(radius * 1000)}"
         document.visual(body, f"{name}_cap_{i}", size, "dark", pos=centre, quat=facing(axis))
-    for i, points in enumerate(convex_pieces(shape, link.parting)):
-        write_obj(f"panda_{name}_hull_{i}", thin_hull(points, 40))
+    for i, points in enumerate(convex_pieces(link)):
+        write_obj(f"panda_{name}_hull_{i}", press_in(few_corners(points, 32), [mesh]))
         document.mesh(f"{name}_hull_{i}", f"panda_{name}_hull_{i}")
         document.collision(body, f"{name}_hull_{i}", f"{name}_hull_{i}")
 
@@ -183,24 +210,24 @@ def hand_link() -> Link:
         block((-0.031, -0.102, 0.006), (0.031, 0.102, 0.0655), 0.014),
         rod((0, 0, -0.02), (0, 0, 0.03), 0.040, 0.034, 0.004),
     ]
-    return Link(parts, (-0.05, -0.12, -0.03), (0.05, 0.12, 0.085), fillet=0.015, trims=[((0, 0, 1), 0.0)])
+    return Link(parts, (-0.05, -0.12, -0.03), (0.05, 0.12, 0.085), trims=[((0, 0, 1), 0.0)], pieces=[[0], [1]])
 
 
-def finger_boxes() -> dict[str, tuple[Point, Point]]:
+def finger_boxes() -> dict[str, Corners]:
     """Corners of a finger's carriage and of its pad, which is the plane y = 0 in the finger's frame."""
     return {
         "carriage": ((-0.0105, 0.003, 0.0), (0.0105, 0.026, 0.021)),
-        "pad": ((-0.0105, 0.0, 0.017), (0.0105, 0.0125, 0.0538)),
+        "pad": ((-0.0105, 0.0, 0.017), (0.0105, 0.0085, 0.0538)),
     }
 
 
 def finger_solid() -> Manifold:
-    """A finger: the carriage and a blade that grows thinner to its tip."""
+    """A finger: the carriage with rounded edges, and a blade that is thicker than its pad but for the tip."""
     carriage, pad = finger_boxes().values()
     (x0, y0, z0), (x1, y1, z1) = pad
-    back = [(x, y, z) for x in (x0, x1) for y, z in ((y1, z0), (y1, 0.032), (0.0075, z1))]
+    back = [(x, y, z) for x in (x0, x1) for y, z in ((y1 + 0.0015, z0), (y1 + 0.0015, 0.032), (y1, z1))]
     blade = hull(np.array([(x, y0, z) for x in (x0, x1) for z in (z0, z1)] + back))
-    return box(*carriage, radius=0.002) + blade
+    return box(*carriage, radius=EDGE) + blade
 
 
 def add_gripper(document: Document, parent: Element) -> None:
@@ -219,7 +246,7 @@ def add_gripper(document: Document, parent: Element) -> None:
         document.visual(finger, f"{name}_finger", "finger", "dark")
         for part, corners in finger_boxes().items():
             grip = PAD if part == "pad" else {}
-            document.collision_box(finger, f"{name}_{part}", *corners, **grip)
+            document.collision_box(finger, f"{name}_{part}", *(corners if grip else inset(corners, "xy")), **grip)
 
 
 def add_actuators(document: Document) -> None:

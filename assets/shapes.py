@@ -9,7 +9,6 @@ import manifold3d
 import numpy as np
 import trimesh
 from scipy.interpolate import PchipInterpolator
-from scipy.spatial import ConvexHull
 
 from .paths import mesh_file
 
@@ -120,37 +119,6 @@ def box(low: Sequence[float], high: Sequence[float], radius: float = 0.0, steps:
     corners = np.where(signs == 0, lowest + radius, highest - radius)
     points = [corner + radius * octant * (2 * sign - 1) for corner, sign in zip(corners, signs, strict=True)]
     return hull(np.concatenate(points))
-
-
-def thin_hull(points: np.ndarray, count: int, swell: bool = True) -> Mesh:
-    """A convex mesh of at most ``count`` vertices near the convex hull of ``points`` (n, 3).
-
-    Vertices are added where the hull so far misses most. What it misses in the end is shared out by ``swell``: vertices
-    move outward by half of that distance, but never below the lowest point, so that a flat underside stays flat.
-    """
-    points = np.unique(np.round(points, DECIMALS), axis=0)
-    points = points[ConvexHull(points).vertices]
-    centre = points.mean(axis=0)
-    # What it stands on comes first: ten corners of the lowest face, and the ends along the axes and the diagonals.
-    lowest = np.flatnonzero(points[:, 2] < points[:, 2].min() + 1e-6)
-    turn = np.arctan2(*(points[lowest, :2] - centre[:2]).T)
-    foot = lowest[np.argsort(turn)][np.linspace(0, len(lowest), 10, endpoint=False).astype(int)]
-    ends = np.concatenate([np.eye(3), -np.eye(3), [[1, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1]]])
-    chosen = list(dict.fromkeys([*foot.tolist(), *((points - centre) @ ends.T).argmax(axis=0).tolist()]))
-    missed = 0.0
-    while True:
-        planes = ConvexHull(points[chosen]).equations
-        outside = (points @ planes[:, :3].T + planes[:, 3]).max(axis=1)
-        missed = float(outside.max())
-        if missed < 1e-6 or len(chosen) >= count:
-            break
-        chosen.append(int(outside.argmax()))
-    kept = points[chosen]
-    if swell:
-        outward = kept - centre
-        kept = kept + 0.5 * missed * outward / np.linalg.norm(outward, axis=1, keepdims=True)
-        kept[:, 2] = np.maximum(kept[:, 2], points[:, 2].min())
-    return surface(hull(kept.round(DECIMALS)))
 
 
 def write_obj(name: str, mesh: Mesh) -> None:

@@ -1,0 +1,68 @@
+"""Convex pieces for contacts. They lie inside the meshes that the eye sees: what is kept apart then never touches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from .shapes import DECIMALS, Mesh, hull, surface
+
+# A face of a mesh may lie this deep [m] inside a piece.
+TOLERANCE = 5e-6
+# Where faces are looked at (barycentric): corners, sides, and within.
+SAMPLES = np.array([[i, j, 15 - i - j] for i in range(16) for j in range(16 - i)]) / 15.0
+
+
+def press_in(points: np.ndarray, meshes: Sequence[Mesh], ground: float = -np.inf) -> Mesh:
+    """The convex hull of ``points`` (n, 3) [m], pressed in where it sticks out of one of the ``meshes``.
+
+    A hull bridges the inside of a bend. From a face inside it, the face's normal leads outward through one of its
+    sides, and that side is moved inward to the face, the deepest face first. An underside at the
+    height ``ground`` [m] stays there.
+    """
+    samples, normals = (np.concatenate(part) for part in zip(*map(face_samples, meshes), strict=True))
+    low, high = points.min(axis=0), points.max(axis=0)
+    grounded = (normals[:, 2] < -0.999) & (samples[:, 2] < ground + TOLERANCE)
+    within = ((samples > low - TOLERANCE) & (samples < high + TOLERANCE)).all(axis=1) & ~grounded
+    samples, normals = samples[within], normals[within]
+    vertices = np.asarray(points, dtype=float)
+    while True:
+        vertices = vertices[ConvexHull(vertices).vertices]
+        sides = ConvexHull(vertices)
+        movable = (sides.equations[:, 2] > -0.999) | (vertices[sides.simplices, 2].min(axis=1) > ground + TOLERANCE)
+        planes, corners = sides.equations[movable], sides.simplices[movable]
+        depths = -samples @ planes[:, :3].T - planes[:, 3]
+        depth = depths.min(axis=1, initial=1.0)
+        if len(depth) == 0 or depth.max() < TOLERANCE:
+            return surface(hull(vertices.round(DECIMALS)))
+        # The piece only shrinks: what is outside now stays outside.
+        inside = depth > 0.0
+        samples, normals, depths, depth = samples[inside], normals[inside], depths[inside], depth[inside]
+        deepest = depth.argmax()
+        slope = planes[:, :3] @ normals[deepest]
+        side = np.where(slope > 0.01, depths[deepest] / np.maximum(slope, 0.01), np.inf).argmin()
+        on_ground = vertices[corners[side], 2] < ground + TOLERANCE
+        inward = planes[side, :3] * np.stack([np.ones(3), np.ones(3), ~on_ground], axis=1)
+        vertices[corners[side]] -= depths[deepest, side] * inward / (inward**2).sum(axis=1, keepdims=True)
+
+
+def face_samples(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """Points on the faces of a mesh [m], and the normals there, both (n, 3)."""
+    corners = mesh.vertices[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normals, axis=1)
+    corners, normals = corners[area > 1e-12], normals[area > 1e-12] / area[area > 1e-12, None]
+    return (SAMPLES @ corners).reshape(-1, 3), np.repeat(normals, len(SAMPLES), axis=0)
+
+
+def few_corners(points: np.ndarray, count: int) -> np.ndarray:
+    """At most ``count`` of the ``points`` (n, 3) [m]: those where their hull has been missed most so far."""
+    points = points[ConvexHull(points).vertices]
+    ends = np.concatenate([np.eye(3), -np.eye(3), [[1, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1]]])
+    chosen = np.unique(((points - points.mean(axis=0)) @ ends.T).argmax(axis=0)).tolist()
+    while len(chosen) < min(count, len(points)):
+        planes = ConvexHull(points[chosen]).equations
+        chosen.append(int((points @ planes[:, :3].T + planes[:, 3]).max(axis=1).argmax()))
+    return points[chosen]
