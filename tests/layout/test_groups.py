@@ -1,0 +1,182 @@
+"""Groups: how many and which members are there, what becomes of the others, and of what refers to them."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+import warp as wp
+from scipy import stats
+
+from sceniris_gym.errors import SceneKeyError
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.scene.world import World
+from sceniris_gym.tools.audit.auditor import Auditor
+from sceniris_gym.tools.dataset import make_table
+from tests.layout.related import Shapes, judged, near_middle, related, scene
+
+MEMBERS = list("abcde")
+FAR = 20.0
+
+
+@pytest.fixture(scope="module")
+def shapes(tmp_path_factory) -> Shapes:
+    """The assets."""
+    return Shapes(tmp_path_factory.mktemp("shapes"))
+
+
+def grouped(shapes: Shapes, count: Any, missing: str = "refuse", **others: Any) -> World:
+    """Five cubes of which some are there, and what else there is."""
+    cubes = {name: {"asset": shapes.cube, "on": "floor"} for name in MEMBERS}
+    return scene({**cubes, **others}, groups={"some": {"of": MEMBERS, "count": count, "missing": missing}})
+
+
+@pytest.mark.parametrize("count", [2, [0, 5], [1, 3], 5, 0], ids=str)
+def test_counts_and_members_are_uniform(count: Any, shapes: Shapes):
+    """Each number in the interval as often as the others, and each set of that size as often as the others."""
+    world = grouped(shapes, count)
+    table = make_table(world, 4000, 0)
+    low, high = (count, count) if isinstance(count, int) else count
+    number = table.present.sum(1)
+    counts = np.bincount(number, minlength=6)
+    assert counts[low : high + 1].sum() == 4000
+    assert stats.chisquare(counts[low : high + 1]).pvalue > 0.001 or low == high
+    keys = table.present @ (1 << np.arange(5))
+    for k in range(low, high + 1):
+        sets = [sum(1 << i for i in chosen) for chosen in combinations(range(5), k)]
+        found = [(keys[number == k] == key).sum() for key in sets]
+        assert len(sets) == 1 or stats.chisquare(found).pvalue > 0.001
+
+
+def test_restarts_do_not_favour_small_sets(shapes: Shapes):
+    """Where many cubes hardly fit and layouts are made anew again and again, five are asked for as often as none."""
+    cubes = {name: {"asset": shapes.cube, "on": "floor", "clearance": 0.05} for name in MEMBERS}
+    groups = {"some": {"of": MEMBERS, "count": [0, 5]}}
+    world = scene(cubes, groups=groups, floor={"size": [0.3, 0.3]}, attempts=3, restarts=200)
+    generator = LayoutGenerator(world, 3000)
+    generator.generate()
+    assert generator.layouts.first_pass_valid.numpy().mean() < 0.8
+    assert (generator.layouts.status.numpy() == Status.VALID).all()
+    assert stats.chisquare(np.bincount(generator.layouts.present.numpy().sum(1), minlength=6)).pvalue > 0.001
+
+
+def test_absent_objects_wait_far_away_at_rest(shapes: Shapes):
+    """None of them moves within half a second, touches another, or is where another one waits."""
+    drawer = near_middle(shapes.drawer, joints={"slide": {"fraction": [0, 1]}})
+    world = scene(
+        {
+            "case": drawer,
+            **{name: {"asset": shapes.odd, "on": "floor", "orientation": "any"} for name in "ab"},
+            "mug": {"asset": shapes.bar, "in": "case/drawer"},
+        },
+        groups={"some": {"of": ["a", "b", "mug"], "count": 0}},
+    )
+    mjm = world.mjm
+    data = mujoco.MjData(mjm)
+    make_table(world, 1, 0).rows.put(data, 0)
+    mujoco.mj_forward(mjm, data)
+    assert data.ncon == 0
+    start = data.xpos.copy()
+    for _ in range(round(0.5 / mjm.opt.timestep)):
+        mujoco.mj_step(mjm, data)
+    waiting = [world.scene.bodies[name] for name in ("a", "b", "mug")]
+    assert np.linalg.norm(data.xpos - start, axis=1)[waiting].max() < 0.001
+    assert np.abs(data.xpos[waiting, :2]).min() > FAR
+    apart = [np.linalg.norm(start[i] - start[j]) for i, j in combinations(waiting, 2)]
+    assert min(apart) > 1.0
+
+
+def test_an_absent_fixture_has_its_joints_at_home(shapes: Shapes):
+    """A case whose drawer is drawn open where it is there."""
+    case = {"asset": shapes.drawer, "kind": "fixture", "on": "floor", "joints": {"slide": {"fraction": [0.5, 1]}}}
+    world = scene({"case": case}, groups={"some": {"of": ["case"], "count": [0, 1]}})
+    table = make_table(world, 400, 0)
+    there = table.present[:, 0]
+    assert 150 < there.sum() < 250
+    assert (table.qpos[~there, 0] == 0.0).all()
+    assert (table.qpos[there, 0] >= 0.1).all()
+    assert (np.abs(table.mocap_pos[~there, 0, :2]) > FAR).all()
+
+
+REFERRING = {
+    "direction": {"relations": [{"front_of": "a", "distance": {"min": 0.2}}]},
+    "near": {"relations": [{"near": "a", "measure": "bounds", "distance": {"max": 0.3}}]},
+    "between": {"relations": [{"between": ["a", "b", "z"]}]},
+    "between two": {"relations": [{"between": ["a", "b"], "width": 0.2}]},
+    "beside": {"relations": [{"beside": "a", "side": "left"}]},
+    "frame": {"relations": [{"left_of": "z", "frame": "a", "angle": 30}]},
+    "face_to": {"orientation": {"face_to": "a", "yaw": [10, 30]}},
+    "all": {
+        "relations": [{"front_of": "a"}, {"left_of": "z", "frame": "b"}, {"between": ["c", "d", "e"]}],
+        "orientation": {"face_to": "c"},
+    },
+}
+
+
+@pytest.mark.parametrize("name", REFERRING)
+def test_what_refers_to_the_absent_is_dropped(name: str, shapes: Shapes):
+    """It holds wherever enough of it is there, and the object is placed in all worlds."""
+    thing = related(shapes.bar, **REFERRING[name])
+    world = grouped(shapes, [0, 4], "drop", z=near_middle(shapes.odd), q=thing)
+    table = make_table(world, 1500, 0)
+    assert table.valid.mean() > 0.95
+    kept = judged(world, table)
+    assert not [k for k in kept if k.broken]
+    mine = [k.checked for k in kept if k.name == "q" and k.word[0].isdigit()]
+    assert all(200 < checked < 1500 for checked in mine)
+    assert len(mine) >= len(world.config.objects["q"].relations)
+
+
+@pytest.mark.parametrize("name", REFERRING)
+def test_what_refers_to_the_absent_is_refused_unless_it_may_be_dropped(name: str, shapes: Shapes):
+    """With `missing: refuse`, the default; a group that is always whole refuses nothing."""
+    thing = related(shapes.bar, **REFERRING[name])
+    with pytest.raises(SceneKeyError, match="may be absent"):
+        grouped(shapes, [0, 4], z=near_middle(shapes.odd), q=thing)
+    assert grouped(shapes, 5, z=near_middle(shapes.odd), q=thing).object_names[-1] == "q"
+
+
+def test_the_absent_are_in_nobody_s_way(shapes: Shapes):
+    """The whole audit finds nothing, and what is there never touches the floor from above."""
+    world = grouped(shapes, [0, 5], z=near_middle(shapes.odd))
+    report = Auditor(world.mjm, world.config, world.scene.bodies).judge(make_table(world, 500, 0).rows, settled=100)
+    assert not report.conflicts
+    assert not report.misplaced
+    assert not report.relation_violations
+    assert report.penetration.depth < 1e-4
+    assert not any(report.moved.values())
+
+
+def test_who_is_there_is_a_matter_of_seed_and_episode(shapes: Shapes):
+    """Alone or among others, and whatever came before: the same bits."""
+    world = grouped(shapes, [0, 5], "drop", q=related(shapes.bar, {"between": ["a", "b", "c"]}))
+    many = make_table(world, 40, 100)
+    for i in (0, 7, 39):
+        one = LayoutGenerator(world, 3, seed=[5, 100 + i, 9])
+        for _ in range(2):
+            one.generate()
+        one.reseed([5, 100 + i, 9])
+        one.generate()
+        assert (one.layouts.present.numpy()[1] == many.present[i]).all()
+        assert one.layouts.qpos.numpy()[1].tobytes() == many.qpos[i].tobytes()
+
+
+def test_worlds_that_the_mask_leaves_out_keep_their_members(shapes: Shapes):
+    """Their rows do not change by a bit; the others go on to the episode that they would have alone."""
+    world = grouped(shapes, [0, 5], "drop", q=related(shapes.bar, {"near": "a", "distance": {"max": 0.5}}))
+    generator = LayoutGenerator(world, 20, seed=3)
+    generator.generate()
+    before = [a.numpy().copy() for a in (generator.layouts.qpos, generator.layouts.present)]
+    mask = np.arange(20) % 3 == 0
+    generator.generate(wp.array(mask, dtype=bool, device="cpu"))
+    after = [a.numpy() for a in (generator.layouts.qpos, generator.layouts.present)]
+    assert all((a[~mask] == b[~mask]).all() for a, b in zip(after, before, strict=True))
+    alone = LayoutGenerator(world, 1, seed=9)
+    alone.generate()
+    alone.generate()
+    assert (alone.layouts.qpos.numpy()[0] == after[0][6]).all()
+    assert (alone.layouts.present.numpy()[0] == after[1][6]).all()
