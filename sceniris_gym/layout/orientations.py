@@ -1,8 +1,8 @@
 """How an object is turned: yaw, stable poses, all of SO(3), or facing another object.
 
-Every orientation is split in two: one of heading 0, which decides the pivot, the bounds and the lowest point, and a yaw
-about the vertical. The heading of an object is the direction of its x axis as authored, seen from above; where that axis
-points straight up or down it is that of its y axis less a right angle.
+Every orientation is split in two: one of heading 0, which decides the pivot, the bounds and the lowest point, and a
+yaw about the vertical. The heading of an object is the direction of its x axis as authored, seen from above; where that
+axis points straight up or down it is that of its y axis less a right angle.
 """
 
 import math

@@ -47,6 +47,7 @@ _FALLBACK = wp.constant(int(Status.FALLBACK))
 _NONE = wp.constant(int(Cause.NONE))
 _ROOF = wp.constant(int(Cause.ROOF))
 _FOOTPRINT = wp.constant(int(Cause.FOOTPRINT))
+_EMPTY = wp.constant(int(Cause.EMPTY))
 _COLLISION = wp.constant(int(Cause.COLLISION))
 _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
 _BANK_STREAM = wp.constant(wp.uint32(BANK_STREAM))
@@ -377,6 +378,9 @@ def _make_place(geometry: str, related: bool) -> wp.Kernel:
                             _record(program, layouts, worldid, obj)
                     trial += 1
                     total += 1
+                    # EMPTY or REGION: what no draw of the object itself can open, only a new start can
+                    if cause >= _EMPTY and program.obj_insists[obj] == 0:
+                        trial = last
                 if cause != _NONE:
                     status = int(0)
                 obj += 1

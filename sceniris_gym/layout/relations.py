@@ -1,8 +1,8 @@
 """Spatial relations as regions of the plane: convex pieces that hold them, and the exact test of a point.
 
-A wedge with distances is cut into slices of at most 30 degrees, each held by four half-planes: two rays, a chord inside
-the inner circle and a tangent outside the outer one. The slices do not overlap, so areas add up; the little that they
-hold too much is drawn again after the exact test.
+A wedge with distances is cut into slices of at most 30 degrees, of fewer where the ring is thin, each held by four
+half-planes: two rays, a chord inside the inner circle and a tangent outside the outer one. The slices do not overlap,
+so areas add up; what they hold too much, less than there is, is drawn again after the exact test.
 """
 
 import math

@@ -38,8 +38,10 @@ _TYPES = {
 }
 _FRAMES = {"support": FRAME_SUPPORT, "world": FRAME_WORLD}
 _NO_LIMIT = 1.0e30
-# A ring is cut into slices of at most 30 degrees: they hold 4% more than the ring.
+# A ring is cut into slices of at most 30 degrees, of as many as this: chord and tangent of a slice hold about
+# radius * angle^2 / 4 more than its width, which is kept below that width.
 _SLICE = math.pi / 6.0
+_MOST_SLICES = 256
 
 
 def program_arrays(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int) -> dict[str, np.ndarray]:
@@ -140,6 +142,7 @@ def _relations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
         _check_size(scene, o)
     return {
         "obj_reladr": reladr,
+        "obj_insists": np.array([any(r.bounds or r.kind == "beside" for r in _relations_of(o)) for o in plan.objects]),
         "obj_relnum": relnum,
         "rel_type": np.array([_TYPES[r.kind] for r in relations], int),
         "rel_anchoradr": anchoradr,
@@ -291,8 +294,12 @@ def _pieces_of(relation: Relation) -> int:
     """How many convex pieces a relation is cut into."""
     if relation.kind in ("between", "beside"):
         return 1
-    ring = relation.low > 0.0 or relation.high < math.inf
-    return math.ceil(2.0 * relation.half_angle / (_SLICE if ring else math.pi) - 1e-9)
+    angle = math.pi
+    if relation.low > 0.0 or relation.high < math.inf:
+        width = relation.high - relation.low
+        thin = 2.0 * math.sqrt(width / relation.high) if relation.high < math.inf else _SLICE
+        angle = max(min(thin, _SLICE), 2.0 * relation.half_angle / _MOST_SLICES)
+    return math.ceil(2.0 * relation.half_angle / angle - 1e-9)
 
 
 def _check_size(scene: SceneModel, o: PlacedObject) -> None:

@@ -136,6 +136,7 @@ class Program:
     obj_triadr: wp.array(dtype=int)
     obj_trinum: wp.array(dtype=int)
     obj_regionnum: wp.array(dtype=int)  # pieces that relations cut its region into; 0: the same region in every world
+    obj_insists: wp.array(dtype=int)  # 1: its own bounds or turn may open a region that was empty
     obj_reladr: wp.array(dtype=int)
     obj_relnum: wp.array(dtype=int)
     obj_pairadr: wp.array(dtype=int)
