@@ -66,3 +66,18 @@ def test_the_own_task_starts_at_a_distance_from_the_handle(capsys: pytest.Captur
     found = re.search(r"handle: ([0-9.]+) m at the start, ([0-9.]+) m at best, 0 touches", capsys.readouterr().out)
     assert found is not None
     assert 0.1 < float(found[2]) <= float(found[1]) < 0.6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("block", range(2))
+def test_the_programs_in_the_readme_run(block: int, monkeypatch: pytest.MonkeyPatch):
+    """As they stand, from the repository's root; the reset of a few worlds gave those their next episode."""
+    monkeypatch.chdir(EXAMPLES.parent)
+    programs = re.findall(r"```python\n(.*?)```", Path("README.md").read_text(), flags=re.DOTALL)
+    assert len(programs) == 2
+    names: dict = {}
+    exec(programs[block], names)
+    if block == 0:
+        assert names["info"]["layout_episode"][6:10].tolist() == [1, 1, 0, 0]
+    else:
+        assert set(names["randomizer"].layouts.episode.numpy()) == {1}
