@@ -99,6 +99,12 @@ def test_a_bank_without_room_is_refused(size: int):
         cpu_world("mid", bank_size=size)
 
 
+def test_an_unknown_device_is_refused_with_those_there_are():
+    """Before the scene is looked at."""
+    with pytest.raises(UnknownNameError, match=r"unknown device 'cuda:99'.*cpu"):
+        build_world("mid", "cuda:99")
+
+
 def test_object_names_are_in_the_order_of_the_file_and_placed_in_that_of_placement():
     """Children that are written before their parents are placed after them."""
     objects = {
@@ -127,7 +133,7 @@ def test_a_scene_without_objects_is_a_scene(robot: dict | None, geometry: str):
 
 
 @pytest.mark.parametrize("word", ["on", "in", "inside"])
-@pytest.mark.parametrize("parent", ["orange", "banana"])
+@pytest.mark.parametrize("parent", ["pear", "banana"])
 def test_a_parent_without_a_level_surface_is_refused(parent: str, word: str, crate: dict):
     """Fruit carries nothing: the message names the parent and where it was named."""
     objects = {parent: {"asset": parent, "on": "floor"}, "crate": {"asset": crate["asset"], word: parent}}
