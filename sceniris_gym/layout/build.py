@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import InfeasibleSceneError
+from sceniris_gym.errors import InfeasibleSceneError, UnknownNameError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.scene.config import SceneConfig
@@ -35,16 +35,26 @@ def build_world(
 
     Raises:
         ValueError: a bank without room.
+        UnknownNameError: there is no such device.
         InfeasibleSceneError: no valid layout was found; says which object fails and why.
         ScenirisError: the scene is wrong in another way; see `SceneConfig.load`, `build_model` and `build_plan`.
     """
     if bank_size < 1:
         raise ValueError(f"build_world: bank_size={bank_size} should be 1 or more.")
     wp.init()
+    name = _device_name(device)
     model = scene if isinstance(scene, SceneModel) else build_model(SceneConfig.load(scene))
-    name = str(wp.get_device(device) if device is not None else wp.get_preferred_device())
     world = load_world(model, name)
     return _with_bank(world, bank_size)
+
+
+def _device_name(device: str | None) -> str:
+    if device is None:
+        return str(wp.get_preferred_device())
+    try:
+        return str(wp.get_device(device))
+    except ValueError:
+        raise UnknownNameError("device", device, "build_world", [d.alias for d in wp.get_devices()]) from None
 
 
 def _with_bank(world: World, size: int) -> World:
