@@ -158,7 +158,10 @@ def _is_placed(part: ObjectConfig) -> bool:
 def _standing(scene: SceneModel, name: str, pieces: list[Piece], home: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
     """Where an object stands at home, as relations see it: (pivot, heading) and bounds."""
     root = scene.bodies[name]
-    authored = scene.mjm.body_quat[root]
+    authored = scene.mjm.body_quat[root].copy()
+    if name == ROBOT and scene.config.robot is not None:
+        back = -0.5 * np.radians(scene.config.robot.yaw)
+        mujoco.mju_mulQuat(authored, np.array([np.cos(back), 0.0, 0.0, np.sin(back)]), scene.mjm.body_quat[root])
     heading = heading_of(home.xmat[root].reshape(3, 3), authored)
     shape = HomeShape(home, root, [p for p in pieces if p.body in scene.subtree(name) and p.type != PieceType.PLANE])
     variant = shape.variant(authored)

@@ -40,7 +40,7 @@ def drawer_mjcf(folder: Path, name: str) -> str:
         '<geom type="box" size="0.135 0.095 0.004" pos="0 0 0.004"/>'
         '<geom type="box" size="0.135 0.004 0.03" pos="0 -0.095 0.03"/></body>'
     )
-    return write_mjcf(folder, name, wall + drawer)
+    return write_mjcf(folder, name, wall + drawer, '<keyframe><key name="home" qpos="0"/></keyframe>')
 
 
 def lid_mjcf(folder: Path, name: str) -> str:

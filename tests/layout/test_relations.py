@@ -92,6 +92,18 @@ def test_beside_something_as_wide_as_itself_is_one_place(shapes: Shapes):
     relations_hold(objects, 1)
 
 
+@pytest.mark.parametrize("yaw", [0.0, 90.0, -150.0])
+def test_directions_turn_with_the_robot(yaw: float, shapes: Shapes):
+    """To the right of a robot that is turned by its `yaw` is where its base's x axis points."""
+    thing = related(None, {"right_of": "robot", "angle": 10, "distance": {"min": 0.2}}, kind="marker")
+    world = scene({"q": thing}, robot={"asset": shapes.drawer, "base": [0.1, -0.2, 0.0], "yaw": yaw})
+    table = table_of(world, 200)
+    assert not [k for k in judged(world, table) if k.broken]
+    x, y = (table.mocap_pos[:, 0, :2] - [0.1, -0.2]).T
+    off = np.arctan2(y, x) - np.radians(yaw)
+    assert np.abs(np.arctan2(np.sin(off), np.cos(off))).max() < np.radians(12)
+
+
 def _posts(shapes: Shapes, places: list[tuple[float, float]]) -> dict[str, Any]:
     """Cubes that stand at these places to 10 um."""
     return {

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.scene.values import ROBOT
 from sceniris_gym.tools.audit.geometry import Form, Poses, Solid
 from sceniris_gym.tools.audit.pairs import Tree
 
@@ -69,7 +70,10 @@ class Outlines:
         """Return the orientation of an object's root as authored, shape (3, 3)."""
         mat = np.empty(9)
         mujoco.mju_quat2Mat(mat, self.mjm.body_quat[self.bodies[name]])
-        return mat.reshape(3, 3)
+        if name != ROBOT or self.config.robot is None:
+            return mat.reshape(3, 3)
+        yaw = np.radians(self.config.robot.yaw)  # which is how it stands in this scene, not how it is authored
+        return np.array([[np.cos(yaw), np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]]) @ mat.reshape(3, 3)
 
     def turn(self, name: str, poses: Poses) -> np.ndarray:
         """Return how an object is turned from its orientation as authored in each row, shape (nrow, 3, 3)."""
