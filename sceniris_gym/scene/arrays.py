@@ -21,7 +21,7 @@ from sceniris_gym.scene.device import (
     Roof,
     TurnType,
 )
-from sceniris_gym.scene.limits import MAX_CORNERS
+from sceniris_gym.scene.limits import MAX_CORNERS, WAITING_SPACING
 from sceniris_gym.scene.lists import ranges
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.pairs import collider_pairs, first_nodes
@@ -163,6 +163,9 @@ def _relations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
 def _groups(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
     groups = scene.config.groups.values()
     members, adr, num = ranges([plan.slots.index(name) for name in g.of] for g in groups)
+    for o in plan.objects:
+        if any(o.name in g.of and not g.always_whole for g in groups):
+            _check_waiting(scene, o)
     return {
         "group_adr": adr,
         "group_num": num,
@@ -313,6 +316,16 @@ def _check_size(scene: SceneModel, o: PlacedObject) -> None:
     if o.config is not None and o.config.turn.kind == "face_to" and any(r.kind == "beside" for r in _relations_of(o)):
         raise SceneKeyError(
             f"{where}: 'beside' needs to know how the object is turned, and 'face_to' where it is. Use one of them."
+        )
+
+
+def _check_waiting(scene: SceneModel, o: PlacedObject) -> None:
+    """Neighbours on the lattice of what is absent must not touch."""
+    edge = float((o.variants[0].bounds[2:] - o.variants[0].bounds[:2]).max())
+    if edge >= WAITING_SPACING:
+        raise SceneKeyError(
+            f"{scene.config.where}: objects.{o.name}: is {edge:.3g} m wide and may be absent, and what is absent waits "
+            f"{WAITING_SPACING:g} m apart. Use something smaller, or take it out of its group."
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -18,6 +19,7 @@ from sceniris_gym.scene.world import World
 from sceniris_gym.tools.audit.auditor import Auditor
 from sceniris_gym.tools.dataset import make_table
 from tests.layout.related import Shapes, judged, near_middle, related, scene
+from tests.layout.scenes import box_mjcf
 
 MEMBERS = list("abcde")
 FAR = 20.0
@@ -180,3 +182,13 @@ def test_worlds_that_the_mask_leaves_out_keep_their_members(shapes: Shapes):
     alone.generate()
     assert (alone.layouts.qpos.numpy()[0] == after[0][6]).all()
     assert (alone.layouts.present.numpy()[0] == after[1][6]).all()
+
+
+def test_what_is_too_large_to_wait_is_refused(tmp_path: Path):
+    """Two slabs of 3 m would lie in each other where they wait; one that is always there never does."""
+    slab = {"asset": box_mjcf(tmp_path, "slab", 3.0, 0.5, 0.1), "on": "floor"}
+    groups = {"some": {"of": ["one", "two"], "count": [0, 2]}}
+    with pytest.raises(SceneKeyError, match="is 3 m wide and may be absent"):
+        scene({"one": slab, "two": slab}, groups=groups, floor={"size": [20.0, 20.0]})
+    groups["some"]["count"] = 2
+    assert scene({"one": slab, "two": slab}, groups=groups, floor={"size": [20.0, 20.0]}).placed == ("one", "two")
