@@ -148,8 +148,8 @@ def draw_related(
 ) -> Spot:
     """A uniform point of the region in this world. All lanes of the block must call it together; all get the same.
 
-    Lane 0 looks at the relations and draws the point, all lanes cut and measure: a polygon is memory of a lane's own,
-    and 32 copies of the same one would be 32 times the traffic.
+    Lane 0 looks at the relations, all lanes cut and measure, and the lane that cut the winning piece draws the point: a
+    polygon is memory of a lane's own, and 32 copies of the same one would be 32 times the traffic.
     """
     spot = Spot()
     spot.surface = int(-1)
@@ -172,8 +172,12 @@ def draw_related(
     for redraw in range(_REDRAWS):
         first_draw = _FIRST_DRAW + redraw * _DRAWS
         best = _NOBODY
+        cut = int(-1)
+        num = int(0)
         for i in range(lane, program.obj_regionnum[obj], wp.block_dim()):
-            size = area(polygon, _cut(program, layouts, worldid, obj, i, frame, polygon, scratch))
+            cut = i
+            num = _cut(program, layouts, worldid, obj, i, frame, polygon, scratch)
+            size = area(polygon, num)
             if size > _LEAST_AREA:
                 race = uniforms(seed, episode, stream, trial, first_draw + 1 + i // 4)
                 finish = -wp.log(1.0 - race[i % 4]) / size
@@ -183,9 +187,10 @@ def draw_related(
             spot.cause = _EMPTY
             return spot
         index = int(best & wp.uint64(0xFFFFFFFF))
-        if lane == 0:
+        if lane == index % wp.block_dim():
             u = uniforms(seed, episode, stream, trial, first_draw)
-            num = _cut(program, layouts, worldid, obj, index, frame, polygon, scratch)
+            if cut != index:  # the lane has cut another piece since
+                num = _cut(program, layouts, worldid, obj, index, frame, polygon, scratch)
             own.at = draw_in_polygon(polygon, num, u[0], u[1], u[2])
             target = program.obj_target[obj]
             if program.obj_turn[obj] == _FACE_TO and layouts.present[worldid, target] != 0:
