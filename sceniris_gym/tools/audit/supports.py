@@ -122,8 +122,11 @@ def _clipped(triangle: np.ndarray, z: float) -> shapely.Geometry:
 
 
 def inside(area: shapely.Geometry, points: np.ndarray, erosion: float = 0.0) -> np.ndarray:
-    """Return which points (n, 2) are in the area eroded by `erosion` [m], give or take the edge tolerance."""
-    eroded = shapely.buffer(area, EDGE_TOLERANCE - erosion, join_style="mitre")
+    """Return which points (n, 2) are in the area eroded by `erosion` [m], give or take the edge tolerance.
+
+    What is eroded keeps a distance: around an inward corner its edge is an arc, of chords that are right to 1 um.
+    """
+    eroded = shapely.buffer(shapely.buffer(area, -erosion, quad_segs=256), EDGE_TOLERANCE, join_style="mitre")
     shapely.prepare(eroded)
     return shapely.intersects_xy(eroded, points[:, 0], points[:, 1])
 
