@@ -1,28 +1,28 @@
 #!/usr/bin/env bash
 # Measures every row of RESULTS.md on one device and keeps the answers: run.sh DEVICE FOLDER [LAYOUTS]
-# DEVICE is cpu or cuda:0; LAYOUTS is how many layouts an audit judges (20000).
+# DEVICE is cpu or cuda:0; LAYOUTS is how many layouts an audit judges (20000). Benches run one after the other, audits
+# (a core each, against code that imports nothing of what is judged) side by side after them.
 set -uo pipefail
 device=$1 folder=$2 layouts=${3:-20000}
 mkdir -p "$folder"
-cli() { python3 -m sceniris_gym.cli "$@" --device "$device" --json 2>>"$folder/errors.log" | tee -a "$folder/answers.jsonl"; }
+scenes="mid mid_16k hard hard_plus table_top kitchen clutter drawer_pick"
+worlds="mid:4096 mid:16384 mid:65536 mid_16k:4096 mid_16k:16384 hard:16384 hard_plus:16384 table_top:16384 kitchen:4096
+  clutter:4096 drawer_pick:4096"
+[ "$device" = cpu ] && worlds="mid:4096 mid_16k:1024 hard:1024 hard_plus:1024 table_top:1024 kitchen:256 clutter:256"
+cli() { python3 -m sceniris_gym.cli "$@" --device "$device" --json 2>>"$folder/errors.log"; }
 
 python3 - <<'PY' | tee "$folder/versions.txt"
 from importlib.metadata import version
-print({p: version(p) for p in ("warp-lang", "mujoco", "mujoco-warp", "gymnasium", "torch")})
+print({p: version(p) for p in ("warp-lang", "mujoco", "mujoco-warp", "gymnasium", "torch", "python-fcl")})
 PY
-if [ "$device" != cpu ]; then
-  nvidia-smi --query-gpu=name,driver_version --format=csv,noheader | tee -a "$folder/versions.txt"
-  scenes="mid:4096 mid:16384 mid:65536 mid_16k:4096 mid_16k:16384 hard:16384 hard_plus:16384 table_top:16384 kitchen:4096 clutter:4096 drawer_pick:4096"
-else
-  scenes="mid:4096 mid_16k:1024 hard:1024 hard_plus:1024 table_top:1024 kitchen:256 clutter:256 drawer_pick:256"
-fi
-for pair in $scenes; do
-  scene=${pair%%:*} num=${pair##*:}
-  [ -f "envs/$scene.yaml" ] && cli bench "$scene" --num-envs "$num"
+[ "$device" = cpu ] || nvidia-smi --query-gpu=name,driver_version --format=csv,noheader | tee -a "$folder/versions.txt"
+for pair in $worlds; do
+  cli bench "${pair%%:*}" --num-envs "${pair##*:}" | tee -a "$folder/bench.jsonl"
 done
-for scene in mid mid_16k hard hard_plus table_top kitchen clutter drawer_pick; do
-  [ -f "envs/$scene.yaml" ] && cli audit "$scene" --layouts "$layouts" --rejected "$layouts"
+for scene in $scenes; do
+  cli audit "$scene" --layouts "$layouts" --rejected "$layouts" >"$folder/audit_$scene.json" &
 done
-on_support=(--set objects.apple.ratio_on_support=1 --set objects.banana.ratio_on_support=1)
-cli audit mid --layouts "$layouts" --rejected 0 "${on_support[@]}"
-tail -n 5 "$folder/errors.log"
+cli audit mid --layouts "$layouts" --rejected 0 --set objects.apple.ratio_on_support=1 \
+  --set objects.banana.ratio_on_support=1 >"$folder/audit_mid_on_support.json" &
+wait
+cat "$folder"/audit_*.json
