@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from scipy import stats
 
-from sceniris_gym.scene.world import World
 from sceniris_gym.tools.audit.auditor import Auditor
 from sceniris_gym.tools.audit.geometry import poses_of
 from sceniris_gym.tools.audit.relations import support_headings
@@ -17,7 +17,7 @@ from tests.layout.related import Shapes, scene
 from tests.oracle.regions import region
 from tests.oracle.uniformity import spread_p_value, turned_back
 
-N = 1600
+N = 1200
 FLOOR_AREA = shapely.box(-1, -1, 1, 1)
 
 
@@ -27,25 +27,44 @@ def shapes(tmp_path_factory) -> Shapes:
     return Shapes(tmp_path_factory.mktemp("shapes"), airy=True)
 
 
-def p_values(world: World, name: str, support: shapely.Geometry, seed: int) -> tuple[float, float]:
-    """Make layouts and judge how an object is spread over the area that it could have been in.
+class Drawn:
+    """Layouts and what their objects look like from above.
 
-    Returns:
-        The probabilities of such a spread, seen in the world and in the frame of the first anchor.
+    Args:
+        objects: the scene's objects.
+        seed: of the first layout.
     """
-    table = make_table(world, N, seed)
-    assert table.valid.all()
-    outlines = Auditor(world.mjm, world.config, world.scene.bodies).outlines
-    poses = poses_of(world.mjm, table.rows)
-    seen = {other: outlines.outline(other, poses) for other in world.scene.bodies}
-    under = support_headings(world.config, poses, world.mjm)[name]
-    relations = world.config.objects[name].relations
-    areas = np.full(N, support)
-    for relation in relations:
-        areas = shapely.intersection(areas, [region(relation, seen[name], seen, i, under[i]) for i in range(N)])
-    points = seen[name].pivot[:, :2]
-    heading = seen[relations[0].anchors[0]].heading
-    return spread_p_value(points, areas), spread_p_value(*turned_back(points, areas, heading))
+
+    def __init__(self, objects: dict[str, Any], seed: int = 1) -> None:
+        self.world = scene(objects)
+        table = make_table(self.world, N, seed)
+        assert table.valid.all()
+        outlines = Auditor(self.world.mjm, self.world.config, self.world.scene.bodies).outlines
+        self.poses = poses_of(self.world.mjm, table.rows)
+        self.seen = {name: outlines.outline(name, self.poses) for name in objects}
+        self.under = support_headings(self.world.config, self.poses, self.world.mjm)
+
+    def surface(self, body: str, corners: list[tuple[float, float]]) -> np.ndarray:
+        """A polygon [m] of a body's own frame in each layout, seen from above, shape (N,)."""
+        i = self.world.mjm.body(body).id
+        flat = np.array(corners) @ self.poses.xmat[:, i, :2, :2].transpose(0, 2, 1) + self.poses.xpos[:, i, None, :2]
+        return np.asarray(shapely.polygons(flat))
+
+    def p_values(self, name: str, support: np.ndarray | shapely.Geometry = FLOOR_AREA) -> tuple[float, float]:
+        """How likely it is that an object is spread as unevenly over the area that its relations leave of a support.
+
+        Returns:
+            The probabilities of such a spread, seen in the world and in the frame of the first anchor.
+        """
+        relations = self.world.config.objects[name].relations
+        areas = np.full(N, support)
+        for r in relations:
+            areas = shapely.intersection(
+                areas, [region(r, self.seen[name], self.seen, i, self.under[name][i]) for i in range(N)]
+            )
+        points = self.seen[name].pivot[:, :2]
+        heading = self.seen[relations[0].anchors[0]].heading
+        return spread_p_value(points, areas), spread_p_value(*turned_back(points, areas, heading))
 
 
 def fixture(asset: str, x: float, y: float, size: float = 0.05, **words: Any) -> dict[str, Any]:
@@ -95,7 +114,7 @@ def test_points_are_uniform_in_the_region(name: str, shapes: Shapes):
         "c": fixture(shapes.cube, 0.1, 0.6),
     }
     thing = {"asset": shapes.odd, "on": "floor", "relations": list(WORDS[name])}
-    assert min(p_values(scene({**anchors, "thing": thing}), "thing", FLOOR_AREA, seed=1)) > 0.001
+    assert min(Drawn({**anchors, "thing": thing}).p_values("thing")) > 0.001
 
 
 def test_what_a_drawn_joint_carries_off_is_seen_where_it_is(shapes: Shapes):
@@ -103,4 +122,65 @@ def test_what_a_drawn_joint_carries_off_is_seen_where_it_is(shapes: Shapes):
     anchors = {"a": fixture(shapes.cart, 0.0, 0.0, joints={"slide": {"value": 0.3}})}
     ring = {"near": "a", "measure": "bounds", "distance": {"min": 0.25, "max": 0.35}}
     thing = {"asset": shapes.cube, "on": "floor", "relations": [ring]}
-    assert min(p_values(scene({**anchors, "thing": thing}), "thing", FLOOR_AREA, seed=2)) > 0.001
+    assert min(Drawn({**anchors, "thing": thing}, seed=2).p_values("thing")) > 0.001
+
+
+def test_points_are_uniform_between_eight(shapes: Shapes):
+    """A hull of eight anchors that are drawn all over the floor."""
+    anchors = {name: fixture(shapes.cube, 0.0, 0.0, 0.9) for name in "abcdefgh"}
+    thing = {"asset": shapes.bar, "on": "floor", "relations": [{"between": list(anchors)}]}
+    assert min(Drawn({**anchors, "thing": thing}).p_values("thing")) > 0.001
+
+
+def test_points_are_uniform_between_three_on_a_line(shapes: Shapes):
+    """A strip from end to end, whatever the order of the anchors."""
+    places = {"a": (0.05, 0.02), "b": (-0.5, -0.2), "c": (0.6, 0.24)}
+    anchors = {name: fixture(shapes.cube, *at, 1e-5, orientation="fixed") for name, at in places.items()}
+    thing = {"asset": shapes.bar, "on": "floor", "relations": [{"between": list(anchors), "width": 0.2}]}
+    assert min(Drawn({**anchors, "thing": thing}).p_values("thing")) > 0.001
+
+
+def test_points_are_uniform_on_a_turned_support(shapes: Shapes):
+    """A slab that is turned anew in every world, with a region and a direction in its own frame."""
+    crop = [(-0.5, -0.4), (0.5, -0.4), (0.5, 0.2), (0.0, 0.4)]
+    on_it = {"on": "slab", "region": {"polygon": [list(c) for c in crop]}}
+    slab = fixture(shapes.slab, 0.0, 0.0, 0.3)
+    anchor = {"asset": shapes.odd, "on": "slab", "region": {"box": [[-0.1, -0.1], [0.1, 0.1]]}}
+    relations = [{"left_of": "a", "frame": "support", "angle": 60}]
+    drawn = Drawn({"slab": slab, "a": anchor, "thing": {"asset": shapes.odd, **on_it, "relations": relations}})
+    assert min(drawn.p_values("thing", drawn.surface("slab", crop))) > 0.001
+
+
+def test_points_are_uniform_on_the_floor_of_a_drawer(shapes: Shapes):
+    """What of it is behind its front, wherever it is drawn out to."""
+    case = fixture(shapes.drawer, 0.0, 0.0, 0.3, joints={"slide": {"fraction": [0, 1]}})
+    inside = {"asset": shapes.cube, "in": "case/drawer"}
+    near = {**inside, "relations": [{"near": "a", "distance": {"max": 0.12}}]}
+    drawn = Drawn({"case": case, "a": inside, "thing": near})
+    floor = [(-0.135, -0.091), (0.135, -0.091), (0.135, 0.095), (-0.135, 0.095)]
+    assert min(drawn.p_values("thing", drawn.surface("case/drawer", floor))) > 0.001
+
+
+@pytest.mark.parametrize("own", ["bar", "odd"])
+def test_what_is_beside_is_anywhere_along_the_side(own: str, shapes: Shapes):
+    """Uniform on the line on which the narrower of the two lies within the span of the wider one."""
+    thing = {"asset": getattr(shapes, own), "on": "floor", "relations": [{"beside": "a", "side": "back"}]}
+    seen = Drawn({"a": fixture(shapes.odd, 0.0, 0.0), "thing": thing}).seen
+    across = np.stack([np.cos(seen["a"].heading), np.sin(seen["a"].heading)], 1)
+    low, high = seen["thing"].span(across)
+    other_low, other_high = seen["a"].span(across)
+    ends = np.sort([other_low - low, other_high - high], axis=0)
+    share = -ends[0] / (ends[1] - ends[0])
+    longer = ends[1] - ends[0] > 0.002  # shorter lines are nearly points, and as wide as they are long
+    assert longer.sum() > 0.9 * N
+    assert stats.kstest(share[longer], "uniform").pvalue > 0.001
+
+
+def test_points_are_uniform_in_a_box_in_space(shapes: Shapes):
+    """Seen from above in the region that is left of it, and in height."""
+    box = {"box": [[-0.8, -0.8, 0.3], [0.8, 0.8, 0.7]]}
+    thing = {"asset": shapes.odd, "region": box, "orientation": "any"}
+    relations = [{"near": "a", "measure": "bounds", "distance": {"min": 0.1, "max": 0.3}}]
+    drawn = Drawn({"a": fixture(shapes.odd, 0.0, 0.0), "thing": {**thing, "relations": relations}})
+    assert min(drawn.p_values("thing", shapely.box(-0.8, -0.8, 0.8, 0.8))) > 0.001
+    assert stats.kstest((drawn.seen["thing"].pivot[:, 2] - 0.3) / 0.4, "uniform").pvalue > 0.001

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import combinations
 
 import numpy as np
 import shapely
@@ -39,7 +40,8 @@ def region(relation: Relation, own: Outline, anchors: Mapping[str, Outline], row
         hull = shapely.MultiPoint(at).convex_hull
         if relation.width is None or hull.minimum_rotated_rectangle.buffer(-5e-4).area > 0:
             return hull
-        return hull.buffer(relation.width / 2, cap_style="flat")
+        ends = max(combinations(at, 2), key=lambda pair: np.linalg.norm(pair[0] - pair[1]))
+        return shapely.LineString(ends).buffer(relation.width / 2, cap_style="flat")
     heading = {"anchor": anchors[relation.anchors[0]].heading[row], "support": support, "world": 0.0}
     turned = heading[relation.frame] if relation.frame in heading else anchors[relation.frame].heading[row]
     area = wedge(at[0], relation.heading + turned, relation.half_angle)
