@@ -8,6 +8,8 @@ from collections.abc import Iterable
 import numpy as np
 import trimesh
 
+from sceniris_gym.tools.files import replacing
+
 from .paths import mjcf_file
 from .shapes import Mesh
 
@@ -80,7 +82,8 @@ class Document:
     def save(self) -> None:
         """Write ``<name>.xml``."""
         ET.indent(self.tree, "  ")
-        mjcf_file(self.name).write_text(ET.tostring(self.tree, encoding="unicode") + "\n")
+        with replacing(mjcf_file(self.name)) as file:
+            file.write_text(ET.tostring(self.tree, encoding="unicode") + "\n")
 
 
 def inertial(body: Element, mesh: Mesh, mass: float) -> None:

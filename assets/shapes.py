@@ -10,6 +10,8 @@ import numpy as np
 import trimesh
 from scipy.interpolate import PchipInterpolator
 
+from sceniris_gym.tools.files import replacing
+
 from .paths import mesh_file
 
 # A micrometre: fine enough that neighbours near the pole of a 16,000-face mesh stay apart when written as text.
@@ -122,7 +124,7 @@ def box(low: Sequence[float], high: Sequence[float], radius: float = 0.0, steps:
 
 
 def write_obj(name: str, mesh: Mesh) -> None:
-    """Write ``meshes/<name>.obj`` and refuse a mesh that is not closed, or not facing outward, once it is read back."""
+    """Write ``meshes/<name>.obj``; refuse a mesh that, read back, would not be closed or not face outward."""
     lines = [f"v {x:.{DECIMALS}f} {y:.{DECIMALS}f} {z:.{DECIMALS}f}" for x, y, z in mesh.vertices + 0.0]
     if mesh.uv is None or mesh.uv_faces is None:
         lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
@@ -130,7 +132,8 @@ def write_obj(name: str, mesh: Mesh) -> None:
         lines += [f"vt {u:.4f} {v:.4f}" for u, v in mesh.uv]
         corners = np.stack([mesh.faces, mesh.uv_faces], axis=-1).reshape(-1, 6) + 1
         lines += ["f {}/{} {}/{} {}/{}".format(*row) for row in corners]
-    mesh_file(f"{name}.obj").write_text("\n".join(lines).replace("-0.000000", "0.000000") + "\n")
     read = trimesh.Trimesh(np.round(mesh.vertices, DECIMALS), mesh.faces, process=True)
     if not (read.is_watertight and read.is_winding_consistent and read.volume > 0):
         raise ValueError(f"{name}.obj is not a closed mesh that faces outward")
+    with replacing(mesh_file(f"{name}.obj")) as file:
+        file.write_text("\n".join(lines).replace("-0.000000", "0.000000") + "\n")

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from PIL import Image
 
+from sceniris_gym.tools.files import replacing
+
 from .paths import mesh_file
 
 
@@ -27,4 +29,5 @@ def mottle(rows: int, columns: int, seed: int, cell: tuple[float, float] = (4, 4
 
 def write_png(name: str, colours: np.ndarray) -> None:
     """Write ``meshes/<name>.png`` from colours (rows, columns, 3) in 0..255; their row 0 is at v = 0."""
-    Image.fromarray(np.clip(colours, 0, 255).astype(np.uint8)[::-1]).save(mesh_file(f"{name}.png"))
+    with replacing(mesh_file(f"{name}.png")) as file:
+        Image.fromarray(np.clip(colours, 0, 255).astype(np.uint8)[::-1]).save(file, format="PNG")
