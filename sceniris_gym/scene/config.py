@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field, PrivateAttr, Strict, model_validator
 
 from sceniris_gym.scene.complaints import reading, where_now
-from sceniris_gym.scene.files import JOINT_FORMS, REGION_FORMS, SUPPORT_WORDS, merge, nest, read_scene
+from sceniris_gym.scene.files import JOINT_FORMS, REGION_FORMS, SUPPORT_WORDS, override, read_scene
 from sceniris_gym.scene.groups import GroupConfig
 from sceniris_gym.scene.limits import MAX_RELATIONS
 from sceniris_gym.scene.orientations import Orientation, Turn
@@ -211,7 +211,8 @@ class SceneConfig(Part):
 
         Args:
             scene: the name of a shipped scene, the path of a YAML file, a mapping of the same form, or a SceneConfig.
-            overrides: parts to replace, by dotted keys: `{"objects.apple.clearance": 0.01}`.
+            overrides: parts to replace, by dotted keys: `{"objects.apple.clearance": 0.01}`. A new object is given as a
+                whole: `{"objects.pear": {...}}`.
 
         Raises:
             SceneFileError: the file is missing, or is not YAML, or gives a key twice.
@@ -225,7 +226,7 @@ class SceneConfig(Part):
             raw = read_scene(scene)
             data, where, name = raw.data, raw.where, raw.name
         if overrides:
-            data = merge(data, nest(overrides))
+            data = override(data, overrides, where)
         with reading(where):
             config = cls.model_validate({"name": name, **data})
         config._where = where

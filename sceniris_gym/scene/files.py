@@ -67,17 +67,28 @@ def merge(base: Mapping, child: Mapping, path: tuple[str, ...] = ()) -> dict:
     return merged
 
 
-def nest(overrides: Mapping[str, Any]) -> dict:
-    """Turn dotted keys such as `{"objects.apple.clearance": 0.01}` into nested mappings."""
-    nested: dict = {}
+def override(scene: Mapping, overrides: Mapping[str, Any], where: str) -> dict:
+    """Return a scene with overrides laid over it, one after the other, by dotted keys: `objects.apple.clearance`.
+
+    Dotted keys reach into objects and groups that there are; a new one is given as a whole.
+    """
+    changed = dict(scene)
     for dotted, value in overrides.items():
-        if not isinstance(dotted, str) or not all(dotted.split(".")):
+        keys = dotted.split(".") if isinstance(dotted, str) else []
+        if not (keys and all(keys)):
             raise SceneKeyError(f"overrides: {dotted!r} should be a dotted key such as 'objects.apple.clearance'.")
-        inner = value
-        for key in reversed(dotted.split(".")):
-            inner = {key: inner}
-        nested = merge(nested, inner)
-    return nested
+        if len(keys) > 2 and keys[0] in ("objects", "groups"):
+            _check_there(changed.get(keys[0]) or {}, keys, where)
+        nested = value
+        for key in reversed(keys):
+            nested = {key: nested}
+        changed = merge(changed, nested)
+    return changed
+
+
+def _check_there(parts: Any, keys: list[str], where: str) -> None:
+    if isinstance(parts, Mapping) and keys[1] not in parts:
+        raise UnknownNameError(keys[0].removesuffix("s"), keys[1], f"{where}: overrides: {'.'.join(keys)}", parts)
 
 
 def _one_of(path: tuple[str, ...]) -> tuple[str, ...]:

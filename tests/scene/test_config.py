@@ -112,6 +112,14 @@ def test_overrides_replace_parts_by_dotted_keys():
     assert SMALL["objects"]["apple"] == {"asset": "apple", "on": "shelf"}
 
 
+def test_an_override_may_give_a_new_object_as_a_whole_and_then_change_it():
+    """What is not there yet is one mapping; dotted keys that come after it reach into it."""
+    pear = {"asset": "pear", "on": "floor"}
+    changed = SceneConfig.load(SMALL, {"objects.pear": pear, "objects.pear.clearance": 0.01})
+    assert list(changed.objects) == ["shelf", "apple", "goal", "pear"]
+    assert (changed.objects["pear"].asset, changed.objects["pear"].clearance) == ("pear", 0.01)
+
+
 @pytest.mark.parametrize(
     ("orientation", "yaw"),
     [(None, (-math.pi, math.pi)), ("fixed", (0, 0)), ({"yaw": [-90, 45]}, (-math.pi / 2, math.pi / 4))],
@@ -221,6 +229,12 @@ WRONG = {
     "no asset": ({"objects.pear": {"on": "floor"}}, SceneKeyError, ["objects.pear.asset", "missing"]),
     "robot without asset": ({"robot.yaw": 3}, SceneKeyError, ["robot.asset", "missing"]),
     "empty dotted key": ({"objects..apple": 3}, SceneKeyError, ["overrides", "dotted key"]),
+    "part of an unknown object": (
+        {"objects.aple.clearance": 0.1},
+        UnknownNameError,
+        ["overrides: objects.aple.clearance", "unknown object 'aple'", "mean 'apple'"],
+    ),
+    "part of an unknown group": ({"groups.fruit.present": 1}, UnknownNameError, ["unknown group 'fruit'", "none"]),
     "between": ({"objects.apple.between": ["goal"]}, SceneKeyError, ["objects.apple.between", "in 'relations'"]),
     "front_of": ({"objects.apple.front_of": "shelf"}, SceneKeyError, ["objects.apple.front_of", "in 'relations'"]),
     "reachable": ({"objects.apple.reachable": "map"}, NotSupportedError, ["objects.apple.reachable"]),

@@ -101,7 +101,7 @@ WRONG = {
         SceneKeyError,
         ["groups.clutter.missing: 'dropp'", "mean 'drop'"],
     ),
-    "a member twice": ({"groups.clutter.of": ["can", "can"], "groups.clutter.count": 1}, SceneKeyError, ["'of' once"]),
+    "a member twice": ({"groups.clutter": {"of": ["can", "can"], "count": 1}}, SceneKeyError, ["'of' once"]),
     "too many": ({"groups.clutter": CLUTTER | {"count": 4}}, SceneKeyError, ["clutter:", "0 <= low <= high <= 3"]),
     "upside down": ({"groups.clutter": CLUTTER | {"count": [2, 1]}}, SceneKeyError, ["0 <= low <= high <= 3"]),
     "negative": ({"groups.clutter": CLUTTER | {"count": -1}}, SceneKeyError, ["clutter.count.0: -1", "at least 0"]),
