@@ -12,12 +12,14 @@ import warp as wp
 from gymnasium import Space
 from torch import Tensor
 
-from sceniris_gym.errors import MaskError
+from sceniris_gym.errors import MaskError, UnknownNameError
 from sceniris_gym.layout.build import build_world
 from sceniris_gym.scene.config import SceneConfig
 from sceniris_gym.scene.world import World
 from sceniris_gym.sim.masks import as_mask
 from sceniris_gym.vector.task import Task
+
+RESET_MASK = "reset_mask"  # the option of Gymnasium's own vector environments
 
 
 def as_task(task: Task | type[Task] | str) -> Task:
@@ -49,13 +51,18 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int, device: wp.D
     """Return `options["reset_mask"]` on the device, or None where all worlds are meant. The options stay as they are.
 
     Raises:
+        UnknownNameError: another option
         MaskTypeError: not an array of booleans
         MaskError: wrong shape, or not true anywhere
     """
-    given = (options or {}).get("reset_mask")
+    options = options or {}
+    for name in options:
+        if name != RESET_MASK:
+            raise UnknownNameError("option", str(name), "reset", [RESET_MASK])
+    given = options.get(RESET_MASK)
     if given is None:
         return None
-    name = "options['reset_mask']"
+    name = f"options['{RESET_MASK}']"
     mask = as_mask(given, num_envs, device, name)
     if not mask.numpy().any():
         raise MaskError(f"{name} must be true for at least one world; leave it out to reset all of them.")

@@ -158,6 +158,7 @@ class SceneVectorEnv(VectorEnv):
 
         Raises:
             SeedError: not integers from 0 to 2^64 - 1, or not as many as worlds
+            UnknownNameError: another option
             MaskTypeError: a mask that is not an array of booleans
             MaskError: a mask of wrong shape, or not true anywhere
             ResetNeeded: the first reset has a mask

@@ -9,7 +9,7 @@ import torch
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 
-from sceniris_gym.errors import MaskError, MaskTypeError, SeedError
+from sceniris_gym.errors import MaskError, MaskTypeError, SeedError, UnknownNameError
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 STATE = ("time", "qpos", "qvel", "ctrl", "act", "mocap_pos", "mocap_quat", "xpos", "site_xpos", "qacc_warmstart")
@@ -128,7 +128,7 @@ def test_a_masked_reset_changes_the_masked_worlds_alone(make_env, mask_type):
         observation, *_ = envs.step(actions(4))
     before = state(envs)
     mask = mask_type(np.array([True, False, True, False]))
-    options = {"reset_mask": mask, "other": 1}
+    options = {"reset_mask": mask}
     for seed, seeds, episodes in ((None, [10, 11, 12, 13], [1, 0, 1, 0]), (50, [50, 11, 52, 13], [0, 0, 0, 0])):
         reset, info = envs.reset(seed=seed, options=options)
         assert_equal(state(envs), before, [1, 3])
@@ -136,7 +136,7 @@ def test_a_masked_reset_changes_the_masked_worlds_alone(make_env, mask_type):
         assert (reset["critic"][[0, 2]] != observation["critic"][[0, 2]]).any(dim=1).all()
         assert info["layout_seed"].tolist() == seeds
         assert info["layout_episode"].tolist() == episodes
-    assert set(options) == {"reset_mask", "other"}
+    assert set(options) == {"reset_mask"}
     assert options["reset_mask"] is mask
     assert mask.tolist() == [True, False, True, False]
 
@@ -205,6 +205,17 @@ def test_wrong_reset_masks_raise_what_gymnasium_raises(make_env, mask, error, ki
     with pytest.raises(error, match="reset_mask") as caught:
         envs.reset(options={"reset_mask": mask})
     assert isinstance(caught.value, kind)
+    assert_equal(state(envs), before)
+
+
+def test_other_reset_options_are_refused(make_env):
+    """A misspelt option would reset all worlds; no options are fine. Nothing is reset by the wrong ones."""
+    envs = make_env(2)
+    for options in (None, {}, {"reset_mask": None}):
+        envs.reset(seed=0, options=options)
+    before = state(envs)
+    with pytest.raises(UnknownNameError, match="reset: unknown option 'mask'. Did you mean 'reset_mask'"):
+        envs.reset(options={"mask": np.array([True, False])})
     assert_equal(state(envs), before)
 
 
