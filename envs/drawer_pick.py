@@ -64,9 +64,8 @@ class DrawerPick(Task):
 
     def bind(self, s: State) -> None:
         """Find the arm's controls, and make room for what is remembered between steps."""
-        arm = [s.mjm.actuator(f"panda/joint{i}") for i in range(1, 8)]
-        self.arm = torch.tensor([a.id for a in arm], device=s.device)
-        self.gripper = s.mjm.actuator("panda/gripper").id
+        self.arm = torch.tensor([s.actuator(f"panda/joint{i}") for i in range(1, 8)], device=s.device)
+        self.gripper = s.actuator("panda/gripper")
         limits = torch.tensor(s.mjm.actuator_ctrlrange, dtype=torch.float32, device=s.device)
         self.lower, self.upper = limits[self.arm].unbind(dim=1)
         self.open = limits[self.gripper, 1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import mujoco
@@ -23,8 +24,9 @@ SCALAR = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
 class State:
     """The state of all worlds by name. Tensors are on the environment's device; those of mjw data are views.
 
-    Names are those of the scene: an object, the robot (by its asset's name), `object/part` for bodies, sites and joints
-    inside. Poses and velocities are in the robot's base frame, or in the world frame of a scene without a robot.
+    Names are those of the scene: an object, the robot (by its asset's name), `object/part` for bodies, sites, joints
+    and actuators inside; those that the scene does not have raise UnknownNameError. Poses and velocities are in the
+    robot's base frame, or in the world frame of a scene without a robot.
 
     Args:
         batch: the worlds
@@ -69,22 +71,22 @@ class State:
 
     def pose(self, name: str) -> Tensor:
         """Return position [m] and orientation (wxyz) of a body, shape (num_envs, 7)."""
-        body = self._id("body", name)
+        body = self._id("body", name, "pose")
         return self._pose(self._xpos[:, body], self._xquat[:, body])
 
     def site(self, name: str) -> Tensor:
         """Return position [m] and orientation (wxyz) of a site, shape (num_envs, 7)."""
-        site = self._id("site", name)
+        site = self._id("site", name, "site")
         body_quat = self._xquat[:, int(self.mjm.site_bodyid[site])]
         return self._pose(self._site_xpos[:, site], rotations.multiply(body_quat, self._site_quat[site]))
 
     def velocity(self, name: str) -> Tensor:
         """Return linear [m/s] and angular [rad/s] velocity of a free object, shape (num_envs, 6)."""
-        body = self._id("body", name)
+        body = self._id("body", name, "velocity")
         joint = int(self.mjm.body_jntadr[body])
         if joint < 0 or self.mjm.jnt_type[joint] != FREE:
             free = [self.mjm.body(b).name for j, b in enumerate(self.mjm.jnt_bodyid) if self.mjm.jnt_type[j] == FREE]
-            raise UnknownNameError("free object", name, "State.velocity", free)
+            raise self._unknown("free object", name, "velocity", free)
         adr = int(self.mjm.jnt_dofadr[joint])
         linear, angular = self._qvel[:, adr : adr + 3], self._qvel[:, adr + 3 : adr + 6]
         # MuJoCo keeps the angular velocity of a free joint in the body's own frame
@@ -102,6 +104,10 @@ class State:
         """Return velocities [m/s or rad/s] of the same joints as qpos."""
         return self._qvel[:, self._span("qvel", name)]
 
+    def actuator(self, name: str) -> int:
+        """Return the column of an actuator in `ctrl`."""
+        return self._id("actuator", name, "actuator")
+
     def random(self, n: int, low: float = 0.0, high: float = 1.0, *, stream: int = 0) -> Tensor:
         """Draw uniform numbers in [low, high), shape (num_envs, n).
 
@@ -118,18 +124,21 @@ class State:
         pos = rotations.rotate(self._to_base, pos - self._base_pos)
         return torch.cat([pos, rotations.multiply(self._to_base, quat)], dim=1)
 
-    def _id(self, kind: str, name: str) -> int:
+    def _id(self, kind: str, name: str, method: str) -> int:
         number = mujoco.mj_name2id(self.mjm, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name)
         if number < 0:
-            count = {"body": self.mjm.nbody, "site": self.mjm.nsite}[kind]
+            count = {"body": self.mjm.nbody, "site": self.mjm.nsite, "actuator": self.mjm.nu}[kind]
             valid = [getattr(self.mjm, kind)(i).name for i in range(count)]
-            raise UnknownNameError(kind, name, f"State.{'pose' if kind == 'body' else kind}", filter(None, valid))
+            raise self._unknown(kind, name, method, filter(None, valid))
         return number
+
+    def _unknown(self, kind: str, name: str, method: str, valid: Iterable[str]) -> UnknownNameError:
+        return UnknownNameError(kind, name, f"scene '{self.scene.config.name}': State.{method}", valid)
 
     def _span(self, array: str, name: str) -> slice | Tensor:
         if (array, name) not in self._spans:
             adr = self.mjm.jnt_qposadr if array == "qpos" else self.mjm.jnt_dofadr
-            columns = [int(adr[j]) for j in self._joints(name)]
+            columns = [int(adr[j]) for j in self._joints(name, array)]
             first = columns[0]
             contiguous = columns == list(range(first, first + len(columns)))
             self._spans[array, name] = (
@@ -137,7 +146,7 @@ class State:
             )
         return self._spans[array, name]
 
-    def _joints(self, name: str) -> list[int]:
+    def _joints(self, name: str, method: str) -> list[int]:
         """Return the scalar joints inside the body `name`, or the joint `name`."""
         mjm = self.mjm
         scalar = [j for j in range(mjm.njnt) if mjm.jnt_type[j] in SCALAR]
@@ -150,7 +159,7 @@ class State:
         found = found or [j for j in scalar if body >= 0 and int(mjm.jnt_bodyid[j]) in inside]
         if not found:
             roots = {mjm.body(int(mjm.body_rootid[int(mjm.jnt_bodyid[j])])).name for j in scalar}
-            raise UnknownNameError("joint", name, "State.qpos", roots | {mjm.joint(j).name for j in scalar})
+            raise self._unknown("joint", name, method, roots | {mjm.joint(j).name for j in scalar})
         return found
 
 

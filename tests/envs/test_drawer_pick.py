@@ -14,6 +14,7 @@ import torch
 from gymnasium.utils.env_checker import check_env
 
 import sceniris_gym
+from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.layout.build import build_world
 from sceniris_gym.scene.world import World
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -37,6 +38,12 @@ def host_data(envs: SceneVectorEnv, world: int) -> mujoco.MjData:
     data.mocap_pos[:], data.mocap_quat[:] = d.mocap_pos.numpy()[world], d.mocap_quat.numpy()[world]
     mujoco.mj_kinematics(envs.world.mjm, data)
     return data
+
+
+def test_a_scene_without_the_arm_is_refused():
+    """The error names the scene and what is missing in it, and is one of this package."""
+    with pytest.raises(UnknownNameError, match=r"scene 'mid': State\.actuator: unknown actuator 'panda/joint1'"):
+        SceneVectorEnv(DrawerPick, 1, scene="mid", device="cpu")
 
 
 def test_it_is_made_by_id_by_module_and_by_spec(world):

@@ -67,6 +67,8 @@ def test_joints_are_found_by_object_and_by_name(moving):
     np.testing.assert_array_equal(s.qpos("cabinet/slide").numpy(), qpos[:, :1])
     np.testing.assert_array_equal(s.qvel("arm").numpy(), moving.batch.data.qvel.numpy()[:, 7:11])
     assert s.dt == pytest.approx(0.01)
+    s.ctrl[:, s.actuator("arm/lift")] = 0.3
+    assert (moving.batch.data.ctrl.numpy()[:, moving.world.mjm.actuator("arm/lift").id] == np.float32(0.3)).all()
 
 
 @pytest.mark.parametrize(
@@ -76,6 +78,9 @@ def test_joints_are_found_by_object_and_by_name(moving):
         ("site", "tcp", "Did you mean 'arm/tcp'"),
         ("qpos", "block", "Valid: .*arm/pan"),
         ("velocity", "cabinet", "Valid: block"),
+        ("velocity", "blok", "scene 'scene': State.velocity: unknown body 'blok'"),
+        ("qvel", "block", "State.qvel: unknown joint"),
+        ("actuator", "pan", "Did you mean 'arm/pan'"),
     ],
 )
 def test_unknown_names_are_answered_with_the_valid_ones(moving, method, name, message):

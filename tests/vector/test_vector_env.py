@@ -214,7 +214,7 @@ def test_other_reset_options_are_refused(make_env):
     for options in (None, {}, {"reset_mask": None}):
         envs.reset(seed=0, options=options)
     before = state(envs)
-    with pytest.raises(UnknownNameError, match="reset: unknown option 'mask'. Did you mean 'reset_mask'"):
+    with pytest.raises(UnknownNameError, match=r"reset: unknown option 'mask'\. Did you mean 'reset_mask'"):
         envs.reset(options={"mask": np.array([True, False])})
     assert_equal(state(envs), before)
 
