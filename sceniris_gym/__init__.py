@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from sceniris_gym.errors import SceneKeyError as SceneKeyError
     from sceniris_gym.errors import ScenirisError as ScenirisError
     from sceniris_gym.errors import SeedError as SeedError
+    from sceniris_gym.errors import TaskError as TaskError
     from sceniris_gym.errors import UnknownNameError as UnknownNameError
     from sceniris_gym.errors import WorldMismatchError as WorldMismatchError
     from sceniris_gym.layout.build import build_world as build_world
@@ -72,6 +73,7 @@ _HOME = {  # public name -> the module it lives in
             "MaskError",
             "MaskTypeError",
             "SeedError",
+            "TaskError",
             "WorldMismatchError",
         ),
         "errors",

@@ -150,6 +150,24 @@ class SeedError(ScenirisError, ValueError):
     """A seed that is not an integer of 64 bits, or seeds of which there are not as many as worlds."""
 
 
+class TaskError(ScenirisError, TypeError):
+    """What a method of a task returned has another form than it should.
+
+    Args:
+        task: name of the task's class.
+        method: the method.
+        got: what it returned.
+        form: what it should return.
+    """
+
+    def __init__(self, task: str, method: str, got: str, form: str) -> None:
+        self.task, self.method, self.got, self.form = task, method, got, form
+        super().__init__(f"{task}.{method} returned {got}, but should return {form}.")
+
+    def __reduce__(self) -> tuple:
+        return type(self), (self.task, self.method, self.got, self.form)
+
+
 class LayoutIdError(ScenirisError):
     """A layout id that is not `scenehash:split:seed:episode`."""
 

@@ -25,6 +25,7 @@ from sceniris_gym.sim.frames import FrameCamera
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector import spaces
 from sceniris_gym.vector.arguments import as_action, as_reset_mask, as_task, as_world, fresh_seed
+from sceniris_gym.vector.forms import check_observation, check_outcome
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Task
 
@@ -64,6 +65,7 @@ class SceneVectorEnv(VectorEnv):
 
     Raises:
         ScenirisError: the scene cannot be used; see build_world
+        TaskError: (here, or in the first step) a method of the task returns what it should not
         ContactBudgetError: (first reset) more contacts than there is room for
     """
 
@@ -134,6 +136,7 @@ class SceneVectorEnv(VectorEnv):
             self.task.bind(self.state)
             self.batch.update()
             observation = self.task.observe(self.state)
+            check_observation(self.task, observation, num_envs)
             flat = spaces.flatten(observation)
         self.observation_names = spaces.names_of(observation)
         self.single_observation_space = spaces.observation_space(flat)
@@ -143,7 +146,7 @@ class SceneVectorEnv(VectorEnv):
         self._kept = None if copy else (flat, {group: torch.empty_like(t) for group, t in flat.items()})
         self._autoreset = torch.zeros(num_envs, dtype=torch.bool, device=self.device)
         self._camera: FrameCamera | None = None
-        self._ready = False
+        self._ready = self._stepped = False
 
     def reset(
         self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
@@ -223,10 +226,14 @@ class SceneVectorEnv(VectorEnv):
 
     def _outcome(self, action: Tensor) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Any]]:
         """Say what the step has led to, and reset the worlds whose turn it is."""
-        s = self.state
-        terms = {name: self._own(term) for name, term in self.task.reward(s, action).items()}
-        success, finite = self._own(self.task.success(s)), s.finite
-        terminated = self.task.terminated(s) | ~finite
+        s, task = self.state, self.task
+        terms, success, terminated = task.reward(s, action), task.success(s), task.terminated(s)
+        if not self._stepped:
+            check_outcome(task, terms, success, terminated, self.num_envs)
+            self._stepped = True
+        terms, success = {name: self._own(term) for name, term in terms.items()}, self._own(success)
+        finite = s.finite
+        terminated = terminated | ~finite
         truncated = torch.zeros_like(terminated)
         if self.max_episode_steps is not None:
             truncated = s.elapsed >= self.max_episode_steps

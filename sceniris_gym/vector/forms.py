@@ -1,0 +1,61 @@
+"""What the methods of a task return, judged the first time that they return it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from sceniris_gym.errors import TaskError
+from sceniris_gym.vector.task import Task
+
+
+def check_observation(task: Task, observation: Any, num_envs: int) -> None:
+    """Refuse what is not {group: {name: tensor of shape (num_envs, ...)}}.
+
+    Raises:
+        TaskError: names the task and what it returned
+    """
+    form = f"{{group: {{name: tensor of shape ({num_envs}, ...)}}}}, where an actor sees the group 'policy'"
+    _check(task, "observe", observation, form, depth=2, fits=lambda t: t.shape[:1] == (num_envs,))
+
+
+def check_outcome(task: Task, reward: Any, success: Any, terminated: Any, num_envs: int) -> None:
+    """Refuse a reward that is not {name: tensor of shape (num_envs,)}, and flags that are not (num_envs,) bool.
+
+    Raises:
+        TaskError: names the task, the method and what it returned
+    """
+    form = f"{{name: tensor of shape ({num_envs},)}}"
+    _check(task, "reward", reward, form, depth=1, fits=lambda t: t.shape == (num_envs,))
+    for method, flags in (("success", success), ("terminated", terminated)):
+        form = f"a bool tensor of shape ({num_envs},)"
+        _check(task, method, flags, form, depth=0, fits=lambda t: t.shape == (num_envs,) and t.dtype is torch.bool)
+
+
+def _check(task: Task, method: str, value: Any, form: str, depth: int, fits: Callable[[Tensor], bool]) -> None:
+    wrong = _first_wrong(value, depth, fits)
+    if wrong is not None:
+        raise TaskError(type(task).__name__, method, wrong, form)
+
+
+def _first_wrong(value: Any, depth: int, fits: Callable[[Tensor], bool]) -> str | None:
+    """Describe the first part that is no mapping above `depth`, or no tensor that fits at it."""
+    if depth == 0:
+        return None if isinstance(value, Tensor) and fits(value) else _described(value)
+    if not isinstance(value, Mapping) or not value:
+        return _described(value)
+    parts = ((name, _first_wrong(part, depth - 1, fits)) for name, part in value.items())
+    return next((f"{{{name!r}: {wrong}}}" for name, wrong in parts if wrong is not None), None)
+
+
+def _described(value: Any) -> str:
+    if isinstance(value, Tensor):
+        name = f"{str(value.dtype).removeprefix('torch.')} tensor of shape {tuple(value.shape)}"
+    elif isinstance(value, Mapping) and not value:
+        name = f"empty {type(value).__name__}"
+    else:
+        name = type(value).__name__
+    return f"{'an' if name[0] in 'aeiou' else 'a'} {name}"
