@@ -90,12 +90,14 @@ def generate(
     figures = {
         "scene": world.config.name,
         "hash": world.hash,
+        "first_id": world.layout_id(seed, 0, split),
         "layouts": n,
         "valid": float(table.valid.mean()),
         "first_pass_valid": float(table.first_pass_valid.mean()),
         "files": [str(out / "layouts.npz"), str(out / "scene.zip")],
     }
-    return dumps(figures) if json else f"{n} layouts of '{world.config.name}' in {out}, {figures['valid']:.2%} valid"
+    made = f"{n} layouts of '{world.config.name}' in {out}, {figures['valid']:.2%} valid"
+    return dumps(figures) if json else f"{made}; the first is {figures['first_id']}"
 
 
 @_command
@@ -154,7 +156,7 @@ def replay(
     name = tool.LayoutId.parse(layout)
     world = build_world(tool.find_scene(name.scene, None if scene is None else _config(scene, changes)), device)
     table = tool.replay(world, name)
-    found = {"id": layout, **tool.describe(world, table), "picture": str(out or tool.default_picture(name))}
+    found = {"id": layout, **tool.describe(world, table), "picture": str(out or tool.default_picture(layout))}
     save(captioned(world.mjm, table.rows, [layout], device=world.device), Path(found["picture"]))
     return dumps(found) if json else tool.report(found)
 

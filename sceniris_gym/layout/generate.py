@@ -12,7 +12,7 @@ from sceniris_gym.errors import MaskError, SeedError
 from sceniris_gym.layout.collision import LEAF_CAPACITY, NODE_CAPACITY
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.place import PLACE
-from sceniris_gym.layout.random import SPLITS
+from sceniris_gym.layout.random import SPLITS, USER_SPLITS
 from sceniris_gym.scene.device import Cause
 from sceniris_gym.scene.world import World
 
@@ -76,7 +76,7 @@ class LayoutGenerator:
         rejected: int = 0,
     ) -> None:
         if split not in SPLITS:
-            raise ValueError(f"LayoutGenerator: unknown split '{split}'. Valid: {', '.join(SPLITS)}.")
+            raise ValueError(f"LayoutGenerator: unknown split '{split}'. Valid: {', '.join(USER_SPLITS)}.")
         most = max_block_dim(world)
         block_dim = min(_BLOCK_DIM, most) if block_dim is None else block_dim
         if not 1 <= block_dim <= most:

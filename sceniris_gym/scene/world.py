@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import SupportsInt
 
 import mujoco
 import numpy as np
@@ -63,6 +64,16 @@ class World:
     def hash(self) -> str:
         """Names the scene in layout ids."""
         return self.scene.hash
+
+    def layout_id(self, seed: SupportsInt, episode: SupportsInt, split: str = "train") -> str:
+        """Return `scenehash:split:seed:episode`, which names a layout of this scene and which `replay` makes again.
+
+        Args:
+            seed: 64 bits, as a number of any library; negative ones are read as two's complement.
+            episode: Number of resets before the one that made the layout, since the world got its seed.
+            split: "train" or "eval".
+        """
+        return f"{self.hash}:{split}:{int(seed) % 2**64}:{int(episode)}"
 
     @property
     def object_names(self) -> tuple[str, ...]:

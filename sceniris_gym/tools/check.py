@@ -17,6 +17,7 @@ def check(world: World, layouts: int, seed: int) -> dict:
     return {
         "scene": world.config.name,
         "hash": world.hash,
+        "first_id": world.layout_id(seed, 0),
         "layouts": layouts,
         "valid": float(table.valid.mean()),
         "first_pass_valid": float(table.first_pass_valid.mean()),
@@ -31,7 +32,7 @@ def report(found: Mapping) -> str:
         f"{found['layouts']} layouts of '{found['scene']}': {found['valid']:.2%} valid, "
         f"{found['first_pass_valid']:.2%} on the first pass, {found['attempts_per_layout']:.2f} candidates a layout"
     )
-    return f"{shares}\n{table_of_rejections(found['rejections'])}"
+    return f"{shares}\nthe first is {found['first_id']}\n{table_of_rejections(found['rejections'])}"
 
 
 def table_of_rejections(counts: Mapping[str, Mapping[str, int]]) -> str:

@@ -44,11 +44,14 @@ def demo(out: Path, device: str | None) -> dict:
         made["attempts"] += int(layouts.attempts.numpy().sum())
     ready = time.perf_counter() - start
     counts = randomizer.rejection_counts()
+    first_id = world.layout_id(layouts.seed.numpy()[0], layouts.episode.numpy()[0])
     captions = [_caption(randomizer, i) for i in range(SHOWN)]
     save(captioned(world.mjm, _rows(batch, world, SHOWN), captions, device=world.device), out)
     total = WORLDS * RESETS
     return {
         "scene": world.config.name,
+        "hash": world.hash,
+        "first_id": first_id,
         "device": world.device,
         "worlds": WORLDS,
         "resets": RESETS,
@@ -72,7 +75,7 @@ def report(figures: Mapping) -> str:
         f"{figures['attempts_per_layout']:.2f} candidates a layout",
         table_of_rejections(figures["rejections"]),
         f"warm: {figures['layouts_per_s']:,.0f} layouts/s, {figures['worlds']} at a time",
-        f"{figures['shown']} of the worlds are shown in {figures['picture']}",
+        f"{figures['shown']} of the worlds are shown in {figures['picture']}; world 0 is {figures['first_id']}",
     ]
     return "\n".join(lines)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,17 +13,19 @@ import numpy as np
 from sceniris_gym.errors import LayoutIdError, UnknownNameError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.layout.random import SPLITS
+from sceniris_gym.layout.random import USER_SPLITS
 from sceniris_gym.scene.config import SceneConfig
 from sceniris_gym.scene.files import shipped
 from sceniris_gym.scene.model import SceneModel, build_model
 from sceniris_gym.scene.world import World
 from sceniris_gym.tools.dataset import LayoutTable, read_table
 
+_FORM = re.compile(rf"([^:]*):({'|'.join(USER_SPLITS)}):([0-9]+):([0-9]+)")
+
 
 @dataclass(frozen=True)
 class LayoutId:
-    """Names a layout: the same scene, split, seed and episode make it again anywhere."""
+    """What `World.layout_id` wrote: the same scene, split, seed and episode make the layout again anywhere."""
 
     scene: str
     split: str
@@ -36,18 +39,13 @@ class LayoutId:
         Raises:
             LayoutIdError: the text is not of this form.
         """
-        parts = text.split(":")
-        splits = sorted(SPLITS)
-        wrong = len(parts) != 4 or parts[1] not in SPLITS or not all(p.isascii() and p.isdigit() for p in parts[2:])
-        if wrong or int(parts[2]) >= 2**64 or int(parts[3]) >= 2**31:
+        found = _FORM.fullmatch(text)
+        if found is None or int(found[3]) >= 2**64 or int(found[4]) >= 2**31:
             raise LayoutIdError(
                 f"layout id '{text}': should be scenehash:split:seed:episode, as in '0123456789abcdef:train:42:0'. "
-                f"Splits: {', '.join(splits)}. The seed is below 2^64, the episode below 2^31."
+                f"Splits: {', '.join(USER_SPLITS)}. The seed is below 2^64, the episode below 2^31."
             )
-        return cls(parts[0], parts[1], int(parts[2]), int(parts[3]))
-
-    def __str__(self) -> str:
-        return f"{self.scene}:{self.split}:{self.seed}:{self.episode}"
+        return cls(found[1], found[2], int(found[3]), int(found[4]))
 
 
 def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
@@ -105,6 +103,6 @@ def report(found: Mapping) -> str:
     return "\n".join([*lines, f"picture: {found['picture']}"])
 
 
-def default_picture(layout: LayoutId) -> Path:
-    """Return where the picture of a layout goes if nothing else is said."""
+def default_picture(layout: str) -> Path:
+    """Return where the picture of the layout of an id goes if nothing else is said."""
     return Path("demo") / f"{layout}.png".replace(":", "-")

@@ -1,6 +1,7 @@
 """The command line: one JSON line on stdout, errors in words, files whole or not at all."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -157,11 +158,20 @@ def test_replay_makes_a_layout_again_from_its_id(capfd: pytest.CaptureFixture, t
     assert Image.open(tmp_path / "one.png").size[0] > 900
 
 
+def test_check_and_generate_tell_an_id_to_replay(capfd: pytest.CaptureFixture, tmp_path: Path):
+    """Their text has the id of the first layout, which replay takes."""
+    for command in (["check", "mid", "--layouts", "4"], ["generate", "mid", "-n", "4", "-o", str(tmp_path)]):
+        cli.main([*command, "--seed", "40", "--device", "cpu"])
+        (named,) = re.findall(r"[0-9a-f]{16}:train:40:0", capfd.readouterr().out)
+        assert answer(capfd, "replay", named, "--out", str(tmp_path / "one.png"))["scene"] == "mid"
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["check", "nowhere"], "nowhere"),
         (["check", "mid", "--set", "objects.apple.clearence=0.1"], "clearance"),
+        (["check", "mid", "--set", "objects.aple.clearance=0.1"], "Did you mean 'apple'?"),
         (["replay", "not-an-id"], "scenehash:split:seed:episode"),
         (["replay", "0123456789abcdef:train:0:0"], "(mid)"),
         (["generate", "mid", "-n", "0", "-o", "x"], "at least 1"),
