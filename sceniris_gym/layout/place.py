@@ -115,6 +115,48 @@ def _measure(
 
 
 @wp.func
+def _extent(
+    program: Program,
+    obj: int,
+    lane: int,
+    axis: wp.vec3,
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+) -> wp.vec2:
+    """Least and greatest extent [m] of the posed object along a unit vector of the world, from the origin on."""
+    low = float(1.0e30)
+    high = float(1.0e30)  # to the other side
+    for i in range(lane, program.obj_piecenum[obj], wp.block_dim()):
+        piece = program.piece_list[program.obj_pieceadr[obj] + i]
+        body = program.piece_body[piece]
+        along = wp.transpose(quat_mat(body_quat[body])) * axis
+        at = wp.dot(body_pos[body], axis)
+        low = wp.min(low, at + lowest(program, piece, along))
+        high = wp.min(high, lowest(program, piece, -along) - at)
+    return wp.vec2(wp.tile_extract(wp.tile_min(wp.tile(low)), 0), -wp.tile_extract(wp.tile_min(wp.tile(high)), 0))
+
+
+@wp.func
+def _see(
+    program: Program,
+    obj: int,
+    lane: int,
+    place: wp.vec4,
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+) -> wp.vec4:
+    """The bounds of a posed object around its pivot, which stays where it is at home, in its heading."""
+    ahead = wp.vec3(wp.cos(place[3]), wp.sin(place[3]), 0.0)
+    across = wp.vec3(-ahead[1], ahead[0], 0.0)
+    pivot = wp.vec3(place[0], place[1], 0.0)
+    x = _extent(program, obj, lane, ahead, body_pos, body_quat)
+    y = _extent(program, obj, lane, across, body_pos, body_quat)
+    px = wp.dot(pivot, ahead)
+    py = wp.dot(pivot, across)
+    return wp.vec4(x[0] - px, y[0] - py, x[1] - px, y[1] - py)
+
+
+@wp.func
 def _overhangs(
     program: Program,
     obj: int,
@@ -319,6 +361,12 @@ def _make_place(geometry: str, related: bool) -> wp.Kernel:
         if program.obj_kind[obj] == _STATIC:
             if lane == 0:
                 pose_bodies(program, obj, 0, layouts.qpos[worldid], body_pos, body_quat)
+            if program.obj_measured[obj] == _WHOLE:
+                block_sync()
+                slot = program.obj_slot[obj]
+                seen = _see(program, obj, lane, layouts.place[worldid, slot], body_pos, body_quat)
+                if lane == 0:
+                    layouts.bounds[worldid, slot] = seen
         else:
             c = draw_pose(program, layouts, worldid, lane, obj, stream, trial)
             if c.cause != _NONE:

@@ -279,9 +279,9 @@ def _roofs(scene: SceneModel, plan: Plan, c: Colliders, config: ObjectConfig | N
 
 def _measured(plan: Plan, o: PlacedObject) -> Measure:
     """What of an object must be measured for each candidate. Bounds matter only where a relation looks at them."""
-    if o.kind == ObjectKind.STATIC or o.config is None or not any(p.body in o.bodies for p in plan.pieces):
+    if not any(p.body in o.bodies for p in plan.pieces):
         return Measure.NOTHING
-    if o.config.turn.kind == "any":
+    if o.config is not None and o.config.turn.kind == "any":
         return Measure.WHOLE
     if not o.draws:
         return Measure.NOTHING

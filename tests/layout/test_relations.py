@@ -82,6 +82,26 @@ def test_bounds_are_those_of_the_drawn_joints(relation: dict, own: str, shapes: 
     relations_hold({**drawn, "q": related(getattr(shapes, own), relation, **(joints if own == "drawer" else {}))}, 1)
 
 
+@pytest.mark.parametrize("kind", ["static", "robot"])
+@pytest.mark.parametrize(
+    "relation",
+    [{"near": "a", "measure": "bounds", "distance": {"min": 0.05, "max": 0.1}}, {"beside": "a", "side": "front"}],
+    ids=str,
+)
+def test_bounds_of_what_stays_where_it_is_follow_its_joints(kind: str, relation: dict, shapes: Shapes):
+    """A case that is static, or a robot that is turned, with a drawer that is drawn open anew in every world."""
+    joints = {"slide": {"fraction": [0, 1]}}
+    if kind == "static":
+        relations_hold(
+            {"a": {"asset": shapes.drawer, "kind": kind, "joints": joints}, "q": related(shapes.cube, relation)}, 1
+        )
+        return
+    robot = {"asset": shapes.drawer, "base": [0.1, -0.2, 0.0], "yaw": 30, "joints": joints}
+    to_robot = {word: "robot" if anchor == "a" else anchor for word, anchor in relation.items()}
+    world = scene({"q": related(shapes.cube, to_robot)}, robot=robot)
+    assert not [k for k in judged(world, table_of(world, N)) if k.broken]
+
+
 def test_beside_something_as_wide_as_itself_is_one_place(shapes: Shapes):
     """Two equal bars with one heading: there is one point, and it is found."""
     still = {"orientation": "fixed"}
