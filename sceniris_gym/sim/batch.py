@@ -57,6 +57,27 @@ def default_budget(mjm: mujoco.MjModel) -> tuple[int, int]:
     return nconmax, rows_per_contact * nconmax + limits + friction + 6 * mjm.neq
 
 
+def check_budget(m: mjw.Model, d: mjw.Data) -> None:
+    """Compare contacts and constraint rows with what was allocated. Waits for the device.
+
+    Runs kinematics and collision for the present state, and reads the flags that steps have left.
+
+    Raises:
+        ContactBudgetError: something did not fit; names what to raise, and to what
+    """
+    with wp.ScopedDevice(d.qpos.device):
+        mjw.kinematics(m, d)
+        mjw.com_pos(m, d)
+        mjw.collision(m, d)
+    contacts = max(int(d.nacon.numpy()[0]), int(d.ncollision.numpy()[0]))
+    flags = int(np.bitwise_or.reduce(d.overflow.numpy()))
+    contact_flags = mjw.OverflowType.BROADPHASE | mjw.OverflowType.NARROWPHASE | mjw.OverflowType.CCD
+    if contacts > d.naconmax or flags & contact_flags:
+        raise ContactBudgetError("nconmax", d.naconmax // d.nworld, contacts // d.nworld + 1)
+    if flags & mjw.OverflowType.NEFC:
+        raise ContactBudgetError("njmax", d.njmax, int(d.nefc.numpy().max()))
+
+
 class Batch:
     """Many worlds of one scene, stepped together.
 
@@ -115,25 +136,8 @@ class Batch:
         self._update()
 
     def check_budget(self) -> None:
-        """Compare contacts and constraint rows with what was allocated. Waits for the device.
-
-        Runs kinematics and collision for the present state, and reads the flags that steps have left.
-
-        Raises:
-            ContactBudgetError: something did not fit; names what to raise, and to what
-        """
-        m, d = self.model, self.data
-        with wp.ScopedDevice(self.device):
-            mjw.kinematics(m, d)
-            mjw.com_pos(m, d)
-            mjw.collision(m, d)
-        contacts = max(int(d.nacon.numpy()[0]), int(d.ncollision.numpy()[0]))
-        flags = int(np.bitwise_or.reduce(d.overflow.numpy()))
-        contact_flags = mjw.OverflowType.BROADPHASE | mjw.OverflowType.NARROWPHASE | mjw.OverflowType.CCD
-        if contacts > d.naconmax or flags & contact_flags:
-            raise ContactBudgetError("nconmax", d.naconmax // self.nworld, contacts // self.nworld + 1)
-        if flags & mjw.OverflowType.NEFC:
-            raise ContactBudgetError("njmax", d.njmax, int(d.nefc.numpy().max()))
+        """Compare contacts and constraint rows with what was allocated; see the function of this name."""
+        check_budget(self.model, self.data)
 
     def _launch_step(self) -> None:
         for _ in range(self.substeps):

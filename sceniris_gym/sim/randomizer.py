@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import WorldMismatchError
-from sceniris_gym.sim.batch import update_stages
+from sceniris_gym.sim.batch import check_budget, update_stages
 from sceniris_gym.sim.masks import as_mask, as_rows
 from sceniris_gym.sim.sequence import LaunchSequence
 from sceniris_gym.sim.write import mask_of_rows, rest_map, rows_of_mask, write_state
@@ -34,7 +34,8 @@ class ResetRandomizer:
     Args:
         world: the scene, on the device of `data`
         model: mujoco_warp Model of that scene's `mjm`
-        data: mujoco_warp Data of the worlds
+        data: mujoco_warp Data of the worlds. `default_budget(world.mjm)` of sceniris_gym.sim.batch gives an nconmax and
+            an njmax that leave room for contacts, `check_budget` says whether those of `data` do
         generator: makes the layouts; a LayoutGenerator of `seed` and `split` when None
         seed: seed of world 0, world i has seed + i; or one seed per world. Only without a generator
         split: "train" or "eval", streams that share nothing. Only without a generator
@@ -126,6 +127,16 @@ class ResetRandomizer:
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return how many candidates were rejected so far, per object and cause. Waits for the device."""
         return self.generator.rejection_counts()
+
+    def check_budget(self) -> None:
+        """Say whether the contacts of the present state have room in the data, and those since the last resets had.
+
+        MuJoCo-Warp leaves out what does not fit. Waits for the device, so call it after the first reset, or rarely.
+
+        Raises:
+            ContactBudgetError: names the argument of `mjw.make_data` to raise, and to what
+        """
+        check_budget(self.model, self.data)
 
     def _launch_reset(self) -> None:
         self.generator.generate(self._mask)

@@ -10,6 +10,7 @@ import pytest
 import warp as wp
 
 from sceniris_gym.layout.stored import StoredGenerator
+from sceniris_gym.sim.batch import default_budget
 from sceniris_gym.sim.randomizer import ResetRandomizer
 
 SMALL_ARM = Path(__file__).parents[1] / "data" / "small_arm.xml"
@@ -52,9 +53,10 @@ def make_randomizer(small_world, rows):
     with wp.ScopedDevice("cpu"):
         model = mjw.put_model(small_world.mjm)
 
-    def make(nworld: int = 4, *, seed=0, graph: bool = True, needs=()) -> ResetRandomizer:
+    def make(nworld: int = 4, *, seed=0, graph: bool = True, needs=(), room=(32, 128)) -> ResetRandomizer:
+        nconmax, njmax = room or default_budget(small_world.mjm)
         with wp.ScopedDevice("cpu"):
-            data = mjw.make_data(small_world.mjm, nworld, nconmax=32, njmax=128)
+            data = mjw.make_data(small_world.mjm, nworld, nconmax=nconmax, njmax=njmax)
         generator = StoredGenerator(rows, nworld, seed=seed, device="cpu")
         return ResetRandomizer(small_world, model, data, generator=generator, graph=graph, needs=needs)
 

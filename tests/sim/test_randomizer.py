@@ -9,7 +9,7 @@ import pytest
 import torch
 import warp as wp
 
-from sceniris_gym.errors import MaskError, MaskTypeError, WorldMismatchError
+from sceniris_gym.errors import ContactBudgetError, MaskError, MaskTypeError, WorldMismatchError
 from sceniris_gym.layout.build import build_world
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.stored import StoredGenerator
@@ -50,6 +50,19 @@ def test_a_reset_writes_the_rows_of_the_generator(make_randomizer, rows):
         mujoco.mj_kinematics(mjm, mjd)
         np.testing.assert_allclose(d.xpos.numpy()[world], mjd.xpos, atol=1e-6)
         np.testing.assert_allclose(d.geom_xpos.numpy()[world], mjd.geom_xpos, atol=1e-6)
+
+
+def test_an_own_loop_learns_when_contacts_do_not_fit(make_randomizer):
+    """After a reset the randomizer compares the data's room with the contacts; the default budget is enough."""
+    enough, small = (make_randomizer(2, room=room) for room in (None, (1, 128)))
+    for randomizer in (enough, small):
+        randomizer.reset()
+    before = snapshot(enough.data)
+    enough.check_budget()
+    for name, values in snapshot(enough.data).items():
+        np.testing.assert_array_equal(values, before[name], err_msg=name)
+    with pytest.raises(ContactBudgetError, match="nconmax=1 is too small"):
+        small.check_budget()
 
 
 def test_other_worlds_stay_the_same_to_the_bit(make_randomizer):
