@@ -37,7 +37,16 @@ MASSES = [2.8, 2.9, 2.8, 2.5, 2.4, 2.6, 1.5, 0.5, 0.7]
 DRUM, WRIST = 0.058, 0.049
 # Rubber pads: they resist spinning about the contact, and their contacts are stiff, since what is held creeps through
 # soft ones (2.3 mm/s for a 0.2 kg cube with MuJoCo's default solimp). Priority: so whatever they touch.
-PAD = {"friction": (1.2, 0.01, 0.0001), "condim": 4, "priority": 1, "solimp": (0.995, 0.999, 0.001)}
+PAD = {
+    "friction": (1.2, 0.01, 0.0001),
+    "condim": 4,
+    "priority": 1,
+    "solref": (0.01, 1),
+    "solimp": (0.995, 0.999, 0.001),
+}
+# The gripper's stiffness [N/m], and the inertia of its gears, felt at each finger [kg]. It keeps fingers below 0.5 m/s:
+# light ones close at 2 m/s, are deep in what they grip within a step, and push it away sideways.
+GRIP, GEARS = 4000.0, 2.0
 
 
 Plane = tuple[Point, float]
@@ -276,7 +285,7 @@ def add_actuators(document: Document) -> None:
             ctrlrange=limits,
             forcerange=(-torque, torque),
         )
-    add(actuator, "position", name="gripper", tendon="gripper", kp=4000, ctrlrange=(0, 0.04), forcerange=(-140, 140))
+    add(actuator, "position", name="gripper", tendon="gripper", kp=GRIP, ctrlrange=(0, 0.04), forcerange=(-140, 140))
 
 
 def main() -> None:
@@ -285,7 +294,10 @@ def main() -> None:
     revolute = add(document.default, "default", class_="revolute")
     add(revolute, "joint", axis=(0, 0, 1), armature=0.1)
     finger = add(document.default, "default", class_="finger")
-    add(finger, "joint", type="slide", axis=(0, 1, 0), range=(0, 0.04), damping=30, armature=0.1)
+    # Critically damped; each finger feels half of the stiffness. Damping alone would not do: the constraint solver
+    # knows nothing of its implicit integration, and contacts shake where time step x damping nears the mass.
+    damping = round(2 * np.sqrt(0.5 * GRIP * GEARS))
+    add(finger, "joint", type="slide", axis=(0, 1, 0), range=(0, 0.04), damping=damping, armature=GEARS)
     document.colour("white", (0.93, 0.93, 0.92), shine=0.5)
     document.colour("light", (0.78, 0.79, 0.80), shine=0.5)
     document.colour("dark", (0.17, 0.18, 0.20), shine=0.5)

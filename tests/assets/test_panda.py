@@ -125,6 +125,28 @@ def test_the_gripper_closes_evenly_and_holds_a_cube():
     assert np.linalg.norm(state.body("cube").xpos - start) < 0.002
 
 
+def test_fingers_do_not_sink_into_what_they_grip():
+    """At 5 ms a step they close on a light box off their middle: slower than 0.5 m/s, never 4 mm deep in it."""
+    spec = mujoco.MjSpec.from_file(str(files("sceniris_gym.assets") / "panda.xml"))
+    spec.delete(spec.keys[0])
+    model, data = load("panda")
+    hand = data.body("hand").xmat.reshape(3, 3)
+    box = spec.worldbody.add_body(
+        name="box", pos=data.site("tcp").xpos + 0.008 * hand[:, 1], quat=data.body("hand").xquat, gravcomp=1
+    )
+    box.add_freejoint()
+    box.add_geom(name="box", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.08, 0.016, 0.016], mass=0.14)
+    spec.option.timestep, spec.option.integrator = 0.005, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    grip = spec.compile()
+    state = mujoco.MjData(grip)
+    state.qpos[:9], state.ctrl[:] = model.key("home").qpos, [*HOME, 0.0]
+    for _ in range(100):
+        mujoco.mj_step(grip, state)
+        assert np.abs(state.qvel[7:9]).max() < 0.5
+        assert all(contact.dist > -0.004 for contact in state.contact)
+    np.testing.assert_allclose(state.qpos[7:9].sum(), 0.032, atol=5e-4)
+
+
 def test_links_have_plausible_masses_and_dressed_shapes():
     """Each link weighs 0.4 to 4 kg, the whole arm 15 to 20 kg; every body of the arm is visible."""
     model, _ = load("panda")
