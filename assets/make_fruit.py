@@ -27,12 +27,12 @@ BANANA_RADIUS, BANANA_HALF_ANGLE = 0.135, 0.71
 # Radius of its section [mm] along the arc, from the stem to the blossom end; third number as above.
 BANANA = [
     (0.0, 0.0, 1), (4.4, 1.0, 3), (4.9, 6.0, 1.5), (4.7, 20.0, 1), (6.8, 31.0, 1.5), (12.6, 47.0, 1.2),
-    (16.2, 70.0, 1), (17.4, 98.0, 1), (17.0, 126.0, 1), (14.6, 150.0, 1), (9.8, 171.0, 1.2), (5.0, 184.0, 1.5),
-    (3.7, 188.0, 2), (3.2, 192.8, 1.5), (0.0, 193.6, 2),
+    (16.2, 70.0, 1), (17.4, 98.0, 1), (17.0, 126.0, 1), (14.6, 150.0, 1), (9.8, 171.0, 1.2), (5.3, 184.0, 1.5),
+    (4.1, 188.0, 2), (2.6, 192.8, 1.5), (0.0, 193.6, 2),
 ]  # fmt: skip
 # Rings of the coarse meshes: those that make a hull, and those between which the banana falls into convex pieces.
 APPLE_RINGS, ORANGE_RINGS = (7, 9, 11, 14, 17, 20, 22), (4, 7, 10, 13, 16, 19, 22)
-BANANA_PIECES = [(0, 2, 5), (5, 9), (9, 11, 14), (14, 18), (18, 21, 25), (25, 31)]
+BANANA_PIECES = [(0, 2, 5), (5, 9), (9, 11, 14), (14, 18), (18, 21, 24), (24, 26, 31)]
 # Rings and segments. The fine mesh has all vertices of the coarse one: steps are divided by 5 and 3, the banana's by 4
 # and 3.
 COARSE, FINE = (24, 24), (124, 72)
@@ -73,7 +73,7 @@ def banana(rows: int, segments: int) -> Mesh:
     in_plane, upward = section * np.cos(angle), section * np.sin(angle)
     # The thick middle lies flat on the ground, the tips float: the axis is nearly as high as the section needs (what
     # would be below is flattened) and never low.
-    height = np.maximum(radius, 0.7 * radius.max()) * 0.985 * (0.55 + 0.45 * np.cos(np.pi / 5) / np.cos(np.pi / 10))
+    height = np.maximum(radius, 0.7 * radius.max()) * 0.946 * (0.55 + 0.45 * np.cos(np.pi / 5) / np.cos(np.pi / 10))
     reach = BANANA_RADIUS + radius[:, None] * in_plane[None, :]
     x, y = reach * np.sin(bend)[:, None], -reach * np.cos(bend)[:, None]
     z = np.maximum(height[:, None] + radius[:, None] * upward[None, :], 0.0)
@@ -104,9 +104,9 @@ def apple_pieces(coarse: Mesh, fine: Mesh) -> list[Mesh]:
 
 
 def banana_pieces(coarse: Mesh, fine: Mesh) -> list[Mesh]:
-    """Convex pieces along the banana, from every second corner of some rings, and from two flats they stand on."""
-    rings, half = coarse.vertices[1:-1].reshape(*BANANA_COARSE, 3), BANANA_COARSE[1] // 2
-    rings = rings[:, [*range(0, half, 2), *range(half, 2 * half, 2)]]
+    """Convex pieces along the banana, from every second corner of some rings; they begin and end at its flat."""
+    rings = coarse.vertices[1:-1].reshape(*BANANA_COARSE, 3)
+    rings = rings[:, [1, 2, 4, 6, 8, 10, 11, 13, 15, 17, 19, 20]]
     return [press_in(rings[list(rows)].reshape(-1, 3), [coarse, fine], ground=0.0) for rows in BANANA_PIECES]
 
 

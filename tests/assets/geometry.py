@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from importlib.resources import files
 
+import manifold3d
 import mujoco
 import numpy as np
 import trimesh
@@ -73,3 +74,25 @@ def winding(shape: trimesh.Trimesh, points: np.ndarray) -> np.ndarray:
         dots = [np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a))]
         total[i] = np.arctan2(volume, la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb).sum() / (2 * np.pi)
     return total
+
+
+def solid(shape: trimesh.Trimesh) -> manifold3d.Manifold:
+    """The inside of a closed surface, to cut from others."""
+    vertices, faces = np.ascontiguousarray(shape.vertices, float), np.ascontiguousarray(shape.faces, np.uint64)
+    body = manifold3d.Manifold(manifold3d.Mesh64(vertices, faces))
+    assert body.status() == manifold3d.Error.NoError
+    return body
+
+
+def distance_to(triangles: np.ndarray, points: np.ndarray, reach: float) -> np.ndarray:
+    """Distances [m] of points (n, 3) to the nearest of some triangles (m, 3, 3); infinite beyond ``reach``."""
+    low, high = triangles.min(axis=1) - reach, triangles.max(axis=1) + reach
+    nearest = np.full(len(points), np.inf)
+    for i, point in enumerate(points):
+        near = triangles[((point >= low) & (point <= high)).all(axis=1)]
+        if len(near):
+            # In mm: trimesh compares products of lengths with a fixed tolerance.
+            place = np.broadcast_to(1000.0 * point, (len(near), 3))
+            closest = trimesh.triangles.closest_point(1000.0 * near, place)
+            nearest[i] = np.linalg.norm(closest - place, axis=1).min() / 1000.0
+    return np.where(nearest > reach, np.inf, nearest)
