@@ -21,7 +21,7 @@ from sceniris_gym.scene.device import (
     Roof,
     TurnType,
 )
-from sceniris_gym.scene.limits import MAX_CORNERS, WAITING_SPACING
+from sceniris_gym.scene.limits import MAX_CORNERS, MAX_PIECES, WAITING_SPACING
 from sceniris_gym.scene.lists import ranges
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.pairs import collider_pairs, first_nodes
@@ -54,7 +54,7 @@ def program_arrays(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: i
         _objects(scene, plan, colliders, lanes)
         | _relations(scene, plan)
         | _groups(scene, plan)
-        | _regions(plan)
+        | _regions(plan, scene.config.where)
         | _pieces([*plan.pieces, *_hulls(plan)])
         | _bodies(scene)
         | {"home_qpos": scene.home_qpos, "home_place": plan.place, "home_bounds": plan.bounds}
@@ -175,7 +175,7 @@ def _groups(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
     }
 
 
-def _regions(plan: Plan) -> dict[str, np.ndarray]:
+def _regions(plan: Plan, where: str) -> dict[str, np.ndarray]:
     surfaces, _, _ = ranges(o.surfaces for o in plan.objects)
     side, edgeadr, edgenum = ranges(supports.edges(s.outline) for s in surfaces)
     triangles, owners, cdf, counts, cuts = [], [], [], [], []
@@ -190,6 +190,11 @@ def _regions(plan: Plan) -> dict[str, np.ndarray]:
         counts.append(len(corners))
         related = bool(_relations_of(o)) or o.tilts
         cuts.append(len(corners) * math.prod(_pieces_of(r) for r in _relations_of(o)) if related else 0)
+        if cuts[-1] > MAX_PIECES:
+            raise SceneKeyError(
+                f"{where}: objects.{o.name}.relations: together cut the region into {cuts[-1]} pieces, and there is "
+                f"room for {MAX_PIECES}. Use fewer rings, or wider ones: a thin one makes up to {_MOST_SLICES} slices."
+            )
         number += len(o.surfaces)
     corners = np.concatenate([*triangles, np.zeros((0, 3, 2))])
     side = np.reshape(side, (-1, 2, 2))

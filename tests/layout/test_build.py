@@ -17,6 +17,7 @@ from sceniris_gym.errors import (
     MeshError,
     NoSupportError,
     NotSupportedError,
+    SceneKeyError,
     ScenirisError,
     UnknownNameError,
 )
@@ -103,6 +104,13 @@ def test_an_unknown_device_is_refused_with_those_there_are():
     """Before the scene is looked at."""
     with pytest.raises(UnknownNameError, match=r"unknown device 'cuda:99'.*cpu"):
         build_world("mid", "cuda:99")
+
+
+def test_relations_that_cut_a_region_too_finely_are_refused(crate: dict):
+    """Four thin rings around one anchor make more pieces than a number of 32 bits holds."""
+    ring = {"near": "a", "distance": {"equal": 0.5, "tolerance": 2e-5}}
+    objects = {"a": {**crate, "on": "floor"}, "b": {**crate, "on": "floor", "relations": [ring] * 4}}
+    _refused({"floor": FLOOR, "objects": objects}, SceneKeyError, "objects.b.relations", "pieces")
 
 
 def test_object_names_are_in_the_order_of_the_file_and_placed_in_that_of_placement():
