@@ -210,6 +210,8 @@ class View:
     def _bounds(self, name: str, bodies: list[int], i: int) -> Bounds:
         data, root = self._states[i], self.bodies(name)[0]
         heading = heading_of(data.xmat[root].reshape(3, 3), self.world.mjm.body_quat[root])
+        if name == ROBOT and self.config.robot is not None:  # its asset is authored without the yaw of its base
+            heading = math.radians(self.config.robot.yaw)
         turn = _turn(heading)
         still, now = self._points(self._with_joints_at_home[i], bodies), self._points(data, bodies)
         if not len(now):
