@@ -200,8 +200,8 @@ class SceneConfig(Part):
     objects: dict[ObjectName, ObjectConfig] = Field(default_factory=dict)
     groups: dict[ObjectName, GroupConfig] = Field(default_factory=dict)
     geometry: Literal["physics", "visual"] = "physics"
-    attempts: Annotated[int, Strict(), Field(ge=1)] = 10
-    restarts: Annotated[int, Strict(), Field(ge=0)] = 8
+    attempts: Annotated[int, Strict(), Field(ge=1, le=10_000)] = 10
+    restarts: Annotated[int, Strict(), Field(ge=0, le=10_000)] = 8
     model: Path | None = None
     _where: str = PrivateAttr("SceneConfig")
 

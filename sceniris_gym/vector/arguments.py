@@ -70,7 +70,9 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int, device: wp.D
 
 
 def as_action(actions: Any, space: Space, device: torch.device) -> Tensor:
-    """Return actions of all worlds on the device, cut off at -1 and 1.
+    """Return actions of all worlds on the device, cut off at -1 and 1; what is not a number is 0.
+
+    A NaN that got into the controls would stay there until the world's next reset.
 
     Raises:
         ValueError: wrong shape
@@ -78,7 +80,7 @@ def as_action(actions: Any, space: Space, device: torch.device) -> Tensor:
     action = torch.as_tensor(actions, dtype=torch.float32, device=device)
     if action.shape != space.shape:
         raise ValueError(f"actions must have shape {space.shape}, got {tuple(action.shape)}.")
-    return action.clamp(-1.0, 1.0)
+    return action.nan_to_num(nan=0.0).clamp(-1.0, 1.0)
 
 
 def fresh_seed() -> int:

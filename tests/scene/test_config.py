@@ -334,3 +334,10 @@ def test_bases_in_a_circle_are_an_error_that_names_it(tmp_path: Path):
     write(tmp_path, "b.yaml", "base: ./a.yaml")
     with pytest.raises(CycleError, match=r"a\.yaml -> .*b\.yaml -> .*a\.yaml"):
         SceneConfig.load(tmp_path / "a.yaml")
+
+
+@pytest.mark.parametrize("word", ["attempts", "restarts"])
+def test_counts_that_would_never_end_are_refused(word: str):
+    """A thousand times more than any scene needs, and within what the device counts with."""
+    with pytest.raises(SceneKeyError, match=f"{word}: 3000000000 should be"):
+        SceneConfig.load({word: 3_000_000_000})

@@ -6,10 +6,12 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 
 from sceniris_gym.errors import MaskError, MaskTypeError, SeedError, UnknownNameError
+from sceniris_gym.vector.arguments import as_action
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 STATE = ("time", "qpos", "qvel", "ctrl", "act", "mocap_pos", "mocap_quat", "xpos", "site_xpos", "qacc_warmstart")
@@ -351,3 +353,10 @@ def test_render_takes_pictures_of_the_first_worlds(make_env):
     assert ((frames[0][..., 0] > 100) & (frames[0][..., 1] < 60)).any(), "the red block is in the picture"
     assert_equal(state(envs), before)
     assert make_env(1).render() is None
+
+
+def test_an_action_that_is_not_a_number_is_none():
+    """It is taken as 0, so that it cannot stay in the controls; infinite ones are cut off like all others."""
+    space = Box(-1.0, 1.0, (2, 3), np.float32)
+    action = as_action([[np.nan, 0.5, np.inf], [-np.inf, 2.0, -0.25]], space, torch.device("cpu"))
+    assert action.tolist() == [[0.0, 0.5, 1.0], [-1.0, 1.0, -0.25]]
