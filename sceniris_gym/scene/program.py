@@ -12,7 +12,7 @@ import numpy as np
 
 from sceniris_gym.errors import CycleError, NoSupportError, NotSupportedError, SceneKeyError
 from sceniris_gym.scene import supports
-from sceniris_gym.scene.config import JointConfig, ObjectConfig, SceneConfig
+from sceniris_gym.scene.config import JointConfig, ObjectConfig
 from sceniris_gym.scene.device import ObjectKind, PieceType, Roof
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.pieces import Piece, extract_pieces
@@ -98,27 +98,18 @@ def placement_order(scene: SceneModel) -> list[str]:
         CycleError: objects that refer to each other.
     """
     config = scene.config
-    moving = [n for n, part in config.objects.items() if _is_placed(part)]
+    moving = [n for n, part in config.objects.items() if part.is_placed]
     still = [ROBOT] if config.robot is not None else []
     still += [n for n in config.objects if n not in moving]
     order = [n for n in still if scene.joint_configs(n)]
     pending = list(moving)
     while pending:
-        ready = [n for n in pending if not needs(config, n) & set(pending)]
+        ready = [n for n in pending if not set(config.objects[n].needs) & set(pending)]
         if not ready:
             raise CycleError(config.where, pending, "objects refer to each other")
         order.append(ready[0])
         pending.remove(ready[0])
     return order
-
-
-def needs(config: SceneConfig, name: str) -> set[str]:
-    """What must stand before an object is placed: its parent, its anchors, what turns its directions, what it faces."""
-    part = config.objects[name]
-    names = {part.support.parent.split("/")[0]} if part.support is not None else set()
-    for relation in part.relations:
-        names |= {*relation.anchors, relation.frame}
-    return (names | {part.turn.target or FLOOR}) - {name}
 
 
 def build_plan(scene: SceneModel) -> Plan:
@@ -151,10 +142,6 @@ def roof_rule(config: ObjectConfig | None) -> Roof:
     return _ROOFS[config.support.word]
 
 
-def _is_placed(part: ObjectConfig) -> bool:
-    return part.kind != "static" and (part.support is not None or part.region is not None)
-
-
 def _standing(scene: SceneModel, name: str, pieces: list[Piece], home: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
     """Where an object stands at home, as relations see it: (pivot, heading) and bounds."""
     root = scene.bodies[name]
@@ -175,7 +162,7 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
     quat = scene.mjm.body_quat[bodies[0]].copy()
     stream = 0 if config is None else 1 + list(scene.config.objects).index(name)
     draws = _draws(scene, name)
-    if config is None or not _is_placed(config):
+    if config is None or not config.is_placed:
         return PlacedObject(name, stream, ObjectKind.STATIC, bodies, draws, quat, None, [], None, False, [], config)
     own = [p for p in pieces if p.body in bodies]
     if any(p.type == PieceType.PLANE for p in own):
