@@ -87,6 +87,29 @@ class MeshError(ScenirisError):
     """A mesh that cannot be used for collision: it is open, or has no faces."""
 
 
+class GraspError(ScenirisError):
+    """An object that a gripper cannot take: all its grasps are wider than the gripper opens.
+
+    Args:
+        where: the scene and the object.
+        needed: the least gap that a grasp needs [m]; None where no grasp has anything between the fingers.
+        opening: the widest gap of the gripper [m].
+    """
+
+    def __init__(self, where: str, needed: float | None, opening: float) -> None:
+        self.where, self.needed, self.opening = where, needed, opening
+        why = "no grasp has anything between the fingers"
+        if needed is not None:
+            why = f"the narrowest of its grasps is {needed:.3g} m wide, and the gripper opens {opening:.3g} m"
+        super().__init__(
+            f"{where}.reachable: {why}. Give the asset sites 'grasp_*' where it can be taken (+z the approach, +y the "
+            "closing axis), or use a smaller object."
+        )
+
+    def __reduce__(self) -> tuple:
+        return type(self), (self.where, self.needed, self.opening)
+
+
 class InfeasibleSceneError(ScenirisError):
     """A scene of which no valid layout could be made.
 
@@ -174,6 +197,10 @@ class LayoutIdError(ScenirisError):
 
 class CountError(ScenirisError, ValueError):
     """A number of layouts, candidates or worlds that is too small."""
+
+
+class ReachWarning(UserWarning):
+    """Reachability is decided in another way than the scene asks for; the message says why."""
 
 
 class KeysLeftOutWarning(UserWarning):

@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.layout.relations import Sight
+from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.scene.device import Cause
 from sceniris_gym.scene.limits import MAX_ANCHORS, MAX_RELATIONS
 from sceniris_gym.scene.world import World
@@ -39,6 +40,10 @@ class LayoutsView:
     rejections: wp.array2d(dtype=int)
     place: wp.array2d(dtype=wp.vec4)
     bounds: wp.array2d(dtype=wp.vec4)
+    variant: wp.array2d(dtype=int)
+    grasp: wp.array2d(dtype=int)
+    grasp_qpos: wp.array3d(dtype=float)
+    pregrasp_qpos: wp.array3d(dtype=float)
     sights: wp.array2d(dtype=Sight)
     hulls: wp.array2d(dtype=wp.vec2)
     drawn: wp.array(dtype=wp.vec3)
@@ -68,6 +73,11 @@ class Layouts:
         first_pass_valid: 1 where no restart was needed, shape (nworld,), int32.
         present: 1 where an object is there, 0 where its group left it out, shape (nworld, nslot), slots in the order of
             `World.slots`.
+        grasp: The accepted grasp of each object that is to be reachable, its place among the object's grasps in
+            `World.reaching`; -1 where the object is absent. Shape (nworld, nreach), objects in placement order.
+        grasp_qpos: The arm's joints [rad, m] in that grasp, shape (nworld, nreach, MAX_JOINTS); nan behind the arm's
+            joints, and everywhere where only the arm's map was asked.
+        pregrasp_qpos: The same for the pre-grasp; nan for tiers below `clear`.
         rejections: Running count of rejected candidates, shape (nobject, ncause), objects in placement order.
     """
 
@@ -95,6 +105,11 @@ class Layouts:
             view.present = wp.ones((nworld, nslot), dtype=int)
             view.place = wp.array(np.tile(world.home_place, (nworld, 1, 1)), dtype=wp.vec4, shape=(nworld, nslot))
             view.bounds = wp.array(np.tile(world.home_bounds, (nworld, 1, 1)), dtype=wp.vec4, shape=(nworld, nslot))
+            nreach = 0 if world.reaching is None else len(world.reaching.columns)
+            view.variant = wp.zeros((nworld, nreach), dtype=int)
+            view.grasp = wp.full((nworld, nreach), -1, dtype=int)
+            view.grasp_qpos = wp.full((nworld, nreach, MAX_JOINTS), wp.nan, dtype=float)
+            view.pregrasp_qpos = wp.full((nworld, nreach, MAX_JOINTS), wp.nan, dtype=float)
             related = nworld if world.related else 0
             view.sights = wp.zeros((related, MAX_RELATIONS), dtype=Sight)
             view.hulls = wp.zeros((related, MAX_RELATIONS * MAX_ANCHORS), dtype=wp.vec2)
@@ -162,3 +177,18 @@ class Layouts:
     def rejections(self) -> wp.array:
         """See the class."""
         return self.view.rejections
+
+    @property
+    def grasp(self) -> wp.array:
+        """See the class."""
+        return self.view.grasp
+
+    @property
+    def grasp_qpos(self) -> wp.array:
+        """See the class."""
+        return self.view.grasp_qpos
+
+    @property
+    def pregrasp_qpos(self) -> wp.array:
+        """See the class."""
+        return self.view.pregrasp_qpos

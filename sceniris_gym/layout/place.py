@@ -4,6 +4,7 @@ All lanes of a block draw the same candidate; lane 0 poses it, and after a barri
 branch around a barrier depends only on what is the same on all lanes, so that the block takes it as one.
 """
 
+from itertools import product
 from typing import Any
 
 import warp as wp
@@ -17,6 +18,7 @@ from sceniris_gym.layout.collision import (
     lowest,
     piece_pose,
 )
+from sceniris_gym.layout.grasps import first_on_map
 from sceniris_gym.layout.groups import draw_groups, waiting_place
 from sceniris_gym.layout.kinematics import draw_joints, pose_bodies
 from sceniris_gym.layout.layouts import LayoutsView, Status
@@ -26,6 +28,7 @@ from sceniris_gym.layout.random import BANK_STREAM, STREAM_BITS, philox, uniform
 from sceniris_gym.layout.regions import inside_outline, roof_physics, roof_visual, shadow_on_edge
 from sceniris_gym.layout.transforms import apply, compose, mul_quat, pose_of, quat_mat, quat_z, relative
 from sceniris_gym.scene.device import Cause, Measure, ObjectKind, Program, Roof, TurnType
+from sceniris_gym.scene.reach_device import Reach
 
 wp.set_module_options({"enable_backward": False})
 
@@ -48,6 +51,8 @@ _NONE = wp.constant(int(Cause.NONE))
 _ROOF = wp.constant(int(Cause.ROOF))
 _FOOTPRINT = wp.constant(int(Cause.FOOTPRINT))
 _EMPTY = wp.constant(int(Cause.EMPTY))
+_REGION = wp.constant(int(Cause.REGION))
+_UNREACHABLE = wp.constant(int(Cause.UNREACHABLE))
 _COLLISION = wp.constant(int(Cause.COLLISION))
 _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
 _BANK_STREAM = wp.constant(wp.uint32(BANK_STREAM))
@@ -195,16 +200,21 @@ def _record(program: Program, layouts: LayoutsView, worldid: int, obj: int):
 
 
 @wp.func
-def _fall_back(program: Program, layouts: LayoutsView, worldid: int, split: wp.uint32) -> int:
-    """Take the world's entry of the bank; a World whose bank is still being made has none."""
+def _bank_row(program: Program, layouts: LayoutsView, worldid: int, split: wp.uint32) -> int:
+    """The world's entry of the bank; -1 in a World whose bank is still being made."""
     num = program.bank_qpos.shape[0]
     if num == 0:
-        return 0
+        return -1
     stream = (split << _STREAM_BITS) + _BANK_STREAM
     words = philox(
         layouts.seed[worldid], wp.vec4ui(wp.uint32(layouts.episode[worldid]), stream, wp.uint32(0), wp.uint32(0))
     )
-    row = int(words[0] % wp.uint32(num))
+    return int(words[0] % wp.uint32(num))
+
+
+@wp.func
+def _fall_back(program: Program, layouts: LayoutsView, worldid: int, row: int):
+    """Take an entry of the bank."""
     for i in range(layouts.qpos.shape[1]):
         layouts.qpos[worldid, i] = program.bank_qpos[row, i]
     for i in range(program.bank_mocap_pos.shape[1]):
@@ -213,11 +223,37 @@ def _fall_back(program: Program, layouts: LayoutsView, worldid: int, split: wp.u
         layouts.mocap_quat[worldid, i] = wp.quat(q[0], q[1], q[2], q[3])
     for i in range(layouts.present.shape[1]):
         layouts.present[worldid, i] = program.bank_present[row, i]
-    return _FALLBACK
 
 
-def _make_place(geometry: str, related: bool) -> wp.Kernel:
-    """The kernel for one kind of geometry, with or without relations: what a scene does not use costs registers."""
+@wp.func
+def _fall_back_grasps(reach: Reach, layouts: LayoutsView, worldid: int, row: int):
+    """Take the grasps of an entry of the bank."""
+    for r in range(layouts.grasp.shape[1]):
+        layouts.grasp[worldid, r] = reach.bank_grasp[row, r]
+        for i in range(layouts.grasp_qpos.shape[2]):
+            layouts.grasp_qpos[worldid, r, i] = reach.bank_grasp_qpos[row, r, i]
+            layouts.pregrasp_qpos[worldid, r, i] = reach.bank_pregrasp_qpos[row, r, i]
+
+
+@wp.func
+def _within_reach(
+    program: Program, reach: Reach, layouts: LayoutsView, worldid: int, lane: int, obj: int, variant: int
+) -> bool:
+    """Whether the map lets any grasp of the posed object through, which is kept; true for what need not be reachable."""
+    column = reach.obj_reach[obj]
+    if column < 0:
+        return True
+    body_pos = layouts.body_pos[worldid]
+    body_quat = layouts.body_quat[worldid]
+    grasp = first_on_map(program, reach, lane, column, variant, body_pos, body_quat)
+    if lane == 0:
+        layouts.variant[worldid, column] = variant
+        layouts.grasp[worldid, column] = grasp
+    return grasp >= 0
+
+
+def _make_place(geometry: str, related: bool, reaching: bool) -> wp.Kernel:
+    """The kernel for one kind of geometry, with or without relations and reach: what is not used costs registers."""
     collides, roof = _GEOMETRY[geometry]
     draw_spot = draw_related if related else draw_unrelated
 
@@ -339,6 +375,7 @@ def _make_place(geometry: str, related: bool) -> wp.Kernel:
     @wp.func
     def attempt(
         program: Program,
+        reach: Reach,
         layouts: LayoutsView,
         nodes: Any,
         leaves: Any,
@@ -381,12 +418,16 @@ def _make_place(geometry: str, related: bool) -> wp.Kernel:
         if program.obj_footprint[obj] != 0 and c.surface >= 0:
             if _overhangs(program, obj, lane, c.surface, body_pos, body_quat):
                 return _FOOTPRINT
+        if wp.static(reaching):
+            if not _within_reach(program, reach, layouts, worldid, lane, obj, c.turn.variant):
+                return _UNREACHABLE
         if collides(program, nodes, leaves, lane, obj, c.ground, body_pos, body_quat):
             return _COLLISION
         return _NONE
 
     def place(
         program: Program,
+        reach: Reach,
         split: wp.uint32,
         mask: wp.array(dtype=bool),
         # Layouts in and out:
@@ -417,17 +458,20 @@ def _make_place(geometry: str, related: bool) -> wp.Kernel:
                     cause = _NONE
                     if lane == 0:
                         _put_away(program, layouts, worldid, obj)
+                        if wp.static(reaching):
+                            if reach.obj_reach[obj] >= 0:
+                                layouts.grasp[worldid, reach.obj_reach[obj]] = -1
                     block_sync()
                 while trial < last and cause != _NONE:
-                    cause = attempt(program, layouts, nodes, leaves, worldid, lane, obj, stream, trial)
+                    cause = attempt(program, reach, layouts, nodes, leaves, worldid, lane, obj, stream, trial)
                     if cause != _NONE and lane == 0:
                         wp.atomic_add(layouts.rejections, obj, cause, 1)
                         if cause == _COLLISION and layouts.rejected_object.shape[0] > 0:
                             _record(program, layouts, worldid, obj)
                     trial += 1
                     total += 1
-                    # EMPTY or REGION: what no draw of the object itself can open, only a new start can
-                    if cause >= _EMPTY and program.obj_insists[obj] == 0:
+                    # what no draw of the object itself can open, only a new start can
+                    if (cause == _EMPTY or cause == _REGION) and program.obj_insists[obj] == 0:
                         trial = last
                 if cause != _NONE:
                     status = int(0)
@@ -437,14 +481,23 @@ def _make_place(geometry: str, related: bool) -> wp.Kernel:
             layouts.attempts[worldid] = total
             layouts.first_pass_valid[worldid] = wp.where(restart == 1, status, 0)
             if status != _VALID:
-                status = _fall_back(program, layouts, worldid, split)
+                row = _bank_row(program, layouts, worldid, split)
+                if row >= 0:
+                    _fall_back(program, layouts, worldid, row)
+                    if wp.static(reaching):
+                        _fall_back_grasps(reach, layouts, worldid, row)
+                    status = _FALLBACK
             layouts.status[worldid] = status
 
-    name = f"place_{geometry}_related" if related else f"place_{geometry}"
+    name = f"place_{geometry}" + "_related" * related + "_reaching" * reaching
     place.__name__ = place.__qualname__ = name
     options = {"enable_backward": False, "grid_stride": False, "cuda_max_registers": _MAX_REGISTERS}
     return wp.Kernel(place, key=name, module=wp.get_module(f"{__name__}.{name}"), options=options)
 
 
-PLACE = {(geometry, related): _make_place(geometry, related) for geometry in _GEOMETRY for related in (False, True)}
-"""The kernel for a scene, by its geometry and by whether any of its regions differs between worlds."""
+PLACE = {
+    (geometry, related, reaching): _make_place(geometry, related, reaching)
+    for geometry, related, reaching in product(_GEOMETRY, (False, True), (False, True))
+}
+"""The kernel for a scene, by its geometry, by whether any of its regions differs between worlds, and by whether
+anything in it is to be reachable."""

@@ -11,13 +11,12 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from sceniris_gym.errors import NotSupportedError, SceneKeyError, did_you_mean
+from sceniris_gym.errors import SceneKeyError, did_you_mean
 
 where_now: ContextVar[str | None] = ContextVar("where_now", default=None)
 """The file or the class that is being read, or None outside of any reading."""
 
 UNKNOWN_KEY = "unknown_key"  # context: key, valid
-UNSUPPORTED = "not_supported"  # context: word
 ADVICE = "advice"  # context: advice, a sentence that begins with "should", and hint, what may have been meant
 
 _SHOULD: dict[str, Callable[[ErrorDetails], str]] = {
@@ -53,11 +52,10 @@ def reading(where: str) -> Iterator[None]:
         where_now.reset(token)
 
 
-def _complaint(error: ValidationError, where: str) -> SceneKeyError | NotSupportedError:
-    details = error.errors(include_url=False)
-    unsupported = [e for e in details if e["type"] == UNSUPPORTED]
-    lines = [f"{where}: {_path(e)}: {_sentence(e)}" for e in unsupported or details]
-    return (NotSupportedError if unsupported else SceneKeyError)("\n".join(lines))
+def _complaint(error: ValidationError, where: str) -> SceneKeyError:
+    return SceneKeyError(
+        "\n".join(f"{where}: {_path(e)}: {_sentence(e)}" for e in error.errors(include_url=False))
+    )
 
 
 def _path(error: ErrorDetails) -> str:
@@ -66,8 +64,6 @@ def _path(error: ErrorDetails) -> str:
 
 def _sentence(error: ErrorDetails) -> str:
     context, kind = error.get("ctx", {}), error["type"]
-    if kind == UNSUPPORTED:
-        return f"'{context['word']}' is not supported yet. Leave it out."
     if kind == UNKNOWN_KEY:
         return _unknown_key(context["key"], context["valid"])
     if kind == "missing":

@@ -37,6 +37,7 @@ from sceniris_gym.scene.values import (
     ObjectName,
     Point3,
     Polygon,
+    Reachable,
     wrong,
 )
 
@@ -98,7 +99,6 @@ class ObjectConfig(Part):
     """One object of the scene; the words are explained in the scene language."""
 
     model_config = ConfigDict(populate_by_name=True)
-    unsupported = ("reachable",)
     misplaced = dict.fromkeys(RELATION_WORDS, "should stand in 'relations', as in relations: [{near: mug, ...}]")
     asset: str | None = None
     kind: Literal["free", "fixture", "static", "marker"] = "free"
@@ -112,6 +112,8 @@ class ObjectConfig(Part):
     joints: dict[str, JointConfig] = Field(default_factory=dict)
     clearance: NotNegative = 0.001
     gap: Gap = 0.0005
+    reachable: Reachable = False
+    by: Literal["robot"] = "robot"
 
     @property
     def support(self) -> SupportConfig | None:
@@ -169,6 +171,10 @@ class ObjectConfig(Part):
             raise wrong(
                 "should name its support ('on', 'inside' or 'in') or have a region that is a 3D box: it has relations"
             )
+        if self.reachable and not self.is_placed:
+            raise wrong("should be placed ('on', 'inside', 'in' or a 3D region) to be 'reachable'")
+        if "by" in self.model_fields_set and not self.reachable:
+            raise wrong("should say what is 'reachable' by the robot, or leave out 'by'")
         if not words and any(relation.frame == "support" for relation in self.relations):
             raise wrong("should name its support ('on', 'inside' or 'in'), which is the frame of one of its relations")
         return self
@@ -189,7 +195,6 @@ class SceneConfig(Part):
 
     Raises:
         SceneKeyError: a key or a value is wrong.
-        NotSupportedError: a word that is not supported yet.
         UnknownNameError: a support, or an object that another refers to, that is not in the scene.
         CycleError: objects that are placed relative to each other.
     """
@@ -246,6 +251,9 @@ class SceneConfig(Part):
         data = self.model_dump(mode="json", by_alias=True, exclude=parts)
         for part in (*data["objects"].values(), *filter(None, [data["robot"]])):
             part.pop("asset")
+        for part in data["objects"].values():
+            if not part["reachable"]:
+                del part["reachable"], part["by"]
         return json.dumps(data, separators=(",", ":"))
 
     @model_validator(mode="after")

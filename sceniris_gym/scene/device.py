@@ -48,6 +48,13 @@ class Cause(IntEnum):
     COLLISION = 3
     EMPTY = 4
     REGION = 5
+    UNREACHABLE = 6
+    NO_IK = 7
+    BLOCKED = 8
+
+
+REACH_CAUSES = (Cause.UNREACHABLE, Cause.NO_IK, Cause.BLOCKED)
+"""Why the arm does not get there: by its map, by its joints, or by what is in the way."""
 
 
 class RelationType(IntEnum):

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationErro
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
 from pydantic_core.core_schema import no_info_wrap_validator_function
 
-from sceniris_gym.scene.complaints import UNKNOWN_KEY, UNSUPPORTED, reading, where_now
+from sceniris_gym.scene.complaints import UNKNOWN_KEY, reading, where_now
 from sceniris_gym.scene.values import wrong
 
 
@@ -18,8 +18,6 @@ class Part(BaseModel):
     """A mapping of the scene file: frozen, and every wrong key or value is a ScenirisError."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
-    unsupported: ClassVar[tuple[str, ...]] = ()
-    """Words of the scene language that this version knows of and refuses."""
     misplaced: ClassVar[Mapping[str, str]] = {}
     """Words that belong somewhere else, and what to do with them; the advice begins with "should"."""
 
@@ -49,8 +47,6 @@ class Part(BaseModel):
 
     @classmethod
     def _problem(cls, key: Any, valid: list[str]) -> PydanticCustomError:
-        if key in cls.unsupported:
-            return PydanticCustomError(UNSUPPORTED, "not supported", {"word": key})
         if key in cls.misplaced:
             return wrong(cls.misplaced[key])
         return PydanticCustomError(UNKNOWN_KEY, "unknown key", {"key": key, "valid": valid})

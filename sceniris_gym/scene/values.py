@@ -15,6 +15,8 @@ from sceniris_gym.scene.complaints import ADVICE
 
 FLOOR = "floor"
 ROBOT = "robot"
+TIERS = ("map", "map_strict", "ik", "clear")
+"""How an object can be asked to be reachable, from quick to thorough."""
 
 
 def wrong(advice: str, word: str = "", valid: Iterable[str] = ()) -> PydanticCustomError:
@@ -65,6 +67,12 @@ def _simple(polygon: tuple[tuple[float, float], ...]) -> tuple[tuple[float, floa
     return polygon
 
 
+def _tier(value: Any) -> Any:
+    if not isinstance(value, bool) and value not in TIERS:
+        raise wrong(f"should be true, false, or one of {', '.join(TIERS)}", str(value), TIERS)
+    return value
+
+
 def _object_name(name: str) -> str:
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", name):
         raise wrong("should be a name of letters, digits, '_' and '-'")
@@ -90,4 +98,5 @@ Extents2 = Annotated[tuple[Positive, Positive], BeforeValidator(listed)]
 Box = Annotated[tuple[Corner, Corner], BeforeValidator(listed), AfterValidator(_corners)]
 FractionBox = Annotated[tuple[FractionPoint2, FractionPoint2], BeforeValidator(listed), AfterValidator(_corners)]
 Polygon = Annotated[tuple[Point2, ...], BeforeValidator(listed), AfterValidator(_simple)]
+Reachable = Annotated[bool | str, BeforeValidator(_tier)]
 ObjectName = Annotated[str, AfterValidator(_object_name)]

@@ -1,0 +1,71 @@
+"""Grasps on the device: where the TCP is to be, and which of them the arm's map lets through."""
+
+import math
+
+import warp as wp
+
+from sceniris_gym.layout.blocks import block_any
+from sceniris_gym.layout.transforms import Pose, apply, mul_quat, pose_of, quat_mat, relative
+from sceniris_gym.reach.lookup import map_verdict
+from sceniris_gym.scene.device import Program
+from sceniris_gym.scene.reach_device import Reach
+
+wp.set_module_options({"enable_backward": False})
+
+# A grasp comes from below if its approach rises by more than 10 degrees.
+_RISING = wp.constant(math.sin(math.radians(10.0)))
+_NO_GRASP = wp.constant(1 << 30)
+
+
+@wp.func
+def grasp_pose(
+    reach: Reach, grasp: int, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
+) -> Pose:
+    """The TCP of a grasp in the frame of the arm's base, both in the poses of their world."""
+    body = reach.grasp_body[grasp]
+    base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
+    quat = mul_quat(body_quat[body], reach.grasp_quat[grasp])
+    return relative(base, pose_of(apply(pose_of(body_pos[body], body_quat[body]), reach.grasp_pos[grasp]), quat))
+
+
+@wp.func
+def from_below(reach: Reach, grasp: int, body_quat: wp.array(dtype=wp.vec4)) -> bool:
+    """Whether the approach of a grasp rises in the world, so that it comes through what the object stands on."""
+    turn = quat_mat(mul_quat(body_quat[reach.grasp_body[grasp]], reach.grasp_quat[grasp]))
+    return turn[2, 2] > _RISING
+
+
+@wp.func
+def first_on_map(
+    program: Program,
+    reach: Reach,
+    lane: int,
+    column: int,
+    variant: int,
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+) -> int:
+    """The first grasp of a posed object that the map lets through, among all of the object's; -1 if there is none.
+
+    The lanes of a block share the grasps. Without a map it is the first that does not come from below.
+    """
+    adr = reach.variant_graspadr[variant]
+    num = reach.variant_graspnum[variant]
+    found = int(_NO_GRASP)
+    first = int(0)
+    while first < num:
+        if first + lane < num:
+            grasp = adr + first + lane
+            if reach.reach_below[column] == 0 or not from_below(reach, grasp, body_quat):
+                if reach.mapped == 0:
+                    found = grasp
+                else:
+                    tcp = grasp_pose(reach, grasp, body_pos, body_quat)
+                    approach = wp.vec3(tcp.rot[0, 2], tcp.rot[1, 2], tcp.rot[2, 2])
+                    if map_verdict(reach.map, tcp.pos, approach) >= reach.reach_least[column]:
+                        found = grasp
+        if block_any(wp.where(found < _NO_GRASP, 1, 0)) != 0:
+            first = num
+        first += wp.block_dim()
+    least = wp.tile_extract(wp.tile_min(wp.tile(found)), 0)
+    return wp.where(least < _NO_GRASP, least - reach.reach_graspadr[column], -1)
