@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import functools
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from json import dumps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, ParamSpec
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn, ParamSpec
 
 import tyro
 
+from sceniris_gym import __version__
 from sceniris_gym.errors import CountError, SceneKeyError, ScenirisError
 
 if TYPE_CHECKING:
@@ -60,7 +62,9 @@ def _stdout_to_stderr() -> Iterator[None]:
 def demo(out: Path = Path("demo/layouts.png"), device: Device = None, json: Json = False) -> str:
     """Reset 64 worlds of the Mid scene three times, print the figures and write a picture of 16 worlds."""
     from sceniris_gym.tools import demo as tool
+    from sceniris_gym.tools.files import check_writable
 
+    check_writable(out)
     figures = tool.demo(out, device)
     return dumps(figures) if json else tool.report(figures)
 
@@ -82,7 +86,9 @@ def generate(
     from tqdm import tqdm
 
     from sceniris_gym.tools.dataset import make_table, write_dataset
+    from sceniris_gym.tools.files import check_writable
 
+    check_writable(out / "layouts.npz")
     world = _world(scene, changes, device)
     with tqdm(total=n, unit="layout", file=sys.stderr) as bar:
         table = make_table(world, n, seed, split=split, chunk=chunk, progress=bar.update)
@@ -151,13 +157,16 @@ def replay(
     """Make one layout again from its id, and show it as numbers and as a picture."""
     from sceniris_gym.layout.build import build_world
     from sceniris_gym.tools import replay as tool
+    from sceniris_gym.tools.files import check_writable
     from sceniris_gym.tools.render import captioned, save
 
     name = tool.LayoutId.parse(layout)
+    picture = out or tool.default_picture(layout)
+    check_writable(picture)
     world = build_world(tool.find_scene(name.scene, None if scene is None else _config(scene, changes)), device)
     table = tool.replay(world, name)
-    found = {"id": layout, **tool.describe(world, table), "picture": str(out or tool.default_picture(layout))}
-    save(captioned(world.mjm, table.rows, [layout], device=world.device), Path(found["picture"]))
+    found = {"id": layout, **tool.describe(world, table), "picture": str(picture)}
+    save(captioned(world.mjm, table.rows, [layout], device=world.device), picture)
     return dumps(found) if json else tool.report(found)
 
 
@@ -178,16 +187,40 @@ def check(
     return dumps(found) if json else tool.report(found)
 
 
+ABOUT = "Fresh, collision-free scene layouts for every reset of batched MuJoCo-Warp environments."
 COMMANDS = {command.__name__: command for command in (demo, generate, audit, bench, replay, check)}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run a command. A ScenirisError ends it with its message on stderr and exit status 2."""
+    """Run a command.
+
+    A ScenirisError ends it with its message on stderr and exit status 2; so do Ctrl-C with status 130 and SIGTERM with
+    143, the statuses that shells give to them, after temporary files are removed.
+    """
+    arguments = sys.argv[1:] if arguments is None else arguments
+    if list(arguments) == ["--version"]:
+        print(f"sceniris-gym {__version__}")
+        return
+    about = f"{ABOUT} Version {__version__} (--version)."
+    kept = signal.signal(signal.SIGTERM, _terminate)
     try:
-        print(tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="sceniris-gym", args=arguments))
+        print(tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="sceniris-gym", description=about, args=arguments))
     except ScenirisError as error:
-        print(f"sceniris-gym: {error}", file=sys.stderr)
-        sys.exit(2)
+        _end(str(error), 2)
+    except KeyboardInterrupt:
+        _end("interrupted", 128 + signal.SIGINT)
+    finally:
+        signal.signal(signal.SIGTERM, kept)
+
+
+def _terminate(*_: object) -> NoReturn:
+    """Leave by an exception, so that everything is cleaned up on the way."""
+    _end("terminated", 128 + signal.SIGTERM)
+
+
+def _end(message: str, status: int) -> NoReturn:
+    print(f"sceniris-gym: {message}", file=sys.stderr)
+    sys.exit(status)
 
 
 def _world(scene: str, changes: Sequence[str], device: str | None) -> World:

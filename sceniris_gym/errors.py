@@ -203,6 +203,41 @@ class ReachWarning(UserWarning):
     """Reachability is decided in another way than the scene asks for; the message says why."""
 
 
+class OutputError(ScenirisError, OSError):
+    """A file that cannot be written.
+
+    Args:
+        path: the file.
+        reason: why.
+    """
+
+    def __init__(self, path: str, reason: str) -> None:
+        self.path, self.reason = path, reason
+        super().__init__(f"{path} cannot be written: {reason}. Give a path in a folder that is yours with --out.")
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+    def __reduce__(self) -> tuple:
+        return type(self), (self.path, self.reason)
+
+
+class MissingExtraError(ScenirisError, ImportError):
+    """A training library that is not installed.
+
+    Args:
+        package: what could not be imported.
+        extra: the extra of this package that installs it.
+    """
+
+    def __init__(self, package: str, extra: str) -> None:
+        self.package, self.extra = package, extra
+        super().__init__(f"{package} is not installed. Install the extra: pip install 'sceniris-gym[{extra}]'.")
+
+    def __reduce__(self) -> tuple:
+        return type(self), (self.package, self.extra)
+
+
 class KeysLeftOutWarning(UserWarning):
     """A configuration of the original package was read without some of its keys.
 

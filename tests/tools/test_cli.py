@@ -2,6 +2,7 @@
 
 import json
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import sceniris_gym
 from sceniris_gym import cli
 from sceniris_gym.errors import SceneKeyError
 
@@ -140,6 +142,57 @@ def test_a_stopped_run_leaves_no_half_written_file(tmp_path: Path, monkeypatch: 
     with pytest.raises(KeyboardInterrupt):
         cli.generate("mid", n=4, out=tmp_path, device="cpu")
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize(("stop", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_stopped_command_says_so_and_leaves_no_temporary_file(tmp_path: Path, stop: int, status: int):
+    """Ctrl-C and SIGTERM in the middle of writing: one line on stderr, the status of shells, an empty folder."""
+    program = f"""
+import os, sys, numpy as np
+from sceniris_gym import cli
+np.savez = lambda *_, **__: os.kill(os.getpid(), {int(stop)})
+cli.main(["generate", "mid", "-n", "2", "--device", "cpu", "-o", sys.argv[1]])
+"""
+    command = [sys.executable, "-c", program, str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == status
+    assert done.stdout == ""
+    assert done.stderr.splitlines()[-1] in ("sceniris-gym: interrupted", "sceniris-gym: terminated")
+    assert "Traceback" not in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "command", [["generate", "mid", "-n", "1"], ["replay", "0123456789abcdef:train:0:0"], ["demo"]]
+)
+def test_a_path_that_cannot_be_written_is_refused_before_the_work(
+    capfd: pytest.CaptureFixture, tmp_path: Path, command: list[str]
+):
+    """A file where a folder should be, and a folder where the file should be; nothing is left behind."""
+    (tmp_path / "file").write_text("kept")
+    (tmp_path / "folder" / "layouts.npz").mkdir(parents=True)
+    for out in (tmp_path / "file" / "inside", tmp_path / "folder"):
+        with pytest.raises(SystemExit) as stop:
+            cli.main([*command, "--out", str(out), "--device", "cpu"])
+        out, err = capfd.readouterr()
+        assert (stop.value.code, out) == (2, "")
+        assert "cannot be written" in err
+        assert "Traceback" not in err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder"]
+    assert [path.name for path in (tmp_path / "folder").iterdir()] == ["layouts.npz"]
+
+
+def test_a_new_folder_is_only_made_when_there_is_something_to_write(tmp_path: Path):
+    """A scene that does not exist leaves no empty folders, though those could be made."""
+    with pytest.raises(SystemExit):
+        cli.main(["generate", "nowhere", "-n", "1", "-o", str(tmp_path / "a" / "b"), "--device", "cpu"])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_version_is_told(capfd: pytest.CaptureFixture):
+    """In one line, without a command."""
+    cli.main(["--version"])
+    assert capfd.readouterr().out == f"sceniris-gym {sceniris_gym.__version__}\n"
 
 
 def test_replay_makes_a_layout_again_from_its_id(capfd: pytest.CaptureFixture, tmp_path: Path):
