@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -13,14 +14,16 @@ from sceniris_gym.errors import InfeasibleSceneError, UnknownNameError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.device import Program
+from sceniris_gym.scene.device import Program, fill_struct
 from sceniris_gym.scene.model import SceneModel, build_model
-from sceniris_gym.scene.world import World, fill_program, load_world
+from sceniris_gym.scene.reach_device import Reach
+from sceniris_gym.scene.world import World, load_world
 
 # The probe makes layouts in rounds until the bank is full or this many rounds are over.
 _ROUNDS = 8
 # What a row of the bank holds.
 _BANK = ("qpos", "mocap_pos", "mocap_quat", "present")
+_REACH_BANK = ("grasp", "grasp_qpos", "pregrasp_qpos")
 
 
 def build_world(
@@ -64,22 +67,27 @@ def _with_bank(world: World, size: int) -> World:
     for _ in range(_ROUNDS):
         probe.generate()
         valid = layouts.status.numpy() == Status.VALID
-        rows = [getattr(layouts, name).numpy()[valid] for name in _BANK]
+        rows = [getattr(layouts, name).numpy()[valid] for name in (*_BANK, *_REACH_BANK)]
         found += zip(*rows, strict=True)
         if len(found) >= size:
             break
     if not found:
         raise _infeasible(world, probe)
-    program = _copy(world.program)
-    bank = {f"bank_{name}": np.stack(rows) for name, rows in zip(_BANK, zip(*found[:size], strict=True), strict=True)}
-    fill_program(program, bank, world.device)
-    return replace(world, program=program)
+    columns = (np.stack(rows) for rows in zip(*found[:size], strict=True))
+    bank = {name: column for name, column in zip((*_BANK, *_REACH_BANK), columns, strict=True)}
+    program = _with_rows(Program, world.program, bank, _BANK, world.device)
+    if world.reaching is None:
+        return replace(world, program=program)
+    view = _with_rows(Reach, world.reaching.view, bank, _REACH_BANK, world.device)
+    return replace(world, program=program, reaching=replace(world.reaching, view=view))
 
 
-def _copy(program: Program) -> Program:
-    other = Program()
-    for name in Program.vars:
-        setattr(other, name, getattr(program, name))
+def _with_rows(declared: Any, instance: Any, bank: Mapping[str, np.ndarray], names: Sequence[str], device: str) -> Any:
+    """A copy of a device struct whose fields `bank_*` hold these rows."""
+    other = declared()
+    for name in declared.vars:
+        setattr(other, name, getattr(instance, name))
+    fill_struct(declared, other, {f"bank_{name}": bank[name] for name in names}, device)
     return other
 
 

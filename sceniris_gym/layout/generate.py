@@ -13,7 +13,8 @@ from sceniris_gym.layout.collision import LEAF_CAPACITY, NODE_CAPACITY
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.place import PLACE
 from sceniris_gym.layout.random import SPLITS, USER_SPLITS
-from sceniris_gym.scene.device import Cause
+from sceniris_gym.scene.device import REACH_CAUSES, Cause
+from sceniris_gym.scene.reach_device import Reach
 from sceniris_gym.scene.world import World
 
 # Lanes for each world: one warp; on an H200 two and four made a sixth and a third fewer layouts of the Mid scene.
@@ -86,7 +87,8 @@ class LayoutGenerator:
         self.block_dim = block_dim
         self.layouts = Layouts.create(world, nworld, rejected=rejected)
         self._seeds = wp.zeros(nworld, dtype=wp.uint64, device=world.device)
-        self._kernel = PLACE[world.config.geometry, world.related]
+        self._kernel = PLACE[world.config.geometry, world.related, world.reaching is not None]
+        self._reach = Reach() if world.reaching is None else world.reaching.view
         self.reseed(seed)
 
     @property
@@ -134,7 +136,7 @@ class LayoutGenerator:
         wp.launch_tiled(
             self._kernel,
             dim=[self.nworld],
-            inputs=[self.world.program, SPLITS[self.split], mask, self.layouts.view],
+            inputs=[self.world.program, self._reach, SPLITS[self.split], mask, self.layouts.view],
             block_dim=self.block_dim,
             device=device,
         )
@@ -145,9 +147,13 @@ class LayoutGenerator:
 
 
 def rejection_counts(layouts: Layouts) -> dict[str, dict[str, int]]:
-    """`Layouts.rejections` by name: object (in placement order), then cause in small letters."""
+    """`Layouts.rejections` by name: object (in placement order), then cause in small letters.
+
+    Causes of reach are among them where anything is to be reachable.
+    """
     counts = layouts.rejections.numpy()
-    causes = [c for c in Cause if c != Cause.NONE]
+    unused = {Cause.NONE, *(REACH_CAUSES if layouts.world.reaching is None else ())}
+    causes = [c for c in Cause if c not in unused]
     return {name: {c.name.lower(): int(counts[i, c]) for c in causes} for i, name in enumerate(layouts.world.placed)}
 
 

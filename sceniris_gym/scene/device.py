@@ -4,8 +4,11 @@ Poses are (pos [m], quat wxyz) of a frame in its parent's; angles are in radians
 as in MuJoCo. A *collider* is what is tested as a whole: all pieces of one body below one root of boxes, or one plane.
 """
 
+from collections.abc import Mapping
 from enum import IntEnum
+from typing import Any
 
+import numpy as np
 import warp as wp
 
 
@@ -228,3 +231,11 @@ class Program:
     bank_qpos: wp.array2d(dtype=float)
     bank_mocap_pos: wp.array2d(dtype=wp.vec3)
     bank_mocap_quat: wp.array2d(dtype=wp.vec4)
+
+
+def fill_struct(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], device: str) -> None:
+    """Set array fields of a struct's instance from numpy arrays, in the types that its fields are declared with."""
+    for name, values in arrays.items():
+        field = declared.vars[name].type
+        values = np.ascontiguousarray(values)
+        setattr(instance, name, wp.array(values, dtype=field.dtype, ndim=field.ndim, device=device))

@@ -12,9 +12,10 @@ import warp as wp
 from sceniris_gym.scene.arrays import program_arrays
 from sceniris_gym.scene.colliders import collect_colliders, collider_arrays
 from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.device import Program
+from sceniris_gym.scene.device import Program, fill_struct
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.program import Plan, build_plan
+from sceniris_gym.scene.reaching import Reaching, build_reaching
 
 # Lanes of a warp, the least that a GPU gives to a world.
 _WARP = 32
@@ -30,6 +31,7 @@ class World:
         placed: Names in placement order: objects whose pose or joints are drawn, and "robot" if its joints are.
         plan: The placement program on the host.
         program: The same on the device.
+        reaching: What the arm is to reach, None if it is nothing.
         home_qpos: Start pose, shape (nq,).
         home_place, home_bounds: Where each slot of `slots` stands at the start, as relations see it; see `Plan`.
         home_xpos, home_xquat: Poses of all bodies at the start, shapes (nbody, 3) and (nbody, 4) wxyz.
@@ -42,6 +44,7 @@ class World:
     placed: tuple[str, ...]
     plan: Plan
     program: Program
+    reaching: Reaching | None
     home_qpos: np.ndarray
     home_place: np.ndarray
     home_bounds: np.ndarray
@@ -114,7 +117,7 @@ def load_world(scene: SceneModel, device: str) -> World:
     program.ngroup = len(scene.config.groups)
     program.attempts = scene.config.attempts
     program.restarts = scene.config.restarts
-    fill_program(program, arrays, device)
+    fill_struct(Program, program, arrays, device)
     depth = sum(sorted(colliders.depth)[-2:])
     return World(
         scene=scene,
@@ -122,6 +125,7 @@ def load_world(scene: SceneModel, device: str) -> World:
         placed=tuple(o.name for o in plan.objects),
         plan=plan,
         program=program,
+        reaching=build_reaching(scene, plan, device),
         home_qpos=scene.home_qpos.astype(np.float32),
         home_place=plan.place.astype(np.float32),
         home_bounds=plan.bounds.astype(np.float32),
@@ -130,14 +134,3 @@ def load_world(scene: SceneModel, device: str) -> World:
         depth=depth,
         keep=tuple(colliders.keep),
     )
-
-
-def fill_program(program: Program, arrays: dict[str, np.ndarray], device: str) -> None:
-    """Set fields of a program from numpy arrays, in the types that its fields are declared with."""
-    for name, values in arrays.items():
-        declared = Program.vars[name].type
-        setattr(
-            program,
-            name,
-            wp.array(np.ascontiguousarray(values), dtype=declared.dtype, ndim=declared.ndim, device=device),
-        )
