@@ -6,11 +6,13 @@ from . import (
     make_fruit,
     make_furniture,
     make_groceries,
+    make_heron,
     make_kitchenware,
     make_panda,
     make_rooms,
     make_tableware,
     make_things,
+    make_ur5e,
 )
 
 MODULES = (
@@ -19,9 +21,11 @@ MODULES = (
     make_furniture,
     make_panda,
     make_groceries,
+    make_heron,
     make_rooms,
     make_tableware,
     make_things,
+    make_ur5e,
 )
 
 

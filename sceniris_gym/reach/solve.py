@@ -140,7 +140,10 @@ def forward(view: ArmView, q: vec8):
 
 @wp.func
 def _solve_positive(a: _mat66, b: _vec6) -> _vec6:
-    """Solve a x = b for a symmetric positive definite `a`, of which the lower triangle is read (Cholesky)."""
+    """Solve a x = b for a symmetric positive definite `a`, of which the lower triangle is read (Cholesky).
+
+    Warp unrolls loops whose bounds are constants or counters of such loops, not sums of them: hence the inner ifs.
+    """
     low = a
     x = b
     for j in range(6):
@@ -149,21 +152,23 @@ def _solve_positive(a: _mat66, b: _vec6) -> _vec6:
             d -= low[j, k] * low[j, k]
         inv = 1.0 / wp.sqrt(wp.max(d, 1.0e-12))
         low[j, j] = inv
-        for i in range(j + 1, 6):
-            s = low[i, j]
-            for k in range(j):
-                s -= low[i, k] * low[j, k]
-            low[i, j] = s * inv
+        for i in range(6):
+            if i > j:
+                s = low[i, j]
+                for k in range(j):
+                    s -= low[i, k] * low[j, k]
+                low[i, j] = s * inv
     for i in range(6):
         s = x[i]
         for k in range(i):
             s -= low[i, k] * x[k]
         x[i] = s * low[i, i]
-    for m in range(6):
-        s = x[5 - m]
-        for k in range(6 - m, 6):
-            s -= low[k, 5 - m] * x[k]
-        x[5 - m] = s * low[5 - m, 5 - m]
+    for i in range(5, -1, -1):
+        s = x[i]
+        for k in range(6):
+            if k > i:
+                s -= low[k, i] * x[k]
+        x[i] = s * low[i, i]
     return x
 
 
@@ -191,8 +196,9 @@ def _descend(view: ArmView, q: vec8, origin: _mat83, axis: _mat83, pos: wp.vec3,
             if not at_lower and not at_upper:
                 for r in range(6):
                     col[i, r] = c[r]
-                    for k in range(r + 1):
-                        a[r, k] += c[r] * c[k]
+                    for k in range(6):
+                        if k <= r:
+                            a[r, k] += c[r] * c[k]
     y = _solve_positive(a, e)
     step = vec8()
     for i in range(MAX_JOINTS):
@@ -244,6 +250,18 @@ def accepted(result: IkResult) -> bool:
     return result.pos_err < _POS_ACCEPT and result.rot_err < _ROT_ACCEPT
 
 
+@wp.func
+def closer(a: IkResult, b: IkResult) -> IkResult:
+    """Whichever is closer to its pose; the first of equals. What is accepted comes before what is not."""
+    result = a
+    if accepted(b) == accepted(a):
+        if b.pos_err + _LEVER * b.rot_err < a.pos_err + _LEVER * a.rot_err:
+            result = b
+    elif accepted(b):
+        result = b
+    return result
+
+
 @wp.kernel
 def _solve(
     view: ArmView,
@@ -259,12 +277,10 @@ def _solve(
     best = refine(view, pos[i], quat[i], starts[0], iterations)
     k = int(1)
     while k < starts.shape[0] and not accepted(best):
-        result = refine(view, pos[i], quat[i], starts[k], iterations)
-        if result.pos_err + _LEVER * result.rot_err < best.pos_err + _LEVER * best.rot_err:
-            best = result
+        best = closer(best, refine(view, pos[i], quat[i], starts[k], iterations))
         k += 1
     if accepted(best):
-        best = refine(view, pos[i], quat[i], best.q, iterations)  # as close as float32 gets
+        best = closer(best, refine(view, pos[i], quat[i], best.q, iterations))
     joints[i] = best.q
     ok[i] = accepted(best)
 

@@ -96,3 +96,19 @@ def distance_to(triangles: np.ndarray, points: np.ndarray, reach: float) -> np.n
             closest = trimesh.triangles.closest_point(1000.0 * near, place)
             nearest[i] = np.linalg.norm(closest - place, axis=1).min() / 1000.0
     return np.where(nearest > reach, np.inf, nearest)
+
+
+def turn(axis: int, angle: float) -> np.ndarray:
+    """A rotation about x (0) or z (2), as a 4 x 4 transform."""
+    matrix = np.eye(4)
+    i, j = [(1, 2), (2, 0), (0, 1)][axis]
+    matrix[[i, j], [i, j]] = np.cos(angle)
+    matrix[i, j], matrix[j, i] = -np.sin(angle), np.sin(angle)
+    return matrix
+
+
+def shift(x: float, y: float, z: float) -> np.ndarray:
+    """A translation as a 4 x 4 transform."""
+    matrix = np.eye(4)
+    matrix[:3, 3] = x, y, z
+    return matrix

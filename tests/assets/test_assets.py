@@ -14,7 +14,7 @@ from tests.assets.geometry import COLLISION, VISUAL, bounds, depth_outside, geom
 
 SMALL = ["apple", "orange", "banana", "mug", "bowl", "can"]
 FINE = [f"{name}_16k" for name in SMALL]
-OTHERS = ["table", "cabinet", "panda"]
+OTHERS = ["table", "cabinet", "panda", "ur5e", "heron"]
 # Least and greatest extent along x, y, z [mm].
 SIZES = {
     "apple": ((70, 78), (70, 78), (70, 90)),
@@ -74,7 +74,7 @@ def test_meshes_have_the_promised_numbers_of_faces(name):
     assert len(geoms(coarse, COLLISION)) == len(geoms(fine, COLLISION))
 
 
-@pytest.mark.parametrize("name", [*SMALL, "panda"])
+@pytest.mark.parametrize("name", [*SMALL, "panda", "ur5e", "heron"])
 def test_collision_meshes_are_convex_and_have_few_corners(name):
     """Every vertex of a collision mesh is a corner of its hull; there are at most 80 of them, 64 for parts."""
     model, data = load(name)

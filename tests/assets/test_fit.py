@@ -14,7 +14,8 @@ from tests.assets.geometry import COLLISION, VISUAL, depth_outside, distance_to,
 FILES = [file.name for file in files("sceniris_gym.assets").iterdir()]
 ASSETS = sorted(name.removesuffix(".xml") for name in FILES if name.endswith(".xml"))
 # How far a piece may reach out of the surfaces, and a surface out of the pieces [m].
-OUT, BARE = {"panda": 1e-4}, {"panda": 0.010, "pan": 0.0032, "chair": 0.0027}
+ARMS = ("panda", "ur5e", "heron")
+OUT, BARE = dict.fromkeys(ARMS, 1e-4), dict.fromkeys(ARMS, 0.010) | {"pan": 0.0032, "chair": 0.0027}
 
 
 def dense(shape: trimesh.Trimesh) -> np.ndarray:
@@ -95,7 +96,7 @@ def test_a_surface_that_carries_is_where_the_eye_sees_it(name, body, geom):
     assert np.abs(shape.triangles_center[level][:, 2] - top).min() < 1e-6
 
 
-@pytest.mark.parametrize("name", [name for name in ASSETS if name not in ("panda",)])
+@pytest.mark.parametrize("name", [name for name in ASSETS if name not in ARMS])
 def test_pieces_stand_on_the_ground_as_the_eye_sees_it(name):
     """The lowest points of both are at z = 0, and those of the pieces span an area under the centre of mass."""
     model, data = load(name)
