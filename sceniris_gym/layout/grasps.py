@@ -36,6 +36,21 @@ def from_below(reach: Reach, grasp: int, body_quat: wp.array(dtype=wp.vec4)) -> 
 
 
 @wp.func
+def lets_through(
+    reach: Reach, column: int, grasp: int, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
+) -> bool:
+    """Whether a grasp does not come from below, and the arm's map, if there is one, lets it through."""
+    through = bool(True)
+    if reach.reach_below[column] != 0:
+        through = not from_below(reach, grasp, body_quat)
+    if reach.mapped != 0 and through:
+        tcp = grasp_pose(reach, grasp, body_pos, body_quat)
+        approach = wp.vec3(tcp.rot[0, 2], tcp.rot[1, 2], tcp.rot[2, 2])
+        through = map_verdict(reach.map, tcp.pos, approach) >= reach.reach_least[column]
+    return through
+
+
+@wp.func
 def first_on_map(
     program: Program,
     reach: Reach,
@@ -56,14 +71,8 @@ def first_on_map(
     while first < num:
         if first + lane < num:
             grasp = adr + first + lane
-            if reach.reach_below[column] == 0 or not from_below(reach, grasp, body_quat):
-                if reach.mapped == 0:
-                    found = grasp
-                else:
-                    tcp = grasp_pose(reach, grasp, body_pos, body_quat)
-                    approach = wp.vec3(tcp.rot[0, 2], tcp.rot[1, 2], tcp.rot[2, 2])
-                    if map_verdict(reach.map, tcp.pos, approach) >= reach.reach_least[column]:
-                        found = grasp
+            if lets_through(reach, column, grasp, body_pos, body_quat):
+                found = grasp
         if block_any(wp.where(found < _NO_GRASP, 1, 0)) != 0:
             first = num
         first += wp.block_dim()

@@ -35,6 +35,33 @@ def draw_joints(
 
 
 @wp.func
+def pose_body(
+    program: Program,
+    body: int,
+    qpos: wp.array(dtype=float),
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+):
+    """Pose one body, its parent being posed."""
+    parent = program.body_parent[body]
+    quat = mul_quat(body_quat[parent], program.body_quat[body])
+    pos = body_pos[parent] + rot_vec_quat(program.body_pos[body], body_quat[parent])
+    for j in range(program.body_jntnum[body]):
+        joint = program.body_jntadr[body] + j
+        q = qpos[program.jnt_qposadr[joint]] - program.jnt_qpos0[joint]
+        axis = program.jnt_axis[joint]
+        if program.jnt_slide[joint] != 0:
+            pos += rot_vec_quat(axis, quat) * q
+        else:
+            anchor = program.jnt_pos[joint]
+            pivot = pos + rot_vec_quat(anchor, quat)
+            quat = mul_quat(quat, axis_angle_quat(axis, q))
+            pos = pivot - rot_vec_quat(anchor, quat)
+    body_pos[body] = pos
+    body_quat[body] = wp.normalize(quat)
+
+
+@wp.func
 def pose_bodies(
     program: Program,
     obj: int,
@@ -46,20 +73,4 @@ def pose_bodies(
     """Pose the object's bodies from `first` on in its list (1: its root is posed already), parents before children."""
     adr = program.obj_bodyadr[obj]
     for i in range(first, program.obj_bodynum[obj]):
-        body = program.body_list[adr + i]
-        parent = program.body_parent[body]
-        quat = mul_quat(body_quat[parent], program.body_quat[body])
-        pos = body_pos[parent] + rot_vec_quat(program.body_pos[body], body_quat[parent])
-        for j in range(program.body_jntnum[body]):
-            joint = program.body_jntadr[body] + j
-            q = qpos[program.jnt_qposadr[joint]] - program.jnt_qpos0[joint]
-            axis = program.jnt_axis[joint]
-            if program.jnt_slide[joint] != 0:
-                pos += rot_vec_quat(axis, quat) * q
-            else:
-                anchor = program.jnt_pos[joint]
-                pivot = pos + rot_vec_quat(anchor, quat)
-                quat = mul_quat(quat, axis_angle_quat(axis, q))
-                pos = pivot - rot_vec_quat(anchor, quat)
-        body_pos[body] = pos
-        body_quat[body] = wp.normalize(quat)
+        pose_body(program, program.body_list[adr + i], qpos, body_pos, body_quat)

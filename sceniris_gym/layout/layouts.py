@@ -10,6 +10,7 @@ from sceniris_gym.layout.relations import Sight
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.scene.device import Cause
 from sceniris_gym.scene.limits import MAX_ANCHORS, MAX_RELATIONS
+from sceniris_gym.scene.reaching import Reaching
 from sceniris_gym.scene.world import World
 
 
@@ -127,6 +128,11 @@ class Layouts:
     def nworld(self) -> int:
         """Number of rows."""
         return self.view.seed.shape[0]
+
+    @property
+    def reaching(self) -> Reaching | None:
+        """What the arm is to reach, and by which grasps; None if it is nothing."""
+        return self.world.reaching
 
     @property
     def seed(self) -> wp.array:

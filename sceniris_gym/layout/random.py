@@ -15,6 +15,7 @@ STREAM_BITS = 24
 TASK_STREAM = 1 << 31
 BANK_STREAM = (1 << STREAM_BITS) - 1
 GROUP_STREAM = (1 << STREAM_BITS) - 2
+REACH_STREAM = (1 << STREAM_BITS) - 3
 
 _M0 = wp.constant(wp.uint32(0xD2511F53))
 _M1 = wp.constant(wp.uint32(0xCD9E8D57))

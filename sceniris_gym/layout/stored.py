@@ -23,6 +23,7 @@ class ServedLayouts:
         mocap_pos: positions of mocap bodies [m], world frame, shape (nworld, nmocap)
         mocap_quat: their orientations, wxyz inside wp.quat, shape (nworld, nmocap)
         status: 1 (valid) once a world has been served, 0 before, shape (nworld,), int32
+        reaching: None, as grasps are not stored
     """
 
     seed: wp.array
@@ -31,6 +32,7 @@ class ServedLayouts:
     mocap_pos: wp.array
     mocap_quat: wp.array
     status: wp.array
+    reaching: None = None
 
 
 @wp.kernel

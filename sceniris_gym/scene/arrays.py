@@ -24,7 +24,7 @@ from sceniris_gym.scene.device import (
 from sceniris_gym.scene.limits import MAX_CORNERS, MAX_PIECES, WAITING_SPACING
 from sceniris_gym.scene.lists import ranges
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.scene.pairs import collider_pairs, first_nodes
+from sceniris_gym.scene.pairs import arm_pairs, collider_pairs, first_nodes
 from sceniris_gym.scene.pieces import Piece
 from sceniris_gym.scene.program import PlacedObject, Plan, roof_rule
 from sceniris_gym.scene.relations import Relation
@@ -73,7 +73,7 @@ def _objects(scene: SceneModel, plan: Plan, c: Colliders, lanes: int) -> dict[st
     )
     own_pieces, pieceadr, piecenum = ranges(own)
     roof_list, roofadr, roofnum = ranges(_roofs(scene, plan, c, o.config) for o in objects)
-    meetings = collider_pairs(scene, plan, c)
+    meetings = [*collider_pairs(scene, plan, c), *arm_pairs(scene, plan, c)]
     pairs, pairadr, pairnum = ranges(meetings)
     start, startadr, startnum = ranges(
         first_nodes(c, part, int(first), lanes) for part, first in zip(meetings, pairadr, strict=True)

@@ -92,13 +92,15 @@ class Graspable:
             any_turn: Whether any orientation may be drawn, in which each side may be up.
             gripper: What is to grasp it.
 
+        Of a stable pose in which the gripper cannot take the object there are none, and it is never accepted.
+
         Raises:
             GraspError: all of them need a wider gap than the gripper has.
         """
         own = self._sites(gripper)
         groups = [own] if own else [self._made(v, any_turn, gripper) for v in variants]
         kept = [[g for g in group if g.opening <= gripper.opening] for group in groups]
-        if not all(kept):
+        if not any(kept):
             every = [g.opening for group in groups for g in group]
             raise GraspError(f"{self.scene.config.where}: objects.{self.name}", min(every, default=None), gripper.opening)
         if own:
@@ -269,8 +271,9 @@ def _pierced(triangles: np.ndarray, x: float, z: float) -> np.ndarray:
     with np.errstate(divide="ignore", invalid="ignore"):
         det = u[:, 0] * v[:, 2] - v[:, 0] * u[:, 2]
         s, t = (dx * v[:, 2] - v[:, 0] * dz) / det, (u[:, 0] * dz - dx * u[:, 2]) / det
+        hit = (s >= 0.0) & (t >= 0.0) & (s + t <= 1.0)
         at = a + s[:, None] * u + t[:, None] * v
-    return np.where(((s >= 0.0) & (t >= 0.0) & (s + t <= 1.0))[:, None], at, np.nan)[:, None]
+    return np.where(hit[:, None], at, np.nan)[:, None]
 
 
 def _extents(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

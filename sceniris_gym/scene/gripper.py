@@ -89,7 +89,7 @@ class Gripper:
 
 def _carried(mjm: mujoco.MjModel, arm: Arm) -> set[int]:
     """The bodies that the arm's last joint carries: hand and fingers."""
-    moved = {int(mjm.jnt_bodyid[mjm.joint(name).id]) for name in arm.joints}
+    moved = {int(mjm.jnt_bodyid[j]) for j in range(mjm.njnt) if mjm.jnt_qposadr[j] in arm.qposadr}
     root = int(mjm.site_bodyid[arm.tcp_site])
     while root not in moved:
         root = int(mjm.body_parentid[root])
@@ -105,13 +105,13 @@ def _subtree(mjm: mujoco.MjModel, root: int) -> set[int]:
 
 
 def _finger_joints(mjm: mujoco.MjModel, hand: set[int], arm: Arm) -> list[int]:
-    scalar = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
+    scalar = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
     return [
         j
         for j in range(mjm.njnt)
         if int(mjm.jnt_bodyid[j]) in hand
-        and mjm.joint(j).name not in arm.joints
-        and mjm.jnt_type[j] in scalar
+        and mjm.jnt_qposadr[j] not in arm.qposadr
+        and int(mjm.jnt_type[j]) in scalar
         and mjm.jnt_limited[j]
     ]
 

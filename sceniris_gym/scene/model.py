@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.errors import NotSupportedError, SceneKeyError, UnknownNameError
+from sceniris_gym.reach.map import map_file
 from sceniris_gym.scene import backdrop, compose
 from sceniris_gym.scene.config import JointConfig, SceneConfig
 from sceniris_gym.scene.values import FLOOR, ROBOT
@@ -215,6 +216,9 @@ def _hash(config: SceneConfig, spec: mujoco.MjSpec) -> str:
     for file in sorted(spec.assets):
         digest.update(file.encode())
         digest.update(spec.assets[file])
+    if config.robot is not None and any(part.reachable for part in config.objects.values()):
+        path = map_file(config.robot.asset)  # what the arm reaches shapes the layouts, too
+        digest.update(path.read_bytes() if path is not None else b"")
     return digest.hexdigest()[:16]
 
 

@@ -1,4 +1,4 @@
-"""Which colliders an object is kept apart from when it is placed, and by how much."""
+"""Which colliders an object is kept apart from when it is placed, and by how much; and the same for a moving arm."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from sceniris_gym.scene.colliders import Colliders
 from sceniris_gym.scene.device import ObjectKind
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.program import Plan
+from sceniris_gym.scene.values import ROBOT
 
 
 def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[list[tuple[int, int, float]]]:
@@ -25,7 +26,6 @@ def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[
         Per object a list of (own collider, other collider, clearance).
     """
     mjm, bodies = scene.mjm, colliders.body
-    excluded = {(int(s) >> 16, int(s) & 0xFFFF) for s in mjm.exclude_signature}
     ordered = {body for o in plan.objects for body in o.bodies}
     standing = {body: 0.0 for body in range(mjm.nbody) if body not in ordered}
     for name, part in scene.config.objects.items():
@@ -35,10 +35,6 @@ def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[
             elif body in standing:
                 standing[body] = part.clearance
     touching = _touching_at_home(scene, plan)
-
-    def may_meet(a: int, b: int) -> bool:
-        fixed = mjm.body_weldid[a] == 0 and mjm.body_weldid[b] == 0 and not _is_mocap(mjm, a) and not _is_mocap(mjm, b)
-        return not fixed and (min(a, b), max(a, b)) not in excluded
 
     result = []
     for o in plan.objects:
@@ -50,20 +46,40 @@ def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[
             pairs = [
                 (a, b, max(clearance, standing[bodies[b]]) if o.kind != ObjectKind.STATIC else 0.0)
                 for a, b in product(own, others)
-                if may_meet(bodies[a], bodies[b])
+                if _may_meet(mjm, bodies[a], bodies[b])
             ]
             if o.draws:
-                pairs += [
-                    (a, b, 0.0)
-                    for a, b in product(own, own)
-                    if a < b
-                    and may_meet(bodies[a], bodies[b])
-                    and not _are_neighbours(mjm, bodies[a], bodies[b])
-                    and frozenset((bodies[a], bodies[b])) not in touching
-                ]
+                pairs += _among(mjm, colliders, o.bodies, touching)
             standing.update(dict.fromkeys(o.bodies, clearance))
         result.append(_planes_last(pairs, colliders.plane))
     return result
+
+
+def arm_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[list[tuple[int, int, float]]]:
+    """Which colliders an arm in a grasp is kept apart from: no lists for a scene without anything to reach.
+
+    Args:
+        scene: The scene.
+        plan: Its plan.
+        colliders: Its colliders.
+
+    Returns:
+        Lists as those of `collider_pairs`: of the robot against itself, as MuJoCo would report it, and for each object
+        that is to be reachable, in placement order, of the robot against all but that object and markers.
+    """
+    targets = [o.name for o in plan.objects if o.config is not None and o.config.reachable]
+    if not targets:
+        return []
+    mjm, bodies = scene.mjm, colliders.body
+    robot = scene.subtree(ROBOT)
+    markers = {body for n, part in scene.config.objects.items() if part.kind == "marker" for body in scene.subtree(n)}
+    moving = [c for c, body in enumerate(bodies) if body in robot and body != robot[0]]
+    lists = [_among(mjm, colliders, robot, _touching_at_home(scene, plan))]
+    for name in targets:
+        apart = markers.union(robot, scene.subtree(name))
+        others = [c for c, body in enumerate(bodies) if body not in apart]
+        lists.append([(a, b, 0.0) for a, b in product(moving, others) if _may_meet(mjm, bodies[a], bodies[b])])
+    return [_planes_last(pairs, colliders.plane) for pairs in lists]
 
 
 def first_nodes(
@@ -93,6 +109,28 @@ def first_nodes(
         else:
             entries += [(pair, a, int(child[b])), (pair, a, int(child[b]) + 1)]
     return entries
+
+
+def _among(
+    mjm: mujoco.MjModel, colliders: Colliders, bodies: list[int], touching: set[frozenset[int]]
+) -> list[tuple[int, int, float]]:
+    """Pairs within one object, but for neighbours and for what touches at home."""
+    own = [c for c, body in enumerate(colliders.body) if body in bodies]
+    pairs = [(a, b, colliders.body[a], colliders.body[b]) for a, b in product(own, own) if a < b]
+    return [
+        (a, b, 0.0)
+        for a, b, body_a, body_b in pairs
+        if _may_meet(mjm, body_a, body_b)
+        and not _are_neighbours(mjm, body_a, body_b)
+        and frozenset((body_a, body_b)) not in touching
+    ]
+
+
+def _may_meet(mjm: mujoco.MjModel, a: int, b: int) -> bool:
+    """Whether two bodies may come to touch at all, and no `exclude` stands against it."""
+    fixed = mjm.body_weldid[a] == 0 and mjm.body_weldid[b] == 0 and not _is_mocap(mjm, a) and not _is_mocap(mjm, b)
+    excluded = (int(s) for s in mjm.exclude_signature)
+    return not fixed and (min(a, b) << 16) + max(a, b) not in excluded
 
 
 def _is_mocap(mjm: mujoco.MjModel, body: int) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import warp as wp
 
@@ -34,6 +35,13 @@ class LayoutTable:
         status: `Status` codes, shape (nrow,), int32.
         seed: seed of the world, shape (nrow,), uint64.
         episode: episode of the world, shape (nrow,), int32.
+        grasp: the accepted grasp of each reachable object, its place among the object's grasps, -1 where the object is
+            absent, shape (nrow, nreach), int32.
+        grasp_pose: its TCP in the world frame, position [m] and orientation (w, x, y, z), nan where there is none,
+            shape (nrow, nreach, 7), float32.
+        grasp_qpos: the arm's joints [rad or m] in that grasp, nan where only the arm's map was asked, shape (nrow,
+            nreach, njoint), float32.
+        pregrasp_qpos: the same before the grasp, nan for tiers below `clear`.
     """
 
     qpos: np.ndarray
@@ -46,6 +54,10 @@ class LayoutTable:
     status: np.ndarray
     seed: np.ndarray
     episode: np.ndarray
+    grasp: np.ndarray
+    grasp_pose: np.ndarray
+    grasp_qpos: np.ndarray
+    pregrasp_qpos: np.ndarray
 
     def __len__(self) -> int:
         return len(self.qpos)
@@ -63,19 +75,51 @@ def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTab
     def read(array: wp.array) -> np.ndarray:
         return array.numpy()[:nrow].copy()  # on a CPU `numpy()` is a view of what the next reset overwrites
 
-    status = read(layouts.status)
+    status, grasp = read(layouts.status), read(layouts.grasp)
+    njoint = 0 if layouts.reaching is None else len(layouts.reaching.arm.joints)
+    rows = Rows(
+        read(layouts.qpos),
+        read(layouts.mocap_pos)[:, :nmocap],
+        read(layouts.mocap_quat)[:, :nmocap],
+        read(layouts.present) != 0,
+    )
     return LayoutTable(
-        qpos=read(layouts.qpos),
-        mocap_pos=read(layouts.mocap_pos)[:, :nmocap],
-        mocap_quat=read(layouts.mocap_quat)[:, :nmocap],
-        present=read(layouts.present) != 0,
+        **vars(rows),
         valid=status == Status.VALID,
         first_pass_valid=read(layouts.first_pass_valid) != 0,
         attempts=read(layouts.attempts),
         status=status,
         seed=read(layouts.seed),
         episode=read(layouts.episode),
+        grasp=grasp,
+        grasp_pose=grasp_poses(generator.world, rows, grasp),
+        grasp_qpos=read(layouts.grasp_qpos)[:, :, :njoint],
+        pregrasp_qpos=read(layouts.pregrasp_qpos)[:, :, :njoint],
     )
+
+
+def grasp_poses(world: World, rows: Rows, grasp: np.ndarray) -> np.ndarray:
+    """Return the TCP poses (x, y, z, w, x, y, z) of grasps in the world frame, shape (nrow, nreach, 7), float32.
+
+    Args:
+        world: the scene.
+        rows: the layouts.
+        grasp: the grasp of each reachable object, -1 for none, shape (nrow, nreach).
+    """
+    poses = np.full((*grasp.shape, 7), np.nan, np.float32)
+    if world.reaching is None:
+        return poses
+    data = mujoco.MjData(world.mjm)
+    for i in range(len(rows)):
+        rows.put(data, i)
+        mujoco.mj_kinematics(world.mjm, data)
+        for k, column in enumerate(world.reaching.columns):
+            if grasp[i, k] >= 0:
+                g = column.grasps.grasps[grasp[i, k]]
+                pos, quat = np.empty(3), np.empty(4)
+                mujoco.mju_mulPose(pos, quat, data.xpos[g.body], data.xquat[g.body], g.pos, g.quat)
+                poses[i, k] = *pos, *quat
+    return poses
 
 
 def make_table(
@@ -127,4 +171,6 @@ def write_dataset(world: World, table: LayoutTable, folder: Path) -> None:
         with scene.open("wb") as file:
             world.scene.spec.to_zip(file)
         with layouts.open("wb") as file:
-            np.savez(file, **columns, object_names=np.array(world.object_names))
+            reachable = () if world.reaching is None else world.reaching.names
+            names = {"object_names": np.array(world.object_names), "reachable_names": np.array(reachable, str)}
+            np.savez(file, **columns, **names)

@@ -81,6 +81,15 @@ def describe(world: World, table: LayoutTable) -> dict:
     for name, body in world.scene.bodies.items():
         joints = {joint: float(data.qpos[mjm.jnt_qposadr[i]]) for joint, i in world.scene.joints(name).items()}
         objects[name] = {"pos": data.xpos[body].tolist(), "quat": data.xquat[body].tolist(), "joints": joints}
+    for k, column in enumerate(() if world.reaching is None else world.reaching.columns):
+        if table.grasp[0, k] >= 0:
+            objects[column.name]["grasp"] = {
+                "name": column.grasps.grasps[table.grasp[0, k]].name,
+                "pos": table.grasp_pose[0, k, :3].tolist(),
+                "quat": table.grasp_pose[0, k, 3:].tolist(),
+                "qpos": _known(table.grasp_qpos[0, k]),
+                "pregrasp_qpos": _known(table.pregrasp_qpos[0, k]),
+            }
     return {
         "scene": world.config.name,
         "status": Status(int(table.status[0])).name.lower(),
@@ -88,6 +97,10 @@ def describe(world: World, table: LayoutTable) -> dict:
         "attempts": int(table.attempts[0]),
         "objects": objects,
     }
+
+
+def _known(qpos: np.ndarray) -> list[float] | None:
+    return None if np.isnan(qpos).any() else qpos.tolist()
 
 
 def report(found: Mapping) -> str:
@@ -99,7 +112,8 @@ def report(found: Mapping) -> str:
         mujoco.mju_quat2Mat(rotation, np.array(part["quat"]))
         yaw = np.degrees(np.arctan2(rotation[3], rotation[0]))
         joints = "".join(f"  {joint} {value:.4f}" for joint, value in part["joints"].items())
-        lines.append(f"  {name:<12} x {x:+.4f}  y {y:+.4f}  z {z:+.4f} m  yaw {yaw:+7.1f} deg{joints}")
+        grasp = f"  grasp '{part['grasp']['name']}'" if "grasp" in part else ""
+        lines.append(f"  {name:<12} x {x:+.4f}  y {y:+.4f}  z {z:+.4f} m  yaw {yaw:+7.1f} deg{joints}{grasp}")
     return "\n".join([*lines, f"picture: {found['picture']}"])
 
 

@@ -63,6 +63,12 @@ class State:
         self._base_pos = torch.tensor(base_pos, dtype=torch.float32, device=self.device)
         self._to_base = rotations.conjugate(torch.tensor(base_quat, dtype=torch.float32, device=self.device))
         self._spans: dict[tuple[str, str], slice | Tensor] = {}
+        self._grasp_tables: dict[int, tuple[Tensor, Tensor, Tensor]] = {}
+        if layouts.reaching is not None:
+            self._narm = len(layouts.reaching.arm.joints)
+            self._layout_grasp = wp.to_torch(layouts.grasp)
+            self._layout_joints = wp.to_torch(layouts.grasp_qpos)
+            self._layout_prejoints = wp.to_torch(layouts.pregrasp_qpos)
 
     @property
     def finite(self) -> Tensor:
@@ -104,6 +110,35 @@ class State:
         """Return velocities [m/s or rad/s] of the same joints as qpos."""
         return self._qvel[:, self._span("qvel", name)]
 
+    def grasp(self, name: str) -> Tensor:
+        """Return where the TCP takes an object by the grasp that its layout was accepted for, shape (num_envs, 7).
+
+        Position [m] and orientation (wxyz), +z the approach and +y the closing axis; it goes where the object goes.
+        nan where the object is absent.
+        """
+        column = self._column(name, "grasp")
+        body, pos, quat = self._grasps(column)
+        chosen = self._layout_grasp[:, column]
+        i = chosen.clamp(min=0).long()
+        rows = torch.arange(self.num_envs, device=self.device)
+        xpos, xquat = self._xpos[rows, body[i]], self._xquat[rows, body[i]]
+        pose = self._pose(xpos + rotations.rotate(xquat, pos[i]), rotations.multiply(xquat, quat[i]))
+        return torch.where(chosen[:, None] >= 0, pose, torch.nan)
+
+    def grasp_qpos(self, name: str) -> Tensor:
+        """Return the arm's joints [rad or m] in that grasp at the object's start pose, shape (num_envs, joints).
+
+        nan where the object is absent, and for objects that only the arm's map was asked for.
+        """
+        return self._layout_joints[:, self._column(name, "grasp_qpos"), : self._narm].clone()
+
+    def pregrasp_qpos(self, name: str) -> Tensor:
+        """Return the arm's joints [rad or m] before that grasp, 8 cm back along its approach, as `grasp_qpos`.
+
+        nan for tiers below `clear`.
+        """
+        return self._layout_prejoints[:, self._column(name, "pregrasp_qpos"), : self._narm].clone()
+
     def actuator(self, name: str) -> int:
         """Return the column of an actuator in `ctrl`."""
         return self._id("actuator", name, "actuator")
@@ -119,6 +154,23 @@ class State:
         layouts = self._layouts
         draw_uniform(layouts.seed, layouts.episode, self._elapsed, number, low, high, wp.from_torch(values))
         return values
+
+    def _column(self, name: str, method: str) -> int:
+        names = () if self._layouts.reaching is None else self._layouts.reaching.names
+        if name not in names:
+            raise self._unknown("reachable object", name, method, names)
+        return names.index(name)
+
+    def _grasps(self, column: int) -> tuple[Tensor, Tensor, Tensor]:
+        """Return body ids, positions and orientations (wxyz) of the grasps of a reachable object."""
+        if column not in self._grasp_tables:
+            grasps = self._layouts.reaching.columns[column].grasps.grasps
+            self._grasp_tables[column] = (
+                torch.tensor([g.body for g in grasps], device=self.device),
+                torch.tensor(np.array([g.pos for g in grasps]), dtype=torch.float32, device=self.device),
+                torch.tensor(np.array([g.quat for g in grasps]), dtype=torch.float32, device=self.device),
+            )
+        return self._grasp_tables[column]
 
     def _pose(self, pos: Tensor, quat: Tensor) -> Tensor:
         pos = rotations.rotate(self._to_base, pos - self._base_pos)
