@@ -23,9 +23,11 @@ _TWO_PI = wp.constant(2.0 * math.pi)
 class Turn:
     """A drawn orientation of heading 0, the yaw that goes with it [rad], and what they make of the object's bounds.
 
-    `pivot` is in the root's frame [m]. `bounds` is (low x, low y, high x, high y) around the pivot [m].
+    `variant` is the pose of the program that it was drawn from. `pivot` is in the root's frame [m]. `bounds` is (low x,
+    low y, high x, high y) around the pivot [m].
     """
 
+    variant: int
     quat: wp.vec4
     yaw: float
     pivot: wp.vec3
@@ -59,6 +61,7 @@ def draw_turn(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> Turn:
     last = variant + program.obj_variantnum[obj] - 1
     while variant < last and w[3] >= program.variant_cdf[variant]:
         variant += 1
+    t.variant = variant
     t.quat = program.variant_quat[variant]
     t.pivot = program.variant_pivot[variant]
     t.bounds = program.variant_bounds[variant]

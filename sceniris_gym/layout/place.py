@@ -252,7 +252,7 @@ def _make_place(geometry: str, related: bool) -> wp.Kernel:
         box = program.obj_box_upper[obj] - program.obj_box_lower[obj]
         c.point = program.obj_box_lower[obj] + wp.cw_mul(wp.vec3(u[1], u[2], u[3]), box)
         c.heading = c.turn.yaw
-        if program.obj_trinum[obj] > 0:
+        if c.ground >= 0 or program.obj_cutnum[obj] > 0:
             frame = pose_of(wp.vec3(0.0), wp.vec4(1.0, 0.0, 0.0, 0.0))
             if c.ground >= 0:
                 frame = pose_of(body_pos[c.ground], body_quat[c.ground])
@@ -260,7 +260,7 @@ def _make_place(geometry: str, related: bool) -> wp.Kernel:
             support_heading = wp.atan2(frame.rot[1, 0], frame.rot[0, 0])
             if program.obj_turn[obj] != _ANY:
                 c.heading += support_heading
-            if program.obj_regionnum[obj] > 0:
+            if program.obj_cutnum[obj] > 0:
                 spot = draw_spot(program, layouts, worldid, lane, obj, c.turn, frame, support_heading, stream, trial)
                 c.cause = spot.cause
                 if c.ground >= 0:
@@ -268,8 +268,10 @@ def _make_place(geometry: str, related: bool) -> wp.Kernel:
                     c.point = spot.at
                 else:
                     c.point = wp.vec3(spot.at[0], spot.at[1], c.point[2])
+            elif program.variant_trinum[c.turn.variant] == 0:
+                c.cause = _EMPTY
             else:
-                tri = draw_triangle(program, obj, u[1])
+                tri = draw_triangle(program, c.turn.variant, u[1])
                 at = draw_in_triangle(program, tri, u[2], u[3])
                 c.surface = program.tri_surface[tri]
                 c.point = apply(frame, wp.vec3(at[0], at[1], program.surface_height[c.surface]))
