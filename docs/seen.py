@@ -157,14 +157,17 @@ class View:
             assert region is not None
             assert region.box is not None
             return [MultiPoint([corner[:2] for corner in region.box]).envelope]
-        return [self._on_body(plan.ground, s.outline, i) for s in plan.surfaces]
+        surfaces = {(s.height, s.outline.wkb): s for mine in plan.surfaces for s in mine}
+        return [self._on_body(plan.ground, s.outline, i) for s in surfaces.values()]
 
     def region(self, name: str, i: int = 0) -> shapely.Geometry | None:
         """The region of an object in world i, or None where it depends on how the object is turned."""
         plan, config = self._plan(name), self.config.objects[name]
         if plan.ground is None:
             return shapely.union_all(self.supports(name, i))
-        region = shapely.union_all([self._on_body(plan.ground, s.region, i) for s in plan.surfaces])
+        if plan.erosion > 0.0 or any(mine is not plan.surfaces[0] for mine in plan.surfaces):
+            return None
+        region = shapely.union_all([self._on_body(plan.ground, s.region, i) for s in plan.surfaces[0]])
         for relation in config.relations:
             if relation.bounds or relation.kind == "beside":
                 return None

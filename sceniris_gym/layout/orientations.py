@@ -23,8 +23,8 @@ _TWO_PI = wp.constant(2.0 * math.pi)
 class Turn:
     """A drawn orientation of heading 0, the yaw that goes with it [rad], and what they make of the object's bounds.
 
-    `variant` is the pose it was drawn from. `pivot` is in the root's frame [m]. `bounds` is (low x, low y, high x,
-    high y) around the pivot [m].
+    `variant` is the pose of the program that it was drawn from. `pivot` is in the root's frame [m]. `bounds` is (low x,
+    low y, high x, high y) around the pivot [m].
     """
 
     variant: int

@@ -9,6 +9,7 @@ from typing import Any
 
 import warp as wp
 
+from sceniris_gym.layout.bank import fall_back, fall_back_reaching
 from sceniris_gym.layout.blocks import block_any, block_sync
 from sceniris_gym.layout.collision import (
     LEAF_CAPACITY,
@@ -24,7 +25,7 @@ from sceniris_gym.layout.kinematics import draw_joints, pose_bodies
 from sceniris_gym.layout.layouts import LayoutsView, Status
 from sceniris_gym.layout.orientations import Turn, draw_turn, facing
 from sceniris_gym.layout.points import draw_in_triangle, draw_related, draw_triangle, draw_unrelated
-from sceniris_gym.layout.random import BANK_STREAM, STREAM_BITS, philox, uniforms
+from sceniris_gym.layout.random import STREAM_BITS, uniforms
 from sceniris_gym.layout.regions import inside_outline, roof_physics, roof_visual, shadow_on_edge
 from sceniris_gym.layout.transforms import apply, compose, mul_quat, pose_of, quat_mat, quat_z, relative
 from sceniris_gym.scene.device import Cause, Measure, ObjectKind, Program, Roof, TurnType
@@ -46,7 +47,6 @@ _WHOLE = wp.constant(int(Measure.WHOLE))
 _EITHER = wp.constant(int(Roof.EITHER))
 _COVERED = wp.constant(int(Roof.COVERED))
 _VALID = wp.constant(int(Status.VALID))
-_FALLBACK = wp.constant(int(Status.FALLBACK))
 _NONE = wp.constant(int(Cause.NONE))
 _ROOF = wp.constant(int(Cause.ROOF))
 _FOOTPRINT = wp.constant(int(Cause.FOOTPRINT))
@@ -55,7 +55,6 @@ _REGION = wp.constant(int(Cause.REGION))
 _UNREACHABLE = wp.constant(int(Cause.UNREACHABLE))
 _COLLISION = wp.constant(int(Cause.COLLISION))
 _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
-_BANK_STREAM = wp.constant(wp.uint32(BANK_STREAM))
 
 
 @wp.struct
@@ -200,42 +199,6 @@ def _record(program: Program, layouts: LayoutsView, worldid: int, obj: int):
 
 
 @wp.func
-def _bank_row(program: Program, layouts: LayoutsView, worldid: int, split: wp.uint32) -> int:
-    """The world's entry of the bank; -1 in a World whose bank is still being made."""
-    num = program.bank_qpos.shape[0]
-    if num == 0:
-        return -1
-    stream = (split << _STREAM_BITS) + _BANK_STREAM
-    words = philox(
-        layouts.seed[worldid], wp.vec4ui(wp.uint32(layouts.episode[worldid]), stream, wp.uint32(0), wp.uint32(0))
-    )
-    return int(words[0] % wp.uint32(num))
-
-
-@wp.func
-def _fall_back(program: Program, layouts: LayoutsView, worldid: int, row: int):
-    """Take an entry of the bank."""
-    for i in range(layouts.qpos.shape[1]):
-        layouts.qpos[worldid, i] = program.bank_qpos[row, i]
-    for i in range(program.bank_mocap_pos.shape[1]):
-        layouts.mocap_pos[worldid, i] = program.bank_mocap_pos[row, i]
-        q = program.bank_mocap_quat[row, i]
-        layouts.mocap_quat[worldid, i] = wp.quat(q[0], q[1], q[2], q[3])
-    for i in range(layouts.present.shape[1]):
-        layouts.present[worldid, i] = program.bank_present[row, i]
-
-
-@wp.func
-def _fall_back_grasps(reach: Reach, layouts: LayoutsView, worldid: int, row: int):
-    """Take the grasps of an entry of the bank."""
-    for r in range(layouts.grasp.shape[1]):
-        layouts.grasp[worldid, r] = reach.bank_grasp[row, r]
-        for i in range(layouts.grasp_qpos.shape[2]):
-            layouts.grasp_qpos[worldid, r, i] = reach.bank_grasp_qpos[row, r, i]
-            layouts.pregrasp_qpos[worldid, r, i] = reach.bank_pregrasp_qpos[row, r, i]
-
-
-@wp.func
 def _within_reach(
     program: Program, reach: Reach, layouts: LayoutsView, worldid: int, lane: int, obj: int, variant: int
 ) -> bool:
@@ -252,8 +215,10 @@ def _within_reach(
     return grasp >= 0
 
 
-def _make_place(geometry: str, related: bool, reaching: bool) -> wp.Kernel:
+def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
     """The kernel for one kind of geometry, with or without relations and reach: what is not used costs registers."""
+    reaching = reach_by != ""
+    staged = reach_by == "stages"
     collides, roof = _GEOMETRY[geometry]
     draw_spot = draw_related if related else draw_unrelated
 
@@ -288,7 +253,7 @@ def _make_place(geometry: str, related: bool, reaching: bool) -> wp.Kernel:
         box = program.obj_box_upper[obj] - program.obj_box_lower[obj]
         c.point = program.obj_box_lower[obj] + wp.cw_mul(wp.vec3(u[1], u[2], u[3]), box)
         c.heading = c.turn.yaw
-        if program.obj_trinum[obj] > 0:
+        if c.ground >= 0 or program.obj_cutnum[obj] > 0:
             frame = pose_of(wp.vec3(0.0), wp.vec4(1.0, 0.0, 0.0, 0.0))
             if c.ground >= 0:
                 frame = pose_of(body_pos[c.ground], body_quat[c.ground])
@@ -296,7 +261,7 @@ def _make_place(geometry: str, related: bool, reaching: bool) -> wp.Kernel:
             support_heading = wp.atan2(frame.rot[1, 0], frame.rot[0, 0])
             if program.obj_turn[obj] != _ANY:
                 c.heading += support_heading
-            if program.obj_regionnum[obj] > 0:
+            if program.obj_cutnum[obj] > 0:
                 spot = draw_spot(program, layouts, worldid, lane, obj, c.turn, frame, support_heading, stream, trial)
                 c.cause = spot.cause
                 if c.ground >= 0:
@@ -304,8 +269,10 @@ def _make_place(geometry: str, related: bool, reaching: bool) -> wp.Kernel:
                     c.point = spot.at
                 else:
                     c.point = wp.vec3(spot.at[0], spot.at[1], c.point[2])
+            elif program.variant_trinum[c.turn.variant] == 0:
+                c.cause = _EMPTY
             else:
-                tri = draw_triangle(program, obj, u[1])
+                tri = draw_triangle(program, c.turn.variant, u[1])
                 at = draw_in_triangle(program, tri, u[2], u[3])
                 c.surface = program.tri_surface[tri]
                 c.point = apply(frame, wp.vec3(at[0], at[1], program.surface_height[c.surface]))
@@ -437,6 +404,9 @@ def _make_place(geometry: str, related: bool, reaching: bool) -> wp.Kernel:
         if mask:
             if not mask[worldid]:
                 return
+        if wp.static(staged):
+            if layouts.restart[worldid] < 0:
+                return
         nodes = wp.tile_stack(capacity=wp.static(NODE_CAPACITY[geometry]), dtype=wp.vec3i)
         leaves = wp.tile_stack(capacity=wp.static(LEAF_CAPACITY), dtype=wp.vec3i)
         if program.ngroup > 0:
@@ -445,6 +415,8 @@ def _make_place(geometry: str, related: bool, reaching: bool) -> wp.Kernel:
             block_sync()
         total = int(0)
         restart = int(0)
+        if wp.static(staged):
+            restart = layouts.restart[worldid]
         status = int(0)
         while restart <= program.restarts and status == 0:
             obj = int(0)
@@ -478,26 +450,28 @@ def _make_place(geometry: str, related: bool, reaching: bool) -> wp.Kernel:
                 obj += 1
             restart += 1
         if lane == 0:
-            layouts.attempts[worldid] = total
+            if wp.static(staged):
+                layouts.attempts[worldid] += total
+                layouts.restart[worldid] = wp.where(status == _VALID, restart, -1)
+            else:
+                layouts.attempts[worldid] = total
             layouts.first_pass_valid[worldid] = wp.where(restart == 1, status, 0)
             if status != _VALID:
-                row = _bank_row(program, layouts, worldid, split)
-                if row >= 0:
-                    _fall_back(program, layouts, worldid, row)
-                    if wp.static(reaching):
-                        _fall_back_grasps(reach, layouts, worldid, row)
-                    status = _FALLBACK
+                if wp.static(reaching):
+                    status = fall_back_reaching(program, reach, layouts, worldid, split)
+                else:
+                    status = fall_back(program, layouts, worldid, split)
             layouts.status[worldid] = status
 
-    name = f"place_{geometry}" + "_related" * related + "_reaching" * reaching
+    name = f"place_{geometry}" + "_related" * related + f"_{reach_by}" * reaching
     place.__name__ = place.__qualname__ = name
     options = {"enable_backward": False, "grid_stride": False, "cuda_max_registers": _MAX_REGISTERS}
     return wp.Kernel(place, key=name, module=wp.get_module(f"{__name__}.{name}"), options=options)
 
 
 PLACE = {
-    (geometry, related, reaching): _make_place(geometry, related, reaching)
-    for geometry, related, reaching in product(_GEOMETRY, (False, True), (False, True))
+    (geometry, related, reach_by): _make_place(geometry, related, reach_by)
+    for geometry, related, reach_by in product(_GEOMETRY, (False, True), ("", "map", "stages"))
 }
-"""The kernel for a scene, by its geometry, by whether any of its regions differs between worlds, and by whether
-anything in it is to be reachable."""
+"""The kernel for a scene, by its geometry, by whether any of its regions differs between worlds, and by what decides
+whether things are reachable: nothing, the arm's map, or later stages too, which may ask for another start."""

@@ -16,6 +16,7 @@ from sceniris_gym.layout.orientations import Turn, facing
 from sceniris_gym.layout.placed import Placed
 from sceniris_gym.layout.polygons import area, clip, draw_in_polygon, set_triangle
 from sceniris_gym.layout.random import uniforms
+from sceniris_gym.layout.regions import outline_distance
 from sceniris_gym.layout.relations import holds, look, piece_side, side_num
 from sceniris_gym.layout.transforms import Pose, apply
 from sceniris_gym.scene.device import Cause, Program, TurnType
@@ -51,10 +52,10 @@ class Spot:
 
 
 @wp.func
-def draw_triangle(program: Program, obj: int, u: float) -> int:
-    """The triangle of the object's region that holds the share `u` of its area."""
-    low = program.obj_triadr[obj]
-    high = low + program.obj_trinum[obj] - 1
+def draw_triangle(program: Program, variant: int, u: float) -> int:
+    """The triangle of the region of an object's pose that holds the share `u` of its area."""
+    low = program.variant_triadr[variant]
+    high = low + program.variant_trinum[variant] - 1
     while low < high:
         middle = (low + high) // 2
         if u < program.tri_cdf[middle]:
@@ -75,6 +76,24 @@ def draw_in_triangle(program: Program, tri: int, u: float, v: float) -> wp.vec2:
 def _xy(frame: Pose, p: wp.vec2, height: float) -> wp.vec2:
     w = apply(frame, wp.vec3(p[0], p[1], height))
     return wp.vec2(w[0], w[1])
+
+
+@wp.func
+def _on_surface(frame: Pose, height: float, at: wp.vec2) -> wp.vec3:
+    """The point of a surface that is seen at `at` from above: level to 0.1 degree is not level to 0.1 mm."""
+    ground = apply(frame, wp.vec3(0.0, 0.0, height))
+    n = wp.vec3(frame.rot[0, 2], frame.rot[1, 2], frame.rot[2, 2])
+    return wp.vec3(at[0], at[1], ground[2] - (n[0] * (at[0] - ground[0]) + n[1] * (at[1] - ground[1])) / n[2])
+
+
+@wp.func
+def _keeps_off(program: Program, obj: int, tri: int, frame: Pose, own: Placed) -> bool:
+    """Does the pivot keep its distance from the outline of the surface, in the bounds that were drawn?"""
+    size = own.high - own.low
+    surface = program.tri_surface[tri]
+    p = wp.transpose(frame.rot) * (_on_surface(frame, program.surface_height[surface], own.at) - frame.pos)
+    distance = outline_distance(program, surface, wp.vec2(p[0], p[1]))
+    return distance >= program.obj_erosion[obj] * wp.min(size[0], size[1])
 
 
 @wp.func
@@ -100,6 +119,7 @@ def _cut(
     layouts: LayoutsView,
     worldid: int,
     obj: int,
+    variant: int,
     index: int,
     frame: Pose,
     polygon: Any,
@@ -109,8 +129,8 @@ def _cut(
 
     Returns the number of corners of `polygon`.
     """
-    tri = program.obj_triadr[obj] + index % program.obj_trinum[obj]
-    rest = index // program.obj_trinum[obj]
+    tri = program.variant_triadr[variant] + index % program.variant_trinum[variant]
+    rest = index // program.variant_trinum[variant]
     height = program.surface_height[program.tri_surface[tri]]
     num = set_triangle(
         polygon,
@@ -169,14 +189,15 @@ def draw_related(
     if lane == 0:
         _look_around(program, layouts, worldid, obj, own, support_heading)
     block_sync()
+    pieces = program.variant_trinum[turn.variant] * program.obj_cutnum[obj]
     for redraw in range(_REDRAWS):
         first_draw = _FIRST_DRAW + redraw * _DRAWS
         best = _NOBODY
         cut = int(-1)
         num = int(0)
-        for i in range(lane, program.obj_regionnum[obj], wp.block_dim()):
+        for i in range(lane, pieces, wp.block_dim()):
             cut = i
-            num = _cut(program, layouts, worldid, obj, i, frame, polygon, scratch)
+            num = _cut(program, layouts, worldid, obj, turn.variant, i, frame, polygon, scratch)
             size = area(polygon, num)
             if size > _LEAST_AREA:
                 race = uniforms(seed, episode, stream, trial, first_draw + 1 + i // 4)
@@ -187,10 +208,11 @@ def draw_related(
             spot.cause = _EMPTY
             return spot
         index = int(best & wp.uint64(0xFFFFFFFF))
+        tri = program.variant_triadr[turn.variant] + index % program.variant_trinum[turn.variant]
         if lane == index % wp.block_dim():
             u = uniforms(seed, episode, stream, trial, first_draw)
             if cut != index:  # the lane has cut another piece since
-                num = _cut(program, layouts, worldid, obj, index, frame, polygon, scratch)
+                num = _cut(program, layouts, worldid, obj, turn.variant, index, frame, polygon, scratch)
             own.at = draw_in_polygon(polygon, num, u[0], u[1], u[2])
             target = program.obj_target[obj]
             if program.obj_turn[obj] == _FACE_TO and layouts.present[worldid, target] != 0:
@@ -202,18 +224,17 @@ def draw_related(
                 rel = program.obj_reladr[obj] + i
                 if not holds(program, rel, sight, own, layouts.place[worldid], layouts.bounds[worldid]):
                     held = int(0)
+            if program.obj_erosion[obj] > 0.0:
+                if not _keeps_off(program, obj, tri, frame, own):
+                    held = int(0)
             layouts.drawn[worldid] = wp.vec3(own.at[0], own.at[1], float(held))
         block_sync()
         drawn = layouts.drawn[worldid]
         spot.cause = _REGION
         if drawn[2] > 0.0:
             spot.cause = _NONE
-            spot.surface = program.tri_surface[program.obj_triadr[obj] + index % program.obj_trinum[obj]]
-            ground = apply(frame, wp.vec3(0.0, 0.0, program.surface_height[spot.surface]))
-            # the surface's height over the point: what is level to 0.1 degree is not level to 0.1 mm
-            n = wp.vec3(frame.rot[0, 2], frame.rot[1, 2], frame.rot[2, 2])
-            z = ground[2] - (n[0] * (drawn[0] - ground[0]) + n[1] * (drawn[1] - ground[1])) / n[2]
-            spot.at = wp.vec3(drawn[0], drawn[1], z)
+            spot.surface = program.tri_surface[tri]
+            spot.at = _on_surface(frame, program.surface_height[spot.surface], wp.vec2(drawn[0], drawn[1]))
             return spot
     return spot
 

@@ -66,6 +66,18 @@ def inside_outline(program: Program, surface: int, p: wp.vec2) -> bool:
 
 
 @wp.func
+def outline_distance(program: Program, surface: int, p: wp.vec2) -> float:
+    """Distance [m] of `p` from the nearest edge of the surface's outline."""
+    least = float(1.0e30)
+    for i in range(program.surface_edgenum[surface]):
+        a = program.edge_a[program.surface_edgeadr[surface] + i]
+        along = program.edge_b[program.surface_edgeadr[surface] + i] - a
+        share = wp.clamp(wp.dot(p - a, along) / wp.dot(along, along), 0.0, 1.0)
+        least = wp.min(least, wp.length(p - a - share * along))
+    return least
+
+
+@wp.func
 def shadow_on_edge(program: Program, piece: int, edge: int, rel: Pose) -> bool:
     """Does an edge of an outline pass through the shadow of a piece? `rel`: the piece in the outline's frame, z up.
 

@@ -22,7 +22,8 @@ _FRAME_WORLD = wp.constant(FRAME_WORLD)
 _MAX_ANCHORS = wp.constant(MAX_ANCHORS)
 _PI = wp.constant(math.pi)
 _NO_LIMIT = wp.constant(1.0e29)
-# Anchors whose hull is thinner than this [m] are collinear: a strip takes the hull's place.
+# Anchors whose hull is thinner than this [m] are collinear: a strip takes the hull's place. If they are no further
+# apart than that they are one point: a square along the world's axes takes the strip's.
 _THIN = wp.constant(1.0e-3)
 # Beside is a line; it is drawn as a strip of this half width [m], a fifth of what a violation would be.
 _LINE = wp.constant(2.0e-5)
@@ -88,7 +89,7 @@ def _hull(points: Any, num: int, hull: Any, first: int) -> int:
 
 @wp.func
 def _between(width: float, points: Any, num: int, hull: Any, first: int) -> Sight:
-    """The hull of the anchors, or a strip around the longest segment if they lie on a line."""
+    """The hull of the anchors; a strip around the longest segment if they lie on a line; a square around one point."""
     s = Sight()
     s.active = num >= 2
     a = int(0)
@@ -101,12 +102,16 @@ def _between(width: float, points: Any, num: int, hull: Any, first: int) -> Sigh
                 longest = length
                 a = i
                 b = j
-    s.apex = points[a]
-    s.along = wp.vec2(1.0, 0.0)
-    if longest > 0.0:
-        s.along = (points[b] - points[a]) / longest
-    s.high = longest
+    s.apex = 0.5 * (points[a] + points[b])
     s.half = 0.5 * width
+    s.along = wp.vec2(1.0, 0.0)
+    s.low = -s.half
+    s.high = s.half
+    if longest > _THIN:
+        s.apex = points[a]
+        s.along = (points[b] - points[a]) / longest
+        s.low = 0.0
+        s.high = longest
     left = float(0.0)
     right = float(0.0)
     for i in range(num):
@@ -162,7 +167,11 @@ def look(
             points[num] = wp.vec2(place[slot][0], place[slot][1])
             num += 1
     if program.rel_type[rel] == _BETWEEN:
-        return _between(program.rel_width[rel], points, num, hull, first)
+        width = program.rel_width[rel]
+        if width < 0.0:
+            size = own.high - own.low
+            width = wp.min(size[0], size[1])
+        return _between(width, points, num, hull, first)
 
     s = Sight()
     frame = program.rel_frame[rel]

@@ -135,14 +135,13 @@ def _objects(scene: SceneModel, plan: Plan, c: Colliders, lanes: int) -> dict[st
 
 
 def _relations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
-    owners = [o for o in plan.objects for _ in _relations_of(o)]
     relations, reladr, relnum = ranges(_relations_of(o) for o in plan.objects)
     anchors, anchoradr, anchornum = ranges([plan.slots.index(a) for a in r.anchors] for r in relations)
     for o in plan.objects:
         _check_size(scene, o)
     return {
         "obj_reladr": reladr,
-        "obj_insists": np.array([any(r.bounds or r.kind == "beside" for r in _relations_of(o)) for o in plan.objects]),
+        "obj_insists": np.array([_insists(o) for o in plan.objects]),
         "obj_relnum": relnum,
         "rel_type": np.array([_TYPES[r.kind] for r in relations], int),
         "rel_anchoradr": anchoradr,
@@ -154,7 +153,7 @@ def _relations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
         "rel_low": np.array([r.low for r in relations], float),
         "rel_high": np.array([min(r.high, _NO_LIMIT) for r in relations], float),
         "rel_bounds": np.array([r.bounds for r in relations], int),
-        "rel_width": np.array([_width(r, o) for r, o in zip(relations, owners, strict=True)], float),
+        "rel_width": np.array([-1.0 if r.width is None else r.width for r in relations], float),
         "rel_gap": np.array([r.gap for r in relations], float),
         "rel_piecenum": np.array([_pieces_of(r) for r in relations], int),
     }
@@ -176,43 +175,70 @@ def _groups(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
 
 
 def _regions(plan: Plan, where: str) -> dict[str, np.ndarray]:
-    surfaces, _, _ = ranges(o.surfaces for o in plan.objects)
-    side, edgeadr, edgenum = ranges(supports.edges(s.outline) for s in surfaces)
-    triangles, owners, cdf, counts, cuts = [], [], [], [], []
-    number = 0
+    """Triangles of the regions of all variants; those that share one have it once."""
+    surfaces: list[supports.Surface] = []
+    triangles, owners, cdf = [np.zeros((0, 3, 2))], [], [np.zeros(0)]
+    adr, num = [], []
     for o in plan.objects:
-        parts = [supports.triangulate(s.region) for s in o.surfaces]
-        corners = np.concatenate([*parts, np.zeros((0, 3, 2))])
-        share = np.cumsum(supports.areas(corners))
-        triangles.append(corners)
-        owners += [number + i for i, part in enumerate(parts) for _ in part]
-        cdf.append(share / share[-1] if len(share) else share)
-        counts.append(len(corners))
-        related = bool(_relations_of(o)) or o.tilts
-        cuts.append(len(corners) * math.prod(_pieces_of(r) for r in _relations_of(o)) if related else 0)
-        if cuts[-1] > MAX_PIECES:
-            raise SceneKeyError(
-                f"{where}: objects.{o.name}.relations: together cut the region into {cuts[-1]} pieces, and there is "
-                f"room for {MAX_PIECES}. Use fewer rings, or wider ones: a thin one makes up to {_MOST_SLICES} slices."
-            )
-        number += len(o.surfaces)
-    corners = np.concatenate([*triangles, np.zeros((0, 3, 2))])
+        places: dict[int, tuple[int, int]] = {}
+        for mine in o.surfaces:
+            if id(mine) not in places:
+                parts = [supports.triangulate(s.region) for s in mine]
+                corners = np.concatenate([*parts, np.zeros((0, 3, 2))])
+                share = np.cumsum(supports.areas(corners))
+                places[id(mine)] = (len(owners), len(corners))
+                owners += [len(surfaces) + i for i, part in enumerate(parts) for _ in part]
+                surfaces += mine
+                triangles.append(corners)
+                cdf.append(share / share[-1] if len(share) else share)
+            adr.append(places[id(mine)][0])
+            num.append(places[id(mine)][1])
+        _check_cuts(o, max((n for _, n in places.values()), default=0), where)
+    side, edgeadr, edgenum = ranges(supports.edges(s.outline) for s in surfaces)
     side = np.reshape(side, (-1, 2, 2))
+    corners = np.concatenate(triangles)
     return {
-        "obj_triadr": np.concatenate([[0], np.cumsum(counts)[:-1]]) if counts else np.zeros(0, int),
-        "obj_trinum": np.array(counts, int),
-        "obj_regionnum": np.array(cuts, int),
+        "obj_cutnum": np.array([_cuts(o) for o in plan.objects], int),
+        "obj_erosion": np.array([o.erosion for o in plan.objects], float),
+        "variant_triadr": np.array(adr, int),
+        "variant_trinum": np.array(num, int),
         "tri_surface": np.array(owners, int),
         "tri_a": corners[:, 0],
         "tri_b": corners[:, 1],
         "tri_c": corners[:, 2],
-        "tri_cdf": np.concatenate([*cdf, np.zeros(0)]),
+        "tri_cdf": np.concatenate(cdf),
         "surface_height": np.array([s.height for s in surfaces]),
         "surface_edgeadr": edgeadr,
         "surface_edgenum": edgenum,
         "edge_a": side[:, 0],
         "edge_b": side[:, 1],
     }
+
+
+def _cuts(o: PlacedObject) -> int:
+    """How many pieces the relations of an object cut each triangle into; 0 where its region is never another one."""
+    if _relations_of(o) or o.tilts or o.erosion > 0.0:
+        return math.prod(_pieces_of(r) for r in _relations_of(o))
+    return 0
+
+
+def _check_cuts(o: PlacedObject, triangles: int, where: str) -> None:
+    pieces = triangles * _cuts(o)
+    if pieces > MAX_PIECES:
+        raise SceneKeyError(
+            f"{where}: objects.{o.name}.relations: together cut the region into {pieces} pieces, and there is "
+            f"room for {MAX_PIECES}. Use fewer rings, or wider ones: a thin one makes up to {_MOST_SLICES} slices."
+        )
+
+
+def _insists(o: PlacedObject) -> bool:
+    """Whether another draw of its own turn or joints may open a region that was empty."""
+    by_bounds = any(r.bounds or r.kind == "beside" or _has_own_width(r) for r in _relations_of(o))
+    return by_bounds or o.erosion > 0.0 or len({id(surfaces) for surfaces in o.surfaces}) > 1
+
+
+def _has_own_width(relation: Relation) -> bool:
+    return relation.kind == "between" and relation.width is None
 
 
 def _pieces(pieces: list[Piece]) -> dict[str, np.ndarray]:
@@ -290,6 +316,8 @@ def _measured(plan: Plan, o: PlacedObject) -> Measure:
         return Measure.WHOLE
     if not o.draws:
         return Measure.NOTHING
+    if o.erosion > 0.0 or any(_has_own_width(r) for r in _relations_of(o)):
+        return Measure.WHOLE
     seen = [r for other in plan.objects for r in _relations_of(other) if o.name in (other.name, *r.anchors)]
     return Measure.WHOLE if any(r.bounds or r.kind == "beside" for r in seen) else Measure.LOWEST
 
@@ -322,6 +350,12 @@ def _check_size(scene: SceneModel, o: PlacedObject) -> None:
         raise SceneKeyError(
             f"{where}: 'beside' needs to know how the object is turned, and 'face_to' where it is. Use one of them."
         )
+    for i, relation in enumerate(_relations_of(o)):
+        if _has_own_width(relation) and max(v.short_edge for v in o.variants) == 0.0:
+            raise SceneKeyError(
+                f"{where}.{i}.width: is missing. '{o.name}' has nothing that collides, so no bounds and no width of "
+                "its own."
+            )
 
 
 def _check_waiting(scene: SceneModel, o: PlacedObject) -> None:
@@ -338,10 +372,6 @@ def _frame(relation: Relation, slots: tuple[str, ...]) -> int:
     if relation.frame == "anchor":
         return slots.index(relation.anchors[0])
     return _FRAMES[relation.frame] if relation.frame in _FRAMES else slots.index(relation.frame)
-
-
-def _width(relation: Relation, o: PlacedObject) -> float:
-    return relation.width if relation.width is not None else min(v.short_edge for v in o.variants)
 
 
 def _address(mjm: mujoco.MjModel, body: int, kind: ObjectKind) -> int:

@@ -143,9 +143,8 @@ class Program:
     obj_shadownum: wp.array(dtype=int)
     obj_roofadr: wp.array(dtype=int)
     obj_roofnum: wp.array(dtype=int)
-    obj_triadr: wp.array(dtype=int)
-    obj_trinum: wp.array(dtype=int)
-    obj_regionnum: wp.array(dtype=int)  # pieces that relations cut its region into; 0: the same region in every world
+    obj_cutnum: wp.array(dtype=int)  # pieces that relations cut a triangle into; 0: the same region in every world
+    obj_erosion: wp.array(dtype=float)  # distance from the outline, in shares of the drawn bounds' shorter edge
     obj_insists: wp.array(dtype=int)  # 1: its own bounds or turn may open a region that was empty
     obj_reladr: wp.array(dtype=int)
     obj_relnum: wp.array(dtype=int)
@@ -163,6 +162,8 @@ class Program:
     variant_pivot: wp.array(dtype=wp.vec3)
     variant_bounds: wp.array(dtype=wp.vec4)
     variant_cdf: wp.array(dtype=float)
+    variant_triadr: wp.array(dtype=int)  # of its region
+    variant_trinum: wp.array(dtype=int)
     # Relations. Directions and half angles in rad; distances in m, 1e30 for none.
     rel_type: wp.array(dtype=int)
     rel_anchoradr: wp.array(dtype=int)
@@ -174,7 +175,7 @@ class Program:
     rel_low: wp.array(dtype=float)
     rel_high: wp.array(dtype=float)
     rel_bounds: wp.array(dtype=int)
-    rel_width: wp.array(dtype=float)
+    rel_width: wp.array(dtype=float)  # negative: the shorter edge of the object's own bounds
     rel_gap: wp.array(dtype=float)
     rel_piecenum: wp.array(dtype=int)
     # Groups: their members' slots and how many of them are present.

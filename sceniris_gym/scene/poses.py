@@ -64,6 +64,14 @@ class HomeShape:
         half = 0.5 * (upper - lower)[:2]
         return Variant(quat, turn.T @ bottom, np.concatenate([-half, half]), probability)
 
+    def inner_radius(self) -> float:
+        """Radius [m] of a ball inside of the hull: seen from any side, the bounds are at least twice as wide."""
+        if not self._pieces:
+            return 0.0
+        hull = trimesh.convex.convex_hull(self._points())
+        to_faces = hull.triangles[:, 0] - hull.center_mass
+        return max(float((to_faces * hull.face_normals).sum(axis=1).min()), 0.0)
+
     def hull(self, body: int) -> Piece:
         """All pieces as one convex piece of the root body `body`: the convex footprint in any orientation."""
         vertices = trimesh.convex.convex_hull(self._points()).vertices

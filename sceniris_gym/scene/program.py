@@ -52,7 +52,10 @@ class PlacedObject:
         variants: Poses that its orientation is drawn from; empty for STATIC.
         ground: Body that carries it; None in a box in space or for STATIC.
         tilts: Whether that body may lean in the states it is drawn in.
-        surfaces: Surfaces and regions that it may stand on; for relations in space the box seen from above.
+        surfaces: Surfaces and regions that it may stand on, a list for each variant; for relations in space the box
+            seen from above. Variants with the same regions share one list.
+        erosion: How far its pivot keeps from their outlines, in shares of the shorter edge of the drawn bounds, where
+            that is not the same in all draws of a variant; else 0, and the regions have it.
         config: Its words in the scene file; None for the robot.
     """
 
@@ -66,7 +69,8 @@ class PlacedObject:
     variants: list[Variant]
     ground: int | None
     tilts: bool
-    surfaces: list[Surface]
+    surfaces: list[list[Surface]]
+    erosion: float
     config: ObjectConfig | None
 
 
@@ -163,7 +167,9 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
     stream = 0 if config is None else 1 + list(scene.config.objects).index(name)
     draws = _draws(scene, name)
     if config is None or not config.is_placed:
-        return PlacedObject(name, stream, ObjectKind.STATIC, bodies, draws, quat, None, [], None, False, [], config)
+        return PlacedObject(
+            name, stream, ObjectKind.STATIC, bodies, draws, quat, None, [], None, False, [], 0.0, config
+        )
     own = [p for p in pieces if p.body in bodies]
     if any(p.type == PieceType.PLANE for p in own):
         raise NotSupportedError(
@@ -171,7 +177,14 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
         )
     shape = HomeShape(home, bodies[0], own)
     variants = shape.stable(quat) if config.turn.kind == "stable" and own else [shape.variant(quat)]
-    ground, surfaces = _surfaces(scene, name, config, pieces, home, 0.5 * min(v.short_edge for v in variants))
+    moves = any(d.choice or not d.low == d.high == home.qpos[d.qposadr] for d in draws)
+    varies = config.ratio_on_support > 0.0 and bool(own) and (moves or config.turn.kind == "any")
+    rigid = HomeShape(home, bodies[0], [p for p in own if p.body == bodies[0]]) if varies else shape
+    if config.turn.kind == "any":
+        edges = [2.0 * rigid.inner_radius()]
+    else:
+        edges = [rigid.variant(v.quat).short_edge for v in variants]
+    ground, surfaces = _surfaces(scene, name, config, pieces, home, edges)
     return PlacedObject(
         name=name,
         stream=stream,
@@ -184,6 +197,7 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
         ground=ground,
         tilts=ground is not None and _tilts(scene, config, ground),
         surfaces=surfaces,
+        erosion=0.5 * config.ratio_on_support if varies else 0.0,
         config=config,
     )
 
@@ -211,13 +225,13 @@ def _draw(scene: SceneModel, joint: int, words: JointConfig) -> Draw:
 
 
 def _surfaces(
-    scene: SceneModel, name: str, config: ObjectConfig, pieces: list[Piece], home: mujoco.MjData, half_edge: float
-) -> tuple[int | None, list[Surface]]:
-    """The body that carries an object and the surfaces on it."""
+    scene: SceneModel, name: str, config: ObjectConfig, pieces: list[Piece], home: mujoco.MjData, edges: list[float]
+) -> tuple[int | None, list[list[Surface]]]:
+    """The body that carries an object, and for each variant the surfaces on it; `edges`: their least shorter edges."""
     support = config.support
     if support is None:
         assert config.region is not None
-        return None, [supports.shadow_of_box(config.region)] if config.relations else []
+        return None, [[supports.shadow_of_box(config.region)] if config.relations else []] * len(edges)
     where = f"{scene.config.where}: objects.{name}.{support.word}"
     body = scene.support_body(support.parent, where)
     if support.parent == FLOOR:
@@ -234,7 +248,8 @@ def _surfaces(
             f"{where}: '{support.parent}' has no level surface of 2 cm or more in width"
             f"{' that is open above' if support.word == 'on' else ''}. Valid: a body with a flat top or floor."
         )
-    return body, supports.crop(found, config.region, config.ratio_on_support * half_edge, where)
+    half = 0.5 * config.ratio_on_support
+    return body, supports.crop(found, config.region, [half * edge for edge in edges], where)
 
 
 def _check_upright(parent: str, up: float, where: str) -> None:

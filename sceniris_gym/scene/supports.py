@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
 
@@ -74,20 +75,22 @@ def shadow_of_box(region: RegionConfig) -> Surface:
     return Surface(0, 0.0, seen, seen)
 
 
-def crop(surfaces: list[Surface], region: RegionConfig | None, erosion: float, where: str) -> list[Surface]:
-    """The surfaces with their regions eroded by `erosion` [m] and cropped to `region`.
+def crop(
+    surfaces: list[Surface], region: RegionConfig | None, erosions: Sequence[float], where: str
+) -> list[list[Surface]]:
+    """The surfaces with their regions eroded by each of `erosions` [m] and cropped to `region`.
+
+    Returns:
+        For each erosion the surfaces of which something is left; equal erosions share one list.
 
     Raises:
-        ErodedSupportError: nothing is left.
+        ErodedSupportError: of none is anything left.
     """
     keep = _crop_shape(surfaces, region)
-    kept = []
-    for s in surfaces:
-        left = s.outline.buffer(-erosion, quad_segs=_ARC) if erosion > 0.0 else s.outline
-        left = _parts(left.intersection(keep) if keep is not None else left)
-        if not left.is_empty:
-            kept.append(Surface(s.body, s.height, s.outline, left))
-    if not kept:
+    rounded = [round(erosion, 7) for erosion in erosions]  # poses that differ by rounding only are as one
+    kept = {erosion: _kept(surfaces, keep, erosion) for erosion in set(rounded)}
+    if not any(kept.values()):
+        erosion = min(rounded)
         x0, y0, x1, y1 = shapely.union_all([s.outline for s in surfaces]).bounds
         said = f"an erosion of {erosion:.4g} m" if erosion > 0.0 else ""
         said += " and " if said and region is not None else ""
@@ -96,6 +99,16 @@ def crop(surfaces: list[Surface], region: RegionConfig | None, erosion: float, w
             f"{where}: {said} leaves nothing of the support, whose surface spans [{x0:.4g}, {x1:.4g}] x [{y0:.4g}, "
             f"{y1:.4g}] m. Use a smaller ratio_on_support, a region that meets the surface, or a larger support."
         )
+    return [kept[erosion] for erosion in rounded]
+
+
+def _kept(surfaces: list[Surface], keep: Polygon | None, erosion: float) -> list[Surface]:
+    kept = []
+    for s in surfaces:
+        left = s.outline.buffer(-erosion, quad_segs=_ARC) if erosion > 0.0 else s.outline
+        left = _parts(left.intersection(keep) if keep is not None else left)
+        if not left.is_empty:
+            kept.append(Surface(s.body, s.height, s.outline, left))
     return kept
 
 

@@ -91,7 +91,7 @@ class World:
     @property
     def related(self) -> bool:
         """Whether any object's region differs between worlds."""
-        return bool(self.program.obj_regionnum.numpy().any())
+        return bool(self.program.obj_cutnum.numpy().any())
 
     @property
     def bank_size(self) -> int:

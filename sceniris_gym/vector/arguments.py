@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import operator
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,6 +15,7 @@ from torch import Tensor
 
 from sceniris_gym.errors import MaskError, UnknownNameError
 from sceniris_gym.layout.build import build_world
+from sceniris_gym.layout.generate import as_seeds
 from sceniris_gym.scene.config import SceneConfig
 from sceniris_gym.scene.world import World
 from sceniris_gym.sim.masks import as_mask
@@ -45,6 +47,54 @@ def as_world(scene: Any, overrides: Mapping[str, Any] | None, device: str | None
             raise ValueError("A World is finished: give its scene file to change it with overrides or another device.")
         return scene
     return build_world(SceneConfig.load(scene, dict(overrides or {})), device)
+
+
+def as_count(value: Any, name: str) -> int:
+    """Return an integer of any library as an int.
+
+    Raises:
+        ValueError: not an integer, or less than 1
+    """
+    try:
+        count = operator.index(value)
+    except TypeError:
+        count = 0
+    if count < 1:
+        raise ValueError(f"{name} must be an integer and at least 1, got {value!r}.")
+    return count
+
+
+def as_size(value: Any, name: str) -> tuple[int, int]:
+    """Return width and height.
+
+    Raises:
+        ValueError: not two integers, or one less than 1
+    """
+    try:
+        width, height = value
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be (width, height), got {value!r}.") from None
+    return as_count(width, f"{name}[0]"), as_count(height, f"{name}[1]")
+
+
+def as_reset_seeds(seed: Any, num_envs: int, *, first: bool) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return a seed for each world and which worlds are given one, or None where all worlds go on with what they have.
+
+    Args:
+        seed: an integer (world i gets seed + i), a sequence of num_envs integers or None, or None
+        num_envs: number of worlds
+        first: there is nothing to go on with: None draws a seed
+
+    Raises:
+        SeedError: something else
+    """
+    if seed is None:
+        return (as_seeds(fresh_seed(), num_envs), np.ones(num_envs, bool)) if first else None
+    given = np.ones(num_envs, bool)
+    if isinstance(seed, list | tuple):
+        seeds = as_seeds([fresh_seed() if one is None else one for one in seed], num_envs)
+        return seeds, given if first else np.array([one is not None for one in seed])
+    return as_seeds(seed, num_envs), given
 
 
 def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int, device: wp.Device) -> wp.array | None:

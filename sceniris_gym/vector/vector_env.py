@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,6 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
-from sceniris_gym.layout.generate import as_seeds
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.scene.config import SceneConfig
 from sceniris_gym.scene.world import World
@@ -24,9 +23,18 @@ from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.frames import FrameCamera
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector import spaces
-from sceniris_gym.vector.arguments import as_action, as_reset_mask, as_task, as_world, fresh_seed
+from sceniris_gym.vector.arguments import (
+    as_action,
+    as_count,
+    as_reset_mask,
+    as_reset_seeds,
+    as_size,
+    as_task,
+    as_world,
+)
 from sceniris_gym.vector.forms import check_observation, check_outcome
 from sceniris_gym.vector.state import State
+from sceniris_gym.vector.statistics import EpisodeStatistics
 from sceniris_gym.vector.task import Task
 
 OUTPUTS = ("torch", "numpy")
@@ -38,7 +46,11 @@ class SceneVectorEnv(VectorEnv):
     Observations are a dict of groups (`policy`, `critic`), each of shape (num_envs, size); `observation_names` says
     what lies where. `info` has `layout_seed`, `layout_episode` and `layout_fallback` (the layout came from the bank of
     valid ones) of each world, and after a step `success` and `reward_terms` of that step. With SAME_STEP it has
-    `final_obs` and `final_info` for all worlds too; they count where `_final_obs` is true.
+    `final_obs` and `final_info` for all worlds too; they count where `_final_obs` is true. `layout_seed` is an int64,
+    as torch has no arithmetic for larger ones: seeds from 2^63 on appear there as their two's complement, and
+    `int(layout_seed) % 2**64` is the seed.
+
+    `statistics` sums up finished episodes on the device; `statistics.read()` gives their means.
 
     A world whose positions or velocities are no longer finite is terminated, with reward 0. With autoreset DISABLED a
     finished world simply goes on until it is reset.
@@ -95,12 +107,14 @@ class SceneVectorEnv(VectorEnv):
             raise ValueError(f"output must be one of {', '.join(OUTPUTS)}, got {output!r}.")
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode must be 'rgb_array' or None, got {render_mode!r}.")
-        if num_envs < 1:
-            raise ValueError(f"num_envs must be at least 1, got {num_envs}.")
+        num_envs = as_count(num_envs, "num_envs")
+        if max_episode_steps is not None:
+            max_episode_steps = as_count(max_episode_steps, "max_episode_steps")
         self.task, self.num_envs, self.max_episode_steps = as_task(task), num_envs, max_episode_steps
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.output, self.copy, self.render_mode = output, copy, render_mode
-        self.render_envs, self.render_size, self.render_camera = min(render_envs, num_envs), render_size, render_camera
+        self.render_envs = min(as_count(render_envs, "render_envs"), num_envs)
+        self.render_size, self.render_camera = as_size(render_size, "render_size"), render_camera
 
         self.world = as_world(self.task.scene if scene is None else scene, overrides, device)
         needs, substeps = self.task.needs, self.task.substeps
@@ -125,6 +139,7 @@ class SceneVectorEnv(VectorEnv):
         )
         self.state = State(self.batch, self.randomizer.layouts, split)
         self.device = self.state.device
+        self.statistics = EpisodeStatistics(num_envs, self.device)
         self.metadata = {
             "autoreset_mode": self.autoreset_mode,
             "render_modes": ["rgb_array"],
@@ -149,13 +164,14 @@ class SceneVectorEnv(VectorEnv):
         self._ready = self._stepped = False
 
     def reset(
-        self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Give worlds a fresh layout.
 
         Args:
-            seed: world i gets seed + i, and starts with episode 0; a list of num_envs seeds is taken as it is. None
-                goes on with the next episode of each world (before the first reset: draws a seed, see np_random_seed)
+            seed: world i gets seed + i, and starts with episode 0; a list of num_envs seeds is taken as it is. None,
+                also in a list, goes on with the next episode of a world (before the first reset it draws a seed, see
+                np_random_seed and info["layout_seed"])
             options: {"reset_mask": booleans of shape (num_envs,), numpy or torch, true somewhere} resets, and reseeds,
                 only those worlds; the others do not change
 
@@ -168,16 +184,16 @@ class SceneVectorEnv(VectorEnv):
         """
         self._check_open()
         mask = as_reset_mask(options, self.num_envs, self.batch.device)
-        if not self._ready:
-            if mask is not None:
-                raise gymnasium.error.ResetNeeded("The first reset() must be of all worlds; leave out the reset_mask.")
-            seed = fresh_seed() if seed is None else seed
+        if not self._ready and mask is not None:
+            raise gymnasium.error.ResetNeeded("The first reset() must be of all worlds; leave out the reset_mask.")
+        seeds = as_reset_seeds(seed, self.num_envs, first=not self._ready)
         with self._on_torch_stream():
-            if seed is not None:
-                self.randomizer.reseed(as_seeds(seed, self.num_envs), mask)
-                if isinstance(seed, int | np.integer):
-                    self._np_random, self._np_random_seed = seeding.np_random(int(seed))
             masked = torch.ones_like(self._autoreset) if mask is None else wp.to_torch(mask)
+            if seeds is not None:
+                numbers, given = seeds
+                self.randomizer.reseed(numbers, masked & torch.as_tensor(given, device=self.device))
+                if isinstance(seed, int | np.integer | None):
+                    self._np_random, self._np_random_seed = seeding.np_random(int(numbers[0]))
             self._reset_worlds(masked)
             self._autoreset.logical_and_(~masked)
             if not self._ready:
@@ -231,30 +247,30 @@ class SceneVectorEnv(VectorEnv):
         if not self._stepped:
             check_outcome(task, terms, success, terminated, self.num_envs)
             self._stepped = True
-        terms, success = {name: self._own(term) for name, term in terms.items()}, self._own(success)
+        success = self._own(success)
         finite = s.finite
+        gained = torch.where(finite, torch.stack(list(terms.values())), 0.0)
         terminated = terminated | ~finite
         truncated = torch.zeros_like(terminated)
         if self.max_episode_steps is not None:
             truncated = s.elapsed >= self.max_episode_steps
-        reward = torch.where(finite, torch.stack(list(terms.values())).sum(dim=0), 0.0)
-        info: dict[str, Any] = {"success": success, "reward_terms": terms}
 
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
+            # worlds that ended in the step before are reset by this one; what it did to them does not count
+            due = self._autoreset.clone()
+            self._reset_worlds(due)
+            gained, success = torch.where(due, 0.0, gained), success & ~due
+            terminated, truncated = terminated & ~due, truncated & ~due
+            self._autoreset.copy_(terminated | truncated)
+        reward, terms = gained.sum(dim=0), dict(zip(terms, gained, strict=True))
+        done = terminated | truncated
+        self.statistics.add(tuple(terms), gained, success, done, s.elapsed)
+        info: dict[str, Any] = {"success": success, "reward_terms": terms}
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
-            done = terminated | truncated
             info["final_obs"], info["_final_obs"] = self._observe(1), done
             final_info = {"success": success, "reward_terms": dict(terms), **self._layout_info()}
             info["final_info"], info["_final_info"] = final_info, done.clone()
             self._reset_worlds(done)
-        elif self.autoreset_mode is AutoresetMode.NEXT_STEP:
-            # worlds that ended in the step before are reset by this one; what it did to them does not count
-            due = self._autoreset.clone()
-            self._reset_worlds(due)
-            reward = torch.where(due, 0.0, reward)
-            info["success"] = success & ~due
-            info["reward_terms"] = {name: torch.where(due, 0.0, term) for name, term in terms.items()}
-            terminated, truncated = terminated & ~due, truncated & ~due
-            self._autoreset.copy_(terminated | truncated)
         info |= self._layout_info()
         returned = (self._observe(0), reward, terminated, truncated, info)
         return tuple(self._returned(value) for value in returned)  # type: ignore[return-value]
@@ -262,6 +278,7 @@ class SceneVectorEnv(VectorEnv):
     def _reset_worlds(self, mask: Tensor) -> None:
         self.randomizer.reset(mask)
         self.state.elapsed.masked_fill_(mask, 0)
+        self.statistics.start(mask)
         self.task.on_reset(self.state, mask)
 
     def _observe(self, buffer: int) -> dict[str, Tensor]:

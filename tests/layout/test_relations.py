@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.layout.generate import LayoutGenerator
@@ -169,6 +170,21 @@ def test_between_three_on_a_line_is_the_strip_from_end_to_end(shapes: Shapes):
     t, u = at @ along, at @ [-along[1], along[0]]
     assert [t.min(), t.max()] == pytest.approx([-np.hypot(0.5, 0.3), np.hypot(0.5, 0.3)], abs=0.005)
     assert [u.min(), u.max()] == pytest.approx([-0.1, 0.1], abs=0.001)
+
+
+@pytest.mark.parametrize("apart", [0.0, 4e-4])
+def test_between_anchors_at_one_place_is_a_square(apart: float, shapes: Shapes):
+    """Two markers at one point, or nearly: the object is in a square of the width around them, all over it."""
+    goals = {
+        name: {"kind": "marker", "region": {"box": [[0.1 + x, 0.2, 0.1], [0.1 + x, 0.2, 0.1]]}}
+        for name, x in (("a", 0.0), ("b", apart))
+    }
+    world = scene({**goals, "q": related(None, {"between": ["a", "b"], "width": 0.3}, kind="marker")})
+    table = table_of(world, 2000)
+    assert not [k for k in judged(world, table) if k.broken]
+    off = table.mocap_pos[:, -1, :2] - [0.1, 0.2]
+    for part in off.T:
+        assert stats.kstest(part / 0.3 + 0.5, "uniform").pvalue > 0.001
 
 
 TWO = [{"front_of": "a", "distance": {"min": 0.2}}, {"right_of": "b", "angle": 80}]

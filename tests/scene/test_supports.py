@@ -171,7 +171,7 @@ def _surface(*shapes: Polygon) -> Surface:
 )
 def test_a_region_is_cut_from_the_eroded_outline(region: RegionConfig | None, erosion: float, expected: BaseGeometry):
     """The outline stays whole: footprints are judged by it."""
-    (left,) = crop([_surface(L_SHAPE)], region, erosion, "here")
+    ((left,),) = crop([_surface(L_SHAPE)], region, [erosion], "here")
     assert _same(left.region, expected, 1e-6)
     assert left.outline.equals(MultiPolygon([L_SHAPE]))
     assert left.height == 0.1
@@ -180,19 +180,21 @@ def test_a_region_is_cut_from_the_eroded_outline(region: RegionConfig | None, er
 def test_a_fraction_is_of_the_bounds_of_all_surfaces_together():
     """Two steps: the right half of both is the second one."""
     steps = [_surface(box(0, 0, 0.2, 0.2)), _surface(box(0.2, 0, 0.4, 0.2))]
-    (right,) = crop(steps, RegionConfig(fraction=((0.5, 0.0), (1.0, 1.0))), 0.0, "here")
+    ((right,),) = crop(steps, RegionConfig(fraction=((0.5, 0.0), (1.0, 1.0))), [0.0], "here")
     assert _same(right.region, box(0.2, 0, 0.4, 0.2), 1e-9)
 
 
 def test_surfaces_of_which_nothing_is_left_go_and_the_last_one_is_an_error():
-    """The narrow step does not survive the erosion, the wide one does; at 15 cm neither does."""
+    """The narrow step does not survive the erosion, the wide one does; at 15 cm neither does, which one pose may."""
     steps = [_surface(box(0, 0, 0.1, 1)), _surface(box(0.2, 0, 0.45, 1))]
-    (wide,) = crop(steps, None, 0.06, "here")
+    (wide,), none, same = crop(steps, None, [0.06, 0.15, 0.06], "here")
+    assert none == []
+    assert same == [wide]
     assert _same(wide.region, box(0.26, 0.06, 0.39, 0.94), 1e-6)
     with pytest.raises(
         ErodedSupportError, match=r"here: an erosion of 0.15 m leaves nothing .* \[0, 0.45\] x \[0, 1\]"
     ):
-        crop(steps, None, 0.15, "here")
+        crop(steps, None, [0.16, 0.15], "here")
 
 
 def test_triangles_cover_a_region_with_holes_exactly():

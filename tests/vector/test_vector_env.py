@@ -170,6 +170,27 @@ def test_an_int_seed_starts_again_and_none_goes_on(make_env):
     assert envs.np_random_seed == 3
 
 
+def test_none_in_a_list_of_seeds_goes_on(make_env):
+    """Only the worlds that are given a seed start again; in a first reset the others draw one."""
+    envs = make_env(3)
+    _, info = envs.reset(seed=[None, 5, None])
+    drawn = info["layout_seed"].tolist()
+    assert drawn[1] == 5
+    assert len(set(drawn)) == 3
+    _, info = envs.reset(seed=[6, None, None], options={"reset_mask": np.array([True, True, False])})
+    assert info["layout_seed"].tolist() == [6, *drawn[1:]]
+    assert info["layout_episode"].tolist() == [0, 1, 0]
+    _, info = envs.reset(seed=[None] * 3)
+    assert info["layout_episode"].tolist() == [1, 2, 1]
+
+
+def test_a_large_seed_is_told_as_its_twos_complement(make_env):
+    """Modulo 2^64 it is the seed again."""
+    _, info = make_env(2).reset(seed=[2**64 - 1, 2**63])
+    assert info["layout_seed"].tolist() == [-1, -(2**63)]
+    assert [int(seed) % 2**64 for seed in info["layout_seed"]] == [2**64 - 1, 2**63]
+
+
 def test_a_first_reset_without_a_seed_draws_one_and_records_it(make_env):
     """Two environments differ, and the recorded seed brings the layout back."""
     envs, other = make_env(2), make_env(2)
@@ -221,7 +242,7 @@ def test_other_reset_options_are_refused(make_env):
     assert_equal(state(envs), before)
 
 
-@pytest.mark.parametrize("seed", [-1, 1 << 64, 1.5, True, [1], [1, 2, 3], [1, -2], "1", [1, None]])
+@pytest.mark.parametrize("seed", [-1, 1 << 64, 1.5, True, [1], [1, 2, 3], [1, -2], "1", [1, "2"], {1, 2}])
 def test_wrong_seeds_are_refused(make_env, seed):
     """A seed is an integer of 64 bits, or one for each world."""
     with pytest.raises(SeedError):
@@ -244,11 +265,34 @@ def test_calls_out_of_order_are_refused(make_env):
         envs.reset()
 
 
-@pytest.mark.parametrize("arguments", [{"output": "jax"}, {"render_mode": "human"}, {"num_envs": 0}])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"output": "jax"},
+        {"render_mode": "human"},
+        {"num_envs": 0},
+        {"num_envs": 2.0},
+        {"max_episode_steps": 0},
+        {"max_episode_steps": -5},
+        {"max_episode_steps": 1.5},
+        {"render_size": (0, 0)},
+        {"render_size": (32, -24)},
+        {"render_size": 32},
+        {"render_envs": 0},
+    ],
+)
 def test_wrong_arguments_are_refused(make_env, arguments):
     """Outputs, render modes and sizes that there are not."""
     with pytest.raises(ValueError, match=next(iter(arguments))):
         make_env(**arguments)
+
+
+def test_integers_of_numpy_are_integers(make_env):
+    """Sizes are often computed."""
+    envs = make_env(np.int64(2), max_episode_steps=np.int32(1), render_size=np.array([48, 32]))
+    assert envs.reset(seed=np.uint32(3))[1]["layout_seed"].tolist() == [3, 4]
+    assert envs.step(actions(2))[3].tolist() == [True, True]
+    assert (envs.num_envs, envs.np_random_seed) == (2, 3)
 
 
 def test_returned_tensors_are_never_overwritten(make_env):

@@ -138,7 +138,7 @@ def _off_beside(own: Outline, anchor: Outline, heading: np.ndarray, gap: float) 
 
 
 def _off_between(point: np.ndarray, anchors: np.ndarray, there: np.ndarray, width: np.ndarray) -> np.ndarray:
-    """Return how far [m] points (nrow, 2) are outside of the hull, or of the strip, of anchors (nrow, n, 2)."""
+    """Return how far [m] points (nrow, 2) are outside of the hull, strip or square of anchors (nrow, n, 2)."""
     first = anchors[np.arange(len(there)), there.argmax(1)]
     anchors = np.where(there[..., None], anchors, first[:, None])  # the absent ones do not count
     hull = shapely.convex_hull(shapely.multipoints(anchors))
@@ -154,5 +154,8 @@ def _off_between(point: np.ndarray, anchors: np.ndarray, there: np.ndarray, widt
     thin = np.ptp(from_line, axis=1)
     t, u = (((point - anchors[rows, a]) * axis).sum(1) for axis in (along, across))
     to_strip = np.hypot(np.maximum(np.maximum(-t, t - length), 0), np.maximum(np.abs(u) - width / 2, 0))
+    from_point = np.abs(point - (anchors[rows, a] + anchors[rows, b]) / 2)
+    to_square = np.linalg.norm(np.maximum(from_point - width[:, None] / 2, 0), axis=1)
+    to_strip = np.where(length > THIN + _NEARLY_THIN, to_strip, to_square)
     either = np.minimum(to_hull, to_strip)
     return np.where(thin > THIN + _NEARLY_THIN, to_hull, np.where(thin < THIN - _NEARLY_THIN, to_strip, either))

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from scipy.spatial import ConvexHull
 
 from sceniris_gym.scene.config import ObjectConfig, SceneConfig
 from sceniris_gym.scene.values import FLOOR
@@ -65,7 +64,6 @@ class StandingAudit:
         self._surface = {s.geom: surface_of(s) for s in solids if s.form is not Form.HALFSPACE}
         self._home = home
         self.hulls = {name: self._hull(name) for name in self.placed}
-        self._short_edge = {name: self._least_edge(name, part) for name, part in self.placed.items()}
         self._levels: dict[tuple, list[Surface]] = {}
 
     def check(self, poses: Poses) -> tuple[list[Misplaced], dict[str, np.ndarray]]:
@@ -77,12 +75,13 @@ class StandingAudit:
         found: list[Misplaced] = []
         supporting = {}
         for name, part in self.placed.items():
-            pivots = self.outlines.outline(name, poses).pivot
+            outline = self.outlines.outline(name, poses)
+            pivots, erosion = outline.pivot, part.ratio_on_support / 2 * (outline.high - outline.low).min(1)
             if part.support is None:
                 outside = ~_in_box(part, pivots)
                 found += [Misplaced(int(row), name, "support") for row in np.flatnonzero(outside)]
                 continue
-            supporting[name], stands = self._supporting(name, part, poses, pivots)
+            supporting[name], stands = self._supporting(name, part, poses, pivots, erosion)
             wrong = {
                 "support": supporting[name] < 0,
                 "footprint": (supporting[name] >= 0) & ~stands,
@@ -91,20 +90,6 @@ class StandingAudit:
             for cause, rows in wrong.items():
                 found += [Misplaced(int(row), name, cause) for row in np.flatnonzero(rows)]
         return sorted(found, key=lambda m: (m.row, m.name)), supporting
-
-    def _least_edge(self, name: str, part: ObjectConfig) -> float:
-        """Return the shorter edge [m] of an object's footprint; the shortest of all if it may lie on any face."""
-        points, authored = self.hulls[name], self.outlines.authored(name)
-        if len(points) < 4:
-            return 0.0
-        ups = -ConvexHull(points).equations[:, :3] if part.turn.kind == "stable" else authored[2:]
-        x, y = authored[:2]
-        least = np.inf
-        for up in ups:
-            ahead = x - (x @ up) * up if abs(x @ up) < 0.999999 else np.cross(y, up)
-            ahead /= np.linalg.norm(ahead)
-            least = min(least, np.ptp(points @ ahead), np.ptp(points @ np.cross(up, ahead)))
-        return least
 
     def _hull(self, name: str) -> np.ndarray:
         """Return the corners of the object's hull in its own frame at home, shape (n, 3)."""
@@ -116,14 +101,16 @@ class StandingAudit:
         return footprint_points(parts) if parts else np.zeros((1, 3))
 
     def _supporting(
-        self, name: str, part: ObjectConfig, poses: Poses, pivots: np.ndarray
+        self, name: str, part: ObjectConfig, poses: Poses, pivots: np.ndarray, erosion: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the supporting body of each row (-1 for none), and whether the whole footprint is on it if it must."""
+        """Return the supporting body of each row (-1 for none), and whether the whole footprint is on it if it must.
+
+        Pivots (nrow, 3) keep a distance `erosion` (nrow,) from the edge of their surface.
+        """
         assert part.support is not None
         parent = part.support.parent
         ground = 0 if parent == FLOOR else self.tree.mjm.body(parent).id
         body, stands = np.full(len(pivots), -1), np.zeros(len(pivots), bool)
-        erosion = part.ratio_on_support * self._short_edge[name] / 2
         turned = self._in_frame(ground, poses, pivots[:, None])[:, 0]
         whole = part.ratio_on_support == 1.0
         corners = self._in_frame(ground, poses, self._corners(name, poses))[:, :, :2] if whole else turned[:, None, :2]
@@ -131,7 +118,7 @@ class StandingAudit:
             bounds = shapely.total_bounds([surface.area for surface in surfaces])
             for surface in surfaces:
                 level = rows[np.abs(turned[rows, 2] - surface.height - part.gap) <= HEIGHT_TOLERANCE]
-                allowed = inside(surface.area, turned[level, :2], erosion)
+                allowed = inside(surface.area, turned[level, :2], erosion[level])
                 allowed &= inside(_cropped(surface.area, bounds, part), turned[level, :2])
                 on = level[allowed]
                 body[on] = ground

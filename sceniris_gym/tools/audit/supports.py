@@ -121,14 +121,19 @@ def _clipped(triangle: np.ndarray, z: float) -> shapely.Geometry:
     return shapely.MultiPoint(np.array(points)).convex_hull
 
 
-def inside(area: shapely.Geometry, points: np.ndarray, erosion: float = 0.0) -> np.ndarray:
-    """Return which points (n, 2) are in the area eroded by `erosion` [m], give or take the edge tolerance.
+def inside(area: shapely.Geometry, points: np.ndarray, erosion: np.ndarray | None = None) -> np.ndarray:
+    """Return which points (n, 2) are in the area, and at least `erosion` [m] (n,) from its boundary if that is given.
 
-    What is eroded keeps a distance: around an inward corner its edge is an arc, of chords that are right to 1 um.
+    Give or take the edge tolerance.
     """
-    eroded = shapely.buffer(shapely.buffer(area, -erosion, quad_segs=256), EDGE_TOLERANCE, join_style="mitre")
-    shapely.prepare(eroded)
-    return shapely.intersects_xy(eroded, points[:, 0], points[:, 1])
+    grown = shapely.buffer(area, EDGE_TOLERANCE, join_style="mitre")
+    shapely.prepare(grown)
+    found = shapely.intersects_xy(grown, points[:, 0], points[:, 1])
+    if erosion is not None and erosion.any():
+        edge = shapely.boundary(area)
+        shapely.prepare(edge)
+        found &= shapely.distance(edge, shapely.points(points)) >= erosion - EDGE_TOLERANCE
+    return found
 
 
 def hit_above(surface: tuple[np.ndarray, np.ndarray], origin: np.ndarray, up: np.ndarray) -> np.ndarray:

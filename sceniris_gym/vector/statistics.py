@@ -1,0 +1,99 @@
+"""What finished episodes came to, summed on the device and read when somebody asks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+COUNTS = ("episodes", "length", "success")
+"""What is summed besides the terms of the reward."""
+
+
+class EpisodeStatistics:
+    """Sums over the episodes that finished since they were last read.
+
+    An episode is finished when it is terminated or truncated; one that is cut short by a reset counts for nothing.
+    Where autoreset is disabled, what a world does after the end of its episode does not count either.
+
+    A step adds to sums of each world, in a few small operations on the device; only `read` waits for it.
+
+    Args:
+        num_envs: number of worlds
+        device: torch device
+
+    Attributes:
+        names: what is summed: "episodes", "length" [control steps], "success" (at the last step), and the terms of the
+            reward, which are known after the first step
+    """
+
+    def __init__(self, num_envs: int, device: torch.device) -> None:
+        self.names: tuple[str, ...] = COUNTS
+        # doubles, because nobody has to read them for a long time
+        self._counts = torch.zeros(len(COUNTS), num_envs, dtype=torch.float64, device=device)
+        self._running = self._finished = self._counts[:0]
+        self._ended = torch.zeros(num_envs, dtype=torch.bool, device=device)
+
+    def start(self, mask: Tensor) -> None:
+        """Begin new episodes in the masked worlds, shape (num_envs,), bool."""
+        self._running.masked_fill_(mask, 0.0)
+        self._ended.logical_and_(~mask)
+
+    def add(self, terms: tuple[str, ...], gained: Tensor, success: Tensor, done: Tensor, elapsed: Tensor) -> None:
+        """Take in a step of all worlds.
+
+        Args:
+            terms: names of the terms of the reward, the same in every step
+            gained: these terms, shape (len(terms), num_envs)
+            success: where the goal is reached, shape (num_envs,), bool
+            done: where the episode is terminated or truncated, shape (num_envs,), bool
+            elapsed: steps of the episode, shape (num_envs,)
+        """
+        if self.names == COUNTS:
+            self._make_room(terms)
+        self._running.add_(gained)
+        counted = done & ~self._ended
+        self._counts.add_(torch.stack([counted, counted * elapsed, counted & success]))
+        self._finished.add_(torch.where(counted, self._running, 0.0))
+        self._ended.logical_or_(done)
+
+    def sums(self) -> Tensor:
+        """Return the sums over finished episodes of what `names` says, shape (len(names),), on the device."""
+        return torch.cat([self._counts, self._finished]).sum(dim=1)
+
+    def read(self, clear: bool = True) -> dict[str, Any]:
+        """Return the means over the finished episodes. Waits for the device.
+
+        Args:
+            clear: begin new sums, so that the next call speaks of later episodes only
+
+        Returns:
+            `episodes` (their number), `return`, `length` [control steps], `success` (share of the episodes whose last
+            step was one) and `reward_terms` (sum over an episode, by name); NaN where no episode finished
+        """
+        sums = self.sums().tolist()
+        if clear:
+            self.clear()
+        count = int(sums[0])
+        length, success, *terms = (value / count if count else float("nan") for value in sums[1:])
+        by_name = dict(zip(self.names[len(COUNTS) :], terms, strict=True))
+        return {
+            "episodes": count,
+            "return": sum(terms) if count else float("nan"),
+            "length": length,
+            "success": success,
+            "reward_terms": by_name,
+        }
+
+    def clear(self) -> None:
+        """Begin new sums; episodes that are under way count in full when they finish."""
+        self._counts.zero_()
+        self._finished.zero_()
+
+    def _make_room(self, terms: tuple[str, ...]) -> None:
+        self.names = (*COUNTS, *terms)
+        # tensors made under inference mode could not be written to outside of it
+        with torch.inference_mode(False):
+            self._running = self._counts.new_zeros(len(terms), self._counts.shape[1])
+            self._finished = torch.zeros_like(self._running)

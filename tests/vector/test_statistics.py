@@ -1,0 +1,141 @@
+"""Statistics of finished episodes: counted once, in every autoreset mode, and read without being asked twice."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+
+from sceniris_gym.vector.statistics import EpisodeStatistics
+
+STEPS = 40
+
+
+def play(envs, steps: int = STEPS) -> list[tuple[float, int, bool, dict[str, float]]]:
+    """Step with changing actions, and list return, length, success and terms of the episodes that finish, by hand."""
+    envs.reset(seed=0)
+    generator = torch.Generator().manual_seed(0)
+    kept: list[list] = [[] for _ in range(envs.num_envs)]
+    due, finished = [False] * envs.num_envs, []
+    for _ in range(steps):
+        action = 2.0 * torch.rand(envs.num_envs, 5, generator=generator) - 1.0
+        _, reward, terminated, truncated, info = envs.step(action)
+        for i, track in enumerate(kept):
+            if due[i]:  # the step that only resets, where the mode is NEXT_STEP
+                due[i] = False
+                continue
+            terms = {name: float(term[i]) for name, term in info["reward_terms"].items()}
+            track.append((float(reward[i]), bool(info["success"][i]), terms))
+            if terminated[i] or truncated[i]:
+                total = {name: sum(step[2][name] for step in track) for name in terms}
+                finished.append((sum(step[0] for step in track), len(track), track[-1][1], total))
+                track.clear()
+                due[i] = envs.autoreset_mode.value == "NextStep"
+    return finished
+
+
+@pytest.mark.parametrize("mode", ["SameStep", "NextStep"])
+def test_the_means_are_those_of_the_finished_episodes(make_env, mode):
+    """Ended early or truncated, several a world: as counted by hand from what the steps return."""
+    envs = make_env(3, max_episode_steps=6, autoreset_mode=mode)
+    finished = play(envs)
+    assert len(finished) > 6
+    assert len({length for _, length, _, _ in finished}) > 2
+    found = envs.statistics.read()
+    count = len(finished)
+    assert found["episodes"] == count
+    assert found["return"] == pytest.approx(sum(episode[0] for episode in finished) / count, rel=1e-5)
+    assert found["length"] == pytest.approx(sum(episode[1] for episode in finished) / count)
+    assert found["success"] == pytest.approx(sum(episode[2] for episode in finished) / count)
+    assert found["reward_terms"].keys() == {"near", "effort"}
+    for name, mean in found["reward_terms"].items():
+        assert mean == pytest.approx(sum(episode[3][name] for episode in finished) / count, rel=1e-5)
+
+
+def test_reading_begins_new_sums_unless_told_otherwise(make_env):
+    """A second reading speaks of later episodes only; without any, the means are not numbers."""
+    envs = make_env(2, max_episode_steps=2)
+    nothing = envs.statistics.read()
+    assert nothing["episodes"] == 0
+    assert math.isnan(nothing["return"])
+    assert nothing["reward_terms"] == {}
+    envs.reset(seed=0)
+    for _ in range(5):
+        envs.step(torch.zeros(2, 5))
+    assert envs.statistics.read(clear=False) == envs.statistics.read()
+    assert envs.statistics.read()["episodes"] == 0
+    _, reward, *_ = envs.step(torch.zeros(2, 5))
+    last = envs.statistics.read()
+    assert (last["episodes"], last["length"]) == (2, 2.0)
+    assert last["return"] < float(reward.mean()), "the step before the reading belongs to the episode"
+
+
+def test_an_episode_that_a_reset_cuts_short_does_not_count(make_env):
+    """Neither its steps nor its reward are found in the next one."""
+    envs = make_env(2, max_episode_steps=3, autoreset_mode="Disabled")
+    envs.reset(seed=0)
+    envs.step(torch.zeros(2, 5))
+    envs.reset(options={"reset_mask": torch.tensor([True, False])})
+    for _ in range(2):
+        envs.step(torch.zeros(2, 5))
+    assert envs.statistics.read()["episodes"] == 1
+    envs.reset(seed=1)
+    total = torch.zeros(2)
+    for _ in range(3):
+        total += envs.step(torch.zeros(2, 5))[1]
+    found = envs.statistics.read()
+    assert (found["episodes"], found["length"]) == (2, 3.0)
+    assert found["return"] == pytest.approx(float(total.mean()), rel=1e-5)
+
+
+def test_with_autoreset_disabled_an_end_counts_once(make_env):
+    """A finished world goes on until it is reset; that is no episode."""
+    envs = make_env(2, max_episode_steps=2, autoreset_mode="Disabled")
+    envs.reset(seed=0)
+    for _ in range(5):
+        envs.step(torch.zeros(2, 5))
+    assert envs.statistics.read()["episodes"] == 2
+    envs.reset()
+    for _ in range(2):
+        envs.step(torch.zeros(2, 5))
+    assert envs.statistics.read()["episodes"] == 2
+
+
+def test_success_is_that_of_the_last_step():
+    """One of two worlds ends in success, the other had it in between."""
+    statistics = EpisodeStatistics(2, torch.device("cpu"))
+    for success, done in (([False, True], [False, False]), ([True, False], [True, True])):
+        gained = torch.tensor([[1.0, 2.0]])
+        statistics.add(("near",), gained, torch.tensor(success), torch.tensor(done), torch.tensor([2, 2]))
+    assert statistics.read() == {
+        "episodes": 2,
+        "return": 3.0,
+        "length": 2.0,
+        "success": 0.5,
+        "reward_terms": {"near": 3.0},
+    }
+
+
+def test_a_first_step_under_inference_mode_leaves_buffers_that_others_may_write_to(make_env):
+    """Training loops begin under inference mode and go on without it."""
+    envs = make_env(2, max_episode_steps=2)
+    with torch.inference_mode():
+        envs.reset(seed=0)
+        envs.step(torch.zeros(2, 5))
+    envs.step(torch.zeros(2, 5))
+    assert envs.statistics.read()["episodes"] == 2
+
+
+def test_a_broken_world_does_not_spoil_the_sums(make_env):
+    """A world with positions that are no numbers ends with what it had gained before."""
+    envs = make_env(2)
+    envs.reset(seed=0)
+    _, reward, *_ = envs.step(torch.zeros(2, 5))
+    qvel = envs.batch.data.qvel.numpy()
+    qvel[0] = math.nan
+    envs.batch.data.qvel.assign(qvel)
+    envs.step(torch.zeros(2, 5))
+    found = envs.statistics.read()
+    assert (found["episodes"], found["length"]) == (1, 2.0)
+    assert found["return"] == pytest.approx(float(reward[0]))
