@@ -138,7 +138,7 @@ def _tier(config: ObjectConfig, arm: Arm, reach_map: ReachMap | None, where: str
     asked = None if config.reachable is True else _TIERS[str(config.reachable)]
     if asked is not None and asked >= Tier.IK:
         return asked
-    why = _why_no_map(arm, reach_map)
+    why = _why_not_map(arm, reach_map)
     if why is None and reach_map is None:
         raise MapError(
             f"{where}: there is no map of the arm '{asset}'. Build it with 'sceniris-gym reach {asset}', or ask for "
@@ -151,12 +151,10 @@ def _tier(config: ObjectConfig, arm: Arm, reach_map: ReachMap | None, where: str
     return Tier.IK
 
 
-def _why_no_map(arm: Arm, reach_map: ReachMap | None) -> str | None:
+def _why_not_map(arm: Arm, reach_map: ReachMap | None) -> str | None:
     """Why a map over height, tilt and distance is not right for an arm, or None."""
-    if not arm.vertical:
-        return "the arm's first joint is not a vertical hinge"
-    if not arm.tcp_on_axis:
-        return "the TCP is off the axis of the arm's last joint"
+    if arm.no_map is not None:
+        return arm.no_map
     if reach_map is not None and reach_map.limited:
         return "the arm's first or last joint does not turn freely"
     return None
