@@ -137,6 +137,14 @@ class InfeasibleSceneError(ScenirisError):
         return type(self), (self.where, self.name, self.cause, self.counts)
 
 
+class ArmError(ScenirisError):
+    """Bodies and joints that are not a serial arm, or not one that can be used."""
+
+
+class MapError(ScenirisError):
+    """A reachability map that is missing, not readable, or not of the arm it is used for."""
+
+
 class ContactBudgetError(ScenirisError):
     """More contacts or constraint rows than a batch of worlds has room for.
 

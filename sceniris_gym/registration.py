@@ -9,6 +9,10 @@ ENVS = {  # id -> keyword arguments of gymnasium.register
         "kwargs": {"task": "sceniris_gym.envs.drawer_pick:DrawerPick"},
         "max_episode_steps": 200,
     },
+    "sceniris_gym/TabletopReach-v0": {
+        "kwargs": {"task": "sceniris_gym.envs.tabletop_reach:TabletopReach", "nconmax": 40, "njmax": 160},
+        "max_episode_steps": 100,
+    },
 }
 ENTRY_POINTS = {
     "entry_point": "sceniris_gym.vector.single:SceneEnv",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import mujoco
@@ -38,6 +38,7 @@ class State:
         device: torch device
         elapsed: control steps since the reset of each world, shape (num_envs,), int32
         ctrl: controls, a view to write to, shape (num_envs, nu)
+        control_range: lower and upper limits of the controls, shape (nu, 2)
         dt: duration of a control step [s]
         seed: seed of each world's layout, shape (num_envs,), int64 (from 2^63 on as its two's complement)
         episode: episode of each world's layout, -1 before the first reset, shape (num_envs,), int32
@@ -55,9 +56,11 @@ class State:
         self.layout_status = wp.to_torch(layouts.status)
         d = batch.data
         self.ctrl = wp.to_torch(d.ctrl)
+        self.control_range = torch.tensor(self.mjm.actuator_ctrlrange, dtype=torch.float32, device=self.device)
         self._qpos, self._qvel = wp.to_torch(d.qpos), wp.to_torch(d.qvel)
         self._xpos, self._xquat = wp.to_torch(d.xpos), wp.to_torch(d.xquat)
         self._site_xpos = wp.to_torch(d.site_xpos)
+        self._xanchor, self._xaxis = wp.to_torch(d.xanchor), wp.to_torch(d.xaxis)
         self._site_quat = torch.tensor(self.mjm.site_quat, dtype=torch.float32, device=self.device)
         base_pos, base_quat = _base_pose(self.scene)
         self._base_pos = torch.tensor(base_pos, dtype=torch.float32, device=self.device)
@@ -69,6 +72,7 @@ class State:
             self._layout_grasp = wp.to_torch(layouts.grasp)
             self._layout_joints = wp.to_torch(layouts.grasp_qpos)
             self._layout_prejoints = wp.to_torch(layouts.pregrasp_qpos)
+        self._columns: dict[tuple[str, ...], Tensor] = {}
 
     @property
     def finite(self) -> Tensor:
@@ -80,6 +84,14 @@ class State:
         body = self._id("body", name, "pose")
         return self._pose(self._xpos[:, body], self._xquat[:, body])
 
+    def poses(self, names: Sequence[str]) -> Tensor:
+        """Return the poses of several bodies at once, shape (num_envs, len(names), 7); see `pose`."""
+        key = ("poses", *names)
+        if key not in self._columns:
+            self._columns[key] = self._index([self._id("body", name, "poses") for name in names])
+        bodies = self._columns[key]
+        return self._pose(self._xpos[:, bodies], self._xquat[:, bodies])
+
     def site(self, name: str) -> Tensor:
         """Return position [m] and orientation (wxyz) of a site, shape (num_envs, 7)."""
         site = self._id("site", name, "site")
@@ -88,16 +100,19 @@ class State:
 
     def velocity(self, name: str) -> Tensor:
         """Return linear [m/s] and angular [rad/s] velocity of a free object, shape (num_envs, 6)."""
-        body = self._id("body", name, "velocity")
-        joint = int(self.mjm.body_jntadr[body])
-        if joint < 0 or self.mjm.jnt_type[joint] != FREE:
-            free = [self.mjm.body(b).name for j, b in enumerate(self.mjm.jnt_bodyid) if self.mjm.jnt_type[j] == FREE]
-            raise self._unknown("free object", name, "velocity", free)
-        adr = int(self.mjm.jnt_dofadr[joint])
-        linear, angular = self._qvel[:, adr : adr + 3], self._qvel[:, adr + 3 : adr + 6]
+        return self.velocities((name,))[:, 0]
+
+    def velocities(self, names: Sequence[str]) -> Tensor:
+        """Return the velocities of several free objects at once, shape (num_envs, len(names), 6); see `velocity`."""
+        key = ("velocities", *names)
+        if key not in self._columns:
+            bodies = [self._id("body", name, "velocity") for name in names]
+            dofs = [[self._free_dof(body) + i for i in range(6)] for body in bodies]
+            self._columns[key], self._columns["bodies of", *key] = self._index(dofs), self._index(bodies)
+        linear, angular = self._qvel[:, self._columns[key]].split(3, dim=-1)
         # MuJoCo keeps the angular velocity of a free joint in the body's own frame
-        angular = rotations.rotate(self._xquat[:, body], angular)
-        return torch.cat([rotations.rotate(self._to_base, linear), rotations.rotate(self._to_base, angular)], dim=1)
+        angular = rotations.rotate(self._xquat[:, self._columns["bodies of", *key]], angular)
+        return torch.cat([rotations.rotate(self._to_base, linear), rotations.rotate(self._to_base, angular)], dim=-1)
 
     def qpos(self, name: str) -> Tensor:
         """Return positions [m or rad] of the hinges and slides inside an object or the robot, or of one joint.
@@ -139,6 +154,26 @@ class State:
         """
         return self._layout_prejoints[:, self._column(name, "pregrasp_qpos"), : self._narm].clone()
 
+    def jacobian(self, site: str, name: str) -> Tensor:
+        """Return how a site moves with hinges: shape (num_envs, 6, number of joints), [m/rad] above [rad/rad].
+
+        Column i is (a_i x (p - o_i), a_i) for a hinge's axis a_i, its anchor o_i and the site's position p, all in the
+        robot's base frame: the site's linear and angular velocity are this times qvel. Joints that do not carry the
+        site, and slides, are not told apart: name those of an arm.
+
+        Args:
+            site: the site
+            name: an object, the robot, or one joint, as in `qpos`
+        """
+        number = self._id("site", site, "jacobian")
+        key = ("jacobian", name)
+        if key not in self._columns:
+            self._columns[key] = self._index(self._joints(name, "jacobian"))
+        joints = self._columns[key]
+        axis, arm = self._xaxis[:, joints], self._site_xpos[:, None, number] - self._xanchor[:, joints]
+        columns = [torch.linalg.cross(axis, arm), axis]
+        return torch.cat([rotations.rotate(self._to_base, column) for column in columns], dim=-1).transpose(1, 2)
+
     def actuator(self, name: str) -> int:
         """Return the column of an actuator in `ctrl`."""
         return self._id("actuator", name, "actuator")
@@ -174,7 +209,19 @@ class State:
 
     def _pose(self, pos: Tensor, quat: Tensor) -> Tensor:
         pos = rotations.rotate(self._to_base, pos - self._base_pos)
-        return torch.cat([pos, rotations.multiply(self._to_base, quat)], dim=1)
+        return torch.cat([pos, rotations.multiply(self._to_base, quat)], dim=-1)
+
+    def _index(self, numbers: list) -> Tensor:
+        return torch.tensor(numbers, device=self.device)
+
+    def _free_dof(self, body: int) -> int:
+        """Return the first of the six velocities of a free object."""
+        mjm = self.mjm
+        joint = int(mjm.body_jntadr[body])
+        if joint < 0 or mjm.jnt_type[joint] != FREE:
+            free = [mjm.body(b).name for j, b in enumerate(mjm.jnt_bodyid) if mjm.jnt_type[j] == FREE]
+            raise self._unknown("free object", mjm.body(body).name, "velocity", free)
+        return int(mjm.jnt_dofadr[joint])
 
     def _id(self, kind: str, name: str, method: str) -> int:
         number = mujoco.mj_name2id(self.mjm, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name)

@@ -1,0 +1,268 @@
+"""Train a task with rsl-rl's PPO, and judge the policy on layouts that it has not seen.
+
+    python -m benchmarks.train_rsl_rl TabletopReach-v0 --minutes 5 --out results/reach_0
+
+writes to the folder `out`: `log.jsonl` (a line every few iterations, and one for every evaluation), `model.pt` (the
+latest checkpoint; `--resume` goes on from it) and `config.json`. The clock starts when everything is compiled; it
+stands still during evaluations. Judged are the first episodes of as many worlds as are trained on, at their last step,
+by the deterministic policy: on `valid` layouts of the split "eval", and on `unfiltered` ones, placed uniformly without
+checks.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import asdict, dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated, Any
+
+import gymnasium
+import torch
+import tyro
+from rsl_rl.runners import OnPolicyRunner
+
+from benchmarks import layout_sources
+from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
+from sceniris_gym.layout.build import build_world
+from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.scene.world import World
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+
+SEED_SPACING = 1 << 20
+"""Between seeds of experiments: worlds of neighbouring ones would share layouts otherwise."""
+
+EVAL_SEED = 7 * SEED_SPACING
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is fixed for a task before any run.
+
+    Attributes:
+        hidden: widths of the layers of actor and critic
+        gamma: discount of a control step
+        entropy: weight of the entropy bonus
+        init_std: standard deviation of the actions at the start
+        steps: control steps of each world between two updates
+        epochs: passes over them
+        mini_batches: parts of a pass
+        desired_kl: what the learning rate is adapted to
+    """
+
+    hidden: tuple[int, ...] = (256, 128, 64)
+    gamma: float = 0.98
+    entropy: float = 0.002
+    init_std: float = 1.0
+    steps: int = 24
+    epochs: int = 5
+    mini_batches: int = 4
+    desired_kl: float = 0.01
+
+
+SETTINGS = {"TabletopReach-v0": Settings()}
+
+
+@dataclass(frozen=True)
+class Options:
+    """A run.
+
+    Attributes:
+        task: an id of this package without its namespace
+        seed: number of the run; seeds of layouts are spaced by 2^20
+        num_envs: worlds
+        minutes: wall-clock of training, evaluations not counted
+        out: folder for the results
+        resume: go on from the checkpoint in `out`
+        device: "cpu" or "cuda:0"; by default cuda:0 if there is one
+        bank: replay this many stored layouts instead of making fresh ones
+        uniform: place uniformly, without checks
+        reachable: false leaves out `reachable` of the scene's objects
+        every: iterations between two lines of the log
+        evaluate_every: seconds of training between two evaluations
+    """
+
+    task: Annotated[str, tyro.conf.Positional]
+    seed: int = 0
+    num_envs: int = 4096
+    minutes: float = 5.0
+    out: Path = Path("results/train")
+    resume: bool = False
+    device: str | None = None
+    bank: int | None = None
+    uniform: bool = False
+    reachable: bool = True
+    every: int = 10
+    evaluate_every: float = 60.0
+
+
+def runner_config(settings: Settings, seed: int) -> dict[str, Any]:
+    """Return rsl-rl's configuration."""
+    model = {
+        "class_name": "MLPModel",
+        "hidden_dims": list(settings.hidden),
+        "activation": "elu",
+        "obs_normalization": True,
+    }
+    noise = {"class_name": "GaussianDistribution", "init_std": settings.init_std, "std_range": (0.02, 2.0)}
+    return {
+        "seed": seed,
+        "num_steps_per_env": settings.steps,
+        "save_interval": 1_000_000_000,  # checkpoints are ours
+        "check_for_nan": False,  # asks the device at every step; worlds that are not finite end by themselves
+        "obs_groups": {"actor": ["policy"], "critic": ["critic"]},
+        "actor": {**model, "distribution_cfg": noise},
+        "critic": dict(model),
+        "algorithm": {
+            "class_name": "PPO",
+            "num_learning_epochs": settings.epochs,
+            "num_mini_batches": settings.mini_batches,
+            "gamma": settings.gamma,
+            "lam": 0.95,
+            "entropy_coef": settings.entropy,
+            "learning_rate": 1e-3,
+            "schedule": "adaptive",
+            "desired_kl": settings.desired_kl,
+            "clip_param": 0.2,
+            "value_loss_coef": 1.0,
+            # values of some units would take hundreds of updates in clipped steps of 0.2
+            "use_clipped_value_loss": False,
+        },
+    }
+
+
+def scene_of(task: str, *, reachable: bool) -> SceneConfig:
+    """Return the scene of a task, with or without its words `reachable`."""
+    entry = gymnasium.spec(f"sceniris_gym/{task}").kwargs["task"]
+    module, _, name = entry.partition(":")
+    scene = SceneConfig.load(getattr(import_module(module), name).scene)
+    if reachable:
+        return scene
+    data = scene.model_dump(by_alias=True, exclude_unset=True)
+    for part in data["objects"].values():
+        part.pop("reachable", None)
+    return SceneConfig.load(data)
+
+
+def make_env(task: str, num_envs: int, world: World, **kwargs: Any) -> SceneVectorEnv:
+    """Return the environment of a task on a World."""
+    envs = gymnasium.make_vec(f"sceniris_gym/{task}", num_envs=num_envs, scene=world, **kwargs)
+    assert isinstance(envs, SceneVectorEnv)
+    return envs
+
+
+@torch.inference_mode()
+def evaluate(policy: Any, env: RslRlVecEnv, seed: int = EVAL_SEED) -> dict[str, float]:
+    """Run the first episode of every world; `success` is that of its last step, `return` the sum of its rewards."""
+    obs, _ = env.reset(seed=seed)
+    running = torch.ones(env.num_envs, dtype=torch.bool, device=env.device)
+    success, total = torch.zeros_like(running), torch.zeros(env.num_envs, device=env.device)
+    for _ in range(env.max_episode_length):
+        obs, reward, done, extras = env.step(policy(obs))
+        total += reward * running
+        ends = running & done.bool()
+        success |= ends & extras["success"]
+        running &= ~ends
+    share = float(success.float().mean())
+    return {"success": share, "return": float(total.mean()), "unfinished": int(running.sum())}
+
+
+class Run:
+    """A training run that can stop and go on."""
+
+    def __init__(self, options: Options) -> None:
+        self.options, self.settings = options, SETTINGS[options.task]
+        world = build_world(scene_of(options.task, reachable=options.reachable), options.device)
+        seed = (1 + options.seed) * 16 * SEED_SPACING
+        generator = None
+        if options.bank:
+            generator = layout_sources.replayed(layout_sources.valid_rows(world, options.bank, seed))
+        elif options.uniform:
+            generator = layout_sources.uniform()
+        self.env = RslRlVecEnv(make_env(options.task, options.num_envs, world, generator=generator), seed)
+        # what is judged does not depend on what is trained on
+        filtered, plain = (build_world(scene_of(options.task, reachable=r), options.device) for r in (True, False))
+        judged = {"valid": (filtered, None), "unfiltered": (plain, layout_sources.uniform("eval"))}
+        self.judges = {
+            name: RslRlVecEnv(make_env(options.task, options.num_envs, scene, split="eval", generator=source))
+            for name, (scene, source) in judged.items()
+        }
+        self._warm_up()
+        self.runner = self._runner()
+        self.seconds, self.iterations = 0.0, 0
+
+    @property
+    def checkpoint(self) -> Path:
+        """The file that a run goes on from."""
+        return self.options.out / "model.pt"
+
+    @property
+    def env_steps(self) -> int:
+        """Control steps so far, of all worlds together."""
+        return self.iterations * self.settings.steps * self.options.num_envs
+
+    def go(self) -> None:
+        """Train until the time is over, then judge."""
+        options = self.options
+        options.out.mkdir(parents=True, exist_ok=True)
+        if options.resume and self.checkpoint.exists():
+            progress = self.runner.load(str(self.checkpoint), map_location=str(self.env.device))
+            self.seconds, self.iterations = progress["seconds"], progress["iterations"]
+        else:
+            (options.out / "log.jsonl").write_text("")
+        told = {"options": asdict(options), "settings": asdict(self.settings)}
+        (options.out / "config.json").write_text(json.dumps(told, default=str, indent=1))
+        judged_at = self.seconds
+        limit = 60.0 * options.minutes
+        while self.seconds < limit:
+            self._train(options.every)
+            if self.seconds - judged_at >= options.evaluate_every or self.seconds >= limit:
+                judged_at = self.seconds
+                self._judge()
+                self._save()
+
+    def _warm_up(self) -> None:
+        """Compile and allocate what training needs, with another policy than the one that is trained."""
+        for judge in self.judges.values():
+            judge.step(torch.zeros(judge.num_envs, judge.num_actions, device=judge.device))
+        self._runner().learn(1, init_at_random_ep_len=True)
+
+    def _runner(self) -> OnPolicyRunner:
+        torch.manual_seed(self.options.seed)
+        config = runner_config(self.settings, self.options.seed)
+        return OnPolicyRunner(self.env, config, log_dir=None, device=str(self.env.device))
+
+    def _train(self, iterations: int) -> None:
+        start = self._clock()
+        self.runner.learn(iterations)
+        seconds = self._clock() - start
+        self.seconds += seconds
+        self.iterations += iterations
+        steps = iterations * self.settings.steps * self.options.num_envs
+        valid = float(self.env.log["Reset/valid_share"])
+        std = float(self.runner.alg.get_policy().output_std.detach().mean())
+        told = {"steps_per_second": round(steps / seconds), "valid_share": valid, "action_std": std}
+        self._tell("train", self.env.unwrapped.statistics.read() | told)
+
+    def _judge(self) -> None:
+        policy = self.runner.get_inference_policy(str(self.env.device))
+        self._tell("eval", {name: evaluate(policy, judge) for name, judge in self.judges.items()})
+
+    def _save(self) -> None:
+        self.runner.save(str(self.checkpoint), {"seconds": self.seconds, "iterations": self.iterations})
+
+    def _clock(self) -> float:
+        if self.env.unwrapped.device.type == "cuda":
+            torch.cuda.synchronize(self.env.device)
+        return time.perf_counter()
+
+    def _tell(self, kind: str, values: dict[str, Any]) -> None:
+        line = {"kind": kind, "seconds": round(self.seconds, 2), "env_steps": self.env_steps, **values}
+        with (self.options.out / "log.jsonl").open("a") as file:
+            file.write(json.dumps(line) + "\n")
+        print(json.dumps(line), flush=True)
+
+
+if __name__ == "__main__":
+    Run(tyro.cli(Options)).go()

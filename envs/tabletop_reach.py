@@ -1,0 +1,119 @@
+"""TabletopReach-v0: bring the tool over a chosen one of several things on a table."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from sceniris_gym.vector.arm import Arm
+from sceniris_gym.vector.state import State
+from sceniris_gym.vector.task import Observation, Task
+
+HEIGHTS = {"bottle": 0.252, "tin": 0.046, "orange": 0.070, "can": 0.122, "block": 0.045}
+"""The objects and how high they are [m]."""
+
+OBJECTS = tuple(HEIGHTS)
+
+OVER = 0.05
+"""How far over the top of the chosen object the target is [m]."""
+
+CLOSE = 0.025
+"""Distance from the target that counts as reached [m]."""
+
+
+class TabletopReach(Task):
+    """A Panda on a table brings the point between its finger tips over a chosen object among four others.
+
+    Frames: poses and velocities are in the robot's base frame (on the table's top, x to the front, z up), rotations
+    are quaternions wxyz. Every reset draws the places and yaws of all objects, which of them is the chosen one, and a
+    little noise on the arm. The target is the point 5 cm over the top of the chosen object, also when that is pushed.
+
+    Action, 7 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.04 rad.
+
+    Observations, group `policy`, 58 numbers:
+
+    | name | shape | what |
+    |---|---|---|
+    | arm_qpos | 7 | joint angles [rad] |
+    | arm_qvel | 7 | joint velocities [rad/s] |
+    | arm_lead | 7 | joint targets minus joint angles [rad] |
+    | tcp_pose | 7 | point between the finger tips: position [m], rotation |
+    | tcp_to_target | 3 | from that point to the target [m] |
+    | tcp_to_objects | 5, 3 | from that point to the undersides of bottle, tin, orange, can and block [m] |
+    | chosen | 5 | 1 for the chosen object, 0 for the others |
+    | last_action | 7 | the action taken last, zeros after a reset |
+
+    Group `critic`, 73 numbers: the same, then `object_velocities` (5, 3: linear velocities of the objects [m/s]).
+
+    Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, nearness at
+    arm's length), `hovering` (0 to 2, nearness within centimetres), `disturbing` (minus the sum of the objects' speeds
+    in m/s, at most 1) and `effort` (-0.1 times the mean square of the action). Success is a distance of the tool from
+    the target below 2.5 cm; how long it is held does not matter, so that judged at the last step it means to stay
+    there. The episode is truncated after 100 steps (2 s).
+    """
+
+    scene = "tabletop_reach"
+    action_size = 7
+
+    def bind(self, s: State) -> None:
+        """Find the arm, and make room for what is remembered between steps."""
+        self.arm = Arm(s)
+        self.heights = torch.tensor(list(HEIGHTS.values()), device=s.device)
+        self.chosen = torch.zeros(s.num_envs, len(OBJECTS), device=s.device)
+        self.last_action = torch.zeros(s.num_envs, 7, device=s.device)
+
+    def apply(self, s: State, action: Tensor) -> None:
+        """Move the joint targets."""
+        self.arm.move_joints(s, action)
+        self.last_action.copy_(action)
+
+    def observe(self, s: State) -> Observation:
+        """Return what the class lists."""
+        tcp = self.arm.tool(s)
+        policy = {
+            "arm_qpos": self.arm.qpos(s),
+            "arm_qvel": self.arm.qvel(s),
+            "arm_lead": self.arm.targets(s) - self.arm.qpos(s),
+            "tcp_pose": tcp,
+            "tcp_to_target": self.to_target(s),
+            "tcp_to_objects": self._positions(s) - tcp[:, None, :3],
+            "chosen": self.chosen,
+            "last_action": self.last_action,
+        }
+        return {"policy": policy, "critic": policy | {"object_velocities": self._velocities(s)}}
+
+    def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
+        """Return reaching, hovering, disturbing and effort."""
+        distance = self.to_target(s).norm(dim=1)
+        speeds = self._velocities(s).norm(dim=2).sum(dim=1)
+        return {
+            "reaching": s.dt * (1.0 - torch.tanh(3.0 * distance)),
+            "hovering": s.dt * 2.0 * torch.exp(-((distance / 0.05) ** 2)),
+            "disturbing": -s.dt * speeds.clamp(max=1.0),
+            "effort": -s.dt * 0.1 * action.square().mean(dim=1),
+        }
+
+    def success(self, s: State) -> Tensor:
+        """Say where the tool is within 2.5 cm of the target."""
+        return self.to_target(s).norm(dim=1) < CLOSE
+
+    def on_reset(self, s: State, mask: Tensor) -> None:
+        """Choose an object, and forget the last action."""
+        drawn = (s.random(1) * len(OBJECTS)).long().clamp(max=len(OBJECTS) - 1)
+        chosen = torch.zeros_like(self.chosen).scatter_(1, drawn, 1.0)
+        self.chosen.copy_(torch.where(mask[:, None], chosen, self.chosen))
+        self.last_action.masked_fill_(mask[:, None], 0.0)
+
+    def to_target(self, s: State) -> Tensor:
+        """Return the way from the point between the finger tips to the target [m], shape (num_envs, 3)."""
+        target = (self.chosen[:, :, None] * self._positions(s)).sum(dim=1)
+        target[:, 2] += self.chosen @ self.heights + OVER
+        return target - self.arm.tool(s)[:, :3]
+
+    def _positions(self, s: State) -> Tensor:
+        """Return where the objects stand [m], shape (num_envs, 5, 3)."""
+        return s.poses(OBJECTS)[:, :, :3]
+
+    def _velocities(self, s: State) -> Tensor:
+        """Return their linear velocities [m/s], shape (num_envs, 5, 3)."""
+        return s.velocities(OBJECTS)[:, :, :3]

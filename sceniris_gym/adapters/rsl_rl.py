@@ -1,0 +1,127 @@
+"""rsl-rl's VecEnv: `OnPolicyRunner(RslRlVecEnv(envs), config)` trains on our environments."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+import warp as wp
+from gymnasium.vector import AutoresetMode
+from torch import Tensor
+
+from sceniris_gym.errors import MissingExtraError
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.scene.device import Cause
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+
+try:
+    from rsl_rl.env import VecEnv
+    from tensordict import TensorDict
+except ImportError as error:
+    raise MissingExtraError("rsl-rl-lib", "rsl-rl") from error
+
+
+class RslRlVecEnv(VecEnv):
+    """Our vector environment as rsl-rl 5 takes it. Translation only: nothing is copied to the host, nothing waits.
+
+    The observation groups keep their names; a runner's `obs_groups` is {"actor": ["policy"], "critic": ["critic"]}.
+    Observations handed out are never written to again, since rsl-rl keeps them by reference until after the next step.
+
+    `extras` of a step has `time_outs` (truncated and not terminated), `success` of the step, and `log` (also the
+    attribute of this name), scalars on the device:
+    `Episode/<term>` (sum over an episode), `Episode/success` (at its last step) and `Episode/length` (control steps)
+    are means over the episodes that the step finished, or else those of the step before; 0 before there is any.
+    `Reset/valid_share`, `Reset/fallback_share` and `Reset/attempts` are means over the layouts that the worlds are in,
+    and `Reset/reject_<cause>` is the share of that cause in all candidates rejected so far. Layouts that are not made,
+    but stored, have neither attempts nor rejections.
+
+    Args:
+        env: autoreset SAME_STEP, output "torch", copy=True, and with max_episode_steps
+        seed: of the first reset; None draws one
+
+    Raises:
+        ValueError: another kind of environment
+    """
+
+    def __init__(self, env: SceneVectorEnv, seed: int | None = None) -> None:
+        if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.copy:
+            raise ValueError("RslRlVecEnv needs an environment with autoreset SAME_STEP, output='torch' and copy=True.")
+        if env.max_episode_steps is None:
+            raise ValueError(
+                "RslRlVecEnv needs an environment with max_episode_steps: rsl-rl asks for a longest episode."
+            )
+        assert env.single_action_space.shape is not None
+        self.env, self.device, self.num_envs = env, env.device, env.num_envs
+        self.num_actions = env.single_action_space.shape[0]
+        self.max_episode_length = env.max_episode_steps
+        self.cfg = {"task": type(env.task).__name__, "scene": env.world.config.name, "num_envs": env.num_envs}
+        self._observation = self._as_tensordict(env.reset(seed=seed)[0])
+        self.log: dict[str, Tensor] = {}
+        self._sums, self._means = torch.zeros(0, device=env.device), torch.zeros(0, device=env.device)
+
+    @property
+    def episode_length_buf(self) -> Tensor:  # type: ignore[override]
+        """Control steps since the reset of each world, shape (num_envs,); what is assigned is copied into ours."""
+        return self.env.state.elapsed
+
+    @episode_length_buf.setter
+    def episode_length_buf(self, steps: Tensor) -> None:  # type: ignore[override]
+        self.env.state.elapsed.copy_(steps)
+
+    @property
+    def unwrapped(self) -> SceneVectorEnv:
+        """The environment inside."""
+        return self.env
+
+    def reset(self, seed: int | None = None) -> tuple[TensorDict, dict[str, Any]]:
+        """Reset all worlds; rsl-rl's runners never do."""
+        observation, info = self.env.reset(seed=seed)
+        self._observation = self._as_tensordict(observation)
+        return self._observation, info
+
+    def get_observations(self) -> TensorDict:
+        """Return the observations that the last step or reset led to."""
+        return self._observation
+
+    def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:
+        """Take one control step; returns observations, rewards, dones (long) and extras, all of (num_envs, ...)."""
+        observation, reward, terminated, truncated, info = self.env.step(actions)
+        self._observation = self._as_tensordict(observation)
+        done = terminated | truncated
+        self.log = self._finished() | self._resets()
+        extras = {"time_outs": truncated & ~terminated, "success": info["success"], "log": self.log}
+        return self._observation, reward, done.long(), extras
+
+    def close(self) -> None:
+        """Close the environment inside."""
+        self.env.close()
+
+    def _as_tensordict(self, observation: dict[str, Tensor]) -> TensorDict:
+        return TensorDict(observation, batch_size=[self.num_envs], device=self.device)  # type: ignore[arg-type]
+
+    def _finished(self) -> dict[str, Tensor]:
+        """Say what the episodes came to that the last step finished."""
+        statistics = self.env.statistics
+        sums = statistics.sums()
+        before = self._sums if len(self._sums) else torch.zeros_like(sums)
+        # somebody may have cleared the statistics since
+        gained = torch.where(sums[0] < before[0], sums, sums - before)
+        means = self._means if len(self._means) else torch.zeros_like(sums[1:])
+        self._means = torch.where(gained[0] > 0, gained[1:] / gained[0].clamp(min=1.0), means)
+        self._sums = sums
+        return {f"Episode/{name}": mean.float() for name, mean in zip(statistics.names[1:], self._means, strict=True)}
+
+    def _resets(self) -> dict[str, Tensor]:
+        """Say how the layouts came about that the worlds are in."""
+        layouts = self.env.randomizer.layouts
+        status = self.env.state.layout_status
+        log = {
+            "Reset/valid_share": (status == Status.VALID).float().mean(),
+            "Reset/fallback_share": (status == Status.FALLBACK).float().mean(),
+        }
+        if hasattr(layouts, "rejections"):
+            log["Reset/attempts"] = wp.to_torch(layouts.attempts).float().mean()
+            counts = wp.to_torch(layouts.rejections).sum(dim=0).float()
+            shares = counts / counts.sum().clamp(min=1.0)
+            log |= {f"Reset/reject_{cause.name.lower()}": shares[cause] for cause in Cause if cause != Cause.NONE}
+        return log

@@ -1,0 +1,289 @@
+"""A serial arm: the joints of an MjModel between a base body and a TCP site.
+
+The TCP's +z is the approach axis of the gripper, its +y the axis along which the fingers close.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.errors import ArmError, UnknownNameError
+
+TCP = "tcp"
+"""Name of the site that is an asset's tool centre point."""
+MAX_JOINTS = 8
+"""Joints that an arm may have; device code keeps this many in registers."""
+HOME = "home"
+"""Name of the keyframe of the start pose."""
+
+_LENGTH_TOL = 1e-4  # [m]
+_ANGLE_TOL = 1e-4  # [rad]
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """The kinematics of a serial arm, in its base body's frame. Joints are ordered from base to tip.
+
+    The pose of the TCP at joints q is the product of `link[i]` and the motion of joint i for all i, and then `link[n]`.
+    A hinge turns by q - ref about its axis, a slide moves by q - ref along it. Joints behind the TCP's body, or on
+    branches such as fingers, are not part of the arm. What moves the base is not either: its pose is that of the world.
+
+    Attributes:
+        name: name of the base body.
+        base_body, tcp_site: their ids in the model.
+        joints: names of the n joints.
+        qposadr: their addresses in `qpos`, shape (n,).
+        slide: which of them are slides; the others are hinges, shape (n,), bool.
+        lower, upper: limits [rad, m], shape (n,). -inf and inf of a hinge without limits.
+        ref: joint positions in which the links are as given here (`qpos0`) [rad, m], shape (n,).
+        axis: unit axes through the origin of the joint's frame, in that frame, shape (n, 3).
+        link_pos, link_quat: transforms from the frame after joint i - 1 (of the base, for 0) to that of joint i, the
+            last one to the TCP; shapes (n + 1, 3) [m] and (n + 1, 4) as wxyz.
+        home: start pose: the keyframe 'home' if there is one, else `ref`; within limits [rad, m], shape (n,).
+    """
+
+    name: str
+    base_body: int
+    tcp_site: int
+    joints: tuple[str, ...]
+    qposadr: np.ndarray
+    slide: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    ref: np.ndarray
+    axis: np.ndarray
+    link_pos: np.ndarray
+    link_quat: np.ndarray
+    home: np.ndarray
+
+    @classmethod
+    def from_model(cls, mjm: mujoco.MjModel, base: str, tcp: str = TCP) -> Arm:
+        """Read the arm between the body `base` and the site `tcp`.
+
+        Raises:
+            UnknownNameError: the model has no such body or site.
+            ArmError: what is between them is not a serial arm of 1 to MAX_JOINTS hinges and slides, or a slide has no
+                limits.
+        """
+        bodies = [mjm.body(i).name for i in range(mjm.nbody)]
+        sites = [mjm.site(i).name for i in range(mjm.nsite)]
+        if base not in bodies:
+            raise UnknownNameError("body", base, "arm", filter(None, bodies))
+        if tcp not in sites:
+            raise UnknownNameError("site", tcp, f"arm '{base}'", filter(None, sites))
+        base_body, tcp_site = bodies.index(base), sites.index(tcp)
+        ids, pos, quat = _chain(mjm, base_body, tcp_site)
+        _check_joints(mjm, base, tcp, ids)
+        _check_serial(mjm, base, base_body, ids)
+        adr = mjm.jnt_qposadr[ids]
+        limited = mjm.jnt_limited[ids].astype(bool)
+        lower = np.where(limited, mjm.jnt_range[ids, 0], -np.inf)
+        upper = np.where(limited, mjm.jnt_range[ids, 1], np.inf)
+        keys = [mjm.key(i).name for i in range(mjm.nkey)]
+        home = mjm.key_qpos[keys.index(HOME)] if HOME in keys else mjm.qpos0
+        return cls(
+            name=base,
+            base_body=base_body,
+            tcp_site=tcp_site,
+            joints=tuple(_joint_name(mjm, i) for i in ids),
+            qposadr=adr.astype(int),
+            slide=mjm.jnt_type[ids] == int(mujoco.mjtJoint.mjJNT_SLIDE),
+            lower=lower,
+            upper=upper,
+            ref=mjm.qpos0[adr].copy(),
+            axis=mjm.jnt_axis[ids].copy(),
+            link_pos=pos,
+            link_quat=quat,
+            home=np.clip(home[adr], lower, upper),
+        )
+
+    @cached_property
+    def hash(self) -> str:
+        """Names the kinematics and limits, whatever names and start pose are: 16 hexadecimal digits.
+
+        Numbers are rounded to a millionth, so that an arm keeps its hash when its MJCF is attached to another one.
+        """
+        quat = self.link_quat * np.where(self.link_quat[:, :1] < 0.0, -1.0, 1.0)
+        parts = [self.slide, self.lower, self.upper, self.ref, self.axis, self.link_pos, quat]
+        rounded = [np.round(np.asarray(part, np.float64), 6) + 0.0 for part in parts]  # + 0.0: there is no -0
+        return hashlib.sha256(b"".join(part.tobytes() for part in rounded)).hexdigest()[:16]
+
+    @property
+    def tilt(self) -> float:
+        """Angle [rad] between the first joint's axis and the base's z axis, upwards or downwards."""
+        return _angle_to_z(_rotate(self.axis[0], self.link_quat[0]))
+
+    @property
+    def vertical(self) -> bool:
+        """Is the first joint a hinge about the base's z axis or a parallel of it?"""
+        return not self.slide[0] and self.tilt < _ANGLE_TOL
+
+    @property
+    def axis_xy(self) -> np.ndarray:
+        """Where the first joint's axis meets the base's plane z = 0 [m], shape (2,). Only if `vertical`."""
+        along = _rotate(self.axis[0], self.link_quat[0])
+        return (self.link_pos[0] - along * (self.link_pos[0, 2] / along[2]))[:2]
+
+    @property
+    def tcp_offset(self) -> tuple[float, float]:
+        """Distance [m] of the TCP from the last joint's axis, and angle [rad] between that axis and the TCP's z."""
+        axis, pos = self.axis[-1], self.link_pos[-1]
+        turned = _rotate(np.array([0.0, 0.0, 1.0]), self.link_quat[-1])
+        away = pos - (pos @ axis) * axis
+        return float(np.linalg.norm(away)), _angle_to(turned, axis)
+
+    @property
+    def tcp_on_axis(self) -> bool:
+        """Is the last joint a hinge about the TCP's own z axis?"""
+        length, angle = self.tcp_offset
+        return not self.slide[-1] and length < _LENGTH_TOL and angle < _ANGLE_TOL
+
+    @property
+    def free_base(self) -> bool:
+        """Does the first joint make a full turn?"""
+        return self._turns_freely(0)
+
+    @property
+    def free_wrist(self) -> bool:
+        """Does the last joint make a full turn?"""
+        return self._turns_freely(-1)
+
+    @property
+    def no_map(self) -> str | None:
+        """Why reachability maps, which are symmetric about the base's z and the TCP's, do not fit; None if they do."""
+        first, last = self.joints[0], self.joints[-1]
+        if self.slide[0]:
+            return f"the first joint '{first}' is a slide, not a hinge about the vertical axis of '{self.name}'"
+        if not self.vertical:
+            return f"the first joint '{first}' is {np.degrees(self.tilt):.3g} degrees off the z axis of '{self.name}'"
+        if self.slide[-1]:
+            return f"the last joint '{last}' is a slide, not a hinge about the approach axis of the TCP"
+        if not self.tcp_on_axis:
+            length, angle = self.tcp_offset
+            return (
+                f"the TCP is {1000.0 * length:.3g} mm off the axis of the last joint '{last}', "
+                f"and its z axis {np.degrees(angle):.3g} degrees"
+            )
+        return None
+
+    def _turns_freely(self, i: int) -> bool:
+        return bool(not self.slide[i] and self.upper[i] - self.lower[i] > 2.0 * np.pi - _ANGLE_TOL)
+
+
+def _chain(mjm: mujoco.MjModel, base: int, tcp: int) -> tuple[list[int], np.ndarray, np.ndarray]:
+    """Return ids of the joints between a body and a site, and the transforms between their frames."""
+    path, body = [], int(mjm.site_bodyid[tcp])
+    while body not in (0, base):
+        path.append(body)
+        body = int(mjm.body_parentid[body])
+    if body != base:
+        raise ArmError(
+            f"arm '{mjm.body(base).name}' is not serial: the site '{mjm.site(tcp).name}' is not on it or below it. "
+            "Name the body that the arm stands on and a site of its hand."
+        )
+    none = np.array([1.0, 0.0, 0.0, 0.0])
+    ids, links = [], []
+    pos, quat = np.zeros(3), none
+    for body in reversed(path):
+        pos, quat = _compose(pos, quat, mjm.body_pos[body], mjm.body_quat[body])
+        for joint in _joints_of(mjm, body):
+            ids.append(joint)
+            links.append(_compose(pos, quat, mjm.jnt_pos[joint], none))
+            pos, quat = -mjm.jnt_pos[joint], none
+    links.append(_compose(pos, quat, mjm.site_pos[tcp], mjm.site_quat[tcp]))
+    return ids, np.array([link[0] for link in links]), np.array([link[1] for link in links])
+
+
+def _check_joints(mjm: mujoco.MjModel, base: str, tcp: str, ids: list[int]) -> None:
+    """Raise ArmError for a number or kinds of joints that an arm cannot have."""
+    if not ids:
+        raise ArmError(f"arm '{base}': no joint is between it and the site '{tcp}'. Name a site that joints move.")
+    if len(ids) > MAX_JOINTS:
+        raise ArmError(f"arm '{base}' has {len(ids)} joints up to the site '{tcp}'; at most {MAX_JOINTS} are possible.")
+    for i in ids:
+        kind = mujoco.mjtJoint(mjm.jnt_type[i])
+        if kind not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+            word = kind.name.removeprefix("mjJNT_").lower()
+            raise ArmError(f"arm '{base}': joint '{_joint_name(mjm, i)}' is a {word} joint. Use hinges and slides.")
+        if kind == mujoco.mjtJoint.mjJNT_SLIDE and not mjm.jnt_limited[i]:
+            raise ArmError(f"arm '{base}': the slide '{_joint_name(mjm, i)}' has no limits. Give it a range.")
+
+
+def _check_serial(mjm: mujoco.MjModel, base: str, base_body: int, ids: list[int]) -> None:
+    """Raise ArmError for joints that move the base, and for constraints that couple the arm's joints."""
+    for i in _joints_of(mjm, base_body):
+        if mujoco.mjtJoint(mjm.jnt_type[i]) != mujoco.mjtJoint.mjJNT_FREE:
+            raise ArmError(
+                f"arm '{base}': joint '{_joint_name(mjm, i)}' moves the base itself. Name the body above it."
+            )
+    for i in range(mjm.neq):
+        if mjm.eq_active0[i] and _couples(mjm, i, base_body, ids):
+            name = mjm.equality(i).name
+            raise ArmError(
+                f"arm '{base}' is not serial: the equality constraint {repr(name) if name else i} couples its joints. "
+                "Remove the constraint, or name another base or site."
+            )
+
+
+def _couples(mjm: mujoco.MjModel, eq: int, base: int, ids: list[int]) -> bool:
+    """Does a constraint bind joints of the arm to each other, or close a loop through them?"""
+    first, second = int(mjm.eq_obj1id[eq]), int(mjm.eq_obj2id[eq])
+    kind = mujoco.mjtEq(mjm.eq_type[eq])
+    if kind == mujoco.mjtEq.mjEQ_JOINT:
+        return first in ids or second in ids
+    if kind not in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
+        return False
+    if mujoco.mjtObj(mjm.eq_objtype[eq]) == mujoco.mjtObj.mjOBJ_SITE:
+        first, second = int(mjm.site_bodyid[first]), int(mjm.site_bodyid[second])
+    above = {_joints_above(mjm, end, base, ids) for end in (first, second)}
+    return None not in above and len(above) > 1
+
+
+def _joints_above(mjm: mujoco.MjModel, body: int, base: int, ids: list[int]) -> int | None:
+    """How many of the arm's joints move a body; None for a body that moves without the arm."""
+    moved, free = 0, False
+    while body not in (0, base):
+        for joint in _joints_of(mjm, body):
+            moved += joint in ids
+            free |= mujoco.mjtJoint(mjm.jnt_type[joint]) == mujoco.mjtJoint.mjJNT_FREE
+        body = int(mjm.body_parentid[body])
+    return None if free else moved
+
+
+def _joints_of(mjm: mujoco.MjModel, body: int) -> range:
+    """Ids of a body's own joints."""
+    adr = int(mjm.body_jntadr[body])
+    return range(adr, adr + int(mjm.body_jntnum[body]))
+
+
+def _joint_name(mjm: mujoco.MjModel, i: int) -> str:
+    """Name of a joint, or its number where it has none."""
+    return mjm.joint(i).name or str(i)
+
+
+def _compose(pos: np.ndarray, quat: np.ndarray, then: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a transform followed by another one in its frame."""
+    both = np.zeros(4)
+    mujoco.mju_mulQuat(both, quat, turn)
+    return pos + _rotate(then, quat), both
+
+
+def _rotate(vector: np.ndarray, quat: np.ndarray) -> np.ndarray:
+    """Return a vector, shape (3,), turned by a wxyz quaternion."""
+    turned = np.zeros(3)
+    mujoco.mju_rotVecQuat(turned, vector, quat)
+    return turned
+
+
+def _angle_to(vector: np.ndarray, axis: np.ndarray) -> float:
+    """Angle [rad] between the lines along two unit vectors."""
+    return float(np.arctan2(np.linalg.norm(np.cross(vector, axis)), abs(vector @ axis)))
+
+
+def _angle_to_z(vector: np.ndarray) -> float:
+    return _angle_to(vector, np.array([0.0, 0.0, 1.0]))
