@@ -13,6 +13,7 @@ from sceniris_gym.layout.collision import LEAF_CAPACITY, NODE_CAPACITY
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.place import PLACE
 from sceniris_gym.layout.random import SPLITS, USER_SPLITS
+from sceniris_gym.layout.reachability import REACHABILITY
 from sceniris_gym.scene.device import REACH_CAUSES, Cause
 from sceniris_gym.scene.reach_device import Reach
 from sceniris_gym.scene.world import World
@@ -32,6 +33,24 @@ def _advance(
         if not mask[worldid]:
             return
     episode[worldid] = episode[worldid] + 1
+
+
+@wp.kernel(enable_backward=False)
+def _advance_staged(
+    mask: wp.array(dtype=bool),
+    # Layouts in and out:
+    episode: wp.array(dtype=int),
+    attempts: wp.array(dtype=int),
+    restart: wp.array(dtype=int),
+):
+    worldid = wp.tid()
+    restart[worldid] = -1
+    if mask:
+        if not mask[worldid]:
+            return
+    episode[worldid] = episode[worldid] + 1
+    attempts[worldid] = 0
+    restart[worldid] = 0
 
 
 @wp.kernel(enable_backward=False)
@@ -87,8 +106,12 @@ class LayoutGenerator:
         self.block_dim = block_dim
         self.layouts = Layouts.create(world, nworld, rejected=rejected)
         self._seeds = wp.zeros(nworld, dtype=wp.uint64, device=world.device)
-        self._kernel = PLACE[world.config.geometry, world.related, world.reaching is not None]
-        self._reach = Reach() if world.reaching is None else world.reaching.view
+        reaching = world.reaching
+        self._staged = reaching is not None and reaching.staged
+        decided_by = "" if reaching is None else "stages" if reaching.staged else "map"
+        self._place = PLACE[world.config.geometry, world.related, decided_by]
+        self._stage = REACHABILITY[world.config.geometry]
+        self._reach = Reach() if reaching is None else reaching.view
         self.reseed(seed)
 
     @property
@@ -132,13 +155,25 @@ class LayoutGenerator:
                 f"LayoutGenerator.generate: a mask of shape {mask.shape} should have shape ({self.nworld},)."
             )
         device = self.world.device
-        wp.launch(_advance, dim=self.nworld, inputs=[mask], outputs=[self.layouts.episode], device=device)
+        view = self.layouts.view
+        if not self._staged:
+            wp.launch(_advance, dim=self.nworld, inputs=[mask], outputs=[view.episode], device=device)
+            self._launch(self._place, mask, view)
+            return
+        # A place is a world's whole search; only a layout that its arm cannot reach goes on with the next restart.
+        rows = [view.episode, view.attempts, view.restart]
+        wp.launch(_advance_staged, dim=self.nworld, inputs=[mask], outputs=rows, device=device)
+        for _round in range(self.world.config.restarts + 1):
+            self._launch(self._place, mask, view)
+            self._launch(self._stage, view)
+
+    def _launch(self, kernel: wp.Kernel, *last: Any) -> None:
         wp.launch_tiled(
-            self._kernel,
+            kernel,
             dim=[self.nworld],
-            inputs=[self.world.program, self._reach, SPLITS[self.split], mask, self.layouts.view],
+            inputs=[self.world.program, self._reach, SPLITS[self.split], *last],
             block_dim=self.block_dim,
-            device=device,
+            device=self.world.device,
         )
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:

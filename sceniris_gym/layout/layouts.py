@@ -50,6 +50,12 @@ class LayoutsView:
     drawn: wp.array(dtype=wp.vec3)
     body_pos: wp.array2d(dtype=wp.vec3)
     body_quat: wp.array2d(dtype=wp.vec4)
+    # Of scenes whose reach is decided in stages: the next restart, or -1 where the row is final, and the robot posed in
+    # grasps, in a state and body poses of their own.
+    restart: wp.array(dtype=int)
+    arm_qpos: wp.array2d(dtype=float)
+    arm_pos: wp.array2d(dtype=wp.vec3)
+    arm_quat: wp.array2d(dtype=wp.vec4)
     rejected_count: wp.array(dtype=int)
     rejected_object: wp.array(dtype=int)
     rejected_qpos: wp.array2d(dtype=float)
@@ -117,6 +123,11 @@ class Layouts:
             view.drawn = wp.zeros(related, dtype=wp.vec3)
             view.body_pos = wp.array(np.tile(world.home_xpos, (nworld, 1, 1)), dtype=wp.vec3)
             view.body_quat = wp.array(np.tile(world.home_xquat, (nworld, 1, 1)), dtype=wp.vec4)
+            staged = nworld if world.reaching is not None and world.reaching.staged else 0
+            view.restart = wp.full(staged, -1, dtype=int)
+            view.arm_qpos = wp.zeros((staged, mjm.nq), dtype=float)
+            view.arm_pos = wp.zeros((staged, mjm.nbody), dtype=wp.vec3)
+            view.arm_quat = wp.zeros((staged, mjm.nbody), dtype=wp.vec4)
             view.rejected_count = wp.zeros(1, dtype=int)
             view.rejected_object = wp.zeros(rejected, dtype=int)
             view.rejected_qpos = wp.zeros((rejected, mjm.nq), dtype=float)

@@ -30,6 +30,8 @@ class Reach:
     """The arm of a scene and what it is to reach; never written after `build_world`."""
 
     base_body: int
+    arm_qposadr: wp.array(dtype=int)  # of the joints of `arm`
+    arm_body: wp.array(dtype=int)  # all bodies of the robot but its root, parents before children
     mapped: int  # 0: there is no map, and placing lets all candidates through
     map: MapView
     arm: ArmView

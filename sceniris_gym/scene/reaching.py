@@ -69,6 +69,11 @@ class Reaching:
     view: Reach = field(repr=False)
 
     @property
+    def staged(self) -> bool:
+        """Whether any tier is decided after placing."""
+        return any(column.tier >= Tier.IK for column in self.columns)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the objects, in the order of the columns of `Layouts.grasp`."""
         return tuple(column.name for column in self.columns)
@@ -104,7 +109,7 @@ def build_reaching(scene: SceneModel, plan: Plan, device: str) -> Reaching | Non
     view.map = MapView() if reach_map is None else reach_map.view(device)
     view.arm = arm_view(arm, device)
     view.gap_closed, view.gap_open = gripper.closed, gripper.opening
-    fill_struct(Reach, view, _arrays(plan, columns, gripper), device)
+    fill_struct(Reach, view, _arrays(plan, columns, arm, gripper, scene.subtree(ROBOT)), device)
     return Reaching(arm, gripper, reach_map, tuple(columns), view)
 
 
@@ -160,7 +165,9 @@ def _why_not_map(arm: Arm, reach_map: ReachMap | None) -> str | None:
     return None
 
 
-def _arrays(plan: Plan, columns: list[Column], gripper: Gripper) -> dict[str, np.ndarray]:
+def _arrays(
+    plan: Plan, columns: list[Column], arm: Arm, gripper: Gripper, robot: list[int]
+) -> dict[str, np.ndarray]:
     grasps, adr, num = ranges(c.grasps.grasps for c in columns)
     objects = [plan.objects[c.number] for c in columns]
     numbers = np.full(len(plan.objects), -1)
@@ -182,6 +189,8 @@ def _arrays(plan: Plan, columns: list[Column], gripper: Gripper) -> dict[str, np
         "grasp_pos": np.reshape([g.pos for g in grasps], (-1, 3)),
         "grasp_quat": np.reshape([g.quat for g in grasps], (-1, 4)),
         "grasp_opening": np.array([g.opening for g in grasps], float),
+        "arm_qposadr": arm.qposadr,
+        "arm_body": np.array(robot[1:], int),
         "grip_qposadr": gripper.qposadr,
         "grip_closed": gripper.closed_qpos,
         "grip_open": gripper.open_qpos,

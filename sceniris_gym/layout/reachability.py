@@ -1,0 +1,269 @@
+"""The stages `ik` and `clear` of a reset: after placing, joints of the arm for a grasp of every object asked for.
+
+One thread block per world. Each lane takes a (grasp, start) of its own through inverse kinematics; what it finds is
+tested against the robot itself and the finished layout by all lanes together, the lowest (grasp, start) first, so that
+the accepted one does not depend on how many lanes there are. A world without any goes on with its next restart, or, out
+of them, with its entry of the bank. No path from the start pose is looked for.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from sceniris_gym.layout.bank import fall_back_reaching
+from sceniris_gym.layout.blocks import block_sync
+from sceniris_gym.layout.collision import LEAF_CAPACITY, NODE_CAPACITY, collides_physics, collides_visual
+from sceniris_gym.layout.grasps import lets_through
+from sceniris_gym.layout.kinematics import pose_body
+from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.random import REACH_STREAM, STREAM_BITS, uniforms
+from sceniris_gym.layout.transforms import mul_quat, rot_vec_quat
+from sceniris_gym.reach.arm import MAX_JOINTS
+from sceniris_gym.reach.lookup import witness
+from sceniris_gym.reach.quaternions import neg_quat, z_axis
+from sceniris_gym.reach.solve import ITERATIONS, ArmView, accepted, refine, turns_freely, vec8
+from sceniris_gym.scene.device import Cause, Program
+from sceniris_gym.scene.reach_device import Reach, Tier
+
+wp.set_module_options({"enable_backward": False})
+
+PREGRASP_DISTANCE = 0.08
+"""How far [m] a pre-grasp is back along the approach."""
+OPENING_MARGIN = 0.01
+"""Gap [m] that the gripper is opened by beyond what the grasp needs, as far as it goes."""
+SAME_BRANCH = 0.8
+"""A joint [rad or m] that turns further between pre-grasp and grasp may have passed to another branch of solutions."""
+STARTS = 8
+"""Starts of the inverse kinematics for each grasp: the pose that the arm has, witnesses of its map, and random ones."""
+WITNESSES = 4
+"""How many of them are witnesses, where there is a map."""
+
+_IK = wp.constant(int(Tier.IK))
+_CLEAR = wp.constant(int(Tier.CLEAR))
+_NONE = wp.constant(int(Cause.NONE))
+_NO_IK = wp.constant(int(Cause.NO_IK))
+_BLOCKED = wp.constant(int(Cause.BLOCKED))
+_REACH_STREAM = wp.constant(wp.uint32(REACH_STREAM))
+_STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
+_NO_CANDIDATE = wp.constant(1 << 30)
+_PI = wp.constant(wp.pi)
+
+
+@wp.struct
+class Reached:
+    """Joints of a grasp and of its pre-grasp."""
+
+    ok: bool
+    grasp: vec8
+    pregrasp: vec8
+
+
+@wp.func
+def _drawn(arm: ArmView, seed: wp.uint64, episode: int, stream: wp.uint32, trial: int, draw: int) -> vec8:
+    """Joints drawn uniformly within limits, or from -pi to pi where there are none."""
+    low = uniforms(seed, episode, stream, trial, 2 * draw)
+    high = uniforms(seed, episode, stream, trial, 2 * draw + 1)
+    q = vec8()
+    for i in range(MAX_JOINTS):
+        if i < arm.njoint:
+            u = low
+            if i > 3:
+                u = high
+            if turns_freely(arm, i):
+                q[i] = _PI * (2.0 * u[i % 4] - 1.0)
+            else:
+                q[i] = arm.lower[i] + u[i % 4] * (arm.upper[i] - arm.lower[i])
+    return q
+
+
+@wp.func
+def _try(
+    reach: Reach, layouts: LayoutsView, worldid: int, column: int, grasp: int, start: int, stream: wp.uint32, trial: int
+) -> Reached:
+    """One lane's work: joints for one grasp from one start, and for its pre-grasp from those."""
+    body_pos = layouts.body_pos[worldid]
+    body_quat = layouts.body_quat[worldid]
+    body = reach.grasp_body[grasp]
+    back = neg_quat(body_quat[reach.base_body])
+    at = body_pos[body] + rot_vec_quat(reach.grasp_pos[grasp], body_quat[body]) - body_pos[reach.base_body]
+    pos = rot_vec_quat(at, back)
+    quat = wp.normalize(mul_quat(back, mul_quat(body_quat[body], reach.grasp_quat[grasp])))
+
+    q = vec8()
+    if start == 0:
+        for i in range(MAX_JOINTS):
+            if i < reach.arm.njoint:
+                q[i] = layouts.qpos[worldid, reach.arm_qposadr[i]]
+    elif reach.mapped != 0 and start <= WITNESSES:
+        q = witness(reach.map, pos, quat, start - 1)
+    else:
+        draw = (grasp - reach.reach_graspadr[column]) * STARTS + start
+        q = _drawn(reach.arm, layouts.seed[worldid], layouts.episode[worldid], stream, trial, draw)
+
+    found = Reached()
+    there = refine(reach.arm, pos, quat, q, ITERATIONS)
+    found.grasp = there.q
+    found.ok = accepted(there)
+    if found.ok and reach.reach_tier[column] == _CLEAR:
+        before = refine(reach.arm, pos - PREGRASP_DISTANCE * z_axis(quat), quat, there.q, ITERATIONS)
+        found.pregrasp = before.q
+        found.ok = accepted(before)
+        for i in range(MAX_JOINTS):
+            if i < reach.arm.njoint:
+                change = before.q[i] - there.q[i]
+                if turns_freely(reach.arm, i):
+                    change -= 2.0 * _PI * wp.round(change / (2.0 * _PI))
+                    found.pregrasp[i] = there.q[i] + change
+                if wp.abs(change) > SAME_BRANCH:
+                    found.ok = False
+    return found
+
+
+@wp.func
+def _pose_arm(program: Program, reach: Reach, layouts: LayoutsView, worldid: int, q: vec8, needed: float):
+    """Pose the robot, its gripper opened to the gap [m] that is needed and the margin. One lane's work."""
+    qpos = layouts.arm_qpos[worldid]
+    for i in range(MAX_JOINTS):
+        if i < reach.arm.njoint:
+            qpos[reach.arm_qposadr[i]] = q[i]
+    gap = wp.min(needed + OPENING_MARGIN, reach.gap_open)
+    share = (gap - reach.gap_closed) / wp.max(reach.gap_open - reach.gap_closed, 1.0e-6)
+    for i in range(reach.grip_qposadr.shape[0]):
+        joint = reach.grip_closed[i] + wp.clamp(share, 0.0, 1.0) * (reach.grip_open[i] - reach.grip_closed[i])
+        qpos[reach.grip_qposadr[i]] = joint
+    for i in range(reach.arm_body.shape[0]):
+        pose_body(program, reach.arm_body[i], qpos, layouts.arm_pos[worldid], layouts.arm_quat[worldid])
+
+
+@wp.func
+def _keep(layouts: LayoutsView, worldid: int, column: int, grasp: int, njoint: int, found: Reached, clear: bool):
+    """Write an accepted grasp; -1 and no joints for an object that is not there. One lane's work."""
+    layouts.grasp[worldid, column] = grasp
+    for i in range(MAX_JOINTS):
+        layouts.grasp_qpos[worldid, column, i] = wp.where(i < njoint, found.grasp[i], wp.nan)
+        layouts.pregrasp_qpos[worldid, column, i] = wp.where(i < njoint and clear, found.pregrasp[i], wp.nan)
+
+
+def _make_reachability(geometry: str, collides: wp.Function) -> wp.Kernel:
+    """The kernel for one kind of geometry."""
+
+    @wp.func
+    def reach_object(
+        program: Program,
+        reach: Reach,
+        layouts: LayoutsView,
+        nodes: Any,
+        leaves: Any,
+        worldid: int,
+        lane: int,
+        column: int,
+        stream: wp.uint32,
+        trial: int,
+    ) -> int:
+        """Find and keep the first grasp and start that pass. Returns why there is none, or NONE."""
+        body_pos = layouts.body_pos[worldid]
+        body_quat = layouts.body_quat[worldid]
+        arm_pos = layouts.arm_pos[worldid]
+        arm_quat = layouts.arm_quat[worldid]
+        variant = layouts.variant[worldid, column]
+        # placing has found that the map lets none through before this one
+        first = reach.reach_graspadr[column] + layouts.grasp[worldid, column]
+        number = (reach.variant_graspadr[variant] + reach.variant_graspnum[variant] - first) * STARTS
+        tests = int(1)  # against itself in the grasp; then against the layout, and both in the pre-grasp
+        if reach.reach_tier[column] == _CLEAR:
+            tests = int(4)
+        cause = int(_NO_IK)
+        base = int(0)
+        while base < number and cause != _NONE:
+            mine = int(_NO_CANDIDATE)
+            grasp = first + (base + lane) // STARTS
+            found = Reached()
+            if base + lane < number:
+                if lets_through(reach, column, grasp, body_pos, body_quat):
+                    found = _try(reach, layouts, worldid, column, grasp, (base + lane) % STARTS, stream, trial)
+                    if found.ok:
+                        mine = base + lane
+            least = wp.tile_extract(wp.tile_min(wp.tile(mine)), 0)
+            while least < _NO_CANDIDATE and cause != _NONE:
+                k = int(0)
+                hit = bool(False)
+                while k < tests and not hit:
+                    if k % 2 == 0:
+                        if mine == least:
+                            q = found.grasp
+                            if k > 0:
+                                q = found.pregrasp
+                            _pose_arm(program, reach, layouts, worldid, q, reach.grasp_opening[grasp])
+                        block_sync()
+                    pairs = program.nobject + wp.where(k % 2 == 0, 0, 1 + column)
+                    hit = collides(program, nodes, leaves, lane, pairs, -1, arm_pos, arm_quat)
+                    k += 1
+                    if k == 1 and not hit:
+                        cause = _BLOCKED
+                if hit:
+                    if mine == least:
+                        mine = _NO_CANDIDATE
+                    least = wp.tile_extract(wp.tile_min(wp.tile(mine)), 0)
+                else:
+                    cause = _NONE
+                    if mine == least:
+                        name = grasp - reach.reach_graspadr[column]
+                        _keep(layouts, worldid, column, name, reach.arm.njoint, found, tests > 1)
+            base += wp.block_dim()
+        return cause
+
+    def reachability(
+        program: Program,
+        reach: Reach,
+        split: wp.uint32,
+        # Layouts in and out:
+        layouts: LayoutsView,
+    ):
+        worldid, lane = wp.tid()
+        restart = layouts.restart[worldid]
+        if restart < 0:
+            return
+        nodes = wp.tile_stack(capacity=wp.static(NODE_CAPACITY[geometry]), dtype=wp.vec3i)
+        leaves = wp.tile_stack(capacity=wp.static(LEAF_CAPACITY), dtype=wp.vec3i)
+        for i in range(lane, layouts.arm_qpos.shape[1], wp.block_dim()):
+            layouts.arm_qpos[worldid, i] = layouts.qpos[worldid, i]
+        for i in range(lane, layouts.arm_pos.shape[1], wp.block_dim()):
+            layouts.arm_pos[worldid, i] = layouts.body_pos[worldid, i]
+            layouts.arm_quat[worldid, i] = layouts.body_quat[worldid, i]
+        block_sync()
+        stream = (split << _STREAM_BITS) + _REACH_STREAM
+        columns = layouts.grasp.shape[1]
+        cause = int(_NONE)
+        column = int(0)
+        while column < columns and cause == _NONE:
+            if layouts.present[worldid, reach.reach_slot[column]] == 0:
+                if lane == 0:
+                    _keep(layouts, worldid, column, -1, 0, Reached(), False)
+            elif reach.reach_tier[column] >= _IK:
+                trial = (restart - 1) * columns + column
+                cause = reach_object(
+                    program, reach, layouts, nodes, leaves, worldid, lane, column, stream, trial
+                )
+            column += 1
+        block_sync()
+        if lane == 0:
+            if cause == _NONE:
+                layouts.restart[worldid] = -1
+            else:
+                wp.atomic_add(layouts.rejections, reach.reach_obj[column - 1], cause, 1)
+                layouts.first_pass_valid[worldid] = 0
+                if restart > program.restarts:
+                    layouts.status[worldid] = fall_back_reaching(program, reach, layouts, worldid, split)
+                    layouts.restart[worldid] = -1
+
+    name = f"reachability_{geometry}"
+    reachability.__name__ = reachability.__qualname__ = name
+    options = {"enable_backward": False, "grid_stride": False}
+    return wp.Kernel(reachability, key=name, module=wp.get_module(f"{__name__}.{name}"), options=options)
+
+
+REACHABILITY = {
+    geometry: _make_reachability(geometry, collides)
+    for geometry, collides in (("physics", collides_physics), ("visual", collides_visual))
+}
+"""The kernel for a scene, by its geometry."""
