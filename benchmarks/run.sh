@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Measures every row of RESULTS.md on one device and keeps the answers: run.sh DEVICE FOLDER [LAYOUTS]
+# Measures every row of RESULTS.md on one device and keeps the answers: run.sh DEVICE FOLDER [LAYOUTS], from the top.
 # DEVICE is cpu or cuda:0; LAYOUTS is how many layouts an audit judges (20000). Benches run one after the other, audits
 # (a core each, against code that imports nothing of what is judged) side by side after them.
 set -uo pipefail
@@ -26,3 +26,4 @@ cli audit mid --layouts "$layouts" --rejected 0 --set objects.apple.ratio_on_sup
   --set objects.banana.ratio_on_support=1 >"$folder/audit_mid_on_support.json" &
 wait
 cat "$folder"/audit_*.json
+python3 -m benchmarks.relations --layouts "$((5 * layouts))" --device "$device" | tee "$folder/relations.txt"

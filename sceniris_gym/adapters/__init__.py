@@ -1,1 +1,1 @@
-"""Translation for training libraries."""
+"""Translation for training libraries, each behind an extra: `sb3` and `rsl-rl`."""

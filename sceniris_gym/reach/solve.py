@@ -110,6 +110,12 @@ def _along_z(arm: Arm) -> tuple[np.ndarray, np.ndarray]:
 
 
 @wp.func
+def turns_freely(view: ArmView, i: int) -> bool:
+    """Is joint i a hinge without limits?"""
+    return view.slide[i] == 0 and view.upper[i] - view.lower[i] > 1.0e30
+
+
+@wp.func
 def _frames(view: ArmView, q: vec8):
     """TCP position and orientation in the base frame, and origins and axes of all joints."""
     origin = _mat83()
@@ -238,7 +244,7 @@ def refine(view: ArmView, pos: wp.vec3, quat: wp.vec4, q0: vec8, iterations: int
         k += 1
     for i in range(MAX_JOINTS):
         if i < view.njoint:
-            if view.slide[i] == 0 and view.upper[i] - view.lower[i] > 1.0e30:
+            if turns_freely(view, i):
                 q[i] -= 2.0 * _PI * wp.round(q[i] / (2.0 * _PI))
     result.q = q
     return result

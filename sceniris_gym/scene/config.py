@@ -24,6 +24,7 @@ from sceniris_gym.scene.references import check_names
 from sceniris_gym.scene.relations import RELATION_WORDS, Relation
 from sceniris_gym.scene.values import (
     FLOOR,
+    MOST_FAR,
     Box,
     Choice,
     Extents2,
@@ -79,6 +80,10 @@ class RegionConfig(Part):
 
     @model_validator(mode="after")
     def _exactly_one(self) -> RegionConfig:
+        if self.is_3d and max(abs(x) for corner in self.box or () for x in corner) > MOST_FAR:
+            raise wrong(
+                f"should have its box within {MOST_FAR:g} m of the world's origin: rounding grows with distance"
+            )
         return check_one_of(self, REGION_FORMS)
 
     @property
@@ -167,6 +172,8 @@ class ObjectConfig(Part):
             raise wrong("should have a region in two dimensions: a 3D box is for an object without a support")
         if not words and self.region is not None and not self.region.is_3d:
             raise wrong("should name its support ('on', 'inside' or 'in'), or have a region that is a 3D box")
+        if not words and self.ratio_on_support > 0.0:
+            raise wrong("should have a 'ratio_on_support' only with a support ('on', 'inside' or 'in')")
         if not words and self.relations and self.region is None:
             raise wrong(
                 "should name its support ('on', 'inside' or 'in') or have a region that is a 3D box: it has relations"

@@ -152,6 +152,8 @@ def _read_yaml(path: Path) -> dict:
         raise SceneFileError(f"{path}{line}: this is not YAML: {error.problem or error.context}.") from None
     except (YAMLError, UnicodeDecodeError) as error:
         raise SceneFileError(f"{path}: this is not YAML: {str(error).splitlines()[0]}.") from None
+    except RecursionError:
+        raise SceneFileError(f"{path}: lists or mappings are nested too deeply for a scene.") from None
     except OSError as error:
         raise SceneFileError(f"{path}: the file cannot be read: {error.strerror}.") from None
     if not isinstance(data, dict):

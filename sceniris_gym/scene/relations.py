@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from sceniris_gym.scene.limits import MAX_ANCHORS
 from sceniris_gym.scene.part import Part, check_one_of
@@ -37,13 +37,25 @@ _OPTIONS = {
 }
 
 
+# A band is drawn from slices that hold it, of which it must fill enough: below this [m] redraws get many, and rounding
+# is some of it.
+_LEAST_TOLERANCE = 1.0e-4
+_THIN_BAND = "a thinner band is too little of what it is drawn from"
+
+
+def _wide_enough(tolerance: float) -> float:
+    if tolerance < _LEAST_TOLERANCE:
+        raise wrong(f"should be at least {_LEAST_TOLERANCE:g} m; {_THIN_BAND}")
+    return tolerance
+
+
 class Distance(Part):
     """How far away [m]: from `min` to `max`, or `equal` within `tolerance` (0.01)."""
 
     min: NotNegative | None = None
     max: NotNegative | None = None
     equal: NotNegative | None = None
-    tolerance: Positive | None = None
+    tolerance: Annotated[NotNegative, AfterValidator(_wide_enough)] | None = None
 
     @property
     def low(self) -> float:
@@ -69,6 +81,8 @@ class Distance(Part):
             raise wrong(f"should have 'equal' or {' and '.join(map(repr, others))}, not both")
         if self.equal is None and self.tolerance is not None:
             raise wrong("should have a 'tolerance' only with 'equal'")
+        if self.low < self.high < self.low + 2.0 * _LEAST_TOLERANCE - 1e-9:
+            raise wrong(f"should have its 'max' at least {2.0 * _LEAST_TOLERANCE:g} m above its 'min'; {_THIN_BAND}")
         if self.high <= self.low:
             raise wrong("should have a 'min' below its 'max', and a 'max' above 0")
         return self

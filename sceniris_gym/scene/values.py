@@ -13,6 +13,8 @@ from pydantic_core import PydanticCustomError
 from sceniris_gym.errors import did_you_mean
 from sceniris_gym.scene.complaints import ADVICE
 
+MOST_FAR = 100.0
+"""How far from the world's origin things are placed [m], along each axis: single precision is 8 um there."""
 FLOOR = "floor"
 ROBOT = "robot"
 TIERS = ("map", "map_strict", "ik", "clear")
@@ -94,7 +96,8 @@ Point3 = Annotated[tuple[Number, Number, Number], BeforeValidator(listed)]
 Corner = Annotated[tuple[Number, ...], BeforeValidator(listed)]
 FractionInterval = Annotated[tuple[Fraction, Fraction], BeforeValidator(listed), AfterValidator(_ascending)]
 Choice = Annotated[tuple[Number, ...], BeforeValidator(listed), Field(min_length=1)]
-Extents2 = Annotated[tuple[Positive, Positive], BeforeValidator(listed)]
+_Extent = Annotated[Positive, Field(le=2.0 * MOST_FAR)]
+Extents2 = Annotated[tuple[_Extent, _Extent], BeforeValidator(listed)]
 Box = Annotated[tuple[Corner, Corner], BeforeValidator(listed), AfterValidator(_corners)]
 FractionBox = Annotated[tuple[FractionPoint2, FractionPoint2], BeforeValidator(listed), AfterValidator(_corners)]
 Polygon = Annotated[tuple[Point2, ...], BeforeValidator(listed), AfterValidator(_simple)]

@@ -67,7 +67,8 @@ class SceneVectorEnv(VectorEnv):
         copy: what is returned is never overwritten; without it, observations are valid until the next call
         split: "train" or "eval": layouts and random numbers that share nothing
         render_mode: "rgb_array" or None
-        render_envs: how many worlds `render` takes pictures of, the first ones
+        render_envs: how many worlds `render` takes pictures of, the first ones; None is all, as wrappers that record
+            videos expect it
         render_size: width and height of a picture [pixels]
         render_camera: name of the camera
         generator: makes the layouts, `generator(world, num_envs)`; None is a LayoutGenerator
@@ -95,7 +96,7 @@ class SceneVectorEnv(VectorEnv):
         copy: bool = True,
         split: str = "train",
         render_mode: str | None = None,
-        render_envs: int = 16,
+        render_envs: int | None = None,
         render_size: tuple[int, int] = (320, 240),
         render_camera: str = "overview",
         generator: Callable[[World, int], Any] | None = None,
@@ -113,7 +114,7 @@ class SceneVectorEnv(VectorEnv):
         self.task, self.num_envs, self.max_episode_steps = as_task(task), num_envs, max_episode_steps
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.output, self.copy, self.render_mode = output, copy, render_mode
-        self.render_envs = min(as_count(render_envs, "render_envs"), num_envs)
+        self.render_envs = num_envs if render_envs is None else min(as_count(render_envs, "render_envs"), num_envs)
         self.render_size, self.render_camera = as_size(render_size, "render_size"), render_camera
 
         self.world = as_world(self.task.scene if scene is None else scene, overrides, device)

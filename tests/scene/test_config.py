@@ -215,6 +215,16 @@ WRONG = {
         SceneKeyError,
         ["objects.goal:", "name its support"],
     ),
+    "3D box too far away": (
+        {"objects.goal.region.box": [[0, 0, 0], [1, 101, 1]]},
+        SceneKeyError,
+        ["objects.goal.region:", "within 100 m of the world's origin"],
+    ),
+    "ratio of a support that is not there": (
+        {"objects.goal.ratio_on_support": 0.5},
+        SceneKeyError,
+        ["objects.goal:", "a 'ratio_on_support' only with a support"],
+    ),
     "joint without a word": ({"objects.apple.joints.a": {}}, SceneKeyError, ["objects.apple.joints.a", "has none"]),
     "joint with two words": (
         {"objects.apple.joints.a": {"value": 1, "noise": 1}},
@@ -224,6 +234,7 @@ WRONG = {
     "short floor": ({"floor.size": [1]}, SceneKeyError, ["floor.size.1", "missing"]),
     "long floor": ({"floor.size": [1, 1, 1]}, SceneKeyError, ["floor.size", "2 values"]),
     "empty floor": ({"floor.size": [0, 1]}, SceneKeyError, ["floor.size.0: 0", "above 0"]),
+    "endless floor": ({"floor.size": [1, 201]}, SceneKeyError, ["floor.size.1: 201", "at most 200"]),
     "bad name": ({"objects.an apple": {"asset": "apple"}}, SceneKeyError, ["an apple", "letters, digits"]),
     "taken name": ({"objects.floor": {"asset": "apple"}}, SceneKeyError, ["objects.floor", "taken by the scene"]),
     "no asset": ({"objects.pear": {"on": "floor"}}, SceneKeyError, ["objects.pear.asset", "missing"]),
@@ -302,6 +313,7 @@ BAD_FILES = {
     "two documents": ("floor: null\n---\nfloor: null\n", r"scene\.yaml:\d+: this is not YAML"),
     "a control character": ("floor: \x07\n", r"scene\.yaml: this is not YAML"),
     "an unknown tag": ("floor: !!python/object:os.system {}\n", r"scene\.yaml:1: this is not YAML"),
+    "nested without end": ("floor: " + 20_000 * "[" + 20_000 * "]", r"scene\.yaml: .*nested too deeply"),
     "empty": ("", r"a mapping of keys.*found nothing"),
     "a list": ("- 1\n", r"a mapping of keys.*found a list"),
 }

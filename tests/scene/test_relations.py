@@ -259,7 +259,17 @@ WRONG_RELATIONS = {
     "no tolerance": (
         [{"front_of": "mug", "distance": {"equal": 1, "tolerance": 0}}],
         SceneKeyError,
-        ["relations.0.distance.tolerance: 0", "above 0"],
+        ["relations.0.distance.tolerance:", "at least 0.0001 m"],
+    ),
+    "a tolerance that no point can be drawn within": (
+        [{"near": "mug", "distance": {"equal": 0.5, "tolerance": 0.00005}}],
+        SceneKeyError,
+        ["relations.0.distance.tolerance:", "at least 0.0001 m"],
+    ),
+    "limits with next to nothing between them": (
+        [{"near": "mug", "distance": {"min": 0.5, "max": 0.5001}}],
+        SceneKeyError,
+        ["relations.0.distance:", "'max' at least 0.0002 m above its 'min'"],
     ),
     "an unknown measure": (
         [{**NEAR, "measure": "bound"}],
