@@ -53,9 +53,7 @@ def reading(where: str) -> Iterator[None]:
 
 
 def _complaint(error: ValidationError, where: str) -> SceneKeyError:
-    return SceneKeyError(
-        "\n".join(f"{where}: {_path(e)}: {_sentence(e)}" for e in error.errors(include_url=False))
-    )
+    return SceneKeyError("\n".join(f"{where}: {_path(e)}: {_sentence(e)}" for e in error.errors(include_url=False)))
 
 
 def _path(error: ErrorDetails) -> str:

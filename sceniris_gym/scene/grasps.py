@@ -102,7 +102,9 @@ class Graspable:
         kept = [[g for g in group if g.opening <= gripper.opening] for group in groups]
         if not any(kept):
             every = [g.opening for group in groups for g in group]
-            raise GraspError(f"{self.scene.config.where}: objects.{self.name}", min(every, default=None), gripper.opening)
+            raise GraspError(
+                f"{self.scene.config.where}: objects.{self.name}", min(every, default=None), gripper.opening
+            )
         if own:
             return Grasps(tuple(kept[0]), ((0, len(kept[0])),) * len(variants))
         first = np.cumsum([0, *(len(group) for group in kept)])
@@ -125,7 +127,9 @@ class Graspable:
 
     def _made(self, variant: Variant, any_turn: bool, gripper: Gripper) -> list[Grasp]:
         if any_turn:
-            return [g for up in _UPS for g in self._from_above(matrix(np.array(up) / np.linalg.norm(up)), (0.0,), gripper)]
+            return [
+                g for up in _UPS for g in self._from_above(matrix(np.array(up) / np.linalg.norm(up)), (0.0,), gripper)
+            ]
         turn = matrix(variant.quat)
         found = self._from_above(turn, TILTS, gripper)
         low, high = _extents(self.triangles @ turn.T)
@@ -192,9 +196,7 @@ def tcp_axes(yaw: float, tilt: float) -> np.ndarray:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ down
 
 
-def section(
-    triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, gripper: Gripper
-) -> tuple[float, float] | None:
+def section(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, gripper: Gripper) -> tuple[float, float] | None:
     """What the fingers of a TCP stand around: least and greatest extent [m] along the closing axis from the TCP on.
 
     The part of the solid is looked at that lies in the fingers' width and before their tips. Where a finger fits

@@ -144,9 +144,7 @@ def _fingers(
     return low, high, float(np.clip(gap, 0.0, _NO_LIMIT))
 
 
-def _boxes(
-    mjm: mujoco.MjModel, data: mujoco.MjData, arm: Arm, pieces: list[Piece]
-) -> tuple[np.ndarray, np.ndarray]:
+def _boxes(mjm: mujoco.MjModel, data: mujoco.MjData, arm: Arm, pieces: list[Piece]) -> tuple[np.ndarray, np.ndarray]:
     """Least and greatest corner [m] of each piece in the TCP's frame, shapes (npiece, 3)."""
     mujoco.mj_kinematics(mjm, data)
     axes = data.site_xmat[arm.tcp_site].reshape(3, 3).T

@@ -165,9 +165,7 @@ def _why_not_map(arm: Arm, reach_map: ReachMap | None) -> str | None:
     return None
 
 
-def _arrays(
-    plan: Plan, columns: list[Column], arm: Arm, gripper: Gripper, robot: list[int]
-) -> dict[str, np.ndarray]:
+def _arrays(plan: Plan, columns: list[Column], arm: Arm, gripper: Gripper, robot: list[int]) -> dict[str, np.ndarray]:
     grasps, adr, num = ranges(c.grasps.grasps for c in columns)
     objects = [plan.objects[c.number] for c in columns]
     numbers = np.full(len(plan.objects), -1)
