@@ -127,9 +127,8 @@ class Graspable:
 
     def _made(self, variant: Variant, any_turn: bool, gripper: Gripper) -> list[Grasp]:
         if any_turn:
-            return [
-                g for up in _UPS for g in self._from_above(matrix(np.array(up) / np.linalg.norm(up)), (0.0,), gripper)
-            ]
+            ups = [matrix(np.array(up) / np.linalg.norm(up)) for up in _UPS]
+            return [g for up in ups for g in self._from_above(up, (0.0,), gripper)]
         turn = matrix(variant.quat)
         found = self._from_above(turn, TILTS, gripper)
         low, high = _extents(self.triangles @ turn.T)
@@ -152,7 +151,7 @@ class Graspable:
     def _at_center(
         self, turn: np.ndarray, axes: np.ndarray, tilt: float, gripper: Gripper
     ) -> tuple[np.ndarray, float] | None:
-        """Where a grasp with these axes takes the object, and the gap it needs; None where it would close on nothing."""
+        """Where a grasp with these axes takes the object, and the gap that it needs; None if it closes on nothing."""
         if not len(self.triangles):
             return np.zeros(3), 0.0
         low, high = _extents(self.triangles @ turn.T)
@@ -204,7 +203,8 @@ def section(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, gripper: G
 
     Args:
         triangles: Closed surfaces [m], shape (n, 3, 3).
-        pos, axes: The TCP in their frame: position (3,) and axes as columns (3, 3).
+        pos: Position of the TCP in their frame [m], shape (3,).
+        axes: Its axes in that frame as columns, shape (3, 3).
         gripper: What grasps.
 
     Returns:

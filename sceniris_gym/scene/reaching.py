@@ -92,7 +92,6 @@ def build_reaching(scene: SceneModel, plan: Plan, device: str) -> Reaching | Non
         return None
     robot = scene.config.robot
     assert robot is not None
-    name = asset_name(robot.asset)
     arm = find_arm(scene)
     gripper = Gripper.from_model(scene.mjm, arm, scene.home_qpos, plan.pieces)
     reach_map = _load_map(arm, robot.asset, scene.config.where)

@@ -28,8 +28,8 @@ def check_names(config: SceneConfig, where: str) -> None:
             _check_parent(config, f"{where}: objects.{name}.{part.support.word}", part.support.parent)
         if part.reachable and config.robot is None:
             raise SceneKeyError(
-                f"{where}: objects.{name}.reachable: there is no robot that could reach it. Add 'robot: {{asset: panda}}', "
-                "or leave it out."
+                f"{where}: objects.{name}.reachable: there is no robot that could reach it. Add a robot, as "
+                "in 'robot: {asset: panda}', or leave it out."
             )
         for path, other in part.references:
             _check_reference(config, f"{where}: objects.{name}.{path}", name, other)

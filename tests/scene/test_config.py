@@ -13,7 +13,6 @@ import pytest
 from sceniris_gym.errors import (
     CycleError,
     NoSupportError,
-    NotSupportedError,
     SceneFileError,
     SceneKeyError,
     ScenirisError,
@@ -248,7 +247,31 @@ WRONG = {
     "part of an unknown group": ({"groups.fruit.present": 1}, UnknownNameError, ["unknown group 'fruit'", "none"]),
     "between": ({"objects.apple.between": ["goal"]}, SceneKeyError, ["objects.apple.between", "in 'relations'"]),
     "front_of": ({"objects.apple.front_of": "shelf"}, SceneKeyError, ["objects.apple.front_of", "in 'relations'"]),
-    "reachable": ({"objects.apple.reachable": "map"}, NotSupportedError, ["objects.apple.reachable"]),
+    "reachable without a robot": (
+        {"objects.apple.reachable": "map"},
+        SceneKeyError,
+        ["objects.apple.reachable", "there is no robot"],
+    ),
+    "unknown tier": (
+        {"objects.apple.reachable": "map_stric"},
+        SceneKeyError,
+        [
+            "objects.apple.reachable: 'map_stric'",
+            "true, false, or one of map, map_strict, ik, clear",
+            "mean 'map_strict'",
+        ],
+    ),
+    "reachable static": (
+        {"objects.post": {"asset": "cabinet", "kind": "static", "reachable": True}},
+        SceneKeyError,
+        ["objects.post", "should be placed"],
+    ),
+    "by without reachable": ({"objects.apple.by": "robot"}, SceneKeyError, ["objects.apple", "what is 'reachable'"]),
+    "by another": (
+        {"objects.apple.reachable": True, "objects.apple.by": "shelf"},
+        SceneKeyError,
+        ["objects.apple.by", "should be 'robot'"],
+    ),
     "unknown parent": (
         {"objects.apple.on": "shelff/top"},
         UnknownNameError,
@@ -353,3 +376,19 @@ def test_counts_that_would_never_end_are_refused(word: str):
     """A thousand times more than any scene needs, and within what the device counts with."""
     with pytest.raises(SceneKeyError, match=f"{word}: 3000000000 should be"):
         SceneConfig.load({word: 3_000_000_000})
+
+
+def test_reachable_is_false_true_or_a_tier():
+    """Every tier is read, survives overrides and counts for the scene's hash; false is the same as nothing."""
+    robot = {"robot": {"asset": "panda"}}
+    plain = SceneConfig.load(SMALL, robot)
+    assert plain.objects["apple"].reachable is False
+    assert "reachable" not in plain.canonical()
+    seen = {plain.canonical()}
+    for tier in (True, "map", "map_strict", "ik", "clear"):
+        config = SceneConfig.load(SMALL, {**robot, "objects.apple.reachable": tier, "objects.apple.by": "robot"})
+        again = SceneConfig.load(config, {"objects.apple.clearance": 0.002})
+        assert again.objects["apple"].reachable == tier
+        seen.add(config.canonical())
+    assert len(seen) == 6
+    assert SceneConfig.load(SMALL, {**robot, "objects.apple.reachable": False}).canonical() == plain.canonical()

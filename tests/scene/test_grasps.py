@@ -176,7 +176,8 @@ def test_sites_of_an_asset_take_the_place_of_made_grasps(tmp_path: Path):
     """Sites `grasp_*`, also those of a child body, in their bodies' frames; the gap is what is around the TCP there."""
     wall = '<geom type="box" size="0.1 0.004 0.03" pos="0 {y} 0.03"/>'
     rim = '<site name="grasp_rim" pos="0 0.06 0.05" quat="0 1 0 0"/><site name="grip" pos="0 0 0.1"/>'
-    lid = '<body name="lid" pos="0 0 0.1"><geom type="box" size="0.02 0.01 0.01"/><site name="grasp_lid" quat="0 1 0 0"/></body>'
+    lid = '<geom type="box" size="0.02 0.01 0.01"/><site name="grasp_lid" quat="0 1 0 0"/>'
+    lid = f'<body name="lid" pos="0 0 0.1">{lid}</body>'
     asset = write_mjcf(tmp_path, "tray", wall.format(y=-0.06) + wall.format(y=0.06) + rim + lid)
     s = Scene(asset)
     found = s.grasps()
