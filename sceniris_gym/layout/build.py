@@ -14,13 +14,15 @@ from sceniris_gym.errors import InfeasibleSceneError, UnknownNameError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.device import Program, fill_struct
+from sceniris_gym.scene.device import Cause, Program, fill_struct
 from sceniris_gym.scene.model import SceneModel, build_model
 from sceniris_gym.scene.reach_device import Reach
 from sceniris_gym.scene.world import World, load_world
 
 # The probe makes layouts in rounds until the bank is full or this many rounds are over.
 _ROUNDS = 8
+# Causes that come up when all objects are placed.
+_LATE = (Cause.NO_IK.name.lower(), Cause.BLOCKED.name.lower())
 # What a row of the bank holds.
 _BANK = ("qpos", "mocap_pos", "mocap_quat", "present")
 _REACH_BANK = ("grasp", "grasp_qpos", "pregrasp_qpos")
@@ -92,9 +94,9 @@ def _with_rows(declared: Any, instance: Any, bank: Mapping[str, np.ndarray], nam
 
 
 def _infeasible(world: World, probe: LayoutGenerator) -> InfeasibleSceneError:
-    """Blame the last object that was ever tried: all before it could be placed."""
+    """Blame the last object that was ever tried: all before it could be placed. Stages after placing are tried last."""
     counts = probe.rejection_counts()
-    tried = [name for name, causes in counts.items() if any(causes.values())]
-    name = tried[-1]
-    cause = max(counts[name], key=lambda c: counts[name][c])
-    return InfeasibleSceneError(world.config.where, name, cause, counts)
+    late = {name: {c: n for c, n in causes.items() if c in _LATE} for name, causes in counts.items()}
+    tried = [(name, causes) for found in (counts, late) for name, causes in found.items() if any(causes.values())]
+    name, causes = tried[-1]
+    return InfeasibleSceneError(world.config.where, name, max(causes, key=causes.__getitem__), counts)

@@ -18,9 +18,7 @@ _NO_GRASP = wp.constant(1 << 30)
 
 
 @wp.func
-def grasp_pose(
-    reach: Reach, grasp: int, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
-) -> Pose:
+def grasp_pose(reach: Reach, grasp: int, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)) -> Pose:
     """The TCP of a grasp in the frame of the arm's base, both in the poses of their world."""
     body = reach.grasp_body[grasp]
     base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])

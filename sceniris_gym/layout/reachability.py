@@ -241,9 +241,7 @@ def _make_reachability(geometry: str, collides: wp.Function) -> wp.Kernel:
                     _keep(layouts, worldid, column, -1, 0, Reached(), False)
             elif reach.reach_tier[column] >= _IK:
                 trial = (restart - 1) * columns + column
-                cause = reach_object(
-                    program, reach, layouts, nodes, leaves, worldid, lane, column, stream, trial
-                )
+                cause = reach_object(program, reach, layouts, nodes, leaves, worldid, lane, column, stream, trial)
             column += 1
         block_sync()
         if lane == 0:

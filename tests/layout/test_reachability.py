@@ -1,0 +1,227 @@
+"""The tiers `ik` and `clear`: joints that MuJoCo C confirms, in layouts that are pure functions of their seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import warp as wp
+
+from sceniris_gym.errors import InfeasibleSceneError
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Layouts, Status
+from sceniris_gym.layout.reachability import SAME_BRANCH
+from sceniris_gym.reach.solve import POS_TOL, ROT_TOL
+from sceniris_gym.scene.world import World
+from tests.layout.reaching import arm_mjcf, taken
+from tests.layout.scenes import box_mjcf, cpu_world, read
+
+FLOOR = {"size": [1.5, 1.5]}
+IN_FRONT = {"box": [[0.35, -0.15], [0.55, 0.15]]}
+
+
+def scene(folder: Path, objects: Mapping[str, Any], robot: str | None = None, **words: Any) -> dict[str, Any]:
+    """A floor, the small arm at the origin, and objects."""
+    arm = robot or arm_mjcf(folder)
+    return {"floor": FLOOR, "robot": {"asset": arm, "yaw": 30.0}, "objects": dict(objects), **words}
+
+
+def cluttered(folder: Path, tier: str, **words: Any) -> World:
+    """A block and a can to reach among posts and a case, anywhere on a floor that is larger than the arm's reach."""
+    post = box_mjcf(folder, "post", 0.08, 0.08, 0.4)
+    bar = box_mjcf(folder, "bar", 0.12, 0.05, 0.04)
+    case = box_mjcf(folder, "case", 0.3, 0.2, 0.25)
+    objects = {
+        "case": {"asset": case, "kind": "fixture", "on": "floor"},
+        "bar": {"asset": bar, "on": "floor", "reachable": tier},
+        **{f"post_{i}": {"asset": post, "on": "floor"} for i in range(4)},
+        "can": {"asset": "can", "on": "floor", "reachable": tier},
+    }
+    return cpu_world(scene(folder, objects, **words), bank_size=8)
+
+
+@pytest.fixture(scope="module", params=["ik", "clear"])
+def world(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> World:
+    """The cluttered scene for both tiers."""
+    return cluttered(tmp_path_factory.mktemp(request.param), request.param)
+
+
+def bits(layouts: Layouts) -> list[bytes]:
+    """All that a row of a batch holds, its grasps included."""
+    own = [getattr(layouts, name).numpy() for name in ("grasp", "grasp_qpos", "pregrasp_qpos", "first_pass_valid")]
+    rows = read(layouts)
+    return [rows[i : i + 1].bits() + b"".join(a[i].tobytes() for a in own) for i in range(layouts.nworld)]
+
+
+def is_clear(world: World) -> bool:
+    """Whether a world is that of the tier `clear`."""
+    return world.config.objects["can"].reachable == "clear"
+
+
+def test_accepted_joints_hold_by_mujoco(world: World):
+    """Within limits, at the grasp to 1 mm and 0.5 degrees, and clear of the robot itself: without exception."""
+    generator = LayoutGenerator(world, 300, seed=3)
+    generator.generate()
+    found = list(taken(world, generator.layouts, "grasp_qpos"))
+    assert len(found) == 600
+    assert max(t.far for t in found) <= POS_TOL
+    assert max(t.turned for t in found) <= ROT_TOL
+    assert all(t.within for t in found)
+    assert not any(t.itself for t in found)
+    # among the posts the arm would hit something now and then
+    assert any(t.others for t in found) != is_clear(world)
+
+
+def test_pre_grasps_of_clear_hold_by_mujoco(world: World):
+    """8 cm back along the approach, without contact, joints close to those of the grasp; nan for other tiers."""
+    generator = LayoutGenerator(world, 300, seed=4)
+    generator.generate()
+    layouts = generator.layouts
+    if not is_clear(world):
+        assert np.isnan(layouts.pregrasp_qpos.numpy()).all()
+        return
+    found = list(taken(world, layouts, "pregrasp_qpos"))
+    assert len(found) == 600
+    assert max(t.far for t in found) <= POS_TOL
+    assert max(t.turned for t in found) <= ROT_TOL
+    assert not any(t.itself or t.others for t in found)
+    change = layouts.pregrasp_qpos.numpy() - layouts.grasp_qpos.numpy()
+    assert np.nanmax(np.abs(change)) <= SAME_BRANCH + 1e-6
+    assert np.isnan(change[:, :, 6:]).all()
+
+
+def test_rejected_grasps_start_anew_and_are_counted(world: World):
+    """What is placed out of the arm's reach costs a restart, and is counted for the object and its cause."""
+    generator = LayoutGenerator(world, 200, seed=5)
+    generator.generate()
+    counts = generator.rejection_counts()
+    assert counts["bar"]["no_ik"] > 20
+    assert counts["post_0"]["no_ik"] == 0
+    assert (counts["bar"]["blocked"] + counts["can"]["blocked"] > 0) == is_clear(world)
+    first = generator.layouts.first_pass_valid.numpy()
+    assert 0.0 < first.mean() < 0.9
+    assert (generator.layouts.attempts.numpy()[first == 1] < 100).all()
+
+
+def test_a_layout_is_the_same_in_any_batch(world: World):
+    """Alone, among others, under a mask and in a later round: the same bits for a seed and an episode."""
+    expected = {}
+    for seed in range(6):
+        generator = LayoutGenerator(world, 1, seed=seed)
+        for episode in range(3):
+            generator.generate()
+            expected[seed, episode] = bits(generator.layouts)[0]
+    many = LayoutGenerator(world, 6)
+    rng = np.random.default_rng(0)
+    for _ in range(6):
+        mask = wp.array(rng.random(6) < 0.5, dtype=bool, device="cpu")
+        before = bits(many.layouts)
+        many.generate(mask)
+        for i, (old, new) in enumerate(zip(before, bits(many.layouts), strict=True)):
+            episode = int(many.layouts.episode.numpy()[i])
+            if not mask.numpy()[i]:
+                assert new == old
+            elif episode < 3:
+                assert new == expected[i, episode]
+
+
+def test_generation_runs_in_a_captured_graph(world: World):
+    """All rounds are in the graph; replayed, it makes one episode after the other."""
+    plain, captured = LayoutGenerator(world, 20, seed=7), LayoutGenerator(world, 20, seed=7)
+    with wp.ScopedCapture(device="cpu") as capture:
+        captured.generate()
+    captured.reseed(7)
+    for _ in range(2):
+        plain.generate()
+        wp.capture_launch(capture.graph)
+        assert bits(captured.layouts) == bits(plain.layouts)
+
+
+def test_an_exhausted_world_takes_grasps_from_the_bank(tmp_path: Path):
+    """Out of restarts in the last stage, a world gets an entry of the bank whose grasps hold in it."""
+    world = cluttered(tmp_path, "clear", restarts=0)
+    generator = LayoutGenerator(world, 100, seed=8)
+    generator.generate()
+    fallen = generator.layouts.status.numpy() == Status.FALLBACK
+    assert 10 < fallen.sum() < 90
+    assert not generator.layouts.first_pass_valid.numpy()[fallen].any()
+    for which in ("grasp_qpos", "pregrasp_qpos"):
+        found = list(taken(world, generator.layouts, which))
+        assert len(found) == 200
+        assert max(t.far for t in found) <= POS_TOL
+        assert not any(t.itself or t.others for t in found)
+
+
+def test_what_is_absent_has_no_grasp(tmp_path: Path):
+    """An object that its group leaves out is not asked for, and nothing of an earlier episode stays in its row."""
+    bar = box_mjcf(tmp_path, "bar", 0.12, 0.05, 0.04)
+    thing = {"asset": bar, "on": "floor", "region": IN_FRONT, "reachable": "clear"}
+    groups = {"some": {"of": ["one", "two"], "count": [0, 2]}}
+    world = cpu_world(scene(tmp_path, {"one": thing, "two": thing}, groups=groups))
+    generator = LayoutGenerator(world, 50, seed=9)
+    for _ in range(2):
+        generator.generate()
+        layouts = generator.layouts
+        here = layouts.present.numpy()[:, :2] == 1
+        assert 0 < here.sum() < here.size
+        assert ((layouts.grasp.numpy() >= 0) == here).all()
+        for joints in (layouts.grasp_qpos.numpy(), layouts.pregrasp_qpos.numpy()):
+            assert (np.isfinite(joints[:, :, :6]).all(axis=2) == here).all()
+
+
+def test_what_is_out_of_reach_is_refused(tmp_path: Path):
+    """A region that the arm does not reach to makes the scene infeasible, for want of joints."""
+    bar = box_mjcf(tmp_path, "bar", 0.12, 0.05, 0.04)
+    far = {"asset": bar, "on": "floor", "region": {"box": [[-0.7, -0.7], [-0.66, 0.7]]}, "reachable": "ik"}
+    near = {"asset": "can", "on": "floor", "region": IN_FRONT}
+    with pytest.raises(InfeasibleSceneError, match="no_ik") as info:
+        cpu_world(scene(tmp_path, {"far": far, "near": near}, robot=None, restarts=1), {"robot.base": [0.4, 0, 0]})
+    assert info.value.name == "far"
+
+
+def test_a_lid_over_the_object_blocks_the_arm(tmp_path: Path):
+    """Joints that put the hand through a lid are found by `ik`, and refused by `clear`."""
+    bar = box_mjcf(tmp_path, "bar", 0.12, 0.05, 0.04)
+    lid = box_mjcf(tmp_path, "lid", 0.4, 0.6, 0.02)
+    objects = {
+        "lid": {"asset": lid, "kind": "fixture", "region": {"box": [[0.45, 0, 0.06], [0.45, 0, 0.06]]}},
+        "bar": {"asset": bar, "on": "floor", "region": IN_FRONT, "reachable": "ik"},
+    }
+    words = scene(tmp_path, objects, restarts=1)
+    words["objects"]["lid"]["orientation"] = "fixed"
+    assert cpu_world(words).bank_size > 0
+    words["objects"]["bar"]["reachable"] = "clear"
+    with pytest.raises(InfeasibleSceneError, match="blocked"):
+        cpu_world(words)
+
+
+def test_an_arm_that_would_hit_itself_has_no_joints(tmp_path: Path):
+    """A ring around the arm's own base, through which it would have to reach."""
+    bar = box_mjcf(tmp_path, "bar", 0.12, 0.05, 0.04)
+    walls = "".join(
+        f'<geom type="box" size="0.02 0.4 0.3" pos="{0.3 * x} {0.3 * y} 0.3" euler="0 0 {turn}"/>'
+        for x, y, turn in ((1, 0, 0), (0, 1, 90), (-1, 0, 0), (0, -1, 90))
+    )
+    objects = {"bar": {"asset": bar, "on": "floor", "region": IN_FRONT, "reachable": "ik"}}
+    assert cpu_world(scene(tmp_path, objects, restarts=1)).bank_size > 0
+    with pytest.raises(InfeasibleSceneError, match="no_ik"):
+        cpu_world(scene(tmp_path, objects, robot=arm_mjcf(tmp_path, walls, "walled"), restarts=1))
+
+
+@pytest.mark.parametrize("tier", ["ik", None])
+def test_only_stages_cost_more_than_one_launch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tier: str | None):
+    """A scene without them is placed by one launch; with them, the number is fixed by the restarts."""
+    bar = box_mjcf(tmp_path, "bar", 0.12, 0.05, 0.04)
+    words = {"asset": bar, "on": "floor", "region": IN_FRONT, "reachable": tier}
+    objects = {"bar": {k: v for k, v in words.items() if v is not None}}
+    generator = LayoutGenerator(cpu_world(scene(tmp_path, objects, restarts=2)), 4)
+    launched = []
+    monkeypatch.setattr(wp, "launch_tiled", lambda kernel, **words: launched.append(kernel.key))
+    generator.generate()
+    if tier is None:
+        assert launched == ["place_physics"]
+    else:
+        assert launched == ["place_physics_stages", "reachability_physics"] * 3
