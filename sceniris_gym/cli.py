@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 Scene = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE", help="name of a shipped scene, or a path")]
 Device = Annotated[str | None, tyro.conf.arg(help="cpu, cuda:0, ...; by default cuda:0 if there is one, else cpu")]
 Json = Annotated[bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="print one line of JSON and nothing else")]
+Picture = Annotated[
+    Path | None, tyro.conf.arg(help="a PNG: where reachable objects lie from above, without that word and with it")
+]
 Changes = Annotated[
     tyro.conf.UseAppendAction[tuple[str, ...]],
     tyro.conf.arg(name="set", metavar="KEY=VALUE", help="replace a part of the scene: objects.apple.clearance=0.01"),
@@ -132,6 +135,7 @@ def bench(
     num_envs: int = 4096,
     geometry: Annotated[Literal["physics", "visual"] | None, tyro.conf.arg(help="instead of the scene's own")] = None,
     seed: int = 0,
+    picture: Picture = None,
     device: Device = None,
     changes: Changes = (),
     json: Json = False,
@@ -139,9 +143,13 @@ def bench(
     """Measure how fast layouts are made and worlds are reset."""
     _at_least(1, num_envs=num_envs)
     from sceniris_gym.tools import bench as tool
+    from sceniris_gym.tools.files import check_writable
+
+    if picture is not None:
+        check_writable(picture)
 
     overrides = _overrides(changes) | ({} if geometry is None else {"geometry": geometry})
-    measured = tool.bench(scene, num_envs, device, seed, overrides)
+    measured = tool.bench(scene, num_envs, device, seed, overrides, picture)
     return dumps(measured) if json else _listing(measured)
 
 
@@ -175,6 +183,7 @@ def check(
     scene: Scene,
     layouts: Annotated[int, tyro.conf.arg(help="layouts to make")] = 1024,
     seed: int = 0,
+    picture: Picture = None,
     device: Device = None,
     changes: Changes = (),
     json: Json = False,
@@ -182,8 +191,11 @@ def check(
     """Say why a scene is hard: how many candidates were rejected, per object and cause."""
     _at_least(1, layouts=layouts)
     from sceniris_gym.tools import check as tool
+    from sceniris_gym.tools.files import check_writable
 
-    found = tool.check(_world(scene, changes, device), layouts, seed)
+    if picture is not None:
+        check_writable(picture)
+    found = tool.check(_world(scene, changes, device), layouts, seed, picture)
     return dumps(found) if json else tool.report(found)
 
 

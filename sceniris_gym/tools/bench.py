@@ -23,14 +23,21 @@ from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.sequence import LaunchSequence
 from sceniris_gym.tools.audit.geometry import solids_of
 from sceniris_gym.tools.audit.pairs import Tree
+from sceniris_gym.tools.narrowing import narrow
 
 REPEATS = 20
 _WARM_UP = 3
+_NARROWED = 4096  # layouts of which is measured where objects lie
 _PARTIAL = 0.02  # share of the worlds in a partial reset
 
 
 def bench(
-    scene: str | Path, num_envs: int, device: str | None, seed: int, overrides: Mapping[str, Any] | None = None
+    scene: str | Path,
+    num_envs: int,
+    device: str | None,
+    seed: int,
+    overrides: Mapping[str, Any] | None = None,
+    picture: Path | None = None,
 ) -> dict:
     """Measure a scene.
 
@@ -43,6 +50,7 @@ def bench(
         device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
         seed: seed of the first world.
         overrides: parts of the scene to replace.
+        picture: where to draw how `reachable` narrows where objects lie, of a scene with that word.
     """
     wp.init()
     start = time.perf_counter()
@@ -79,6 +87,7 @@ def bench(
         "valid_per_s": counts["valid"] / REPEATS / warm,
         **_resets(world, generator),
         "peak_bytes": peak_bytes(world.device),
+        **narrow(world, min(num_envs, _NARROWED), seed, picture),
     }
 
 

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.scene.world import World
 from sceniris_gym.tools.dataset import read_table
+from sceniris_gym.tools.narrowing import narrow
 
 
-def check(world: World, layouts: int, seed: int) -> dict:
-    """Make layouts and return the shares of valid ones and the rejections per object and cause."""
+def check(world: World, layouts: int, seed: int, picture: Path | None = None) -> dict:
+    """Make layouts and return the shares of valid ones and the rejections per object and cause.
+
+    Of a scene with `reachable` also how much that narrows where the objects lie, and a picture of it.
+    """
     generator = LayoutGenerator(world, layouts, seed=seed)
     generator.generate()
     table = read_table(generator)
@@ -23,6 +28,7 @@ def check(world: World, layouts: int, seed: int) -> dict:
         "first_pass_valid": float(table.first_pass_valid.mean()),
         "attempts_per_layout": float(table.attempts.mean()),
         "rejections": generator.rejection_counts(),
+        **narrow(world, layouts, seed, picture),
     }
 
 
@@ -32,7 +38,12 @@ def report(found: Mapping) -> str:
         f"{found['layouts']} layouts of '{found['scene']}': {found['valid']:.2%} valid, "
         f"{found['first_pass_valid']:.2%} on the first pass, {found['attempts_per_layout']:.2f} candidates a layout"
     )
-    return f"{shares}\nthe first is {found['first_id']}\n{table_of_rejections(found['rejections'])}"
+    lines = [shares, f"the first is {found['first_id']}", table_of_rejections(found["rejections"])]
+    lines += [
+        f"{name}: reachable on {part['area_after_m2']:.3f} of {part['area_before_m2']:.3f} m2"
+        for name, part in found.get("narrowing", {}).items()
+    ]
+    return "\n".join(lines + ([f"picture: {found['picture']}"] if "picture" in found else []))
 
 
 def table_of_rejections(counts: Mapping[str, Mapping[str, int]]) -> str:
