@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .grasps import add_grasps
 from .hulls import press_in
 from .mjcf import Document, add, inertial
 from .shapes import Mesh, hull, lathe, skin, smooth_profile, surface, write_obj
@@ -126,6 +127,7 @@ def write_fruit(name: str, coarse: Mesh, fine: Mesh, pieces: list[Mesh], mass: f
             document.mesh(f"hull_{i}", f"{name}_hull_{i}")
             document.collision(document.root, f"hull_{i}", f"hull_{i}")
         add(document.root, "site", name="grasp", pos=grasp, size=0.005, group=4)
+        add_grasps(document, document.root, name)
         document.save()
 
 

@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from .grasps import add_grasps
 from .hulls import press_in
 from .mjcf import Document, add, inertial
 from .shapes import Mesh, hull, lathe, solid, surface, write_obj
@@ -148,6 +149,7 @@ def write_vessel(
                 turn = np.pi * (i + 0.5) / WALLS
                 document.collision(document.root, f"wall_{i}", part, pos=shift, quat=(np.cos(turn), 0, 0, np.sin(turn)))
         add(document.root, "site", name="grasp", pos=np.array(grasp) + shift, size=0.005, group=4)
+        add_grasps(document, document.root, name)
         document.save()
 
 

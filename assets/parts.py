@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .grasps import add_grasps
 from .mjcf import Document, Element, add, inertial
 from .shapes import Mesh, hull, surface, write_obj
 
@@ -139,4 +140,5 @@ def write_thing(name: str, part: Part, friction: float = 0.8) -> None:
     """Write an asset of one body, moved so that the bottom centre of its bounds is the origin."""
     document = Document(name, friction=(friction, 0.005, 0.0001))
     add_part(document, document.root, "", part, -bottom_centre([look.mesh for look in part.looks.values()]))
+    add_grasps(document, document.root)
     document.save()

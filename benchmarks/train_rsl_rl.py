@@ -61,7 +61,10 @@ class Settings:
     desired_kl: float = 0.01
 
 
-SETTINGS = {"TabletopReach-v0": Settings()}
+SETTINGS = {
+    "TabletopReach-v0": Settings(),
+    "TabletopLift-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
+}
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ try:
     from rsl_rl.env import VecEnv
     from tensordict import TensorDict
 except ImportError as error:
-    raise MissingExtraError("rsl-rl-lib", "rsl-rl") from error
+    raise MissingExtraError("rsl_rl", "rsl-rl") from error
 
 
 class RslRlVecEnv(VecEnv):

@@ -1,4 +1,7 @@
-"""Which members of a group are in a world, and where the others wait."""
+"""Which members of a group are in a world, and where the others wait: untested, since nothing placed gets there.
+
+`scene.waiting` refuses scenes in which something might.
+"""
 
 import warp as wp
 

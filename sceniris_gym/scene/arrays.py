@@ -21,13 +21,14 @@ from sceniris_gym.scene.device import (
     Roof,
     TurnType,
 )
-from sceniris_gym.scene.limits import MAX_CORNERS, MAX_PIECES, WAITING_SPACING
+from sceniris_gym.scene.limits import MAX_CORNERS, MAX_PIECES
 from sceniris_gym.scene.lists import ranges
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.pairs import arm_pairs, collider_pairs, first_nodes
 from sceniris_gym.scene.pieces import Piece
 from sceniris_gym.scene.program import PlacedObject, Plan, roof_rule
 from sceniris_gym.scene.relations import Relation
+from sceniris_gym.scene.waiting import check_waiting
 
 _TURNS = {"yaw": TurnType.YAW, "stable": TurnType.YAW, "any": TurnType.ANY, "face_to": TurnType.FACE_TO}
 _TYPES = {
@@ -162,9 +163,7 @@ def _relations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
 def _groups(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
     groups = scene.config.groups.values()
     members, adr, num = ranges([plan.slots.index(name) for name in g.of] for g in groups)
-    for o in plan.objects:
-        if any(o.name in g.of and not g.always_whole for g in groups):
-            _check_waiting(scene, o)
+    check_waiting(scene, plan)
     return {
         "group_adr": adr,
         "group_num": num,
@@ -356,16 +355,6 @@ def _check_size(scene: SceneModel, o: PlacedObject) -> None:
                 f"{where}.{i}.width: is missing. '{o.name}' has nothing that collides, so no bounds and no width of "
                 "its own."
             )
-
-
-def _check_waiting(scene: SceneModel, o: PlacedObject) -> None:
-    """Neighbours on the lattice of what is absent must not touch."""
-    edge = float((o.variants[0].bounds[2:] - o.variants[0].bounds[:2]).max())
-    if edge >= WAITING_SPACING:
-        raise SceneKeyError(
-            f"{scene.config.where}: objects.{o.name}: is {edge:.3g} m wide and may be absent, and what is absent waits "
-            f"{WAITING_SPACING:g} m apart. Use something smaller, or take it out of its group."
-        )
 
 
 def _frame(relation: Relation, slots: tuple[str, ...]) -> int:

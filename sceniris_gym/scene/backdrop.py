@@ -6,12 +6,9 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.scene.config import Floor
-from sceniris_gym.scene.limits import WAITING_COLUMNS, WAITING_FROM, WAITING_SPACING
 from sceniris_gym.scene.values import FLOOR
 
 OVERVIEW = "overview"
-WAITING_HALF = 0.5 * WAITING_COLUMNS * WAITING_SPACING + 1.0
-WAITING_CENTER = WAITING_FROM + 0.5 * (WAITING_COLUMNS - 1) * WAITING_SPACING
 
 
 def set_options(spec: mujoco.MjSpec) -> None:
@@ -50,17 +47,6 @@ def add_floor(spec: mujoco.MjSpec, floor: Floor) -> None:
         size=[floor.size[0] / 2.0, floor.size[1] / 2.0, 0.05],
         material="floor",
         friction=[0.8, 0.005, 0.0001],
-    )
-
-
-def add_waiting_ground(spec: mujoco.MjSpec) -> None:
-    """Add a slab far away for the absent members of groups to lie on, where the scene has no endless floor."""
-    spec.worldbody.add_geom(
-        name="waiting_ground",
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=[WAITING_CENTER, WAITING_CENTER, -0.05],
-        size=[WAITING_HALF, WAITING_HALF, 0.05],
-        group=3,
     )
 
 

@@ -14,6 +14,7 @@ from sceniris_gym.reach.map import map_file
 from sceniris_gym.scene import backdrop, compose
 from sceniris_gym.scene.config import JointConfig, SceneConfig
 from sceniris_gym.scene.values import FLOOR, ROBOT
+from sceniris_gym.scene.waiting import add_waiting_ground, has_waiting_ground
 
 HOME = "home"
 
@@ -147,9 +148,9 @@ def build_model(config: SceneConfig) -> SceneModel:
         center, extent = mjm.stat.center.copy(), float(mjm.stat.extent)
     if spec.camera(backdrop.OVERVIEW) is None:
         backdrop.add_camera(spec, center, extent)
-    if config.groups and mujoco.mjtGeom.mjGEOM_PLANE not in mjm.geom_type:
+    if config.groups and not has_waiting_ground(mjm, len(config.objects), config.where):
         spec.stat.center, spec.stat.extent = mjm.stat.center, mjm.stat.extent  # of the scene without its waiting ground
-        backdrop.add_waiting_ground(spec)
+        add_waiting_ground(spec, len(config.objects))
     if spec.key(HOME) is None:
         spec.add_key(name=HOME, qpos=home_qpos, ctrl=home_ctrl)
     mjm = compose.compile_spec(spec, config.where)

@@ -24,7 +24,13 @@ MAX_STEPS = 5
 def env_id() -> Iterator[str]:
     """Register the task as registration.py does with those of the package, and return its id."""
     kwargs = {"task": f"{Reach.__module__}:{Reach.__name__}", "scene": SCENE, "device": "cpu"}
-    gymnasium.register(id=ENV_ID, **ENTRY_POINTS, kwargs=kwargs, max_episode_steps=MAX_STEPS)
+    gymnasium.register(
+        id=ENV_ID,
+        entry_point=ENTRY_POINTS["entry_point"],
+        vector_entry_point=ENTRY_POINTS["vector_entry_point"],
+        kwargs=kwargs,
+        max_episode_steps=MAX_STEPS,
+    )
     yield ENV_ID
     del gymnasium.registry[ENV_ID]
 

@@ -33,9 +33,9 @@ def test_it_is_made_by_id_with_its_module_and_by_spec(env_id):
         gymnasium.make_vec(gymnasium.spec(env_id), num_envs=2),
         gymnasium.make_vec(env_id, num_envs=2, max_episode_steps=3, output="numpy"),
     ]
-    assert [envs.max_episode_steps for envs in made] == [MAX_STEPS] * 3 + [3]
-    for envs in made:
+    for envs, steps in zip(made, [MAX_STEPS] * 3 + [3], strict=True):
         assert isinstance(envs, SceneVectorEnv)
+        assert envs.max_episode_steps == steps
         np.testing.assert_array_equal(observed(envs), observed(made[0]))
 
 

@@ -113,7 +113,7 @@ def test_actions_and_rewards_are_transformed(make_env, mode):
     """RescaleAction, ClipAction and the reward's wrappers pass on what they do not touch."""
     plain, inner = make(make_env, mode), make(make_env, mode)
     envs = wrappers.NormalizeReward(wrappers.ClipReward(wrappers.ClipAction(inner), -0.3, 0.0))
-    rescaled = wrappers.RescaleAction(make(make_env, mode), np.float32(0.0), np.float32(1.0))
+    rescaled = wrappers.RescaleAction(make(make_env, mode), np.zeros(5, np.float32), np.ones(5, np.float32))
     for each in (plain, envs, rescaled):
         each.reset(seed=0)
     expected, reward, *_ = plain.step(HOLD + 0.5)

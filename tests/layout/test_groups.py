@@ -19,7 +19,7 @@ from sceniris_gym.scene.world import World
 from sceniris_gym.tools.audit.auditor import Auditor
 from sceniris_gym.tools.dataset import make_table
 from tests.layout.related import Shapes, judged, near_middle, related, scene
-from tests.layout.scenes import box_mjcf
+from tests.layout.scenes import box_mjcf, cpu_world
 
 MEMBERS = list("abcde")
 FAR = 20.0
@@ -182,6 +182,73 @@ def test_worlds_that_the_mask_leaves_out_keep_their_members(shapes: Shapes):
     alone.generate()
     assert (alone.layouts.qpos.numpy()[0] == after[0][6]).all()
     assert (alone.layouts.present.numpy()[0] == after[1][6]).all()
+
+
+FAR_AWAY = {
+    "on a large floor": ({"floor": {"size": [80.0, 80.0]}}, {"cube": {"on": "floor"}}),
+    "on a support that gets there": (
+        {"floor": {"size": [69.5, 69.5]}},
+        {"tower": {"on": "floor", "kind": "fixture"}, "cube": {"on": "tower"}},
+    ),
+    "in the air": ({}, {"cube": {"region": {"box": [[0, 0, 1], [45, 39, 2]]}}}),
+}
+
+
+@pytest.mark.parametrize("name", FAR_AWAY)
+def test_nothing_is_placed_where_the_absent_wait(name: str, tmp_path: Path):
+    """What could come there is refused, as it is not tested against what lies there; without groups it is not."""
+    words, objects = FAR_AWAY[name]
+    sizes = {"cube": (0.3, 0.3, 0.3), "tower": (1.2, 1.2, 1.2)}
+    cubes = {n: {"asset": box_mjcf(tmp_path, n, *sizes[n]), **part} for n, part in objects.items()}
+    small = {"asset": box_mjcf(tmp_path, "small", 0.1, 0.1, 0.1), "region": {"box": [[0, 0, 1], [1, 1, 2]]}}
+    some = {"groups": {"some": {"of": ["small"], "count": [0, 1]}}}
+    assert scene({"small": small, **cubes}, **words).placed
+    with pytest.raises(SceneKeyError, match=rf"objects\.{[*objects][-1]}: reaches .* wait from \(40, 40\) m on"):
+        scene({"small": small, **cubes}, **words, **some)
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_scene_that_is_long_on_one_side_alone_may_have_groups(side: int, shapes: Shapes):
+    """It passes the place where the absent wait, and the audit finds nothing."""
+    size = [180.0, 2.0] if side == 0 else [2.0, 180.0]
+    cubes = {name: {"asset": shapes.cube, "on": "floor"} for name in MEMBERS}
+    world = scene(cubes, groups={"some": {"of": MEMBERS, "count": [0, 5]}}, floor={"size": size})
+    report = Auditor(world.mjm, world.config, world.scene.bodies).judge(make_table(world, 200, 0).rows, settled=20)
+    assert not report.conflicts
+    assert not report.misplaced
+    assert not report.relation_violations
+    assert not any(report.moved.values())
+
+
+@pytest.mark.parametrize("where", ["without a plane", "with a plane far below"])
+def test_more_than_a_square_of_absent_objects_lie_at_rest(where: str, tmp_path: Path):
+    """Eighty that are in the air where they are there; the last ones wait in a tenth row."""
+    cube = {"asset": box_mjcf(tmp_path, "cube", 0.05, 0.05, 0.05), "region": {"box": [[-1, -1, 1], [1, 1, 2]]}}
+    names = [f"cube_{i}" for i in range(80)]
+    model = tmp_path / "model.xml"
+    model.write_text('<mujoco><worldbody><geom type="plane" size="1 1 1" pos="0 0 -1"/></worldbody></mujoco>')
+    words: dict[str, Any] = {"model": str(model)} if where == "with a plane far below" else {}
+    config = {"objects": dict.fromkeys(names, cube), "groups": {"some": {"of": names, "count": 0}}, **words}
+    world = cpu_world(config, bank_size=1)
+    data = mujoco.MjData(world.mjm)
+    make_table(world, 1, 0).rows.put(data, 0)
+    start = data.qpos.reshape(-1, 7)[:, :3].copy()
+    for _ in range(round(0.3 / world.mjm.opt.timestep)):
+        mujoco.mj_step(world.mjm, data)
+    assert np.abs(data.qpos.reshape(-1, 7)[:, :3] - start).max() < 0.001
+
+
+def test_a_plane_over_the_waiting_place_is_refused(tmp_path: Path):
+    """A model whose ground is at half a metre has absent objects in it."""
+    model = tmp_path / "model.xml"
+    model.write_text(
+        '<mujoco><worldbody><geom name="top" type="plane" size="1 1 1" pos="0 0 .5"/></worldbody></mujoco>'
+    )
+    cube = {"asset": box_mjcf(tmp_path, "cube", 0.05, 0.05, 0.05), "region": {"box": [[-1, -1, 1], [1, 1, 2]]}}
+    config = {"model": str(model), "objects": {"cube": cube}}
+    assert cpu_world(config, bank_size=1).placed == ("cube",)
+    with pytest.raises(SceneKeyError, match=r"the plane 'top' lies above the ground .* at \(40, 40\) m"):
+        cpu_world({**config, "groups": {"some": {"of": ["cube"], "count": [0, 1]}}})
 
 
 def test_what_is_too_large_to_wait_is_refused(tmp_path: Path):

@@ -11,7 +11,7 @@ from sceniris_gym.scene.values import ROBOT
 from sceniris_gym.tools.audit.outlines import Outline
 from sceniris_gym.tools.rows import Rows
 
-FAR = 20.0  # m; farther from the origin than anything that takes part
+FAR = 38.0  # m; along both axes, what takes part in a scene with groups is nearer to the origin than that
 
 
 def presence(config: SceneConfig, rows: Rows) -> dict[str, np.ndarray]:
@@ -28,16 +28,15 @@ def excess(
     """Count what is wrong with groups.
 
     Returns:
-        (group or object, word, "objects") -> in each row how many members are too many or too few, and for every placed
-        object whether it is far away although it is there or the other way round. Shape (nrow,).
+        (group or object, word, "objects") -> in each row how many members are too many or too few, and for every member
+        whether it is far away although it is there or the other way round. Shape (nrow,).
     """
     found = {}
     for name, group in config.groups.items():
         count = np.sum([present[member] for member in group.of], axis=0)
         low, high = group.count
         found[name, "count", "objects"] = np.maximum(np.maximum(low - count, count - high), 0).astype(float)
-    for name, part in config.objects.items():
-        if part.is_placed:
-            away = np.abs(outlines[name].pivot[:, :2]).max(1) > FAR
-            found[name, "present", "objects"] = (away == present[name]).astype(float)
+        for member in group.of:
+            away = outlines[member].pivot[:, :2].min(1) > FAR
+            found[member, "present", "objects"] = (away == present[member]).astype(float)
     return found

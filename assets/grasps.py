@@ -1,0 +1,171 @@
+"""Where a parallel gripper takes hold of the small assets, as sites ``grasp_*`` of their bodies.
+
+A grasp is a frame: its origin midway between the fingertips, z the approach, y the direction in which the fingers
+close. The same grasp turned by 180 degrees about z is no site of its own. All of them suit the arms' hands: the Panda's
+opens 80 mm, has 38 mm between its TCP and its palm, and its fingers end 9 mm beyond the TCP, which leaves them some
+millimetres above what the object stands on. Positions are in the assets' frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .mjcf import Document, Element, add
+
+Vector = Sequence[float] | np.ndarray
+UP, DOWN = (0, 0, 1), (0, 0, -1)
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """Position [m], approach and closing direction of a grasp, in the frame of the body that is grasped."""
+
+    pos: Vector
+    approach: Vector
+    closing: Vector
+
+    @property
+    def quat(self) -> np.ndarray:
+        """Orientation of the grasp (wxyz)."""
+        z = np.asarray(self.approach, dtype=float) / np.linalg.norm(self.approach)
+        y = np.asarray(self.closing, dtype=float) - (z @ np.asarray(self.closing, dtype=float)) * z
+        y /= np.linalg.norm(y)
+        return quaternion(np.stack([np.cross(y, z), y, z], axis=1))
+
+
+def quaternion(matrix: np.ndarray) -> np.ndarray:
+    """The quaternion (wxyz, w >= 0) of a rotation matrix: the eigenvector of Bar-Itzhack's symmetric matrix."""
+    (a, b, c), (d, e, f), (g, h, i) = matrix
+    symmetric = np.array(
+        [
+            [a + e + i, h - f, c - g, d - b],
+            [h - f, a - e - i, b + d, c + g],
+            [c - g, b + d, e - a - i, f + h],
+            [d - b, c + g, f + h, i - a - e],
+        ]
+    )
+    quat = np.linalg.eigh(symmetric)[1][:, -1]
+    return quat * (np.sign(quat[np.abs(quat).argmax()]) if abs(quat[0]) < 1e-9 else np.sign(quat[0]))
+
+
+def around(name: str, height: float, tilt: float, count: int = 8, out: float = 0.0) -> dict[str, Grasp]:
+    """Grasps across an upright body of revolution from ``count`` sides, ``tilt`` degrees off straight down.
+
+    Fingers close level. The TCP is ``out`` [m] before the axis, which it would reach at ``height`` [m].
+    """
+    lean, grasps = np.radians(tilt), {}
+    for i, angle in enumerate(2 * np.pi * np.arange(count) / count):
+        back = np.array([np.sin(lean) * np.cos(angle), np.sin(lean) * np.sin(angle), np.cos(lean)])
+        grasps[f"{name}_{i}"] = Grasp(out * back + (0, 0, height), -back, (-np.sin(angle), np.cos(angle), 0))
+    return grasps
+
+
+def above(name: str, height: float, count: int = 4) -> dict[str, Grasp]:
+    """Grasps straight down an upright body of revolution; closing directions share the half circle."""
+    angles = np.pi * np.arange(count) / count
+    return {f"{name}_{i}": Grasp((0, 0, height), DOWN, (np.cos(a), np.sin(a), 0)) for i, a in enumerate(angles)}
+
+
+def across(name: str, pos: Vector, along: Vector, tilts: Sequence[float] = (0,)) -> dict[str, Grasp]:
+    """Grasps from above across a level bar that runs ``along``, leaning ``tilts`` degrees towards that direction."""
+    forward = np.asarray(along, dtype=float) / np.linalg.norm(along)
+    closing = np.cross(UP, forward)
+    backs = [np.sin(lean) * forward + np.cos(lean) * np.array(UP) for lean in np.radians(tilts)]
+    if len(backs) == 1:
+        return {name: Grasp(pos, -backs[0], closing)}
+    return {f"{name}_{i}": Grasp(pos, -back, closing) for i, back in enumerate(backs)}
+
+
+def rim(radius: float, height: float, tilt: float, angles: Sequence[float], axis: float = 0.0) -> dict[str, Grasp]:
+    """Grasps of a vessel's wall at some ``angles`` [degrees], one finger inside.
+
+    ``radius`` and ``height`` [m] are those of the TCP, ``axis`` is the vessel's along x. The hand leans outward by
+    ``tilt`` degrees.
+    """
+    lean, grasps = np.radians(tilt), {}
+    for i, angle in enumerate(np.radians(angles)):
+        out = np.array([np.cos(angle), np.sin(angle), 0.0])
+        back = np.sin(lean) * out + np.cos(lean) * np.array(UP)
+        grasps[f"rim_{i}"] = Grasp(radius * out + (axis, 0, height), -back, out)
+    return grasps
+
+
+def mug() -> dict[str, Grasp]:
+    """By the rim, not above the handle; by the handle from its side, from above and between the two."""
+    axis, tilted = -0.0155, np.radians(25)
+    return rim(0.0392, 0.077, 0.0, (60, 100, 140, 180, 220, 260, 300), axis) | {
+        "handle_side": Grasp((axis + 0.066, 0, 0.055), (-np.cos(tilted), 0, -np.sin(tilted)), (0, 1, 0)),
+        "handle_lean": Grasp((axis + 0.063, 0, 0.072), (-1, 0, -1), (0, 1, 0)),
+        "handle_top": Grasp((axis + 0.056, 0, 0.080), DOWN, (0, 1, 0)),
+    }
+
+
+def banana() -> dict[str, Grasp]:
+    """From above at three places of its bend, and leaning either way at the middle."""
+    grasps = across("middle", (0.0, -0.009, 0.016), (1, 0, 0), (0, 30, -30))
+    for name, bend in (("stem", -0.33), ("tip", 0.33)):
+        place = (0.135 * np.sin(bend), 0.126 - 0.135 * np.cos(bend), 0.016)
+        grasps |= across(name, place, (np.cos(bend), np.sin(bend), 0))
+    return grasps
+
+
+def block(half: float) -> dict[str, Grasp]:
+    """Across both pairs of sides from above, and leaning from four sides."""
+    x, y = (1, 0, 0), (0, 1, 0)
+    low, high = (0, 0, half + 0.002), (0, 0, half + 0.0035)
+    level = across("top_x", low, y) | across("top_y", low, x)
+    return level | across("lean_x", high, y, (35, -35)) | across("lean_y", high, x, (35, -35))
+
+
+def book() -> dict[str, Grasp]:
+    """By its edges: for a book that stands, or that lies over an edge."""
+    sides = {"spine": (-0.05, 0), "fore_edge": (0.05, 0), "front": (0, -0.08), "back": (0, 0.08)}
+    return {name: Grasp((x, y, 0.015), (-np.sign(x), -np.sign(y), 0), (0, 0, 1)) for name, (x, y) in sides.items()}
+
+
+def cereal_box() -> dict[str, Grasp]:
+    """Across its narrow side: from above, from the left and the right, and at the upper corners."""
+    grasps = {f"top_{i}": Grasp((x, 0, 0.24), DOWN, (0, 1, 0)) for i, x in enumerate((-0.055, 0, 0.055))}
+    for side, sign in (("left", -1), ("right", 1)):
+        for i, z in enumerate((0.10, 0.18)):
+            grasps[f"{side}_{i}"] = Grasp((sign * 0.067, 0, z), (-sign, 0, 0), (0, 1, 0))
+        grasps[f"{side}_corner"] = Grasp((sign * 0.075, 0, 0.25), (-sign, 0, -1), (0, 1, 0))
+    return grasps
+
+
+def handle(start: float, stop: float, height: float, slope: float = 0.0) -> dict[str, Grasp]:
+    """Across a handle along x from above, at three places [m]."""
+    grasps = {}
+    for i, x in enumerate(np.linspace(start, stop, 3)):
+        grasps |= across(f"handle_{i}", (x, 0, height + slope * x), (1, 0, 0))
+    return grasps
+
+
+# Of each asset: the names of its sites without ``grasp_``, and the grasps.
+GRASPS: dict[str, dict[str, Grasp]] = {
+    "apple": above("top", 0.044) | around("lean", 0.040, 40, out=0.004),
+    "orange": above("top", 0.039) | around("lean", 0.036, 40, out=0.004),
+    "banana": banana(),
+    "mug": mug(),
+    "bowl": rim(0.0648, 0.0474, 24.3, np.arange(0, 360, 45).tolist()),
+    "can": above("top", 0.090) | around("lean", 0.100, 60, out=0.005) | around("side", 0.070, 90, out=0.004),
+    "bottle": above("cap", 0.222) | around("neck", 0.222, 45) | around("side", 0.100, 90, out=0.004),
+    "glass": above("top", 0.082) | around("lean", 0.092, 60, out=0.005) | around("side", 0.060, 90, out=0.004),
+    "pear": above("top", 0.075) | around("lean", 0.042, 55, out=0.004),
+    "lemon": across("top", (0, 0, 0.027), (1, 0, 0), (0, 35, -35)),
+    "book": book(),
+    "brick": across("top_x", (0, 0, 0.013), (0, 1, 0)) | across("top_y", (0, 0, 0.015), (1, 0, 0), (0, 30, -30)),
+    "block": block(0.0225),
+    "cereal_box": cereal_box(),
+    "pan": handle(0.07, 0.12, 0.0342, 0.12),
+    "spatula": handle(-0.10, 0.0, 0.0105),
+}
+
+
+def add_grasps(document: Document, body: Element, asset: str | None = None) -> None:
+    """Give ``body`` the grasps of an asset, which is the document's own unless another is named."""
+    for name, grasp in GRASPS.get(asset or document.name, {}).items():
+        add(body, "site", name=f"grasp_{name}", pos=grasp.pos, quat=grasp.quat, size=0.005, group=4)

@@ -1,0 +1,165 @@
+"""TabletopLift-v0: grasp a chosen one of several things on a table, and lift it."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from sceniris_gym.vector.arm import Arm
+from sceniris_gym.vector.state import State
+from sceniris_gym.vector.task import Observation, Task
+from sceniris_gym.vector.touch import Touch
+
+GRASP_HEIGHTS = {"block": 0.0225, "can": 0.095, "lemon": 0.025}
+"""What can be chosen, and how high over its underside it is grasped [m]; the hand is 37 mm over the tool's point."""
+
+OBJECTS = (*GRASP_HEIGHTS, "tin", "orange")
+
+FINGERS = ("panda/left_finger", "panda/right_finger")
+
+LIFTED = 0.1
+"""Height of the underside over the table that counts as lifted [m]."""
+
+HOLD = 0.5
+"""How long it must be held there [s]."""
+
+LOWEST = 0.01
+"""Least height of the tool's target over the table [m]: finger tips reach 9 mm further down."""
+
+LOST_HEIGHT = -0.05
+"""Below this height [m] the chosen object has fallen off the table."""
+
+
+class TabletopLift(Task):
+    """A Panda on a table grasps a chosen one of block, can and lemon, among the others, and lifts it by 10 cm.
+
+    Frames: poses and velocities are in the robot's base frame (on the table's top, x to the front, z up), rotations
+    are quaternions wxyz. Every reset draws the places and yaws of all objects, which of them is the chosen one, and a
+    little noise on the arm, whose tool looks down all the time.
+
+    Action, 5 numbers in [-1, 1] at 50 Hz: changes of the tool's target along x, y and z in units of 0.02 m and about
+    the vertical in units of 0.1 rad, and the gripper from -1 (closed) to 1 (open).
+
+    Observations, group `policy`, 57 numbers:
+
+    | name | shape | what |
+    |---|---|---|
+    | arm_qpos | 7 | joint angles [rad] |
+    | arm_qvel | 7 | joint velocities [rad/s] |
+    | finger_width | 1 | distance between the fingers [m] |
+    | tcp_pose | 7 | point between the finger tips: position [m], rotation |
+    | tool_lead | 4 | the tool's target minus the tool: x, y, z [m], yaw [rad] |
+    | tcp_to_grasp | 3 | from that point to where the chosen object is grasped [m] |
+    | turn_to_grasp | 2 | cosine and sine of twice the angle from the tool's yaw to the chosen object's |
+    | chosen | 3 | 1 for the chosen one of block, can and lemon, 0 for the others |
+    | tcp_to_objects | 5, 3 | from that point to the undersides of block, can, lemon, tin and orange [m] |
+    | touching | 2 | 1 where the left and the right finger touch the chosen object |
+    | held | 1 | share of the 0.5 s for which it has been held up |
+    | last_action | 5 | the action taken last, zeros after a reset |
+
+    Group `critic`, 87 numbers: the same, then `object_velocities` (5, 6: linear [m/s] and angular [rad/s]).
+
+    Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, nearness of
+    the tool to the grasp), `grasping` (1 where both fingers touch the chosen object), `lifting` (0 to 4, share of the
+    way up, while both touch), `holding` (5 while it is up and both touch), `disturbing` (minus half the sum of the
+    other objects' speeds in m/s, at most 1) and `effort` (-0.05 times the mean square of the action). Success is the
+    chosen object's underside 10 cm or more over the table with both fingers touching it, in this and all steps of the
+    last 0.5 s. The episode terminates when that object has fallen off the table, and is truncated after 200 steps
+    (4 s).
+    """
+
+    scene = "tabletop_lift"
+    action_size = 5
+
+    def bind(self, s: State) -> None:
+        """Find the arm and its contacts, and make room for what is remembered between steps."""
+        self.arm = Arm(s)
+        self.touch = Touch(s, FINGERS, tuple(GRASP_HEIGHTS))
+        self.heights = torch.tensor(list(GRASP_HEIGHTS.values()), device=s.device)
+        self.chosen = torch.zeros(s.num_envs, len(GRASP_HEIGHTS), device=s.device)
+        self.held = torch.zeros(s.num_envs, device=s.device)
+        self.last_action = torch.zeros(s.num_envs, 5, device=s.device)
+        self.hold_steps = round(HOLD / s.dt)
+
+    def apply(self, s: State, action: Tensor) -> None:
+        """Move the tool, and open or close the gripper."""
+        self.arm.move_tool(s, action[:, :4], lowest=LOWEST)
+        self.arm.grip(s, action[:, 4])
+        self.last_action.copy_(action)
+
+    def observe(self, s: State) -> Observation:
+        """Return what the class lists."""
+        tool = self.arm.tool(s)
+        pose = self.chosen_pose(s)
+        turn = 2.0 * (_yaw(pose) - _yaw(tool))
+        policy = {
+            "arm_qpos": self.arm.qpos(s),
+            "arm_qvel": self.arm.qvel(s),
+            "finger_width": self.arm.width(s)[:, None],
+            "tcp_pose": tool,
+            "tool_lead": self.arm.tool_target - torch.cat([tool[:, :3], _yaw(tool)[:, None]], dim=1),
+            "tcp_to_grasp": self.to_grasp(s),
+            "turn_to_grasp": torch.stack([turn.cos(), turn.sin()], dim=1),
+            "chosen": self.chosen,
+            "tcp_to_objects": s.poses(OBJECTS)[:, :, :3] - tool[:, None, :3],
+            "touching": self.touching(s),
+            "held": self.held[:, None] / self.hold_steps,
+            "last_action": self.last_action,
+        }
+        return {"policy": policy, "critic": policy | {"object_velocities": s.velocities(OBJECTS)}}
+
+    def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
+        """Return reaching, grasping, lifting, holding, disturbing and effort; and count how long it has been held."""
+        distance = self.to_grasp(s).norm(dim=1)
+        grasped = self.touching(s).all(dim=1).float()
+        height = self.chosen_pose(s)[:, 2]
+        up = grasped * (height >= LIFTED)
+        self.held.copy_((self.held + 1.0) * up)
+        near = 0.5 * (1.0 - torch.tanh(4.0 * distance)) + 0.5 * torch.exp(-((distance / 0.03) ** 2))
+        speeds = s.velocities(OBJECTS)[:, :, :3].norm(dim=2)
+        others = speeds.sum(dim=1) - (speeds[:, : len(GRASP_HEIGHTS)] * self.chosen).sum(dim=1)
+        return {
+            "reaching": s.dt * near,
+            "grasping": s.dt * grasped,
+            "lifting": s.dt * 4.0 * grasped * (height / LIFTED).clamp(0.0, 1.0),
+            "holding": s.dt * 5.0 * up,
+            "disturbing": -s.dt * 0.5 * others.clamp(max=2.0),
+            "effort": -s.dt * 0.05 * action.square().mean(dim=1),
+        }
+
+    def success(self, s: State) -> Tensor:
+        """Say where the chosen object has been held up for 0.5 s."""
+        return self.held >= self.hold_steps
+
+    def terminated(self, s: State) -> Tensor:
+        """Say where the chosen object has fallen off the table."""
+        return self.chosen_pose(s)[:, 2] < LOST_HEIGHT
+
+    def on_reset(self, s: State, mask: Tensor) -> None:
+        """Choose an object, and forget what was remembered."""
+        drawn = (s.random(1) * len(GRASP_HEIGHTS)).long().clamp(max=len(GRASP_HEIGHTS) - 1)
+        chosen = torch.zeros_like(self.chosen).scatter_(1, drawn, 1.0)
+        self.chosen.copy_(torch.where(mask[:, None], chosen, self.chosen))
+        self.held.masked_fill_(mask, 0.0)
+        self.last_action.masked_fill_(mask[:, None], 0.0)
+        self.arm.start(s, mask)
+
+    def chosen_pose(self, s: State) -> Tensor:
+        """Return the pose of the chosen object's underside, shape (num_envs, 7)."""
+        return (self.chosen[:, :, None] * s.poses(tuple(GRASP_HEIGHTS))).sum(dim=1)
+
+    def to_grasp(self, s: State) -> Tensor:
+        """Return the way from the point between the finger tips to the grasp [m], shape (num_envs, 3)."""
+        grasp = self.chosen_pose(s)[:, :3]
+        grasp[:, 2] += self.chosen @ self.heights
+        return grasp - self.arm.tool(s)[:, :3]
+
+    def touching(self, s: State) -> Tensor:
+        """Return 1 where the left and the right finger touch the chosen object, else 0; shape (num_envs, 2)."""
+        return (self.touch(s).float() * self.chosen[:, None]).sum(dim=2)
+
+
+def _yaw(pose: Tensor) -> Tensor:
+    """Return the angle of the x axis about the vertical [rad], shape (num_envs,)."""
+    w, x, y, z = pose[:, 3:].unbind(dim=1)
+    return torch.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

@@ -1,0 +1,187 @@
+"""Stable-Baselines3's VecEnv: `PPO("MlpPolicy", SB3VecEnv(envs))` trains on our environments."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+from gymnasium.vector import AutoresetMode
+from torch import Tensor
+
+from sceniris_gym.errors import MissingExtraError, UnknownNameError
+from sceniris_gym.vector.arguments import RESET_MASK
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+
+try:
+    from stable_baselines3.common.monitor import Monitor
+    from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
+except ImportError as error:
+    raise MissingExtraError("stable-baselines3", "sb3") from error
+
+
+class SB3VecEnv(VecEnv):
+    """Our vector environment as Stable-Baselines3 takes it: numpy at the border, a list of infos, one group observed.
+
+    A step brings observations, rewards and flags of all worlds to the host. Infos are empty but for the worlds that
+    finished, which have `terminal_observation`, `TimeLimit.truncated`, `is_success` (of the last step) and `episode`
+    (`r`, `l` and `t` as Monitor has them, of rewards as they come from the environment). What the finished worlds have
+    to say is gathered on the device first, so the bytes that are copied grow with the number of worlds and no faster.
+    `reset_infos` has `layout_seed`, `layout_episode` and `layout_fallback` of the layout that each world is in.
+
+    The worlds share one environment. `get_attr` and `env_method` look at it, then at its task, once, and repeat the
+    answer for every index asked for; `set_attr` is for all worlds. Options are those of SceneVectorEnv.reset, for all
+    worlds together. Worlds count as wrapped by Monitor, whose infos they give, and by nothing else.
+
+    Args:
+        env: autoreset SAME_STEP, output "torch" and copy=True
+        group: the observation group that the agent sees
+
+    Raises:
+        TypeError: not a SceneVectorEnv
+        ValueError: one with other settings
+        UnknownNameError: a group that the task does not observe
+    """
+
+    def __init__(self, env: SceneVectorEnv, group: str = "policy") -> None:
+        if not isinstance(env, SceneVectorEnv):
+            raise TypeError(f"SB3VecEnv needs a SceneVectorEnv, as gymnasium.make_vec makes it, got {env!r}.")
+        if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.copy:
+            raise ValueError("SB3VecEnv needs an environment with autoreset SAME_STEP, output='torch' and copy=True.")
+        groups = env.single_observation_space
+        assert isinstance(groups, gymnasium.spaces.Dict)
+        if group not in groups.spaces:
+            raise UnknownNameError("observation group", group, f"task {type(env.task).__name__}", groups.spaces)
+        self.env, self.group = env, group
+        super().__init__(env.num_envs, groups[group], env.single_action_space)
+        self.metadata["render_fps"] = env.metadata["render_fps"]
+        self._actions: Any = None
+        self._returns = np.zeros(env.num_envs)
+        self._lengths = np.zeros(env.num_envs, dtype=int)
+        self._began = time.time()
+
+    def reset(self) -> np.ndarray:
+        """Reset with the seeds and options that were set since the last reset; returns observations of all worlds."""
+        seeds = None if all(seed is None for seed in self._seeds) else self._seeds
+        options = self._options[0]
+        observation, info = self.env.reset(seed=seeds, options=options)
+        mask = options.get(RESET_MASK)
+        chosen = np.ones(self.num_envs, bool) if mask is None else to_host(torch.as_tensor(mask))
+        self._returns[chosen], self._lengths[chosen] = 0.0, 0
+        self.reset_infos = _rows(self._layouts(info), self.num_envs)
+        self._reset_seeds()
+        self._reset_options()
+        return to_host(observation[self.group])
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Keep the actions for step_wait."""
+        self._actions = actions
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Take the step; returns observations, rewards (float32), dones (bool), and an info for each world."""
+        observation, reward, terminated, truncated, info = self.env.step(self._actions)
+        rewards, flags = to_host(reward), to_host(torch.stack([terminated, truncated]))
+        dones = flags[0] | flags[1]
+        self._returns += rewards
+        self._lengths += 1
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        worlds = np.flatnonzero(dones)
+        if len(worlds):
+            self._fill(infos, worlds, flags, info)
+        return to_host(observation[self.group]), rewards, dones, infos
+
+    def set_options(self, options: list[dict] | dict | None = None) -> None:
+        """Keep options for the next reset, the same for all worlds.
+
+        Raises:
+            ValueError: a list with other than empty options for single worlds
+        """
+        if isinstance(options, list):
+            if any(options):
+                raise ValueError(
+                    f"options hold for all worlds together: give one dict, such as {{'{RESET_MASK}': ...}}."
+                )
+            options = None
+        super().set_options(options)
+
+    def close(self) -> None:
+        """Close the environment inside."""
+        self.env.close()
+
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """Return an attribute of the environment, or else of its task, once for every index."""
+        return [getattr(self._owner(attr_name), attr_name)] * self._count(indices)
+
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+        """Set an attribute that the environment or its task has, for all worlds.
+
+        Raises:
+            AttributeError: neither has it
+            ValueError: only some of the worlds
+        """
+        if self._count(indices) != self.num_envs:
+            raise ValueError(f"'{attr_name}' belongs to all worlds together; leave out the indices.")
+        setattr(self._owner(attr_name), attr_name, value)
+
+    def env_method(self, method_name: str, *method_args, indices: VecEnvIndices = None, **method_kwargs) -> list[Any]:
+        """Call a method of the environment, or else of its task, once, and return its result for every index."""
+        result = getattr(self._owner(method_name), method_name)(*method_args, **method_kwargs)
+        return [result] * self._count(indices)
+
+    def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: VecEnvIndices = None) -> list[bool]:
+        """Say True of Monitor, whose `episode` infos the worlds give themselves, and False of all others."""
+        return [wrapper_class is Monitor] * self._count(indices)
+
+    def get_images(self) -> Sequence[np.ndarray | None]:
+        """Return pictures of the first `render_envs` worlds, (height, width, 3) uint8."""
+        frames = self.env.render()
+        if frames is None:
+            warnings.warn("The environment was made without render_mode='rgb_array'.", stacklevel=2)
+            return [None] * self.num_envs
+        return frames
+
+    def _fill(self, infos: list[dict[str, Any]], worlds: np.ndarray, flags: np.ndarray, info: dict[str, Any]) -> None:
+        """Write the infos of the worlds that finished, and begin their next episodes."""
+        rows = torch.as_tensor(worlds, device=self.env.device)
+        # a world that broke has no numbers in its last observation, and NaN * 0 would spoil a replay buffer's targets
+        last = to_host(info["final_obs"][self.group][rows].nan_to_num(0.0, 0.0, 0.0))
+        success = to_host(info["final_info"]["success"][rows])
+        layouts = _rows({name: values[rows] for name, values in self._layouts(info).items()}, len(worlds))
+        seconds = round(time.time() - self._began, 6)
+        for k, i in enumerate(worlds):
+            infos[i] = {
+                "terminal_observation": last[k],
+                "TimeLimit.truncated": bool(flags[1, i] and not flags[0, i]),
+                "is_success": bool(success[k]),
+                "episode": {"r": round(float(self._returns[i]), 6), "l": int(self._lengths[i]), "t": seconds},
+            }
+            self.reset_infos[i] = layouts[k]
+        self._returns[worlds], self._lengths[worlds] = 0.0, 0
+
+    def _layouts(self, info: dict[str, Any]) -> dict[str, Tensor]:
+        return {name: values for name, values in info.items() if name.startswith("layout_")}
+
+    def _owner(self, name: str) -> Any:
+        """Return who has the attribute: the environment, or its task."""
+        for owner in (self.env, self.env.task):
+            if hasattr(owner, name):
+                return owner
+        raise AttributeError(f"neither {type(self.env).__name__} nor {type(self.env.task).__name__} has '{name}'")
+
+    def _count(self, indices: VecEnvIndices) -> int:
+        return len(list(self._get_indices(indices)))
+
+
+def to_host(tensor: Tensor) -> np.ndarray:
+    """Return a tensor as a numpy array: the one place where bytes leave the device."""
+    return tensor.cpu().numpy()
+
+
+def _rows(columns: dict[str, Tensor], count: int) -> list[dict[str, Any]]:
+    """Turn columns into one dict of plain numbers for each row."""
+    lists = {name: to_host(values).tolist() for name, values in columns.items()}
+    return [{name: values[i] for name, values in lists.items()} for i in range(count)]

@@ -1,0 +1,63 @@
+"""What touches what, read from the contacts of the last physics step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import torch
+import warp as wp
+from torch import Tensor
+
+from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.vector.state import State
+
+
+class Touch:
+    """Tells which bodies of one list touch which of another, in all worlds and without host synchronisation.
+
+    The contacts are those that the last physics step of a control step resolved, which costs nothing extra; they are
+    as old as that step (5 ms). After a reset nothing touches until the next step.
+
+    Args:
+        s: the worlds
+        first, second: names of bodies; the geoms of a body itself count, not those of its children
+
+    Raises:
+        UnknownNameError: a body that the scene does not have
+    """
+
+    def __init__(self, s: State, first: Sequence[str], second: Sequence[str]) -> None:
+        self._shape = (s.num_envs, len(first), len(second))
+        self._first, self._second = _places(s, first), _places(s, second)
+        contact = s.data.contact
+        self._geom, self._world = wp.to_torch(contact.geom), wp.to_torch(contact.worldid)
+        self._number = wp.to_torch(s.data.nacon)
+        self._index = torch.arange(len(self._world), device=s.device)
+
+    def __call__(self, s: State) -> Tensor:
+        """Return what touches, shape (num_envs, len(first), len(second)), bool."""
+        worlds, firsts, seconds = self._shape
+        one, other = self._geom.long().clamp(min=0).unbind(dim=1)
+        size = worlds * firsts * seconds
+        touched = torch.zeros(size + 1, dtype=torch.bool, device=s.device)
+        for a, b in ((one, other), (other, one)):
+            first, second = self._first[a], self._second[b]
+            counts = (self._index < self._number) & (first >= 0) & (second >= 0)
+            place = (self._world.long() * firsts + first) * seconds + second
+            # contacts that do not count go where nobody looks
+            touched.index_fill_(0, torch.where(counts, place, size), True)
+        return touched[:size].view(self._shape) & (s.elapsed > 0)[:, None, None]
+
+
+def _places(s: State, names: Sequence[str]) -> Tensor:
+    """Return for each geom the place of its body in `names`, or -1; shape (ngeom,)."""
+    mjm = s.mjm
+    places = torch.full((mjm.ngeom,), -1, dtype=torch.long)
+    for place, name in enumerate(names):
+        body = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, name)
+        if body < 0:
+            valid = [mjm.body(i).name for i in range(1, mjm.nbody)]
+            raise UnknownNameError("body", name, f"scene '{s.scene.config.name}': Touch", valid)
+        places[torch.as_tensor(mjm.geom_bodyid == body)] = place
+    return places.to(s.device)

@@ -1,0 +1,295 @@
+"""Stable-Baselines3 on our environments: the same as its own vector environment of single worlds, and training."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+
+from sceniris_gym.errors import MissingExtraError, UnknownNameError
+from sceniris_gym.scene.world import World
+from sceniris_gym.vector.single import SceneEnv
+from tests.vector.conftest import Reach, make_env, reach_world
+
+__all__ = ["make_env", "reach_world"]
+
+pytest.importorskip("stable_baselines3")
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize, VecVideoRecorder
+
+from sceniris_gym.adapters.sb3 import SB3VecEnv
+
+MAX_STEPS = 5
+
+
+class PolicyGroup(gymnasium.ObservationWrapper):
+    """One world that shows the policy's group alone."""
+
+    def __init__(self, env: gymnasium.Env) -> None:
+        super().__init__(env)
+        self.observation_space = env.observation_space["policy"]  # type: ignore[index]
+
+    def observation(self, observation: Any) -> np.ndarray:
+        """Return the policy's group."""
+        return observation["policy"]
+
+
+@pytest.fixture
+def make(make_env: Callable) -> Callable[..., SB3VecEnv]:
+    """Return a function that makes adapted environments of the small reaching task."""
+
+    def made(num_envs: int = 3, **kwargs: Any) -> SB3VecEnv:
+        return SB3VecEnv(make_env(num_envs, **{"max_episode_steps": MAX_STEPS, **kwargs}))
+
+    return made
+
+
+def test_it_steps_as_stable_baselines_own_vector_environment(make, reach_world: World):
+    """Observations, rewards, dones and the infos of finished worlds are those of DummyVecEnv around single worlds."""
+    ours = make()
+    one = [lambda: Monitor(PolicyGroup(SceneEnv(Reach, scene=reach_world, max_episode_steps=MAX_STEPS)))] * 3
+    own = DummyVecEnv(one)  # type: ignore[arg-type]
+    assert ours.observation_space == own.observation_space
+    assert ours.action_space == own.action_space
+    for envs in (ours, own):
+        assert envs.seed(20) == [20, 21, 22]
+    np.testing.assert_allclose(ours.reset(), own.reset(), atol=1e-6)
+    rng = np.random.default_rng(0)
+    ends = []
+    for _ in range(14):
+        action = rng.uniform(-1.0, 1.0, (3, 5)).astype(np.float32)
+        observation, reward, done, infos = ours.step(action)
+        other, other_reward, other_done, other_infos = own.step(action)
+        assert (observation.dtype, reward.dtype, done.dtype) == (np.float32, np.float32, np.bool_)
+        np.testing.assert_allclose(observation, other, atol=1e-6)  # type: ignore[arg-type]
+        np.testing.assert_allclose(reward, other_reward, atol=1e-6)
+        np.testing.assert_array_equal(done, other_done)
+        for i, (info, expected) in enumerate(zip(infos, other_infos, strict=True)):
+            if not done[i]:
+                assert info == {}
+                continue
+            np.testing.assert_allclose(info["terminal_observation"], expected["terminal_observation"], atol=1e-6)
+            assert info["TimeLimit.truncated"] is bool(expected["TimeLimit.truncated"])
+            assert info["is_success"] is bool(expected["success"])
+            assert info["episode"]["r"] == pytest.approx(expected["episode"]["r"], abs=1e-5)
+            assert info["episode"]["l"] == expected["episode"]["l"]
+            assert info["episode"]["t"] > 0.0
+            for name, value in ours.reset_infos[i].items():
+                assert value == own.reset_infos[i][name]
+            ends.append(info["TimeLimit.truncated"])
+    assert set(ends) == {True, False}
+
+
+def test_infos_of_unfinished_worlds_are_dicts_of_their_own(make):
+    """What a wrapper writes into one is not seen in another."""
+    envs = make()
+    envs.reset()
+    infos = envs.step(np.zeros((3, 5), np.float32))[3]
+    infos[0]["mine"] = 1
+    assert infos[1:] == [{}, {}]
+
+
+def test_what_is_returned_is_never_overwritten(make):
+    """Stable-Baselines3 keeps observations until after the next step."""
+    envs = make()
+    kept = [envs.reset(), envs.step(np.zeros((3, 5)))[0]]
+    copies = [array.copy() for array in kept]
+    for _ in range(MAX_STEPS + 1):
+        envs.step(np.full((3, 5), 0.5))
+    for array, copied in zip(kept, copies, strict=True):
+        np.testing.assert_array_equal(array, copied)
+
+
+def test_seeds_hold_for_one_reset_and_without_them_episodes_go_on(make):
+    """The worlds say which layout they are in."""
+    envs = make()
+    envs.seed(7)
+    first = envs.reset()
+    assert envs.reset_infos[2] == {"layout_seed": 9, "layout_episode": 0, "layout_fallback": False}
+    assert (envs.reset() != first).any()
+    assert [info["layout_episode"] for info in envs.reset_infos] == [1, 1, 1]
+    envs.seed(7)
+    np.testing.assert_array_equal(envs.reset(), first)
+    assert len(set(envs.seed())) == 3
+
+
+def test_options_are_those_of_the_environment(make):
+    """A mask resets some worlds and their returns, once; single worlds have no options of their own."""
+    envs = make()
+    envs.seed(0)
+    envs.reset()
+    for _ in range(2):
+        before, *_ = envs.step(np.full((3, 5), 0.2))
+    envs.set_options({"reset_mask": np.array([False, True, False])})
+    after = envs.reset()
+    np.testing.assert_array_equal(after[[0, 2]], before[[0, 2]])
+    assert (after[1] != before[1]).any()
+    assert [info["layout_episode"] for info in envs.reset_infos] == [0, 1, 0]
+    for _ in range(3):
+        done, infos = envs.step(np.full((3, 5), 0.2))[2:]
+    assert done.tolist() == [True, False, True]
+    assert infos[0]["episode"]["l"] == MAX_STEPS
+    for _ in range(2):
+        done, infos = envs.step(np.full((3, 5), 0.2))[2:]
+    assert done.tolist() == [False, True, False]
+    assert infos[1]["episode"]["l"] == MAX_STEPS
+    envs.reset()
+    assert [info["layout_episode"] for info in envs.reset_infos] == [2, 3, 2]
+    envs.set_options([{}, {}, {}])
+    with pytest.raises(ValueError, match="all worlds together"):
+        envs.set_options([{"reset_mask": np.array([True, False, False])}, {}, {}])
+    envs.set_options({"mask": 1})
+    with pytest.raises(UnknownNameError, match="reset_mask"):
+        envs.reset()
+
+
+def test_attributes_and_methods_are_those_of_the_environment_and_its_task(make):
+    """One answer for each index; a task's are found too, unknown ones are not."""
+    envs = make()
+    assert envs.get_attr("max_episode_steps") == [MAX_STEPS] * 3
+    assert envs.get_attr("substeps", indices=1) == [2]
+    assert envs.has_attr("drawn")
+    assert not envs.has_attr("nothing")
+    envs.set_attr("max_episode_steps", 2)
+    envs.reset()
+    envs.step(np.zeros((3, 5)))
+    assert envs.step(np.zeros((3, 5)))[2].all()
+    (found,) = envs.env_method("success", envs.env.state, indices=[2])
+    assert found.shape == (3,)
+    with pytest.raises(ValueError, match="all worlds together"):
+        envs.set_attr("max_episode_steps", 9, indices=[0])
+    with pytest.raises(AttributeError, match="neither SceneVectorEnv nor Reach has 'nothing'"):
+        envs.set_attr("nothing", 1)
+    assert envs.env_is_wrapped(Monitor) == [True] * 3
+    assert envs.env_is_wrapped(gymnasium.wrappers.TimeLimit, indices=0) == [False]
+
+
+def test_pictures_are_tiled_and_recorded(make, tmp_path: Path):
+    """One of each world; none, with a warning, without a render mode."""
+    envs = make(4, render_mode="rgb_array", render_size=(32, 24))
+    envs.reset()
+    images = envs.get_images()
+    assert [image.shape for image in images] == [(24, 32, 3)] * 4  # type: ignore[union-attr]
+    picture = envs.render()
+    assert picture is not None
+    assert picture.shape == (48, 64, 3)
+    pytest.importorskip("moviepy")
+    recorder = VecVideoRecorder(envs, str(tmp_path), record_video_trigger=lambda step: step == 0, video_length=3)
+    recorder.reset()
+    for _ in range(4):
+        recorder.step(np.zeros((4, 5)))
+    recorder.close()
+    assert len(list(tmp_path.glob("*.mp4"))) == 1
+    with pytest.warns(UserWarning, match="rgb_array"):
+        assert make(2).get_images() == [None, None]
+
+
+def test_wrong_environments_are_refused(make_env, reach_world: World):
+    """Other autoreset, output, buffers and groups say what would be right."""
+    for wrong in ({"autoreset_mode": "NextStep"}, {"output": "numpy"}, {"copy": False}):
+        with pytest.raises(ValueError, match="SAME_STEP, output='torch' and copy=True"):
+            SB3VecEnv(make_env(1, **wrong))
+    with pytest.raises(UnknownNameError, match=r"unknown observation group 'actor'.*critic, policy"):
+        SB3VecEnv(make_env(1), group="actor")
+    with pytest.raises(TypeError, match=r"gymnasium\.make_vec"):
+        SB3VecEnv(SceneEnv(Reach, scene=reach_world))  # type: ignore[arg-type]
+
+
+def test_the_library_that_is_missing_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch):
+    """Importing the adapter says what to install; the rest of the package does without."""
+    for name in [name for name in sys.modules if name.split(".")[0] == "stable_baselines3"]:
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.delitem(sys.modules, "sceniris_gym.adapters.sb3")
+    with pytest.raises(MissingExtraError, match=r"pip install 'sceniris-gym\[sb3\]'") as caught:
+        importlib.import_module("sceniris_gym.adapters.sb3")
+    assert isinstance(caught.value, ImportError)
+
+
+def test_the_last_observation_of_a_broken_world_is_of_numbers(make):
+    """It is terminated, and its zeros cannot spoil a replay buffer."""
+    envs = make(2)
+    envs.reset()
+    qvel = envs.env.batch.data.qvel.numpy()
+    qvel[0] = math.nan
+    envs.env.batch.data.qvel.assign(qvel)
+    observation, reward, done, infos = envs.step(np.zeros((2, 5)))
+    assert done.tolist() == [True, False]
+    assert not infos[0]["TimeLimit.truncated"]
+    assert np.isfinite(infos[0]["terminal_observation"]).all()
+    assert np.isfinite(observation).all()
+    assert np.isfinite(reward).all()
+
+
+@pytest.mark.parametrize("steps", [1, 100], ids=["all finish", "none finishes"])
+def test_the_bytes_that_are_copied_grow_with_the_number_of_worlds_alone(make, monkeypatch, steps: int):
+    """Twice the worlds is twice the bytes, whether all of them finish in the step or none does."""
+    copied = []
+    cpu = torch.Tensor.cpu
+
+    def counted(tensor: torch.Tensor, *args: Any, **kwargs: Any) -> torch.Tensor:
+        copied.append(tensor.numel() * tensor.element_size())
+        return cpu(tensor, *args, **kwargs)
+
+    per_world = []
+    for num_envs in (4, 8, 16):
+        envs = make(num_envs, max_episode_steps=steps)
+        envs.reset()
+        monkeypatch.setattr(torch.Tensor, "cpu", counted)
+        copied.clear()
+        done = envs.step(np.zeros((num_envs, 5)))[2]
+        monkeypatch.setattr(torch.Tensor, "cpu", cpu)
+        assert done.all() == done.any() == (steps == 1)
+        per_world.append(sum(copied) / num_envs)
+    observation = 4 * envs.observation_space.shape[0]
+    finished = observation + 1 + 8 + 4 + 1 if steps == 1 else 0
+    assert per_world == [observation + 4 + 2 + finished] * 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("algorithm", [PPO, SAC])
+def test_algorithms_train_save_and_are_evaluated(make, tmp_path: Path, algorithm: type):
+    """Normalised and monitored, without a warning; statistics of episodes arrive in the logger's buffers."""
+    sizes = {PPO: {"n_steps": 8, "batch_size": 32}, SAC: {"learning_starts": 16, "batch_size": 32}}[algorithm]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        envs = VecNormalize(make(4), norm_obs=True, norm_reward=True)
+        model = algorithm("MlpPolicy", envs, seed=3, device="cpu", **sizes)
+        model.learn(96)
+        assert len(model.ep_info_buffer) > 8
+        assert {info["l"] for info in model.ep_info_buffer} <= set(range(1, MAX_STEPS + 1))
+        assert len(model.ep_success_buffer) == len(model.ep_info_buffer)
+        envs.training = envs.norm_reward = False
+        returns, lengths = evaluate_policy(model, envs, n_eval_episodes=6, return_episode_rewards=True)
+        assert len(returns) == len(lengths) == 6
+        assert all(math.isfinite(value) and value < 0.0 for value in returns)
+    model.save(tmp_path / "model.zip")
+    again = algorithm.load(tmp_path / "model.zip", env=envs, device="cpu")
+    observation = envs.reset()
+    expected, _ = model.predict(observation, deterministic=True)
+    np.testing.assert_array_equal(again.predict(observation, deterministic=True)[0], expected)
+    for one, other in zip(model.policy.parameters(), again.policy.parameters(), strict=True):
+        assert torch.equal(one, other)
+        assert torch.isfinite(one).all()
+
+
+def test_a_monitor_around_it_counts_the_same(make):
+    """VecMonitor says that the worlds have their own episodes already, and agrees with them."""
+    with pytest.warns(UserWarning, match="already wrapped"):
+        outer = VecMonitor(make())
+    outer.reset()
+    for _ in range(2 * MAX_STEPS):
+        done, infos = outer.step(np.zeros((3, 5)))[2:]
+        mine = outer.venv.env.statistics.read()
+        if done.any():
+            assert mine["return"] == pytest.approx(np.mean([i["episode"]["r"] for i in infos if i]), rel=1e-5)

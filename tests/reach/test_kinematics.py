@@ -1,0 +1,86 @@
+"""The chain in torch, judged by MuJoCo's forward kinematics."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from sceniris_gym.reach.arm import Arm
+from sceniris_gym.reach.kinematics import Chain
+from sceniris_gym.reach.solve import POS_TOL, ROT_TOL
+from tests.reach.arms import MODELS, tcp_poses
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_thread():
+    """Batches of small matrices are slowed down by threads that wait for each other."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.fixture(scope="module", params=MODELS)
+def model_and_arm(request: pytest.FixtureRequest) -> tuple[mujoco.MjModel, Arm]:
+    """Return a model and its arm."""
+    mjm, base = MODELS[request.param]()
+    return mjm, Arm.from_model(mjm, base)
+
+
+@pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-12), (torch.float32, 1e-6)])
+def test_forward_kinematics_are_those_of_mujoco(
+    model_and_arm: tuple[mujoco.MjModel, Arm], dtype: torch.dtype, tolerance: float
+):
+    """Positions [m] and rotation matrices agree at random joints; a float32 chain is good to a micrometre too."""
+    mjm, arm = model_and_arm
+    chain = Chain(arm, dtype=dtype)
+    joints = chain.random_joints(100, seed=1)
+    assert np.abs(chain.fk(joints).numpy() - tcp_poses(mjm, arm, joints.double().numpy())).max() < tolerance
+
+
+def test_solutions_hold_in_mujoco(model_and_arm: tuple[mujoco.MjModel, Arm]):
+    """What inverse kinematics accepts stands at the asked pose and within limits; nothing reachable is missed."""
+    mjm, arm = model_and_arm
+    chain = Chain(arm)
+    wanted = chain.fk(chain.random_joints(150, seed=2))
+    joints, ok = chain.ik(wanted, seed=3)
+    assert ok.all()
+    assert (joints >= chain.lower).all() and (joints <= chain.upper).all()
+    reached = torch.as_tensor(tcp_poses(mjm, arm, joints.numpy()))
+    assert (reached - wanted)[:, :3, 3].norm(dim=1).max() < POS_TOL
+    turn = reached[:, :3, :3] @ wanted[:, :3, :3].mT
+    assert (turn.diagonal(dim1=1, dim2=2).sum(1) > 1.0 + 2.0 * np.cos(ROT_TOL)).all()
+
+
+def test_poses_out_of_reach_are_refused(model_and_arm: tuple[mujoco.MjModel, Arm]):
+    """Ten metres away there is no solution, and the joints that come back are within limits still."""
+    _, arm = model_and_arm
+    chain = Chain(arm)
+    wanted = chain.fk(chain.random_joints(5, seed=4))
+    wanted[:, 0, 3] += 10.0
+    joints, ok = chain.ik(wanted, restarts=2)
+    assert not ok.any()
+    assert (joints >= chain.lower).all() and (joints <= chain.upper).all()
+
+
+def test_hinges_without_limits_come_back_within_half_a_turn():
+    """A hinge that may turn for ever does not."""
+    mjm, base = MODELS["endless"]()
+    chain = Chain(Arm.from_model(mjm, base))
+    assert not torch.isfinite(chain.lower).all()
+    wanted = chain.fk(chain.random_joints(50, seed=5))
+    joints, _ = chain.ik(wanted, seeds=torch.full((1, len(chain.lower)), 20.0, dtype=torch.float64))
+    assert joints[:, ~torch.isfinite(chain.lower)].abs().max() <= torch.pi
+
+
+def test_given_seeds_are_started_from():
+    """The solution next to a seed is found."""
+    mjm, base = MODELS["panda"]()
+    chain = Chain(Arm.from_model(mjm, base))
+    joints = chain.random_joints(20, seed=6)
+    for q in joints:
+        found, ok = chain.ik(chain.fk(q[None]), seeds=q[None] + 0.01)
+        assert ok.all()
+        assert (found - q).abs().max() < 0.1
