@@ -202,7 +202,7 @@ def _record(program: Program, layouts: LayoutsView, worldid: int, obj: int):
 def _within_reach(
     program: Program, reach: Reach, layouts: LayoutsView, worldid: int, lane: int, obj: int, variant: int
 ) -> bool:
-    """Whether the map lets any grasp of the posed object through, which is kept; true for what need not be reachable."""
+    """Whether the map lets a grasp of the posed object through, which is kept; true for what need not be reachable."""
     column = reach.obj_reach[obj]
     if column < 0:
         return True
@@ -443,7 +443,7 @@ def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
                     trial += 1
                     total += 1
                     # what no draw of the object itself can open, only a new start can
-                    if (cause == _EMPTY or cause == _REGION) and program.obj_insists[obj] == 0:
+                    if cause >= _EMPTY and cause <= _REGION and program.obj_insists[obj] == 0:
                         trial = last
                 if cause != _NONE:
                     status = int(0)

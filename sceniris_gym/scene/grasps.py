@@ -1,14 +1,15 @@
 """Grasps of an object: the poses of the TCP that an arm is asked to reach.
 
 A grasp is a frame midway between the fingertips, +z the approach axis, +y the closing axis. An asset names its own as
-sites `grasp_*`. Without any, they are made from the object's geometry for every pose it may be drawn in: from above
-with 8 yaws, the same tilted by 15, 30 and 45 degrees, and from the side where the object is taller than wide. Whatever
-would need a wider gap than the gripper has is left out.
+sites `grasp_*`; a gripper of two fingers takes each of them half a turn about its approach just as well. Without any,
+they are made from the object's geometry for every pose it may be drawn in: from above with 8 yaws, the same tilted by
+15, 30 and 45 degrees, and from the side where the object is taller than wide. Whatever would need a wider gap than the
+gripper has is left out.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -34,7 +35,8 @@ class Grasp:
     """A pose of the TCP in the frame of one of the object's bodies.
 
     Attributes:
-        name: The site's name, or "top", "tilt 15", ... or "side" with the yaw in degrees.
+        name: The site's name, with " rolled" behind it half a turn about the approach; or "top", "tilt 15", ... or
+            "side" with the yaw in degrees.
         body: Id of the body.
         pos: Position [m] in the body's frame, shape (3,).
         quat: Orientation, wxyz.
@@ -123,7 +125,7 @@ class Graspable:
             between = section(self.triangles, pos, axes, gripper)
             opening = 0.0 if between is None else 2.0 * max(abs(between[0]), abs(between[1]))
             found.append(Grasp(name, body, mjm.site_pos[i].copy(), mjm.site_quat[i].copy(), opening))
-        return found
+        return found + [_rolled(g) for g in found]
 
     def _made(self, variant: Variant, any_turn: bool, gripper: Gripper) -> list[Grasp]:
         if any_turn:
@@ -180,6 +182,12 @@ class Graspable:
         at = np.zeros(3) if body < 0 else self._home.xpos[body]
         back = self._home.xmat[self.root].reshape(3, 3).T
         return points @ self._turn(body).T + back @ (at - self._home.xpos[self.root])
+
+
+def _rolled(grasp: Grasp) -> Grasp:
+    quat = np.empty(4)
+    mujoco.mju_mulQuat(quat, grasp.quat, np.array([0.0, 0.0, 0.0, 1.0]))
+    return replace(grasp, name=f"{grasp.name} rolled", quat=quat)
 
 
 def tcp_axes(yaw: float, tilt: float) -> np.ndarray:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sceniris_gym.errors import ArmError, MapError, ReachWarning
+from sceniris_gym.errors import ArmError, MapError, ReachWarning, UnknownNameError
 from sceniris_gym.reach.arm import MAX_JOINTS, TCP, Arm
 from sceniris_gym.reach.lookup import MapView, Verdict
 from sceniris_gym.reach.map import ReachMap, map_file
@@ -83,7 +83,8 @@ def build_reaching(scene: SceneModel, plan: Plan, device: str) -> Reaching | Non
     """Find the arm of a scene, its map and the grasps of all that it is to reach; None if that is nothing.
 
     Raises:
-        ArmError: the robot is not a serial arm with a site `tcp`.
+        ArmError: the robot is not a serial arm.
+        UnknownNameError: it has no site `tcp`.
         MapError: a tier needs the arm's map, and there is none, or one of another arm.
         GraspError: an object that the gripper cannot take.
     """
@@ -116,15 +117,18 @@ def find_arm(scene: SceneModel) -> Arm:
     """The arm of a scene's robot: from its root body to its site `tcp`.
 
     Raises:
-        ArmError: there is no such arm.
+        ArmError: that is no serial arm.
+        UnknownNameError: the robot has no site `tcp`.
     """
     robot = scene.config.robot
     assert robot is not None
-    name = asset_name(robot.asset)
+    name, where = asset_name(robot.asset), f"{scene.config.where}: robot.asset"
     try:
         return Arm.from_model(scene.mjm, name, f"{name}/{TCP}")
     except ArmError as error:
-        raise ArmError(f"{scene.config.where}: robot.asset: {error}") from None
+        raise ArmError(f"{where}: {error}") from None
+    except UnknownNameError as error:
+        raise UnknownNameError(error.kind, error.name, f"{where}: {error.where}", error.valid) from None
 
 
 def _load_map(arm: Arm, asset: str, where: str) -> ReachMap | None:
@@ -145,8 +149,8 @@ def _tier(config: ObjectConfig, arm: Arm, reach_map: ReachMap | None, where: str
     why = _why_not_map(arm, reach_map)
     if why is None and reach_map is None:
         raise MapError(
-            f"{where}: there is no map of the arm '{asset}'. Build it with 'sceniris-gym reach {asset}', or ask for "
-            "'ik', which needs none."
+            f"{where}: there is no map of the arm '{asset}'. Build it with 'sceniris-gym reach {asset} --build', or "
+            "ask for 'ik', which needs none."
         )
     if why is None:
         return asked or Tier.MAP

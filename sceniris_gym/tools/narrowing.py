@@ -1,4 +1,4 @@
-"""How much `reachable` narrows where objects lie: the same scene with it and without, as numbers and seen from above."""
+"""How much `reachable` narrows where objects lie: a scene with it and without, as numbers and seen from above."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def narrowing(world: World, layouts: int, seed: int) -> Narrowing:
 
 
 def picture(found: Narrowing, title: str) -> Image.Image:
-    """Draw where objects lie from above, without `reachable` on the left and with it on the right; x is to the right."""
+    """Draw where objects lie from above: without `reachable` on the left, with it on the right; x is to the right."""
     size = found.upper - found.lower
     scale = min(_SCALE, _PANEL / float(size.max()))
     width, height = (int(np.ceil(scale * edge)) for edge in size)

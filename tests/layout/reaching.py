@@ -1,119 +1,106 @@
-"""A small arm that has no map, and what MuJoCo C says of the grasps of finished layouts."""
+"""An arm whose reach is known in closed form, its map, and scenes with it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from sceniris_gym.layout.layouts import Layouts, Status
-from sceniris_gym.layout.reachability import OPENING_MARGIN, PREGRASP_DISTANCE
-from sceniris_gym.scene.world import World
-from tests.layout.scenes import write_mjcf
+from sceniris_gym.reach.arm import Arm
+from sceniris_gym.reach.map import ReachMap
 
-FINGER = '<joint name="{0}" type="slide" axis="0 {1} 0" range="0 0.04"/>'
-PAD = '<geom type="box" size="0.01 0.004 0.035" pos="0 {0} 0.03"/>'
-LINKS = [  # position in the parent [m], joint, capsule along z from and to
-    ("0 0 0.15", '<joint name="joint1" axis="0 0 1" range="-170 170"/>', (0.0, 0.1, 0.04)),
-    ("0 0 0.15", '<joint name="joint2" axis="0 1 0" range="-120 120"/>', (0.06, 0.3, 0.035)),
-    ("0 0 0.35", '<joint name="joint3" axis="0 1 0" range="0 155"/>', (0.06, 0.25, 0.03)),
-    ("0 0 0.3", '<joint name="joint4" axis="0 0 1" range="-170 170"/>', None),
-    ("0 0 0", '<joint name="joint5" axis="0 1 0" range="-115 115"/>', (0.06, 0.08, 0.025)),
-    ("0 0 0.1", '<joint name="joint6" axis="0 0 1"/>', None),
-]
-HOME = "0 -0.3 1.5 0 1.2 0 0.02 0.02"
+# The TCP points straight down and is anywhere in a ring around the first axis, at any height of an interval [m].
+# All limits lie midway between corners of the map's tables, where its verdict turns exactly there.
+RADIUS = (0.305, 0.595)
+HEIGHT = (0.005, 0.405)
+_SLIDES = f'<joint name="out" type="slide" axis="1 0 0" range="{RADIUS[0]} {RADIUS[1]}"/>'
+_FINGER = '<body name="{0}" pos="0 0 -0.02"><joint name="{0}" type="slide" axis="0 {1} 0" range="0 0.04"/>'
+_PAD = '<geom type="box" size="0.01 0.004 0.02" pos="0 {0} 0.018" contype="2" conaffinity="0"/></body>'
 
 
-def arm_mjcf(folder: Path, on_base: str = "", name: str = "picker") -> str:
-    """Write an arm of six hinges, the last without limits, and a gripper that opens to 8 cm; return the file's path.
+def crane_mjcf(folder: Path, name: str = "crane", *, turn: float = 3.2, tilt: float = 0.0, offset: float = 0.0) -> str:
+    """Write a crane: a turntable, a slide outwards, one up and down, and a hand that turns and points down.
 
     Args:
-        folder: Where to.
-        on_base: More geoms of its base.
-        name: Of the asset and its base.
+        folder: where to.
+        name: of the file and of its root body.
+        turn: limit of the first joint, to both sides [rad].
+        tilt: lean of the first axis from the vertical [rad].
+        offset: of the TCP from the last joint's axis [m].
     """
-    inertia = '<inertial pos="0 0 0" mass="0.1" diaginertia="1e-3 1e-3 1e-3"/>'
-    body = f'<geom type="cylinder" size="0.06 0.05" pos="0 0 0.05"/>{on_base}'
-    for pos, joint, capsule in LINKS:
-        shape = (
-            ""
-            if capsule is None
-            else f'<geom type="capsule" fromto="0 0 {capsule[0]} 0 0 {capsule[1]}" size="{capsule[2]}"/>'
-        )
-        body += f'<body pos="{pos}">{inertia}{joint}{shape}'
-    body += '<geom type="box" size="0.02 0.05 0.02"/><site name="tcp" pos="0 0 0.1"/>'
-    for side, sign in (("left", 1), ("right", -1)):
-        body += f'<body pos="0 0 0.05">{inertia}{FINGER.format(side, sign)}{PAD.format(0.004 * sign)}</body>'
-    rest = f'<keyframe><key name="home" qpos="{HOME}"/></keyframe>'
-    return write_mjcf(folder, name, body + "</body>" * len(LINKS), rest)
-
-
-@dataclass(frozen=True)
-class Taken:
-    """A grasp of a finished layout, or its pre-grasp, as MuJoCo C sees it.
-
-    Attributes:
-        name: The object.
-        far: Distance [m] of the TCP from where the grasp is.
-        turned: Angle [rad] between them.
-        within: Whether all joints are within their limits.
-        itself: Pairs of the robot's bodies in contact.
-        others: Names of bodies, other than the object's, that the robot is in contact with.
-    """
-
-    name: str
-    far: float
-    turned: float
-    within: bool
-    itself: list[tuple[str, str]]
-    others: list[str]
-
-
-def taken(world: World, layouts: Layouts, which: str) -> Iterator[Taken]:
-    """All accepted grasps ("grasp_qpos") or pre-grasps ("pregrasp_qpos") of rows that hold a layout."""
-    names = ("qpos", "mocap_pos", "mocap_quat", "status", "grasp", which)
-    rows = {name: getattr(layouts, name).numpy() for name in names}
-    data = mujoco.MjData(world.mjm)
-    assert world.reaching is not None
-    for i in np.flatnonzero(rows["status"] != Status.NONE):
-        for c, column in enumerate(world.reaching.columns):
-            if rows["grasp"][i, c] < 0:
-                continue
-            data.qpos[:] = rows["qpos"][i]
-            if world.mjm.nmocap:
-                data.mocap_pos[:], data.mocap_quat[:] = rows["mocap_pos"][i], rows["mocap_quat"][i]
-            q = rows[which][i, c, : len(world.reaching.arm.joints)].astype(float)
-            yield _taken(world, data, column.name, column.grasps.grasps[rows["grasp"][i, c]], q, which)
-
-
-def _taken(world: World, data: mujoco.MjData, name: str, grasp, q: np.ndarray, which: str) -> Taken:
-    reaching, mjm = world.reaching, world.mjm
-    assert reaching is not None
-    arm, gripper = reaching.arm, reaching.gripper
-    data.qpos[arm.qposadr] = q
-    gap = min(grasp.opening + OPENING_MARGIN, gripper.opening)
-    share = (gap - gripper.closed) / (gripper.opening - gripper.closed)
-    data.qpos[gripper.qposadr] = gripper.closed_qpos + share * (gripper.open_qpos - gripper.closed_qpos)
-    mujoco.mj_kinematics(mjm, data)
-    mujoco.mj_collision(mjm, data)
-    frame = np.zeros(9)
-    mujoco.mju_quat2Mat(frame, grasp.quat / np.linalg.norm(grasp.quat))
-    body = data.xmat[grasp.body].reshape(3, 3)
-    asked = body @ frame.reshape(3, 3)
-    back = PREGRASP_DISTANCE if which == "pregrasp_qpos" else 0.0
-    at = data.xpos[grasp.body] + body @ grasp.pos - back * asked[:, 2]
-    turn = np.zeros(4)
-    mujoco.mju_mat2Quat(turn, (asked.T @ data.site_xmat[arm.tcp_site].reshape(3, 3)).ravel())
-    robot, own = set(world.scene.subtree("robot")), set(world.scene.subtree(name))
-    pairs = [{int(b) for b in mjm.geom_bodyid[c.geom]} for c in data.contact if c.dist <= 0.0]
-    return Taken(
-        name=name,
-        far=float(np.linalg.norm(data.site_xpos[arm.tcp_site] - at)),
-        turned=float(2.0 * np.arctan2(np.linalg.norm(turn[1:]), abs(turn[0]))),
-        within=bool((q >= arm.lower).all() and (q <= arm.upper).all()),
-        itself=[tuple(mjm.body(b).name for b in pair) for pair in pairs if pair <= robot],
-        others=[mjm.body(b).name for pair in pairs if pair & robot for b in pair - robot - own],
+    fingers = _FINGER.format("left", 1) + _PAD.format(0.004) + _FINGER.format("right", -1) + _PAD.format(-0.004)
+    hand = (
+        '<body name="hand" pos="0 0 0" quat="0 1 0 0"><joint name="roll" axis="0 0 1" range="-3.2 3.2"/>'
+        f'<geom type="box" size="0.02 0.06 0.01" pos="0 0 -0.06" contype="2" conaffinity="0"/>'
+        f'<site name="tcp" pos="{offset} 0 0"/>{fingers}</body>'
     )
+    up = f'<body name="up"><joint name="up" type="slide" axis="0 0 1" range="{HEIGHT[0]} {HEIGHT[1]}"/>'
+    up += f'<geom type="sphere" size="0.01" contype="2" conaffinity="0"/>{hand}</body>'
+    out = f'<body name="out">{_SLIDES}<geom type="sphere" size="0.01" contype="2" conaffinity="0"/>{up}</body>'
+    c, s = np.cos(tilt / 2), np.sin(tilt / 2)
+    table = f'<body name="table" quat="{c} {s} 0 0"><joint name="turn" axis="0 0 1" range="{-turn} {turn}"/>'
+    table += f'<geom type="sphere" size="0.01" contype="2" conaffinity="0"/>{out}</body>'
+    base = '<geom type="cylinder" size="0.05 0.005" pos="0 0 0.005"/>'
+    key = '<keyframe><key name="home" qpos="0 0.4 0.3 0 0.04 0.04"/></keyframe>'
+    path = folder / f"{name}.xml"
+    compiler = '<compiler angle="radian" autolimits="true"/>'
+    path.write_text(f'<mujoco>{compiler}<worldbody><body name="{name}">{base}{table}</body></worldbody>{key}</mujoco>')
+    return str(path)
+
+
+def crane_map(asset: str, *, turn_error: float = 0.0, step: float = 0.01, upwards: bool = False) -> Path:
+    """Write the map of a crane beside it, from what is known of its reach.
+
+    Args:
+        asset: the crane.
+        turn_error: share of verdicts that depend on turns.
+        step: of the map's tables [m].
+        upwards: whether it is the map of a crane whose hand points up.
+    """
+    path = Path(asset)
+    arm = Arm.from_model(mujoco.MjModel.from_xml_path(asset), path.stem)
+    z = -0.1 + step * np.arange(round(0.7 / step))
+    r = step * np.arange(round(0.8 / step))
+    inside = np.minimum(
+        np.minimum(z[:, None] - HEIGHT[0], HEIGHT[1] - z[:, None]), np.minimum(r - RADIUS[0], RADIUS[1] - r)
+    )
+    codes = np.where(inside >= 0.0, 10 + _level(inside / step), 5 - _level(-inside / step)).astype(np.uint8)
+    poles = np.stack([codes, np.zeros_like(codes)] if upwards else [np.zeros_like(codes), codes])
+    made = ReachMap(
+        arm=arm,
+        step=0.2,
+        tilt_step=np.pi / 2,
+        z_low=-1.0,
+        u_low=-1.0,
+        nz=11,
+        ntilt=3,
+        nu=11,
+        rows=np.zeros((121, 3), np.int32),
+        codes=np.zeros(1, np.uint32),
+        pole_step=step,
+        pole_z_low=-0.1,
+        poles=poles,
+        wit_cells=np.zeros((3, 1, 3, 3, 2), np.int32),
+        wit_joints=np.zeros((0, len(arm.joints)), np.float16),
+        turn_error=turn_error,
+        seed=0,
+    )
+    path = path.with_suffix(".reach")
+    made.save(path)
+    return path
+
+
+def _level(steps: np.ndarray) -> np.ndarray:
+    """Distances in steps as codes count them from the surface on: 0.1, 0.3, 0.5, 0.7, 0.9 and more."""
+    return np.clip(np.floor(5.0 * steps), 0, 5).astype(int)
+
+
+def crane_scene(asset: str, thing: str, **words: Any) -> dict[str, Any]:
+    """A crane off the middle of a floor, turned, and one thing to reach."""
+    return {
+        "floor": {"size": [2.0, 2.0]},
+        "robot": {"asset": asset, "base": [0.2, -0.1, 0.0], "yaw": 70.0},
+        "objects": {"thing": {"asset": thing, "on": "floor", "reachable": "map", **words}},
+    }

@@ -181,11 +181,13 @@ def test_sites_of_an_asset_take_the_place_of_made_grasps(tmp_path: Path):
     asset = write_mjcf(tmp_path, "tray", wall.format(y=-0.06) + wall.format(y=0.06) + rim + lid)
     s = Scene(asset)
     found = s.grasps()
-    assert [g.name for g in found.grasps] == ["grasp_rim", "grasp_lid"]
-    assert [g.body for g in found.grasps] == [s.scene.bodies["thing"], s.scene.mjm.body("thing/lid").id]
-    assert [g.opening for g in found.grasps] == pytest.approx([0.008, 0.02])
+    assert [g.name for g in found.grasps] == ["grasp_rim", "grasp_lid", "grasp_rim rolled", "grasp_lid rolled"]
+    assert [g.body for g in found.grasps] == 2 * [s.scene.bodies["thing"], s.scene.mjm.body("thing/lid").id]
+    assert [g.opening for g in found.grasps] == pytest.approx(2 * [0.008, 0.02])
     assert np.allclose(found.grasps[1].pos, 0.0)
-    assert found.spans == ((0, 2),)
+    assert found.spans == ((0, 4),)
+    for own, rolled in zip(found.grasps[:2], found.grasps[2:], strict=True):
+        assert np.allclose(rotation(rolled.quat), rotation(own.quat) @ np.diag([-1.0, -1.0, 1.0]))
 
 
 def test_what_is_wider_than_the_gripper_opens_is_refused(tmp_path: Path):

@@ -1,0 +1,263 @@
+"""`reachable` inside placing: what the arm's map lets through, and which grasp that is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+import warp as wp
+from scipy import stats
+
+from sceniris_gym.errors import GraspError, InfeasibleSceneError, MapError, ReachWarning, UnknownNameError
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.program import build_plan
+from sceniris_gym.scene.reach_device import Tier
+from sceniris_gym.scene.reaching import build_reaching
+from sceniris_gym.scene.world import World
+from tests.layout.reaching import HEIGHT, RADIUS, crane_map, crane_mjcf, crane_scene
+from tests.layout.scenes import box_mjcf, cpu_world, read, write_mjcf
+
+SITE = '<site name="grasp_{0}" pos="0 0 {1}" quat="0 1 0 0"/>'
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the assets of these tests are."""
+    return tmp_path_factory.mktemp("reach")
+
+
+@pytest.fixture(scope="module")
+def crane(folder: Path) -> str:
+    """An arm with its map."""
+    asset = crane_mjcf(folder)
+    crane_map(asset)
+    return asset
+
+
+@pytest.fixture(scope="module")
+def cube(folder: Path) -> str:
+    """A cube of 4 cm, which is taken at half its height."""
+    return box_mjcf(folder, "cube", 0.04, 0.04, 0.04)
+
+
+@pytest.fixture(scope="module")
+def ring(crane: str, cube: str) -> World:
+    """The crane, and a cube anywhere on the floor where it reaches."""
+    return cpu_world(crane_scene(crane, cube), bank_size=8)
+
+
+def tcps(world: World, generator: LayoutGenerator, name: str = "thing") -> np.ndarray:
+    """Poses of the accepted grasps in the frame of the arm's base by MuJoCo C, (nworld, 4, 4); nan where none is."""
+    layouts, mjm, data = generator.layouts, world.mjm, mujoco.MjData(world.mjm)
+    assert world.reaching is not None
+    column = world.reaching.names.index(name)
+    grasp, poses = layouts.grasp.numpy()[:, column], np.full((generator.nworld, 4, 4), np.nan)
+    for i, qpos in enumerate(layouts.qpos.numpy()):
+        data.qpos[:] = qpos
+        if mjm.nmocap:
+            data.mocap_pos[:], data.mocap_quat[:] = layouts.mocap_pos.numpy()[i], layouts.mocap_quat.numpy()[i]
+        mujoco.mj_kinematics(mjm, data)
+        if grasp[i] >= 0:
+            g = world.reaching.columns[column].grasps.grasps[grasp[i]]
+            body, base = _frame(data, g.body), _frame(data, world.scene.bodies["robot"])
+            own, mat = np.eye(4), np.zeros(9)
+            mujoco.mju_quat2Mat(mat, g.quat)
+            own[:3, :3], own[:3, 3] = mat.reshape(3, 3), g.pos
+            poses[i] = np.linalg.inv(base) @ body @ own
+    return poses
+
+
+def _frame(data: mujoco.MjData, body: int) -> np.ndarray:
+    frame = np.eye(4)
+    frame[:3, :3], frame[:3, 3] = data.xmat[body].reshape(3, 3), data.xpos[body]
+    return frame
+
+
+def reached(poses: np.ndarray, slack: float = 1e-4) -> np.ndarray:
+    """Whether a crane can be there, by its joint limits alone."""
+    r, z = np.hypot(poses[:, 0, 3], poses[:, 1, 3]), poses[:, 2, 3]
+    down = poses[:, 2, 2] < -np.cos(np.radians(0.1))
+    near = (r > RADIUS[0] - slack) & (r < RADIUS[1] + slack)
+    return down & near & (z > HEIGHT[0] - slack) & (z < HEIGHT[1] + slack)
+
+
+def test_everything_accepted_is_reached_and_everything_reached_is_accepted(ring: World):
+    """Off the origin and turned: the grasps fill the ring of the crane evenly, to its edges and nothing else."""
+    generator = LayoutGenerator(ring, 3000)
+    generator.generate()
+    assert (generator.layouts.status.numpy() == Status.VALID).all()
+    poses = tcps(ring, generator)
+    assert reached(poses).all()
+    r = np.hypot(poses[:, 0, 3], poses[:, 1, 3])
+    share = (r**2 - RADIUS[0] ** 2) / (RADIUS[1] ** 2 - RADIUS[0] ** 2)
+    assert stats.kstest(share, "uniform").pvalue > 1e-3
+    assert stats.kstest(np.arctan2(poses[:, 1, 3], poses[:, 0, 3]), "uniform", (-np.pi, 2 * np.pi)).pvalue > 1e-3
+
+
+def test_rejections_are_counted(ring: World):
+    """All candidates that were rejected were out of reach, as often as the ring is smaller than the floor."""
+    generator = LayoutGenerator(ring, 3000, seed=7)
+    generator.generate()
+    counts = generator.rejection_counts()["thing"]
+    assert sum(counts.values()) == counts["unreachable"]
+    kept = 3000 / (3000 + counts["unreachable"])
+    assert kept == pytest.approx(np.pi * (RADIUS[1] ** 2 - RADIUS[0] ** 2) / 4.0, abs=0.015)
+
+
+def test_a_scene_without_reach_counts_none(cube: str):
+    """The causes of reach are named only where something is to be reachable."""
+    world = cpu_world({"floor": {"size": [1.0, 1.0]}, "objects": {"thing": {"asset": cube, "on": "floor"}}})
+    assert world.reaching is None
+    generator = LayoutGenerator(world, 4)
+    assert not {"unreachable", "no_ik", "blocked"} & set(generator.rejection_counts()["thing"])
+    assert generator.layouts.grasp.shape == (4, 0)
+
+
+def test_a_layout_and_its_grasp_are_the_same_in_any_batch(folder: Path, crane: str):
+    """Alone, in another order and under a mask: the same bits, the grasp's among them."""
+    sites = SITE.format("high", 0.6) + SITE.format("low", 0.02)
+    thing = write_mjcf(folder, "two_sites", '<geom type="box" size="0.02 0.02 0.02" pos="0 0 0.02"/>' + sites)
+    world = cpu_world(crane_scene(crane, thing), bank_size=4)
+    many = LayoutGenerator(world, 20, seed=30)
+    many.generate()
+    rows, grasps = read(many.layouts), many.layouts.grasp.numpy().copy()
+    back = LayoutGenerator(world, 20, seed=list(range(49, 29, -1)))
+    mask = wp.array(np.arange(20) % 2 == 0, dtype=bool, device="cpu")
+    back.generate(mask)
+    for i in range(0, 20, 2):
+        assert read(back.layouts)[i : i + 1].bits() == rows[19 - i : 20 - i].bits()
+        assert (back.layouts.grasp.numpy()[i] == grasps[19 - i]).all()
+
+
+def test_the_first_grasp_that_is_reached_is_taken(folder: Path, crane: str):
+    """Two sites in reach give the first; one that is too high leaves the second."""
+    box = '<geom type="box" size="0.02 0.02 0.02" pos="0 0 0.02"/>'
+    both = write_mjcf(folder, "both", box + SITE.format("a", 0.03) + SITE.format("b", 0.02))
+    second = write_mjcf(folder, "second", box + SITE.format("a", HEIGHT[1] + 0.01) + SITE.format("b", 0.02))
+    for asset, expected in ((both, 0), (second, 1)):
+        world = cpu_world(crane_scene(crane, asset), bank_size=4)
+        generator = LayoutGenerator(world, 50)
+        generator.generate()
+        assert (generator.layouts.grasp.numpy() == expected).all()
+        assert reached(tcps(world, generator)).all()
+        assert np.isnan(generator.layouts.grasp_qpos.numpy()).all()
+
+
+def test_strict_takes_less_than_the_majority(crane: str, cube: str, ring: World):
+    """`map_strict` stays a cell away from the edges of the ring."""
+    world = cpu_world(crane_scene(crane, cube, reachable="map_strict"), bank_size=4)
+    generator = LayoutGenerator(world, 2000)
+    generator.generate()
+    r = np.hypot(*tcps(world, generator)[:, :2, 3].T)
+    assert RADIUS[0] + 0.005 <= r.min() < RADIUS[0] + 0.01
+    assert RADIUS[1] - 0.01 < r.max() <= RADIUS[1] - 0.005
+    assert [c.tier for w in (ring, world) for c in w.reaching.columns] == [Tier.MAP, Tier.MAP_STRICT]  # type: ignore[union-attr]
+
+
+def test_nothing_is_taken_from_below(folder: Path, cube: str):
+    """A site whose approach points up is not asked for where the object stands on something, and is in free space."""
+    asset = crane_mjcf(folder, "upward")
+    crane_map(asset, upwards=True)
+    rising = write_mjcf(folder, "rising", '<geom type="sphere" size="0.02" pos="0 0 0.02"/><site name="grasp_up"/>')
+    with pytest.raises(InfeasibleSceneError, match="unreachable"):
+        cpu_world(crane_scene(asset, rising), bank_size=1)
+    scene = crane_scene(asset, rising)
+    del scene["objects"]["thing"]["on"]
+    scene["objects"]["thing"]["region"] = {"box": [[-0.5, -0.5, 0.1], [0.5, 0.5, 0.3]]}
+    world = cpu_world(scene, bank_size=4)
+    generator = LayoutGenerator(world, 100)
+    generator.generate()
+    assert (tcps(world, generator)[:, 2, 2] > 0.99).all()
+
+
+def test_absent_objects_have_no_grasp_and_the_bank_has_one(crane: str, cube: str):
+    """One of two things is there: the other one's grasp is -1, also in layouts of the bank."""
+    scene = crane_scene(crane, cube)
+    scene["objects"]["other"] = dict(scene["objects"]["thing"])
+    scene |= {"groups": {"one": {"of": ["thing", "other"], "count": 1}}, "attempts": 1, "restarts": 0}
+    world = cpu_world(scene, bank_size=16)
+    generator = LayoutGenerator(world, 300)
+    generator.generate()
+    status, grasp = generator.layouts.status.numpy(), generator.layouts.grasp.numpy()
+    present = generator.layouts.present.numpy()[:, :2]
+    assert {int(s) for s in status} == {Status.VALID, Status.FALLBACK}
+    assert ((grasp >= 0) == (present != 0)).all()
+    for name in ("thing", "other"):
+        poses = tcps(world, generator, name)
+        there = present[:, world.slots.index(name)] != 0
+        assert reached(poses[there]).all()
+
+
+def test_the_map_is_part_of_the_scenes_name(folder: Path, cube: str):
+    """Another map of the same arm is another hash, so a layout id never names two layouts; without reach it is not."""
+    asset = crane_mjcf(folder, "renamed")
+    config = SceneConfig.load(crane_scene(asset, cube))
+    plain = SceneConfig.load(config, {"objects.thing.reachable": False})
+    crane_map(asset)
+    hashes = [build_model(c).hash for c in (config, plain)]
+    crane_map(asset, step=0.02)
+    again = [build_model(c).hash for c in (config, plain)]
+    assert hashes[0] != again[0]
+    assert hashes[1] == again[1]
+
+
+def test_an_arm_without_a_map_is_told_how_to_build_one(folder: Path, cube: str):
+    """For a map tier and for the default; `ik` needs none."""
+    asset = crane_mjcf(folder, "unmapped")
+    for tier in ("map", "map_strict", True):
+        with pytest.raises(MapError, match=r"objects\.thing\.reachable: .*'sceniris-gym reach .*unmapped\.xml --b"):
+            reaching(crane_scene(asset, cube, reachable=tier))
+    assert reaching(crane_scene(asset, cube, reachable="ik")).columns[0].tier == Tier.IK
+
+
+def test_a_map_of_another_arm_is_refused(folder: Path, cube: str):
+    """The crane's turntable is limited after its map was made."""
+    asset = crane_mjcf(folder, "changed")
+    crane_map(asset)
+    crane_mjcf(folder, "changed", turn=3.1)
+    with pytest.raises(MapError, match=r"robot\.asset: .*changed\.reach"):
+        reaching(crane_scene(asset, cube))
+
+
+@pytest.mark.parametrize(
+    ("form", "says"),
+    [({"tilt": 0.1}, "first joint"), ({"offset": 0.02}, "TCP is 20 mm off"), ({}, "does not turn freely")],
+    ids=["leaning", "off axis", "limited"],
+)
+def test_an_arm_that_a_map_does_not_fit_goes_through_ik(folder: Path, cube: str, form: dict[str, float], says: str):
+    """With a warning where a map was asked for, without one where the default was."""
+    asset = crane_mjcf(folder, f"odd_{'_'.join(form) or 'limited'}", **form)
+    if not form:
+        crane_map(asset, turn_error=0.2)
+    with pytest.warns(ReachWarning, match=f"objects.thing.reachable: .*{says}.*'map' is decided by 'ik'"):
+        assert reaching(crane_scene(asset, cube)).columns[0].tier == Tier.IK
+    assert reaching(crane_scene(asset, cube, reachable=True)).columns[0].tier == Tier.IK
+    assert reaching(crane_scene(asset, cube, reachable="clear")).columns[0].tier == Tier.CLEAR
+
+
+def test_a_robot_without_a_tcp_is_refused(folder: Path, cube: str):
+    """The robot has no site `tcp`."""
+    stump = write_mjcf(folder, "stump", '<geom type="box" size="0.1 0.1 0.1"/>')
+    keyed = Path(stump).read_text().replace("</worldbody>", '</worldbody><keyframe><key name="home"/></keyframe>')
+    Path(stump).write_text(keyed)
+    with pytest.raises(UnknownNameError, match=r"robot\.asset: arm 'stump': unknown site 'stump/tcp'"):
+        reaching(crane_scene(stump, cube, reachable="ik"))
+
+
+def test_what_is_wider_than_the_gripper_fails_before_anything_is_made(folder: Path, crane: str):
+    """The message names the scene's key."""
+    wide = box_mjcf(folder, "wide", 0.1, 0.1, 0.1)
+    with pytest.raises(GraspError, match=r"objects\.thing\.reachable: .* 0\.1 m wide"):
+        cpu_world(crane_scene(crane, wide))
+
+
+def reaching(scene: dict[str, Any]) -> Any:
+    """What of a scene is to be reachable, on the host alone."""
+    model = build_model(SceneConfig.load(scene))
+    return build_reaching(model, build_plan(model), "cpu")
