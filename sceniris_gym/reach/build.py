@@ -1,7 +1,7 @@
 """Building a reachability map: label corners by inverse kinematics, spread solutions to neighbours, find the surface.
 
-Two lattices are labelled in the same way: the grid over (z, u, tilt, v), and the poles' tables over (z, radius). The work
-is on the host in numpy but for the inverse kinematics, which runs in large batches on the device.
+Two lattices are labelled in the same way: the grid over (z, u, tilt, v), and the poles' tables over (z, radius). The
+work is on the host in numpy but for the inverse kinematics, which runs in large batches on the device.
 """
 
 from __future__ import annotations
@@ -314,10 +314,10 @@ def pack_rows(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     nz, nu, ntilt, nv = codes.shape
     flat = codes.reshape(nz * nu, ntilt, nv)
-    used = flat.any(axis=1)
+    used = np.max(flat, axis=1) > 0
     low = np.maximum(used.argmax(axis=1) - 1, 0)
     high = np.minimum(nv - used[:, ::-1].argmax(axis=1), nv - 1)
-    length = np.where(used.any(axis=1), high - low + 1, 0)
+    length = np.where(np.max(used, axis=1), high - low + 1, 0)
     address = np.concatenate([[0], np.cumsum(ntilt * length)[:-1]])
     kept = [flat[i, :, low[i] : low[i] + length[i]].ravel() for i in np.flatnonzero(length)]
     rows = np.stack([address, low, length], axis=1).astype(np.int32)
@@ -325,6 +325,6 @@ def pack_rows(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def turn_error(level: np.ndarray) -> float:
-    """Share of the reachable poses at which the verdict of the majority of turns is wrong, as far as corners show it."""
+    """Share of the reachable poses at which the majority of turns decides wrong, as far as corners show it."""
     share = level / _FULL
     return float(np.minimum(share, 1.0 - share).sum() / max(share.sum(), 1.0))

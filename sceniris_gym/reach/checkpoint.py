@@ -67,9 +67,16 @@ class Checkpoint:
     def _write(self) -> None:
         if self._path is not None:
             temporary = self._path.with_name(f"{self._path.name}.new")
-            notes = {"build": self._build, "finished": " ".join(self._finished), "task": self._task, "done": self.done}
             with temporary.open("wb") as file:
-                np.savez(file, **{k: np.array(v) for k, v in notes.items()}, **self._arrays)
+                np.savez(
+                    file,
+                    allow_pickle=False,
+                    build=np.array(self._build),
+                    finished=np.array(" ".join(sorted(self._finished))),
+                    task=np.array(self._task),
+                    done=np.array(self.done),
+                    **self._arrays,
+                )
             temporary.replace(self._path)
         self._written = time.monotonic()
 

@@ -25,7 +25,7 @@ def _forward(
 
 
 def tcp_axes(arm: Arm, joints: np.ndarray, device: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return TCP positions [m] and unit approach axes in the base frame, each (N, 3), of joints of shape (N, njoint)."""
+    """Return TCP positions [m] and unit approach axes in the base frame, each (N, 3), of joints (N, njoint)."""
     with wp.ScopedDevice(device):
         pos, approach = wp.zeros(len(joints), dtype=wp.vec3), wp.zeros(len(joints), dtype=wp.vec3)
         q = wp.array(as_vec8(joints), dtype=vec8)

@@ -70,11 +70,9 @@ def _label(
     nwarm = warm.shape[1]
     k = int(0)
     while k < nwarm + starts.shape[0]:
-        q0 = vec8()
+        q0 = starts[wp.max(k - nwarm, 0)]
         if k < nwarm:
             q0 = warm[i, k]
-        else:
-            q0 = starts[k - nwarm]
         if q0[0] == q0[0]:  # NaN: no start
             result = refine(arm, pos, quat, q0, iterations)
             if result.pos_err < pos_tol and result.rot_err < rot_tol:
@@ -146,7 +144,8 @@ class Labeller:
         Args:
             coords: z [m], tilt [rad], u, v [m], shape (N, 4).
             warm: Joints to start from before the random ones, shape (N, K, njoint); NaN where there are none.
-            first, count: Which of the random starts to try; by default all.
+            first: The first random start to try.
+            count: How many of them to try; by default all that are left.
 
         Returns:
             How many of the ALL_TURNS turns are reached, shape (N,), and joints of a solution, shape (N, 8).

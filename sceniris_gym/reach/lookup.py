@@ -57,8 +57,8 @@ class Turn:
 class MapView:
     """A reachability map as device code takes it.
 
-    Corners stand in rows along v, one for each (z, u), tilt by tilt: corner (iz, it, iu, iv) is number
-    `row[0] + it * row[2] + iv - row[1]` of the codes, where `row = rows[iz * nu + iu]` holds (address, first iv, length).
+    Corners stand in rows along v, one for each (z, u), tilt by tilt. Corner (iz, it, iu, iv) is number
+    `row[0] + it * row[2] + iv - row[1]` of the codes; `row = rows[iz * nu + iu]` holds (address, first iv, length).
     A row begins and ends with a corner that is never reached; so is everything outside of the rows.
     """
 

@@ -48,7 +48,8 @@ class ReachMap:
     Attributes:
         arm: the arm.
         step, tilt_step: of the grid [m, rad]; `u` and `v` have the step of `z`.
-        z_low, u_low: the grid's first height, and its first u and v [m], in the base frame and relative to the first axis.
+        z_low: the grid's first height in the base frame [m].
+        u_low: its first u and v, relative to the first axis [m].
         nz, ntilt, nu: corners along z, tilt, and each of u and v.
         rows: rows of corners along v, as lookup.MapView has them, shape (nz * nu, 3), int32.
         codes: codes of the corners, eight in a word, uint32.
@@ -81,7 +82,7 @@ class ReachMap:
 
     @property
     def limited(self) -> bool:
-        """Do too many verdicts depend on turns of base or wrist? Then poses of this arm are better solved one by one."""
+        """Do too many verdicts depend on turns of base or wrist? Then this arm's poses are better solved one by one."""
         return self.turn_error > MOST_TURN_ERROR
 
     @property

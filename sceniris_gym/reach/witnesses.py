@@ -1,4 +1,4 @@
-"""Witnesses: joints that reach poses near a coarse cell of a map, a few branches each, from which to solve at a pose."""
+"""Witnesses: joints that reach poses of a coarse cell of a map, a few branches each, from which to solve at a pose."""
 
 from __future__ import annotations
 
