@@ -199,8 +199,39 @@ def check(
     return dumps(found) if json else tool.report(found)
 
 
+@_command
+def reach(
+    arm: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="ARM", help="name of a shipped arm, or its MJCF")],
+    build: Annotated[
+        bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="build the map; stopped, it goes on")
+    ] = False,
+    poses: Annotated[Path | None, tyro.conf.arg(help="TCP poses in the base frame to judge: (N, 4, 4), .npy")] = None,
+    out: Annotated[
+        Path | None, tyro.conf.arg(aliases=["-o"], help="the map, the verdicts, or else the picture")
+    ] = None,
+    tier: Annotated[
+        Literal["map", "map_strict", "ik", "clear"] | None, tyro.conf.arg(help="by which to judge; the arm's default")
+    ] = None,
+    map_: Annotated[Path | None, tyro.conf.arg(name="map", help="a map file instead of the arm's own")] = None,
+    height: Annotated[float, tyro.conf.arg(help="of the picture's top view in the base frame [m]")] = 0.1,
+    seed: Annotated[int, tyro.conf.arg(aliases=["-s"], help="of the starts from which a map is solved")] = 0,
+    device: Device = None,
+    json: Json = False,
+) -> str:
+    """Build, describe and draw the map of what an arm reaches, or judge poses by it."""
+    from sceniris_gym.tools import reach as tool
+
+    if poses is not None:
+        found = tool.judge(arm, map_, poses, out or Path("reached.npy"), tier, device)
+    elif build:
+        found = tool.build(arm, out or Path(f"{Path(arm).stem}.reach"), device, seed)
+    else:
+        found = tool.show(arm, map_, out or Path(f"demo/reach_{Path(arm).stem}.png"), height, device)
+    return dumps(found) if json else _listing(found)
+
+
 ABOUT = "Fresh, collision-free scene layouts for every reset of batched MuJoCo-Warp environments."
-COMMANDS = {command.__name__: command for command in (demo, generate, audit, bench, replay, check)}
+COMMANDS = {command.__name__: command for command in (demo, generate, audit, bench, replay, check, reach)}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -128,9 +128,12 @@ class InfeasibleSceneError(ScenirisError):
             for obj, by_cause in self.counts.items()
             if any(by_cause.values())
         )
+        advice = "Give it a larger region or support, or a smaller clearance, or fewer neighbours."
+        if cause == "roof":
+            advice = "'on' wants nothing of the support's object above it, 'inside' something; 'in' takes both."
         super().__init__(
             f"{where}: no valid layout was found: '{name}' could not be placed, mostly because of {cause}. "
-            f"Rejections: {rows}. Give it a larger region or support, or a smaller clearance, or fewer neighbours."
+            f"Rejections: {rows}. {advice}"
         )
 
     def __reduce__(self) -> tuple:
@@ -139,6 +142,10 @@ class InfeasibleSceneError(ScenirisError):
 
 class ArmError(ScenirisError):
     """Bodies and joints that are not a serial arm, or not one that can be used."""
+
+
+class PosesError(ScenirisError, ValueError):
+    """A file of TCP poses that is missing, or holds something else."""
 
 
 class MapError(ScenirisError):

@@ -17,6 +17,14 @@ ENVS = {  # id -> keyword arguments of gymnasium.register
         "kwargs": {"task": "sceniris_gym.envs.tabletop_lift:TabletopLift", "nconmax": 48, "njmax": 192},
         "max_episode_steps": 200,
     },
+    "sceniris_gym/ClutterPush-v0": {
+        "kwargs": {"task": "sceniris_gym.envs.clutter_push:ClutterPush", "nconmax": 40, "njmax": 160},
+        "max_episode_steps": 250,
+    },
+    "sceniris_gym/KitchenReset-v0": {
+        "kwargs": {"task": "sceniris_gym.envs.kitchen_reset:KitchenReset", "nconmax": 256, "njmax": 1024},
+        "max_episode_steps": 200,
+    },
 }
 ENTRY_POINTS = {
     "entry_point": "sceniris_gym.vector.single:SceneEnv",

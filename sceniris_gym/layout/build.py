@@ -47,19 +47,24 @@ def build_world(
     if bank_size < 1:
         raise ValueError(f"build_world: bank_size={bank_size} should be 1 or more.")
     wp.init()
-    name = _device_name(device)
+    name = device_name(device)
     model = scene if isinstance(scene, SceneModel) else build_model(SceneConfig.load(scene))
     world = load_world(model, name)
     return _with_bank(world, bank_size)
 
 
-def _device_name(device: str | None) -> str:
+def device_name(device: str | None, where: str = "build_world") -> str:
+    """Return Warp's name of a device, of its preferred one for None.
+
+    Raises:
+        UnknownNameError: there is no such device.
+    """
     if device is None:
         return str(wp.get_preferred_device())
     try:
         return str(wp.get_device(device))
     except ValueError:
-        raise UnknownNameError("device", device, "build_world", [d.alias for d in wp.get_devices()]) from None
+        raise UnknownNameError("device", device, where, [d.alias for d in wp.get_devices()]) from None
 
 
 def _with_bank(world: World, size: int) -> World:

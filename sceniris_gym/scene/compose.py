@@ -10,7 +10,7 @@ from pathlib import Path
 import mujoco
 
 from sceniris_gym.errors import MeshError, SceneFileError, SceneKeyError, UnknownNameError
-from sceniris_gym.scene.config import ObjectConfig, RobotConfig
+from sceniris_gym.scene.config import ObjectConfig, RobotConfig, SceneConfig
 from sceniris_gym.scene.files import SHIPPED_NAME, shipped
 
 _FREE = mujoco.mjtJoint.mjJNT_FREE
@@ -72,6 +72,23 @@ def attach_robot(spec: mujoco.MjSpec, config: RobotConfig, where: str) -> Home:
     frame = spec.worldbody.add_frame(pos=config.base, quat=[math.cos(half), 0.0, 0.0, math.sin(half)])
     _attach(spec, child, name, frame, where)
     return home
+
+
+def check_assets(config: SceneConfig) -> None:
+    """Compile the assets of a scene one by one.
+
+    Raises:
+        MeshError, SceneFileError: of the first that cannot be compiled; names its key.
+    """
+    if config.robot is not None:
+        alone = mujoco.MjSpec()
+        attach_robot(alone, config.robot, config.where)
+        compile_spec(alone, f"{config.where}: robot.asset")
+    for name, part in config.objects.items():
+        if part.asset is not None:
+            alone = mujoco.MjSpec()
+            attach_object(alone, name, part, config.where)
+            compile_spec(alone, f"{config.where}: objects.{name}.asset")
 
 
 def adopt_body(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str) -> None:

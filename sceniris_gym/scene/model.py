@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from sceniris_gym.errors import NotSupportedError, SceneKeyError, UnknownNameError
+from sceniris_gym.errors import MeshError, NotSupportedError, SceneFileError, SceneKeyError, UnknownNameError
 from sceniris_gym.reach.map import map_file
 from sceniris_gym.scene import backdrop, compose
 from sceniris_gym.scene.config import JointConfig, SceneConfig
@@ -140,10 +140,14 @@ def build_model(config: SceneConfig) -> SceneModel:
         SceneKeyError: an object that cannot be of its kind; joint values outside of the joint's limits.
     """
     spec, homes = _compose(config)
-    mjm = compose.compile_spec(spec, config.where)
+    try:
+        mjm = compose.compile_spec(spec, config.where)
+    except (MeshError, SceneFileError):
+        compose.check_assets(config)  # names the asset, if it is one
+        raise
     home_qpos, home_ctrl = _home(mjm, homes)
     if config.floor is not None:
-        center, extent = np.array([0.0, 0.0, 0.15]), max(config.floor.size)
+        center, extent = np.array([0.0, 0.0, 0.25]), max(config.floor.size)
     else:
         center, extent = mjm.stat.center.copy(), float(mjm.stat.extent)
     if spec.camera(backdrop.OVERVIEW) is None:

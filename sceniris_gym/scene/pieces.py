@@ -7,6 +7,7 @@ only extents and shadows matter.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import mujoco
@@ -81,8 +82,16 @@ class Piece:
         return middle - half, middle + half
 
 
-def extract_pieces(mjm: mujoco.MjModel, geometry: str, bodies: set[int] | None = None) -> list[Piece]:
-    """All pieces of a model, in the order of its geoms; `bodies` keeps those of some bodies only.
+def extract_pieces(
+    mjm: mujoco.MjModel, geometry: str, bodies: set[int] | None = None, where: Mapping[int, str] | None = None
+) -> list[Piece]:
+    """All pieces of a model, in the order of its geoms.
+
+    Args:
+        mjm: The model.
+        geometry: "physics" or "visual".
+        bodies: Those whose pieces are wanted; all by default.
+        where: What errors begin with, by the body that they are about.
 
     Raises:
         MeshError: a mesh that is open or has no faces.
@@ -96,7 +105,11 @@ def extract_pieces(mjm: mujoco.MjModel, geometry: str, bodies: set[int] | None =
         visible = mjm.geom_group[geom] in _VISIBLE_GROUPS and mjm.geom_rgba[geom][3] > 0.0
         plane = mjm.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
         if collides if geometry == "physics" or plane else visible:
-            pieces.append(_piece(mjm, geom, geometry))
+            try:
+                pieces.append(_piece(mjm, geom, geometry))
+            except (MeshError, NotSupportedError) as error:
+                place = (where or {}).get(int(mjm.geom_bodyid[geom]))
+                raise type(error)(f"{place}: {error}" if place else str(error)) from None
     return pieces
 
 

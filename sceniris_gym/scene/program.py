@@ -128,9 +128,7 @@ def build_plan(scene: SceneModel) -> Plan:
     home.qpos[:] = scene.home_qpos
     mujoco.mj_kinematics(scene.mjm, home)
     mujoco.mj_comPos(scene.mjm, home)
-    pieces = sorted(
-        extract_pieces(scene.mjm, scene.config.geometry), key=lambda p: (p.body, p.type != PieceType.PLANE, p.geom)
-    )
+    pieces = sorted(_pieces(scene), key=lambda p: (p.body, p.type != PieceType.PLANE, p.geom))
     objects = [_placed_object(scene, name, pieces, home) for name in placement_order(scene)]
     slots = (*scene.config.objects, *([ROBOT] if scene.config.robot is not None else []))
     standing = [_standing(scene, name, pieces, home) for name in slots]
@@ -144,6 +142,16 @@ def roof_rule(config: ObjectConfig | None) -> Roof:
     if config is None or config.support is None or config.support.parent == FLOOR:
         return Roof.EITHER
     return _ROOFS[config.support.word]
+
+
+def _pieces(scene: SceneModel) -> list[Piece]:
+    """All pieces; errors name the key of the asset that they come from."""
+    where = {body: scene.config.where for body in range(scene.mjm.nbody)}
+    for name in scene.bodies:
+        key = ROBOT if name == ROBOT else f"objects.{name}"
+        is_own = name != ROBOT and scene.config.objects[name].asset is None
+        where |= {body: f"{where[0]}: {key}{'' if is_own else '.asset'}" for body in scene.subtree(name)}
+    return extract_pieces(scene.mjm, scene.config.geometry, where=where)
 
 
 def _standing(scene: SceneModel, name: str, pieces: list[Piece], home: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:

@@ -114,8 +114,8 @@ def _home_corners(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
             continue
         high = plan.home.xpos[p.body] + p.extents(plan.home.xmat[p.body].reshape(3, 3))[1]
         if high[2] > _LEVEL:
-            name = names.get(p.body) or str(scene.mjm.body(p.body).name)
-            corners[name] = np.maximum(corners.get(name, high[:2]), high[:2])
+            name = str(names.get(p.body) or scene.mjm.body(p.body).name)
+            corners[name] = np.maximum(corners[name], high[:2]) if name in corners else high[:2]
     return corners
 
 

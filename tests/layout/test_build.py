@@ -108,7 +108,7 @@ def test_an_unknown_device_is_refused_with_those_there_are():
 
 def test_relations_that_cut_a_region_too_finely_are_refused(crate: dict):
     """Four thin rings around one anchor make more pieces than a number of 32 bits holds."""
-    ring = {"near": "a", "distance": {"equal": 0.5, "tolerance": 2e-5}}
+    ring = {"near": "a", "distance": {"equal": 3.0, "tolerance": 1e-4}}
     objects = {"a": {**crate, "on": "floor"}, "b": {**crate, "on": "floor", "relations": [ring] * 4}}
     _refused({"floor": FLOOR, "objects": objects}, SceneKeyError, "objects.b.relations", "pieces")
 
@@ -203,11 +203,20 @@ def test_a_footprint_that_never_fits_is_the_cause_that_is_named(tmp_path: Path):
     _refused({"objects": objects}, InfeasibleSceneError, "'bar'", "footprint")
 
 
+@pytest.mark.parametrize(("word", "where"), [("inside", "bowl"), ("on", "cabinet/upper_drawer")])
+def test_a_word_that_the_roof_rules_out_is_told_with_one_that_it_does_not(word: str, where: str):
+    """Nothing is above the floor of a bowl, and nothing is open in a drawer that is shut."""
+    owner = where.split("/")[0]
+    objects = {owner: {"asset": owner, "kind": "static"}, "block": {"asset": "block", word: where}}
+    _refused({"objects": objects}, InfeasibleSceneError, "mostly because of roof", "'in' takes both")
+
+
 def test_an_open_mesh_is_refused_where_it_is_seen_and_is_a_hull_where_it_collides(tmp_path: Path):
     """A tetrahedron without one of its faces."""
     asset = _mesh(tmp_path, TETRAHEDRON.removesuffix("f 2 3 4\n"))
     scene = {"floor": FLOOR, "objects": {"thing": {"asset": asset, "on": "floor"}}}
-    _refused({**scene, "geometry": "visual"}, MeshError, "thing/shell", "open", "geometry: physics")
+    says = ("objects.thing.asset: mesh of geom 'thing/shell'", "open", "geometry: physics")
+    _refused({**scene, "geometry": "visual"}, MeshError, *says)
     assert (make(cpu_world(scene), 10).status == Status.VALID).all()
 
 
@@ -220,7 +229,7 @@ def test_a_mesh_without_a_solid_is_refused(tmp_path: Path, geometry: str, text: 
         "geometry": geometry,
         "objects": {"thing": {"asset": _mesh(tmp_path, text), "on": "floor"}},
     }
-    _refused(scene, MeshError, "mesh", "thing")
+    _refused(scene, MeshError, "objects.thing.asset: ", "mesh")
 
 
 def test_a_mesh_that_is_inside_out_is_turned(tmp_path: Path):

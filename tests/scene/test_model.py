@@ -326,7 +326,11 @@ BAD_ASSETS = {
         SceneFileError,
         "refers to .*m.obj",
     ),
-    "no mass": (BALL.replace('size=".03"', 'size=".03" mass="0"'), SceneFileError, "MuJoCo cannot compile"),
+    "no mass": (
+        BALL.replace('size=".03"', 'size=".03" mass="0"'),
+        SceneFileError,
+        r"objects\.a\.asset: MuJoCo cannot compile",
+    ),
     "a hinge at the root": (
         BALL.replace("<geom", "<joint name='h' type='hinge'/><geom"),
         SceneKeyError,
@@ -369,8 +373,8 @@ def test_a_body_of_an_own_model_must_suit_its_kind(folder: Path, objects: dict, 
 def test_a_mesh_without_a_volume_is_refused(folder: Path, knob: str):
     """Meshes of which MuJoCo can make no convex hull."""
     (folder / "parts" / "knob.obj").write_text(knob)
-    with pytest.raises(MeshError, match="vertices"):
-        build(folder, {"a": {"asset": "chest", "kind": "fixture"}})
+    with pytest.raises(MeshError, match=r"objects\.b\.asset: .*vertices"):
+        build(folder, {"a": {"asset": "ball", "on": "floor"}, "b": {"asset": "chest", "kind": "fixture"}})
 
 
 def test_unknown_keyframes_and_taken_names_of_a_robot_are_refused(folder: Path):

@@ -1,0 +1,128 @@
+"""ClutterPush-v0: push a tin to a mark on a table, between other things."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from sceniris_gym.vector.arm import Arm
+from sceniris_gym.vector.state import State
+from sceniris_gym.vector.task import Observation, Task
+
+CLUTTER = ("can", "orange", "block")
+
+BEHIND = 0.06
+"""Where the closed fingers push from: this far behind the middle of the tin, as seen from the mark [m]."""
+
+PUSH_HEIGHT = 0.02
+"""Height of the tool over the table while it pushes, and the lowest that it goes [m]."""
+
+CLOSE = 0.04
+"""Distance of the tin from the mark that counts as there [m]."""
+
+LOST_HEIGHT = -0.05
+"""Below this height [m] the tin has fallen off the table."""
+
+
+class ClutterPush(Task):
+    """A Panda on a table pushes a tin with closed fingers to a mark; can, orange and block may stand between.
+
+    It has not been trained.
+
+    Frames: poses and velocities are in the robot's base frame (on the table's top, x to the front, z up), rotations
+    are quaternions wxyz. Every reset draws the places and yaws of all objects, the mark, which may be under one of
+    them, and a little noise on the arm, whose tool looks down all the time.
+
+    Action, 4 numbers in [-1, 1] at 50 Hz: changes of the tool's target along x, y and z in units of 0.02 m and about
+    the vertical in units of 0.1 rad.
+
+    Observations, group `policy`, 47 numbers:
+
+    | name | shape | what |
+    |---|---|---|
+    | arm_qpos | 7 | joint angles [rad] |
+    | arm_qvel | 7 | joint velocities [rad/s] |
+    | tcp_pose | 7 | point between the finger tips: position [m], rotation |
+    | tcp_to_behind | 3 | from that point to where it would push from [m] |
+    | tcp_to_tin | 3 | from that point to the tin's underside [m] |
+    | tin_to_goal | 3 | from the tin's underside to the mark [m] |
+    | tcp_to_clutter | 3, 3 | from the point between the finger tips to the undersides of can, orange and block [m] |
+    | tool_target | 4 | the tool's target: x, y, z [m], yaw [rad] |
+    | last_action | 4 | the action taken last, zeros after a reset |
+
+    Group `critic`, 71 numbers: the same, then `object_velocities` (4, 6: of tin, can, orange and block; linear [m/s]
+    and angular [rad/s]).
+
+    Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, nearness of
+    the tool to where it pushes from), `pushing` (0 to 4, nearness of the tin to the mark), `arrived` (4 while it is
+    there), `disturbing` (minus half the sum of the clutter's speeds in m/s, at most 1) and `effort` (-0.05 times the
+    mean square of the action). Success is the tin within 4 cm of the mark. The episode terminates when the tin has
+    fallen off the table, and is truncated after 250 steps (5 s).
+    """
+
+    scene = "clutter_push"
+    action_size = 4
+
+    def bind(self, s: State) -> None:
+        """Find the arm, and make room for what is remembered between steps."""
+        self.arm = Arm(s)
+        self.closed = torch.full((s.num_envs,), -1.0, device=s.device)
+        self.last_action = torch.zeros(s.num_envs, 4, device=s.device)
+
+    def apply(self, s: State, action: Tensor) -> None:
+        """Move the tool, with closed fingers."""
+        self.arm.move_tool(s, action, lowest=PUSH_HEIGHT)
+        self.arm.grip(s, self.closed)
+        self.last_action.copy_(action)
+
+    def observe(self, s: State) -> Observation:
+        """Return what the class lists."""
+        tool = self.arm.tool(s)
+        policy = {
+            "arm_qpos": self.arm.qpos(s),
+            "arm_qvel": self.arm.qvel(s),
+            "tcp_pose": tool,
+            "tcp_to_behind": self.to_behind(s),
+            "tcp_to_tin": s.pose("tin")[:, :3] - tool[:, :3],
+            "tin_to_goal": self.to_goal(s),
+            "tcp_to_clutter": s.poses(CLUTTER)[:, :, :3] - tool[:, None, :3],
+            "tool_target": self.arm.tool_target,
+            "last_action": self.last_action,
+        }
+        return {"policy": policy, "critic": policy | {"object_velocities": s.velocities(("tin", *CLUTTER))}}
+
+    def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
+        """Return reaching, pushing, arrived, disturbing and effort."""
+        speeds = s.velocities(CLUTTER)[:, :, :3].norm(dim=2).sum(dim=1)
+        return {
+            "reaching": s.dt * (1.0 - torch.tanh(5.0 * self.to_behind(s).norm(dim=1))),
+            "pushing": s.dt * 4.0 * (1.0 - torch.tanh(5.0 * self.to_goal(s).norm(dim=1))),
+            "arrived": s.dt * 4.0 * self.success(s),
+            "disturbing": -s.dt * 0.5 * speeds.clamp(max=2.0),
+            "effort": -s.dt * 0.05 * action.square().mean(dim=1),
+        }
+
+    def success(self, s: State) -> Tensor:
+        """Say where the tin is within 4 cm of the mark."""
+        return self.to_goal(s).norm(dim=1) < CLOSE
+
+    def terminated(self, s: State) -> Tensor:
+        """Say where the tin has fallen off the table."""
+        return s.pose("tin")[:, 2] < LOST_HEIGHT
+
+    def on_reset(self, s: State, mask: Tensor) -> None:
+        """Forget the last action."""
+        self.last_action.masked_fill_(mask[:, None], 0.0)
+        self.arm.start(s, mask)
+
+    def to_goal(self, s: State) -> Tensor:
+        """Return the way from the tin's underside to the mark [m], shape (num_envs, 3)."""
+        return s.pose("goal")[:, :3] - s.pose("tin")[:, :3]
+
+    def to_behind(self, s: State) -> Tensor:
+        """Return the way from the tool to where it pushes from [m], shape (num_envs, 3)."""
+        away = self.to_goal(s)[:, :2]
+        behind = s.pose("tin")[:, :3].clone()
+        behind[:, :2] -= BEHIND * away / away.norm(dim=1, keepdim=True).clamp(min=1e-3)
+        behind[:, 2] += PUSH_HEIGHT
+        return behind - self.arm.tool(s)[:, :3]

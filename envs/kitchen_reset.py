@@ -1,0 +1,77 @@
+"""KitchenReset-v0: the largest layout, for measuring what resets cost."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from sceniris_gym.vector.arm import Arm
+from sceniris_gym.vector.state import State
+from sceniris_gym.vector.task import Observation, Task
+
+THINGS = (
+    "chest",
+    "pan",
+    "plate",
+    "bottle",
+    "mug",
+    "bowl",
+    "lemon",
+    "cereal_box",
+    "book",
+    "can",
+    "tin",
+    "glass",
+)
+
+
+class KitchenReset(Task):
+    """A Panda on the worktop of a furnished kitchen with twelve things in it. There is nothing to achieve.
+
+    It is there to measure resets, and is not meant to be trained: every reward is 0 and no step a success.
+
+    Frames: poses are in the robot's base frame (over the worktop, x to the front, z up), rotations are quaternions
+    wxyz. Every reset draws the places of furniture and things, the cupboard's door, and a little noise on the arm.
+
+    Action, 7 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.015 rad.
+
+    Observations, groups `policy` and `critic` alike, 99 numbers:
+
+    | name | shape | what |
+    |---|---|---|
+    | arm_qpos | 7 | joint angles [rad] |
+    | arm_qvel | 7 | joint velocities [rad/s] |
+    | door | 1 | angle of the cupboard's door [rad] |
+    | things | 12, 7 | underside of each thing: position [m], rotation |
+
+    The reward has the one term `nothing`, which is 0. The episode is truncated after 200 steps (4 s).
+    """
+
+    scene = "kitchen_reset"
+    action_size = 7
+
+    def bind(self, s: State) -> None:
+        """Find the arm."""
+        self.arm = Arm(s)
+
+    def apply(self, s: State, action: Tensor) -> None:
+        """Move the joint targets."""
+        self.arm.move_joints(s, action)
+
+    def observe(self, s: State) -> Observation:
+        """Return what the class lists."""
+        seen = {
+            "arm_qpos": self.arm.qpos(s),
+            "arm_qvel": self.arm.qvel(s),
+            "door": s.qpos("cupboard/door"),
+            "things": s.poses(THINGS),
+        }
+        return {"policy": seen, "critic": seen}
+
+    def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
+        """Return nothing."""
+        return {"nothing": torch.zeros(s.num_envs, device=s.device)}
+
+    def success(self, s: State) -> Tensor:
+        """Say that no step is a success."""
+        return torch.zeros(s.num_envs, dtype=torch.bool, device=s.device)

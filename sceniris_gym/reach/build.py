@@ -1,0 +1,330 @@
+"""Building a reachability map: label corners by inverse kinematics, spread solutions to neighbours, find the surface.
+
+Two lattices are labelled in the same way: the grid over (z, u, tilt, v), and the poles' tables over (z, radius). The
+work is on the host in numpy but for the inverse kinematics, which runs in large batches on the device.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from sceniris_gym.errors import ArmError
+from sceniris_gym.reach.arm import Arm
+from sceniris_gym.reach.checkpoint import Checkpoint
+from sceniris_gym.reach.forward import tcp_axes
+from sceniris_gym.reach.labels import ALL_TURNS, Labeller, rotate
+from sceniris_gym.reach.map import ReachMap, pack
+from sceniris_gym.reach.solve import random_joints
+from sceniris_gym.reach.witnesses import gather_witnesses
+
+STEP = 0.025
+"""Step of the grid [m] where the map stays below 16 MB with it; the reach divided by 44 where it does not."""
+TILT_STEP = math.radians(2.5)
+STARTS = 64
+"""Random starts a corner: with a Panda, 200 reached no more corners than 64, and 16 one in 700 fewer."""
+
+_STEPS_OF_REACH = 44
+_POLE_STEPS = 5  # steps of the poles' tables in a step of the grid
+_NEAR_STARTS = 32  # more random starts for corners with a neighbour that is reached in more turns
+_EDGE_STARTS = 16  # random starts for points on an edge, besides the solution at its reached end
+_PASSES = 10
+_HALVINGS = 4  # of an edge that the surface crosses: its distance is known to 1/32 of a step
+_FULL = 255  # label of a corner that is reached in every turn
+_HALF = 128
+_FAR = 255  # distance of a corner with no edge that the surface crosses
+
+Progress = Callable[[str, int, int], None]
+"""Called with what is done now, how much of it is done, and how much there is."""
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Corners of a regular grid in the coordinates of a map, those outside a ball being out of reach.
+
+    Attributes:
+        shape: corners along each axis: (z, u, tilt, v) of the grid, (z, radius) of a pole's table.
+        low, step: coordinates of the first corner and steps, as (z, tilt, u, v) [m, rad], shape (4,).
+        order: which of (z, tilt, u, v) the axes are.
+        height, radius: of the ball: centre on the first axis, and radius [m].
+    """
+
+    shape: tuple[int, ...]
+    low: np.ndarray
+    step: np.ndarray
+    order: tuple[int, ...]
+    height: float
+    radius: float
+
+    @property
+    def strides(self) -> np.ndarray:
+        """By how much a corner's number grows along each axis."""
+        return np.cumprod([1, *self.shape[:0:-1]])[::-1]
+
+    def coords(self, corner: np.ndarray) -> np.ndarray:
+        """Return (z, tilt, u, v) [m, rad] of corners, shape (N, 4)."""
+        coords = np.tile(self.low, (len(corner), 1))
+        for axis, index in zip(self.order, np.unravel_index(corner, self.shape), strict=True):
+            coords[:, axis] += self.step[axis] * index
+        return coords
+
+    @cached_property
+    def inside(self) -> np.ndarray:
+        """Numbers of the corners in the ball."""
+        squares = np.zeros(self.shape)
+        for axis, (coordinate, n) in enumerate(zip(self.order, self.shape, strict=True)):
+            if coordinate == 1:
+                continue
+            along = self.low[coordinate] + self.step[coordinate] * np.arange(n)
+            along = along - (self.height if coordinate == 0 else 0.0)
+            squares += along.reshape([-1 if k == axis else 1 for k in range(len(self.shape))]) ** 2
+        return np.flatnonzero(squares.ravel() <= self.radius**2)
+
+    def neighbours(self, corner: np.ndarray) -> np.ndarray:
+        """Return the numbers of both neighbours along each axis, or -1 outside of the lattice; shape (N, 2 * naxis)."""
+        found = []
+        for index, n, stride in zip(np.unravel_index(corner, self.shape), self.shape, self.strides, strict=True):
+            found += [np.where(index > 0, corner - stride, -1), np.where(index < n - 1, corner + stride, -1)]
+        return np.stack(found, axis=1)
+
+
+class Surface:
+    """Labels of a lattice's corners, and their distances from the surface that bounds what is reached.
+
+    Attributes:
+        level: in how many of the turns a corner is reached, 0 for none to 255 for all, shape (N,), uint8.
+        distance: from the nearest crossing on an edge of the corner, in 1/32 of a step; 255 without, shape (N,), uint8.
+        joints: a solution of each corner that is reached, shape (N, njoint), float16.
+    """
+
+    def __init__(self, name: str, lattice: Lattice, labeller: Labeller, njoint: int, batch: int) -> None:
+        self.name, self.lattice, self._labeller, self._batch = name, lattice, labeller, batch
+        n = math.prod(lattice.shape)
+        self.level = np.zeros(n, np.uint8)
+        self.distance = np.full(n, _FAR, np.uint8)
+        self.joints = np.zeros((n, njoint), np.float16)
+
+    def solve(self, checkpoint: Checkpoint, progress: Progress) -> None:
+        """Do all that is left to do according to the checkpoint."""
+        arrays = {f"{self.name}_{key}": getattr(self, key) for key in ("level", "distance", "joints")}
+        for stage in (self._label, self._spread, self._bisect):
+            task = f"{self.name}{stage.__name__}"
+            if checkpoint.enter(task, arrays):
+                stage(checkpoint, progress)
+                checkpoint.leave(task)
+
+    def _label(self, checkpoint: Checkpoint, progress: Progress) -> None:
+        """Solve every corner in the ball from random starts."""
+        inside = self.lattice.inside
+        for at in range(checkpoint.done, len(inside), self._batch):
+            corner = inside[at : at + self._batch]
+            self._raise(corner, *self._labeller.label(self.lattice.coords(corner), count=STARTS))
+            progress(f"{self.name}: corners", min(at + self._batch, len(inside)), len(inside))
+            checkpoint.reached(at + self._batch)
+
+    def _spread(self, checkpoint: Checkpoint, progress: Progress) -> None:
+        """Solve corners again from solutions of neighbours that are reached in more turns, until nothing changes."""
+        changed = self.lattice.inside[self.level[self.lattice.inside] > 0]
+        for turn in range(_PASSES):
+            beside = np.zeros(len(self.level), bool)
+            for neighbour in self.lattice.neighbours(changed).T:
+                there = neighbour >= 0
+                beside[neighbour[there][self.level[neighbour[there]] < self.level[changed[there]]]] = True
+            beside[self.level == _FULL] = False
+            front = np.flatnonzero(beside)
+            risen = []
+            for at in range(0, len(front), self._batch):
+                corner = front[at : at + self._batch]
+                warm = self._joints_of(self.lattice.neighbours(corner))
+                found = self._labeller.label(self.lattice.coords(corner), warm, first=STARTS, count=_NEAR_STARTS)
+                risen.append(self._raise(corner, *found))
+                progress(f"{self.name}: neighbours, pass {turn + 1}", min(at + self._batch, len(front)), len(front))
+            changed = np.concatenate([np.zeros(0, int), *risen])
+            if not len(changed):
+                break
+
+    def _bisect(self, checkpoint: Checkpoint, progress: Progress) -> None:
+        """Find where the surface crosses edges, by halving."""
+        half = (self.level >= _HALF).reshape(self.lattice.shape)
+        for axis, stride in enumerate(self.lattice.strides):
+            along = np.moveaxis(half, axis, 0)
+            crossed = np.zeros(half.shape, bool)
+            np.moveaxis(crossed, axis, 0)[:-1] = along[1:] != along[:-1]
+            edges = np.flatnonzero(crossed)
+            for at in range(0, len(edges), self._batch):
+                corner = edges[at : at + self._batch]
+                way = self._crossing(corner, corner + stride, self.lattice.order[axis])
+                for end, share in ((corner, way), (corner + stride, 1.0 - way)):
+                    self.distance[end] = np.minimum(self.distance[end], np.round(32.0 * share).astype(np.uint8))
+                what = f"{self.name}: surface along {('z', 'tilt', 'u', 'v')[self.lattice.order[axis]]}"
+                progress(what, min(at + self._batch, len(edges)), len(edges))
+
+    def _crossing(self, low: np.ndarray, high: np.ndarray, coordinate: int) -> np.ndarray:
+        """Where the surface crosses edges from `low` to `high`, as a share of the way, shape (N,)."""
+        reached = self.level[low] >= _HALF
+        warm = np.where(reached[:, None], self.joints[low], self.joints[high]).astype(np.float32)
+        start = self.lattice.coords(low)
+        lower, upper = np.zeros(len(low)), np.ones(len(low))
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (lower + upper)
+            point = start.copy()
+            point[:, coordinate] += middle * self.lattice.step[coordinate]
+            count, joints = self._labeller.label(point, warm[:, None], count=_EDGE_STARTS)
+            here = 2 * count >= ALL_TURNS
+            warm = np.where(here[:, None], joints[:, : warm.shape[1]], warm)
+            lower, upper = np.where(here == reached, middle, lower), np.where(here == reached, upper, middle)
+        return 0.5 * (lower + upper)
+
+    def _raise(self, corner: np.ndarray, count: np.ndarray, joints: np.ndarray) -> np.ndarray:
+        """Take better labels and their joints over; return the corners that have them."""
+        level = np.where(count == 0, 0, np.maximum(1, count * _FULL // ALL_TURNS)).astype(np.uint8)
+        better = level > self.level[corner]
+        risen = corner[better]
+        self.level[risen] = level[better]
+        self.joints[risen] = joints[better, : self.joints.shape[1]]
+        return risen
+
+    def _joints_of(self, corner: np.ndarray) -> np.ndarray:
+        """Joints of corners, NaN where they are not reached or -1."""
+        there = (corner >= 0) & (self.level[corner] > 0)
+        return np.where(there[..., None], self.joints[corner], np.float16(np.nan)).astype(np.float32)
+
+    def codes(self) -> np.ndarray:
+        """Return the codes of all corners, in the lattice's shape, uint8; map.CODE_VALUES says what they mean."""
+        fifth = np.minimum(self.distance.astype(int) * 5 // 32, 5)  # 5 without a crossing
+        near = self.distance < 16
+        code = np.where(self.level == 0, 5 - fifth, 10 + fifth)
+        some = (self.level > 0) & (self.level < _FULL)
+        few = self.level < _HALF
+        code = np.where(some & few, np.where(near, 7, 6), code)
+        code = np.where(some & ~few, np.where(near, 8, 9), code)
+        return code.astype(np.uint8).reshape(self.lattice.shape)
+
+
+def build_map(
+    arm: Arm,
+    device: str,
+    *,
+    step: float | None = None,
+    tilt_step: float = TILT_STEP,
+    seed: int = 0,
+    state: Path | None = None,
+    progress: Progress = lambda what, done, total: None,
+) -> ReachMap:
+    """Build the reachability map of an arm.
+
+    Args:
+        arm: Its first axis is vertical, and its TCP is on the last one.
+        device: Warp's name of the device. A full map takes about a minute on a large GPU, and hours on a CPU core.
+        step: Of the grid along z, u and v [m]; by default STEP, or more for an arm of more than 1.1 m of reach.
+        tilt_step: Of the grid [rad], rounded so that it divides a half turn.
+        seed: Of the random starts.
+        state: File in which to keep what is done, now and then; a build that finds its own there goes on with it.
+        progress: Called now and then.
+
+    Raises:
+        ArmError: there is no map of such an arm; the message says why.
+        MapError: `state` is there, but is that of another build.
+    """
+    if arm.no_map is not None:
+        raise ArmError(f"{arm.name} can have no reachability map: {arm.no_map}. Use `reachable: ik` with it.")
+    height, radius = reach_ball(arm, device, seed)
+    step = max(STEP, radius / _STEPS_OF_REACH) if step is None else step
+    grid, poles = lattices(height, radius, step, tilt_step)
+    labeller = Labeller(arm, device, starts=STARTS + _NEAR_STARTS, seed=seed)
+    batch = 1 << (18 if device.startswith("cuda") else 12)
+    checkpoint = Checkpoint(state, f"{arm.hash} {grid.shape} {grid.step.tolist()} {seed}")
+    surfaces = [Surface("grid", grid, labeller, len(arm.joints), batch)]
+    surfaces += [Surface(f"pole{i}", pole, labeller, len(arm.joints), batch) for i, pole in enumerate(poles)]
+    for surface in surfaces:
+        surface.solve(checkpoint, progress)
+    first = surfaces[0]
+    rows, codes = pack_rows(first.codes())
+    cells, joints = gather_witnesses(grid.shape, first.level, first.joints)
+    return ReachMap(
+        arm=arm,
+        step=step,
+        tilt_step=float(grid.step[1]),
+        z_low=float(grid.low[0]),
+        u_low=float(grid.low[2]),
+        nz=grid.shape[0],
+        ntilt=grid.shape[2],
+        nu=grid.shape[1],
+        rows=rows,
+        codes=codes,
+        pole_step=float(poles[0].step[0]),
+        pole_z_low=float(poles[0].low[0]),
+        poles=np.stack([surface.codes() for surface in surfaces[1:]]),
+        wit_cells=cells,
+        wit_joints=joints,
+        turn_error=turn_error(first.level),
+        seed=seed,
+    )
+
+
+def lattices(height: float, radius: float, step: float, tilt_step: float) -> tuple[Lattice, tuple[Lattice, Lattice]]:
+    """Return the grid around a ball of reach, and the tables of both poles."""
+    half = math.ceil(radius / step) + 1
+    ntilt = max(2, round(math.pi / tilt_step) + 1)
+    tilt = math.pi / (ntilt - 1)
+    n = 2 * half + 1
+    low = np.array([height - half * step, 0.0, -half * step, -half * step])
+    grid = Lattice((n, n, ntilt, n), low, np.array([step, tilt, step, step]), (0, 2, 1, 3), height, radius)
+    fine = step / _POLE_STEPS
+    half = math.ceil(radius / fine) + 1
+    steps = np.array([fine, 0.0, fine, 0.0])
+    up, down = (
+        Lattice((2 * half + 1, half + 1), np.array([height - half * fine, t, 0.0, 0.0]), steps, (0, 2), height, radius)
+        for t in (0.0, math.pi)
+    )
+    return grid, (up, down)
+
+
+def reach_ball(arm: Arm, device: str, seed: int = 0, num: int = 4096) -> tuple[float, float]:
+    """Height [m] on the first axis, where the second joint is, and the largest distance [m] of the TCP from there.
+
+    The farthest of many random poses are improved by small random changes; 1 cm is added to what is found.
+    """
+    height = float(arm.link_pos[0, 2] + rotate(arm.link_pos[1], arm.link_quat[0])[2])
+    centre = np.array([*arm.axis_xy, height])
+    draws = np.random.default_rng(seed)
+    joints = random_joints(arm, 16 * num, seed)
+    scale = 1.0
+    for _ in range(40):
+        pos, _ = tcp_axes(arm, joints, device)
+        best = np.argsort(-np.linalg.norm(pos - centre, axis=1))[: num // 16]
+        kept = joints[best]
+        moved = np.repeat(kept, 15, axis=0) + scale * draws.standard_normal((15 * len(kept), len(arm.joints)))
+        joints = np.concatenate([kept, np.clip(moved, arm.lower, arm.upper)])
+        scale *= 0.8
+    pos, _ = tcp_axes(arm, joints, device)
+    return height, float(np.linalg.norm(pos - centre, axis=1).max()) + 0.01
+
+
+def pack_rows(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Keep of the codes, shape (nz, nu, ntilt, nv), what is between the first and last that are not 0 in each row.
+
+    Returns:
+        Rows and words as in ReachMap.
+    """
+    nz, nu, ntilt, nv = codes.shape
+    flat = codes.reshape(nz * nu, ntilt, nv)
+    used = np.max(flat, axis=1) > 0
+    low = np.maximum(used.argmax(axis=1) - 1, 0)
+    high = np.minimum(nv - used[:, ::-1].argmax(axis=1), nv - 1)
+    length = np.where(np.max(used, axis=1), high - low + 1, 0)
+    address = np.concatenate([[0], np.cumsum(ntilt * length)[:-1]])
+    kept = [flat[i, :, low[i] : low[i] + length[i]].ravel() for i in np.flatnonzero(length)]
+    rows = np.stack([address, low, length], axis=1).astype(np.int32)
+    return rows, pack(np.concatenate([np.zeros(0, np.uint8), *kept]))
+
+
+def turn_error(level: np.ndarray) -> float:
+    """Share of the reachable poses at which the majority of turns decides wrong, as far as corners show it."""
+    share = level / _FULL
+    return float(np.minimum(share, 1.0 - share).sum() / max(share.sum(), 1.0))

@@ -1,0 +1,94 @@
+"""What a long build has done so far, in a file, so that it can be stopped and go on."""
+
+from __future__ import annotations
+
+import time
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from sceniris_gym.errors import MapError
+
+_SECONDS = 60.0  # between two writes
+
+
+class Checkpoint:
+    """The progress of a build as a sequence of tasks, each with arrays that it fills.
+
+    Args:
+        path: The file; None keeps nothing.
+        build: Names the build; a file of another one is refused.
+
+    Raises:
+        MapError: the file is that of another build, or is none.
+    """
+
+    def __init__(self, path: Path | None, build: str) -> None:
+        self.done = 0
+        self._path, self._build = path, build
+        self._finished: set[str] = set()
+        self._task = ""
+        self._arrays: dict[str, np.ndarray] = {}
+        self._stored: dict[str, np.ndarray] = {}
+        self._written = time.monotonic()
+        if path is not None and path.is_file():
+            self._read(path)
+
+    def enter(self, task: str, arrays: Mapping[str, np.ndarray]) -> bool:
+        """Begin a task: put what was stored into its arrays, and say whether it is still to be done.
+
+        `done` then tells how far it had come.
+        """
+        for name, array in arrays.items():
+            if name in self._stored:
+                array[...] = self._stored.pop(name)
+        self._arrays.update(arrays)
+        if task in self._finished:
+            return False
+        self.done = self.done if task == self._task else 0
+        self._task = task
+        return True
+
+    def reached(self, done: int) -> None:
+        """Note how far the task has come, and write that down if the last time was long ago."""
+        self.done = done
+        if time.monotonic() - self._written > _SECONDS:
+            self._write()
+
+    def leave(self, task: str) -> None:
+        """End a task."""
+        self._finished.add(task)
+        self.done = 0
+        if time.monotonic() - self._written > _SECONDS:
+            self._write()
+
+    def _write(self) -> None:
+        if self._path is not None:
+            temporary = self._path.with_name(f"{self._path.name}.new")
+            with temporary.open("wb") as file:
+                np.savez(
+                    file,
+                    allow_pickle=False,
+                    build=np.array(self._build),
+                    finished=np.array(" ".join(sorted(self._finished))),
+                    task=np.array(self._task),
+                    done=np.array(self.done),
+                    **self._arrays,
+                )
+            temporary.replace(self._path)
+        self._written = time.monotonic()
+
+    def _read(self, path: Path) -> None:
+        again = "Remove the file to begin again."
+        try:
+            with np.load(path, allow_pickle=False) as stored:
+                held = {name: stored[name] for name in stored.files}
+            build, finished, task, done = (held.pop(name) for name in ("build", "finished", "task", "done"))
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            raise MapError(f"{path}: not the state of a build ({error}). {again}") from error
+        if str(build) != self._build:
+            raise MapError(f"{path}: the state of another build: another arm, other steps or another seed. {again}")
+        self._finished, self._task, self.done = set(str(finished).split()), str(task), int(done)
+        self._stored = held

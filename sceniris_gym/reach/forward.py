@@ -1,0 +1,33 @@
+"""Forward kinematics of many joint positions at once, on the device."""
+
+import numpy as np
+import warp as wp
+
+from sceniris_gym.reach.arm import Arm
+from sceniris_gym.reach.quaternions import z_axis
+from sceniris_gym.reach.solve import ArmView, arm_view, as_vec8, forward, vec8
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def _forward(
+    arm: ArmView,
+    joints: wp.array(dtype=vec8),
+    # Out:
+    pos: wp.array(dtype=wp.vec3),
+    approach: wp.array(dtype=wp.vec3),
+):
+    i = wp.tid()
+    p, q = forward(arm, joints[i])
+    pos[i] = p
+    approach[i] = z_axis(q)
+
+
+def tcp_axes(arm: Arm, joints: np.ndarray, device: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return TCP positions [m] and unit approach axes in the base frame, each (N, 3), of joints (N, njoint)."""
+    with wp.ScopedDevice(device):
+        pos, approach = wp.zeros(len(joints), dtype=wp.vec3), wp.zeros(len(joints), dtype=wp.vec3)
+        q = wp.array(as_vec8(joints), dtype=vec8)
+        wp.launch(_forward, dim=len(joints), inputs=[arm_view(arm, device), q], outputs=[pos, approach])
+        return pos.numpy(), approach.numpy()

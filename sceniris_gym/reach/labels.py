@@ -1,0 +1,203 @@
+"""Labels of a reachability map: in how many turns of base and wrist an arm reaches a pose.
+
+A solution of one pose gives those of all poses that are turned about the first axis or the approach axis, as far as the
+limits of first and last joint allow. So each pose is solved with these two joints free, and each solution found marks
+the turns that it covers.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import warp as wp
+
+from sceniris_gym.reach.arm import Arm
+from sceniris_gym.reach.lookup import Turn, turned
+from sceniris_gym.reach.solve import ITERATIONS, ArmView, arm_view, as_vec8, refine, vec8
+
+wp.set_module_options({"enable_backward": False})
+
+TURNS = 16
+"""Turns of the base, and for each as many of the wrist, that a label counts."""
+ALL_TURNS = TURNS * TURNS
+_STEP = wp.constant(2.0 * math.pi / TURNS)
+_ALL = wp.constant(wp.uint64(0xFFFF))
+_vec4l = wp.types.vector(length=4, dtype=wp.uint64)
+
+
+@wp.func
+def _covered(turn: Turn, angle: float) -> wp.uint64:
+    """Which turns, a bit each, a joint at `angle` makes within its limits."""
+    bits = wp.uint64(0)
+    for i in range(TURNS):
+        if turned(turn, angle + turn.sign * _STEP * float(i)) <= turn.upper:
+            bits = bits | (wp.uint64(1) << wp.uint64(i))
+    return bits
+
+
+@wp.func
+def _ones(bits: wp.uint64) -> int:
+    count = int(0)
+    while bits != wp.uint64(0):
+        bits = bits & (bits - wp.uint64(1))
+        count += 1
+    return count
+
+
+@wp.kernel
+def _label(
+    arm: ArmView,
+    base: Turn,
+    wrist: Turn,
+    axis_xy: wp.vec2,
+    coords: wp.array(dtype=wp.vec4),
+    warm: wp.array2d(dtype=vec8),
+    starts: wp.array(dtype=vec8),
+    iterations: int,
+    pos_tol: float,
+    rot_tol: float,
+    # Out:
+    count: wp.array(dtype=int),
+    joints: wp.array(dtype=vec8),
+):
+    i = wp.tid()
+    c = coords[i]  # z, tilt, u, v
+    pos = wp.vec3(axis_xy[0] + c[2], axis_xy[1] + c[3], c[0])
+    quat = wp.vec4(wp.cos(0.5 * c[1]), 0.0, wp.sin(0.5 * c[1]), 0.0)
+    marks = _vec4l()
+    total = int(0)
+    found = vec8()
+    nwarm = warm.shape[1]
+    k = int(0)
+    while k < nwarm + starts.shape[0]:
+        q0 = starts[wp.max(k - nwarm, 0)]
+        if k < nwarm:
+            q0 = warm[i, k]
+        if q0[0] == q0[0]:  # NaN: no start
+            result = refine(arm, pos, quat, q0, iterations)
+            if result.pos_err < pos_tol and result.rot_err < rot_tol:
+                last = float(0.0)
+                for j in range(8):
+                    if j == arm.njoint - 1:
+                        last = result.q[j]
+                rolls = _covered(wrist, last)
+                bases = _covered(base, result.q[0])
+                count_now = int(0)
+                for w in range(4):
+                    word = marks[w]
+                    for b in range(4):
+                        if ((bases >> wp.uint64(4 * w + b)) & wp.uint64(1)) != wp.uint64(0):
+                            word = word | (rolls << wp.uint64(16 * b))
+                    marks[w] = word
+                    count_now += _ones(word)
+                if count_now > total:
+                    total = count_now
+                    found = result.q
+                if total == 256:
+                    k = nwarm + starts.shape[0]
+        k += 1
+    count[i] = total
+    joints[i] = found
+
+
+class Labeller:
+    """Labels canonical poses of an arm by inverse kinematics.
+
+    Args:
+        arm: With a vertical first axis and the TCP on the last one.
+        device: Warp's name of the device.
+        starts: How many random starts each pose gets.
+        seed: Of the starts.
+        iterations: Steps from each.
+        pos_tol, rot_tol: What counts as reached [m, rad].
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        device: str,
+        *,
+        starts: int,
+        seed: int,
+        iterations: int = ITERATIONS,
+        pos_tol: float = 5.0e-4,
+        rot_tol: float = math.radians(0.25),
+    ) -> None:
+        self.device, self._iterations, self._tols = device, iterations, (pos_tol, rot_tol)
+        self.base, self.wrist = base_turn(arm), wrist_turn(arm)
+        ends = [0, len(arm.joints) - 1]
+        lower, upper = arm.lower.copy(), arm.upper.copy()
+        draws = np.random.default_rng(seed)
+        low = np.where(np.isfinite(lower), lower, -np.pi)
+        high = np.where(np.isfinite(upper), upper, np.pi)
+        low[ends], high[ends] = -np.pi, np.pi
+        self._starts = wp.array(as_vec8(draws.uniform(low, high, (starts, len(low)))), dtype=vec8, device=device)
+        lower[ends], upper[ends] = -np.inf, np.inf
+        self._arm = arm_view(replace(arm, lower=lower, upper=upper), device)
+        self._axis_xy = wp.vec2(*map(float, arm.axis_xy))
+
+    def label(
+        self, coords: np.ndarray, warm: np.ndarray | None = None, *, first: int = 0, count: int | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Label poses.
+
+        Args:
+            coords: z [m], tilt [rad], u, v [m], shape (N, 4).
+            warm: Joints to start from before the random ones, shape (N, K, njoint); NaN where there are none.
+            first: The first random start to try.
+            count: How many of them to try; by default all that are left.
+
+        Returns:
+            How many of the ALL_TURNS turns are reached, shape (N,), and joints of a solution, shape (N, 8).
+        """
+        n = len(coords)
+        filled = np.zeros((n, 0 if warm is None else warm.shape[1], 8), np.float32)
+        if warm is not None:
+            filled[:, :, : warm.shape[2]] = warm
+        with wp.ScopedDevice(self.device):
+            turns, joints = wp.zeros(n, dtype=int), wp.zeros(n, dtype=vec8)
+            last = self._starts.shape[0] if count is None else first + count
+            wp.launch(
+                _label,
+                dim=n,
+                inputs=[
+                    self._arm,
+                    self.base,
+                    self.wrist,
+                    self._axis_xy,
+                    wp.array(np.ascontiguousarray(coords, np.float32), dtype=wp.vec4),
+                    wp.array(filled, dtype=vec8, shape=filled.shape[:2]),
+                    self._starts[first:last],
+                    self._iterations,
+                    *self._tols,
+                ],
+                outputs=[turns, joints],
+            )
+        return turns.numpy(), joints.numpy()
+
+
+def base_turn(arm: Arm) -> Turn:
+    """The first joint as a Turn: its sign is positive if its axis points up."""
+    along = rotate(arm.axis[0], arm.link_quat[0])
+    return _turn(arm, 0, along[2])
+
+
+def wrist_turn(arm: Arm) -> Turn:
+    """The last joint as a Turn: its sign is positive if its axis is that of the approach."""
+    approach = rotate(np.array([0.0, 0.0, 1.0]), arm.link_quat[-1])
+    return _turn(arm, len(arm.joints) - 1, float(approach @ arm.axis[-1]))
+
+
+def _turn(arm: Arm, joint: int, sign: float) -> Turn:
+    free = arm.free_base if joint == 0 else arm.free_wrist
+    turn = Turn()
+    turn.lower, turn.upper = (-np.pi, 2.0 * np.pi) if free else (float(arm.lower[joint]), float(arm.upper[joint]))
+    turn.sign = 1.0 if sign > 0.0 else -1.0
+    return turn
+
+
+def rotate(vector: np.ndarray, quat: np.ndarray) -> np.ndarray:
+    """Return a vector, shape (3,), turned by a unit wxyz quaternion."""
+    w, axis = quat[0], quat[1:]
+    cross = 2.0 * np.cross(axis, vector)
+    return vector + w * cross + np.cross(axis, cross)

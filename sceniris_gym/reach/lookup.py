@@ -1,0 +1,264 @@
+"""Looking a TCP pose up in a reachability map, on the device.
+
+A reachability verdict of an arm whose first axis is vertical and whose last joint turns about the approach axis does
+not change when the target turns about the first axis or about its own approach axis. Four coordinates are left of six
+(M. Rudorfer, "RM4D: A Combined Reachability and Inverse Reachability Map for Common 6-/7-axis Robot Arms by
+Dimensionality Reduction to 4D", 2024): height, tilt of the approach axis, and the planar position in the frame in which
+the approach axis points along +x.
+"""
+
+import math
+from enum import IntEnum
+
+import warp as wp
+
+from sceniris_gym.reach.quaternions import mul_quat, neg_quat, z_axis
+from sceniris_gym.reach.solve import MAX_JOINTS, vec8
+
+wp.set_module_options({"enable_backward": False})
+
+
+class Verdict(IntEnum):
+    """What a map says of a pose. NO and YES: all corners of its cell agree. MIXED: decided between them."""
+
+    NO = 0
+    MIXED_NO = 1
+    MIXED_YES = 2
+    YES = 3
+
+
+POLE_TILT = math.radians(0.1)
+"""Approach axes that are this close to the vertical [rad] are looked up by height and radius alone."""
+
+_PI = wp.constant(math.pi)
+_TURN = wp.constant(2.0 * math.pi)
+_POLE_SINE = wp.constant(math.sin(POLE_TILT))
+# Codes of corners, four bits each; the label of a corner is how many of its turns are reached, and its distance is that
+# from the nearest change of the label along the grid's axes, as far as it is seen: see CODE_VALUES in map.py.
+MOST_NEVER = wp.constant(5)
+"""Codes up to this one are of corners that are reached in no turn of base and wrist."""
+LEAST_ALWAYS = wp.constant(10)
+"""Codes from this one on are of corners that are reached in every turn."""
+
+vec8h = wp.types.vector(length=MAX_JOINTS, dtype=wp.float16)
+"""Joint positions as witnesses keep them."""
+
+
+@wp.struct
+class Turn:
+    """The first or last joint of an arm: `q = angle * sign` plus any full turns has to be within limits [rad]."""
+
+    lower: float
+    upper: float
+    sign: float
+
+
+@wp.struct
+class MapView:
+    """A reachability map as device code takes it.
+
+    Corners stand in rows along v, one for each (z, u), tilt by tilt. Corner (iz, it, iu, iv) is number
+    `row[0] + it * row[2] + iv - row[1]` of the codes; `row = rows[iz * nu + iu]` holds (address, first iv, length).
+    A row begins and ends with a corner that is never reached; so is everything outside of the rows.
+    """
+
+    axis_x: float  # where the first axis meets z = 0 [m]
+    axis_y: float
+    # Grid:
+    nz: int
+    ntilt: int
+    nu: int
+    z_low: float
+    u_low: float  # that of v, too
+    per_meter: float
+    per_radian: float
+    rows: wp.array(dtype=wp.vec3i)
+    codes: wp.array(dtype=wp.uint32)  # eight in a word, the first one lowest
+    values: wp.array(dtype=float)  # of the 16 codes
+    # Poles, approach axis up and down: codes by (pole, z, radius), four bits as above:
+    pole_nz: int
+    pole_nr: int
+    pole_z_low: float
+    pole_per_meter: float
+    poles: wp.array(dtype=wp.uint32)
+    # Witnesses:
+    wit_nz: int
+    wit_ntilt: int
+    wit_nu: int
+    wit_per_meter: float
+    wit_per_radian: float
+    wit_cells: wp.array(dtype=wp.vec2i)  # (address, number) by (z, tilt, u, v)
+    wit_joints: wp.array(dtype=vec8h)
+    home: vec8
+    njoint: int
+    base: Turn
+    wrist: Turn
+
+
+@wp.func
+def turned(turn: Turn, angle: float) -> float:
+    """The least angle [rad] that is `angle` up to full turns and not below the lower limit."""
+    return angle + _TURN * wp.ceil((turn.lower - angle) / _TURN - 1.0e-6)
+
+
+@wp.func
+def _code(words: wp.array(dtype=wp.uint32), n: int) -> int:
+    return int((words[n >> 3] >> wp.uint32(4 * (n & 7))) & wp.uint32(15))
+
+
+@wp.func
+def _decide(least: int, most: int, value: float) -> int:
+    """The verdict on a cell from its least and greatest code and the value interpolated between them."""
+    verdict = int(1)
+    if most <= MOST_NEVER:
+        verdict = 0
+    elif least >= LEAST_ALWAYS:
+        verdict = 3
+    elif value >= 0.0:
+        verdict = 2
+    return verdict
+
+
+@wp.func
+def _pole_verdict(view: MapView, z: float, radius: float, pole: int) -> int:
+    fz = (z - view.pole_z_low) * view.pole_per_meter
+    fr = radius * view.pole_per_meter
+    verdict = int(0)
+    if fz >= 0.0 and fr >= 0.0 and fz < float(view.pole_nz - 1) and fr < float(view.pole_nr - 1):
+        iz = int(wp.floor(fz))
+        ir = int(wp.floor(fr))
+        dz = fz - float(iz)
+        dr = fr - float(ir)
+        least = int(15)
+        most = int(0)
+        value = float(0.0)
+        for k in range(4):
+            a = k >> 1
+            b = k & 1
+            code = _code(view.poles, (pole * view.pole_nz + iz + a) * view.pole_nr + ir + b)
+            weight = wp.where(a == 1, dz, 1.0 - dz) * wp.where(b == 1, dr, 1.0 - dr)
+            least = wp.min(least, code)
+            most = wp.max(most, code)
+            value += weight * view.values[code]
+        verdict = _decide(least, most, value)
+    return verdict
+
+
+@wp.func
+def _cell_verdict(view: MapView, z: float, tilt: float, u: float, v: float) -> int:
+    fz = (z - view.z_low) * view.per_meter
+    ft = tilt * view.per_radian
+    fu = (u - view.u_low) * view.per_meter
+    fv = (v - view.u_low) * view.per_meter
+    iz = int(wp.floor(fz))
+    iu = int(wp.floor(fu))
+    iv = int(wp.floor(fv))
+    it = wp.clamp(int(wp.floor(ft)), 0, view.ntilt - 2)  # 180 degrees is the end of the last cell
+    verdict = int(0)
+    if iz >= 0 and iu >= 0 and iz < view.nz - 1 and iu < view.nu - 1:
+        dz = fz - float(iz)
+        dt = ft - float(it)
+        du = fu - float(iu)
+        dv = fv - float(iv)
+        least = int(15)
+        most = int(0)
+        value = float(0.0)
+        for k in range(4):
+            a = k >> 1
+            b = k & 1
+            row = view.rows[(iz + a) * view.nu + iu + b]
+            at = iv - row[1]
+            weight = wp.where(a == 1, dz, 1.0 - dz) * wp.where(b == 1, du, 1.0 - du)
+            if at >= 0 and at < row[2] - 1:
+                n = row[0] + it * row[2] + at
+                for c in range(2):
+                    low = _code(view.codes, n)
+                    high = _code(view.codes, n + 1)
+                    n += row[2]
+                    share = weight * wp.where(c == 1, dt, 1.0 - dt)
+                    value += share * ((1.0 - dv) * view.values[low] + dv * view.values[high])
+                    least = wp.min(least, wp.min(low, high))
+                    most = wp.max(most, wp.max(low, high))
+            else:
+                least = int(0)
+                value += weight * view.values[0]
+        verdict = _decide(least, most, value)
+    return verdict
+
+
+@wp.func
+def map_verdict(view: MapView, pos: wp.vec3, approach: wp.vec3) -> int:
+    """Look up a TCP position [m] and the unit approach axis (TCP +z), both in the base frame; gives a Verdict.
+
+    Outside of the map the verdict is NO.
+    """
+    x = pos[0] - view.axis_x
+    y = pos[1] - view.axis_y
+    side = wp.sqrt(approach[0] * approach[0] + approach[1] * approach[1])
+    verdict = int(0)
+    if side < _POLE_SINE:
+        verdict = _pole_verdict(view, pos[2], wp.sqrt(x * x + y * y), wp.where(approach[2] > 0.0, 0, 1))
+    else:
+        c = approach[0] / side
+        s = approach[1] / side
+        tilt = wp.atan2(side, approach[2])  # exact near the poles, where acos is not
+        verdict = _cell_verdict(view, pos[2], tilt, c * x + s * y, c * y - s * x)
+    return verdict
+
+
+@wp.func
+def witness(view: MapView, pos: wp.vec3, quat: wp.vec4, k: int) -> vec8:
+    """Joints from which to solve for a TCP pose in the base frame: branch `k` of the witnesses kept near it.
+
+    First and last joint are already turned to the pose. Branches repeat when there are fewer; where there is none, it
+    is the start pose, turned towards the target.
+    """
+    approach = z_axis(quat)
+    x = pos[0] - view.axis_x
+    y = pos[1] - view.axis_y
+    side = wp.sqrt(approach[0] * approach[0] + approach[1] * approach[1])
+    azimuth = float(0.0)
+    if side > 1.0e-6:
+        azimuth = wp.atan2(approach[1], approach[0])
+    tilt = wp.atan2(side, approach[2])
+    c = wp.cos(azimuth)
+    s = wp.sin(azimuth)
+    iz = int(wp.floor((pos[2] - view.z_low) * view.wit_per_meter))
+    it = wp.clamp(int(wp.floor(tilt * view.wit_per_radian)), 0, view.wit_ntilt - 1)
+    iu = int(wp.floor((c * x + s * y - view.u_low) * view.wit_per_meter))
+    iv = int(wp.floor((c * y - s * x - view.u_low) * view.wit_per_meter))
+    q = view.home
+    found = int(0)
+    if iz >= 0 and iu >= 0 and iv >= 0 and iz < view.wit_nz and iu < view.wit_nu and iv < view.wit_nu:
+        cell = view.wit_cells[((iz * view.wit_ntilt + it) * view.wit_nu + iu) * view.wit_nu + iv]
+        if cell[1] > 0:
+            found = int(1)
+            half = view.wit_joints[cell[0] + k % cell[1]]
+            for i in range(MAX_JOINTS):
+                q[i] = float(half[i])
+    if found == 0:
+        q[0] = turned(view.base, view.base.sign * wp.atan2(y, x))
+    else:
+        back = mul_quat(
+            wp.vec4(wp.cos(0.5 * tilt), 0.0, -wp.sin(0.5 * tilt), 0.0),
+            mul_quat(neg_quat(wp.vec4(wp.cos(0.5 * azimuth), 0.0, 0.0, wp.sin(0.5 * azimuth))), quat),
+        )
+        roll = 2.0 * wp.atan2(back[3], back[0])
+        q[0] = turned(view.base, q[0] + view.base.sign * azimuth)
+        for i in range(1, MAX_JOINTS):
+            if i == view.njoint - 1:
+                q[i] = turned(view.wrist, q[i] + view.wrist.sign * roll)
+    return q
+
+
+@wp.kernel
+def look_up(
+    view: MapView,
+    pos: wp.array(dtype=wp.vec3),
+    approach: wp.array(dtype=wp.vec3),
+    # Out:
+    verdict: wp.array(dtype=wp.uint8),
+):
+    """One lane a pose."""
+    i = wp.tid()
+    verdict[i] = wp.uint8(map_verdict(view, pos[i], approach[i]))

@@ -1,0 +1,220 @@
+"""Reachability maps: what an arm reaches with its TCP, looked up on the device in four coordinates.
+
+A map is kinematic: within joint limits, without self collision and without a scene. Corners of its grid are labelled by
+inverse kinematics, so a cell whose corners agree is as good as exact. In the others the surface that bounds what is
+reached lies; each corner keeps its distance from it along the grid's axes, and a pose is reached where these signed
+distances, interpolated over the 16 corners, are positive. lookup.py has the coordinates and the look-up.
+"""
+
+from __future__ import annotations
+
+import time
+import zipfile
+import zlib
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+import warp as wp
+
+from sceniris_gym.errors import MapError
+from sceniris_gym.reach.arm import Arm
+from sceniris_gym.reach.labels import base_turn, wrist_turn
+from sceniris_gym.reach.lookup import MapView, look_up, vec8h
+from sceniris_gym.reach.solve import as_vec8, vec8
+
+SUFFIX = ".reach"
+"""Of map files."""
+CODE_VALUES = np.array([-1.0, -0.9, -0.7, -0.5, -0.3, -0.1, -0.6, -0.2, 0.2, 0.6, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0])
+"""Signed distances, in steps of the grid, that the codes of corners stand for.
+
+0 to 5: reached in no turn, from far to near the surface. 6 and 7: in fewer than half of the turns of base and wrist,
+far and near; 8 and 9: in at least half, near and far. 10 to 15: in every turn, from near to far.
+"""
+MOST_TURN_ERROR = 0.005
+"""A map with more verdicts than this share that hold only in some turns is `limited`."""
+
+_FORMAT = 1
+_ARRAYS = ("rows", "codes", "poles", "wit_cells", "wit_joints")
+_NUMBERS = ("step", "tilt_step", "z_low", "u_low", "nz", "ntilt", "nu", "pole_step", "pole_z_low", "turn_error", "seed")
+
+
+@dataclass(frozen=True, eq=False)
+class ReachMap:
+    """A reachability map of one arm. `build.build_map` makes it.
+
+    Attributes:
+        arm: the arm.
+        step, tilt_step: of the grid [m, rad]; `u` and `v` have the step of `z`.
+        z_low: the grid's first height in the base frame [m].
+        u_low: its first u and v, relative to the first axis [m].
+        nz, ntilt, nu: corners along z, tilt, and each of u and v.
+        rows: rows of corners along v, as lookup.MapView has them, shape (nz * nu, 3), int32.
+        codes: codes of the corners, eight in a word, uint32.
+        pole_step, pole_z_low: of the tables for approach axes that point up or down, by height and radius [m].
+        poles: their codes, 0 to 15, shape (2, nz, nradius), uint8.
+        wit_cells: (address, number) of each coarse cell's witnesses, by (z, tilt, u, v), shape (..., 2), int32.
+        wit_joints: joints of poses in the coarse cells, shape (nwitness, njoint), float16.
+        turn_error: share of verdicts on reachable poses that are wrong because limits of base and wrist count in some
+            turns only.
+        seed: of the starts from which the map was solved.
+    """
+
+    arm: Arm
+    step: float
+    tilt_step: float
+    z_low: float
+    u_low: float
+    nz: int
+    ntilt: int
+    nu: int
+    rows: np.ndarray
+    codes: np.ndarray
+    pole_step: float
+    pole_z_low: float
+    poles: np.ndarray
+    wit_cells: np.ndarray
+    wit_joints: np.ndarray
+    turn_error: float
+    seed: int
+
+    @property
+    def limited(self) -> bool:
+        """Do too many verdicts depend on turns of base or wrist? Then this arm's poses are better solved one by one."""
+        return self.turn_error > MOST_TURN_ERROR
+
+    @property
+    def nbytes(self) -> tuple[int, int]:
+        """Bytes in memory: of the map, and of the witnesses."""
+        words = self.rows.nbytes + self.codes.nbytes + self.poles.size // 2
+        return words, self.wit_cells.nbytes + 16 * len(self.wit_joints)
+
+    def code(self, index: np.ndarray) -> np.ndarray:
+        """Return the codes of corners (z, tilt, u, v) inside the grid, shape (..., 4) -> (...,)."""
+        iz, it, iu, iv = np.moveaxis(index, -1, 0)
+        adr, low, length = np.moveaxis(self.rows[iz * self.nu + iu], -1, 0)
+        at = iv - low
+        inside = (at >= 0) & (at < length)
+        n = np.where(inside, adr + it * length + at, 0)
+        return np.where(inside, self.codes[n >> 3] >> (4 * (n & 7)).astype(np.uint32) & 15, 0).astype(np.uint8)
+
+    def save(self, path: Path) -> None:
+        """Write the map, compressed. A path that is being replaced should be given as a temporary one."""
+        with path.open("wb") as file:
+            self.write(file)
+
+    def write(self, file: BinaryIO) -> None:
+        """Write the map into an open file."""
+        numbers = {name: np.array(getattr(self, name)) for name in _NUMBERS}
+        arrays = {name: getattr(self, name) for name in _ARRAYS}
+        np.savez_compressed(file, format=np.array(_FORMAT), arm=np.array(self.arm.hash), **numbers, **arrays)
+
+    @classmethod
+    def load(cls, path: Path, arm: Arm) -> ReachMap:
+        """Read the map of an arm.
+
+        Raises:
+            MapError: there is no such file, it is not a map or a damaged one, or it was built for another arm.
+        """
+        again = f"Build it again: sceniris-gym reach {arm.name} --build -o {path}."
+        if not path.is_file():
+            raise MapError(f"{path}: there is no such reachability map. {again}")
+        try:
+            with np.load(path, allow_pickle=False) as stored:
+                held = {name: stored[name] for name in stored.files}
+            version, made_for = int(held.pop("format")), str(held.pop("arm"))
+            fields = {name: held[name] for name in _ARRAYS} | {name: held[name].item() for name in _NUMBERS}
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+            raise MapError(f"{path}: not a reachability map, or a damaged one ({error}). {again}") from error
+        if version != _FORMAT:
+            raise MapError(f"{path}: a reachability map of format {version}, this version reads {_FORMAT}. {again}")
+        if made_for != arm.hash:
+            raise MapError(
+                f"{path}: a reachability map of the arm {made_for}, but '{arm.name}' is {arm.hash}: its links, limits "
+                f"or TCP are others. {again}"
+            )
+        return cls(arm, **fields)
+
+    def view(self, device: str | wp.Device | None = None) -> MapView:
+        """Take the map to a device."""
+        view = MapView()
+        view.axis_x, view.axis_y = map(float, self.arm.axis_xy)
+        view.nz, view.ntilt, view.nu = self.nz, self.ntilt, self.nu
+        view.z_low, view.u_low = self.z_low, self.u_low
+        view.per_meter, view.per_radian = 1.0 / self.step, 1.0 / self.tilt_step
+        view.pole_nz, view.pole_nr = self.poles.shape[1:]
+        view.pole_z_low, view.pole_per_meter = self.pole_z_low, 1.0 / self.pole_step
+        view.wit_nz, view.wit_ntilt, view.wit_nu = self.wit_cells.shape[:3]
+        view.wit_per_meter = view.per_meter / WITNESS_CELLS[0]
+        view.wit_per_radian = view.per_radian / WITNESS_CELLS[1]
+        view.njoint = len(self.arm.joints)
+        view.base, view.wrist = base_turn(self.arm), wrist_turn(self.arm)
+        view.home = vec8(*map(float, as_vec8(self.arm.home[None])[0]))
+        with wp.ScopedDevice(device):
+            view.rows = wp.array(self.rows, dtype=wp.vec3i)
+            view.codes = wp.array(self.codes, dtype=wp.uint32)
+            view.values = wp.array(CODE_VALUES, dtype=float)
+            view.poles = wp.array(pack(self.poles.ravel()), dtype=wp.uint32)
+            view.wit_cells = wp.array(self.wit_cells.reshape(-1, 2), dtype=wp.vec2i)
+            view.wit_joints = wp.array(as_vec8(self.wit_joints).astype(np.float16), dtype=vec8h)
+        return view
+
+    def verdict(self, poses: np.ndarray, device: str | wp.Device | None = None) -> np.ndarray:
+        """Look poses up.
+
+        Args:
+            poses: TCP in the base frame, shape (N, 4, 4).
+            device: Warp's name of the device; None is Warp's default.
+
+        Returns:
+            A lookup.Verdict each, shape (N,), uint8.
+        """
+        poses = np.asarray(poses, np.float64)
+        with wp.ScopedDevice(device) as scope:
+            verdicts = wp.zeros(len(poses), dtype=wp.uint8)
+            pos, approach = (wp.array(poses[:, :3, k], dtype=wp.vec3) for k in (3, 2))
+            wp.launch(look_up, dim=len(poses), inputs=[self.view(scope), pos, approach], outputs=[verdicts])
+            return verdicts.numpy()
+
+    def benchmark(self, device: str | wp.Device | None = None, *, num: int = 1 << 24, repeats: int = 20) -> float:
+        """Look random poses in the map's box up and return how many a second; the median of `repeats` rounds."""
+        draws = np.random.default_rng(0)
+        high = self.z_low + self.step * (self.nz - 1)
+        low = [self.arm.axis_xy[0] + self.u_low, self.arm.axis_xy[1] + self.u_low, self.z_low]
+        top = [self.arm.axis_xy[0] - self.u_low, self.arm.axis_xy[1] - self.u_low, high]
+        axis = draws.standard_normal((num, 3), dtype=np.float32)
+        axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+        with wp.ScopedDevice(device) as scope:
+            pos = wp.array(draws.uniform(low, top, (num, 3)), dtype=wp.vec3)
+            inputs = [self.view(scope), pos, wp.array(axis, dtype=wp.vec3)]
+            verdicts = wp.zeros(num, dtype=wp.uint8)
+            seconds = []
+            for _ in range(repeats + 1):
+                wp.synchronize_device()
+                start = time.perf_counter()
+                wp.launch(look_up, dim=num, inputs=inputs, outputs=[verdicts])
+                wp.synchronize_device()
+                seconds.append(time.perf_counter() - start)
+        return num / float(np.median(seconds[1:]))
+
+
+WITNESS_CELLS = (4, 6)
+"""How many steps of z, u and v, and of tilt, a coarse cell of witnesses has: 10 cm and 15 degrees."""
+
+
+def pack(codes: np.ndarray) -> np.ndarray:
+    """Pack codes of four bits, shape (N,), eight in a word, the first one lowest."""
+    filled = np.zeros(-(-len(codes) // 8) * 8, np.uint32)
+    filled[: len(codes)] = codes
+    return np.bitwise_or.reduce(filled.reshape(-1, 8) << (4 * np.arange(8, dtype=np.uint32)), axis=1)
+
+
+def map_file(asset: str) -> Path | None:
+    """Find the map of an arm: shipped for an asset of that name, or beside an own MJCF; None if there is none."""
+    if asset.endswith(".xml"):
+        path = Path(asset).with_suffix(SUFFIX)
+    else:
+        path = Path(str(resources.files("sceniris_gym.assets"))) / "maps" / f"{asset}{SUFFIX}"
+    return path if path.is_file() else None

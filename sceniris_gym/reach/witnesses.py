@@ -1,0 +1,60 @@
+"""Witnesses: joints that reach poses of a coarse cell of a map, a few branches each, from which to solve at a pose."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sceniris_gym.reach.map import WITNESS_CELLS
+
+BRANCHES = 4
+"""Witnesses of one cell, at most: those whose joints differ most."""
+_CANDIDATES = 64  # corners of a cell that are looked at
+
+
+def gather_witnesses(shape: tuple[int, ...], level: np.ndarray, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Choose witnesses among the solutions of a grid's corners.
+
+    Args:
+        shape: Corners along (z, u, tilt, v).
+        level: Labels of the corners, 0 where they are not reached, shape (N,).
+        joints: Solutions of the reached ones, shape (N, njoint).
+
+    Returns:
+        (address, number) of each cell's witnesses, by (z, tilt, u, v), shape (..., 2), int32, and their joints, shape
+        (nwitness, njoint), float16.
+    """
+    meters, radians = WITNESS_CELLS
+    sizes = np.array([meters, meters, radians, meters])
+    corner = np.flatnonzero(level)
+    index = np.stack(np.unravel_index(corner, shape), axis=1) // sizes
+    numbers = -(-np.array(shape) // sizes)
+    nz, nu, ntilt, nv = numbers
+    cell = ((index[:, 0] * ntilt + index[:, 2]) * nu + index[:, 1]) * nv + index[:, 3]
+    # Best labels first within each cell: their joints serve most turns.
+    order = np.lexsort((corner, -level[corner].astype(int), cell))
+    corner, cell = corner[order], cell[order]
+    starts = np.flatnonzero(np.concatenate([[True], cell[1:] != cell[:-1]])) if len(cell) else np.zeros(0, int)
+    ends = np.append(starts[1:], len(cell))
+    cells = np.zeros((nz * ntilt * nu * nv, 2), np.int32)
+    chosen, total = [np.zeros(0, int)], 0
+    for start, end in zip(starts, ends, strict=True):
+        candidates = corner[start : end : max(1, (end - start) // _CANDIDATES)]
+        picked = candidates[_spread_out(joints[candidates].astype(np.float32))]
+        cells[cell[start]] = total, len(picked)
+        chosen.append(picked)
+        total += len(picked)
+    return cells.reshape(nz, ntilt, nu, nv, 2), joints[np.concatenate(chosen)].astype(np.float16)
+
+
+def _spread_out(joints: np.ndarray) -> np.ndarray:
+    """Return up to BRANCHES indices, the first one and then always the one farthest from those before.
+
+    The first and last joint are not looked at, as they follow the turns of base and wrist.
+    """
+    inner = joints[:, 1:-1]
+    picked = [0]
+    away = np.abs(inner - inner[0]).sum(axis=1)
+    while len(picked) < min(BRANCHES, len(inner)) and away.max(initial=0.0) > 0.2:
+        picked.append(int(away.argmax()))
+        away = np.minimum(away, np.abs(inner - inner[picked[-1]]).sum(axis=1))
+    return np.array(picked)

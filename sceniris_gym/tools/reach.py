@@ -1,0 +1,267 @@
+"""What the `reach` command does: build an arm's map, judge poses, and draw what the arm reaches."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.errors import MapError, NotSupportedError, PosesError, UnknownNameError
+from sceniris_gym.layout.build import device_name
+from sceniris_gym.reach.arm import TCP, Arm
+from sceniris_gym.reach.build import build_map
+from sceniris_gym.reach.lookup import Verdict
+from sceniris_gym.reach.map import SUFFIX, ReachMap, map_file
+from sceniris_gym.reach.solve import solve
+from sceniris_gym.scene.compose import compile_spec, load_mjcf
+from sceniris_gym.scene.files import SHIPPED_NAME, shipped
+from sceniris_gym.tools.files import check_writable, replacing
+from sceniris_gym.tools.reach_picture import draw
+from sceniris_gym.tools.render import save
+
+Tier = Literal["map", "map_strict", "ik", "clear"]
+
+_LEAST = {"map": Verdict.MIXED_YES, "map_strict": Verdict.YES}
+_ROUNDS = 8  # of solving again for poses of which the joints found so far make the arm hit itself
+
+
+def find_arm(name: str) -> tuple[mujoco.MjModel, Arm]:
+    """Read an arm: a shipped asset, or the path of an MJCF file with one root body and a site 'tcp'.
+
+    Raises:
+        UnknownNameError: there is no such asset, or it has no site 'tcp'.
+        SceneFileError: the file is missing, or is no MJCF.
+        ArmError: it is not a serial arm.
+    """
+    assets = shipped("assets", ".xml")
+    if SHIPPED_NAME.fullmatch(name) and name not in assets:
+        raise UnknownNameError("arm", name, "reach", _shipped_arms())
+    mjm = compile_spec(load_mjcf(assets.get(name, Path(name)), "reach"), "reach")
+    return mjm, Arm.from_model(mjm, mjm.body(1).name, TCP)
+
+
+def _shipped_arms() -> list[str]:
+    """Assets with the name of a TCP in them."""
+    return [name for name, path in shipped("assets", ".xml").items() if f'<site name="{TCP}"' in path.read_text()]
+
+
+def build(name: str, out: Path, device: str | None = None, seed: int = 0) -> dict[str, Any]:
+    """Build the map of an arm into a file, with bars of progress on stderr, and describe it.
+
+    What is done is kept in a file beside `out` until the map is written, and a later build goes on from there.
+    """
+    check_writable(out)
+    _, arm = find_arm(name)
+    state = out.with_name(f".{out.name}.state")
+    start = time.perf_counter()
+    built = build_map(arm, device_name(device, "reach"), seed=seed, state=state, progress=_bars())
+    with replacing(out) as temporary:
+        built.save(temporary)
+    state.unlink(missing_ok=True)
+    figures = {"seconds": round(time.perf_counter() - start, 1), "file": str(out), "file_bytes": out.stat().st_size}
+    return describe(arm, built) | figures
+
+
+def judge(
+    name: str, path: Path | None, poses: Path, out: Path, tier: Tier | None = None, device: str | None = None
+) -> dict[str, Any]:
+    """Judge the TCP poses of a file, shape (N, 4, 4), write verdicts, shape (N,), bool, and say how many are reached.
+
+    Without a tier it is the arm's default one.
+    """
+    check_writable(out)
+    mjm, arm = find_arm(name)
+    asked = read_poses(poses)
+    needed = path is not None or tier in _LEAST
+    reach_map = find_map(name, arm, path) if needed or _has_map(name, arm) else None
+    used = tier or default_tier(reach_map)
+    verdicts = judge_poses(mjm, arm, reach_map, asked, used, device_name(device, "reach"))
+    with replacing(out) as temporary, temporary.open("wb") as file:
+        np.save(file, verdicts)
+    found = {"arm": arm.name, "tier": used, "poses": len(asked), "reached": int(verdicts.sum()), "file": str(out)}
+    why = None if tier is not None else why_ik(name, arm, reach_map)
+    return found if why is None else found | {"why_ik": why}
+
+
+def show(name: str, path: Path | None, out: Path, height: float, device: str | None = None) -> dict[str, Any]:
+    """Describe an arm and its map, and draw the map. An arm that can have none is described without a picture."""
+    _, arm = find_arm(name)
+    if path is None and not _has_map(name, arm):
+        return describe(arm, None) | {"why_ik": why_ik(name, arm, None)}
+    check_writable(out)
+    reach_map = find_map(name, arm, path)
+    save(draw(reach_map, height, device_name(device, "reach")), out)
+    why = why_ik(name, arm, reach_map)
+    return describe(arm, reach_map) | ({} if why is None else {"why_ik": why}) | {"picture": str(out)}
+
+
+def why_ik(name: str, arm: Arm, reach_map: ReachMap | None) -> str | None:
+    """Why an arm's poses are solved one by one when no tier is named; None if its map is used."""
+    if arm.no_map is not None:
+        return arm.no_map
+    if reach_map is None:
+        return f"there is no map of it yet: sceniris-gym reach {name} --build -o {own_map(name)}"
+    if reach_map.limited:
+        return (
+            f"{reach_map.turn_error:.1%} of its map's verdicts are wrong, as they depend on turns of base and wrist "
+            "that a map does not know"
+        )
+    return None
+
+
+def _has_map(name: str, arm: Arm) -> bool:
+    return arm.no_map is None and map_file(name) is not None
+
+
+def find_map(name: str, arm: Arm, path: Path | None) -> ReachMap:
+    """Load a map: from `path`, else the one that belongs to the arm.
+
+    Raises:
+        MapError: there is none, or it does not fit.
+    """
+    if arm.no_map is not None:
+        raise MapError(f"reach: {name} can have no map: {arm.no_map}. Use --tier ik.")
+    path = map_file(name) if path is None else path
+    if path is None:
+        raise MapError(f"reach: {name}: {why_ik(name, arm, None)}.")
+    return ReachMap.load(path, arm)
+
+
+def own_map(name: str) -> Path:
+    """Where the map of an arm's own MJCF is looked for; a shipped arm's is installed with the package."""
+    return Path(name).with_suffix(SUFFIX)
+
+
+def describe(arm: Arm, reach_map: ReachMap | None) -> dict[str, Any]:
+    """Return what is to know about an arm and its map, by name."""
+    found: dict[str, Any] = {
+        "arm": arm.name,
+        "hash": arm.hash,
+        "joints": len(arm.joints),
+        "full_turn_of_base": arm.free_base,
+        "full_turn_of_wrist": arm.free_wrist,
+    }
+    if reach_map is None:
+        return found | {"map": None, "default_tier": "ik"}
+    memory, witnesses = reach_map.nbytes
+    return found | {
+        "step_m": reach_map.step,
+        "tilt_step_degrees": float(np.degrees(reach_map.tilt_step)),
+        "map_bytes": memory,
+        "witness_bytes": witnesses,
+        "turn_error": reach_map.turn_error,
+        "default_tier": default_tier(reach_map),
+    }
+
+
+def default_tier(reach_map: ReachMap | None) -> Tier:
+    """Return the tier by which an arm is judged when none is named."""
+    return "ik" if reach_map is None or reach_map.limited else "map"
+
+
+def read_poses(path: Path) -> np.ndarray:
+    """Read TCP poses in the arm's base frame from a .npy file, shape (N, 4, 4).
+
+    Raises:
+        PosesError: the file is missing or holds something else.
+    """
+    form = "should be a .npy file with an array of shape (N, 4, 4): rigid TCP poses in the arm's base frame"
+    if not path.is_file():
+        raise PosesError(f"--poses {path}: there is no such file. It {form}.")
+    try:
+        poses = np.load(path, allow_pickle=False)
+    except (ValueError, OSError, EOFError) as error:
+        raise PosesError(f"--poses {path}: NumPy cannot read it ({error}). It {form}.") from error
+    if (
+        not isinstance(poses, np.ndarray)
+        or poses.ndim != 3
+        or poses.shape[1:] != (4, 4)
+        or poses.dtype.kind not in "fiu"
+    ):
+        got = f"{poses.dtype} of shape {poses.shape}" if isinstance(poses, np.ndarray) else "an archive"
+        raise PosesError(f"--poses {path}: holds {got}. It {form}.")
+    poses = poses.astype(np.float64)
+    turns = poses[:, :3, :3]
+    rigid = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) < 1e-3
+    rigid &= (np.linalg.det(turns) > 0.0) & (np.abs(poses[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-6)
+    if not rigid.all():  # NaN compares as false, so it ends here, too
+        raise PosesError(f"--poses {path}: pose {np.argmin(rigid)} is not a rotation and a position. It {form}.")
+    return poses
+
+
+def judge_poses(
+    mjm: mujoco.MjModel, arm: Arm, reach_map: ReachMap | None, poses: np.ndarray, tier: Tier, device: str
+) -> np.ndarray:
+    """Say which TCP poses in the base frame an arm reaches, shape (N,), bool.
+
+    Raises:
+        NotSupportedError: tier `clear`, which is about a layout.
+    """
+    if tier == "clear":
+        raise NotSupportedError(
+            "reach --tier clear: this tier asks whether the arm hits a layout, and poses alone have none. "
+            "Use `reachable: clear` in a scene, or --tier ik here."
+        )
+    if tier == "ik":
+        return _solvable(mjm, arm, poses, device)
+    if reach_map is None:
+        raise MapError(f"reach --tier {tier}: {arm.name} has no map. Use --tier ik, or build the map with --build.")
+    return reach_map.verdict(poses, device) >= _LEAST[tier]
+
+
+def _solvable(mjm: mujoco.MjModel, arm: Arm, poses: np.ndarray, device: str) -> np.ndarray:
+    """Which poses have joints within limits at which the arm does not hit itself, shape (N,), bool."""
+    reached = np.zeros(len(poses), bool)
+    left = np.arange(len(poses))
+    flat = np.zeros((len(poses), 7))
+    flat[:, :3] = poses[:, :3, 3]
+    for pose, turn in zip(flat, poses, strict=True):
+        mujoco.mju_mat2Quat(pose[3:], turn[:3, :3].ravel())
+    for seed in range(_ROUNDS):
+        joints, ok = solve(arm, flat[left], device, seed=seed)
+        left, joints = left[ok], joints[ok]  # what all starts missed stays missed
+        hits = _hits_itself(mjm, arm, joints)
+        reached[left[~hits]] = True
+        left = left[hits]
+        if not len(left):
+            break
+    return reached
+
+
+def _hits_itself(mjm: mujoco.MjModel, arm: Arm, joints: np.ndarray) -> np.ndarray:
+    """At which joints of shape (N, njoint) MuJoCo reports contacts of the arm alone, shape (N,), bool."""
+    data = mujoco.MjData(mjm)
+    if mjm.nkey:
+        mujoco.mj_resetDataKeyframe(mjm, data, 0)
+    hits = np.zeros(len(joints), bool)
+    for i, q in enumerate(joints):
+        data.qpos[arm.qposadr] = q
+        mujoco.mj_kinematics(mjm, data)
+        mujoco.mj_comPos(mjm, data)
+        mujoco.mj_collision(mjm, data)
+        hits[i] = bool((data.contact.dist[: data.ncon] < 0.0).any())
+    return hits
+
+
+def _bars() -> Callable[[str, int, int], None]:
+    """Return a progress callback that shows one bar after the other."""
+    from tqdm import tqdm
+
+    bars: dict[str, Any] = {}
+
+    def show(what: str, done: int, total: int) -> None:
+        if what not in bars:
+            for bar in bars.values():
+                bar.close()
+            bars.clear()
+            bars[what] = tqdm(total=total, desc=what, file=sys.stderr, unit_scale=True)
+        bars[what].update(done - bars[what].n)
+        if done == total:
+            bars[what].close()
+
+    return show
