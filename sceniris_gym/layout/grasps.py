@@ -5,8 +5,9 @@ import math
 import warp as wp
 
 from sceniris_gym.layout.blocks import block_any
-from sceniris_gym.layout.transforms import Pose, apply, mul_quat, pose_of, quat_mat, relative
+from sceniris_gym.layout.transforms import Pose, apply, pose_of, quat_mat, relative
 from sceniris_gym.reach.lookup import map_verdict
+from sceniris_gym.reach.quaternions import mul_quat
 from sceniris_gym.scene.device import Program
 from sceniris_gym.scene.reach_device import Reach
 

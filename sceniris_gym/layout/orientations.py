@@ -10,7 +10,8 @@ import math
 import warp as wp
 
 from sceniris_gym.layout.placed import turned
-from sceniris_gym.layout.transforms import mul_quat, quat_mat, quat_z
+from sceniris_gym.layout.transforms import quat_mat, quat_z
+from sceniris_gym.reach.quaternions import mul_quat
 from sceniris_gym.scene.device import Program, TurnType
 
 _ANY = wp.constant(int(TurnType.ANY))

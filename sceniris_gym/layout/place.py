@@ -27,7 +27,8 @@ from sceniris_gym.layout.orientations import Turn, draw_turn, facing
 from sceniris_gym.layout.points import draw_in_triangle, draw_related, draw_triangle, draw_unrelated
 from sceniris_gym.layout.random import STREAM_BITS, uniforms
 from sceniris_gym.layout.regions import inside_outline, roof_physics, roof_visual, shadow_on_edge
-from sceniris_gym.layout.transforms import apply, compose, mul_quat, pose_of, quat_mat, quat_z, relative
+from sceniris_gym.layout.transforms import apply, compose, pose_of, quat_mat, quat_z, relative
+from sceniris_gym.reach.quaternions import mul_quat
 from sceniris_gym.scene.device import Cause, Measure, ObjectKind, Program, Roof, TurnType
 from sceniris_gym.scene.reach_device import Reach
 

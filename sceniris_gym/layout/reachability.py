@@ -17,10 +17,9 @@ from sceniris_gym.layout.grasps import lets_through
 from sceniris_gym.layout.kinematics import pose_body
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.random import REACH_STREAM, STREAM_BITS, uniforms
-from sceniris_gym.layout.transforms import mul_quat, rot_vec_quat
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.reach.lookup import witness
-from sceniris_gym.reach.quaternions import neg_quat, z_axis
+from sceniris_gym.reach.quaternions import mul_quat, neg_quat, rot_vec_quat, z_axis
 from sceniris_gym.reach.solve import ITERATIONS, ArmView, accepted, refine, turns_freely, vec8
 from sceniris_gym.scene.device import Cause, Program
 from sceniris_gym.scene.reach_device import Reach, Tier

@@ -1,7 +1,4 @@
-"""Poses on the device, in MuJoCo's order: a quaternion is (w, x, y, z), kept in a `wp.vec4`.
-
-Warp's own `wp.quat` is (x, y, z, w). It is not used in device code here, so the two orders can never be mixed up.
-"""
+"""Poses on the device, in MuJoCo's order: a quaternion is (w, x, y, z), in a `wp.vec4` (see reach/quaternions.py)."""
 
 import warp as wp
 
@@ -12,25 +9,6 @@ class Pose:
 
     pos: wp.vec3
     rot: wp.mat33
-
-
-@wp.func
-def mul_quat(a: wp.vec4, b: wp.vec4) -> wp.vec4:
-    """Hamilton product of two wxyz quaternions."""
-    return wp.vec4(
-        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
-        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
-        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
-        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
-    )
-
-
-@wp.func
-def rot_vec_quat(v: wp.vec3, q: wp.vec4) -> wp.vec3:
-    """`v` rotated by the unit wxyz quaternion `q`."""
-    u = wp.vec3(q[1], q[2], q[3])
-    t = 2.0 * wp.cross(u, v)
-    return v + q[0] * t + wp.cross(u, t)
 
 
 @wp.func
