@@ -148,7 +148,8 @@ class Program:
     obj_insists: wp.array(dtype=int)  # 1: its own bounds or turn may open a region that was empty
     obj_reladr: wp.array(dtype=int)
     obj_relnum: wp.array(dtype=int)
-    # Lists of pairs: behind those of objects come the robot against itself, and against all but each column of `Reach`.
+    # Lists of pairs: behind those of objects come the robot against itself, then against all but each column of
+    # `Reach`, then its hand against the same.
     obj_pairadr: wp.array(dtype=int)
     obj_pairnum: wp.array(dtype=int)
     obj_startadr: wp.array(dtype=int)

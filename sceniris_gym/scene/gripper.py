@@ -57,7 +57,7 @@ class Gripper:
             home_qpos: A pose of the model, shape (nq,); the fingers are measured at the limits of their joints.
             pieces: Obstacles of the model.
         """
-        hand = _carried(mjm, arm)
+        hand = carried(mjm, arm)
         own = [p for p in pieces if p.body in hand and p.type != PieceType.PLANE]
         joints = _finger_joints(mjm, hand, arm)
         adr = mjm.jnt_qposadr[joints].astype(int)
@@ -87,8 +87,8 @@ class Gripper:
         )
 
 
-def _carried(mjm: mujoco.MjModel, arm: Arm) -> set[int]:
-    """The bodies that the arm's last joint carries: hand and fingers."""
+def carried(mjm: mujoco.MjModel, arm: Arm) -> set[int]:
+    """The bodies that the arm's last joint carries: hand and fingers, its own body among them."""
     moved = {int(mjm.jnt_bodyid[j]) for j in range(mjm.njnt) if mjm.jnt_qposadr[j] in arm.qposadr}
     root = int(mjm.site_bodyid[arm.tcp_site])
     while root not in moved:

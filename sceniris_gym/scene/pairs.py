@@ -9,8 +9,10 @@ import numpy as np
 
 from sceniris_gym.scene.colliders import Colliders
 from sceniris_gym.scene.device import ObjectKind
+from sceniris_gym.scene.gripper import carried
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.program import Plan
+from sceniris_gym.scene.reaching import find_arm
 from sceniris_gym.scene.values import ROBOT
 
 
@@ -64,8 +66,9 @@ def arm_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[list[
         colliders: Its colliders.
 
     Returns:
-        Lists as those of `collider_pairs`: of the robot against itself, as MuJoCo would report it, and for each object
-        that is to be reachable, in placement order, of the robot against all but that object and markers.
+        Lists as those of `collider_pairs`: of the robot against itself, as MuJoCo would report it; then for each object
+        that is to be reachable, in placement order, of the robot against all but that object and markers; then the same
+        of what the robot's last joint carries.
     """
     targets = [o.name for o in plan.objects if o.config is not None and o.config.reachable]
     if not targets:
@@ -74,11 +77,12 @@ def arm_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[list[
     robot = scene.subtree(ROBOT)
     markers = {body for n, part in scene.config.objects.items() if part.kind == "marker" for body in scene.subtree(n)}
     moving = [c for c, body in enumerate(bodies) if body in robot and body != robot[0]]
+    hand = carried(mjm, find_arm(scene))
     lists = [_among(mjm, colliders, robot, _touching_at_home(scene, plan))]
-    for name in targets:
+    for own, name in product((moving, [c for c in moving if bodies[c] in hand]), targets):
         apart = markers.union(robot, scene.subtree(name))
         others = [c for c, body in enumerate(bodies) if body not in apart]
-        lists.append([(a, b, 0.0) for a, b in product(moving, others) if _may_meet(mjm, bodies[a], bodies[b])])
+        lists.append([(a, b, 0.0) for a, b in product(own, others) if _may_meet(mjm, bodies[a], bodies[b])])
     return [_planes_last(pairs, colliders.plane) for pairs in lists]
 
 

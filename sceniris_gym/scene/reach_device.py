@@ -32,6 +32,9 @@ class Reach:
     base_body: int
     arm_qposadr: wp.array(dtype=int)  # of the joints of `arm`
     arm_body: wp.array(dtype=int)  # all bodies of the robot but its root, parents before children
+    hand_body: wp.array(dtype=int)  # those that the arm's last joint carries, its own first
+    hand_pos: wp.vec3  # pose of that first one in the TCP's frame
+    hand_quat: wp.vec4
     mapped: int  # 0: there is no map, and placing lets all candidates through
     map: MapView
     arm: ArmView

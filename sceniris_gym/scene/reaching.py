@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from sceniris_gym.errors import ArmError, MapError, ReachWarning, UnknownNameError
 from sceniris_gym.reach.arm import MAX_JOINTS, TCP, Arm
 from sceniris_gym.reach.lookup import MapView, Verdict
-from sceniris_gym.reach.map import ReachMap, map_file
+from sceniris_gym.reach.map import SUFFIX, ReachMap, map_file
 from sceniris_gym.reach.solve import arm_view
 from sceniris_gym.scene.compose import asset_name
 from sceniris_gym.scene.config import ObjectConfig
@@ -148,9 +149,12 @@ def _tier(config: ObjectConfig, arm: Arm, reach_map: ReachMap | None, where: str
         return asked
     why = _why_not_map(arm, reach_map)
     if why is None and reach_map is None:
+        command = f"sceniris-gym reach {asset} --build"
+        if asset.endswith(".xml"):
+            command += f" -o {Path(asset).with_suffix(SUFFIX)}"
         raise MapError(
-            f"{where}: there is no map of the arm '{asset}'. Build it with 'sceniris-gym reach {asset} --build', or "
-            "ask for 'ik', which needs none."
+            f"{where}: there is no map of the arm '{asset}'. Build it with '{command}', or ask for 'ik', which needs "
+            "none."
         )
     if why is None:
         return asked or Tier.MAP
@@ -192,6 +196,7 @@ def _arrays(plan: Plan, columns: list[Column], arm: Arm, gripper: Gripper, robot
         "grasp_opening": np.array([g.opening for g in grasps], float),
         "arm_qposadr": arm.qposadr,
         "arm_body": np.array(robot[1:], int),
+        "hand_body": np.array(hand, int),
         "grip_qposadr": gripper.qposadr,
         "grip_closed": gripper.closed_qpos,
         "grip_open": gripper.open_qpos,

@@ -17,6 +17,7 @@ from sceniris_gym.tools.files import replacing
 from sceniris_gym.tools.rows import Rows
 
 CHUNK = 4096  # worlds that are made at once
+_OF_REACH = ("grasp", "grasp_pose", "grasp_qpos", "pregrasp_qpos")
 
 
 @dataclass(frozen=True)
@@ -161,16 +162,21 @@ def make_table(
 def write_dataset(world: World, table: LayoutTable, folder: Path) -> None:
     """Write `layouts.npz` and `scene.zip`, which stock MuJoCo opens; neither is ever there half written.
 
+    Grasps are in it where anything is to be reachable.
+
     Args:
         world: the scene.
         table: its layouts.
         folder: where to; made if it is not there.
     """
     columns = {f.name: getattr(table, f.name) for f in fields(LayoutTable)}
+    names = {"object_names": np.array(world.object_names)}
+    if world.reaching is None:
+        columns = {name: column for name, column in columns.items() if name not in _OF_REACH}
+    else:
+        names["reachable_names"] = np.array(world.reaching.names)
     with replacing(folder / "scene.zip") as scene, replacing(folder / "layouts.npz") as layouts:
         with scene.open("wb") as file:
             world.scene.spec.to_zip(file)
         with layouts.open("wb") as file:
-            reachable = () if world.reaching is None else world.reaching.names
-            names = {"object_names": np.array(world.object_names), "reachable_names": np.array(reachable, str)}
             np.savez(file, **columns, **names)

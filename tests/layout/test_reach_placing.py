@@ -211,7 +211,9 @@ def test_an_arm_without_a_map_is_told_how_to_build_one(folder: Path, cube: str):
     """For a map tier and for the default; `ik` needs none."""
     asset = crane_mjcf(folder, "unmapped")
     for tier in ("map", "map_strict", True):
-        with pytest.raises(MapError, match=r"objects\.thing\.reachable: .*'sceniris-gym reach .*unmapped\.xml --b"):
+        with pytest.raises(
+            MapError, match=r"objects\.thing\.reachable: .*'sceniris-gym reach .*--build -o .*unmapped\.reach'"
+        ):
             reaching(crane_scene(asset, cube, reachable=tier))
     assert reaching(crane_scene(asset, cube, reachable="ik")).columns[0].tier == Tier.IK
 
