@@ -98,9 +98,7 @@ def main(options: Options) -> None:
         "num_envs": options.num_envs,
         "steps_per_second": {name: round(float(np.median(rate))) for name, rate in rates.items()},
         "ratio_median": {name: round(float(np.median(ratio)), 4) for name, ratio in ratios.items()},
-        "ratio_range": {
-            name: [round(float(r), 4) for r in (ratio.min(), ratio.max())] for name, ratio in ratios.items()
-        },
+        "ratio_range": ranges,
     }
     options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_text(json.dumps(answer) + "\n")
