@@ -99,7 +99,7 @@ class ExactIk:
     def _chunk(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         found = np.full((len(poses), len(self.screws.lower)), np.nan)
         left = np.arange(len(poses))
-        q = score = np.empty(0)
+        q, score = np.empty((len(poses), 0, found.shape[1])), np.empty((len(poses), 0))
         for steps in SWEEPS if self.name == "panda" else (1,):
             q, score = self._closest(poses[left], steps)
             solved = score[:, 0] < 1e-9
