@@ -168,4 +168,9 @@ GRASPS: dict[str, dict[str, Grasp]] = {
 def add_grasps(document: Document, body: Element, asset: str | None = None) -> None:
     """Give ``body`` the grasps of an asset, which is the document's own unless another is named."""
     for name, grasp in GRASPS.get(asset or document.name, {}).items():
-        add(body, "site", name=f"grasp_{name}", pos=grasp.pos, quat=grasp.quat, size=0.005, group=4)
+        add_grasp(body, name, grasp)
+
+
+def add_grasp(body: Element, name: str, grasp: Grasp) -> None:
+    """Give ``body`` the site ``grasp_<name>``."""
+    add(body, "site", name=f"grasp_{name}", pos=grasp.pos, quat=grasp.quat, size=0.005, group=4)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from manifold3d import Manifold
 
+from .grasps import Grasp, add_grasp
 from .mjcf import Document, add, inertial
 from .shapes import box, hull, surface, write_obj
 
@@ -179,7 +180,9 @@ def add_drawer(document: Document, name: str, floor: float) -> None:
     document.visual(body, f"{name}_handle", "handle", "steel")
     for part, corners in (drawer_boxes() | handle_boxes()).items():
         document.collision_box(body, f"{name}_{part}", *corners)
-    add(body, "site", name=f"{name}_handle", pos=(0, -HANDLE_REACH, HANDLE_HEIGHT), size=0.005, group=4)
+    handle = (0, -HANDLE_REACH, HANDLE_HEIGHT)
+    add(body, "site", name=f"{name}_handle", pos=handle, size=0.005, group=4)
+    add_grasp(body, f"{name}_handle", Grasp(handle, (0, 1, 0), (0, 0, 1)))
 
 
 def make_cabinet() -> None:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from .grasps import Grasp, add_grasp
 from .make_furniture import unite
 from .mjcf import Document, add
 from .parts import Corners, Look, Part, Piece, add_part, chamfered, disc, sheared, write_thing
@@ -149,6 +150,7 @@ def make_cupboard() -> None:
     add(hinge, "joint", name="door", type="hinge", axis=(0, 0, -1), range=(0, np.radians(110)), damping=0.4,
         frictionloss=0.4, armature=0.02)  # fmt: skip
     add_part(document, hinge, "", door)
+    add_grasp(hinge, "handle", Grasp(place + [0, -0.02, 0], (0, 1, 0), (1, 0, 0)))
     add(add(document.tree, "keyframe"), "key", name="home", qpos=(0,))
     document.save()
 

@@ -254,15 +254,20 @@ class MissingExtraError(ScenirisError, ImportError):
 
 
 class KeysLeftOutWarning(UserWarning):
-    """A configuration of the original package was read without some of its keys.
+    """A configuration of the original package was read without some of its keys, or some of them mean another thing.
 
     Args:
         keys: dotted paths of the keys that are left out.
+        changed: dotted paths of the keys that are carried over with another meaning: what they mean here and there.
     """
 
-    def __init__(self, keys: Iterable[str]) -> None:
-        self.keys = tuple(keys)
-        super().__init__(f"not carried over from the original configuration: {', '.join(self.keys)}.")
+    def __init__(self, keys: Iterable[str], changed: Mapping[str, str] | None = None) -> None:
+        self.keys, self.changed = tuple(keys), dict(changed or {})
+        texts = [f"not carried over from the original configuration: {', '.join(self.keys)}."] if self.keys else []
+        if self.changed:
+            meanings = "; ".join(f"{key} ({meaning})" for key, meaning in self.changed.items())
+            texts.append(f"carried over from the original configuration with another meaning: {meanings}.")
+        super().__init__(" ".join(texts))
 
     def __reduce__(self) -> tuple:
-        return type(self), (self.keys,)
+        return type(self), (self.keys, self.changed)

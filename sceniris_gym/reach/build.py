@@ -129,23 +129,23 @@ class Surface:
 
     def _spread(self, checkpoint: Checkpoint, progress: Progress) -> None:
         """Solve corners again from solutions of neighbours that are reached in more turns, until nothing changes."""
-        changed = self.lattice.inside[self.level[self.lattice.inside] > 0]
+        shape = self.lattice.shape
+        changed = self.level > 0
         for turn in range(_PASSES):
-            beside = np.zeros(len(self.level), bool)
-            for neighbour in self.lattice.neighbours(changed).T:
-                there = neighbour >= 0
-                beside[neighbour[there][self.level[neighbour[there]] < self.level[changed[there]]]] = True
-            beside[self.level == _FULL] = False
+            beside = np.zeros(shape, bool)
+            for axis in range(len(shape)):
+                level, risen, marked = (np.moveaxis(a.reshape(shape), axis, 0) for a in (self.level, changed, beside))
+                marked[1:] |= risen[:-1] & (level[:-1] > level[1:])
+                marked[:-1] |= risen[1:] & (level[1:] > level[:-1])
             front = np.flatnonzero(beside)
-            risen = []
+            changed = np.zeros(len(self.level), bool)
             for at in range(0, len(front), self._batch):
                 corner = front[at : at + self._batch]
                 warm = self._joints_of(self.lattice.neighbours(corner))
                 found = self._labeller.label(self.lattice.coords(corner), warm, first=STARTS, count=_NEAR_STARTS)
-                risen.append(self._raise(corner, *found))
+                changed[self._raise(corner, *found)] = True
                 progress(f"{self.name}: neighbours, pass {turn + 1}", min(at + self._batch, len(front)), len(front))
-            changed = np.concatenate([np.zeros(0, int), *risen])
-            if not len(changed):
+            if not changed.any():
                 break
 
     def _bisect(self, checkpoint: Checkpoint, progress: Progress) -> None:
@@ -196,14 +196,19 @@ class Surface:
 
     def codes(self) -> np.ndarray:
         """Return the codes of all corners, in the lattice's shape, uint8; map.CODE_VALUES says what they mean."""
-        fifth = np.minimum(self.distance.astype(int) * 5 // 32, 5)  # 5 without a crossing
-        near = self.distance < 16
-        code = np.where(self.level == 0, 5 - fifth, 10 + fifth)
-        some = (self.level > 0) & (self.level < _FULL)
-        few = self.level < _HALF
-        code = np.where(some & few, np.where(near, 7, 6), code)
-        code = np.where(some & ~few, np.where(near, 8, 9), code)
-        return code.astype(np.uint8).reshape(self.lattice.shape)
+        return _CODES[self.level, self.distance].reshape(self.lattice.shape)
+
+
+def _code_table() -> np.ndarray:
+    """Codes by level and distance, shape (256, 256), uint8."""
+    level, distance = np.ogrid[:256, :256]
+    fifth = np.minimum(distance * 5 // 32, 5)  # 5 without a crossing
+    near = distance < 16
+    some = np.where(level < _HALF, np.where(near, 7, 6), np.where(near, 8, 9))
+    return np.where(level == 0, 5 - fifth, np.where(level == _FULL, 10 + fifth, some)).astype(np.uint8)
+
+
+_CODES = _code_table()
 
 
 def build_map(

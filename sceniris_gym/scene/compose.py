@@ -118,6 +118,27 @@ def adopt_body(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str)
         _make_kind(spec, body, name, config.kind, where)
 
 
+@dataclass(frozen=True)
+class Names:
+    """Names inside of an asset: of its joints but for a free one, and of the bodies below its root."""
+
+    joints: tuple[str, ...]
+    bodies: tuple[str, ...]
+
+
+def names_in(asset: str, where: str) -> Names:
+    """Return the names inside of an asset, a shipped one or an MJCF file.
+
+    Raises:
+        UnknownNameError: there is no such shipped asset.
+        SceneFileError: the file is missing, or MuJoCo cannot read it.
+    """
+    spec = _load_asset(asset, where)
+    joints = [joint.name or f"joint{i}" for i, joint in enumerate(spec.joints) if joint.type != _FREE]
+    bodies = [body.name for body in spec.bodies if body.name != "world" and body.parent.name != "world"]
+    return Names(tuple(joints), tuple(bodies))
+
+
 def _referred(spec: mujoco.MjSpec) -> Iterator[tuple[str, str]]:
     for element in (*spec.meshes, *spec.hfields, *spec.skins):
         if element.file:

@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sceniris_gym.errors import KeysLeftOutWarning, UnknownNameError
+from sceniris_gym.errors import KeysLeftOutWarning, ScenirisError, UnknownNameError
+from sceniris_gym.scene.compose import names_in
 from sceniris_gym.scene.config import SceneConfig
 from sceniris_gym.scene.files import SHIPPED_NAME
-from sceniris_gym.scene.original_keys import Section
-from sceniris_gym.scene.original_relations import Views, read_relation
+from sceniris_gym.scene.original_errors import in_its_keys, origin
+from sceniris_gym.scene.original_keys import CONFIGURATION, Notes, Section
+from sceniris_gym.scene.original_relations import Views, note_origins, read_relation
 from sceniris_gym.scene.values import FLOOR
 
 _PLANE = "_plane"  # the original's name of its ground
@@ -37,14 +40,15 @@ def read_sceniris(cfg: Mapping[str, Any], assets: Mapping[str, str] | None = Non
     - `joint_states`: `joint_ids`, and `min` (0) and `max` (1) as fractions of the joint's limits.
     - `constraints`, all of which hold: `anchor_object_ids`; `direction` (a side, an axis or [x, y]) within
       `direction_tolerance_angle` (90), in the frame `relation_axis_transform`: the *support's* by default, or 'world',
-      an object, a robot's view, or a rotation matrix on top of the support's; `distance` with `distance_type`
-      ('equal') and `distance_relax` (0.01); `distance_start_bbox`, which measures between the bounds of both objects
-      here, and from the anchor's hull to the other's origin in the original. 'middle' as a direction or type of
-      distance, and several anchors without a direction, are `between`.
+      an object (where the original knows anchors only), a robot's view, or a rotation matrix on top of the support's;
+      `distance` with `distance_type` ('equal') and `distance_relax` (0.01); `distance_start_bbox`, which measures
+      between the bounds of both objects here, and from the anchor's hull to the other's origin in the original.
+      'middle' as a direction or type of distance, and several anchors without a direction, are `between`, which for two
+      of them is a strip here and a rectangle in the original.
 
     Objects that have joint states or a fixed position, or that others stand on, become fixtures; the others are free.
-    Joints and parts ('drawer/upper') must have these names in the assets. A key that has no effect in the original has
-    none here.
+    Joints and parts ('drawer/upper') must have these names in the assets, which are looked into where there are such
+    MJCF files. A key that has no effect in the original has none here.
 
     Args:
         cfg: The configuration; it is not changed.
@@ -57,11 +61,11 @@ def read_sceniris(cfg: Mapping[str, Any], assets: Mapping[str, str] | None = Non
         ScenirisError: A key is missing, or a value or a name is wrong.
 
     Warns:
-        KeysLeftOutWarning: Some keys cannot be carried over. It names them all; an `asset_path` among them is one
-            that is kept, but is no MJCF file.
+        KeysLeftOutWarning: Some keys cannot be carried over, or not with their meaning. It names them all; an
+            `asset_path` among them is one that is kept, but is no MJCF file.
     """
-    left_out: list[str] = []
-    keys = Section(cfg, "", left_out)
+    notes = Notes()
+    keys = Section(cfg, "", notes)
     env, objects = keys.section("env"), _objects_by_id(keys)
     views = Views(
         objects, {robot: turn for key in _ROBOT_VIEWS for robot, turn in env.section(key).everything().items()}
@@ -69,6 +73,7 @@ def read_sceniris(cfg: Mapping[str, Any], assets: Mapping[str, str] | None = Non
     limits = env.array("workspace_limits", None, (2, 2)) if env.value("workspace_limits") is not None else None
     edge = env.number("env_size", 1.0)
     size = np.array([edge, edge]) if limits is None else 2.0 * np.abs(limits).max(axis=0)
+    env.made("floor.size", "env_size" if limits is None else "workspace_limits")
     env.finish()
     for name in assets or {}:
         if name not in objects:
@@ -82,10 +87,32 @@ def read_sceniris(cfg: Mapping[str, Any], assets: Mapping[str, str] | None = Non
         },
     }
     keys.finish()
-    config = SceneConfig.load(scene)
-    if left_out:
-        warnings.warn(KeysLeftOutWarning(left_out), stacklevel=2)
+    try:
+        config = SceneConfig.load(scene)
+    except ScenirisError as error:
+        raise in_its_keys(error, notes.origins) from None
+    _check_parts(config, notes.origins)
+    if notes.left_out or notes.changed:
+        warnings.warn(KeysLeftOutWarning(notes.left_out, notes.changed), stacklevel=2)
     return config
+
+
+def _check_parts(config: SceneConfig, origins: Mapping[str, str]) -> None:
+    """Check the names of joints and of parts of objects, where there is an asset that has them."""
+    inside = {
+        name: names_in(part.asset, f"{CONFIGURATION}: {origin(f'objects.{name}.asset', origins)}")
+        for name, part in config.objects.items()
+        if part.asset is not None and (SHIPPED_NAME.fullmatch(part.asset) or Path(part.asset).is_file())
+    }
+    for name, part in config.objects.items():
+        for joint in part.joints if name in inside else ():
+            if joint not in (joints := inside[name].joints):
+                where = origin(f"objects.{name}.joints.{joint}", origins)
+                raise UnknownNameError("joint", joint, f"{CONFIGURATION}: {where}", joints)
+        owner, _, body = part.support.parent.partition("/") if part.support is not None else ("", "", "")
+        if body and owner in inside and body not in (bodies := inside[owner].bodies):
+            where = f"{CONFIGURATION}: objects.{name}.parent_id"
+            raise UnknownNameError("body", f"{owner}/{body}", where, [f"{owner}/{b}" for b in bodies])
 
 
 def _objects_by_id(keys: Section) -> dict[str, Section]:
@@ -127,6 +154,7 @@ def _object(keys: Section, views: Views, limits: np.ndarray | None, asset: str |
 
 
 def _asset(keys: Section, asset: str | None) -> str:
+    keys.made(f"{keys.path}.asset", "asset_path")
     path = keys.take("asset_path")
     if asset is not None:
         return asset
@@ -141,7 +169,10 @@ def _joints(keys: Section) -> dict:
     joints: dict[str, dict] = {}
     for state in keys.sections("joint_states"):
         fraction = (state.number("min", 0.0), state.number("max", 1.0))
-        joints |= {str(joint): {"fraction": fraction} for joint in state.values("joint_ids")}
+        for joint in map(str, state.values("joint_ids")):
+            joints[joint] = {"fraction": fraction}
+            state.made(f"{keys.path}.joints.{joint}", "joint_ids")
+            state.made(f"{keys.path}.joints.{joint}.fraction", "")
         if state.value("distribution") == "uniform":
             state.ignore("distribution")
         state.finish()
@@ -149,6 +180,8 @@ def _joints(keys: Section) -> dict:
 
 
 def _rotation(keys: Section, views: Views) -> dict:
+    keys.made(f"{keys.path}.orientation", "rotation")
+    keys.made(f"{keys.path}.orientation.face_to", "rotation.face_to_object_id")
     rotation = keys.section("rotation")
     kind = rotation.take("type")
     if kind == "uniform_z":
@@ -184,6 +217,7 @@ def _constant(rotation: Section) -> Any:
 
 def _fixed_place(keys: Section) -> dict:
     keys.ignore("parent_id", "relation_to_parent", "ratio_on_support", "position", "constraints")
+    keys.made(f"{keys.path}.region", "fixed_world_positions")
     point = keys.checked("fixed_world_positions", keys.values("fixed_world_positions")[0], (3,))
     if point[2] != 0.0:
         return {"region": {"box": (point, point)}}
@@ -203,10 +237,17 @@ def _place(keys: Section, views: Views, limits: np.ndarray | None) -> dict:
     region: dict | None = {"fraction": crop} if is_cropped else None
     if parent == FLOOR and limits is not None:
         region = {"box": limits[0] + crop * (limits[1] - limits[0])}
-    relations = [read_relation(constraint, views) for constraint in keys.sections("constraints")]
+    relations: list[dict] = []
+    for constraint in keys.sections("constraints"):
+        if (found := read_relation(constraint, views)) is not None:
+            note_origins(constraint, f"{keys.path}.relations.{len(relations)}", found)
+            relations.append(found)
+    keys.made(f"{keys.path}.{_SUPPORT_WORDS[relation]}", "parent_id")
+    keys.made(f"{keys.path}.region", "position.xy_limit")
+    keys.made(f"{keys.path}.relations", "constraints")
     return {
         _SUPPORT_WORDS[relation]: parent,
         "ratio_on_support": min(max(keys.number("ratio_on_support", 0.0), 0.0), 1.0),
         "region": region,
-        "relations": [relation for relation in relations if relation is not None],
+        "relations": relations,
     }

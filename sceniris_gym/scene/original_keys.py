@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,17 +13,36 @@ from sceniris_gym.errors import SceneKeyError, UnknownNameError
 _SHAPES = {(): "a number", (2,): "[x, y]", (3,): "[x, y, z]", (2, 2): "[[min x, min y], [max x, max y]]"}
 
 
+CONFIGURATION = "original configuration"
+"""What errors call the whole."""
+
+
+@dataclass
+class Notes:
+    """What is to be told of a configuration.
+
+    Attributes:
+        left_out: Dotted paths of keys that are not carried over.
+        changed: What keys mean here and there, by their dotted paths, where that is not the same.
+        origins: Dotted path of a part of the scene -> that of the key which it was made from.
+    """
+
+    left_out: list[str] = field(default_factory=list)
+    changed: dict[str, str] = field(default_factory=dict)
+    origins: dict[str, str] = field(default_factory=dict)
+
+
 class Section:
     """One mapping of the configuration. What is not taken from it is left out; None is the same as no key.
 
     Args:
         data: The mapping.
         path: Its dotted path in the configuration, empty for the whole.
-        left_out: Where the paths of the keys go that are left out.
+        notes: Where it goes what is left out or changed.
     """
 
-    def __init__(self, data: Any, path: str, left_out: list[str]) -> None:
-        self.path, self.left_out = path, left_out
+    def __init__(self, data: Any, path: str, notes: Notes) -> None:
+        self.path, self.notes = path, notes
         if not isinstance(data, Mapping):
             raise self.wrong("", f"{_short(data)} should be a mapping of keys to values")
         self._rest = {str(key): value for key, value in data.items() if value is not None}
@@ -33,7 +53,7 @@ class Section:
 
     def wrong(self, key: str, advice: str) -> SceneKeyError:
         """Return the error of a key; `advice` says what was wrong and what would be right."""
-        return SceneKeyError(f"original configuration: {self.at(key) or 'cfg'}: {advice}.")
+        return SceneKeyError(f"{CONFIGURATION}: {self.at(key) or 'cfg'}: {advice}.")
 
     def known(self, key: str, kind: str, name: Any, valid: Iterable[str]) -> str:
         """Return a name that was found at `key`.
@@ -43,7 +63,7 @@ class Section:
         """
         valid = list(valid)
         if name not in valid:
-            raise UnknownNameError(kind, str(name), f"original configuration: {self.at(key)}", valid)
+            raise UnknownNameError(kind, str(name), f"{CONFIGURATION}: {self.at(key)}", valid)
         return name
 
     def take(self, key: str, default: Any = None) -> Any:
@@ -93,11 +113,11 @@ class Section:
 
     def section(self, key: str) -> Section:
         """Return the mapping at a key, an empty one if there is none."""
-        return Section(self.take(key, {}), self.at(key), self.left_out)
+        return Section(self.take(key, {}), self.at(key), self.notes)
 
     def sections(self, key: str) -> list[Section]:
         """Return the mappings in the list at a key."""
-        return [Section(data, self.at(f"{key}.{i}"), self.left_out) for i, data in enumerate(self.values(key))]
+        return [Section(data, self.at(f"{key}.{i}"), self.notes) for i, data in enumerate(self.values(key))]
 
     def everything(self) -> dict[str, Any]:
         """Return all that was not taken yet, and take it."""
@@ -111,8 +131,16 @@ class Section:
 
     def leave_out(self, key: str = "") -> None:
         """Say that a key, or the whole mapping, is left out."""
-        self.left_out.append(self.at(key))
+        self.notes.left_out.append(self.at(key))
         self._rest.pop(key, None)
+
+    def change(self, key: str, meaning: str) -> None:
+        """Say that a key is carried over with another meaning: what it means here and what in the original."""
+        self.notes.changed[self.at(key)] = meaning
+
+    def made(self, part: str, key: str) -> None:
+        """Remember that a part of the scene, by its dotted path, is made from a key, so that errors name that."""
+        self.notes.origins[part] = self.at(key)
 
     def finish(self) -> None:
         """Leave out all keys that were not taken."""

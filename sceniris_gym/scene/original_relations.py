@@ -14,6 +14,13 @@ from sceniris_gym.scene.relations import HEADINGS
 
 _SIDES = {"x": "right", "-x": "left", "y": "back", "-y": "front"} | {side: side for side in HEADINGS}
 _LIMITS = {"greater": "min", "less": "max", "equal": "equal"}
+_KEYS = {
+    "direction": "direction",
+    "angle": "direction_tolerance_angle",
+    "frame": "relation_axis_transform",
+    "distance": "distance",
+    "measure": "distance_start_bbox",
+}
 _LEAST = 0.01  # m, the original's least distance
 
 
@@ -37,6 +44,9 @@ def read_relation(keys: Section, views: Views) -> dict | None:
     if middle and len(anchors) == 1:
         raise keys.wrong("anchor_object_ids", f"{anchors} should name two objects or more for 'middle'")
     if len(anchors) > 1 and (middle or direction is None):
+        if len(anchors) == 2:
+            said = "direction" if direction == "middle" else "distance_type" if middle else "anchor_object_ids"
+            keys.change(said, "a strip between two anchors here, the rectangle along the support's axes there")
         return _between(keys, anchors)
     distance = _distance(keys, kind)
     # Without an anchor the original ignores a constraint; in the other cases it stops with an error.
@@ -51,6 +61,14 @@ def read_relation(keys: Section, views: Views) -> dict | None:
     return relation
 
 
+def note_origins(keys: Section, part: str, relation: Mapping[str, Any]) -> None:
+    """Remember which keys of a constraint the parts of a relation are made from; `part` is its path in the scene."""
+    keys.made(part, "")
+    for word in relation:
+        keys.made(f"{part}.{word}", _KEYS.get(word, "anchor_object_ids"))
+    keys.made(f"{part}.distance.tolerance", "distance_relax")
+
+
 def _between(keys: Section, anchors: list[str]) -> dict:
     keys.ignore("direction_tolerance_angle", "relation_axis_transform", "distance", "distance_relax")
     if not keys.value("distance_start_bbox"):
@@ -62,7 +80,9 @@ def _between(keys: Section, anchors: list[str]) -> dict:
 def _distance(keys: Section, kind: str | None) -> dict:
     """Return the distance and how it is measured, empty if there is none."""
     measure = {"measure": "bounds"} if keys.take("distance_start_bbox", False) else {}
-    if not measure:
+    if measure:
+        keys.change("distance_start_bbox", "between the bounds of both here, from the anchor's hull to a point there")
+    else:
         keys.ignore("max_mesh_projection_z")
     if isinstance(keys.value("distance"), str):  # 'next_to'
         keys.leave_out("distance")
@@ -107,4 +127,6 @@ def _frame(keys: Section, anchor: str, views: Views) -> tuple[str, np.ndarray | 
     if transform in views.robots:
         return "world", keys.rotation(key, views.robots[transform])
     keys.known(key, "frame", transform, ["world", *views.objects, *views.robots])
+    if transform not in ("world", anchor):
+        keys.change(key, f"turned with '{transform}' here, with the support there, as '{transform}' is no anchor")
     return ("anchor" if transform == anchor else transform), None

@@ -146,11 +146,11 @@ def roof_rule(config: ObjectConfig | None) -> Roof:
 
 def _pieces(scene: SceneModel) -> list[Piece]:
     """All pieces; errors name the key of the asset that they come from."""
-    where = {body: scene.config.where for body in range(scene.mjm.nbody)}
+    where = dict.fromkeys(range(scene.mjm.nbody), scene.config.where)
     for name in scene.bodies:
         key = ROBOT if name == ROBOT else f"objects.{name}"
         is_own = name != ROBOT and scene.config.objects[name].asset is None
-        where |= {body: f"{where[0]}: {key}{'' if is_own else '.asset'}" for body in scene.subtree(name)}
+        where |= dict.fromkeys(scene.subtree(name), f"{where[0]}: {key}{'' if is_own else '.asset'}")
     return extract_pieces(scene.mjm, scene.config.geometry, where=where)
 
 

@@ -14,6 +14,7 @@ GRASPED = [
     "apple", "banana", "block", "book", "bottle", "bowl", "brick", "can", "cereal_box", "glass", "lemon", "mug",
     "orange", "pan", "pear", "spatula",
 ]  # fmt: skip
+FURNITURE = ["cabinet", "cupboard"]
 ARMS = ["panda", "ur5e", "heron"]
 LIFT = 0.1  # m
 # How far the centre of mass rises at least [m]: what is held off its centre turns down a little, the pan to the floor.
@@ -40,7 +41,8 @@ class Hand:
         for key in list(thing.keys):
             thing.delete(key)
         spec.attach(thing, prefix="o/", frame=spec.worldbody.add_frame(pos=[0, 0, 0.0005]))
-        spec.body(f"o/{asset}").add_freejoint()
+        if asset in GRASPED:
+            spec.body(f"o/{asset}").add_freejoint()
         place = spec.compile()
         data = mujoco.MjData(place)
         mujoco.mj_kinematics(place, data)
@@ -64,7 +66,7 @@ class Hand:
         travel = self.model.joint("h/finger_joint1").range[1]
         self.data.qpos[self.fingers] = travel
         self.data.actuator("h/gripper").ctrl = travel
-        self.thing = self.model.body(f"o/{asset}").id
+        self.thing = self.model.site(f"o/{site}").bodyid[0]
         mujoco.mj_forward(self.model, self.data)
 
     def touches(self) -> set[str]:
@@ -109,6 +111,17 @@ def test_a_hand_fits_around_every_grasp_and_lifts_the_object(arm, asset):
         assert hand.height() - before > RISES.get(asset, 0.09), site
         assert hand.touches() >= HELD, site
         assert asset == "pan" or "floor+thing" not in hand.touches(), site
+
+
+@pytest.mark.parametrize("asset", FURNITURE)
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_hand_fits_around_the_handles_of_furniture(arm, asset):
+    """Before a shut drawer or door the open hand touches nothing; closed, both fingers touch its handle."""
+    for site in sites(asset):
+        hand = Hand(arm, asset, site)
+        assert not any("hand" in touch or "finger" in touch for touch in hand.touches()), site
+        hand.close()
+        assert {touch for touch in hand.touches() if "hand" in touch or "finger" in touch} == HELD, site
 
 
 @pytest.mark.parametrize("asset", GRASPED)

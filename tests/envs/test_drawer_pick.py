@@ -154,6 +154,27 @@ def test_the_banana_is_within_reach_from_above(world):
     assert sum(way is not None for way in ways) >= 28
 
 
+def test_the_camera_sees_the_banana_over_the_face_of_the_drawer(world):
+    """From `overview`, at least half of the rays to the banana's surface meet the banana first, whatever the layout."""
+    envs = SceneVectorEnv(DrawerPick, 30, scene=world)
+    envs.reset(seed=300)
+    mjm = world.mjm
+    (geom,) = [g for g in range(mjm.ngeom) if mjm.geom_bodyid[g] == mjm.body("banana").id and mjm.geom_group[g] == 2]
+    start, count = mjm.mesh_vertadr[mjm.geom_dataid[geom]], mjm.mesh_vertnum[mjm.geom_dataid[geom]]
+    corners = 0.95 * mjm.mesh_vert[start : start + count : 12].astype(float)  # within the surface
+    seen, hit = [], np.zeros(1, dtype=np.int32)
+    for i in range(30):
+        data = host_data(envs, i)
+        mujoco.mj_camlight(mjm, data)
+        eye = data.camera("overview").xpos
+        first = []
+        for corner in data.geom(geom).xpos + corners @ data.geom(geom).xmat.reshape(3, 3).T:
+            mujoco.mj_ray(mjm, data, eye, corner - eye, np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8), 1, -1, hit, None)
+            first.append(hit[0] == geom)
+        seen.append(np.mean(first))
+    assert min(seen) > 0.5, np.round(seen, 2)
+
+
 def test_a_script_lifts_the_banana_out(world):
     """Down, close, up: success where the script knows a way, with the reward growing on it."""
     envs = SceneVectorEnv(DrawerPick, 4, scene=world, autoreset_mode="Disabled")

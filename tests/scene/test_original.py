@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import math
+import pickle
+import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -12,7 +14,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym import read_sceniris
-from sceniris_gym.errors import KeysLeftOutWarning, SceneKeyError, ScenirisError, UnknownNameError
+from sceniris_gym.errors import CycleError, KeysLeftOutWarning, SceneKeyError, ScenirisError, UnknownNameError
 from sceniris_gym.scene.config import JointConfig, SceneConfig, SupportConfig
 from sceniris_gym.scene.model import build_model
 from sceniris_gym.scene.orientations import Turn
@@ -281,8 +283,9 @@ def test_objects_may_be_a_mapping_by_id():
 
 def test_joints_default_to_their_whole_range():
     """`min` and `max` are 0 and 1."""
-    config, _ = read(mug(joint_states=[{"joint_ids": ["a", "b"]}, {"joint_ids": [], "max": 0.3}]))
-    assert config.objects["mug"].joints == dict.fromkeys("ab", JointConfig(fraction=(0.0, 1.0)))
+    both = ["lower", "upper"]
+    config, _ = read(mug(asset_path="cabinet", joint_states=[{"joint_ids": both}, {"joint_ids": [], "max": 0.3}]))
+    assert config.objects["mug"].joints == dict.fromkeys(both, JointConfig(fraction=(0.0, 1.0)))
 
 
 LEFT_OUT = {
@@ -294,7 +297,7 @@ LEFT_OUT = {
         ["objects.mug.fixed_world_positions"],
     ),
     "another distribution": (
-        {"joint_states": [{"joint_ids": ["a"], "distribution": "normal"}]},
+        {"asset_path": "cabinet", "joint_states": [{"joint_ids": ["upper"], "distribution": "normal"}]},
         ["objects.mug.joint_states.0.distribution"],
     ),
     "an unknown rotation": (
@@ -360,6 +363,41 @@ def test_the_warning_can_be_made_an_error():
     cfg = mug(reachable=True) | {"env": {"num_envs": 4, "collision_checker_backend": "curobo"}, "other": 1}
     with pytest.warns(KeysLeftOutWarning, match=r"env\.num_envs, env\.collision_checker_backend, .*reachable, other"):
         read_sceniris(cfg)
+
+
+CHANGED = {
+    "the middle of two": ({"direction": "middle"}, 2, {"direction": "a strip .*, the rectangle"}),
+    "the middle of two as a distance": ({"distance_type": "middle"}, 2, {"distance_type": "a strip"}),
+    "two anchors alone": ({}, 2, {"anchor_object_ids": "a strip"}),
+    "a distance from bounds": (
+        {"direction": "left", "distance": 0.3, "distance_start_bbox": True},
+        1,
+        {"distance_start_bbox": "between the bounds of both here"},
+    ),
+    "a frame that is no anchor": (
+        {"direction": "left", "relation_axis_transform": "apple"},
+        1,
+        {"relation_axis_transform": "with 'apple' here, with the support there"},
+    ),
+    "a frame that is the anchor": ({"direction": "left", "relation_axis_transform": "drawer"}, 1, {}),
+    "the middle of three": ({"direction": "middle"}, 3, {}),
+}
+
+
+@pytest.mark.parametrize(("keys", "anchors", "changed"), CHANGED.values(), ids=CHANGED.keys())
+def test_what_means_another_thing_is_told_by_its_key(keys: dict, anchors: int, changed: dict[str, str]):
+    """The warning says what it means here and what it meant there; nothing is said of the rest."""
+    cfg = mug(constraints=[{"anchor_object_ids": ["drawer", "apple", "pear"][:anchors], **keys}])
+    cfg["objects"].append({"id": "pear", "asset_path": "pear"})
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        read_sceniris(cfg)
+    found = {path: meaning for w in caught for path, meaning in getattr(w.message, "changed", {}).items()}
+    assert list(found) == [f"objects.mug.constraints.0.{key}" for key in changed]
+    for (path, meaning), says in zip(found.items(), changed.values(), strict=True):
+        assert re.search(says, meaning)
+        assert f"{path} ({meaning})" in str(caught[0].message)
+        assert pickle.loads(pickle.dumps(caught[0].message)).changed == found
 
 
 ONE = {"anchor_object_ids": ["drawer"]}
@@ -435,8 +473,50 @@ WRONG = {
     "a negative distance": (
         mug(constraints=[{**ONE, "distance": -1.0, "distance_type": "less"}]),
         SceneKeyError,
-        "should be at least 0",
+        r"original configuration: objects\.mug\.constraints\.0\.distance: -1.0 should be at least 0",
     ),
+    "a relaxation that is none": (
+        mug(constraints=[{"anchor_object_ids": []}, {**ONE, "distance": 1.0, "distance_relax": 0.0}]),
+        SceneKeyError,
+        r"original configuration: objects\.mug\.constraints\.1\.distance_relax: 0.0 should be at least 0.0001 m",
+    ),
+    "an angle that is too wide": (
+        mug(constraints=[{**ONE, "direction": "left", "direction_tolerance_angle": 200}]),
+        SceneKeyError,
+        r"objects\.mug\.constraints\.0\.direction_tolerance_angle: 200.0 should be at most 180",
+    ),
+    "an anchor that is the object itself": (
+        mug(constraints=[{"anchor_object_ids": ["mug"], "direction": "left"}]),
+        SceneKeyError,
+        r"original configuration: objects\.mug\.constraints\.0\.anchor_object_ids: 'mug' should be another",
+    ),
+    "too many constraints": (
+        mug(constraints=[{**ONE, "direction": "left"}] * 5),
+        SceneKeyError,
+        r"original configuration: objects\.mug\.constraints: .* 4 values at most",
+    ),
+    "joints the wrong way round": (
+        mug(asset_path="cabinet", joint_states=[{"joint_ids": ["upper"], "min": 0.9, "max": 0.1}]),
+        SceneKeyError,
+        r"original configuration: objects\.mug\.joint_states\.0: .* low <= high",
+    ),
+    "a floor without end": (mug() | {"env": {"env_size": 1e6}}, SceneKeyError, r"configuration: env\.env_size: 1"),
+    "objects on each other": (
+        {"objects": [{"id": a, "asset_path": "mug", "parent_id": b} for a, b in ("ab", "ba")]},
+        CycleError,
+        "original configuration: objects are placed relative to each other: a -> b -> a",
+    ),
+    "an unknown joint": (
+        mug(asset_path="cabinet", joint_states=[{"joint_ids": ["uper"]}]),
+        UnknownNameError,
+        r"mug\.joint_states\.0\.joint_ids: unknown joint 'uper'\. Did you mean 'upper'",
+    ),
+    "an unknown part": (
+        mug(parent_id="drawer/uper_drawer"),
+        UnknownNameError,
+        r"mug\.parent_id: unknown body 'drawer/uper_drawer'\. Did you mean 'drawer/upper_drawer'",
+    ),
+    "an unknown asset": (mug(asset_path="mugg"), UnknownNameError, r"objects\.mug\.asset_path: .*mean 'mug'"),
     "an unknown target": (
         mug(rotation={"type": "face_to", "face_to_object_id": "appel"}),
         UnknownNameError,

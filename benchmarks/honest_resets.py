@@ -1,0 +1,160 @@
+"""Count resets that begin in contact with something else than the support, or that explode.
+
+    python -m benchmarks.honest_resets --layouts 100000 --out results/honest.jsonl
+
+For every task: layouts as the generator makes them, and beside them uniform placement without checks. A reset explodes
+when an object is faster than 1 m/s within 0.1 s while the arm is held where it starts. Contacts and motion are those of
+MuJoCo-Warp. A line of JSON per task and kind of placement; those that are in the file already are left out.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import tyro
+import warp as wp
+
+from benchmarks import layout_sources
+from benchmarks.train_rsl_rl import SEED_SPACING, scene_of
+from sceniris_gym.layout.build import build_world
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.registration import ENVS
+from sceniris_gym.scene.world import World
+from sceniris_gym.sim.batch import Batch
+from sceniris_gym.sim.randomizer import ResetRandomizer
+
+FASTEST = 1.0
+"""Speed of an object from which a reset counts as exploded [m/s]."""
+
+WATCHED = 0.1
+"""For how long it is watched [s]."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What to count.
+
+    Attributes:
+        layouts: how many of each kind, rounded up to whole batches
+        num_envs: worlds in a batch
+        tasks: ids without their namespace; all of this package when empty
+        out: file for the answers
+        device: "cpu" or "cuda:0"; by default cuda:0 if there is one
+        nconmax: room for contacts of each world
+        njmax: room for constraint rows of each world
+        seed: number of the experiment; seeds of layouts are spaced by 2^20
+    """
+
+    layouts: int = 100_000
+    num_envs: int = 4096
+    tasks: tuple[str, ...] = ()
+    out: Path = Path("results/honest.jsonl")
+    device: str | None = None
+    nconmax: int = 320
+    njmax: int = 1280
+    seed: int = 9
+
+
+class Judge:
+    """Looks at resets of one World with MuJoCo-Warp."""
+
+    def __init__(self, world: World, generator: Any, options: Options) -> None:
+        self.world, mjm = world, world.mjm
+        self.batch = Batch(
+            world.scene, options.num_envs, world.device, nconmax=options.nconmax, njmax=options.njmax, substeps=1
+        )
+        self.randomizer = ResetRandomizer(world, self.batch.model, self.batch.data, generator=generator)
+        self.supports = supports(world)
+        free = mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE
+        self.velocities = mjm.jnt_dofadr[free][:, None] + np.arange(3)
+        self.steps = round(WATCHED / mjm.opt.timestep)
+
+    def look(self, seed: int) -> tuple[Counter, Counter]:
+        """Reset all worlds; count what became of them, and which pairs of bodies touched in how many worlds."""
+        self.randomizer.reseed(np.uint64(seed) + np.arange(self.batch.nworld, dtype=np.uint64))
+        self.randomizer.reset()
+        touching = self._touching()
+        fallback = self.randomizer.layouts.status.numpy() == Status.FALLBACK
+        fastest = np.zeros(self.batch.nworld)
+        for _ in range(self.steps):
+            self.batch.step()
+            speed = np.linalg.norm(self.batch.data.qvel.numpy()[:, self.velocities], axis=2).max(axis=1)
+            fastest = np.maximum(fastest, np.nan_to_num(speed, nan=np.inf))
+        exploded = fastest > FASTEST
+        in_contact = np.zeros(self.batch.nworld, bool)
+        in_contact[[world for world, _ in touching]] = True
+        return Counter(
+            layouts=self.batch.nworld,
+            in_contact=int(in_contact.sum()),
+            exploded=int(exploded.sum()),
+            either=int((in_contact | exploded).sum()),
+            fallback=int(fallback.sum()),
+        ), Counter(pair for _, pair in touching)
+
+    def _touching(self) -> set[tuple[int, str]]:
+        """Return (world, "body + body") of the contacts that are not with an object's support."""
+        m, d, mjm = self.batch.model, self.batch.data, self.world.mjm
+        with wp.ScopedDevice(d.qpos.device):
+            mjw.com_pos(m, d)
+            mjw.collision(m, d)
+        number = int(d.nacon.numpy()[0])
+        if number > d.naconmax:
+            raise RuntimeError(f"{number} contacts, but room for {d.naconmax}: raise --nconmax.")
+        bodies = mjm.geom_bodyid[d.contact.geom.numpy()[:number]]
+        found = set()
+        for world, pair in zip(d.contact.worldid.numpy()[:number], bodies, strict=True):
+            first, second = (mjm.body(int(body)).name for body in sorted(pair))
+            if self.supports.get(first) != second and self.supports.get(second) != first:
+                found.add((int(world), f"{first} + {second}"))
+        return found
+
+
+def supports(world: World) -> dict[str, str]:
+    """Return the body that each object stands on; `world` for the floor."""
+    found = {}
+    for name, part in world.config.objects.items():
+        if part.support is not None:
+            found[name] = "world" if part.support.parent == "floor" else part.support.parent
+    return found
+
+
+def count(task: str, placement: str, options: Options) -> dict[str, Any]:
+    """Return the counts for a task and a kind of placement ("fresh" or "uniform")."""
+    world = build_world(scene_of(task, reachable=placement == "fresh"), options.device)
+    drawn = world if placement == "fresh" else layout_sources.unchecked(world)
+    judge = Judge(world, LayoutGenerator(drawn, options.num_envs), options)
+    counts, pairs = Counter(), Counter()
+    seed = options.seed * 16 * SEED_SPACING
+    while counts["layouts"] < options.layouts:
+        some, touching = judge.look(seed + counts["layouts"])
+        counts += some
+        pairs += touching
+    counts = {name: counts[name] for name in ("layouts", "in_contact", "exploded", "either", "fallback")}
+    return {"task": task, "placement": placement, **counts, "pairs": dict(pairs.most_common(5))}
+
+
+def main(options: Options) -> None:
+    """Count what is not in the file yet."""
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    lines = options.out.read_text().splitlines() if options.out.exists() else []
+    done = {(line["task"], line["placement"]) for line in map(json.loads, lines)}
+    for task in options.tasks or [name.split("/")[1] for name in ENVS]:
+        for placement in ("fresh", "uniform"):
+            if (task, placement) in done:
+                continue
+            line = json.dumps(count(task, placement, options))
+            print(line, flush=True)
+            with options.out.open("a") as file:
+                file.write(line + "\n")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Options))

@@ -1,0 +1,109 @@
+"""What fresh layouts cost: env steps per second beside the same layouts from a bank, and beside one fixed layout.
+
+    python -m benchmarks.reset_cost --task TabletopReach-v0 --out results/reset_cost.json
+
+Three environments with the same actions and the same schedule of resets, which are spread out: episodes of 200 control
+steps that begin at random points of them. `fresh` makes its layouts, `replayed` gets the same ones from a bank, `fixed`
+always the same one. They take turns in one run; a turn is as long as an episode, and the first turn of each does
+not count.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import tyro
+
+from benchmarks import layout_sources
+from benchmarks.train_rsl_rl import SEED_SPACING, make_env, scene_of
+from sceniris_gym.layout.build import build_world
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+
+
+@dataclass(frozen=True)
+class Options:
+    """What to measure.
+
+    Attributes:
+        task: id without its namespace
+        num_envs: worlds
+        rounds: turns of each environment that count
+        episode: control steps of an episode, and of a turn
+        out: file for the answer
+        device: "cpu" or "cuda:0"; by default cuda:0 if there is one
+    """
+
+    task: str = "TabletopReach-v0"
+    num_envs: int = 4096
+    rounds: int = 10
+    episode: int = 200
+    out: Path = Path("results/reset_cost.json")
+    device: str | None = None
+
+
+def turn(envs: SceneVectorEnv, actions: torch.Tensor, steps: int) -> float:
+    """Step an environment and return the seconds that it took."""
+    synchronize(envs)
+    start = time.perf_counter()
+    for step in range(steps):
+        envs.step(actions[step])
+    synchronize(envs)
+    return time.perf_counter() - start
+
+
+def synchronize(envs: SceneVectorEnv) -> None:
+    """Wait until the device is idle."""
+    if envs.device.type == "cuda":
+        torch.cuda.synchronize(envs.device)
+
+
+def main(options: Options) -> None:
+    """Measure, and write down a line of JSON."""
+    world = build_world(scene_of(options.task, reachable=True), options.device)
+    per_world = options.rounds + 3  # episodes: the first one, one a turn, and what is left of the last
+    seeds = [11 * 16 * SEED_SPACING + i * per_world for i in range(options.num_envs)]
+    sources: dict[str, Any] = {
+        "fresh": None,
+        "replayed": layout_sources.replayed(layout_sources.episodes(world, seeds, per_world)),
+        "fixed": layout_sources.replayed(layout_sources.home_rows(world, seeds[0])),
+    }
+    environments = {
+        name: make_env(options.task, options.num_envs, world, generator=source, max_episode_steps=options.episode)
+        for name, source in sources.items()
+    }
+    random = torch.Generator().manual_seed(0)
+    begun = torch.randint(options.episode, (options.num_envs,), generator=random)
+    shape = (options.episode, *environments["fresh"].action_space.shape)  # type: ignore[misc]
+    actions = (2.0 * torch.rand(shape, generator=random) - 1.0).to(environments["fresh"].device)
+    for envs in environments.values():
+        # rows of the bank are found by seed + episode
+        envs.reset(seed=[seed - seeds[0] for seed in seeds] if envs is environments["replayed"] else seeds)
+        envs.state.elapsed.copy_(begun)
+    seconds: dict[str, list[float]] = {name: [] for name in environments}
+    for _ in range(options.rounds + 1):
+        for name, envs in environments.items():
+            seconds[name].append(turn(envs, actions, options.episode))
+    total = options.num_envs * options.episode
+    rates = {name: total / np.array(times[1:]) for name, times in seconds.items()}
+    ratios = {f"fresh / {name}": rates["fresh"] / rates[name] for name in ("replayed", "fixed")}
+    ranges = {name: [round(float(r), 4) for r in (ratio.min(), ratio.max())] for name, ratio in ratios.items()}
+    answer = {
+        "task": options.task,
+        "num_envs": options.num_envs,
+        "steps_per_second": {name: round(float(np.median(rate))) for name, rate in rates.items()},
+        "ratio_median": {name: round(float(np.median(ratio)), 4) for name, ratio in ratios.items()},
+        "ratio_range": ranges,
+    }
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    options.out.write_text(json.dumps(answer) + "\n")
+    print(json.dumps(answer))
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Options))
