@@ -76,17 +76,23 @@ def _drawn(arm: ArmView, seed: wp.uint64, episode: int, stream: wp.uint32, trial
 
 
 @wp.func
+def _tcp(reach: Reach, layouts: LayoutsView, worldid: int, grasp: int):
+    """Position and orientation of the TCP in the world when it stands at a grasp."""
+    body = reach.grasp_body[grasp]
+    quat = layouts.body_quat[worldid, body]
+    pos = layouts.body_pos[worldid, body] + rot_vec_quat(reach.grasp_pos[grasp], quat)
+    return pos, mul_quat(quat, reach.grasp_quat[grasp])
+
+
+@wp.func
 def _try(
     reach: Reach, layouts: LayoutsView, worldid: int, column: int, grasp: int, start: int, stream: wp.uint32, trial: int
 ) -> Reached:
     """One lane's work: joints for one grasp from one start, and for its pre-grasp from those."""
-    body_pos = layouts.body_pos[worldid]
-    body_quat = layouts.body_quat[worldid]
-    body = reach.grasp_body[grasp]
-    back = neg_quat(body_quat[reach.base_body])
-    at = body_pos[body] + rot_vec_quat(reach.grasp_pos[grasp], body_quat[body]) - body_pos[reach.base_body]
-    pos = rot_vec_quat(at, back)
-    quat = wp.normalize(mul_quat(back, mul_quat(body_quat[body], reach.grasp_quat[grasp])))
+    at, turn = _tcp(reach, layouts, worldid, grasp)
+    back = neg_quat(layouts.body_quat[worldid, reach.base_body])
+    pos = rot_vec_quat(at - layouts.body_pos[worldid, reach.base_body], back)
+    quat = wp.normalize(mul_quat(back, turn))
 
     q = vec8()
     if start == 0:
@@ -119,17 +125,37 @@ def _try(
 
 
 @wp.func
-def _pose_arm(program: Program, reach: Reach, layouts: LayoutsView, worldid: int, q: vec8, needed: float):
-    """Pose the robot, its gripper opened to the gap [m] that is needed and the margin. One lane's work."""
+def _open_gripper(reach: Reach, layouts: LayoutsView, worldid: int, grasp: int):
+    """Open the gripper to the gap [m] that a grasp needs and the margin. One lane's work."""
     qpos = layouts.arm_qpos[worldid]
-    for i in range(MAX_JOINTS):
-        if i < reach.arm.njoint:
-            qpos[reach.arm_qposadr[i]] = q[i]
-    gap = wp.min(needed + OPENING_MARGIN, reach.gap_open)
+    gap = wp.min(reach.grasp_opening[grasp] + OPENING_MARGIN, reach.gap_open)
     share = (gap - reach.gap_closed) / wp.max(reach.gap_open - reach.gap_closed, 1.0e-6)
     for i in range(reach.grip_qposadr.shape[0]):
         joint = reach.grip_closed[i] + wp.clamp(share, 0.0, 1.0) * (reach.grip_open[i] - reach.grip_closed[i])
         qpos[reach.grip_qposadr[i]] = joint
+
+
+@wp.func
+def _pose_hand(program: Program, reach: Reach, layouts: LayoutsView, worldid: int, grasp: int, back: float):
+    """Pose what the arm's last joint carries at a grasp, or [m] back along its approach. One lane's work."""
+    pos, quat = _tcp(reach, layouts, worldid, grasp)
+    _open_gripper(reach, layouts, worldid, grasp)
+    root = reach.hand_body[0]
+    layouts.arm_pos[worldid, root] = pos - back * z_axis(quat) + rot_vec_quat(reach.hand_pos, quat)
+    layouts.arm_quat[worldid, root] = wp.normalize(mul_quat(quat, reach.hand_quat))
+    for i in range(1, reach.hand_body.shape[0]):
+        body = reach.hand_body[i]
+        pose_body(program, body, layouts.arm_qpos[worldid], layouts.arm_pos[worldid], layouts.arm_quat[worldid])
+
+
+@wp.func
+def _pose_arm(program: Program, reach: Reach, layouts: LayoutsView, worldid: int, q: vec8, grasp: int):
+    """Pose the robot, its gripper opened for a grasp. One lane's work."""
+    qpos = layouts.arm_qpos[worldid]
+    for i in range(MAX_JOINTS):
+        if i < reach.arm.njoint:
+            qpos[reach.arm_qposadr[i]] = q[i]
+    _open_gripper(reach, layouts, worldid, grasp)
     for i in range(reach.arm_body.shape[0]):
         pose_body(program, reach.arm_body[i], qpos, layouts.arm_pos[worldid], layouts.arm_quat[worldid])
 
@@ -145,6 +171,35 @@ def _keep(layouts: LayoutsView, worldid: int, column: int, grasp: int, njoint: i
 
 def _make_reachability(geometry: str, collides: wp.Function) -> wp.Kernel:
     """The kernel for one kind of geometry."""
+
+    @wp.func
+    def hand_is_clear(
+        program: Program,
+        reach: Reach,
+        layouts: LayoutsView,
+        nodes: Any,
+        leaves: Any,
+        worldid: int,
+        lane: int,
+        column: int,
+        grasp: int,
+    ) -> bool:
+        """Whether the map lets a grasp through and the hand alone is clear of the layout in it and its pre-grasp.
+
+        It stands there whatever the arm's joints are, so all starts of a grasp are spared at once.
+        """
+        clear = lets_through(reach, column, grasp, layouts.body_pos[worldid], layouts.body_quat[worldid])
+        pairs = program.nobject + 1 + layouts.grasp.shape[1] + column
+        step = int(0)
+        while step < 2 and clear:
+            if lane == 0:
+                _pose_hand(program, reach, layouts, worldid, grasp, float(step) * PREGRASP_DISTANCE)
+            block_sync()
+            clear = not collides(
+                program, nodes, leaves, lane, pairs, -1, layouts.arm_pos[worldid], layouts.arm_quat[worldid]
+            )
+            step += 1
+        return clear
 
     @wp.func
     def reach_object(
@@ -168,20 +223,31 @@ def _make_reachability(geometry: str, collides: wp.Function) -> wp.Kernel:
         # placing has found that the map lets none through before this one
         first = reach.reach_graspadr[column] + layouts.grasp[worldid, column]
         number = (reach.variant_graspadr[variant] + reach.variant_graspnum[variant] - first) * STARTS
-        tests = int(1)  # against itself in the grasp; then against the layout, and both in the pre-grasp
-        if reach.reach_tier[column] == _CLEAR:
-            tests = int(4)
+        clear = reach.reach_tier[column] == _CLEAR
+        tests = wp.where(clear, 4, 1)  # against itself in the grasp; then against the layout, and both in the pre-grasp
+        tried = bool(False)  # whether this lane's grasp goes through inverse kinematics
+        looked = first - 1  # the last grasp for which that is known
+        blocked = clear  # whether the hand hits something in all of these
         cause = int(_NO_IK)
         base = int(0)
         while base < number and cause != _NONE:
             mine = int(_NO_CANDIDATE)
             grasp = first + (base + lane) // STARTS
             found = Reached()
-            if base + lane < number:
-                if lets_through(reach, column, grasp, body_pos, body_quat):
-                    found = _try(reach, layouts, worldid, column, grasp, (base + lane) % STARTS, stream, trial)
-                    if found.ok:
-                        mine = base + lane
+            last = first + (wp.min(base + wp.block_dim(), number) - 1) // STARTS
+            if clear:
+                while looked < last:
+                    looked += 1
+                    through = hand_is_clear(program, reach, layouts, nodes, leaves, worldid, lane, column, looked)
+                    blocked = blocked and not through
+                    if looked == grasp:
+                        tried = through
+            else:
+                tried = lets_through(reach, column, wp.min(grasp, last), body_pos, body_quat)
+            if base + lane < number and tried:
+                found = _try(reach, layouts, worldid, column, grasp, (base + lane) % STARTS, stream, trial)
+                if found.ok:
+                    mine = base + lane
             least = wp.tile_extract(wp.tile_min(wp.tile(mine)), 0)
             while least < _NO_CANDIDATE and cause != _NONE:
                 k = int(0)
@@ -192,7 +258,7 @@ def _make_reachability(geometry: str, collides: wp.Function) -> wp.Kernel:
                             q = found.grasp
                             if k > 0:
                                 q = found.pregrasp
-                            _pose_arm(program, reach, layouts, worldid, q, reach.grasp_opening[grasp])
+                            _pose_arm(program, reach, layouts, worldid, q, grasp)
                         block_sync()
                     pairs = program.nobject + wp.where(k % 2 == 0, 0, 1 + column)
                     hit = collides(program, nodes, leaves, lane, pairs, -1, arm_pos, arm_quat)
@@ -207,8 +273,10 @@ def _make_reachability(geometry: str, collides: wp.Function) -> wp.Kernel:
                     cause = _NONE
                     if mine == least:
                         name = grasp - reach.reach_graspadr[column]
-                        _keep(layouts, worldid, column, name, reach.arm.njoint, found, tests > 1)
+                        _keep(layouts, worldid, column, name, reach.arm.njoint, found, clear)
             base += wp.block_dim()
+        if blocked:
+            cause = _BLOCKED
         return cause
 
     def reachability(

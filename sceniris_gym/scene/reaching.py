@@ -6,7 +6,9 @@ import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import mujoco
 import numpy as np
+import warp as wp
 
 from sceniris_gym.errors import ArmError, MapError, ReachWarning, UnknownNameError
 from sceniris_gym.reach.arm import MAX_JOINTS, TCP, Arm
@@ -17,7 +19,7 @@ from sceniris_gym.scene.compose import asset_name
 from sceniris_gym.scene.config import ObjectConfig
 from sceniris_gym.scene.device import fill_struct
 from sceniris_gym.scene.grasps import Graspable, Grasps
-from sceniris_gym.scene.gripper import Gripper
+from sceniris_gym.scene.gripper import Gripper, carried
 from sceniris_gym.scene.lists import ranges
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.program import PlacedObject, Plan
@@ -110,7 +112,14 @@ def build_reaching(scene: SceneModel, plan: Plan, device: str) -> Reaching | Non
     view.map = MapView() if reach_map is None else reach_map.view(device)
     view.arm = arm_view(arm, device)
     view.gap_closed, view.gap_open = gripper.closed, gripper.opening
-    fill_struct(Reach, view, _arrays(plan, columns, arm, gripper, scene.subtree(ROBOT)), device)
+    hand = sorted(carried(scene.mjm, arm))
+    view.hand_pos, view.hand_quat = _in_tcp(plan.home, arm, hand[0])
+    arrays = _arrays(plan, columns, gripper) | {
+        "arm_qposadr": arm.qposadr,
+        "arm_body": np.array(scene.subtree(ROBOT)[1:], int),
+        "hand_body": np.array(hand, int),
+    }
+    fill_struct(Reach, view, arrays, device)
     return Reaching(arm, gripper, reach_map, tuple(columns), view)
 
 
@@ -172,7 +181,17 @@ def _why_not_map(arm: Arm, reach_map: ReachMap | None) -> str | None:
     return None
 
 
-def _arrays(plan: Plan, columns: list[Column], arm: Arm, gripper: Gripper, robot: list[int]) -> dict[str, np.ndarray]:
+def _in_tcp(home: mujoco.MjData, arm: Arm, body: int) -> tuple[wp.vec3, wp.vec4]:
+    """The pose of a body that moves with the TCP, in the TCP's frame."""
+    turn, quat = np.zeros(4), np.zeros(4)
+    mujoco.mju_mat2Quat(turn, home.site_xmat[arm.tcp_site])
+    mujoco.mju_negQuat(turn, turn.copy())
+    mujoco.mju_mulQuat(quat, turn, home.xquat[body])
+    pos = home.site_xmat[arm.tcp_site].reshape(3, 3).T @ (home.xpos[body] - home.site_xpos[arm.tcp_site])
+    return wp.vec3(*pos), wp.vec4(*quat)
+
+
+def _arrays(plan: Plan, columns: list[Column], gripper: Gripper) -> dict[str, np.ndarray]:
     grasps, adr, num = ranges(c.grasps.grasps for c in columns)
     objects = [plan.objects[c.number] for c in columns]
     numbers = np.full(len(plan.objects), -1)
@@ -194,9 +213,6 @@ def _arrays(plan: Plan, columns: list[Column], arm: Arm, gripper: Gripper, robot
         "grasp_pos": np.reshape([g.pos for g in grasps], (-1, 3)),
         "grasp_quat": np.reshape([g.quat for g in grasps], (-1, 4)),
         "grasp_opening": np.array([g.opening for g in grasps], float),
-        "arm_qposadr": arm.qposadr,
-        "arm_body": np.array(robot[1:], int),
-        "hand_body": np.array(hand, int),
         "grip_qposadr": gripper.qposadr,
         "grip_closed": gripper.closed_qpos,
         "grip_open": gripper.open_qpos,
