@@ -16,7 +16,7 @@ from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.layout.reachability import SAME_BRANCH
 from sceniris_gym.reach.solve import POS_TOL, ROT_TOL
 from sceniris_gym.scene.world import World
-from tests.layout.reaching import arm_mjcf, taken
+from tests.layout.grasped import arm_mjcf, taken
 from tests.layout.scenes import box_mjcf, cpu_world, read
 
 FLOOR = {"size": [1.5, 1.5]}

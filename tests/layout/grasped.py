@@ -1,0 +1,119 @@
+"""A small arm that has no map, and what MuJoCo C says of the grasps of finished layouts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.layout.layouts import Layouts, Status
+from sceniris_gym.layout.reachability import OPENING_MARGIN, PREGRASP_DISTANCE
+from sceniris_gym.scene.world import World
+from tests.layout.scenes import write_mjcf
+
+FINGER = '<joint name="{0}" type="slide" axis="0 {1} 0" range="0 0.04"/>'
+PAD = '<geom type="box" size="0.01 0.004 0.035" pos="0 {0} 0.03"/>'
+LINKS = [  # position in the parent [m], joint, capsule along z from and to
+    ("0 0 0.15", '<joint name="joint1" axis="0 0 1" range="-170 170"/>', (0.0, 0.1, 0.04)),
+    ("0 0 0.15", '<joint name="joint2" axis="0 1 0" range="-120 120"/>', (0.06, 0.3, 0.035)),
+    ("0 0 0.35", '<joint name="joint3" axis="0 1 0" range="0 155"/>', (0.06, 0.25, 0.03)),
+    ("0 0 0.3", '<joint name="joint4" axis="0 0 1" range="-170 170"/>', None),
+    ("0 0 0", '<joint name="joint5" axis="0 1 0" range="-115 115"/>', (0.06, 0.08, 0.025)),
+    ("0 0 0.1", '<joint name="joint6" axis="0 0 1"/>', None),
+]
+HOME = "0 -0.3 1.5 0 1.2 0 0.02 0.02"
+
+
+def arm_mjcf(folder: Path, on_base: str = "", name: str = "picker") -> str:
+    """Write an arm of six hinges, the last without limits, and a gripper that opens to 8 cm; return the file's path.
+
+    Args:
+        folder: Where to.
+        on_base: More geoms of its base.
+        name: Of the asset and its base.
+    """
+    inertia = '<inertial pos="0 0 0" mass="0.1" diaginertia="1e-3 1e-3 1e-3"/>'
+    body = f'<geom type="cylinder" size="0.06 0.05" pos="0 0 0.05"/>{on_base}'
+    for pos, joint, capsule in LINKS:
+        shape = (
+            ""
+            if capsule is None
+            else f'<geom type="capsule" fromto="0 0 {capsule[0]} 0 0 {capsule[1]}" size="{capsule[2]}"/>'
+        )
+        body += f'<body pos="{pos}">{inertia}{joint}{shape}'
+    body += '<geom type="box" size="0.02 0.05 0.02"/><site name="tcp" pos="0 0 0.1"/>'
+    for side, sign in (("left", 1), ("right", -1)):
+        body += f'<body pos="0 0 0.05">{inertia}{FINGER.format(side, sign)}{PAD.format(0.004 * sign)}</body>'
+    rest = f'<keyframe><key name="home" qpos="{HOME}"/></keyframe>'
+    return write_mjcf(folder, name, body + "</body>" * len(LINKS), rest)
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A grasp of a finished layout, or its pre-grasp, as MuJoCo C sees it.
+
+    Attributes:
+        name: The object.
+        far: Distance [m] of the TCP from where the grasp is.
+        turned: Angle [rad] between them.
+        within: Whether all joints are within their limits.
+        itself: Pairs of the robot's bodies in contact.
+        others: Names of bodies, other than the object's, that the robot is in contact with.
+    """
+
+    name: str
+    far: float
+    turned: float
+    within: bool
+    itself: list[tuple[str, str]]
+    others: list[str]
+
+
+def taken(world: World, layouts: Layouts, which: str) -> Iterator[Taken]:
+    """All accepted grasps ("grasp_qpos") or pre-grasps ("pregrasp_qpos") of rows that hold a layout."""
+    names = ("qpos", "mocap_pos", "mocap_quat", "status", "grasp", which)
+    rows = {name: getattr(layouts, name).numpy() for name in names}
+    data = mujoco.MjData(world.mjm)
+    assert world.reaching is not None
+    for i in np.flatnonzero(rows["status"] != Status.NONE):
+        for c, column in enumerate(world.reaching.columns):
+            if rows["grasp"][i, c] < 0:
+                continue
+            data.qpos[:] = rows["qpos"][i]
+            if world.mjm.nmocap:
+                data.mocap_pos[:], data.mocap_quat[:] = rows["mocap_pos"][i], rows["mocap_quat"][i]
+            q = rows[which][i, c, : len(world.reaching.arm.joints)].astype(float)
+            yield _taken(world, data, column.name, column.grasps.grasps[rows["grasp"][i, c]], q, which)
+
+
+def _taken(world: World, data: mujoco.MjData, name: str, grasp, q: np.ndarray, which: str) -> Taken:
+    reaching, mjm = world.reaching, world.mjm
+    assert reaching is not None
+    arm, gripper = reaching.arm, reaching.gripper
+    data.qpos[arm.qposadr] = q
+    gap = min(grasp.opening + OPENING_MARGIN, gripper.opening)
+    share = (gap - gripper.closed) / (gripper.opening - gripper.closed)
+    data.qpos[gripper.qposadr] = gripper.closed_qpos + share * (gripper.open_qpos - gripper.closed_qpos)
+    mujoco.mj_kinematics(mjm, data)
+    mujoco.mj_collision(mjm, data)
+    frame = np.zeros(9)
+    mujoco.mju_quat2Mat(frame, grasp.quat / np.linalg.norm(grasp.quat))
+    body = data.xmat[grasp.body].reshape(3, 3)
+    asked = body @ frame.reshape(3, 3)
+    back = PREGRASP_DISTANCE if which == "pregrasp_qpos" else 0.0
+    at = data.xpos[grasp.body] + body @ grasp.pos - back * asked[:, 2]
+    turn = np.zeros(4)
+    mujoco.mju_mat2Quat(turn, (asked.T @ data.site_xmat[arm.tcp_site].reshape(3, 3)).ravel())
+    robot, own = set(world.scene.subtree("robot")), set(world.scene.subtree(name))
+    pairs = [{int(b) for b in mjm.geom_bodyid[c.geom]} for c in data.contact if c.dist <= 0.0]
+    return Taken(
+        name=name,
+        far=float(np.linalg.norm(data.site_xpos[arm.tcp_site] - at)),
+        turned=float(2.0 * np.arctan2(np.linalg.norm(turn[1:]), abs(turn[0]))),
+        within=bool((q >= arm.lower).all() and (q <= arm.upper).all()),
+        itself=[tuple(mjm.body(b).name for b in pair) for pair in pairs if pair <= robot],
+        others=[mjm.body(b).name for pair in pairs if pair & robot for b in pair - robot - own],
+    )
