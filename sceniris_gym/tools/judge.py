@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 
+import numpy as np
+
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.reachability import OPENING_MARGIN
+from sceniris_gym.scene.values import ROBOT
 from sceniris_gym.scene.world import World
 from sceniris_gym.tools.audit.auditor import Auditor
-from sceniris_gym.tools.dataset import make_table
+from sceniris_gym.tools.audit.reach import Claim, ReachAudit, Unreached
+from sceniris_gym.tools.dataset import LayoutTable, make_table
 from sceniris_gym.tools.rows import Rows
 
 _WORLDS = 1024  # that are reset again and again until enough candidates were rejected
@@ -36,6 +41,38 @@ def rejected_candidates(world: World, n: int, seed: int) -> tuple[Rows, list[str
     return Rows(qpos, pos[:, :nmocap], quat[:, :nmocap]), names
 
 
+def reach_claims(world: World, table: LayoutTable) -> list[Claim]:
+    """What a table says about how its reachable objects are reached: the gripper opened by 1 cm more than it needs."""
+    if world.reaching is None:
+        return []
+    gripper, claims = world.reaching.gripper, []
+    for k, column in enumerate(world.reaching.columns):
+        needed = np.array([g.opening for g in column.grasps.grasps])[np.maximum(table.grasp[:, k], 0)]
+        gap = np.minimum(needed + OPENING_MARGIN, gripper.opening)
+        share = np.clip((gap - gripper.closed) / max(gripper.opening - gripper.closed, 1e-6), 0.0, 1.0)
+        claims.append(
+            Claim(
+                name=column.name,
+                tier=column.tier.name.lower(),
+                pose=table.grasp_pose[:, k],
+                qpos=table.grasp_qpos[:, k],
+                pregrasp_qpos=table.pregrasp_qpos[:, k],
+                fingers=gripper.closed_qpos + share[:, None] * (gripper.open_qpos - gripper.closed_qpos),
+                finger_adr=gripper.qposadr,
+            )
+        )
+    return claims
+
+
+def judge_reach(world: World, table: LayoutTable, claims: list[Claim]) -> list[Unreached]:
+    """Let the audit judge what a table says about reach."""
+    if not claims:
+        return []
+    audit = ReachAudit(world.mjm, world.scene.bodies[ROBOT], world.scene.bodies)
+    present = {claim.name: table.present[:, world.slots.index(claim.name)] for claim in claims}
+    return audit.judge(table.rows, claims, present)
+
+
 def judge(world: World, layouts: int, rejected: int, settled: int, seed: int) -> dict:
     """Make layouts and rejected candidates, and return what the audit finds as plain numbers and names.
 
@@ -49,6 +86,8 @@ def judge(world: World, layouts: int, rejected: int, settled: int, seed: int) ->
     auditor = Auditor(world.mjm, world.config, world.scene.bodies)
     table = make_table(world, layouts, seed)
     report = auditor.judge(table.rows, settled=settled)
+    claims = reach_claims(world, table)
+    unreached = judge_reach(world, table, claims)
     rows, names = rejected_candidates(world, rejected, seed) if rejected else (table.rows[slice(0, 0)], [])
     alarms = auditor.judge_rejected(rows, names, world.placed)
     return {
@@ -72,6 +111,9 @@ def judge(world: World, layouts: int, rejected: int, settled: int, seed: int) ->
         "relations_by": {f"{k.name} {k.word}": k.broken for k in report.kept if k.broken},
         "relation_worst_m": max((k.worst for k in report.kept if k.unit == "m"), default=0.0),
         "relation_worst_rad": max((k.worst for k in report.kept if k.unit == "rad"), default=0.0),
+        "reach_claims": int(sum(np.isfinite(claim.pose[:, 0]).sum() for claim in claims)),
+        "unreached": len(unreached),
+        "unreached_by": dict(Counter(f"{u.name} {u.cause}" for u in unreached)),
         "settled": report.settled,
         "moved": report.moved,
         "moved_share": sum(report.moved.values()) / max(report.settled * len(report.moved), 1),

@@ -68,10 +68,9 @@ class State:
         self._spans: dict[tuple[str, str], slice | Tensor] = {}
         self._grasp_tables: dict[int, tuple[Tensor, Tensor, Tensor]] = {}
         if layouts.reaching is not None:
-            self._narm = len(layouts.reaching.arm.joints)
             self._layout_grasp = wp.to_torch(layouts.grasp)
-            self._layout_joints = wp.to_torch(layouts.grasp_qpos)
-            self._layout_prejoints = wp.to_torch(layouts.pregrasp_qpos)
+            solved = {name: wp.to_torch(getattr(layouts, name)) for name in ("grasp_qpos", "pregrasp_qpos")}
+            self._layout_joints = {name: q[:, :, : len(layouts.reaching.arm.joints)] for name, q in solved.items()}
         self._columns: dict[tuple[str, ...], Tensor] = {}
 
     @property
@@ -145,14 +144,14 @@ class State:
 
         nan where the object is absent, and for objects that only the arm's map was asked for.
         """
-        return self._layout_joints[:, self._column(name, "grasp_qpos"), : self._narm].clone()
+        return self._solved("grasp_qpos", name)
 
     def pregrasp_qpos(self, name: str) -> Tensor:
         """Return the arm's joints [rad or m] before that grasp, 8 cm back along its approach, as `grasp_qpos`.
 
         nan for tiers below `clear`.
         """
-        return self._layout_prejoints[:, self._column(name, "pregrasp_qpos"), : self._narm].clone()
+        return self._solved("pregrasp_qpos", name)
 
     def jacobian(self, site: str, name: str) -> Tensor:
         """Return how a site moves with hinges: shape (num_envs, 6, number of joints), [m/rad] above [rad/rad].
@@ -195,6 +194,10 @@ class State:
         if name not in names:
             raise self._unknown("reachable object", name, method, names)
         return names.index(name)
+
+    def _solved(self, array: str, name: str) -> Tensor:
+        column = self._column(name, array)
+        return self._layout_joints[array][:, column].clone()
 
     def _grasps(self, column: int) -> tuple[Tensor, Tensor, Tensor]:
         """Return body ids, positions and orientations (wxyz) of the grasps of a reachable object."""

@@ -17,10 +17,19 @@ RADIUS = (0.305, 0.595)
 HEIGHT = (0.005, 0.405)
 _SLIDES = f'<joint name="out" type="slide" axis="1 0 0" range="{RADIUS[0]} {RADIUS[1]}"/>'
 _FINGER = '<body name="{0}" pos="0 0 -0.02"><joint name="{0}" type="slide" axis="0 {1} 0" range="0 0.04"/>'
-_PAD = '<geom type="box" size="0.01 0.004 0.02" pos="0 {0} 0.018" contype="2" conaffinity="0"/></body>'
+_PAD = '<geom type="box" size="0.01 0.004 0.02" pos="0 {0} 0.018" {1}/></body>'
+_AIRY = 'contype="2" conaffinity="0"'
 
 
-def crane_mjcf(folder: Path, name: str = "crane", *, turn: float = 3.2, tilt: float = 0.0, offset: float = 0.0) -> str:
+def crane_mjcf(
+    folder: Path,
+    name: str = "crane",
+    *,
+    turn: float = 3.2,
+    tilt: float = 0.0,
+    offset: float = 0.0,
+    solid: bool = False,
+) -> str:
     """Write a crane: a turntable, a slide outwards, one up and down, and a hand that turns and points down.
 
     Args:
@@ -29,19 +38,21 @@ def crane_mjcf(folder: Path, name: str = "crane", *, turn: float = 3.2, tilt: fl
         turn: limit of the first joint, to both sides [rad].
         tilt: lean of the first axis from the vertical [rad].
         offset: of the TCP from the last joint's axis [m].
+        solid: whether its hand touches things; the rest of it does not.
     """
-    fingers = _FINGER.format("left", 1) + _PAD.format(0.004) + _FINGER.format("right", -1) + _PAD.format(-0.004)
+    bits = "" if solid else _AIRY
+    fingers = "".join(_FINGER.format(name, y) + _PAD.format(0.004 * y, bits) for name, y in (("left", 1), ("right", -1)))
     hand = (
         '<body name="hand" pos="0 0 0" quat="0 1 0 0"><joint name="roll" axis="0 0 1" range="-3.2 3.2"/>'
-        f'<geom type="box" size="0.02 0.06 0.01" pos="0 0 -0.06" contype="2" conaffinity="0"/>'
+        f'<geom type="box" size="0.02 0.06 0.01" pos="0 0 -0.06" {bits}/>'
         f'<site name="tcp" pos="{offset} 0 0"/>{fingers}</body>'
     )
     up = f'<body name="up"><joint name="up" type="slide" axis="0 0 1" range="{HEIGHT[0]} {HEIGHT[1]}"/>'
-    up += f'<geom type="sphere" size="0.01" contype="2" conaffinity="0"/>{hand}</body>'
-    out = f'<body name="out">{_SLIDES}<geom type="sphere" size="0.01" contype="2" conaffinity="0"/>{up}</body>'
+    up += f'<geom type="sphere" size="0.01" {_AIRY}/>{hand}</body>'
+    out = f'<body name="out">{_SLIDES}<geom type="sphere" size="0.01" {_AIRY}/>{up}</body>'
     c, s = np.cos(tilt / 2), np.sin(tilt / 2)
     table = f'<body name="table" quat="{c} {s} 0 0"><joint name="turn" axis="0 0 1" range="{-turn} {turn}"/>'
-    table += f'<geom type="sphere" size="0.01" contype="2" conaffinity="0"/>{out}</body>'
+    table += f'<geom type="sphere" size="0.01" {_AIRY}/>{out}</body>'
     base = '<geom type="cylinder" size="0.05 0.005" pos="0 0 0.005"/>'
     key = '<keyframe><key name="home" qpos="0 0.4 0.3 0 0.04 0.04"/></keyframe>'
     path = folder / f"{name}.xml"

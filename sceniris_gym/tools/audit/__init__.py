@@ -5,6 +5,7 @@ pairs.py       which solids must be apart                collisions.py missed co
 supports.py    level surfaces, rays                      standing.py   objects on their supports
 outlines.py    objects seen from above                   relations.py  relations between them
 turns.py       orientations                              presence.py   groups and who is absent
+reach.py       what an arm is said to reach
 language.py    those three, counted                      physics.py    penetration and settling in MuJoCo C
 auditor.py     all of it, as one report
 """
