@@ -154,7 +154,7 @@ def test_the_width_of_between_is_that_of_the_drawn_pose(tmp_path: Path):
 
 
 def test_what_never_changes_between_two_is_not_tried_again(tmp_path: Path):
-    """Anchors far off the floor leave it empty: one attempt a start for a brick that stands, all for one that may lie."""
+    """Anchors far off the floor leave it empty: one attempt a start for a brick that stands, ten where it may lie."""
     far = {"kind": "marker", "region": {"box": [[3.0, -0.1, 0.0], [3.0, 0.1, 0.0]]}}
     near = {"kind": "marker", "region": {"box": [[-0.4, -0.1, 0.0], [4.0, 0.1, 0.0]]}}
     counts = {}
