@@ -156,9 +156,14 @@ def make_env(task: str, num_envs: int, world: World, **kwargs: Any) -> SceneVect
 
 
 @torch.inference_mode()
-def evaluate(policy: Any, env: RslRlVecEnv, seed: int = EVAL_SEED) -> dict[str, float]:
-    """Run the first episode of every world; `success` is that of its last step, `return` the sum of its rewards."""
+def evaluate(policy: Any, env: RslRlVecEnv, seed: int = EVAL_SEED) -> dict[str, Any]:
+    """Run the first episode of every world; `success` is that of its last step, `return` the sum of its rewards.
+
+    For a task that chooses an object, `by_choice` is the success for each of them.
+    """
     obs, _ = env.reset(seed=seed)
+    chosen = getattr(env.unwrapped.task, "chosen", None)
+    chosen = torch.ones(env.num_envs, 1, device=env.device) if chosen is None else chosen.clone()
     running = torch.ones(env.num_envs, dtype=torch.bool, device=env.device)
     success, total = torch.zeros_like(running), torch.zeros(env.num_envs, device=env.device)
     for _ in range(env.max_episode_length):
@@ -167,8 +172,13 @@ def evaluate(policy: Any, env: RslRlVecEnv, seed: int = EVAL_SEED) -> dict[str, 
         ends = running & done.bool()
         success |= ends & extras["success"]
         running &= ~ends
-    share = float(success.float().mean())
-    return {"success": share, "return": float(total.mean()), "unfinished": int(running.sum())}
+    by_choice = (success.float() @ chosen) / chosen.sum(dim=0)
+    return {
+        "success": float(success.float().mean()),
+        "return": float(total.mean()),
+        "unfinished": int(running.sum()),
+        "by_choice": [round(share, 4) for share in by_choice.tolist()],
+    }
 
 
 class Run:

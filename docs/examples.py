@@ -38,13 +38,13 @@ class Example:
 
     @property
     def own_objects(self) -> list[str]:
-        """The objects that the example itself speaks of, and not only its base."""
-        return list(self._data()["objects"])
+        """The objects that the example itself speaks of and not only its base; where it speaks of none, all."""
+        return list(self._data().get("objects") or self.load().objects)
 
     @property
     def jointed_objects(self) -> list[str]:
         """Those whose joints it draws."""
-        return [name for name, words in self._data()["objects"].items() if "joints" in words]
+        return [name for name, words in self._data().get("objects", {}).items() if "joints" in words]
 
     def load(self) -> SceneConfig:
         """Read the scene.

@@ -232,7 +232,8 @@ def _check_cuts(o: PlacedObject, triangles: int, where: str) -> None:
 
 def _insists(o: PlacedObject) -> bool:
     """Whether another draw of its own turn or joints may open a region that was empty."""
-    by_bounds = any(r.bounds or r.kind == "beside" or _has_own_width(r) for r in _relations_of(o))
+    varies = len(o.variants) > 1 or bool(o.draws) or (o.config is not None and o.config.turn.kind == "any")
+    by_bounds = any(r.bounds or r.kind == "beside" or (varies and _has_own_width(r)) for r in _relations_of(o))
     return by_bounds or o.erosion > 0.0 or len({id(surfaces) for surfaces in o.surfaces}) > 1
 
 

@@ -156,6 +156,7 @@ def test_the_table_is_a_flat_top_on_four_legs():
     np.testing.assert_allclose(winding(visual("table"), below), 0.0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_scripts_make_what_ships(tmp_path, monkeypatch):
     """Run anew, they write the same files, and meshes of the same extent."""
     pytest.importorskip("manifold3d")

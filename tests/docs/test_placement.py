@@ -48,6 +48,20 @@ def test_an_example_has_a_picture_that_was_drawn_from_it(example: Example) -> No
     assert example.picture.stat().st_size < 40_000
 
 
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda e: e.name)
+def test_an_example_has_three_lines(example: Example) -> None:
+    """No more than what is needed for its word, and none that is too long to be read."""
+    lines = example.text.splitlines()
+    assert len(lines) == 3
+    assert max(map(len, lines)) <= 120
+
+
+def test_prose_is_wrapped() -> None:
+    """Lines of the page are no longer than those of the code, but for tables and for the list of words."""
+    lines = PAGE.read_text(encoding="utf-8").splitlines()
+    assert [line for line in lines if len(line) > 120 and not line.startswith(("|", "- [", "!["))] == []
+
+
 def test_every_block_of_yaml_is_an_example_and_every_picture_has_one() -> None:
     """Nothing is left over in the page or in its folder."""
     assert len(EXAMPLES) == PAGE.read_text(encoding="utf-8").count("```yaml")

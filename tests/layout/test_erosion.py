@@ -12,7 +12,7 @@ from scipy import stats
 from shapely.geometry import box
 from shapely.geometry.base import BaseGeometry
 
-from sceniris_gym.errors import ErodedSupportError
+from sceniris_gym.errors import ErodedSupportError, SceneKeyError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.scene.world import World
 from sceniris_gym.tools.audit.auditor import Auditor
@@ -151,6 +151,35 @@ def test_the_width_of_between_is_that_of_the_drawn_pose(tmp_path: Path):
         off = points[:, 1] / (0.5 * extents.min(1))
         assert np.abs(off).max() < 1.001
         assert stats.kstest(0.5 + 0.5 * off, "uniform").pvalue > 0.001
+
+
+def test_what_never_changes_between_two_is_not_tried_again(tmp_path: Path):
+    """Anchors far off the floor leave it empty: one attempt a start for a brick that stands, ten where it may lie."""
+    far = {"kind": "marker", "region": {"box": [[3.0, -0.1, 0.0], [3.0, 0.1, 0.0]]}}
+    near = {"kind": "marker", "region": {"box": [[-0.4, -0.1, 0.0], [4.0, 0.1, 0.0]]}}
+    counts = {}
+    for turn in ("fixed", "stable"):
+        words = {"orientation": turn, "relations": [{"between": ["a", "b"]}]}
+        brick = {"asset": _brick(tmp_path), "on": "floor", **words}
+        objects = {"a": far, "b": near, "brick": brick}
+        world = cpu_world({"floor": {"size": [1.0, 1.0]}, "restarts": 30, "objects": objects})
+        generator = LayoutGenerator(world, 200)
+        generator.generate()
+        counts[turn] = generator.rejection_counts()["brick"]["empty"]
+    assert counts["stable"] == 10 * counts["fixed"] > 0
+
+
+def test_a_marker_that_has_an_asset_has_no_width_of_its_own(tmp_path: Path):
+    """It collides with nothing, so there is nothing to measure; seen by the eye it has bounds."""
+    post = {"asset": box_mjcf(tmp_path, "post", 0.02, 0.02, 0.02), "kind": "static"}
+    goal = {"asset": _brick(tmp_path), "kind": "marker", "on": "floor", "relations": [{"between": ["a", "b"]}]}
+    b = {**post, "kind": "fixture", "on": "floor", "region": {"box": [[0.4, 0.4], [0.41, 0.41]]}}
+    scene = {"floor": {"size": [1.0, 1.0]}, "objects": {"a": post, "b": b, "goal": goal}}
+    with pytest.raises(SceneKeyError, match=r"objects\.goal\.relations\.0\.width: is missing\. 'goal' has nothing"):
+        cpu_world(scene)
+    assert (make(cpu_world({**scene, "geometry": "visual"}), 20).status == 1).all()
+    words = {"objects.goal.relations": [{"between": ["a", "b"], "width": 0.1}]}
+    assert (make(cpu_world(scene, words), 20).status == 1).all()
 
 
 def test_the_audit_sees_what_is_too_near_to_the_edge(tmp_path: Path):

@@ -96,6 +96,12 @@ class ExactIk:
             found[part], exact[part] = self._chunk(poses[part])
         return ~np.isnan(found[:, 0]), found, exact
 
+    def solutions(self, pose: np.ndarray) -> np.ndarray:
+        """Return the exact solutions within limits for a pose (4, 4), shape (K, n): for six joints all, up to turns."""
+        q, excess = next(self._branches(pose[None] @ self._from_tcp, SWEEPS[0]))
+        q = self.screws.near_middle(q)
+        return q[self.screws.violation(q) + excess < 1e-9]
+
     def _chunk(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         found = np.full((len(poses), len(self.screws.lower)), np.nan)
         left = np.arange(len(poses))
