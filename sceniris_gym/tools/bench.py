@@ -66,6 +66,7 @@ def bench(
         status = generator.layouts.status.numpy()
         counts["valid"] += int((status == Status.VALID).sum())
         counts["fallbacks"] += int((status == Status.FALLBACK).sum())
+        counts["candidates"] += int(generator.layouts.attempts.numpy().sum())
         counts["first_pass"] += int(generator.layouts.first_pass_valid.numpy().sum())
 
     warm = _median(LaunchSequence(generator.generate, wp.get_device(world.device)), world.device, count)
@@ -85,6 +86,8 @@ def bench(
         "valid": counts["valid"] / made,
         "fallbacks": counts["fallbacks"],
         "valid_per_s": counts["valid"] / REPEATS / warm,
+        "candidates_per_layout": counts["candidates"] / made,
+        "ns_per_candidate": 1e9 * REPEATS * warm / counts["candidates"],
         **_resets(world, generator),
         "peak_bytes": peak_bytes(world.device),
         **narrow(world, min(num_envs, _NARROWED), seed, picture),
