@@ -115,10 +115,10 @@ def _judge(mjm: mujoco.MjModel, config: SceneConfig, bodies: Mapping[str, int], 
 
 
 def _line(word: str, layouts: int, fresh: int, kept: Sequence[Kept]) -> str:
-    """How often anything was missed by more than its tolerance, and the worst by unit: below 0 nothing was missed."""
+    """How often anything was missed by more than its tolerance, and the worst of `q` by unit: below 0 it was not."""
     worst = []
     for unit in ("m", "rad"):
-        found = [k.worst for k in kept if k.unit == unit and k.checked]
+        found = [k.worst for k in kept if k.name == "q" and k.word != "upright" and k.unit == unit and k.checked]
         worst += [f"{max(found):.1e} {unit}" if found else f"no {unit}"]
     broken = sum(k.broken for k in kept)
     return f"{word:28s} {layouts} layouts ({fresh} fresh)  {broken} broken  worst {', '.join(worst)}"

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from json import dumps
+from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn, ParamSpec
 
@@ -214,6 +215,10 @@ def reach(
     ] = None,
     map_: Annotated[Path | None, tyro.conf.arg(name="map", help="a map file instead of the arm's own")] = None,
     height: Annotated[float, tyro.conf.arg(help="of the picture's top view in the base frame [m]")] = 0.1,
+    step: Annotated[
+        float | None, tyro.conf.arg(help="of a map's grid [m]; by default 0.025, more for long arms")
+    ] = None,
+    tilt_step: Annotated[float, tyro.conf.arg(help="of a map's grid [degrees]")] = 2.5,
     seed: Annotated[int, tyro.conf.arg(aliases=["-s"], help="of the starts from which a map is solved")] = 0,
     device: Device = None,
     json: Json = False,
@@ -224,7 +229,8 @@ def reach(
     if poses is not None:
         found = tool.judge(arm, map_, poses, out or Path("reached.npy"), tier, device)
     elif build:
-        found = tool.build(arm, out or Path(f"{Path(arm).stem}.reach"), device, seed)
+        out = out or Path(f"{Path(arm).stem}.reach")
+        found = tool.build(arm, out, device, step=step, tilt_step=radians(tilt_step), seed=seed)
     else:
         found = tool.show(arm, map_, out or Path(f"demo/reach_{Path(arm).stem}.png"), height, device)
     return dumps(found) if json else _listing(found)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sceniris_gym.errors import ArmError
+from sceniris_gym.errors import ArmError, MapError
 from sceniris_gym.reach.arm import Arm
 from sceniris_gym.reach.checkpoint import Checkpoint
 from sceniris_gym.reach.forward import tcp_axes
@@ -35,6 +35,7 @@ _NEAR_STARTS = 32  # more random starts for corners with a neighbour that is rea
 _EDGE_STARTS = 16  # random starts for points on an edge, besides the solution at its reached end
 _PASSES = 10
 _HALVINGS = 4  # of an edge that the surface crosses: its distance is known to 1/32 of a step
+_MOST_CORNERS = 2**29  # for addresses of 32 bits, and 16 GB of joints while a map is built
 _FULL = 255  # label of a corner that is reached in every turn
 _HALF = 128
 _FAR = 255  # distance of a corner with no edge that the surface crosses
@@ -234,13 +235,20 @@ def build_map(
 
     Raises:
         ArmError: there is no map of such an arm; the message says why.
-        MapError: `state` is there, but is that of another build.
+        MapError: `state` is there, but is that of another build; or the steps are none, or too small.
     """
     if arm.no_map is not None:
         raise ArmError(f"{arm.name} can have no reachability map: {arm.no_map}. Use `reachable: ik` with it.")
     height, radius = reach_ball(arm, device, seed)
     step = max(STEP, radius / _STEPS_OF_REACH) if step is None else step
+    if not (step > 0.0 and tilt_step > 0.0):
+        raise MapError(f"map of {arm.name}: steps of {step:g} m and {tilt_step:g} rad should be positive.")
     grid, poles = lattices(height, radius, step, tilt_step)
+    if math.prod(grid.shape) > _MOST_CORNERS:
+        raise MapError(
+            f"map of {arm.name}: a grid of {' x '.join(map(str, grid.shape))} corners is too large: at most "
+            f"{_MOST_CORNERS:g}. Take larger steps than {step:g} m and {math.degrees(tilt_step):g} degrees."
+        )
     labeller = Labeller(arm, device, starts=STARTS + _NEAR_STARTS, seed=seed)
     batch = 1 << (18 if device.startswith("cuda") else 12)
     checkpoint = Checkpoint(state, f"{arm.hash} {grid.shape} {grid.step.tolist()} {seed}")

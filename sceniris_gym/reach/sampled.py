@@ -37,6 +37,11 @@ class SampledMap:
     step: np.ndarray
     hit: np.ndarray
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes in memory, with a bit for each cell."""
+        return self.hit.size // 8
+
     def verdict(self, poses: np.ndarray) -> np.ndarray:
         """Say which TCP poses in the base frame, shape (N, 4, 4), are in a cell that was hit, shape (N,), bool."""
         cell, inside = _cells(self, poses[:, :3, 3], poses[:, :3, 2])
@@ -45,7 +50,7 @@ class SampledMap:
         return found
 
 
-def build_sampled_map(
+def sampled_map(
     arm: Arm,
     device: str,
     *,
@@ -90,4 +95,4 @@ def _cells(sampled: SampledMap, pos: np.ndarray, approach: np.ndarray) -> tuple[
     at = (canonical(pos, approach, sampled.arm.axis_xy) - sampled.low) / sampled.step
     cell = np.floor(at).astype(int)
     cell[:, 1] = np.minimum(cell[:, 1], sampled.hit.shape[1] - 1)  # 180 degrees is the end of the last cell
-    return cell, ((cell >= 0) & (cell < sampled.hit.shape)).all(axis=1)
+    return cell, np.all((cell >= 0) & (cell < sampled.hit.shape), axis=1)

@@ -14,7 +14,7 @@ import numpy as np
 from sceniris_gym.errors import MapError, NotSupportedError, PosesError, UnknownNameError
 from sceniris_gym.layout.build import device_name
 from sceniris_gym.reach.arm import TCP, Arm
-from sceniris_gym.reach.build import build_map
+from sceniris_gym.reach.build import TILT_STEP, build_map
 from sceniris_gym.reach.lookup import Verdict
 from sceniris_gym.reach.map import SUFFIX, ReachMap, map_file
 from sceniris_gym.reach.solve import solve
@@ -50,7 +50,15 @@ def _shipped_arms() -> list[str]:
     return [name for name, path in shipped("assets", ".xml").items() if f'<site name="{TCP}"' in path.read_text()]
 
 
-def build(name: str, out: Path, device: str | None = None, seed: int = 0) -> dict[str, Any]:
+def build(
+    name: str,
+    out: Path,
+    device: str | None = None,
+    *,
+    step: float | None = None,
+    tilt_step: float = TILT_STEP,
+    seed: int = 0,
+) -> dict[str, Any]:
     """Build the map of an arm into a file, with bars of progress on stderr, and describe it.
 
     What is done is kept in a file beside `out` until the map is written, and a later build goes on from there.
@@ -59,7 +67,8 @@ def build(name: str, out: Path, device: str | None = None, seed: int = 0) -> dic
     _, arm = find_arm(name)
     state = out.with_name(f".{out.name}.state")
     start = time.perf_counter()
-    built = build_map(arm, device_name(device, "reach"), seed=seed, state=state, progress=_bars())
+    chosen = device_name(device, "reach")
+    built = build_map(arm, chosen, step=step, tilt_step=tilt_step, seed=seed, state=state, progress=_bars())
     with replacing(out) as temporary:
         built.save(temporary)
     state.unlink(missing_ok=True)

@@ -11,6 +11,7 @@ from scipy import stats
 from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
+from sceniris_gym.tools.audit.auditor import Auditor
 from sceniris_gym.tools.dataset import make_table
 from tests.layout.related import Shapes, judged, near_middle, related, scene, table_of
 
@@ -185,6 +186,32 @@ def test_between_anchors_at_one_place_is_a_square(apart: float, shapes: Shapes):
     off = table.mocap_pos[:, -1, :2] - [0.1, 0.2]
     for part in off.T:
         assert stats.kstest(part / 0.3 + 0.5, "uniform").pvalue > 0.001
+
+
+FURTHEST = {
+    "near": {"near": "a", "distance": {"equal": 0.3}},
+    "by bounds": {"near": "a", "measure": "bounds", "distance": {"equal": 0.1, "tolerance": 0.001}},
+    "beside": {"beside": "a", "side": "left"},
+}
+
+
+@pytest.mark.parametrize("name", FURTHEST)
+def test_relations_and_supports_hold_at_the_corner_of_the_largest_floor(name: str, shapes: Shapes):
+    """Where single precision is coarsest: at 100 m along both axes, with a thing in a drawer beside it."""
+    corner = {"region": {"box": [[99.0, 99.0], [99.5, 99.5]]}}
+    case = {"asset": shapes.drawer, "on": "floor", "ratio_on_support": 1.0, "joints": {"slide": {"fraction": [0, 1]}}}
+    objects = {
+        "a": {"asset": shapes.odd, "kind": "fixture", "on": "floor", **corner},
+        "q": related(shapes.odd, FURTHEST[name]),
+        "case": {**case, "region": {"box": [[96.0, 96.0], [100.0, 100.0]]}},
+        "cube": {"asset": shapes.cube, "in": "case/drawer"},
+    }
+    world = scene(objects, floor={"size": [200.0, 200.0]})
+    report = Auditor(world.mjm, world.config, world.scene.bodies).judge(table_of(world, 500).rows)
+    assert not report.relation_violations
+    assert not report.conflicts
+    assert not report.misplaced
+    assert report.penetration.depth < 1e-4
 
 
 TWO = [{"front_of": "a", "distance": {"min": 0.2}}, {"right_of": "b", "angle": 80}]

@@ -56,6 +56,20 @@ def test_parents_are_placed_before_their_children_and_else_the_file_decides():
     assert placement_order(_scene(objects)) == order[1:]
 
 
+def test_what_has_neither_support_nor_region_starts_where_the_model_has_it(folder: Path):
+    """Free, fixture or marker: it is no step of the program, and stands at the world's origin as an obstacle."""
+    objects = {
+        "box": {"asset": str(folder / "box.xml")},
+        "shelf": {"asset": str(folder / "box.xml"), "kind": "fixture"},
+        "goal": {"kind": "marker"},
+        "apple": {"asset": "apple", "on": "floor"},
+    }
+    plan = build_plan(_scene(objects))
+    assert [o.name for o in plan.objects] == ["apple"]
+    np.testing.assert_allclose(plan.place[:3], [[0.3, 0, 0.3, 0], [0.3, 0, 0.3, 0], [0, 0, 0, 0]], atol=1e-9)
+    assert len(plan.pieces) > 3
+
+
 def test_a_stream_belongs_to_a_place_in_the_file(folder: Path):
     """The robot's is 0, objects count from 1, whenever they are placed."""
     objects = {

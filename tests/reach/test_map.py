@@ -1,0 +1,125 @@
+"""Map files, and what is kept of corners."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sceniris_gym.errors import MapError
+from sceniris_gym.reach.arm import Arm
+from sceniris_gym.reach.map import CODE_VALUES, ReachMap, map_file, pack
+from tests.reach.shapes import ball, gantry, map_of, poses, random_axes
+
+
+@pytest.fixture(scope="module")
+def arm() -> Arm:
+    """An arm for which a map can be."""
+    return gantry()[1]
+
+
+@pytest.fixture(scope="module")
+def shell(arm: Arm) -> ReachMap:
+    """A map of `shapes.ball`."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        return map_of(ball, monkeypatch, arm, 0.15, math.radians(15))
+
+
+def test_a_saved_map_comes_back_whole(shell: ReachMap, arm: Arm, tmp_path: Path):
+    """Every field, and so every verdict; saving again writes the same bytes."""
+    shell.save(tmp_path / "a.reach")
+    again = ReachMap.load(tmp_path / "a.reach", arm)
+    for name in ReachMap.__dataclass_fields__:
+        if name != "arm":
+            assert np.array_equal(getattr(again, name), getattr(shell, name)), name
+            assert type(getattr(again, name)) is type(getattr(shell, name)), name
+    again.save(tmp_path / "b.reach")
+    assert (tmp_path / "a.reach").read_bytes() == (tmp_path / "b.reach").read_bytes()
+    pos = np.random.default_rng(0).uniform(-0.8, 0.8, (2_000, 3))
+    asked = poses(pos, random_axes(2_000, 1), np.zeros(2_000))
+    assert np.array_equal(again.verdict(asked, "cpu"), shell.verdict(asked, "cpu"))
+
+
+def test_a_map_of_another_arm_is_refused(shell: ReachMap, tmp_path: Path):
+    """One limit that differs is another arm; the message says how to build its map."""
+    shell.save(tmp_path / "a.reach")
+    with pytest.raises(MapError, match=r"links, limits or TCP are others.*--build -o"):
+        ReachMap.load(tmp_path / "a.reach", gantry("-2 2")[1])
+
+
+def test_a_missing_map_says_how_it_is_built(arm: Arm, tmp_path: Path):
+    """There is no foreign traceback."""
+    with pytest.raises(MapError, match=r"no such reachability map.*sceniris-gym reach base --build"):
+        ReachMap.load(tmp_path / "none.reach", arm)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.5, 0.98])
+def test_a_file_that_was_cut_off_is_refused(shell: ReachMap, arm: Arm, tmp_path: Path, share: float):
+    """Wherever it ends."""
+    shell.save(tmp_path / "a.reach")
+    whole = (tmp_path / "a.reach").read_bytes()
+    (tmp_path / "a.reach").write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(MapError, match="not a reachability map, or a damaged one"):
+        ReachMap.load(tmp_path / "a.reach", arm)
+
+
+def test_a_damaged_file_is_refused(shell: ReachMap, arm: Arm, tmp_path: Path):
+    """A changed byte in the middle of the codes, where the archive's checksum sees it; text; another archive."""
+    path = tmp_path / "a.reach"
+    shell.save(path)
+    whole = bytearray(path.read_bytes())
+    whole[whole.index(b"codes.npy") + 200] ^= 0xFF
+    path.write_bytes(whole)
+    with pytest.raises(MapError, match="damaged"):
+        ReachMap.load(path, arm)
+    path.write_text("no map at all")
+    with pytest.raises(MapError, match="not a reachability map"):
+        ReachMap.load(path, arm)
+    np.savez(path.with_suffix(".npz"), other=np.zeros(3))
+    with pytest.raises(MapError, match="not a reachability map"):
+        ReachMap.load(path.with_suffix(".npz"), arm)
+
+
+def test_a_file_of_another_format_is_refused(shell: ReachMap, arm: Arm, tmp_path: Path):
+    """Both formats are named."""
+    path = tmp_path / "a.reach"
+    shell.save(path)
+    with np.load(path) as stored:
+        fields = {name: stored[name] for name in stored.files if name != "format"}
+    with path.open("wb") as file:
+        np.savez(file, allow_pickle=False, format=np.array(99), **fields)
+    with pytest.raises(MapError, match="format 99, this version reads 1"):
+        ReachMap.load(path, arm)
+
+
+def test_an_own_map_lies_beside_its_mjcf(tmp_path: Path):
+    """A shipped arm's is installed with the assets; without a file there is None."""
+    assert map_file(str(tmp_path / "my_arm.xml")) is None
+    (tmp_path / "my_arm.reach").touch()
+    assert map_file(str(tmp_path / "my_arm.xml")) == tmp_path / "my_arm.reach"
+    assert map_file("no_such_arm") is None
+
+
+def test_codes_are_packed_and_found_again(shell: ReachMap, monkeypatch: pytest.MonkeyPatch):
+    """Corner by corner, the sign of a code is whether the corner is reached."""
+    codes = np.random.default_rng(2).integers(0, 16, 43, np.uint8)
+    words = pack(codes)
+    assert len(words) == 6
+    assert [int(words[i // 8] >> np.uint32(4 * (i % 8))) & 15 for i in range(43)] == codes.tolist()
+    n = (shell.nz, shell.ntilt, shell.nu, shell.nu)
+    index = np.stack(np.meshgrid(*map(np.arange, n), indexing="ij"), axis=-1).reshape(-1, 4)
+    low = np.array([shell.z_low, 0.0, shell.u_low, shell.u_low])
+    step = np.array([shell.step, shell.tilt_step, shell.step, shell.step])
+    assert np.array_equal(CODE_VALUES[shell.code(index)] > 0.0, ball(low + index * step))
+
+
+def test_a_map_says_how_much_memory_it_takes(shell: ReachMap):
+    """Rows that are cut to what is reached take less than half of four bits for each corner of the box."""
+    size, witnesses = shell.nbytes
+    assert 0 < size - shell.rows.nbytes - shell.poles.size // 2 < 0.25 * shell.nz * shell.ntilt * shell.nu**2
+    assert 0 < witnesses < 32 * shell.wit_cells[..., 1].size + 16 * len(shell.wit_joints)
+
+
+def test_lookups_are_measured(shell: ReachMap):
+    """`benchmark` gives lookups a second."""
+    assert shell.benchmark("cpu", num=1_000, repeats=2) > 1_000.0
