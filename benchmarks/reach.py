@@ -39,7 +39,7 @@ from sceniris_gym.layout.build import device_name
 from sceniris_gym.reach.arm import Arm
 from sceniris_gym.reach.lookup import Verdict
 from sceniris_gym.reach.map import ReachMap, map_file
-from sceniris_gym.reach.sampled import SampledMap, build_sampled_map
+from sceniris_gym.reach.sampled import SampledMap, sampled_map
 from sceniris_gym.reach.solve import POS_TOL, ROT_TOL, solve
 from sceniris_gym.tools.reach import default_tier, find_arm, judge_poses
 from tests.oracle.exact_ik import ExactIk
@@ -257,7 +257,7 @@ def rows(name: str, args: argparse.Namespace) -> Iterator[dict[str, Any]]:
         }
     sampled = None
     if "sampled" in args.tiers:
-        sampled = build_sampled_map(arm, args.device, samples=args.samples, seed=args.seed)
+        sampled = sampled_map(arm, args.device, samples=args.samples, seed=args.seed)
     subject = Subject(mjm, arm, reach_map, sampled, args.device)
     for kind in "AB":
         asked = know(name, arm, kind, args.n, args.seed, args.truth)

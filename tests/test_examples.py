@@ -81,3 +81,14 @@ def test_the_programs_in_the_readme_run(block: int, monkeypatch: pytest.MonkeyPa
         assert names["info"]["layout_episode"][6:10].tolist() == [1, 1, 0, 0]
     else:
         assert set(names["randomizer"].layouts.episode.numpy()) == {1}
+
+
+@pytest.mark.slow
+def test_stable_baselines_trains_and_is_judged(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """A few steps: statistics come out of the device, and the policy is kept."""
+    load("05_stable_baselines").main(num_envs=4, steps=640, rollout=40, device="cpu", out=tmp_path)
+    out = capsys.readouterr().out
+    assert re.search(r"before: return \d\.\d+ \+- \d\.\d+, success 0\.00", out)
+    assert re.search(r"\n640 steps: return \d\.\d+, success 0\.00; reaching \d\.\d+, hovering", out)
+    assert re.search(r"after: return \d\.\d+ \+- \d\.\d+, success [01]\.\d+", out)
+    assert {path.name for path in tmp_path.iterdir()} == {"model.zip", "normalize.pkl"}

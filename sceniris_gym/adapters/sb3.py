@@ -10,7 +10,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import torch
-from gymnasium.vector import AutoresetMode
+from gymnasium.vector import AutoresetMode, VectorEnv
 from torch import Tensor
 
 from sceniris_gym.errors import MissingExtraError, UnknownNameError
@@ -38,7 +38,7 @@ class SB3VecEnv(VecEnv):
     worlds together. Worlds count as wrapped by Monitor, whose infos they give, and by nothing else.
 
     Args:
-        env: autoreset SAME_STEP, output "torch" and copy=True
+        env: a SceneVectorEnv, with autoreset SAME_STEP, output "torch" and copy=True
         group: the observation group that the agent sees
 
     Raises:
@@ -47,7 +47,7 @@ class SB3VecEnv(VecEnv):
         UnknownNameError: a group that the task does not observe
     """
 
-    def __init__(self, env: SceneVectorEnv, group: str = "policy") -> None:
+    def __init__(self, env: VectorEnv, group: str = "policy") -> None:
         if not isinstance(env, SceneVectorEnv):
             raise TypeError(f"SB3VecEnv needs a SceneVectorEnv, as gymnasium.make_vec makes it, got {env!r}.")
         if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.copy:

@@ -81,7 +81,7 @@ def _with_bank(world: World, size: int) -> World:
     if not found:
         raise _infeasible(world, probe)
     columns = (np.stack(rows) for rows in zip(*found[:size], strict=True))
-    bank = dict(zip((*_BANK, *_REACH_BANK), columns, strict=True))
+    bank: dict[str, np.ndarray] = dict(zip((*_BANK, *_REACH_BANK), columns, strict=True))
     program = _with_rows(Program, world.program, bank, _BANK, world.device)
     if world.reaching is None:
         return replace(world, program=program)

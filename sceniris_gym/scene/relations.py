@@ -81,7 +81,7 @@ class Distance(Part):
             raise wrong(f"should have 'equal' or {' and '.join(map(repr, others))}, not both")
         if self.equal is None and self.tolerance is not None:
             raise wrong("should have a 'tolerance' only with 'equal'")
-        if self.low < self.high < self.low + 2.0 * _LEAST_TOLERANCE - 1e-9:
+        if self.equal is None and self.low < self.high < self.low + 2.0 * _LEAST_TOLERANCE - 1e-9:
             raise wrong(f"should have its 'max' at least {2.0 * _LEAST_TOLERANCE:g} m above its 'min'; {_THIN_BAND}")
         if self.high <= self.low:
             raise wrong("should have a 'min' below its 'max', and a 'max' above 0")

@@ -179,4 +179,4 @@ def write_dataset(world: World, table: LayoutTable, folder: Path) -> None:
         with scene.open("wb") as file:
             world.scene.spec.to_zip(file)
         with layouts.open("wb") as file:
-            np.savez(file, **columns, **names)
+            np.savez(file, **(columns | names))

@@ -1,7 +1,13 @@
-"""Quaternions as MuJoCo has them (w, x, y, z), in batched torch operations."""
+"""Quaternions as MuJoCo has them (w, x, y, z), in few batched torch operations: on a GPU each one is a launch."""
+
+import functools
 
 import torch
 from torch import Tensor
+
+PARTNER = [[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]]
+SIGN = [[1, -1, -1, -1], [1, 1, 1, -1], [1, -1, 1, 1], [1, 1, -1, 1]]
+"""Hamilton's product: component k is the sum over j of SIGN[k][j] * left[j] * right[PARTNER[k][j]]."""
 
 
 def conjugate(quat: Tensor) -> Tensor:
@@ -11,21 +17,30 @@ def conjugate(quat: Tensor) -> Tensor:
 
 def multiply(left: Tensor, right: Tensor) -> Tensor:
     """Return the rotation `right` followed by `left`; wxyz, shapes (..., 4) that broadcast."""
-    w1, x1, y1, z1 = left.unbind(-1)
-    w2, x2, y2, z2 = right.unbind(-1)
-    return torch.stack(
-        [
-            w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
-            w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
-            w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
-            w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
-        ],
-        dim=-1,
-    )
+    partner, sign = _product(right.device)
+    return transform(sign * right[..., partner], left)
 
 
 def rotate(quat: Tensor, vector: Tensor) -> Tensor:
-    """Rotate vectors, shape (..., 3), by unit quaternions wxyz, shape (..., 4)."""
+    """Rotate vectors, shape (..., 3), by unit quaternions wxyz, shape (..., 4).
+
+    v + 2 (w (u x v) + u x (u x v)), with u the vector part.
+    """
     w, axis = quat[..., :1], quat[..., 1:].expand(*vector.shape[:-1], 3)
-    twice = 2.0 * torch.linalg.cross(axis, vector.expand_as(axis))
-    return vector + w * twice + torch.linalg.cross(axis, twice)
+    turned = torch.linalg.cross(axis, vector.expand_as(axis))
+    return vector.add(torch.addcmul(torch.linalg.cross(axis, turned), w, turned), alpha=2.0)
+
+
+def transform(matrix: Tensor, vector: Tensor) -> Tensor:
+    """Return matrix times vector, shapes (..., n, m) and (..., m) that broadcast.
+
+    Sums of products in full precision: users let matrix products lose bits (TF32).
+    """
+    return (matrix * vector.unsqueeze(-2)).sum(dim=-1)
+
+
+@functools.cache
+def _product(device: torch.device) -> tuple[Tensor, Tensor]:
+    # tensors made under inference mode could not be used where gradients are wanted
+    with torch.inference_mode(False):
+        return torch.tensor(PARTNER, device=device), torch.tensor(SIGN, dtype=torch.float32, device=device)

@@ -6,16 +6,15 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import mujoco
-import numpy as np
 import torch
 import warp as wp
 from torch import Tensor
 
 from sceniris_gym.errors import UnknownNameError
-from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.draws import draw_uniform, task_stream
+from sceniris_gym.vector.frames import BaseFrame
 
 FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 SCALAR = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
@@ -61,10 +60,8 @@ class State:
         self._xpos, self._xquat = wp.to_torch(d.xpos), wp.to_torch(d.xquat)
         self._site_xpos = wp.to_torch(d.site_xpos)
         self._xanchor, self._xaxis = wp.to_torch(d.xanchor), wp.to_torch(d.xaxis)
-        self._site_quat = torch.tensor(self.mjm.site_quat, dtype=torch.float32, device=self.device)
-        base_pos, base_quat = _base_pose(self.scene)
-        self._base_pos = torch.tensor(base_pos, dtype=torch.float32, device=self.device)
-        self._to_base = rotations.conjugate(torch.tensor(base_quat, dtype=torch.float32, device=self.device))
+        self._base = BaseFrame(self.scene, self.device)
+        self._sites: dict[str, tuple[int, int, Tensor]] = {}
         self._spans: dict[tuple[str, str], slice | Tensor] = {}
         self._grasp_tables: dict[int, tuple[Tensor, Tensor, Tensor]] = {}
         if layouts.reaching is not None:
@@ -76,12 +73,14 @@ class State:
     @property
     def finite(self) -> Tensor:
         """Whether all positions and velocities of a world are finite, shape (num_envs,), bool."""
-        return torch.isfinite(self._qpos).all(dim=1) & torch.isfinite(self._qvel).all(dim=1)
+        # a sum is a number if its parts are, and a number less itself is 0
+        total = self._qpos.sum(dim=1) + self._qvel.sum(dim=1)
+        return total - total == 0.0
 
     def pose(self, name: str) -> Tensor:
         """Return position [m] and orientation (wxyz) of a body, shape (num_envs, 7)."""
         body = self._id("body", name, "pose")
-        return self._pose(self._xpos[:, body], self._xquat[:, body])
+        return self._base.pose(self._xpos[:, body], self._xquat[:, body])
 
     def poses(self, names: Sequence[str]) -> Tensor:
         """Return the poses of several bodies at once, shape (num_envs, len(names), 7); see `pose`."""
@@ -89,13 +88,16 @@ class State:
         if key not in self._columns:
             self._columns[key] = self._index([self._id("body", name, "poses") for name in names])
         bodies = self._columns[key]
-        return self._pose(self._xpos[:, bodies], self._xquat[:, bodies])
+        return self._base.pose(self._xpos[:, bodies], self._xquat[:, bodies])
 
     def site(self, name: str) -> Tensor:
         """Return position [m] and orientation (wxyz) of a site, shape (num_envs, 7)."""
-        site = self._id("site", name, "site")
-        body_quat = self._xquat[:, int(self.mjm.site_bodyid[site])]
-        return self._pose(self._site_xpos[:, site], rotations.multiply(body_quat, self._site_quat[site]))
+        if name not in self._sites:
+            number = self._id("site", name, "site")
+            seen = self._base.seen(self.mjm.site_quat[number])
+            self._sites[name] = number, int(self.mjm.site_bodyid[number]), seen
+        site, body, seen = self._sites[name]
+        return self._base.pose(self._site_xpos[:, site], self._xquat[:, body], seen)
 
     def velocity(self, name: str) -> Tensor:
         """Return linear [m/s] and angular [rad/s] velocity of a free object, shape (num_envs, 6)."""
@@ -111,7 +113,7 @@ class State:
         linear, angular = self._qvel[:, self._columns[key]].split(3, dim=-1)
         # MuJoCo keeps the angular velocity of a free joint in the body's own frame
         angular = rotations.rotate(self._xquat[:, self._columns["bodies of", *key]], angular)
-        return torch.cat([rotations.rotate(self._to_base, linear), rotations.rotate(self._to_base, angular)], dim=-1)
+        return self._base.vectors(linear, angular)
 
     def qpos(self, name: str) -> Tensor:
         """Return positions [m or rad] of the hinges and slides inside an object or the robot, or of one joint.
@@ -136,7 +138,7 @@ class State:
         i = chosen.clamp(min=0).long()
         rows = torch.arange(self.num_envs, device=self.device)
         xpos, xquat = self._xpos[rows, body[i]], self._xquat[rows, body[i]]
-        pose = self._pose(xpos + rotations.rotate(xquat, pos[i]), rotations.multiply(xquat, quat[i]))
+        pose = self._base.pose(xpos + rotations.rotate(xquat, pos[i]), rotations.multiply(xquat, quat[i]))
         return torch.where(chosen[:, None] >= 0, pose, torch.nan)
 
     def grasp_qpos(self, name: str) -> Tensor:
@@ -170,8 +172,7 @@ class State:
             self._columns[key] = self._index(self._joints(name, "jacobian"))
         joints = self._columns[key]
         axis, arm = self._xaxis[:, joints], self._site_xpos[:, None, number] - self._xanchor[:, joints]
-        columns = [torch.linalg.cross(axis, arm), axis]
-        return torch.cat([rotations.rotate(self._to_base, column) for column in columns], dim=-1).transpose(1, 2)
+        return self._base.vectors(torch.linalg.cross(axis, arm), axis).transpose(1, 2)
 
     def actuator(self, name: str) -> int:
         """Return the column of an actuator in `ctrl`."""
@@ -209,10 +210,6 @@ class State:
                 torch.tensor(np.array([g.quat for g in grasps]), dtype=torch.float32, device=self.device),
             )
         return self._grasp_tables[column]
-
-    def _pose(self, pos: Tensor, quat: Tensor) -> Tensor:
-        pos = rotations.rotate(self._to_base, pos - self._base_pos)
-        return torch.cat([pos, rotations.multiply(self._to_base, quat)], dim=-1)
 
     def _index(self, numbers: list) -> Tensor:
         return torch.tensor(numbers, device=self.device)
@@ -263,13 +260,3 @@ class State:
             roots = {mjm.body(int(mjm.body_rootid[int(mjm.jnt_bodyid[j])])).name for j in scalar}
             raise self._unknown("joint", name, method, roots | {mjm.joint(j).name for j in scalar})
         return found
-
-
-def _base_pose(scene: SceneModel) -> tuple[np.ndarray, np.ndarray]:
-    """Return position and orientation (wxyz) of the robot's base in the world frame; its own without a robot."""
-    body = scene.bodies.get("robot")
-    if body is None:
-        return np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
-    data = mujoco.MjData(scene.mjm)
-    mujoco.mj_kinematics(scene.mjm, data)
-    return data.xpos[body].copy(), data.xquat[body].copy()

@@ -203,7 +203,7 @@ def test_wrong_environments_are_refused(make_env, reach_world: World):
     with pytest.raises(UnknownNameError, match=r"unknown observation group 'actor'.*critic, policy"):
         SB3VecEnv(make_env(1), group="actor")
     with pytest.raises(TypeError, match=r"gymnasium\.make_vec"):
-        SB3VecEnv(SceneEnv(Reach, scene=reach_world))  # type: ignore[arg-type]
+        SB3VecEnv(SceneEnv(Reach, scene=reach_world))  # pyright: ignore[reportArgumentType]
 
 
 def test_the_library_that_is_missing_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch):
@@ -286,8 +286,8 @@ def test_algorithms_train_save_and_are_evaluated(make, tmp_path: Path, algorithm
 
 def test_a_monitor_around_it_counts_the_same(make):
     """VecMonitor says that the worlds have their own episodes already, and agrees with them."""
+    inner = make()
     with pytest.warns(UserWarning, match="already wrapped"):
-        inner = make()
         outer = VecMonitor(inner)
     outer.reset()
     for _ in range(2 * MAX_STEPS):

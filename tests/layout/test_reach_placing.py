@@ -232,7 +232,7 @@ def test_a_map_of_another_arm_is_refused(folder: Path, cube: str):
     [({"tilt": 0.1}, "first joint"), ({"offset": 0.02}, "TCP is 20 mm off"), ({}, "does not turn freely")],
     ids=["leaning", "off axis", "limited"],
 )
-def test_an_arm_that_a_map_does_not_fit_goes_through_ik(folder: Path, cube: str, form: dict[str, float], says: str):
+def test_an_arm_that_a_map_does_not_fit_goes_through_ik(folder: Path, cube: str, form: dict[str, Any], says: str):
     """With a warning where a map was asked for, without one where the default was."""
     asset = crane_mjcf(folder, f"odd_{'_'.join(form) or 'limited'}", **form)
     if not form:

@@ -81,6 +81,7 @@ def test_a_frame_is_a_word_or_an_object(frame: str):
         ({"max": 0.5}, 0.0, 0.5),
         ({"equal": 0.5}, 0.49, 0.51),
         ({"equal": 0.5, "tolerance": 0.2}, 0.3, 0.7),
+        ({"equal": 0.0, "tolerance": 1e-4}, 0.0, 1e-4),
         ({"equal": 0.005}, 0.0, 0.015),
     ],
 )

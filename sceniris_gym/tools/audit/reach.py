@@ -82,14 +82,14 @@ class ReachAudit:
         found = []
         for claim in claims:
             poses: dict[int, np.ndarray] = {}
-            for row in np.flatnonzero(present[claim.name]):
+            for row in np.flatnonzero(present[claim.name]).tolist():
                 rows.put(self.data, row)
                 mujoco.mj_kinematics(self.mjm, self.data)
                 cause = self._wrong(claim, row)
                 if cause is not None:
-                    found.append(Unreached(int(row), claim.name, cause))
+                    found.append(Unreached(row, claim.name, cause))
                 elif claim.tier in ("map", "map_strict"):
-                    poses[int(row)] = np.linalg.inv(self._frame(self.root)) @ _matrix(claim.pose[row])
+                    poses[row] = np.linalg.inv(self._frame(self.root)) @ _matrix(claim.pose[row])
             found += [Unreached(row, claim.name, "no joints found") for row in self._unsolved(poses)]
         return found
 
