@@ -38,13 +38,13 @@ class LayoutsView:
     attempts: wp.array(dtype=int)
     first_pass_valid: wp.array(dtype=int)
     present: wp.array2d(dtype=int)
+    grasp: wp.array2d(dtype=int)
+    grasp_qpos: wp.array3d(dtype=float)
+    pregrasp_qpos: wp.array3d(dtype=float)
     rejections: wp.array2d(dtype=int)
     place: wp.array2d(dtype=wp.vec4)
     bounds: wp.array2d(dtype=wp.vec4)
     variant: wp.array2d(dtype=int)
-    grasp: wp.array2d(dtype=int)
-    grasp_qpos: wp.array3d(dtype=float)
-    pregrasp_qpos: wp.array3d(dtype=float)
     sights: wp.array2d(dtype=Sight)
     hulls: wp.array2d(dtype=wp.vec2)
     drawn: wp.array(dtype=wp.vec3)
@@ -81,10 +81,10 @@ class Layouts:
         present: 1 where an object is there, 0 where its group left it out, shape (nworld, nslot), slots in the order of
             `World.slots`.
         grasp: The accepted grasp of each object that is to be reachable, its place among the object's grasps in
-            `World.reaching`; -1 where the object is absent. Shape (nworld, nreach), objects in placement order.
+            `World.reaching`; -1 where the object is absent; shape (nworld, nreach), objects in placement order.
         grasp_qpos: The arm's joints [rad, m] in that grasp, shape (nworld, nreach, MAX_JOINTS); nan behind the arm's
             joints, and everywhere where only the arm's map was asked.
-        pregrasp_qpos: The same for the pre-grasp; nan for tiers below `clear`.
+        pregrasp_qpos: The same for the pre-grasp, shape (nworld, nreach, MAX_JOINTS); nan for tiers below `clear`.
         rejections: Running count of rejected candidates, shape (nobject, ncause), objects in placement order.
     """
 
@@ -191,9 +191,19 @@ class Layouts:
         return self.view.present
 
     @property
-    def rejections(self) -> wp.array:
+    def grasp(self) -> wp.array:
         """See the class."""
-        return self.view.rejections
+        return self.view.grasp
+
+    @property
+    def grasp_qpos(self) -> wp.array:
+        """See the class."""
+        return self.view.grasp_qpos
+
+    @property
+    def pregrasp_qpos(self) -> wp.array:
+        """See the class."""
+        return self.view.pregrasp_qpos
 
     @property
     def grasp(self) -> wp.array:
@@ -209,3 +219,10 @@ class Layouts:
     def pregrasp_qpos(self) -> wp.array:
         """See the class."""
         return self.view.pregrasp_qpos
+
+    @property
+    def rejections(self) -> wp.array:
+        """See the class."""
+        return self.view.rejections
+
+
