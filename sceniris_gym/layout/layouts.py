@@ -224,5 +224,3 @@ class Layouts:
     def rejections(self) -> wp.array:
         """See the class."""
         return self.view.rejections
-
-

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -169,14 +170,14 @@ def write_dataset(world: World, table: LayoutTable, folder: Path) -> None:
         table: its layouts.
         folder: where to; made if it is not there.
     """
-    columns = {f.name: getattr(table, f.name) for f in fields(LayoutTable)}
-    names = {"object_names": np.array(world.object_names)}
+    columns: dict[str, Any] = {f.name: getattr(table, f.name) for f in fields(LayoutTable)}
+    columns["object_names"] = np.array(world.object_names)
     if world.reaching is None:
         columns = {name: column for name, column in columns.items() if name not in _OF_REACH}
     else:
-        names["reachable_names"] = np.array(world.reaching.names)
+        columns["reachable_names"] = np.array(world.reaching.names)
     with replacing(folder / "scene.zip") as scene, replacing(folder / "layouts.npz") as layouts:
         with scene.open("wb") as file:
             world.scene.spec.to_zip(file)
         with layouts.open("wb") as file:
-            np.savez(file, **(columns | names))
+            np.savez(file, **columns)

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import mujoco
+import numpy as np
 import torch
 import warp as wp
 from torch import Tensor

@@ -11,6 +11,7 @@ import numpy as np
 
 from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.layout.reachability import OPENING_MARGIN, PREGRASP_DISTANCE
+from sceniris_gym.scene.grasps import Grasp
 from sceniris_gym.scene.world import World
 from tests.layout.scenes import write_mjcf
 
@@ -72,38 +73,55 @@ class Taken:
     others: list[str]
 
 
+def states(world: World, layouts: Layouts, which: str) -> Iterator[tuple[mujoco.MjData, str]]:
+    """All accepted grasps ("grasp_qpos") or pre-grasps ("pregrasp_qpos") of rows that hold a layout.
+
+    Yields:
+        The model in that state, gripper opened and posed by MuJoCo C (one MjData, reused), and the object's name.
+    """
+    for data, name, _grasp in _grasped(world, layouts, which):
+        yield data, name
+
+
 def taken(world: World, layouts: Layouts, which: str) -> Iterator[Taken]:
-    """All accepted grasps ("grasp_qpos") or pre-grasps ("pregrasp_qpos") of rows that hold a layout."""
+    """What MuJoCo C says of these states."""
+    back = PREGRASP_DISTANCE if which == "pregrasp_qpos" else 0.0
+    for data, name, grasp in _grasped(world, layouts, which):
+        yield _taken(world, data, name, grasp, back)
+
+
+def _grasped(world: World, layouts: Layouts, which: str) -> Iterator[tuple[mujoco.MjData, str, Grasp]]:
     names = ("qpos", "mocap_pos", "mocap_quat", "status", "grasp", which)
     rows = {name: getattr(layouts, name).numpy() for name in names}
-    data = mujoco.MjData(world.mjm)
-    assert world.reaching is not None
+    data, reaching = mujoco.MjData(world.mjm), world.reaching
+    assert reaching is not None
+    gripper = reaching.gripper
     for i in np.flatnonzero(rows["status"] != Status.NONE):
-        for c, column in enumerate(world.reaching.columns):
+        for c, column in enumerate(reaching.columns):
             if rows["grasp"][i, c] < 0:
                 continue
+            grasp = column.grasps.grasps[rows["grasp"][i, c]]
             data.qpos[:] = rows["qpos"][i]
             if world.mjm.nmocap:
                 data.mocap_pos[:], data.mocap_quat[:] = rows["mocap_pos"][i], rows["mocap_quat"][i]
-            q = rows[which][i, c, : len(world.reaching.arm.joints)].astype(float)
-            yield _taken(world, data, column.name, column.grasps.grasps[rows["grasp"][i, c]], q, which)
+            data.qpos[reaching.arm.qposadr] = rows[which][i, c, : len(reaching.arm.joints)]
+            gap = min(grasp.opening + OPENING_MARGIN, gripper.opening)
+            share = (gap - gripper.closed) / (gripper.opening - gripper.closed)
+            data.qpos[gripper.qposadr] = gripper.closed_qpos + share * (gripper.open_qpos - gripper.closed_qpos)
+            mujoco.mj_kinematics(world.mjm, data)
+            yield data, column.name, grasp
 
 
-def _taken(world: World, data: mujoco.MjData, name: str, grasp, q: np.ndarray, which: str) -> Taken:
+def _taken(world: World, data: mujoco.MjData, name: str, grasp: Grasp, back: float) -> Taken:
     reaching, mjm = world.reaching, world.mjm
     assert reaching is not None
-    arm, gripper = reaching.arm, reaching.gripper
-    data.qpos[arm.qposadr] = q
-    gap = min(grasp.opening + OPENING_MARGIN, gripper.opening)
-    share = (gap - gripper.closed) / (gripper.opening - gripper.closed)
-    data.qpos[gripper.qposadr] = gripper.closed_qpos + share * (gripper.open_qpos - gripper.closed_qpos)
-    mujoco.mj_kinematics(mjm, data)
+    arm = reaching.arm
+    q = data.qpos[arm.qposadr]
     mujoco.mj_collision(mjm, data)
     frame = np.zeros(9)
     mujoco.mju_quat2Mat(frame, grasp.quat / np.linalg.norm(grasp.quat))
     body = data.xmat[grasp.body].reshape(3, 3)
     asked = body @ frame.reshape(3, 3)
-    back = PREGRASP_DISTANCE if which == "pregrasp_qpos" else 0.0
     at = data.xpos[grasp.body] + body @ grasp.pos - back * asked[:, 2]
     turn = np.zeros(4)
     mujoco.mju_mat2Quat(turn, (asked.T @ data.site_xmat[arm.tcp_site].reshape(3, 3)).ravel())

@@ -41,7 +41,8 @@ def crane_mjcf(
         solid: whether its hand touches things; the rest of it does not.
     """
     bits = "" if solid else _AIRY
-    fingers = "".join(_FINGER.format(name, y) + _PAD.format(0.004 * y, bits) for name, y in (("left", 1), ("right", -1)))
+    sides = {"left": 1, "right": -1}
+    fingers = "".join(_FINGER.format(side, y) + _PAD.format(0.004 * y, bits) for side, y in sides.items())
     hand = (
         '<body name="hand" pos="0 0 0" quat="0 1 0 0"><joint name="roll" axis="0 0 1" range="-3.2 3.2"/>'
         f'<geom type="box" size="0.02 0.06 0.01" pos="0 0 -0.06" {bits}/>'

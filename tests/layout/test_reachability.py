@@ -11,13 +11,16 @@ import pytest
 import warp as wp
 
 from sceniris_gym.errors import InfeasibleSceneError
+from sceniris_gym.layout.build import build_world
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.layout.reachability import SAME_BRANCH
 from sceniris_gym.reach.solve import POS_TOL, ROT_TOL
+from sceniris_gym.scene.config import SceneConfig
 from sceniris_gym.scene.world import World
-from tests.layout.grasped import arm_mjcf, taken
+from tests.layout.grasped import arm_mjcf, states, taken
 from tests.layout.scenes import box_mjcf, cpu_world, read
+from tests.oracle.solids import Solids
 
 FLOOR = {"size": [1.5, 1.5]}
 IN_FRONT = {"box": [[0.35, -0.15], [0.55, 0.15]]}
@@ -29,7 +32,7 @@ def scene(folder: Path, objects: Mapping[str, Any], robot: str | None = None, **
     return {"floor": FLOOR, "robot": {"asset": arm, "yaw": 30.0}, "objects": dict(objects), **words}
 
 
-def cluttered(folder: Path, tier: str, **words: Any) -> World:
+def cluttered(folder: Path, tier: str, device: str = "cpu", **words: Any) -> World:
     """A block and a can to reach among posts and a case, anywhere on a floor that is larger than the arm's reach."""
     post = box_mjcf(folder, "post", 0.08, 0.08, 0.4)
     bar = box_mjcf(folder, "bar", 0.12, 0.05, 0.04)
@@ -40,7 +43,7 @@ def cluttered(folder: Path, tier: str, **words: Any) -> World:
         **{f"post_{i}": {"asset": post, "on": "floor"} for i in range(4)},
         "can": {"asset": "can", "on": "floor", "reachable": tier},
     }
-    return cpu_world(scene(folder, objects, **words), bank_size=8)
+    return build_world(SceneConfig.load(scene(folder, objects, **words)), device, bank_size=8)
 
 
 @pytest.fixture(scope="module", params=["ik", "clear"])
@@ -128,6 +131,20 @@ def test_a_layout_is_the_same_in_any_batch(world: World):
                 assert new == expected[i, episode]
 
 
+@pytest.mark.cuda
+@pytest.mark.parametrize("tier", ["ik", "clear"])
+def test_the_number_of_lanes_changes_no_bit(tmp_path: Path, tier: str):
+    """Lanes race through grasps and starts, and the first of them that passes is the one that is kept."""
+    world = cluttered(tmp_path, tier, device="cuda:0")
+    rows = []
+    for lanes in (1, 8, 32, 64):
+        generator = LayoutGenerator(world, 256, seed=6, block_dim=lanes)
+        for _ in range(2):
+            generator.generate()
+        rows.append(bits(generator.layouts))
+    assert rows[1:] == rows[:1] * 3
+
+
 def test_generation_runs_in_a_captured_graph(world: World):
     """All rounds are in the graph; replayed, it makes one episode after the other."""
     plain, captured = LayoutGenerator(world, 20, seed=7), LayoutGenerator(world, 20, seed=7)
@@ -209,6 +226,21 @@ def test_an_arm_that_would_hit_itself_has_no_joints(tmp_path: Path):
     assert cpu_world(scene(tmp_path, objects, restarts=1)).bank_size > 0
     with pytest.raises(InfeasibleSceneError, match="no_ik"):
         cpu_world(scene(tmp_path, objects, robot=arm_mjcf(tmp_path, walls, "walled"), restarts=1))
+
+
+@pytest.mark.slow
+def test_what_is_drawn_is_kept_clear_of(tmp_path: Path):
+    """With `geometry: visual` a grasp and its pre-grasp are clear of the meshes that are drawn, by FCL."""
+    world = cluttered(tmp_path, "clear", geometry="visual")
+    solids = Solids(world.mjm, "visual")
+    generator = LayoutGenerator(world, 40, seed=10)
+    generator.generate()
+    robot = solids.geoms("picker")
+    parts = {name: solids.geoms(name) for name in world.object_names}
+    for which in ("grasp_qpos", "pregrasp_qpos"):
+        for data, name in states(world, generator.layouts, which):
+            others = [g for other, geoms in parts.items() if other != name for g in geoms]
+            assert solids.distance(data, robot, others) > 0.0
 
 
 @pytest.mark.parametrize("tier", ["ik", None])
