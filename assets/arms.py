@@ -18,18 +18,25 @@ COLOURS = {"white": (0.93, 0.93, 0.92), "light": (0.78, 0.79, 0.80), "dark": (0.
 
 @dataclass(frozen=True)
 class Joint:
-    """A hinge: its frame in that of the joint before (position [m], wxyz), limits [rad], torque [N m] and gains.
+    """A hinge: its frame in that of the joint before (position [m], wxyz), limits [rad] and drive.
 
-    Stiffness is in N m/rad, damping in N m s/rad. The link behind it is given in the joint's frame.
+    ``torque`` [N m] and ``speed`` [rad/s] are the greatest, stiffness is in N m/rad, damping in N m s/rad. The link
+    behind it is given in the joint's frame.
     """
 
     pos: Point
     quat: tuple[float, float, float, float]
     limits: tuple[float, float]
     torque: float
+    speed: float
     stiffness: float
     damping: float
     axis: Point = (0, 0, 1)
+
+    @property
+    def friction(self) -> float:
+        """The share of the damping that is the joint's own: against it the greatest torque makes the greatest speed."""
+        return round(self.torque / self.speed, 3)
 
 
 @dataclass(frozen=True)
@@ -59,7 +66,7 @@ class Arm:
 
 
 def write_arm(arm: Arm, colours: dict[str, Point] | None = None) -> None:
-    """Write the arm's MJCF and meshes. Gravity is compensated; damping is in the joints."""
+    """Write the arm's MJCF and meshes. Gravity is compensated."""
     document = Document(arm.name, gravcomp=1)
     add(add(document.default, "default", class_="revolute"), "joint", axis=(0, 0, 1), armature=0.1)
     for name, rgb in (COLOURS | (colours or {})).items():
@@ -85,7 +92,7 @@ def add_links(document: Document, arm: Arm) -> Element:
             joint = arm.joints[i - 1]
             body = add(body, "body", name=f"link{i}", pos=joint.pos, quat=joint.quat, gravcomp=1)
             axis = {} if joint.axis == (0, 0, 1) else {"axis": joint.axis}
-            add(body, "joint", name=f"joint{i}", class_="revolute", range=joint.limits, damping=joint.damping, **axis)
+            add(body, "joint", name=f"joint{i}", class_="revolute", range=joint.limits, damping=joint.friction, **axis)
         dress(document, body, f"link{i}", link, mass, material, arm.caps)
     return body
 
@@ -100,6 +107,7 @@ def add_actuators(document: Document, arm: Arm) -> None:
             name=f"joint{i}",
             joint=f"joint{i}",
             kp=joint.stiffness,
+            kv=joint.damping - joint.friction,
             ctrlrange=joint.limits,
             forcerange=(-joint.torque, joint.torque),
         )

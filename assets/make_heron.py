@@ -18,14 +18,15 @@ from .links import Link
 SHOULDER, UPPER_ARM, FOREARM, FLANGE = 0.24, 0.32, 0.30, 0.085
 STRAIGHT = (1, 0, 0, 0)
 Y, Z = (0, 1, 0), (0, 0, 1)
-# Of each joint: place in the frame before [m], axis, limits [degrees], greatest torque [N m], stiffness, damping.
+# Of each joint: place in the frame before [m], axis, limits [degrees], greatest torque [N m] and speed [rad/s],
+# stiffness [N m/rad], damping.
 JOINTS = [
-    ((0, 0, 0), Z, 150, 60, 1200, 80),
-    ((0, 0, SHOULDER), Y, 115, 60, 1200, 80),
-    ((0, 0, UPPER_ARM), Y, 150, 40, 900, 50),
-    ((0, 0, FOREARM), Z, 170, 14, 400, 14),
-    ((0, 0, 0), Y, 115, 14, 400, 14),
-    ((0, 0, 0), Z, 160, 9, 300, 9),
+    ((0, 0, 0), Z, 150, 60, 2.5, 1200, 80),
+    ((0, 0, SHOULDER), Y, 115, 60, 2.5, 1200, 80),
+    ((0, 0, UPPER_ARM), Y, 150, 40, 2.5, 900, 50),
+    ((0, 0, FOREARM), Z, 170, 14, 3.5, 400, 14),
+    ((0, 0, 0), Y, 115, 14, 3.5, 400, 14),
+    ((0, 0, 0), Z, 160, 9, 4.0, 300, 9),
 ]
 # Masses [kg] of the base and the six links.
 MASSES = [2.4, 2.2, 2.3, 1.3, 0.8, 0.5, 0.2]
@@ -109,8 +110,8 @@ def hand_link() -> Link:
 def joints() -> list[Joint]:
     """The six joints, all frames turned like the base's."""
     return [
-        Joint(pos, STRAIGHT, (-np.radians(limit), np.radians(limit)), torque, stiffness, damping, axis)
-        for pos, axis, limit, torque, stiffness, damping in JOINTS
+        Joint(pos, STRAIGHT, (-np.radians(limit), np.radians(limit)), torque, speed, stiffness, damping, axis)
+        for pos, axis, limit, torque, speed, stiffness, damping in JOINTS
     ]
 
 

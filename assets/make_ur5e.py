@@ -26,14 +26,14 @@ DH = [
 SHOULDER, UPPER_ARM, FOREARM, FLANGE = 0.1625, 0.425, 0.3922, 0.0996
 WRIST_1, WRIST_2 = 0.1333, 0.0997
 FULL, HALF = 2 * np.pi, np.pi
-# Of each joint: limits [rad], greatest torque [N m], stiffness [N m/rad], damping.
+# Of each joint: limits [rad], greatest torque [N m] and speed [rad/s], stiffness [N m/rad], damping.
 JOINTS = [
-    ((-FULL, FULL), 150, 2500, 180),
-    ((-FULL, FULL), 150, 2500, 180),
-    ((-HALF, HALF), 150, 2000, 120),
-    ((-FULL, FULL), 28, 600, 25),
-    ((-FULL, FULL), 28, 500, 20),
-    ((-FULL, FULL), 28, 400, 14),
+    ((-FULL, FULL), 150, HALF, 2500, 180),
+    ((-FULL, FULL), 150, HALF, 2500, 180),
+    ((-HALF, HALF), 150, HALF, 2000, 120),
+    ((-FULL, FULL), 28, HALF, 600, 25),
+    ((-FULL, FULL), 28, HALF, 500, 20),
+    ((-FULL, FULL), 28, HALF, 400, 14),
 ]
 # Masses [kg] of the base and the six links, near the published ones.
 MASSES = [3.4, 3.76, 8.06, 2.85, 1.37, 1.30, 0.37]

@@ -11,6 +11,8 @@ from sceniris_gym.vector.task import Observation, Task
 
 CLUTTER = ("can", "orange", "block")
 
+OBJECTS = ("tin", *CLUTTER)
+
 BEHIND = 0.06
 """Where the closed fingers push from: this far behind the middle of the tin, as seen from the mark [m]."""
 
@@ -77,29 +79,33 @@ class ClutterPush(Task):
 
     def observe(self, s: State) -> Observation:
         """Return what the class lists."""
-        tool = self.arm.tool(s)
+        tool, objects = self.arm.tool(s), s.poses(OBJECTS)[:, :, :3]
+        to_goal = self.to_goal(s)
         policy = {
             "arm_qpos": self.arm.qpos(s),
             "arm_qvel": self.arm.qvel(s),
             "tcp_pose": tool,
-            "tcp_to_behind": self.to_behind(s),
-            "tcp_to_tin": s.pose("tin")[:, :3] - tool[:, :3],
-            "tin_to_goal": self.to_goal(s),
-            "tcp_to_clutter": s.poses(CLUTTER)[:, :, :3] - tool[:, None, :3],
+            "tcp_to_behind": self._behind(objects[:, 0], to_goal) - tool[:, :3],
+            "tcp_to_tin": objects[:, 0] - tool[:, :3],
+            "tin_to_goal": to_goal,
+            "tcp_to_clutter": objects[:, 1:] - tool[:, None, :3],
             "tool_target": self.arm.tool_target,
             "last_action": self.last_action,
         }
-        return {"policy": policy, "critic": policy | {"object_velocities": s.velocities(("tin", *CLUTTER))}}
+        return {"policy": policy, "critic": policy | {"object_velocities": s.velocities(OBJECTS)}}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
         """Return reaching, pushing, arrived, disturbing and effort."""
+        to_goal = self.to_goal(s)
+        away = to_goal.norm(dim=1)
+        behind = self._behind(s.pose("tin")[:, :3], to_goal) - self.arm.tool(s)[:, :3]
         speeds = s.velocities(CLUTTER)[:, :, :3].norm(dim=2).sum(dim=1)
         return {
-            "reaching": s.dt * (1.0 - torch.tanh(5.0 * self.to_behind(s).norm(dim=1))),
-            "pushing": s.dt * 4.0 * (1.0 - torch.tanh(5.0 * self.to_goal(s).norm(dim=1))),
-            "arrived": s.dt * 4.0 * self.success(s),
-            "disturbing": -s.dt * 0.5 * speeds.clamp(max=2.0),
-            "effort": -s.dt * 0.05 * action.square().mean(dim=1),
+            "reaching": s.dt * (1.0 - torch.tanh(5.0 * behind.norm(dim=1))),
+            "pushing": 4.0 * s.dt * (1.0 - torch.tanh(5.0 * away)),
+            "arrived": 4.0 * s.dt * (away < CLOSE),
+            "disturbing": -0.5 * s.dt * speeds.clamp(max=2.0),
+            "effort": -0.05 * s.dt * action.square().mean(dim=1),
         }
 
     def success(self, s: State) -> Tensor:
@@ -119,10 +125,7 @@ class ClutterPush(Task):
         """Return the way from the tin's underside to the mark [m], shape (num_envs, 3)."""
         return s.pose("goal")[:, :3] - s.pose("tin")[:, :3]
 
-    def to_behind(self, s: State) -> Tensor:
-        """Return the way from the tool to where it pushes from [m], shape (num_envs, 3)."""
-        away = self.to_goal(s)[:, :2]
-        behind = s.pose("tin")[:, :3].clone()
-        behind[:, :2] -= BEHIND * away / away.norm(dim=1, keepdim=True).clamp(min=1e-3)
-        behind[:, 2] += PUSH_HEIGHT
-        return behind - self.arm.tool(s)[:, :3]
+    def _behind(self, tin: Tensor, to_goal: Tensor) -> Tensor:
+        """Return where to push a tin from that has that way to go [m], shape (num_envs, 3)."""
+        back = -BEHIND * torch.nn.functional.normalize(to_goal[:, :2], dim=1)
+        return tin + torch.cat([back, torch.full_like(back[:, :1], PUSH_HEIGHT)], dim=1)

@@ -75,7 +75,7 @@ class TabletopLift(Task):
         """Find the arm and its contacts, and make room for what is remembered between steps."""
         self.arm = Arm(s)
         self.touch = Touch(s, FINGERS, tuple(GRASP_HEIGHTS))
-        self.heights = torch.tensor(list(GRASP_HEIGHTS.values()), device=s.device)
+        self.heights = torch.tensor([[0.0, 0.0, height] for height in GRASP_HEIGHTS.values()], device=s.device)
         self.chosen = torch.zeros(s.num_envs, len(GRASP_HEIGHTS), device=s.device)
         self.held = torch.zeros(s.num_envs, device=s.device)
         self.last_action = torch.zeros(s.num_envs, 5, device=s.device)
@@ -89,19 +89,19 @@ class TabletopLift(Task):
 
     def observe(self, s: State) -> Observation:
         """Return what the class lists."""
-        tool = self.arm.tool(s)
-        pose = self.chosen_pose(s)
-        turn = 2.0 * (_yaw(pose) - _yaw(tool))
+        tool, poses = self.arm.tool(s), s.poses(OBJECTS)
+        pose = self._chosen(poses)
+        turn = 2.0 * (yaw(pose) - yaw(tool))
         policy = {
             "arm_qpos": self.arm.qpos(s),
             "arm_qvel": self.arm.qvel(s),
             "finger_width": self.arm.width(s)[:, None],
             "tcp_pose": tool,
-            "tool_lead": self.arm.tool_target - torch.cat([tool[:, :3], _yaw(tool)[:, None]], dim=1),
-            "tcp_to_grasp": self.to_grasp(s),
+            "tool_lead": self.arm.tool_target - torch.cat([tool[:, :3], yaw(tool)[:, None]], dim=1),
+            "tcp_to_grasp": self._grasp(pose) - tool[:, :3],
             "turn_to_grasp": torch.stack([turn.cos(), turn.sin()], dim=1),
             "chosen": self.chosen,
-            "tcp_to_objects": s.poses(OBJECTS)[:, :, :3] - tool[:, None, :3],
+            "tcp_to_objects": poses[:, :, :3] - tool[:, None, :3],
             "touching": self.touching(s),
             "held": self.held[:, None] / self.hold_steps,
             "last_action": self.last_action,
@@ -110,10 +110,10 @@ class TabletopLift(Task):
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
         """Return reaching, grasping, lifting, holding, disturbing and effort; and count how long it has been held."""
-        distance = self.to_grasp(s).norm(dim=1)
-        grasped = self.touching(s).all(dim=1).float()
-        height = self.chosen_pose(s)[:, 2]
-        up = grasped * (height >= LIFTED)
+        pose = self.chosen_pose(s)
+        distance = (self._grasp(pose) - self.arm.tool(s)[:, :3]).norm(dim=1)
+        grasped = self.touching(s).prod(dim=1)
+        up = grasped * (pose[:, 2] >= LIFTED)
         self.held.copy_((self.held + 1.0) * up)
         near = 0.5 * (1.0 - torch.tanh(4.0 * distance)) + 0.5 * torch.exp(-((distance / 0.03) ** 2))
         speeds = s.velocities(OBJECTS)[:, :, :3].norm(dim=2)
@@ -121,10 +121,10 @@ class TabletopLift(Task):
         return {
             "reaching": s.dt * near,
             "grasping": s.dt * grasped,
-            "lifting": s.dt * 4.0 * grasped * (height / LIFTED).clamp(0.0, 1.0),
-            "holding": s.dt * 5.0 * up,
-            "disturbing": -s.dt * 0.5 * others.clamp(max=2.0),
-            "effort": -s.dt * 0.05 * action.square().mean(dim=1),
+            "lifting": 4.0 * s.dt * grasped * (pose[:, 2] / LIFTED).clamp(0.0, 1.0),
+            "holding": 5.0 * s.dt * up,
+            "disturbing": -0.5 * s.dt * others.clamp(max=2.0),
+            "effort": -0.05 * s.dt * action.square().mean(dim=1),
         }
 
     def success(self, s: State) -> Tensor:
@@ -146,20 +146,22 @@ class TabletopLift(Task):
 
     def chosen_pose(self, s: State) -> Tensor:
         """Return the pose of the chosen object's underside, shape (num_envs, 7)."""
-        return (self.chosen[:, :, None] * s.poses(tuple(GRASP_HEIGHTS))).sum(dim=1)
-
-    def to_grasp(self, s: State) -> Tensor:
-        """Return the way from the point between the finger tips to the grasp [m], shape (num_envs, 3)."""
-        grasp = self.chosen_pose(s)[:, :3]
-        grasp[:, 2] += self.chosen @ self.heights
-        return grasp - self.arm.tool(s)[:, :3]
+        return self._chosen(s.poses(OBJECTS))
 
     def touching(self, s: State) -> Tensor:
         """Return 1 where the left and the right finger touch the chosen object, else 0; shape (num_envs, 2)."""
-        return (self.touch(s).float() * self.chosen[:, None]).sum(dim=2)
+        return torch.bmm(self.touch(s).float(), self.chosen[:, :, None])[:, :, 0]
+
+    def _chosen(self, poses: Tensor) -> Tensor:
+        """Return the chosen one of the poses of all objects, shape (num_envs, 7)."""
+        return torch.bmm(self.chosen[:, None], poses[:, : len(GRASP_HEIGHTS)])[:, 0]
+
+    def _grasp(self, pose: Tensor) -> Tensor:
+        """Return where the chosen object with that pose is grasped [m], shape (num_envs, 3)."""
+        return pose[:, :3] + self.chosen @ self.heights
 
 
-def _yaw(pose: Tensor) -> Tensor:
+def yaw(pose: Tensor) -> Tensor:
     """Return the angle of the x axis about the vertical [rad], shape (num_envs,)."""
     w, x, y, z = pose[:, 3:].unbind(dim=1)
     return torch.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

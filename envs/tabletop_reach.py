@@ -58,7 +58,7 @@ class TabletopReach(Task):
     def bind(self, s: State) -> None:
         """Find the arm, and make room for what is remembered between steps."""
         self.arm = Arm(s)
-        self.heights = torch.tensor(list(HEIGHTS.values()), device=s.device)
+        self.over = torch.tensor([[0.0, 0.0, height + OVER] for height in HEIGHTS.values()], device=s.device)
         self.chosen = torch.zeros(s.num_envs, len(OBJECTS), device=s.device)
         self.last_action = torch.zeros(s.num_envs, 7, device=s.device)
 
@@ -69,14 +69,14 @@ class TabletopReach(Task):
 
     def observe(self, s: State) -> Observation:
         """Return what the class lists."""
-        tcp = self.arm.tool(s)
+        tool, positions, qpos = self.arm.tool(s), self._positions(s), self.arm.qpos(s)
         policy = {
-            "arm_qpos": self.arm.qpos(s),
+            "arm_qpos": qpos,
             "arm_qvel": self.arm.qvel(s),
-            "arm_lead": self.arm.targets(s) - self.arm.qpos(s),
-            "tcp_pose": tcp,
-            "tcp_to_target": self.to_target(s),
-            "tcp_to_objects": self._positions(s) - tcp[:, None, :3],
+            "arm_lead": self.arm.targets(s) - qpos,
+            "tcp_pose": tool,
+            "tcp_to_target": self._target(positions) - tool[:, :3],
+            "tcp_to_objects": positions - tool[:, None, :3],
             "chosen": self.chosen,
             "last_action": self.last_action,
         }
@@ -84,18 +84,18 @@ class TabletopReach(Task):
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
         """Return reaching, hovering, disturbing and effort."""
-        distance = self.to_target(s).norm(dim=1)
+        distance = self.distance(s)
         speeds = self._velocities(s).norm(dim=2).sum(dim=1)
         return {
             "reaching": s.dt * (1.0 - torch.tanh(3.0 * distance)),
-            "hovering": s.dt * 2.0 * torch.exp(-((distance / 0.05) ** 2)),
+            "hovering": 2.0 * s.dt * torch.exp(-((distance / 0.05) ** 2)),
             "disturbing": -s.dt * speeds.clamp(max=1.0),
-            "effort": -s.dt * 0.1 * action.square().mean(dim=1),
+            "effort": -0.1 * s.dt * action.square().mean(dim=1),
         }
 
     def success(self, s: State) -> Tensor:
         """Say where the tool is within 2.5 cm of the target."""
-        return self.to_target(s).norm(dim=1) < CLOSE
+        return self.distance(s) < CLOSE
 
     def on_reset(self, s: State, mask: Tensor) -> None:
         """Choose an object, and forget the last action."""
@@ -104,11 +104,13 @@ class TabletopReach(Task):
         self.chosen.copy_(torch.where(mask[:, None], chosen, self.chosen))
         self.last_action.masked_fill_(mask[:, None], 0.0)
 
-    def to_target(self, s: State) -> Tensor:
-        """Return the way from the point between the finger tips to the target [m], shape (num_envs, 3)."""
-        target = (self.chosen[:, :, None] * self._positions(s)).sum(dim=1)
-        target[:, 2] += self.chosen @ self.heights + OVER
-        return target - self.arm.tool(s)[:, :3]
+    def distance(self, s: State) -> Tensor:
+        """Return how far the point between the finger tips is from the target [m], shape (num_envs,)."""
+        return (self._target(self._positions(s)) - self.arm.tool(s)[:, :3]).norm(dim=1)
+
+    def _target(self, positions: Tensor) -> Tensor:
+        """Return the target [m] for objects at `positions`, shape (num_envs, 3)."""
+        return torch.bmm(self.chosen[:, None], positions + self.over)[:, 0]
 
     def _positions(self, s: State) -> Tensor:
         """Return where the objects stand [m], shape (num_envs, 5, 3)."""

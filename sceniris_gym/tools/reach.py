@@ -196,9 +196,10 @@ def read_poses(path: Path) -> np.ndarray:
         raise PosesError(f"--poses {path}: holds {got}. It {form}.")
     poses = poses.astype(np.float64)
     turns = poses[:, :3, :3]
-    rigid = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) < 1e-3
-    rigid &= (np.linalg.det(turns) > 0.0) & (np.abs(poses[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-6)
-    if not rigid.all():  # NaN compares as false, so it ends here, too
+    with np.errstate(invalid="ignore"):  # NaN compares as false
+        rigid = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) < 1e-3
+        rigid &= (np.linalg.det(turns) > 0.0) & (np.abs(poses[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-6)
+    if not rigid.all():
         raise PosesError(f"--poses {path}: pose {np.argmin(rigid)} is not a rotation and a position. It {form}.")
     return poses
 
@@ -234,7 +235,7 @@ def _solvable(mjm: mujoco.MjModel, arm: Arm, poses: np.ndarray, device: str) -> 
     for seed in range(_ROUNDS):
         joints, ok = solve(arm, flat[left], device, seed=seed)
         left, joints = left[ok], joints[ok]  # what all starts missed stays missed
-        hits = _hits_itself(mjm, arm, joints)
+        hits = hits_itself(mjm, arm, joints)
         reached[left[~hits]] = True
         left = left[hits]
         if not len(left):
@@ -242,7 +243,7 @@ def _solvable(mjm: mujoco.MjModel, arm: Arm, poses: np.ndarray, device: str) -> 
     return reached
 
 
-def _hits_itself(mjm: mujoco.MjModel, arm: Arm, joints: np.ndarray) -> np.ndarray:
+def hits_itself(mjm: mujoco.MjModel, arm: Arm, joints: np.ndarray) -> np.ndarray:
     """At which joints of shape (N, njoint) MuJoCo reports contacts of the arm alone, shape (N,), bool."""
     data = mujoco.MjData(mjm)
     if mjm.nkey:

@@ -15,6 +15,8 @@ from tests.assets.geometry import VISUAL, geoms, load, mesh
 ARMS = ["panda", "ur5e", "heron"]
 # Of each arm: mass [kg], the lightest and the heaviest link [kg], and the opening of its gripper [m].
 MASSES = {"panda": (15, 20, 0.4, 4), "ur5e": (18, 24, 0.3, 9), "heron": (8, 12, 0.15, 3)}
+# Greatest speeds of the joints [rad/s]: published ones of the Panda and the UR5e.
+SPEEDS = {"panda": [2.175] * 4 + [2.61] * 3, "ur5e": [np.pi] * 6, "heron": [2.5] * 3 + [3.5] * 2 + [4.0]}
 OPENINGS = {"panda": 0.08, "ur5e": 0.095, "heron": 0.088}
 
 
@@ -84,6 +86,26 @@ def test_an_arm_follows_its_commands(name, integrator):
     mujoco.mj_step(model, data, nstep=500)
     np.testing.assert_allclose(data.qpos[:n], data.ctrl[:n], atol=0.01)
     assert np.abs(data.qvel).max() < 0.05
+
+
+@pytest.mark.parametrize(("integrator", "timestep"), [("mjINT_EULER", 0.002), ("mjINT_IMPLICITFAST", 0.005)])
+@pytest.mark.parametrize("name", ARMS)
+def test_joints_are_as_fast_as_stated_and_stop_where_they_should(name, integrator, timestep):
+    """Told to go 1.2 rad, a joint comes within 2% of its greatest speed, not 1% over it, and overshoots < 0.01 rad."""
+    model, data = load(name)
+    model.opt.integrator, model.opt.timestep = getattr(mujoco.mjtIntegrator, integrator), timestep
+    for joint, greatest in enumerate(SPEEDS[name]):
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+        way = 1.2 if data.qpos[joint] + 1.2 < model.jnt_range[joint, 1] else -1.2
+        data.ctrl[joint] += way
+        fastest, furthest = 0.0, 0.0
+        for _ in range(round(1.5 / timestep)):
+            mujoco.mj_step(model, data)
+            fastest = max(fastest, abs(data.qvel[joint]))
+            furthest = max(furthest, np.sign(way) * (data.qpos[joint] - data.ctrl[joint]))
+        assert 0.98 * greatest < fastest < 1.01 * greatest
+        assert furthest < 0.01
+        assert abs(data.qpos[joint] - data.ctrl[joint]) < 0.005
 
 
 @pytest.mark.parametrize("name", ARMS)

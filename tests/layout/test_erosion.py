@@ -99,6 +99,23 @@ def test_any_orientation_is_kept_from_the_edge_by_what_it_makes_of_the_bounds(re
     assert spread_p_value(points, _eroded(SHAPE, distance)) > 0.001
 
 
+def test_the_edge_is_that_of_the_support_where_it_is_drawn(tmp_path: Path):
+    """An L that is moved and turned anew in every world: seen in its frame the bricks on it keep off its edge."""
+    slab = {**_slab(tmp_path), "kind": "fixture", "on": "floor"}
+    brick = {"asset": _brick(tmp_path), "on": "slab", "orientation": "any", "ratio_on_support": 0.8}
+    world = cpu_world({"floor": {"size": [3.0, 3.0]}, "objects": {"slab": slab, "brick": brick}})
+    rows = make(world, N, seed=9)
+    points, extents = _seen(world, rows, "brick")
+    poses = [
+        (data.body("slab").xpos[:2].copy(), data.body("slab").xmat.reshape(3, 3)[:2, :2].copy())
+        for data in posed(world, rows)
+    ]
+    local = np.array([(point - at) @ turn for point, (at, turn) in zip(points, poses, strict=True)])
+    distance = 0.4 * extents.min(1)
+    assert (shapely.distance(SHAPE.boundary, shapely.points(local)) >= distance - 1e-5).all()
+    assert spread_p_value(local, _eroded(SHAPE, distance)) > 0.001
+
+
 def test_drawn_joints_count_for_the_shorter_edge(tmp_path: Path):
     """A case of 0.3 x 0.2 m whose drawer makes it up to 0.4 m deep: what counts is the edge that it is drawn with."""
     case = {"asset": drawer_mjcf(tmp_path, "case"), "kind": "fixture", "on": "floor", "ratio_on_support": 0.6}

@@ -84,3 +84,16 @@ def test_given_seeds_are_started_from():
         found, ok = chain.ik(chain.fk(q[None]), seeds=q[None] + 0.01)
         assert ok.all()
         assert (found - q).abs().max() < 0.1
+
+
+@pytest.mark.cuda
+def test_a_gpu_gives_what_the_cpu_gives():
+    """Forward kinematics to 1e-12 m; the same poses are reached."""
+    mjm, base = MODELS["panda"]()
+    arm = Arm.from_model(mjm, base)
+    near, far = Chain(arm), Chain(arm, "cuda:0")
+    joints = near.random_joints(200, seed=7)
+    assert (far.fk(joints).cpu() - near.fk(joints)).abs().max() < 1e-12
+    found, ok = far.ik(near.fk(joints))
+    assert ok.all()
+    assert (far.fk(found).cpu() - near.fk(joints))[:, :3, 3].norm(dim=1).max() < POS_TOL

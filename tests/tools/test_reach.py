@@ -1,0 +1,159 @@
+"""The command that builds, draws and asks reachability maps."""
+
+import json
+import math
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from PIL import Image
+
+from sceniris_gym import cli
+from sceniris_gym.errors import ArmError, MapError, NotSupportedError, PosesError, UnknownNameError
+from sceniris_gym.reach.arm import Arm
+from sceniris_gym.reach.sampled import canonical
+from sceniris_gym.tools import reach
+from tests.reach.arms import hinge, link, model, site, tcp_poses
+from tests.reach.shapes import gantry, gantry_reaches, poses, random_axes
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A gantry as an MJCF file of one's own, with its coarse map beside it."""
+    path = tmp_path_factory.mktemp("arm") / "gantry.xml"
+    mjm, _ = gantry()
+    mujoco.mj_saveLastXML(str(path), mjm)
+    reach.build(str(path), path.with_suffix(".reach"), "cpu", step=0.2, tilt_step=math.radians(30))
+    return path
+
+
+def answer(capfd: pytest.CaptureFixture, *arguments: str | Path) -> dict:
+    """Run the command with --json, check that stdout is one line, and return what it says."""
+    cli.main(["reach", *map(str, arguments), "--json", "--device", "cpu"])
+    out = capfd.readouterr().out
+    assert out.count("\n") == 1, out
+    return json.loads(out)
+
+
+def asked(tmp_path: Path, made: np.ndarray) -> Path:
+    """Write poses."""
+    np.save(tmp_path / "poses.npy", made)
+    return tmp_path / "poses.npy"
+
+
+def random_poses(num: int) -> np.ndarray:
+    """TCP poses about the gantry, none of them upright."""
+    pos = np.random.default_rng(0).uniform([-0.7, -0.7, 0.1], [0.7, 0.7, 0.8], (num, 3))
+    return poses(pos, random_axes(num, 1), np.zeros(num))
+
+
+def test_building_says_what_was_built(arm: Path, tmp_path: Path, capfd: pytest.CaptureFixture):
+    """Steps, sizes and the file; what kept the state is gone, and the same map came out as before."""
+    out = tmp_path / "again.reach"
+    found = answer(capfd, arm, "--build", "-o", out, "--step", "0.2", "--tilt-step", "30")
+    assert found["step_m"] == 0.2
+    assert found["tilt_step_degrees"] == pytest.approx(30.0)
+    assert found["file_bytes"] == out.stat().st_size
+    assert [path.name for path in tmp_path.iterdir()] == ["again.reach"]
+    assert out.read_bytes() == arm.with_suffix(".reach").read_bytes()
+
+
+def test_a_map_is_described_and_drawn(arm: Path, tmp_path: Path, capfd: pytest.CaptureFixture):
+    """The picture has panels in which something is reached and something is not."""
+    found = answer(capfd, arm, "-o", tmp_path / "map.png", "--height", "0.4")
+    assert found["joints"] == 6
+    assert found["full_turn_of_base"] is found["full_turn_of_wrist"] is True
+    assert found["default_tier"] == "map"
+    picture = np.asarray(Image.open(tmp_path / "map.png"))
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20
+
+
+def test_poses_get_verdicts(arm: Path, tmp_path: Path, capfd: pytest.CaptureFixture):
+    """By each tier, in the order of the poses; `map_strict` says yes to a part of what `map` says yes to."""
+    made = random_poses(400)
+    verdicts = {}
+    for tier in ("map", "map_strict", "ik"):
+        found = answer(capfd, arm, "--poses", asked(tmp_path, made), "-o", tmp_path / f"{tier}.npy", "--tier", tier)
+        verdicts[tier] = np.load(tmp_path / f"{tier}.npy")
+        assert verdicts[tier].dtype == bool
+        assert verdicts[tier].shape == (400,)
+        assert found == {
+            "arm": "base",
+            "tier": tier,
+            "poses": 400,
+            "reached": int(verdicts[tier].sum()),
+            "file": str(tmp_path / f"{tier}.npy"),
+        }
+    assert not (verdicts["map_strict"] & ~verdicts["map"]).any()
+    assert (verdicts["map"] == verdicts["ik"]).mean() > 0.9
+
+
+def test_ik_is_exact(arm: Path, tmp_path: Path, capfd: pytest.CaptureFixture):
+    """Poses of the gantry are reached wherever its closed form says so, but for those on the very edge."""
+    made = random_poses(600)
+    answer(capfd, arm, "--poses", asked(tmp_path, made), "-o", tmp_path / "ik.npy", "--tier", "ik")
+    truth = gantry_reaches(canonical(made[:, :3, 3], made[:, :3, 2], np.zeros(2)))
+    assert (np.load(tmp_path / "ik.npy") == truth).mean() > 0.99
+
+
+def test_an_arm_that_hits_itself_is_not_there():
+    """Two links of a planar arm: stretched out it reaches, folded up its tip is in its base."""
+    tip = link(hinge("0 0 1", "-3 3") + '<geom size="0.04" pos="0.3 0 0"/>' + site("0.3 0 0"), pos="0.3 0 0")
+    mjm = model(chain='<geom size="0.1"/>' + link(hinge("0 0 1") + tip))
+    arm = Arm.from_model(mjm, "base")
+    joints = np.array([[0.3, 0.4], [0.3, 2.9], [-1.0, -2.9], [1.0, -1.5]])
+    assert reach.hits_itself(mjm, arm, joints).tolist() == [False, True, True, False]
+    kept = reach.judge_poses(mjm, arm, None, tcp_poses(mjm, arm, joints), "ik", "cpu")
+    assert kept.tolist() == [True, False, False, True]
+
+
+def test_without_a_map_poses_are_solved(tmp_path: Path, capfd: pytest.CaptureFixture):
+    """An arm with no map yet, and one that can have none, say why their default tier is `ik`."""
+    mjm, _ = gantry()
+    path = tmp_path / "new.xml"
+    mujoco.mj_saveLastXML(str(path), mjm)
+    found = answer(capfd, path, "--poses", asked(tmp_path, random_poses(20)), "-o", tmp_path / "out.npy")
+    assert found["tier"] == "ik"
+    assert "there is no map of it yet: sceniris-gym reach" in found["why_ik"]
+    mujoco.mj_saveLastXML(str(path), model(chain=link(hinge("0 0.3 1") + link(hinge() + site()))))
+    found = answer(capfd, path)
+    assert found["default_tier"] == "ik"
+    assert "degrees off the z axis" in found["why_ik"]
+    with pytest.raises(MapError, match=r"can have no map: .* Use --tier ik"):
+        reach.judge(str(path), None, tmp_path / "poses.npy", tmp_path / "out.npy", "map", "cpu")
+
+
+def test_clear_needs_a_layout(arm: Path, tmp_path: Path):
+    """Poses alone have none."""
+    with pytest.raises(NotSupportedError, match="poses alone have none"):
+        reach.judge(str(arm), None, asked(tmp_path, random_poses(2)), tmp_path / "out.npy", "clear", "cpu")
+
+
+@pytest.mark.parametrize(
+    ("made", "words"),
+    [
+        (np.zeros((4, 4)), "holds float64 of shape"),
+        (np.zeros((3, 4, 4)), "pose 0 is not a rotation"),
+        (np.full((1, 4, 4), np.nan), "pose 0 is not a rotation"),
+        (np.stack([np.eye(4), np.diag([1.0, 1.0, -1.0, 1.0])]), "pose 1 is not a rotation"),
+        (np.array([["a"]]), "holds <U1"),
+    ],
+)
+def test_a_file_that_holds_no_poses_is_refused(arm: Path, tmp_path: Path, made: np.ndarray, words: str):
+    """The form that is right is named."""
+    with pytest.raises(PosesError, match=words):
+        reach.read_poses(asked(tmp_path, made))
+    with pytest.raises(PosesError, match="no such file"):
+        reach.read_poses(tmp_path / "none.npy")
+    (tmp_path / "text.npy").write_text("no array")
+    with pytest.raises(PosesError, match="cannot read"):
+        reach.read_poses(tmp_path / "text.npy")
+
+
+def test_what_is_no_arm_is_refused():
+    """A name that is not shipped, and an asset without a TCP."""
+    with pytest.raises(UnknownNameError, match=r"unknown arm 'pandas'\. Did you mean 'panda'"):
+        reach.find_arm("pandas")
+    with pytest.raises((UnknownNameError, ArmError), match="tcp"):
+        reach.find_arm("mug")
