@@ -206,21 +206,6 @@ class Layouts:
         return self.view.pregrasp_qpos
 
     @property
-    def grasp(self) -> wp.array:
-        """See the class."""
-        return self.view.grasp
-
-    @property
-    def grasp_qpos(self) -> wp.array:
-        """See the class."""
-        return self.view.grasp_qpos
-
-    @property
-    def pregrasp_qpos(self) -> wp.array:
-        """See the class."""
-        return self.view.pregrasp_qpos
-
-    @property
     def rejections(self) -> wp.array:
         """See the class."""
         return self.view.rejections
