@@ -33,7 +33,7 @@ class KitchenReset(Task):
     Frames: poses are in the robot's base frame (over the worktop, x to the front, z up), rotations are quaternions
     wxyz. Every reset draws the places of furniture and things, the cupboard's door, and a little noise on the arm.
 
-    Action, 7 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.015 rad.
+    Action, 7 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.04 rad.
 
     Observations, groups `policy` and `critic` alike, 99 numbers:
 

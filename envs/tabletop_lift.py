@@ -64,8 +64,8 @@ class TabletopLift(Task):
     way up, while both touch), `holding` (5 while it is up and both touch), `disturbing` (minus half the sum of the
     other objects' speeds in m/s, at most 1) and `effort` (-0.05 times the mean square of the action). Success is the
     chosen object's underside 10 cm or more over the table with both fingers touching it, in this and all steps of the
-    last 0.5 s. The episode terminates when that object has fallen off the table, and is truncated after 200 steps
-    (4 s).
+    last 0.5 s. The episode terminates when that object has fallen off the table, and is truncated after 150 steps
+    (3 s).
     """
 
     scene = "tabletop_lift"

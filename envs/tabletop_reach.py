@@ -28,7 +28,7 @@ class TabletopReach(Task):
     are quaternions wxyz. Every reset draws the places and yaws of all objects, which of them is the chosen one, and a
     little noise on the arm. The target is the point 5 cm over the top of the chosen object, also when that is pushed.
 
-    Action, 7 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.015 rad.
+    Action, 7 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.04 rad.
 
     Observations, group `policy`, 58 numbers:
 
@@ -49,7 +49,7 @@ class TabletopReach(Task):
     arm's length), `hovering` (0 to 2, nearness within centimetres), `disturbing` (minus the sum of the objects' speeds
     in m/s, at most 1) and `effort` (-0.1 times the mean square of the action). Success is a distance of the tool from
     the target below 2.5 cm; how long it is held does not matter, so that judged at the last step it means to stay
-    there. The episode is truncated after 150 steps (3 s).
+    there. The episode is truncated after 100 steps (2 s).
     """
 
     scene = "tabletop_reach"

@@ -11,11 +11,11 @@ ENVS = {  # id -> keyword arguments of gymnasium.register
     },
     "sceniris_gym/TabletopReach-v0": {
         "kwargs": {"task": "sceniris_gym.envs.tabletop_reach:TabletopReach", "nconmax": 40, "njmax": 160},
-        "max_episode_steps": 150,
+        "max_episode_steps": 100,
     },
     "sceniris_gym/TabletopLift-v0": {
         "kwargs": {"task": "sceniris_gym.envs.tabletop_lift:TabletopLift", "nconmax": 48, "njmax": 192},
-        "max_episode_steps": 200,
+        "max_episode_steps": 150,
     },
     "sceniris_gym/ClutterPush-v0": {
         "kwargs": {"task": "sceniris_gym.envs.clutter_push:ClutterPush", "nconmax": 40, "njmax": 160},

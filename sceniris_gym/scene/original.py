@@ -102,7 +102,7 @@ def _check_parts(config: SceneConfig, origins: Mapping[str, str]) -> None:
     inside = {
         name: names_in(part.asset, f"{CONFIGURATION}: {origin(f'objects.{name}.asset', origins)}")
         for name, part in config.objects.items()
-        if part.asset is not None and (SHIPPED_NAME.fullmatch(part.asset) or Path(part.asset).is_file())
+        if part.asset is not None and (SHIPPED_NAME.fullmatch(part.asset) or _is_mjcf(part.asset))
     }
     for name, part in config.objects.items():
         for joint in part.joints if name in inside else ():
@@ -113,6 +113,10 @@ def _check_parts(config: SceneConfig, origins: Mapping[str, str]) -> None:
         if body and owner in inside and body not in (bodies := inside[owner].bodies):
             where = f"{CONFIGURATION}: objects.{name}.parent_id"
             raise UnknownNameError("body", f"{owner}/{body}", where, [f"{owner}/{b}" for b in bodies])
+
+
+def _is_mjcf(asset: str) -> bool:
+    return asset.endswith(".xml") and Path(asset).is_file()
 
 
 def _objects_by_id(keys: Section) -> dict[str, Section]:

@@ -9,8 +9,8 @@ from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.state import State
 
-JOINT_STEP = 0.015
-"""Largest change of a joint's target in a control step [rad]: 0.75 rad/s at 50 Hz."""
+JOINT_STEP = 0.04
+"""Largest change of a joint's target in a control step [rad]: 2 rad/s at 50 Hz."""
 
 TOOL_STEP = 0.02
 """Largest change of the tool's target along an axis in a control step [m]: 1 m/s at 50 Hz."""
@@ -66,8 +66,7 @@ class Arm:
         limits = s.control_range
         self._lower, self._upper = limits[columns].unbind(dim=1)
         self._open = limits[self._gripper, 1]
-        force, gain = mjm.actuator_forcerange[columns, 1], mjm.actuator_gainprm[columns, 0]
-        self.lead = torch.tensor(force / gain, dtype=torch.float32, device=s.device)
+        self.lead = _full_leads(s, columns)
         self._home = torch.tensor(s.scene.home_ctrl[columns], dtype=torch.float32, device=s.device)
         self._step = torch.tensor([TOOL_STEP] * 3 + [TURN_STEP], device=s.device)
         self._lead = torch.tensor([TOOL_LEAD] * 3 + [TURN_LEAD], device=s.device)
@@ -148,3 +147,19 @@ class Arm:
     def grip(self, s: State, action: Tensor) -> None:
         """Set the gripper's target from -1 (closed) to 1 (open), shape (num_envs,)."""
         s.ctrl[:, self._gripper] = self._open * 0.5 * (action + 1.0)
+
+
+def _full_leads(s: State, columns: list[int]) -> Tensor:
+    """Return by how much a joint lags behind its target at full force and speed [rad], shape (len(columns),).
+
+    The force F is then balanced by the joint's damping d alone, so that the speed is F / d; and the actuator's own law
+    F = kp lead - kv F / d gives the lead.
+    """
+    mjm = s.mjm
+    force, gain, speed_gain = (
+        mjm.actuator_forcerange[columns, 1],
+        mjm.actuator_gainprm[columns, 0],
+        -mjm.actuator_biasprm[columns, 2],
+    )
+    damping = mjm.dof_damping[mjm.jnt_dofadr[mjm.actuator_trnid[columns, 0]]]
+    return torch.tensor(force / gain * (1.0 + speed_gain / damping), dtype=torch.float32, device=s.device)

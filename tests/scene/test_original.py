@@ -358,6 +358,15 @@ def test_what_cannot_be_carried_over_is_listed_by_key(keys: dict, left_out: list
     assert list(config.objects) == ["mug", "drawer", "apple"]
 
 
+def test_a_file_of_another_kind_is_not_looked_into(tmp_path: Path):
+    """It is listed and kept, and so are the names of joints and parts that it may have."""
+    usd = tmp_path / "mug.usd"
+    usd.write_bytes(b"PXR-USDC")
+    config, left_out = read(mug(asset_path=str(usd), joint_states=[{"joint_ids": ["hinge"]}]))
+    assert left_out == ["objects.mug.asset_path"]
+    assert list(config.objects["mug"].joints) == ["hinge"]
+
+
 def test_the_warning_can_be_made_an_error():
     """It names all keys of the configuration that are left out, on all levels."""
     cfg = mug(reachable=True) | {"env": {"num_envs": 4, "collision_checker_backend": "curobo"}, "other": 1}

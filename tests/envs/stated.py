@@ -1,0 +1,36 @@
+"""What the docstring of a task says about its observations, against what is observed."""
+
+from __future__ import annotations
+
+import re
+
+from sceniris_gym.vector.task import Task
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+
+ROW = re.compile(r"^\s+\| (\w+) \| (\d+(?:, \d+)*) \|", flags=re.MULTILINE)
+
+
+def check_stated(task: type[Task], envs: SceneVectorEnv, privileged: list[tuple[str, tuple[int, ...]]]) -> None:
+    """Hold names, shapes and sizes of the class docstring against an environment."""
+    assert task.__doc__ is not None
+    table = [(name, tuple(map(int, shape.split(", ")))) for name, shape in ROW.findall(task.__doc__)]
+    assert table == envs.observation_names["policy"]
+    assert envs.observation_names["critic"] == [*table, *privileged]
+    for group, space in envs.single_observation_space.items():  # type: ignore[attr-defined]
+        size = space.shape[0]
+        assert re.search(rf"[Gg]roups? `{group}`[^.:]*, {size} numbers", task.__doc__) or (
+            not privileged and re.search(rf"groups `policy` and `critic` alike, {size} numbers", task.__doc__)
+        )
+
+
+def values(envs: SceneVectorEnv, observation: dict, name: str, group: str = "policy"):
+    """Return a named part of a flat observation, shape (num_envs, ...)."""
+    first = 0
+    for other, shape in envs.observation_names[group]:
+        size = 1
+        for length in shape:
+            size *= length
+        if other == name:
+            return observation[group][:, first : first + size].reshape(-1, *shape)
+        first += size
+    raise AssertionError(f"{name} is not observed")

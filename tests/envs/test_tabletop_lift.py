@@ -1,0 +1,123 @@
+"""TabletopLift-v0: what it observes and rewards, and a script that lifts."""
+
+from __future__ import annotations
+
+import importlib
+import math
+
+import gymnasium
+import mujoco
+import pytest
+import torch
+from torch import Tensor
+
+from sceniris_gym.layout.build import build_world
+from sceniris_gym.scene.world import World
+from sceniris_gym.vector.arm import TOOL_STEP, TURN_STEP
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+from tests.envs.stated import check_stated, values
+
+ENV_ID = "sceniris_gym/TabletopLift-v0"
+module = importlib.import_module("sceniris_gym.envs.tabletop_lift")
+TabletopLift = module.TabletopLift
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    """Return the World of the task, built once."""
+    return build_world("tabletop_lift", "cpu", bank_size=8)
+
+
+def scripted(envs: SceneVectorEnv, observation: dict, closed: Tensor) -> Tensor:
+    """Return actions that go over the grasp, down to it, close (counted in `closed`) and go up; from observations."""
+    grasp, lead = values(envs, observation, "tcp_to_grasp"), values(envs, observation, "tool_lead")
+    cos, sin = values(envs, observation, "turn_to_grasp").unbind(dim=1)
+    turn = 0.5 * torch.atan2(sin, cos)
+    turn = torch.where(values(envs, observation, "chosen")[:, 2] > 0, turn, 0.0)  # only the lemon is long
+    aside = grasp[:, :2].norm(dim=1)
+    closed += (closed > 0) | (grasp.norm(dim=1) < 0.008)
+    height = torch.where(aside > 0.01, grasp[:, 2] + 0.08, grasp[:, 2])
+    height = torch.where(closed > 0, torch.where(closed > 12, 0.04, 0.0), height)
+    flat = torch.where(closed[:, None] > 0, 0.0, grasp[:, :2])
+    way = torch.cat([flat, height[:, None], turn[:, None]], dim=1)
+    limit, step = torch.tensor([0.04, 0.04, 0.04, 0.3]), torch.tensor([TOOL_STEP] * 3 + [TURN_STEP])
+    moved = ((way.clamp(-limit, limit) - lead) / step).clamp(-1, 1)
+    return torch.cat([moved, torch.where(closed > 0, -1.0, 1.0)[:, None]], dim=1)
+
+
+def test_the_docstring_lists_what_is_observed(world):
+    """Names, shapes and sizes."""
+    envs = gymnasium.make_vec(ENV_ID, num_envs=1, scene=world)
+    assert isinstance(envs, SceneVectorEnv)
+    assert envs.max_episode_steps == 150
+    check_stated(TabletopLift, envs, [("object_velocities", (5, 6))])
+
+
+def test_the_turn_to_a_grasp_is_that_between_tool_and_object(world):
+    """Twice the angle, so that half a turn of the gripper makes no difference."""
+    envs = SceneVectorEnv(TabletopLift, 8, scene=world)
+    observation, _ = envs.reset(seed=2)
+    cos, sin = values(envs, observation, "turn_to_grasp").unbind(dim=1)
+    for i, name in enumerate(tuple(module.GRASP_HEIGHTS)[j] for j in envs.task.chosen.argmax(dim=1).tolist()):
+        data = mujoco.MjData(world.mjm)
+        data.qpos[:] = envs.batch.data.qpos.numpy()[i]
+        mujoco.mj_kinematics(world.mjm, data)
+        along, tool = data.body(name).xmat.reshape(3, 3)[:2, 0], data.site("panda/tcp").xmat.reshape(3, 3)[:2, 0]
+        turn = 2.0 * (math.atan2(along[1], along[0]) - math.atan2(tool[1], tool[0]))
+        assert (float(cos[i]), float(sin[i])) == pytest.approx((math.cos(turn), math.sin(turn)), abs=1e-4)
+
+
+@pytest.mark.slow
+def test_a_script_lifts(world):
+    """All chosen objects are lifted; the terms of the reward come one after the other, and success last."""
+    envs = SceneVectorEnv(TabletopLift, 6, scene=world, autoreset_mode="Disabled")
+    observation, _ = envs.reset(seed=3)
+    assert set(envs.task.chosen.argmax(dim=1).tolist()) == {0, 1, 2}
+    closed = torch.zeros(6, dtype=torch.long)
+    seen: dict[str, list[Tensor]] = {name: [] for name in ("grasping", "lifting", "holding", "success", "up")}
+    info = {}
+    for _ in range(150):
+        observation, _, terminated, _, info = envs.step(scripted(envs, observation, closed))
+        assert not terminated.any()
+        for name in ("grasping", "lifting", "holding"):
+            seen[name].append(info["reward_terms"][name] > 0.005)
+        seen["success"].append(info["success"])
+        seen["up"].append(envs.task.chosen_pose(envs.state)[:, 2] >= module.LIFTED)
+    assert info["success"].all()
+    assert (info["reward_terms"]["lifting"] > 0.079).all()
+    first = {name: torch.stack(steps).int().argmax(dim=0) for name, steps in seen.items()}
+    assert (first["grasping"] < first["lifting"]).all()
+    assert (first["lifting"] < first["holding"]).all()
+    assert (first["success"] - first["up"] >= 24).all()
+
+
+def test_an_object_that_is_dropped_is_not_held_any_more(world):
+    """What was held is counted afresh, and an episode ends where the chosen object has left the table."""
+    envs = SceneVectorEnv(TabletopLift, 2, scene=world, autoreset_mode="Disabled")
+    envs.reset(seed=5)
+    task = envs.task
+    task.held.fill_(40.0)
+    qpos = envs.batch.data.qpos.numpy()
+    name = tuple(module.GRASP_HEIGHTS)[int(task.chosen[0].argmax())]
+    address = world.mjm.joint(f"{name}/free").qposadr[0]
+    qpos[0, address : address + 3] = [0.0, 0.9, 0.2]
+    envs.batch.data.qpos.assign(qpos)
+    assert task.success(envs.state).all()
+    _, _, terminated, _, info = envs.step(torch.zeros(2, 5))
+    assert terminated.tolist() == [True, False]
+    assert not info["success"].any()
+    assert (task.held == 0).all()
+
+
+def test_other_objects_that_move_cost_something(world):
+    """Half their speeds, and not that of the chosen one."""
+    envs = SceneVectorEnv(TabletopLift, 2, scene=world)
+    envs.reset(seed=5)
+    task, mjm = envs.task, world.mjm
+    chosen = [tuple(module.GRASP_HEIGHTS)[i] for i in task.chosen.argmax(dim=1).tolist()]
+    qvel = envs.batch.data.qvel.numpy()
+    for world_id, name in enumerate((chosen[0], "tin")):
+        dof = mjm.joint(f"{name}/free").dofadr[0]
+        qvel[world_id, dof : dof + 3] = [0.3, 0.0, 0.4]
+    envs.batch.data.qvel.assign(qvel)
+    torch.testing.assert_close(task.reward(envs.state, torch.zeros(2, 5))["disturbing"], torch.tensor([0.0, -0.005]))
