@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from sceniris_gym.layout.convex import piece_shape, separated
 from sceniris_gym.layout.transforms import Pose
-from sceniris_gym.scene.device import PieceType, Program
-from sceniris_gym.scene.world import fill_program
+from sceniris_gym.scene.device import PieceType, Program, fill_struct
 
 wp.set_module_options({"enable_backward": False})
 
@@ -55,7 +54,7 @@ def _program(hulls: list[np.ndarray]) -> Program:
         "piece_vertadr": np.concatenate([[0], np.cumsum(counts)[:-1]]),
         "vert": np.concatenate(hulls),
     }
-    fill_program(program, arrays, "cpu")
+    fill_struct(Program, program, arrays, "cpu")
     return program
 
 

@@ -1,0 +1,103 @@
+"""ClutterPush-v0: what it observes and rewards, and a script that pushes."""
+
+from __future__ import annotations
+
+import importlib
+
+import gymnasium
+import pytest
+import torch
+
+from sceniris_gym.layout.build import build_world
+from sceniris_gym.scene.world import World
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+from tests.envs.stated import check_stated, values
+
+ENV_ID = "sceniris_gym/ClutterPush-v0"
+module = importlib.import_module("sceniris_gym.envs.clutter_push")
+ClutterPush = module.ClutterPush
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    """Return the World of the task, built once."""
+    return build_world("clutter_push", "cpu", bank_size=8)
+
+
+def test_the_docstring_lists_what_is_observed(world):
+    """Names, shapes and sizes."""
+    envs = gymnasium.make_vec(ENV_ID, num_envs=1, scene=world)
+    assert isinstance(envs, SceneVectorEnv)
+    assert envs.max_episode_steps == 250
+    check_stated(ClutterPush, envs, [("object_velocities", (4, 6))])
+
+
+def test_a_push_begins_behind_the_tin(world):
+    """On the line from the mark through the tin, 6 cm on, 2 cm over the table."""
+    envs = SceneVectorEnv(ClutterPush, 8, scene=world)
+    observation, _ = envs.reset(seed=1)
+    way, tin = values(envs, observation, "tcp_to_behind"), values(envs, observation, "tcp_to_tin")
+    goal = values(envs, observation, "tin_to_goal")
+    back = way - tin
+    torch.testing.assert_close(back[:, :2].norm(dim=1), torch.full((8,), 0.06), rtol=0, atol=1e-5)
+    torch.testing.assert_close(back[:, 2], torch.full((8,), 0.02), rtol=0, atol=1e-5)
+    cosine = torch.nn.functional.cosine_similarity(back[:, :2], goal[:, :2])
+    torch.testing.assert_close(cosine, torch.full((8,), -1.0))
+
+
+def test_terms_of_the_reward(world):
+    """A tin on the mark, and clutter that moves."""
+    envs = SceneVectorEnv(ClutterPush, 2, scene=world, autoreset_mode="Disabled")
+    envs.reset(seed=3)
+    s, task, d = envs.state, envs.task, envs.batch.data
+    away = task.to_goal(s).norm(dim=1)
+    terms = task.reward(s, torch.zeros(2, 4))
+    torch.testing.assert_close(terms["pushing"], 0.08 * (1 - torch.tanh(5 * away)))
+    assert (terms["arrived"] == 0).all()
+    assert (terms["disturbing"] == 0).all()
+    assert (terms["reaching"] > 0).all()
+    qpos, qvel = d.qpos.numpy(), d.qvel.numpy()
+    tin, can = world.mjm.joint("tin/free"), world.mjm.joint("can/free")
+    qpos[0, tin.qposadr[0] : tin.qposadr[0] + 2] = d.mocap_pos.numpy()[0, 0, :2] + [0.02, 0.0]
+    qvel[1, can.dofadr[0] : can.dofadr[0] + 3] = [0.0, 0.5, 0.0]
+    d.qpos.assign(qpos)
+    d.qvel.assign(qvel)
+    envs.batch.update()
+    terms = task.reward(s, torch.ones(2, 4))
+    assert terms["arrived"].tolist() == pytest.approx([0.08, 0.0])
+    assert terms["disturbing"].tolist() == pytest.approx([0.0, -0.005])
+    assert terms["effort"].tolist() == pytest.approx([-0.001, -0.001])
+    assert task.success(s).tolist() == [True, False]
+
+
+ASIDE = {
+    "objects.goal.region": {"box": [[-0.06, 0.18], [0.06, 0.24]]},
+    "objects.tin.region": {"box": [[-0.06, 0.0], [0.06, 0.08]]},
+    "objects.can.region": {"box": [[-0.24, 0.06], [-0.22, 0.26]]},
+    "objects.orange.region": {"box": [[0.22, 0.06], [0.24, 0.14]]},
+    "objects.block.region": {"box": [[0.22, 0.18], [0.24, 0.26]]},
+}
+
+
+@pytest.mark.slow
+def test_a_script_pushes_where_the_way_is_free():
+    """Over, down, and along: the tin arrives where the clutter stands aside."""
+    envs = SceneVectorEnv(ClutterPush, 6, device="cpu", overrides=ASIDE, autoreset_mode="Disabled")
+    observation, _ = envs.reset(seed=20)
+    down = torch.zeros(6, dtype=torch.bool)
+    arrived = torch.zeros(6, dtype=torch.bool)
+    for _ in range(250):
+        way, left = values(envs, observation, "tcp_to_behind"), values(envs, observation, "tin_to_goal")[:, :2]
+        down |= way[:, :2].norm(dim=1) < 0.01
+        pushing = down & (way[:, 2] > -0.01)
+        line = torch.nn.functional.normalize(left, dim=1)
+        across = way[:, :2] - (way[:, :2] * line).sum(dim=1, keepdim=True) * line
+        push = across + 0.012 * line * (left.norm(dim=1, keepdim=True) > 0.02)
+        flat = torch.where(pushing[:, None], push, way[:, :2])
+        height = torch.where(down, way[:, 2], way[:, 2] + 0.1)
+        tool, target = values(envs, observation, "tcp_pose")[:, :3], values(envs, observation, "tool_target")
+        wanted = tool + torch.cat([flat, height[:, None]], dim=1).clamp(-0.03, 0.03)
+        action = torch.cat([(wanted - target[:, :3]) / 0.02, -target[:, 3:] / 0.1], dim=1)
+        observation, _, _, _, info = envs.step(action)
+        arrived |= info["success"]
+    assert arrived.all()
