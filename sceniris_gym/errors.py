@@ -131,6 +131,8 @@ class InfeasibleSceneError(ScenirisError):
         advice = "Give it a larger region or support, or a smaller clearance, or fewer neighbours."
         if cause == "roof":
             advice = "'on' wants nothing of the support's object above it, 'inside' something; 'in' takes both."
+        elif cause in ("unreachable", "no_ik", "blocked"):
+            advice = "Bring it nearer to the robot, turn it towards it, or ask for a less thorough tier of 'reachable'."
         super().__init__(
             f"{where}: no valid layout was found: '{name}' could not be placed, mostly because of {cause}. "
             f"Rejections: {rows}. {advice}"

@@ -16,7 +16,6 @@ from sceniris_gym.reach.lookup import MapView, Verdict
 from sceniris_gym.reach.map import SUFFIX, ReachMap, map_file
 from sceniris_gym.reach.solve import arm_view
 from sceniris_gym.scene.compose import asset_name
-from sceniris_gym.scene.config import ObjectConfig
 from sceniris_gym.scene.device import fill_struct
 from sceniris_gym.scene.grasps import Graspable, Grasps
 from sceniris_gym.scene.gripper import Gripper, carried
@@ -100,10 +99,9 @@ def build_reaching(scene: SceneModel, plan: Plan, device: str) -> Reaching | Non
     gripper = Gripper.from_model(scene.mjm, arm, scene.home_qpos, plan.pieces)
     reach_map = _load_map(arm, robot.asset, scene.config.where)
     columns = []
-    for i in wanted:
+    for i, tier in zip(wanted, _tiers(scene, [plan.objects[i].name for i in wanted], arm, reach_map), strict=True):
         o = plan.objects[i]
         assert o.config is not None
-        tier = _tier(o.config, arm, reach_map, f"{scene.config.where}: objects.{o.name}.reachable", robot.asset)
         shape = Graspable(scene, o.name, plan.pieces, plan.home)
         columns.append(Column(o.name, i, tier, shape.grasps(o.variants, o.config.turn.kind == "any", gripper)))
     view = Reach()
@@ -151,25 +149,26 @@ def _load_map(arm: Arm, asset: str, where: str) -> ReachMap | None:
         raise MapError(f"{where}: robot.asset: {error}") from None
 
 
-def _tier(config: ObjectConfig, arm: Arm, reach_map: ReachMap | None, where: str, asset: str) -> Tier:
-    """The tier that decides: what was asked for, or `ik` where the arm's map would not be right."""
-    asked = None if config.reachable is True else _TIERS[str(config.reachable)]
-    if asked is not None and asked >= Tier.IK:
-        return asked
+def _tiers(scene: SceneModel, names: list[str], arm: Arm, reach_map: ReachMap | None) -> list[Tier]:
+    """The tiers that decide: what was asked for, or `ik` where the arm's map would not be right."""
+    robot, where = scene.config.robot, scene.config.where
+    assert robot is not None
+    words = {name: scene.config.objects[name].reachable for name in names}
+    by_map = [name for name, word in words.items() if word is True or _TIERS[str(word)] < Tier.IK]
     why = _why_not_map(arm, reach_map)
-    if why is None and reach_map is None:
-        command = f"sceniris-gym reach {asset} --build"
-        if asset.endswith(".xml"):
-            command += f" -o {Path(asset).with_suffix(SUFFIX)}"
+    if by_map and why is None and reach_map is None:
+        command = f"sceniris-gym reach {robot.asset} --build"
+        if robot.asset.endswith(".xml"):
+            command += f" -o {Path(robot.asset).with_suffix(SUFFIX)}"
         raise MapError(
-            f"{where}: there is no map of the arm '{asset}'. Build it with '{command}', or ask for 'ik', which needs "
-            "none."
+            f"{where}: objects.{by_map[0]}.reachable: there is no map of the arm '{robot.asset}'. Build it with "
+            f"'{command}', or ask for 'ik', which needs none."
         )
-    if why is None:
-        return asked or Tier.MAP
-    if asked is not None:
-        warnings.warn(f"{where}: {why}, so '{config.reachable}' is decided by 'ik'.", ReachWarning, stacklevel=2)
-    return Tier.IK
+    asked = [f"objects.{name}.reachable" for name in by_map if words[name] is not True]
+    if why is not None and asked:
+        warnings.warn(f"{where}: {', '.join(asked)}: {why}, so 'ik' decides.", ReachWarning, stacklevel=2)
+    default = Tier.MAP if why is None else Tier.IK
+    return [default if word is True or (name in by_map and why) else _TIERS[str(word)] for name, word in words.items()]
 
 
 def _why_not_map(arm: Arm, reach_map: ReachMap | None) -> str | None:
