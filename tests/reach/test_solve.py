@@ -126,6 +126,19 @@ def test_every_pose_of_random_joints_is_found_and_true(arm: tuple[mujoco.MjModel
     assert np.median(far[ok]) < 1e-5
 
 
+@pytest.mark.cuda
+def test_a_gpu_finds_them_too(arm: tuple[mujoco.MjModel, Arm]):
+    """The same poses, solved on a GPU, hold by MuJoCo's account."""
+    mjm, own = arm
+    asked = poses(mjm, own, random_joints(own, 3000, seed=2))
+    joints, ok = solve(own, asked, "cuda:0")
+    assert ok.mean() > 0.999
+    assert ((joints >= own.lower) & (joints <= own.upper)).all()
+    far, turned = distances(poses(mjm, own, joints.astype(float)), asked)
+    assert far[ok].max() <= POS_TOL
+    assert turned[ok].max() <= ROT_TOL
+
+
 def test_poses_at_the_limits_are_found(arm: tuple[mujoco.MjModel, Arm]):
     """Joints that must stand at their limits to reach a pose are put there, and no further."""
     mjm, own = arm
