@@ -1,0 +1,72 @@
+"""What placing says of whole objects against exact inverse kinematics of all their grasps."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.scene.files import shipped
+from sceniris_gym.scene.world import World
+from tests.layout.scenes import cpu_world
+from tests.oracle.exact_ik import ExactIk
+
+N = 150
+
+
+def scene(robot: str, **words: object) -> World:
+    """An arm that is turned, and a mug that lies anywhere on the floor around it. Nothing is tried twice."""
+    return cpu_world(
+        {
+            "floor": {"size": [2.2, 2.2]},
+            "robot": {"asset": robot, "base": [0.1, 0.2, 0.0], "yaw": 130.0},
+            "objects": {"mug": {"asset": "mug", "on": "floor", "clearance": 0.0, **words}},
+            "attempts": 1,
+            "restarts": 0,
+        },
+        bank_size=1,
+    )
+
+
+def grasp_poses(world: World, plain: World, qpos: np.ndarray) -> np.ndarray:
+    """All grasps of the mug in each layout, in the frame of the arm's base by MuJoCo C, shape (nworld, ngrasp, 4, 4)."""
+    assert world.reaching is not None
+    mjm, data = plain.mjm, mujoco.MjData(plain.mjm)
+    found = []
+    for row in qpos:
+        data.qpos[:] = row
+        mujoco.mj_kinematics(mjm, data)
+        base = _matrix(data.xpos[plain.scene.bodies["robot"]], data.xquat[plain.scene.bodies["robot"]])
+        mug = _matrix(data.xpos[plain.scene.bodies["mug"]], data.xquat[plain.scene.bodies["mug"]])
+        grasps = world.reaching.columns[0].grasps.grasps
+        found.append([np.linalg.inv(base) @ mug @ _matrix(g.pos, g.quat) for g in grasps])
+    return np.array(found)
+
+
+def _matrix(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
+    frame, mat = np.eye(4), np.zeros(9)
+    mujoco.mju_quat2Mat(mat, np.asarray(quat, float))
+    frame[:3, :3], frame[:3, 3] = mat.reshape(3, 3), pos
+    return frame
+
+
+@pytest.mark.parametrize(("robot", "tier"), [("ur5e", "map"), ("heron", "ik")])
+def test_a_mug_is_accepted_where_any_of_its_grasps_is_reached(robot: str, tier: str):
+    """The first candidate of each world, with the word and without: the same pose, accepted where the truth says so."""
+    asked, plain = scene(robot, reachable=tier), scene(robot)
+    generators = [LayoutGenerator(world, N, seed=100) for world in (asked, plain)]
+    for generator in generators:
+        generator.generate()
+    there = generators[1].layouts.status.numpy() == Status.VALID  # and not on the arm's foot
+    poses = grasp_poses(asked, plain, generators[1].layouts.qpos.numpy()[there])
+    exact = ExactIk(mujoco.MjModel.from_xml_path(str(shipped("assets", ".xml")[robot])), robot)
+    truth = exact.reachable(poses.reshape(-1, 4, 4))[0].reshape(len(poses), -1).any(axis=1)
+    accepted = (generators[0].layouts.status.numpy() == Status.VALID)[there]
+    assert 0.2 < truth.mean() < 0.9
+    assert not (accepted & ~truth).any()
+    assert (truth & ~accepted).sum() <= 2
+    if tier == "map":
+        same = generators[0].layouts.qpos.numpy()[there][accepted], generators[1].layouts.qpos.numpy()[there][accepted]
+        assert (same[0] == same[1]).all()
