@@ -66,12 +66,12 @@ def main(
         "MlpPolicy",
         envs,
         n_steps=rollout,
-        batch_size=num_envs * rollout,
-        n_epochs=20,
+        batch_size=num_envs * rollout // 2,
         gamma=0.9,
-        gae_lambda=0.9,
         learning_rate=2e-3,
-        policy_kwargs={"log_std_init": -0.5},
+        use_sde=True,  # noise that stays for some steps gets an arm somewhere
+        sde_sample_freq=10,
+        policy_kwargs={"log_std_init": -1.0},
         seed=seed,
         device="cpu",  # small networks, and numpy at the border
     )

@@ -214,13 +214,15 @@ def reach(
         Literal["map", "map_strict", "ik", "clear"] | None, tyro.conf.arg(help="by which to judge; the arm's default")
     ] = None,
     map_: Annotated[Path | None, tyro.conf.arg(name="map", help="a map file instead of the arm's own")] = None,
+    scene: Annotated[str | None, tyro.conf.arg(help="draw how the arm's reach narrows where objects of it lie")] = None,
     height: Annotated[float, tyro.conf.arg(help="of the picture's top view in the base frame [m]")] = 0.1,
     step: Annotated[
         float | None, tyro.conf.arg(help="of a map's grid [m]; by default 0.025, more for long arms")
     ] = None,
     tilt_step: Annotated[float, tyro.conf.arg(help="of a map's grid [degrees]")] = 2.5,
-    seed: Annotated[int, tyro.conf.arg(aliases=["-s"], help="of the starts from which a map is solved")] = 0,
+    seed: Annotated[int, tyro.conf.arg(aliases=["-s"], help="of a map's random starts, or of the first layout")] = 0,
     device: Device = None,
+    changes: Changes = (),
     json: Json = False,
 ) -> str:
     """Build, describe and draw the map of what an arm reaches, or judge poses by it."""
@@ -231,6 +233,9 @@ def reach(
     elif build:
         out = out or Path(f"{Path(arm).stem}.reach")
         found = tool.build(arm, out, device, step=step, tilt_step=radians(tilt_step), seed=seed)
+    elif scene is not None:
+        out = out or Path(f"demo/reach_{Path(scene).stem}.png")
+        found = tool.narrowed(arm, _config(scene, changes), out, device, seed=seed)
     else:
         found = tool.show(arm, map_, out or Path(f"demo/reach_{Path(arm).stem}.png"), height, device)
     return dumps(found) if json else _listing(found)

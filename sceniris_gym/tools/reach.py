@@ -11,16 +11,18 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 
-from sceniris_gym.errors import MapError, NotSupportedError, PosesError, UnknownNameError
-from sceniris_gym.layout.build import device_name
+from sceniris_gym.errors import MapError, NotSupportedError, PosesError, SceneKeyError, UnknownNameError
+from sceniris_gym.layout.build import build_world, device_name
 from sceniris_gym.reach.arm import TCP, Arm
 from sceniris_gym.reach.build import TILT_STEP, build_map
 from sceniris_gym.reach.lookup import Verdict
 from sceniris_gym.reach.map import SUFFIX, ReachMap, map_file
 from sceniris_gym.reach.solve import solve
 from sceniris_gym.scene.compose import compile_spec, load_mjcf
+from sceniris_gym.scene.config import SceneConfig
 from sceniris_gym.scene.files import SHIPPED_NAME, shipped
 from sceniris_gym.tools.files import check_writable, replacing
+from sceniris_gym.tools.narrowing import narrow
 from sceniris_gym.tools.reach_picture import draw
 from sceniris_gym.tools.render import save
 
@@ -107,6 +109,27 @@ def show(name: str, path: Path | None, out: Path, height: float, device: str | N
     save(draw(reach_map, height, device_name(device, "reach")), out)
     why = why_ik(name, arm, reach_map)
     return describe(arm, reach_map) | ({} if why is None else {"why_ik": why}) | {"picture": str(out)}
+
+
+def narrowed(
+    name: str, config: SceneConfig, out: Path, device: str | None = None, *, layouts: int = 1024, seed: int = 0
+) -> dict[str, Any]:
+    """Say how much `reachable` narrows where the objects of a scene of the arm lie, and draw it from above.
+
+    Raises:
+        SceneKeyError: the scene has another robot or none, or nothing in it is to be reachable.
+    """
+    if config.robot is None or config.robot.asset != name:
+        has = "no robot" if config.robot is None else f"the robot '{config.robot.asset}'"
+        raise SceneKeyError(f"reach {name} --scene {config.where}: this scene has {has}. Name a scene with '{name}'.")
+    check_writable(out)
+    world = build_world(config, device)
+    if world.reaching is None:
+        raise SceneKeyError(
+            f"reach {name} --scene {config.where}: no object of this scene is to be reachable. "
+            "Ask for one, as in --set objects.apple.reachable=map."
+        )
+    return narrow(world, layouts, seed, out)
 
 
 def why_ik(name: str, arm: Arm, reach_map: ReachMap | None) -> str | None:

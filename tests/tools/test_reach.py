@@ -10,9 +10,10 @@ import pytest
 from PIL import Image
 
 from sceniris_gym import cli
-from sceniris_gym.errors import ArmError, MapError, NotSupportedError, PosesError, UnknownNameError
+from sceniris_gym.errors import ArmError, MapError, NotSupportedError, PosesError, SceneKeyError, UnknownNameError
 from sceniris_gym.reach.arm import Arm
 from sceniris_gym.reach.sampled import canonical
+from sceniris_gym.scene.config import SceneConfig
 from sceniris_gym.tools import reach
 from tests.reach.arms import hinge, link, model, site, tcp_poses
 from tests.reach.shapes import gantry, gantry_reaches, poses, random_axes
@@ -149,6 +150,18 @@ def test_a_file_that_holds_no_poses_is_refused(arm: Path, tmp_path: Path, made: 
     (tmp_path / "text.npy").write_text("no array")
     with pytest.raises(PosesError, match="cannot read"):
         reach.read_poses(tmp_path / "text.npy")
+
+
+def test_a_scene_must_be_one_of_the_arm(tmp_path: Path):
+    """Its robot has to be the arm, and something in it has to be reachable."""
+    with pytest.raises(SceneKeyError, match=r"this scene has no robot\. Name a scene with 'panda'"):
+        reach.narrowed("panda", SceneConfig.load("mid"), tmp_path / "a.png", "cpu")
+    with pytest.raises(SceneKeyError, match=r"has the robot 'panda'\. Name a scene with 'ur5e'"):
+        reach.narrowed("ur5e", SceneConfig.load("drawer_pick"), tmp_path / "a.png", "cpu")
+    plain = {"cube": {"asset": "block", "on": "floor"}}
+    scene = {"floor": {"size": [1.0, 1.0]}, "robot": {"asset": "panda", "base": [-0.8, 0, 0]}, "objects": plain}
+    with pytest.raises(SceneKeyError, match="no object of this scene is to be reachable"):
+        reach.narrowed("panda", SceneConfig.load(scene), tmp_path / "a.png", "cpu")
 
 
 def test_what_is_no_arm_is_refused():
