@@ -165,7 +165,7 @@ def test_nothing_is_taken_from_below(folder: Path, cube: str):
     asset = crane_mjcf(folder, "upward")
     crane_map(asset, upwards=True)
     rising = write_mjcf(folder, "rising", '<geom type="sphere" size="0.02" pos="0 0 0.02"/><site name="grasp_up"/>')
-    with pytest.raises(InfeasibleSceneError, match="because of unreachable.*Bring it nearer to the robot"):
+    with pytest.raises(InfeasibleSceneError, match=r"because of unreachable.*Bring it nearer to the robot"):
         cpu_world(crane_scene(asset, rising), bank_size=1)
     scene = crane_scene(asset, rising)
     del scene["objects"]["thing"]["on"]

@@ -31,7 +31,7 @@ def scene(robot: str, **words: object) -> World:
 
 
 def grasp_poses(world: World, plain: World, qpos: np.ndarray) -> np.ndarray:
-    """All grasps of the mug in each layout, in the frame of the arm's base by MuJoCo C, shape (nworld, ngrasp, 4, 4)."""
+    """All grasps of the mug in each layout, in the frame of the arm's base by MuJoCo C, (nworld, ngrasp, 4, 4)."""
     assert world.reaching is not None
     mjm, data = plain.mjm, mujoco.MjData(plain.mjm)
     found = []
