@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn, ParamSpec
 
 import tyro
 
-from sceniris_gym import __version__
+import sceniris_gym
 from sceniris_gym.errors import CountError, SceneKeyError, ScenirisError
 
 if TYPE_CHECKING:
@@ -253,9 +253,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """
     arguments = sys.argv[1:] if arguments is None else arguments
     if list(arguments) == ["--version"]:
-        print(f"sceniris-gym {__version__}")
+        print(f"sceniris-gym {sceniris_gym.__version__}")
         return
-    about = f"{ABOUT} Version {__version__} (--version)."
+    about = f"{ABOUT} Version {sceniris_gym.__version__} (--version)."
     kept = signal.signal(signal.SIGTERM, _terminate)
     try:
         print(tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="sceniris-gym", description=about, args=arguments))
