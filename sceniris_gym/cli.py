@@ -248,8 +248,8 @@ COMMANDS = {command.__name__: command for command in (demo, generate, audit, ben
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command.
 
-    A ScenirisError ends it with its message on stderr and exit status 2; so do Ctrl-C with status 130 and SIGTERM with
-    143, the statuses that shells give to them, after temporary files are removed.
+    A ScenirisError, or a file system that fails, ends it with a message on stderr and exit status 2; so do Ctrl-C with
+    status 130 and SIGTERM with 143, the statuses that shells give to them, after temporary files are removed.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
     if list(arguments) == ["--version"]:
@@ -259,7 +259,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     kept = signal.signal(signal.SIGTERM, _terminate)
     try:
         print(tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="sceniris-gym", description=about, args=arguments))
-    except ScenirisError as error:
+    except (ScenirisError, OSError) as error:
         _end(str(error), 2)
     except KeyboardInterrupt:
         _end("interrupted", 128 + signal.SIGINT)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.env_match import check_environments_match
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from sceniris_gym.vector.single import SceneEnv
@@ -113,6 +114,12 @@ def test_one_world_passes_gymnasiums_checker(env_id):
     env = gymnasium.make(env_id, render_mode="rgb_array", render_size=(32, 24))
     assert isinstance(env.unwrapped, SceneEnv)
     check_env(env.unwrapped)
+
+
+def test_two_of_one_world_match_step_by_step(env_id):
+    """Gymnasium's comparison of two environments, with the same seeds and actions, finds no difference."""
+    first, second = gymnasium.make(env_id), gymnasium.make(env_id)
+    check_environments_match(first.unwrapped, second.unwrapped, num_steps=2 * MAX_STEPS, seed=3)
 
 
 def test_one_world_is_truncated_by_gymnasiums_time_limit(env_id):

@@ -1,5 +1,6 @@
 """The command line: one JSON line on stdout, errors in words, files whole or not at all."""
 
+import errno
 import json
 import re
 import signal
@@ -180,6 +181,20 @@ def test_a_path_that_cannot_be_written_is_refused_before_the_work(
         assert "Traceback" not in err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder"]
     assert [path.name for path in (tmp_path / "folder").iterdir()] == ["layouts.npz"]
+
+
+def test_a_full_disk_is_told_in_words(capfd: pytest.CaptureFixture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """What the system says, and no half written file."""
+
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(np, "savez", full)
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["generate", "mid", "-n", "1", "-o", str(tmp_path), "--device", "cpu"])
+    assert stop.value.code == 2
+    assert "No space left on device" in capfd.readouterr().err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_new_folder_is_only_made_when_there_is_something_to_write(tmp_path: Path):
