@@ -9,7 +9,7 @@ from sceniris_gym.vector.arm import Arm
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
 
-HEIGHTS = {"bottle": 0.252, "tin": 0.046, "orange": 0.070, "can": 0.122, "block": 0.045}
+HEIGHTS = {"bottle": 0.252, "apple": 0.076, "orange": 0.070, "can": 0.122, "block": 0.045}
 """The objects and how high they are [m]."""
 
 OBJECTS = tuple(HEIGHTS)
@@ -39,7 +39,7 @@ class TabletopReach(Task):
     | arm_lead | 7 | joint targets minus joint angles [rad] |
     | tcp_pose | 7 | point between the finger tips: position [m], rotation |
     | tcp_to_target | 3 | from that point to the target [m] |
-    | tcp_to_objects | 5, 3 | from that point to the undersides of bottle, tin, orange, can and block [m] |
+    | tcp_to_objects | 5, 3 | from that point to the undersides of bottle, apple, orange, can and block [m] |
     | chosen | 5 | 1 for the chosen object, 0 for the others |
     | last_action | 7 | the action taken last, zeros after a reset |
 
