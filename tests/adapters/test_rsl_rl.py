@@ -1,0 +1,147 @@
+"""rsl-rl's view of our environments: what it keeps, what it assigns, what it logs; and its runner."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from sceniris_gym.scene.world import World
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+from tests.vector.conftest import Reach, reach_world
+
+pytest.importorskip("rsl_rl")
+
+from rsl_rl.runners import OnPolicyRunner
+
+from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
+
+__all__ = ["reach_world"]
+
+
+@pytest.fixture
+def env(reach_world: World) -> RslRlVecEnv:
+    """Return four worlds of the small reaching task, with episodes of five steps."""
+    return RslRlVecEnv(SceneVectorEnv(Reach, 4, scene=reach_world, max_episode_steps=5), seed=3)
+
+
+def config() -> dict[str, Any]:
+    """Return a small configuration of the runner, a new one each time because it writes to it."""
+    model = {"class_name": "MLPModel", "hidden_dims": [16], "activation": "elu", "obs_normalization": True}
+    return {
+        "num_steps_per_env": 4,
+        "save_interval": 100,
+        "obs_groups": {"actor": ["policy"], "critic": ["critic"]},
+        "actor": {**model, "distribution_cfg": {"class_name": "GaussianDistribution"}},
+        "critic": model,
+        "algorithm": {"class_name": "PPO", "num_learning_epochs": 2, "num_mini_batches": 2},
+    }
+
+
+def test_sizes_are_those_of_the_environment(env):
+    """Actions, the longest episode, and observations as a TensorDict of groups."""
+    assert (env.num_envs, env.num_actions, env.max_episode_length) == (4, 5, 5)
+    observation = env.get_observations()
+    assert observation.batch_size == (4,)
+    assert observation["policy"].shape == (4, 19)
+    assert observation["critic"].shape == (4, 28)
+    assert env.cfg == {"task": "Reach", "scene": "scene", "num_envs": 4}
+    assert env.unwrapped is env.env
+
+
+def test_observations_are_never_overwritten_later(env):
+    """All that was handed out in twelve random steps, with resets, is what it was when it came."""
+    torch.manual_seed(0)
+    kept = [env.get_observations()]
+    copies = [kept[0].clone()]
+    with torch.inference_mode():
+        for _ in range(12):
+            observation, *_ = env.step(2 * torch.rand(4, 5) - 1)
+            kept.append(observation)
+            copies.append(observation.clone())
+    for observation, copy in zip(kept, copies, strict=True):
+        assert torch.equal(observation["policy"], copy["policy"])
+        assert torch.equal(observation["critic"], copy["critic"])
+    assert not torch.equal(kept[0]["policy"], kept[1]["policy"])
+
+
+def test_assigned_episode_lengths_are_copied_into_ours(env):
+    """The tensor that the environment counts in stays the same one, and decides when episodes end."""
+    ours = env.env.state.elapsed
+    env.episode_length_buf = torch.tensor([0, 3, 4, 1])
+    assert env.env.state.elapsed is ours
+    assert env.episode_length_buf.tolist() == [0, 3, 4, 1]
+    _, _, dones, extras = env.step(torch.zeros(4, 5))
+    assert dones.tolist() == [0, 0, 1, 0]
+    assert dones.dtype == torch.long
+    assert extras["time_outs"].tolist() == [False, False, True, False]
+    assert env.episode_length_buf.tolist() == [1, 4, 0, 2]
+
+
+def test_a_termination_is_no_time_out(env):
+    """Where an episode ends by itself in its last step, it was not cut short."""
+    env.episode_length_buf = torch.tensor([4, 4, 0, 0])
+    action = torch.zeros(4, 5)
+    action[0, 0] = action[2, 0] = 1.0  # ends these episodes
+    _, _, dones, extras = env.step(action)
+    assert dones.tolist() == [1, 1, 1, 0]
+    assert extras["time_outs"].tolist() == [False, True, False, False]
+    assert extras["success"].shape == (4,)
+
+
+def test_the_log_says_how_episodes_and_resets_went(env):
+    """Scalars: means over the episodes that just ended, and over the layouts that the worlds are in."""
+    env.episode_length_buf = torch.tensor([3, 3, 2, 2])
+    total, log = torch.zeros(4), {}
+    for step in range(3):
+        _, _, _, extras = env.step(torch.full((4, 5), 0.5))
+        log = extras["log"]
+        assert env.log is log
+        if step == 0:
+            assert log["Episode/length"] == 0
+        if step == 1:
+            first = {name: float(value) for name, value in log.items()}
+            assert first["Episode/length"] == 5
+            total = torch.tensor(-0.01 * 5 * 0.25 * 2)  # effort of the two steps that were taken
+            assert first["Episode/effort"] == pytest.approx(float(total), abs=1e-6)
+    assert float(log["Episode/effort"]) == pytest.approx(1.5 * float(total), abs=1e-6)
+    assert log["Episode/near"] < 0
+    assert {"Episode/success", "Reset/valid_share", "Reset/fallback_share", "Reset/attempts"} <= set(log)
+    assert log["Reset/valid_share"] == 1
+    assert log["Reset/attempts"] >= 1
+    assert {"Reset/reject_collision", "Reset/reject_roof"} <= set(log)
+    assert all(value.shape == () for value in log.values())
+    # somebody else reads the statistics and clears them
+    env.unwrapped.statistics.read()
+    for _ in range(5):
+        log = env.step(torch.full((4, 5), 0.5))[3]["log"]
+    assert float(log["Episode/effort"]) == pytest.approx(2.5 * float(total), abs=1e-6)
+
+
+def test_environments_of_another_kind_are_refused(reach_world):
+    """Without SAME_STEP, torch, copies or an end of episodes the contract cannot be kept."""
+    for wrong in ({"autoreset_mode": "NextStep"}, {"output": "numpy"}, {"copy": False}):
+        with pytest.raises(ValueError, match="SAME_STEP, output='torch' and copy=True"):
+            RslRlVecEnv(SceneVectorEnv(Reach, 2, scene=reach_world, max_episode_steps=5, **wrong))
+    with pytest.raises(ValueError, match="max_episode_steps"):
+        RslRlVecEnv(SceneVectorEnv(Reach, 2, scene=reach_world))
+
+
+def test_the_runner_trains_saves_and_goes_on(env, tmp_path: Path):
+    """A second runner that loads the first one's file has its policy and its count."""
+    torch.manual_seed(1)
+    runner = OnPolicyRunner(env, config(), log_dir=None, device="cpu")
+    before = [p.clone() for p in runner.alg.get_policy().parameters()]
+    runner.learn(3, init_at_random_ep_len=True)
+    assert any(not torch.equal(a, b) for a, b in zip(before, runner.alg.get_policy().parameters(), strict=True))
+    runner.save(str(tmp_path / "model.pt"), {"note": 7})
+    other = OnPolicyRunner(env, config(), log_dir=None, device="cpu")
+    assert other.load(str(tmp_path / "model.pt")) == {"note": 7}
+    assert other.current_learning_iteration == runner.current_learning_iteration
+    observation = env.get_observations()
+    policies = runner.get_inference_policy("cpu"), other.get_inference_policy("cpu")
+    with torch.inference_mode():
+        assert torch.equal(policies[0](observation), policies[1](observation))
+    other.learn(1)

@@ -1,0 +1,51 @@
+"""Wrappers of other libraries take our vector environments as they are, where these libraries are installed."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from sceniris_gym.scene.world import World
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+from tests.vector.conftest import Reach, reach_world
+
+__all__ = ["reach_world"]
+
+
+@pytest.mark.parametrize("output", ["torch", "numpy"])
+def test_torchrl_steps_and_resets_in_part(reach_world: World, output: str):
+    """TorchRL resets finished worlds itself, with a mask, when autoreset is disabled."""
+    gym = pytest.importorskip("torchrl.envs.libs.gym")
+    envs = SceneVectorEnv(Reach, 3, scene=reach_world, max_episode_steps=3, autoreset_mode="Disabled", output=output)
+    wrapped = gym.GymWrapper(envs, device="cpu")
+    wrapped.set_seed(0)
+    rollout = wrapped.rollout(7, lambda td: td.set("action", torch.zeros(3, 5)), break_when_any_done=False)
+    assert rollout.batch_size == (3, 7)
+    assert rollout["next", "done"].squeeze(-1).tolist() == [[False, False, True, False, False, True, False]] * 3
+    assert rollout["policy"].shape == (3, 7, 19)
+    assert torch.isfinite(rollout["next", "critic"]).all()
+
+
+def test_skrl_steps_with_a_state_for_the_critic(reach_world: World):
+    """Skrl's wrapper for batched simulators takes the group `policy` as observation and `critic` as state."""
+    skrl = pytest.importorskip("skrl.envs.wrappers.torch")
+    envs = SceneVectorEnv(Reach, 3, scene=reach_world, max_episode_steps=3)
+    wrapped = skrl.wrap_env(envs, wrapper="isaaclab", verbose=False)
+    observation, _ = wrapped.reset()
+    assert observation.shape == (3, 19)
+    for step in range(4):
+        observation, reward, terminated, truncated, _ = wrapped.step(torch.zeros(3, 5))
+        assert truncated.flatten().tolist() == [step == 2] * 3
+    assert (observation.shape, reward.shape, terminated.shape) == ((3, 19), (3, 1), (3, 1))
+    assert wrapped.state().shape == (3, 28)
+
+
+def test_skrl_takes_numpy_too(reach_world: World):
+    """Skrl's wrapper for Gymnasium lays the groups side by side."""
+    skrl = pytest.importorskip("skrl.envs.wrappers.torch")
+    envs = SceneVectorEnv(Reach, 3, scene=reach_world, max_episode_steps=3, output="numpy")
+    wrapped = skrl.wrap_env(envs, wrapper="gymnasium", verbose=False)
+    wrapped.reset()
+    for _ in range(4):
+        observation, *_ = wrapped.step(torch.zeros(3, 5))
+    assert observation.shape == (3, 47)
