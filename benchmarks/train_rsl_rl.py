@@ -76,6 +76,7 @@ class Options:
         seed: number of the run; seeds of layouts are spaced by 2^20
         num_envs: worlds
         minutes: wall-clock of training, evaluations not counted
+        million_steps: control steps of all worlds together after which it stops too
         out: folder for the results
         resume: go on from the checkpoint in `out`
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one
@@ -90,6 +91,7 @@ class Options:
     seed: int = 0
     num_envs: int = 4096
     minutes: float = 5.0
+    million_steps: float = float("inf")
     out: Path = Path("results/train")
     resume: bool = False
     device: str | None = None
@@ -215,6 +217,12 @@ class Run:
         """Control steps so far, of all worlds together."""
         return self.iterations * self.settings.steps * self.options.num_envs
 
+    @property
+    def finished(self) -> bool:
+        """Whether the time is over, or all steps are taken."""
+        options = self.options
+        return self.seconds >= 60.0 * options.minutes or self.env_steps >= 1e6 * options.million_steps
+
     def go(self) -> None:
         """Train until the time is over, then judge."""
         options = self.options
@@ -227,10 +235,9 @@ class Run:
         told = {"options": asdict(options), "settings": asdict(self.settings)}
         (options.out / "config.json").write_text(json.dumps(told, default=str, indent=1))
         judged_at = self.seconds
-        limit = 60.0 * options.minutes
-        while self.seconds < limit:
+        while not self.finished:
             self._train(options.every)
-            if self.seconds - judged_at >= options.evaluate_every or self.seconds >= limit:
+            if self.seconds - judged_at >= options.evaluate_every or self.finished:
                 judged_at = self.seconds
                 self._judge()
                 self._save()
