@@ -16,6 +16,7 @@ from sceniris_gym.sim.batch import Batch
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.draws import draw_uniform, task_stream
 from sceniris_gym.vector.frames import BaseFrame
+from sceniris_gym.vector.joints import JointWriter
 
 FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 SCALAR = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
@@ -48,6 +49,7 @@ class State:
     def __init__(self, batch: Batch, layouts: Any, split: str = "train") -> None:
         self.num_envs, self.scene, self.mjm = batch.nworld, batch.scene, batch.scene.mjm
         self.data, self._layouts, self._split = batch.data, layouts, split
+        self._batch = batch
         self.dt = batch.substeps * float(self.mjm.opt.timestep)
         self.device = torch.device(wp.device_to_torch(batch.device))
         self.elapsed = torch.zeros(self.num_envs, dtype=torch.int32, device=self.device)
@@ -64,6 +66,7 @@ class State:
         self._base = BaseFrame(self.scene, self.device)
         self._sites: dict[str, tuple[int, int, Tensor]] = {}
         self._spans: dict[tuple[str, str], slice | Tensor] = {}
+        self._writers: dict[tuple[str, int], JointWriter] = {}
         self._grasp_tables: dict[int, tuple[Tensor, Tensor, Tensor]] = {}
         if layouts.reaching is not None:
             self._layout_grasp = wp.to_torch(layouts.grasp)
@@ -174,6 +177,26 @@ class State:
         joints = self._columns[key]
         axis, arm = self._xaxis[:, joints], self._site_xpos[:, None, number] - self._xanchor[:, joints]
         return self._base.vectors(torch.linalg.cross(axis, arm), axis).transpose(1, 2)
+
+    def put_joints(self, name: str, qpos: Tensor, mask: Tensor) -> None:
+        """Put joints at rest where they are given, their position actuators holding them; for `on_reset` of a task.
+
+        `s.put_joints("panda", s.pregrasp_qpos("can"), mask)` starts an episode before the grasp. What the task reads is
+        current after it. Nothing keeps the joints out of the way of other things.
+
+        Args:
+            name: an object or the robot, or one joint, as in `qpos`
+            qpos: of the first of its joints [m or rad], shape (num_envs, number of joints or fewer); worlds with a nan
+                stay as they are
+            mask: which worlds, shape (num_envs,), bool
+        """
+        key = (name, qpos.shape[1])
+        if key not in self._writers:
+            joints = self._joints(name, "put_joints")[: qpos.shape[1]]
+            self._writers[key] = JointWriter(self.mjm, joints, self.device)
+        given = mask & qpos.isfinite().all(dim=1)
+        self._writers[key].write(self._qpos, self._qvel, self.ctrl, qpos, given)
+        self._batch.update()
 
     def actuator(self, name: str) -> int:
         """Return the column of an actuator in `ctrl`."""

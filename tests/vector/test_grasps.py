@@ -87,6 +87,24 @@ def test_the_arm_stands_in_the_grasp_in_the_joints_that_are_given(worlds: dict[s
             assert np.trace(stands[:3, :3].T @ wanted[:3, :3]) > 1.0 + 2.0 * np.cos(np.radians(0.5))
 
 
+def test_a_task_starts_before_the_grasp(worlds: dict[str, World]):
+    """The arm of masked worlds stands at rest in its pre-grasp, as seen by the task at once; the others stay."""
+    s, _ = seen(worlds["clear"])
+    mask = torch.arange(NWORLD) % 2 == 0
+    before, pregrasp = s.qpos("crane").clone(), s.pregrasp_qpos("thing")
+    s.put_joints("crane", pregrasp, mask)
+    after = s.qpos("crane")
+    assert torch.equal(after[mask, :4], pregrasp[mask])
+    assert torch.equal(after[~mask], before[~mask])
+    assert torch.equal(after[:, 4:], before[:, 4:])
+    tcp, grasp = s.site("crane/tcp"), s.grasp("thing")
+    assert torch.allclose(tcp[mask, :2], grasp[mask, :2], atol=1e-3)
+    assert torch.allclose(tcp[mask, 2], grasp[mask, 2] + 0.08, atol=1e-3)
+    s.put_joints("crane", torch.full_like(pregrasp, torch.nan), ~mask)
+    assert torch.equal(s.qpos("crane")[~mask], before[~mask])
+    assert (s.qvel("crane") == 0.0).all()
+
+
 def test_only_reachable_objects_have_grasps(worlds: dict[str, World], tmp_path: Path):
     """The message names those that have; in a scene without any it names none."""
     s, _ = seen(worlds["map"])

@@ -135,3 +135,17 @@ def test_rotations_agree_with_mujoco():
     np.testing.assert_allclose(rotations.rotate(t(left[0]), t(vectors)).numpy(), back, atol=1e-12)
     inverse = rotations.conjugate(t(left))
     np.testing.assert_allclose(rotations.rotate(inverse, t(rotated)).numpy(), vectors, atol=1e-12)
+
+
+def test_joints_that_are_put_somewhere_are_held_there(make_env):
+    """The arm of one world, through gears too: the controls are those that hold the pose; other worlds keep theirs."""
+    envs = make_env(2)
+    envs.reset(seed=0)
+    s = envs.state
+    ctrl = s.ctrl.clone()
+    wanted = s.qpos("arm")[:, :2] + torch.tensor([0.3, -0.2])
+    s.put_joints("arm", wanted, torch.tensor([True, False]))
+    assert torch.allclose(s.qpos("arm")[0, :2], wanted[0])
+    assert torch.equal(s.ctrl[1], ctrl[1])
+    assert torch.allclose(s.ctrl[0, :2], wanted[0] * torch.tensor([1.0, 2.0]))
+    np.testing.assert_allclose(s.site("arm/tcp")[0, :3].numpy(), oracle(envs, 0).site("arm/tcp").xpos, atol=1e-6)

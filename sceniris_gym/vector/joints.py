@@ -1,0 +1,45 @@
+"""Joints put where a task wants them, at rest and held there by their actuators."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+import torch
+from torch import Tensor
+
+from sceniris_gym.sim.write import rest_map
+
+
+class JointWriter:
+    """Writes some hinges and slides, their velocities, and the controls that depend on them.
+
+    Args:
+        mjm: the model
+        joints: ids of the joints
+        device: torch device
+    """
+
+    def __init__(self, mjm: mujoco.MjModel, joints: Sequence[int], device: torch.device) -> None:
+        rest = rest_map(mjm, np.zeros(mjm.nu), np.zeros(mjm.na), "cpu")
+        rowadr, qposadr, coef = rest.rowadr.numpy(), rest.qposadr.numpy(), rest.coef.numpy()
+        columns = [int(mjm.jnt_qposadr[j]) for j in joints]
+        rows = [slice(rowadr[e], rowadr[e + 1]) for e in range(mjm.nu)]
+        held = [e for e in range(mjm.nu) if np.isin(qposadr[rows[e]], columns).any()]
+        matrix = np.zeros((mjm.nq, len(held)))
+        for k, e in enumerate(held):
+            np.add.at(matrix[:, k], qposadr[rows[e]], coef[rows[e]])
+        numbers = (columns, [int(mjm.jnt_dofadr[j]) for j in joints], held)
+        self._columns, self._dofs, self._held = (torch.tensor(n, dtype=torch.long, device=device) for n in numbers)
+        values = (matrix, *(getattr(rest, name).numpy()[held] for name in ("bias", "lower", "upper")))
+        floats = (torch.tensor(v, dtype=torch.float32, device=device) for v in values)
+        self._matrix, self._bias, self._lower, self._upper = floats
+
+    def write(self, qpos: Tensor, qvel: Tensor, ctrl: Tensor, values: Tensor, mask: Tensor) -> None:
+        """Put the joints of masked worlds where `values` (num_envs, njoint) are, in place; the others keep theirs."""
+        mask = mask[:, None]
+        qpos[:, self._columns] = torch.where(mask, values, qpos[:, self._columns])
+        qvel[:, self._dofs] = torch.where(mask, 0.0, qvel[:, self._dofs])
+        holding = (qpos @ self._matrix + self._bias).clamp(self._lower, self._upper)
+        ctrl[:, self._held] = torch.where(mask, holding, ctrl[:, self._held])
