@@ -14,6 +14,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_match import check_environments_match
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
+from sceniris_gym.registration import ENVS
 from sceniris_gym.vector.single import SceneEnv
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.conformance.conftest import MAX_STEPS
@@ -130,3 +131,13 @@ def test_one_world_is_truncated_by_gymnasiums_time_limit(env_id):
     env.reset(seed=0)
     flags = [env.step(np.zeros(5, np.float32))[2:4] for _ in range(MAX_STEPS)]
     assert flags == [(False, False)] * (MAX_STEPS - 1) + [(False, True)]
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("error", UNBOUNDED)
+@pytest.mark.parametrize("name", sorted(ENVS))
+def test_every_environment_of_the_package_passes_gymnasiums_checker(name):
+    """One world of each, with the arguments of its registration."""
+    env = gymnasium.make(name, device="cpu")
+    check_env(env.unwrapped, skip_render_check=True, skip_close_check=True)
+    env.close()
