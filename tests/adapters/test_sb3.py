@@ -16,9 +16,12 @@ import pytest
 import torch
 
 from sceniris_gym.errors import MissingExtraError, UnknownNameError
+from sceniris_gym.layout.build import build_world
+from sceniris_gym.scene.config import SceneConfig
 from sceniris_gym.scene.world import World
 from sceniris_gym.vector.single import SceneEnv
-from tests.vector.conftest import Reach, make_env, reach_world
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+from tests.vector.conftest import SCENE, Reach, make_env, reach_world
 
 __all__ = ["make_env", "reach_world"]
 
@@ -333,3 +336,20 @@ def test_ppo_gets_better_at_reaching_on_a_cpu(one_thread):
     assert gained.mean() > 3.0 * gained.std() / 8.0, "not by chance: three standard errors over 64 layouts"
     envs.close()
     judged.close()
+
+
+@pytest.mark.cuda
+def test_worlds_on_a_gpu_are_seen_in_numpy():
+    """The border is crossed for observations, rewards, dones and infos; PPO steps on it."""
+    world = build_world(SceneConfig.load(SCENE), "cuda:0", bank_size=8)
+    envs = SB3VecEnv(SceneVectorEnv(Reach, 4, scene=world, max_episode_steps=MAX_STEPS))
+    envs.reset()
+    envs.set_options({"reset_mask": torch.tensor([True, False, True, False], device="cuda")})
+    assert isinstance(envs.reset(), np.ndarray)
+    for _ in range(MAX_STEPS):
+        observation, reward, done, infos = envs.step(np.zeros((4, 5)))
+    assert all(isinstance(array, np.ndarray) for array in (observation, reward, done))
+    assert done.tolist() == [True] * 4
+    assert all(np.isfinite(info["terminal_observation"]).all() for info in infos)
+    assert [info["layout_episode"] for info in envs.reset_infos] == [2, 1, 2, 1]
+    PPO("MlpPolicy", envs, n_steps=8, batch_size=32, device="cpu").learn(64)
