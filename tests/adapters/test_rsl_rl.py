@@ -122,7 +122,8 @@ def test_the_log_says_how_episodes_and_resets_went(env):
 
 def test_environments_of_another_kind_are_refused(reach_world):
     """Without SAME_STEP, torch, copies or an end of episodes the contract cannot be kept."""
-    for wrong in ({"autoreset_mode": "NextStep"}, {"output": "numpy"}, {"copy": False}):
+    wrongs: list[dict[str, Any]] = [{"autoreset_mode": "NextStep"}, {"output": "numpy"}, {"copy": False}]
+    for wrong in wrongs:
         with pytest.raises(ValueError, match="SAME_STEP, output='torch' and copy=True"):
             RslRlVecEnv(SceneVectorEnv(Reach, 2, scene=reach_world, max_episode_steps=5, **wrong))
     with pytest.raises(ValueError, match="max_episode_steps"):

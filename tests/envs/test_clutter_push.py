@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from typing import Any
 
 import gymnasium
 import pytest
@@ -49,7 +50,8 @@ def test_terms_of_the_reward(world):
     """A tin on the mark, and clutter that moves."""
     envs = SceneVectorEnv(ClutterPush, 2, scene=world, autoreset_mode="Disabled")
     envs.reset(seed=3)
-    s, task, d = envs.state, envs.task, envs.batch.data
+    task: Any = envs.task
+    s, d = envs.state, envs.batch.data
     away = task.to_goal(s).norm(dim=1)
     terms = task.reward(s, torch.zeros(2, 4))
     torch.testing.assert_close(terms["pushing"], 0.08 * (1 - torch.tanh(5 * away)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
+from typing import Any
 
 import gymnasium
 import mujoco
@@ -57,8 +58,9 @@ def test_the_turn_to_a_grasp_is_that_between_tool_and_object(world):
     """Twice the angle, so that half a turn of the gripper makes no difference."""
     envs = SceneVectorEnv(TabletopLift, 8, scene=world)
     observation, _ = envs.reset(seed=2)
+    task: Any = envs.task
     cos, sin = values(envs, observation, "turn_to_grasp").unbind(dim=1)
-    for i, name in enumerate(tuple(module.GRASP_HEIGHTS)[j] for j in envs.task.chosen.argmax(dim=1).tolist()):
+    for i, name in enumerate(tuple(module.GRASP_HEIGHTS)[j] for j in task.chosen.argmax(dim=1).tolist()):
         data = mujoco.MjData(world.mjm)
         data.qpos[:] = envs.batch.data.qpos.numpy()[i]
         mujoco.mj_kinematics(world.mjm, data)
@@ -72,7 +74,8 @@ def test_a_script_lifts(world):
     """All chosen objects are lifted; the terms of the reward come one after the other, and success last."""
     envs = SceneVectorEnv(TabletopLift, 6, scene=world, autoreset_mode="Disabled")
     observation, _ = envs.reset(seed=3)
-    assert set(envs.task.chosen.argmax(dim=1).tolist()) == {0, 1, 2}
+    task: Any = envs.task
+    assert set(task.chosen.argmax(dim=1).tolist()) == {0, 1, 2}
     closed = torch.zeros(6, dtype=torch.long)
     seen: dict[str, list[Tensor]] = {name: [] for name in ("grasping", "lifting", "holding", "success", "up")}
     info = {}
@@ -82,7 +85,7 @@ def test_a_script_lifts(world):
         for name in ("grasping", "lifting", "holding"):
             seen[name].append(info["reward_terms"][name] > 0.005)
         seen["success"].append(info["success"])
-        seen["up"].append(envs.task.chosen_pose(envs.state)[:, 2] >= module.LIFTED)
+        seen["up"].append(task.chosen_pose(envs.state)[:, 2] >= module.LIFTED)
     assert info["success"].all()
     assert (info["reward_terms"]["lifting"] > 0.079).all()
     first = {name: torch.stack(steps).int().argmax(dim=0) for name, steps in seen.items()}
@@ -95,7 +98,7 @@ def test_an_object_that_is_dropped_is_not_held_any_more(world):
     """What was held is counted afresh, and an episode ends where the chosen object has left the table."""
     envs = SceneVectorEnv(TabletopLift, 2, scene=world, autoreset_mode="Disabled")
     envs.reset(seed=5)
-    task = envs.task
+    task: Any = envs.task
     task.held.fill_(40.0)
     qpos = envs.batch.data.qpos.numpy()
     name = tuple(module.GRASP_HEIGHTS)[int(task.chosen[0].argmax())]
@@ -113,7 +116,8 @@ def test_other_objects_that_move_cost_something(world):
     """Half their speeds, and not that of the chosen one."""
     envs = SceneVectorEnv(TabletopLift, 2, scene=world)
     envs.reset(seed=5)
-    task, mjm = envs.task, world.mjm
+    task: Any = envs.task
+    mjm = world.mjm
     chosen = [tuple(module.GRASP_HEIGHTS)[i] for i in task.chosen.argmax(dim=1).tolist()]
     qvel = envs.batch.data.qvel.numpy()
     for world_id, name in enumerate((chosen[0], "tin")):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from typing import Any
 
 import gymnasium
 import mujoco
@@ -64,7 +65,8 @@ def test_every_object_is_chosen_now_and_then_and_the_target_is_over_it(world):
     expected = objects[chosen.bool()] + torch.stack([0 * heights, 0 * heights, heights + 0.05], dim=1)[chosen.argmax(1)]
     torch.testing.assert_close(target, expected, rtol=0, atol=1e-5)
     envs.reset(options={"reset_mask": torch.arange(64) < 32})
-    again = envs.task.chosen
+    task: Any = envs.task
+    again = task.chosen
     assert torch.equal(again[32:], chosen[32:])
     assert not torch.equal(again[:32], chosen[:32])
 
@@ -73,7 +75,8 @@ def test_terms_of_the_reward(world):
     """Nearness and haste are told apart, and disturbing is what objects do, not the arm."""
     envs = SceneVectorEnv(TabletopReach, 2, scene=world, autoreset_mode="Disabled")
     envs.reset(seed=3)
-    s, task, idle = envs.state, envs.task, torch.zeros(2, 7)
+    task: Any = envs.task
+    s, idle = envs.state, torch.zeros(2, 7)
     terms = task.reward(s, idle)
     distance = task.distance(s)
     torch.testing.assert_close(terms["reaching"], 0.02 * (1 - torch.tanh(3 * distance)))
@@ -120,9 +123,10 @@ def test_a_script_reaches(world):
         assert solve_point(arm, data, pos)
         goals.append(data.qpos[arm.qposadr].copy())
     goal = torch.tensor(np.array(goals), dtype=torch.float32)
+    task: Any = envs.task
     rewards, info = [], {}
     for _ in range(100):
-        action = ((goal - envs.task.arm.targets(envs.state)) / JOINT_STEP).clamp(-1, 1)
+        action = ((goal - task.arm.targets(envs.state)) / JOINT_STEP).clamp(-1, 1)
         _, reward, _, _, info = envs.step(action)
         rewards.append(reward)
     reached = info["success"]
