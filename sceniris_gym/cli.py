@@ -66,9 +66,8 @@ def _stdout_to_stderr() -> Iterator[None]:
 def demo(out: Path = Path("demo/layouts.png"), device: Device = None, json: Json = False) -> str:
     """Reset 64 worlds of the Mid scene three times, print the figures and write a picture of 16 worlds."""
     from sceniris_gym.tools import demo as tool
-    from sceniris_gym.tools.files import check_writable
 
-    check_writable(out)
+    _target(out)
     figures = tool.demo(out, device)
     return dumps(figures) if json else tool.report(figures)
 
@@ -90,9 +89,8 @@ def generate(
     from tqdm import tqdm
 
     from sceniris_gym.tools.dataset import make_table, write_dataset
-    from sceniris_gym.tools.files import check_writable
 
-    check_writable(out / "layouts.npz")
+    _target(out / "layouts.npz")
     world = _world(scene, changes, device)
     with tqdm(total=n, unit="layout", file=sys.stderr) as bar:
         table = make_table(world, n, seed, split=split, chunk=chunk, progress=bar.update)
@@ -144,10 +142,9 @@ def bench(
     """Measure how fast layouts are made and worlds are reset."""
     _at_least(1, num_envs=num_envs)
     from sceniris_gym.tools import bench as tool
-    from sceniris_gym.tools.files import check_writable
 
     if picture is not None:
-        check_writable(picture)
+        _target(picture)
 
     overrides = _overrides(changes) | ({} if geometry is None else {"geometry": geometry})
     measured = tool.bench(scene, num_envs, device, seed, overrides, picture)
@@ -166,12 +163,10 @@ def replay(
     """Make one layout again from its id, and show it as numbers and as a picture."""
     from sceniris_gym.layout.build import build_world
     from sceniris_gym.tools import replay as tool
-    from sceniris_gym.tools.files import check_writable
     from sceniris_gym.tools.render import captioned, save
 
     name = tool.LayoutId.parse(layout)
-    picture = out or tool.default_picture(layout)
-    check_writable(picture)
+    picture = _target(out, tool.default_picture(layout))
     world = build_world(tool.find_scene(name.scene, None if scene is None else _config(scene, changes)), device)
     table = tool.replay(world, name)
     found = {"id": layout, **tool.describe(world, table), "picture": str(picture)}
@@ -192,10 +187,9 @@ def check(
     """Say why a scene is hard: how many candidates were rejected, per object and cause."""
     _at_least(1, layouts=layouts)
     from sceniris_gym.tools import check as tool
-    from sceniris_gym.tools.files import check_writable
 
     if picture is not None:
-        check_writable(picture)
+        _target(picture)
     found = tool.check(_world(scene, changes, device), layouts, seed, picture)
     return dumps(found) if json else tool.report(found)
 
@@ -229,15 +223,15 @@ def reach(
     from sceniris_gym.tools import reach as tool
 
     if poses is not None:
-        found = tool.judge(arm, map_, poses, out or Path("reached.npy"), tier, device)
+        found = tool.judge(arm, map_, poses, _target(out, "reached.npy"), tier, device)
     elif build:
-        out = out or Path(f"{Path(arm).stem}.reach")
-        found = tool.build(arm, out, device, step=step, tilt_step=radians(tilt_step), seed=seed)
+        target = _target(out, f"{Path(arm).stem}.reach")
+        found = tool.build(arm, target, device, step=step, tilt_step=radians(tilt_step), seed=seed)
     elif scene is not None:
-        out = out or Path(f"demo/reach_{Path(scene).stem}.png")
-        found = tool.narrowed(arm, _config(scene, changes), out, device, seed=seed)
+        target = _target(out, f"demo/reach_{Path(scene).stem}.png")
+        found = tool.narrowed(arm, _config(scene, changes), target, device, seed=seed)
     else:
-        found = tool.show(arm, map_, out or Path(f"demo/reach_{Path(arm).stem}.png"), height, device)
+        found = tool.show(arm, map_, _target(out, f"demo/reach_{Path(arm).stem}.png"), height, device)
     return dumps(found) if json else _listing(found)
 
 
@@ -275,6 +269,15 @@ def _terminate(*_: object) -> NoReturn:
 def _end(message: str, status: int) -> NoReturn:
     print(f"sceniris-gym: {message}", file=sys.stderr)
     sys.exit(status)
+
+
+def _target(out: Path | None, default: str | Path = "") -> Path:
+    """Return where a result goes, after making sure that it can be written there."""
+    from sceniris_gym.tools.files import check_writable
+
+    path = Path(default) if out is None else out
+    check_writable(path)
+    return path
 
 
 def _world(scene: str, changes: Sequence[str], device: str | None) -> World:

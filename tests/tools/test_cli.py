@@ -164,7 +164,8 @@ cli.main(["generate", "mid", "-n", "2", "--device", "cpu", "-o", sys.argv[1]])
 
 
 @pytest.mark.parametrize(
-    "command", [["generate", "mid", "-n", "1"], ["replay", "0123456789abcdef:train:0:0"], ["demo"]]
+    "command",
+    [["generate", "mid", "-n", "1"], ["replay", "0123456789abcdef:train:0:0"], ["demo"], ["reach", "panda", "--build"]],
 )
 def test_a_path_that_cannot_be_written_is_refused_before_the_work(
     capfd: pytest.CaptureFixture, tmp_path: Path, command: list[str]
