@@ -11,16 +11,20 @@ from typing import TYPE_CHECKING, Any
 from sceniris_gym import registration
 
 if TYPE_CHECKING:
+    from sceniris_gym.errors import ArmError as ArmError
     from sceniris_gym.errors import ContactBudgetError as ContactBudgetError
     from sceniris_gym.errors import CycleError as CycleError
     from sceniris_gym.errors import ErodedSupportError as ErodedSupportError
+    from sceniris_gym.errors import GraspError as GraspError
     from sceniris_gym.errors import InfeasibleSceneError as InfeasibleSceneError
     from sceniris_gym.errors import KeysLeftOutWarning as KeysLeftOutWarning
+    from sceniris_gym.errors import MapError as MapError
     from sceniris_gym.errors import MaskError as MaskError
     from sceniris_gym.errors import MaskTypeError as MaskTypeError
     from sceniris_gym.errors import MeshError as MeshError
     from sceniris_gym.errors import NoSupportError as NoSupportError
     from sceniris_gym.errors import NotSupportedError as NotSupportedError
+    from sceniris_gym.errors import ReachWarning as ReachWarning
     from sceniris_gym.errors import SceneFileError as SceneFileError
     from sceniris_gym.errors import SceneKeyError as SceneKeyError
     from sceniris_gym.errors import ScenirisError as ScenirisError
@@ -37,8 +41,10 @@ if TYPE_CHECKING:
     from sceniris_gym.scene.original import read_sceniris as read_sceniris
     from sceniris_gym.scene.world import World as World
     from sceniris_gym.sim.randomizer import ResetRandomizer as ResetRandomizer
+    from sceniris_gym.vector.arm import Arm as Arm
     from sceniris_gym.vector.state import State as State
     from sceniris_gym.vector.task import Task as Task
+    from sceniris_gym.vector.touch import Touch as Touch
     from sceniris_gym.vector.vector_env import SceneVectorEnv as SceneVectorEnv
 
 __version__ = "0.1.0"
@@ -56,20 +62,26 @@ _HOME = {  # public name -> the module it lives in
     "SceneVectorEnv": "vector.vector_env",
     "State": "vector.state",
     "Task": "vector.task",
+    "Arm": "vector.arm",
+    "Touch": "vector.touch",
     **dict.fromkeys(
         (
             "ScenirisError",
+            "ArmError",
             "SceneFileError",
             "SceneKeyError",
             "NotSupportedError",
+            "ReachWarning",
             "UnknownNameError",
             "NoSupportError",
             "ErodedSupportError",
+            "GraspError",
             "CycleError",
             "MeshError",
             "ContactBudgetError",
             "InfeasibleSceneError",
             "KeysLeftOutWarning",
+            "MapError",
             "MaskError",
             "MaskTypeError",
             "SeedError",
