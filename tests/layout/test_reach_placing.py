@@ -149,6 +149,22 @@ def test_the_first_grasp_that_is_reached_is_taken(folder: Path, crane: str):
         assert np.isnan(generator.layouts.grasp_qpos.numpy()).all()
 
 
+def test_a_handle_is_reached_where_its_drawer_is(folder: Path, crane: str):
+    """The site is in a child body, whose joint is drawn: the grasp goes with it."""
+    box = '<geom type="box" size="0.02 0.02 0.02" pos="0 0 0.02"/>'
+    slide = '<joint name="slide" type="slide" axis="1 0 0" range="0 0.3"/>'
+    drawer = f'<body name="drawer" pos="0 0 0.05">{slide}{box}{SITE.format("handle", 0.02)}</body>'
+    asset = write_mjcf(folder, "chest", box + drawer)
+    words = {"kind": "fixture", "joints": {"slide": {"fraction": [0.0, 1.0]}}}
+    world = cpu_world(crane_scene(crane, asset, **words), bank_size=4)
+    generator = LayoutGenerator(world, 300)
+    generator.generate()
+    drawn = generator.layouts.qpos.numpy()[:, world.mjm.jnt_qposadr[world.mjm.joint("thing/slide").id]]
+    assert drawn.min() < 0.05
+    assert drawn.max() > 0.25
+    assert reached(tcps(world, generator)).all()
+
+
 def test_strict_takes_less_than_the_majority(crane: str, cube: str, ring: World):
     """`map_strict` stays a cell away from the edges of the ring."""
     world = cpu_world(crane_scene(crane, cube, reachable="map_strict"), bank_size=4)
