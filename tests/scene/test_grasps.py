@@ -64,6 +64,23 @@ def test_a_gripper_opens_as_wide_as_its_fingers_go_apart(robot: str):
         assert gap == pytest.approx(max(mujoco.mj_geomDistance(mjm, data, left, right, 1.0, None), 0.0), abs=1e-6)
 
 
+def test_a_tool_without_fingers_takes_things_of_any_width(tmp_path: Path):
+    """A stick of two hinges: its TCP is asked to be where grasps are, and nothing is too wide."""
+    tip = '<body pos="0.4 0 0"><joint axis="0 0 1"/><geom size="0.02"/><site name="tcp"/></body>'
+    arm = write_mjcf(
+        tmp_path,
+        "stick",
+        f'<body pos="0 0 0.5"><joint axis="0 0 1"/><geom size="0.02"/>{tip}</body>',
+        '<keyframe><key name="home" qpos="0 0"/></keyframe>',
+    )
+    s = Scene(box_mjcf(tmp_path, "crate", 0.6, 0.6, 0.2), arm)
+    assert s.gripper.opening == 1000.0
+    assert len(s.gripper.qposadr) == 0
+    found = s.grasps().grasps
+    assert len(found) == 32
+    assert max(g.opening for g in found) >= 0.6
+
+
 def test_a_bar_is_taken_across_from_above(bar: Scene):
     """Straight down and tilted, the fingers close on the two long sides; along the bar it is too wide."""
     grasps = bar.grasps().grasps
