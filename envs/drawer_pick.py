@@ -5,14 +5,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from sceniris_gym.vector.arm import Arm
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
-
-JOINT_STEP = 0.04
-"""Largest change of a joint's target in a control step [rad]: 2 rad/s at 50 Hz."""
-
-TARGET_LEAD = 0.2
-"""How far a joint's target may be ahead of the joint [rad]; keeps targets from running away from a blocked arm."""
 
 CLEAR_HEIGHT = 0.55
 """Height of the banana's underside that counts as out [m]: 5 cm over the cabinet, 7 cm over the drawer's face."""
@@ -63,33 +58,26 @@ class DrawerPick(Task):
     action_size = 8
 
     def bind(self, s: State) -> None:
-        """Find the arm's controls, and make room for what is remembered between steps."""
-        self.arm = torch.tensor([s.actuator(f"panda/joint{i}") for i in range(1, 8)], device=s.device)
-        self.gripper = s.actuator("panda/gripper")
-        limits = torch.tensor(s.mjm.actuator_ctrlrange, dtype=torch.float32, device=s.device)
-        self.lower, self.upper = limits[self.arm].unbind(dim=1)
-        self.open = limits[self.gripper, 1]
+        """Find the arm, and make room for what is remembered between steps."""
+        self.arm = Arm(s)
         self.last_action = torch.zeros(s.num_envs, 8, device=s.device)
         self.start_height = torch.zeros(s.num_envs, device=s.device)
 
     def apply(self, s: State, action: Tensor) -> None:
         """Move the joint targets, and open or close the gripper."""
-        qpos = s.qpos("panda")[:, :7]
-        target = s.ctrl[:, self.arm] + JOINT_STEP * action[:, :7]
-        target = torch.clamp(target, qpos - TARGET_LEAD, qpos + TARGET_LEAD)
-        s.ctrl[:, self.arm] = torch.clamp(target, self.lower, self.upper)
-        s.ctrl[:, self.gripper] = self.open * 0.5 * (action[:, 7] + 1.0)
+        self.arm.move_joints(s, action[:, :7])
+        self.arm.grip(s, action[:, 7])
         self.last_action.copy_(action)
 
     def observe(self, s: State) -> Observation:
         """Return what the class lists."""
-        joints, velocities = s.qpos("panda"), s.qvel("panda")
+        joints = self.arm.qpos(s)
         policy = {
-            "arm_qpos": joints[:, :7],
-            "arm_qvel": velocities[:, :7],
-            "arm_lead": s.ctrl[:, self.arm] - joints[:, :7],
-            "finger_width": self._finger_width(s)[:, None],
-            "tcp_pose": s.site("panda/tcp"),
+            "arm_qpos": joints,
+            "arm_qvel": self.arm.qvel(s),
+            "arm_lead": self.arm.targets(s) - joints,
+            "finger_width": self.arm.width(s)[:, None],
+            "tcp_pose": self.arm.tool(s),
             "banana_pose": s.pose("banana"),
             "tcp_to_banana": self._to_banana(s),
             "drawer_pose": s.pose("cabinet/upper_drawer"),
@@ -106,7 +94,7 @@ class DrawerPick(Task):
         lifted = (height - self.start_height) / (CLEAR_HEIGHT - self.start_height)
         return {
             "reaching": 1.0 - torch.tanh(5.0 * distance),
-            "grasping": near * (1.0 - self._finger_width(s) / FINGER_OPENING).clamp(0.0, 1.0),
+            "grasping": near * (1.0 - self.arm.width(s) / FINGER_OPENING).clamp(0.0, 1.0),
             "lifting": 5.0 * lifted.clamp(0.0, 1.0),
             "out": 5.0 * self.success(s).float(),
             "effort": -0.01 * action.square().mean(dim=1),
@@ -125,8 +113,5 @@ class DrawerPick(Task):
         self.last_action.masked_fill_(mask[:, None], 0.0)
         self.start_height.copy_(torch.where(mask, s.pose("banana")[:, 2], self.start_height))
 
-    def _finger_width(self, s: State) -> Tensor:
-        return s.qpos("panda")[:, 7:9].sum(dim=1)
-
     def _to_banana(self, s: State) -> Tensor:
-        return s.site("banana/grasp")[:, :3] - s.site("panda/tcp")[:, :3]
+        return s.site("banana/grasp")[:, :3] - self.arm.tool(s)[:, :3]

@@ -150,15 +150,15 @@ class TabletopLift(Task):
 
     def touching(self, s: State) -> Tensor:
         """Return 1 where the left and the right finger touch the chosen object, else 0; shape (num_envs, 2)."""
-        return torch.bmm(self.touch(s).float(), self.chosen[:, :, None])[:, :, 0]
+        return (self.touch(s) * self.chosen[:, None]).sum(dim=2)
 
     def _chosen(self, poses: Tensor) -> Tensor:
         """Return the chosen one of the poses of all objects, shape (num_envs, 7)."""
-        return torch.bmm(self.chosen[:, None], poses[:, : len(GRASP_HEIGHTS)])[:, 0]
+        return (self.chosen[:, :, None] * poses[:, : len(GRASP_HEIGHTS)]).sum(dim=1)
 
     def _grasp(self, pose: Tensor) -> Tensor:
         """Return where the chosen object with that pose is grasped [m], shape (num_envs, 3)."""
-        return pose[:, :3] + self.chosen @ self.heights
+        return pose[:, :3] + (self.chosen[:, :, None] * self.heights).sum(dim=1)
 
 
 def yaw(pose: Tensor) -> Tensor:

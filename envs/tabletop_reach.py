@@ -110,7 +110,7 @@ class TabletopReach(Task):
 
     def _target(self, positions: Tensor) -> Tensor:
         """Return the target [m] for objects at `positions`, shape (num_envs, 3)."""
-        return torch.bmm(self.chosen[:, None], positions + self.over)[:, 0]
+        return (self.chosen[:, :, None] * (positions + self.over)).sum(dim=1)
 
     def _positions(self, s: State) -> Tensor:
         """Return where the objects stand [m], shape (num_envs, 5, 3)."""

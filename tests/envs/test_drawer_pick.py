@@ -17,6 +17,7 @@ import sceniris_gym
 from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.layout.build import build_world
 from sceniris_gym.scene.world import World
+from sceniris_gym.vector.arm import JOINT_STEP
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.envs.reaching import Arm, descent
 
@@ -42,7 +43,7 @@ def host_data(envs: SceneVectorEnv, world: int) -> mujoco.MjData:
 
 def test_a_scene_without_the_arm_is_refused():
     """The error names the scene and what is missing in it, and is one of this package."""
-    with pytest.raises(UnknownNameError, match=r"scene 'mid': State\.actuator: unknown actuator 'panda/joint1'"):
+    with pytest.raises(UnknownNameError, match=r"scene 'mid': unknown arm 'panda'"):
         SceneVectorEnv(DrawerPick, 1, scene="mid", device="cpu")
 
 
@@ -192,7 +193,7 @@ def test_a_script_lifts_the_banana_out(world):
         info = {}
         for _ in range(steps):
             action = torch.full((4, 8), gripper)
-            action[:, :7] = ((goal - envs.state.ctrl[:, :7]) / drawer_pick.JOINT_STEP).clamp(-speed, speed)
+            action[:, :7] = ((goal - envs.state.ctrl[:, :7]) / JOINT_STEP).clamp(-speed, speed)
             _, reward, _, _, info = envs.step(action)
         rewards.append(float(reward.mean()))
         return info
