@@ -1,37 +1,39 @@
 #!/usr/bin/env bash
-# All training runs of RESULTS.md on one GPU: benchmarks/evidence.sh FOLDER. Run again, it goes on where it was stopped.
-# Runs whose wall-clock counts have the GPU for themselves; the comparisons of layouts have equal numbers of steps instead,
-# and run three at a time.
+# All trainings of RESULTS.md, one at a time on each GPU: benchmarks/evidence.sh FOLDER [STEPS [SEEDS]]. Run again, it goes
+# on where it was stopped. STEPS are the millions of control steps of the comparisons (10), SEEDS their seeds ("0 1 2").
 set -euo pipefail
-out=${1:?a folder for the results}
+export out=${1:?a folder for the results}
+steps=${2:-10}
+seeds=${3:-0 1 2}
+gpus=$(nvidia-smi -L | wc -l)
 mkdir -p "$out"
 
 train() { # folder, then options
-  local folder=$out/$1; shift
+  local folder=$out/$1
+  shift
   if [ ! -e "$folder/done" ]; then
-    python -m benchmarks.train_rsl_rl "$@" --out "$folder" --resume >> "$out/$(basename "$folder").log" 2>&1
-    touch "$folder/done"
+    python -m benchmarks.train_rsl_rl "$@" --out "$folder" --resume > "$folder.txt" 2>&1 < /dev/null && touch "$folder/done"
   fi
 }
+export -f train
 
-for seed in 0 1 2; do
-  train "reach_$seed" TabletopReach-v0 --seed $seed --minutes 2 --evaluate-every 20
-done
-train lift_0 TabletopLift-v0 --seed 0 --minutes 5 --evaluate-every 60
+# compiles everything once, so that the others find it in the cache
+train warm_reach TabletopReach-v0 --minutes 0.01
+train warm_lift TabletopLift-v0 --minutes 0.01
 
-compare=(TabletopReach-v0 --minutes 30 --million-steps 20 --evaluate-every 1000)
-for seed in 0 1 2; do
-  for bank in 1 16 256 4096; do echo "bank_${bank}_$seed --seed $seed --bank $bank"; done
-  echo "fresh_$seed --seed $seed"
-  echo "uniform_$seed --seed $seed --uniform"
-  echo "unreachable_$seed --seed $seed --no-reachable"
-done > "$out/comparisons.txt"
-while read -r folder options; do
-  while [ "$(jobs -rp | wc -l)" -ge 3 ]; do wait -n; done
-  # shellcheck disable=SC2086
-  train "$folder" "${compare[@]}" $options < /dev/null &
-done < "$out/comparisons.txt"
-wait
+{
+  for seed in 0 1 2; do echo "reach_$seed TabletopReach-v0 --seed $seed --minutes 1.5 --every 5 --evaluate-every 10"; done
+  echo "lift_0 TabletopLift-v0 --seed 0 --minutes 4 --every 5 --evaluate-every 30"
+  compare="--minutes 30 --million-steps $steps --evaluate-every 1000"
+  for seed in $seeds; do
+    for bank in 1 16 256 4096; do echo "bank_${bank}_$seed TabletopReach-v0 --seed $seed --bank $bank $compare"; done
+    echo "fresh_$seed TabletopReach-v0 --seed $seed $compare"
+    echo "uniform_$seed TabletopReach-v0 --seed $seed --uniform $compare"
+    echo "unreachable_$seed TabletopReach-v0 --seed $seed --no-reachable $compare"
+  done
+} | xargs -P "$gpus" -L 1 --process-slot-var=CUDA_VISIBLE_DEVICES bash -c 'train "$@"' _
 
 python -m benchmarks.honest_resets --layouts 100000 --out "$out/honest.jsonl"
 python -m benchmarks.reset_cost --task TabletopReach-v0 --out "$out/reset_cost.json"
+rm -rf "$out"/warm_*
+python -m benchmarks.curves "$out" --picture "$out/training.png" | tee "$out/table.md"
