@@ -75,7 +75,7 @@ def lowest(program: Program, piece: int, in_body: wp.vec3) -> float:
     shape = piece_shape(program, piece)
     frame = piece_pose(program, piece)
     down = -(wp.transpose(frame.rot) * in_body)
-    return wp.dot(in_body, apply(frame, support(program, shape, down))) - shape.radius
+    return wp.dot(in_body, apply(frame, support(program.vert, shape, down))) - shape.radius
 
 
 @wp.func
@@ -87,7 +87,7 @@ def physics_separated(program: Program, a: int, b: int, rel: Pose, margin: float
     if bits == 0:
         return True
     frame = relative(piece_pose(program, a), compose(rel, piece_pose(program, b)))
-    return separated(program, piece_shape(program, a), piece_shape(program, b), frame, _SPACE, margin)
+    return separated(program.vert, piece_shape(program, a), piece_shape(program, b), frame, _SPACE, margin)
 
 
 @wp.func

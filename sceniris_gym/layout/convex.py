@@ -62,7 +62,7 @@ def segment_shape(half_length: float) -> Shape:
 
 
 @wp.func
-def support(program: Program, s: Shape, d: wp.vec3) -> wp.vec3:
+def support(vert: wp.array(dtype=wp.vec3), s: Shape, d: wp.vec3) -> wp.vec3:
     """The core's furthest point along `d`, in the shape's frame."""
     best = wp.vec3(0.0, 0.0, 0.0)
     if s.kind == _BOX:
@@ -81,7 +81,7 @@ def support(program: Program, s: Shape, d: wp.vec3) -> wp.vec3:
     elif s.kind != _SPHERE:
         top = float(-1.0e30)
         for i in range(s.vertnum):
-            v = program.vert[s.vertadr + i]
+            v = vert[s.vertadr + i]
             height = wp.dot(v, d)
             if height > top:
                 top = height
@@ -141,8 +141,11 @@ def _beyond(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3) -> bool:
     return origin * toward < 0.0 or toward == 0.0
 
 
-@wp.func
-def separated(program: Program, sa: Shape, sb: Shape, rel: Pose, mask: wp.vec3, margin: float) -> bool:
+# One copy for roofs, footprints and obstacles, rather than one each: an H200 waits for instructions more than for data.
+@wp.func(inline=False)
+def separated(
+    vert: wp.array(dtype=wp.vec3), sa: Shape, sb: Shape, rel: Pose, mask: wp.vec3, margin: float
+) -> bool:
     """Is the distance between two shapes above `margin` [m]?
 
     `rel` is the pose of `sb` in the frame of `sa`. `mask` multiplies coordinates of that frame: ones for space,
@@ -160,8 +163,8 @@ def separated(program: Program, sa: Shape, sb: Shape, rel: Pose, mask: wp.vec3, 
     count = int(0)
     upper = float(1.0e30)
     for _iteration in range(_MAX_ITERATIONS):
-        on_b = rel.pos + rel.rot * support(program, sb, to_b * v)
-        w = wp.cw_mul(mask, support(program, sa, -v) - on_b)
+        on_b = rel.pos + rel.rot * support(vert, sb, to_b * v)
+        w = wp.cw_mul(mask, support(vert, sa, -v) - on_b)
         lower = wp.dot(v, w) / wp.length(v)
         if lower > limit:
             return True

@@ -34,7 +34,7 @@ def roof_physics(
     body = program.piece_body[piece]
     frame = compose(pose_of(body_pos[body], body_quat[body]), piece_pose(program, piece))
     rel = relative(_upward(point), frame)
-    return not separated(program, segment_shape(0.5 * _ROOF_REACH), piece_shape(program, piece), rel, _SPACE, 0.0)
+    return not separated(program.vert, segment_shape(0.5 * _ROOF_REACH), piece_shape(program, piece), rel, _SPACE, 0.0)
 
 
 @wp.func
@@ -93,4 +93,4 @@ def shadow_on_edge(program: Program, piece: int, edge: int, rel: Pose) -> bool:
     frame.pos = wp.vec3(0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.0)
     frame.rot = wp.mat33(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
     shape = piece_shape(program, piece)
-    return not separated(program, segment_shape(0.5 * length), shape, relative(frame, rel), _SHADOW, _RIM)
+    return not separated(program.vert, segment_shape(0.5 * length), shape, relative(frame, rel), _SHADOW, _RIM)
