@@ -326,7 +326,7 @@ def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
         _pose_object(program, layouts, worldid, obj, c)
 
     @wp.func
-    def covered(
+    def under_its_roof(
         program: Program,
         obj: int,
         lane: int,
@@ -334,11 +334,15 @@ def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
         body_pos: wp.array(dtype=wp.vec3),
         body_quat: wp.array(dtype=wp.vec4),
     ) -> bool:
+        """Is the point covered or open, as the object is to be?"""
+        rule = program.obj_roof[obj]
+        if rule == _EITHER:
+            return True
         over = int(0)
         for i in range(lane, program.obj_roofnum[obj], wp.block_dim()):
             if roof(program, program.roof_list[program.obj_roofadr[obj] + i], point, body_pos, body_quat):
                 over = 1
-        return block_any(over) != 0
+        return (block_any(over) != 0) == (rule == _COVERED)
 
     @wp.func
     def attempt(
@@ -376,19 +380,20 @@ def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
             c = draw_pose(program, layouts, worldid, lane, obj, stream, trial)
             if c.cause != _NONE:
                 return c.cause
-            rule = program.obj_roof[obj]
-            if rule != _EITHER:
-                if covered(program, obj, lane, c.point, body_pos, body_quat) != (rule == _COVERED):
+            if wp.static(not reaching):
+                if not under_its_roof(program, obj, lane, c.point, body_pos, body_quat):
                     return _ROOF
             if lane == 0:
                 _pose_object(program, layouts, worldid, obj, c)
         block_sync()
+        if wp.static(reaching):  # a map answers sooner than roofs do
+            if not _within_reach(program, reach, layouts, worldid, lane, obj, c.turn.variant):
+                return _UNREACHABLE
+            if not under_its_roof(program, obj, lane, c.point, body_pos, body_quat):
+                return _ROOF
         if program.obj_footprint[obj] != 0 and c.surface >= 0:
             if _overhangs(program, obj, lane, c.surface, body_pos, body_quat):
                 return _FOOTPRINT
-        if wp.static(reaching):
-            if not _within_reach(program, reach, layouts, worldid, lane, obj, c.turn.variant):
-                return _UNREACHABLE
         if collides(program, nodes, leaves, lane, obj, c.ground, body_pos, body_quat):
             return _COLLISION
         return _NONE

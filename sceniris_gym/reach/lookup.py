@@ -132,11 +132,13 @@ def _pole_verdict(view: MapView, z: float, radius: float, pole: int) -> int:
         least = int(15)
         most = int(0)
         value = float(0.0)
-        for k in range(4):
+        k = int(0)
+        while k < 4:
             a = k >> 1
             b = k & 1
             code = _code(view.poles, (pole * view.pole_nz + iz + a) * view.pole_nr + ir + b)
             weight = wp.where(a == 1, dz, 1.0 - dz) * wp.where(b == 1, dr, 1.0 - dr)
+            k += 1
             least = wp.min(least, code)
             most = wp.max(most, code)
             value += weight * view.values[code]
@@ -163,19 +165,23 @@ def _cell_verdict(view: MapView, z: float, tilt: float, u: float, v: float) -> i
         least = int(15)
         most = int(0)
         value = float(0.0)
-        for k in range(4):
+        k = int(0)
+        while k < 4:  # not unrolled, as a placing kernel waits for its instructions
             a = k >> 1
             b = k & 1
             row = view.rows[(iz + a) * view.nu + iu + b]
             at = iv - row[1]
             weight = wp.where(a == 1, dz, 1.0 - dz) * wp.where(b == 1, du, 1.0 - du)
+            k += 1
             if at >= 0 and at < row[2] - 1:
                 n = row[0] + it * row[2] + at
-                for c in range(2):
+                c = int(0)
+                while c < 2:
                     low = _code(view.codes, n)
                     high = _code(view.codes, n + 1)
                     n += row[2]
                     share = weight * wp.where(c == 1, dt, 1.0 - dt)
+                    c += 1
                     value += share * ((1.0 - dv) * view.values[low] + dv * view.values[high])
                     least = wp.min(least, wp.min(low, high))
                     most = wp.max(most, wp.max(low, high))
