@@ -78,4 +78,5 @@ def uniform(split: str = "train") -> Callable[[World, int], Any]:
 
 
 def _arrays(layouts: Any) -> tuple[np.ndarray, ...]:
-    return layouts.qpos.numpy(), layouts.mocap_pos.numpy(), layouts.mocap_quat.numpy()
+    # copies: on a CPU `numpy()` is a view of what the next episode is written to
+    return tuple(array.numpy().copy() for array in (layouts.qpos, layouts.mocap_pos, layouts.mocap_quat))
