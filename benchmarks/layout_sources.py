@@ -58,7 +58,10 @@ def home_rows(world: World, seed: int) -> Rows:
 
 
 def unchecked(world: World) -> World:
-    """Return a World that draws the same candidates and takes the first one: no object is tested for collisions."""
+    """Return a World that draws the same candidates, and tests none for collisions.
+
+    For placement without any check, its scene has no words `reachable`.
+    """
     program = Program()
     for name in Program.vars:
         setattr(program, name, getattr(world.program, name))

@@ -100,6 +100,8 @@ def test_a_training_stops_and_goes_on(tmp_path: Path, monkeypatch: pytest.Monkey
     assert len(judged) == 2
     assert {"valid", "unfiltered"} <= set(judged[0])
     assert judged[0]["valid"]["unfinished"] == 0
+    uniform = train_rsl_rl.Run(train_rsl_rl.Options(**arguments, uniform=True, device="cpu"))
+    assert not any(any(causes.values()) for causes in uniform.env.unwrapped.randomizer.rejection_counts().values())
     table = curves.table(curves.read(tmp_path))
     assert "| fresh | 1 | 0 M | 0.0% | 0.0% | not all |" in table
 
