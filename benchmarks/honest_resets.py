@@ -81,7 +81,7 @@ class Judge:
         """Reset all worlds; count what became of them, and which pairs of bodies touched in how many worlds."""
         self.randomizer.reseed(np.uint64(seed) + np.arange(self.batch.nworld, dtype=np.uint64))
         self.randomizer.reset()
-        touching = self._touching()
+        in_contact, pairs = self._touching()
         fallback = self.randomizer.layouts.status.numpy() == Status.FALLBACK
         fastest = np.zeros(self.batch.nworld)
         for _ in range(self.steps):
@@ -89,18 +89,16 @@ class Judge:
             speed = np.linalg.norm(self.batch.data.qvel.numpy()[:, self.velocities], axis=2).max(axis=1)
             fastest = np.maximum(fastest, np.nan_to_num(speed, nan=np.inf))
         exploded = fastest > FASTEST
-        in_contact = np.zeros(self.batch.nworld, bool)
-        in_contact[[world for world, _ in touching]] = True
         return Counter(
             layouts=self.batch.nworld,
             in_contact=int(in_contact.sum()),
             exploded=int(exploded.sum()),
             either=int((in_contact | exploded).sum()),
             fallback=int(fallback.sum()),
-        ), Counter(pair for _, pair in touching)
+        ), pairs
 
-    def _touching(self) -> set[tuple[int, str]]:
-        """Return (world, "body + body") of the contacts that are not with an object's support."""
+    def _touching(self) -> tuple[np.ndarray, Counter]:
+        """Return in which worlds bodies touch that do not carry each other, and which in how many worlds."""
         m, d, mjm = self.batch.model, self.batch.data, self.world.mjm
         with wp.ScopedDevice(d.qpos.device):
             mjw.com_pos(m, d)
@@ -108,13 +106,16 @@ class Judge:
         number = int(d.nacon.numpy()[0])
         if number > d.naconmax:
             raise RuntimeError(f"{number} contacts, but room for {d.naconmax}: raise --nconmax.")
-        bodies = mjm.geom_bodyid[d.contact.geom.numpy()[:number]]
-        found = set()
-        for world, pair in zip(d.contact.worldid.numpy()[:number], bodies, strict=True):
-            first, second = (mjm.body(int(body)).name for body in sorted(pair))
+        bodies = np.sort(mjm.geom_bodyid[d.contact.geom.numpy()[:number]], axis=1)
+        rows = np.unique(np.column_stack([d.contact.worldid.numpy()[:number], bodies]), axis=0)
+        in_contact, pairs = np.zeros(self.batch.nworld, bool), Counter()
+        for pair in np.unique(rows[:, 1:], axis=0):
+            first, second = (mjm.body(int(body)).name for body in pair)
             if self.supports.get(first) != second and self.supports.get(second) != first:
-                found.add((int(world), f"{first} + {second}"))
-        return found
+                worlds = rows[(rows[:, 1:] == pair).all(axis=1), 0]
+                in_contact[worlds] = True
+                pairs[f"{first} + {second}"] = len(worlds)
+        return in_contact, pairs
 
 
 def supports(world: World) -> dict[str, str]:

@@ -58,7 +58,10 @@ def home_rows(world: World, seed: int) -> Rows:
 
 
 def unchecked(world: World) -> World:
-    """Return a World that draws the same candidates and takes the first one: no object is tested for collisions."""
+    """Return a World that draws the same candidates, and tests none for collisions.
+
+    For placement without any check, its scene has no words `reachable`.
+    """
     program = Program()
     for name in Program.vars:
         setattr(program, name, getattr(world.program, name))
@@ -78,4 +81,5 @@ def uniform(split: str = "train") -> Callable[[World, int], Any]:
 
 
 def _arrays(layouts: Any) -> tuple[np.ndarray, ...]:
-    return layouts.qpos.numpy(), layouts.mocap_pos.numpy(), layouts.mocap_quat.numpy()
+    # copies: on a CPU `numpy()` is a view of what the next episode is written to
+    return tuple(array.numpy().copy() for array in (layouts.qpos, layouts.mocap_pos, layouts.mocap_quat))

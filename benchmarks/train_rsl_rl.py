@@ -81,7 +81,7 @@ class Options:
         resume: go on from the checkpoint in `out`
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one
         bank: replay this many stored layouts instead of making fresh ones
-        uniform: place uniformly, without checks
+        uniform: place uniformly, without checks of collisions or reach
         reachable: false leaves out `reachable` of the scene's objects
         every: iterations between two lines of the log
         evaluate_every: seconds of training between two evaluations
@@ -188,7 +188,9 @@ class Run:
 
     def __init__(self, options: Options) -> None:
         self.options, self.settings = options, SETTINGS[options.task]
-        world = build_world(scene_of(options.task, reachable=options.reachable), options.device)
+        # what is judged does not depend on what is trained on
+        filtered, plain = (build_world(scene_of(options.task, reachable=r), options.device) for r in (True, False))
+        world = filtered if options.reachable and not options.uniform else plain
         seed = (1 + options.seed) * 16 * SEED_SPACING
         generator = None
         if options.bank:
@@ -196,8 +198,6 @@ class Run:
         elif options.uniform:
             generator = layout_sources.uniform()
         self.env = RslRlVecEnv(make_env(options.task, options.num_envs, world, generator=generator), seed)
-        # what is judged does not depend on what is trained on
-        filtered, plain = (build_world(scene_of(options.task, reachable=r), options.device) for r in (True, False))
         judged = {"valid": (filtered, None), "unfiltered": (plain, layout_sources.uniform("eval"))}
         self.judges = {
             name: RslRlVecEnv(make_env(options.task, options.num_envs, scene, split="eval", generator=source))

@@ -53,8 +53,10 @@ class FrameCamera:
         """Return pictures of the first worlds of `source`, (nworld, height, width, 3) uint8. Waits for the device."""
         m, d = self.model, self.data
         with wp.ScopedDevice(self.device):
-            for name in ("qpos", "mocap_pos", "mocap_quat"):
-                wp.copy(getattr(d, name), getattr(source, name)[: self.nworld])
+            wp.copy(d.qpos, source.qpos[: self.nworld])
+            if m.nmocap:  # an empty array cannot be sliced
+                wp.copy(d.mocap_pos, source.mocap_pos[: self.nworld])
+                wp.copy(d.mocap_quat, source.mocap_quat[: self.nworld])
             for stage in (mjw.kinematics, mjw.com_pos, mjw.camlight):  # a tracking camera follows centres of mass
                 stage(m, d)
             mjw.refit_bvh(m, d, self.context)

@@ -149,8 +149,9 @@ def test_a_stopped_run_leaves_no_half_written_file(tmp_path: Path, monkeypatch: 
 def test_a_stopped_command_says_so_and_leaves_no_temporary_file(tmp_path: Path, stop: int, status: int):
     """Ctrl-C and SIGTERM in the middle of writing: one line on stderr, the status of shells, an empty folder."""
     program = f"""
-import os, sys, numpy as np
+import os, signal, sys, numpy as np
 from sceniris_gym import cli
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs are started with it ignored
 np.savez = lambda *_, **__: os.kill(os.getpid(), {int(stop)})
 cli.main(["generate", "mid", "-n", "2", "--device", "cpu", "-o", sys.argv[1]])
 """
