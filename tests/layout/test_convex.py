@@ -28,7 +28,9 @@ def _separated(
     rel = Pose()
     rel.pos = pos[i]
     rel.rot = rot[i]
-    out[i] = separated(program.vert, piece_shape(program, a[i]), piece_shape(program, b[i]), rel, wp.vec3(1.0), margin[i])
+    out[i] = separated(
+        program.vert, piece_shape(program, a[i]), piece_shape(program, b[i]), rel, wp.vec3(1.0), margin[i]
+    )
 
 
 def _hulls(rng: np.random.Generator) -> list[np.ndarray]:
