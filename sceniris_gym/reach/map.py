@@ -241,7 +241,7 @@ def build_command(asset: str) -> str:
     return f"sceniris-gym reach {asset} --build -o {map_path(asset)}"
 
 
-def _members(file: BinaryIO) -> dict[str, np.ndarray]:
+def _members(file: BinaryIO) -> dict[str, Any]:
     """All arrays of an archive."""
     stored = np.load(file, allow_pickle=False)
     if not isinstance(stored, np.lib.npyio.NpzFile):
