@@ -22,8 +22,8 @@ from sceniris_gym.scene.values import FLOOR, ROBOT
 
 _KINDS = {"free": ObjectKind.FREE, "fixture": ObjectKind.FIXTURE, "marker": ObjectKind.MARKER}
 _ROOFS = {"in": Roof.EITHER, "on": Roof.OPEN, "inside": Roof.COVERED}
-# A support may lean by 0.1 degree: that is 0.1 mm under an object of 8 cm, a fifth of the default gap.
-_UPRIGHT = np.cos(np.radians(0.1))
+UPRIGHT = float(np.cos(np.radians(0.1)))
+"""Least z component of a support's z axis: 0.1 degree is 0.1 mm under an object of 8 cm, a fifth of the default gap."""
 
 
 @dataclass(frozen=True)
@@ -255,7 +255,7 @@ def _surfaces(
 
 def _check_upright(parent: str, up: float, where: str) -> None:
     """Surfaces are level in their body's frame, so that frame must stand upright at home."""
-    if up < _UPRIGHT:
+    if up < UPRIGHT:
         lean = np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
         raise NotSupportedError(
             f"{where}: the z axis of '{parent}' leans by {lean:.3g} degrees at home, and things are placed on level "
@@ -278,6 +278,6 @@ def _tilts(scene: SceneModel, config: ObjectConfig, ground: int) -> bool:
     return any(
         mjm.jnt_bodyid[j] in chain
         and mjm.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE
-        and abs(mjm.jnt_axis[j][2]) < _UPRIGHT
+        and abs(mjm.jnt_axis[j][2]) < UPRIGHT
         for j in drawn
     )
