@@ -2,14 +2,14 @@
 
     python -m benchmarks.curves results --picture demo/training.png
 
-Prints what is reached on layouts that were not trained on: for every kind of run the mean and the range over its seeds,
-from the last evaluation of each; and when an evaluation first reached 95% (Reach) or 80% (Lift).
+Prints what is reached on layouts that were not trained on: for every kind of run the mean and the range over the seeds
+that are there, from the last evaluation of each; and when an evaluation first reached 95% (Reach) or 80% (Lift), over
+the seeds that did. A run that has not been judged yet is left out.
 """
 
 from __future__ import annotations
 
 import json
-from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,6 +18,24 @@ import tyro
 
 ASKED = {"TabletopReach-v0": 0.95, "TabletopLift-v0": 0.8}
 """Success on valid layouts that is asked for."""
+
+COLORS = {"TabletopReach-v0": "tab:blue", "TabletopLift-v0": "tab:orange"}
+
+COMPARED = {
+    "bank_1": "1",
+    "bank_16": "16",
+    "bank_256": "256",
+    "bank_4096": "4,096",
+    "fresh": "fresh",
+    "uniform": "fresh,\nno\nchecks",
+    "unreachable": "fresh,\nno\nreach",
+}
+"""Kinds of runs that are compared, and their names in the picture."""
+
+KINDS = ("reach", "lift", *COMPARED)
+
+JUDGED = ("valid", "unfiltered")
+"""The layouts that policies are judged on."""
 
 
 @dataclass(frozen=True)
@@ -40,79 +58,102 @@ class Run:
         return next(good, None)
 
 
-def read(folder: Path) -> list[Run]:
-    """Return the runs in a folder that have been judged at least once."""
-    runs = []
+def read(folder: Path) -> dict[str, list[Run]]:
+    """Return the runs in a folder that have been judged at least once, by their kind: known ones first, in order."""
+    kinds: dict[str, list[Run]] = {}
     for log in sorted(folder.glob("*/log.jsonl")):
         lines = [json.loads(line) for line in log.read_text().splitlines()]
-        options = json.loads((log.parent / "config.json").read_text())["options"]
         judged = [line for line in lines if line["kind"] == "eval"]
         if judged:
-            runs.append(Run(log.parent.name.rpartition("_")[0], options, judged))
-    return runs
+            options = json.loads((log.parent / "config.json").read_text())["options"]
+            kind = log.parent.name.rpartition("_")[0]
+            kinds.setdefault(kind, []).append(Run(kind, options, judged))
+    known = [kind for kind in KINDS if kind in kinds]
+    return {kind: kinds[kind] for kind in (*known, *(kind for kind in kinds if kind not in KINDS))}
 
 
 def spread(values: list[float], form: str = "{:.1%}") -> str:
-    """Return mean and range in words."""
+    """Return mean and range in words; the mean alone where they read the same."""
     mean, low, high = (form.format(v) for v in (sum(values) / len(values), min(values), max(values)))
-    return mean if len(values) == 1 else f"{mean} ({low} to {high})"
+    return mean if low == high else f"{mean} ({low} to {high})"
 
 
-def table(runs: list[Run]) -> str:
+def table(kinds: dict[str, list[Run]]) -> str:
     """Return a Markdown table with a row for each kind of run."""
-    kinds: dict[str, list[Run]] = defaultdict(list)
-    for run in runs:
-        kinds[run.kind].append(run)
     rows = ["| run | seeds | steps | valid | unfiltered | first as asked |", "|---|---|---|---|---|---|"]
-    for kind, members in kinds.items():
-        last = [run.evaluations[-1] for run in members]
-        reached = [run.reached for run in members]
-        when = spread([line["seconds"] for line in reached if line], "{:.0f} s") if all(reached) else "not all"
-        valid, unfiltered = (spread([line[name]["success"] for line in last]) for name in ("valid", "unfiltered"))
+    for kind, runs in kinds.items():
+        last = [run.evaluations[-1] for run in runs]
+        reached = [line["seconds"] for line in (run.reached for run in runs) if line is not None]
+        when = spread(reached, "{:.0f} s") if reached else "-"
+        if 0 < len(reached) < len(runs):
+            when += f", {len(reached)} of {len(runs)} seeds"
+        valid, unfiltered = (spread([line[name]["success"] for line in last]) for name in JUDGED)
         steps = spread([line["env_steps"] / 1e6 for line in last], "{:.0f} M")
-        rows.append(f"| {kind} | {len(members)} | {steps} | {valid} | {unfiltered} | {when} |")
+        rows.append(f"| {kind} | {len(runs)} | {steps} | {valid} | {unfiltered} | {when} |")
     return "\n".join(rows)
 
 
-def draw(runs: list[Run], picture: Path) -> None:
-    """Draw success against wall-clock and against steps for the runs on fresh layouts, and the banks beside."""
+def draw(kinds: dict[str, list[Run]], picture: Path) -> None:
+    """Draw success against wall-clock and steps for `reach` and `lift`, and beside it what the others came to."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import PercentFormatter
 
-    colors = {"TabletopReach-v0": "tab:blue", "TabletopLift-v0": "tab:orange"}
-    figure, (by_time, by_steps, by_bank) = plt.subplots(1, 3, figsize=(12, 3.4), sharey=True, layout="constrained")
-    named = set()
-    for run in (r for r in runs if r.kind in ("reach", "lift")):
-        success = [0.0, *(line["valid"]["success"] for line in run.evaluations)]
-        label = None if run.task in named else run.task
-        named.add(run.task)
-        for axes, key, scale in ((by_time, "seconds", 1.0), (by_steps, "env_steps", 1e-6)):
-            x = [0.0, *(scale * line[key] for line in run.evaluations)]
-            axes.plot(x, success, color=colors[run.task], marker=".", label=label)
-    by_time.set(xlabel="training [s]", ylabel="success on unseen layouts", ylim=(0.0, 1.02))
-    by_steps.set(xlabel="control steps [millions]")
-    by_time.legend(loc="lower right")
-    order = ["bank_1", "bank_16", "bank_256", "bank_4096", "fresh", "uniform", "unreachable"]
-    for i, kind in enumerate(order):
-        for name, color, shift in (("valid", "tab:blue", -0.1), ("unfiltered", "tab:gray", 0.1)):
-            shares = [run.evaluations[-1][name]["success"] for run in runs if run.kind == kind]
-            by_bank.scatter([i + shift] * len(shares), shares, color=color, s=14, label=None if i else name)
-    by_bank.set_xticks(range(len(order)), [kind.replace("bank_", "") for kind in order], rotation=30)
-    by_bank.set_xlabel("layouts trained on")
-    by_bank.legend(loc="lower right")
-    for axes in (by_time, by_steps, by_bank):
-        axes.grid(alpha=0.3)
+    plt.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False})
+    width = {"width_ratios": [1, 1, 1.45]}
+    figure, axes = plt.subplots(1, 3, figsize=(11.5, 3.5), sharey=True, layout="constrained", gridspec_kw=width)
+    for panel, key, scale in ((axes[0], "seconds", 1.0), (axes[1], "env_steps", 1e-6)):
+        for kind in ("reach", "lift"):
+            draw_curves(panel, kinds.get(kind, []), key, scale)
+    axes[0].set(xlabel="training [s]", ylabel="success on unseen layouts", ylim=(0.0, 1.03))
+    axes[1].set(xlabel="control steps [millions]")
+    if axes[0].lines:
+        axes[0].legend(loc="lower right", frameon=False)
+    draw_comparison(axes[2], {kind: kinds[kind] for kind in COMPARED if kind in kinds})
+    axes[0].yaxis.set_major_formatter(PercentFormatter(1.0))
+    for panel in axes:
+        panel.grid(axis="y", alpha=0.3)
+        panel.set_axisbelow(True)
     figure.savefig(picture, dpi=130)
+    plt.close(figure)
+
+
+def draw_curves(panel: Any, runs: list[Run], key: str, scale: float) -> None:
+    """Draw success on valid layouts, a thin line for each seed, and a dashed one at what is asked for."""
+    for i, run in enumerate(runs):
+        color = COLORS.get(run.task, "tab:gray")
+        x = [0.0, *(scale * line[key] for line in run.evaluations)]
+        success = [0.0, *(line["valid"]["success"] for line in run.evaluations)]
+        seeds = f"{len(runs)} seeds" if len(runs) > 1 else "1 seed"
+        label = None if i else f"{run.task}, {seeds}"
+        panel.plot(x, success, color=color, marker=".", markersize=4, linewidth=1.2, alpha=0.8, label=label)
+        if i == 0 and run.task in ASKED:
+            panel.axhline(ASKED[run.task], color=color, linewidth=0.8, linestyle=(0, (4, 3)))
+
+
+def draw_comparison(panel: Any, kinds: dict[str, list[Run]]) -> None:
+    """Draw bars of the mean of what every kind came to, with a point for each seed."""
+    for name, color, shift in zip(JUDGED, ("tab:blue", "tab:gray"), (-0.2, 0.2), strict=True):
+        for i, runs in enumerate(kinds.values()):
+            shares = [run.evaluations[-1][name]["success"] for run in runs]
+            mean, label = sum(shares) / len(shares), f"judged on {name} layouts"
+            panel.bar(i + shift, mean, width=0.38, color=color, alpha=0.55, label=None if i else label)
+            panel.scatter([i + shift] * len(shares), shares, color=color, s=9, zorder=3)
+            panel.annotate(f"{mean:.0%}", (i + shift, max(shares) + 0.02), ha="center", fontsize=7, color="0.25")
+    panel.set_xticks(range(len(kinds)), [COMPARED[kind] for kind in kinds])
+    panel.set_xlabel("Reach: layouts in the bank trained on, or fresh ones")
+    if kinds:
+        panel.legend(loc="upper center", bbox_to_anchor=(0.5, 1.17), ncols=2, frameon=False)
 
 
 def main(folder: Annotated[Path, tyro.conf.Positional], picture: Path | None = None) -> None:
     """Print the table, and draw the picture where one is wanted."""
-    runs = read(folder)
-    print(table(runs))
+    kinds = read(folder)
+    print(table(kinds))
     if picture is not None:
-        draw(runs, picture)
+        draw(kinds, picture)
 
 
 if __name__ == "__main__":

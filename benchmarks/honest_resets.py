@@ -3,12 +3,14 @@
     python -m benchmarks.honest_resets --layouts 100000 --out results/honest.jsonl
 
 For every task: layouts as the generator makes them, and beside them uniform placement without checks. A reset explodes
-when an object is faster than 1 m/s within 0.1 s while the arm is held where it starts. Contacts and motion are those of
+when an object, or a point of a door or drawer, is faster than 1 m/s within 0.1 s while the arm is held where it starts.
+Contacts and motion are those of
 MuJoCo-Warp. A line of JSON per task and kind of placement; those that are in the file already are left out.
 """
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections import Counter
 from dataclasses import dataclass
@@ -27,6 +29,7 @@ from sceniris_gym.layout.build import build_world
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.registration import ENVS
+from sceniris_gym.scene.compose import asset_name
 from sceniris_gym.scene.world import World
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
@@ -75,6 +78,7 @@ class Judge:
         self.supports = supports(world)
         free = mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE
         self.velocities = mjm.jnt_dofadr[free][:, None] + np.arange(3)
+        self.levers = levers(world)
         self.steps = round(WATCHED / mjm.opt.timestep)
 
     def look(self, seed: int) -> tuple[Counter, Counter]:
@@ -86,8 +90,7 @@ class Judge:
         fastest = np.zeros(self.batch.nworld)
         for _ in range(self.steps):
             self.batch.step()
-            speed = np.linalg.norm(self.batch.data.qvel.numpy()[:, self.velocities], axis=2).max(axis=1)
-            fastest = np.maximum(fastest, np.nan_to_num(speed, nan=np.inf))
+            fastest = np.maximum(fastest, self.speeds(self.batch.data.qvel.numpy()))
         exploded = fastest > FASTEST
         return Counter(
             layouts=self.batch.nworld,
@@ -96,6 +99,12 @@ class Judge:
             either=int((in_contact | exploded).sum()),
             fallback=int(fallback.sum()),
         ), pairs
+
+    def speeds(self, qvel: np.ndarray) -> np.ndarray:
+        """Return the greatest speed in each world for velocities (nworld, nv) [m/s]; infinity for what is no number."""
+        free = np.linalg.norm(qvel[:, self.velocities], axis=2)
+        jointed = np.abs(qvel[:, list(self.levers)]) * list(self.levers.values())
+        return np.nan_to_num(np.hstack([free, jointed]).max(axis=1, initial=0.0), nan=np.inf)
 
     def _touching(self) -> tuple[np.ndarray, Counter]:
         """Return in which worlds bodies touch that do not carry each other, and which in how many worlds."""
@@ -125,6 +134,42 @@ def supports(world: World) -> dict[str, str]:
         if part.support is not None:
             found[name] = "world" if part.support.parent == "floor" else part.support.parent
     return found
+
+
+def levers(world: World) -> dict[int, float]:
+    """Return for each joint inside of an object how fast its fastest point is at unit velocity, by address in qvel.
+
+    That is 1 for a slide [m/s per m/s]. For a hinge it is the distance from its axis to the farthest corner of what it
+    turns, in the model's start pose [m/s per rad/s].
+    """
+    mjm, robot = world.mjm, world.config.robot
+    data = mujoco.MjData(mjm)
+    mujoco.mj_kinematics(mjm, data)
+    found = {}
+    for joint in range(mjm.njnt):
+        kind, name = mjm.jnt_type[joint], mjm.joint(joint).name
+        held = robot is not None and name.startswith(f"{asset_name(robot.asset)}/")
+        if kind == mujoco.mjtJoint.mjJNT_SLIDE and not held:
+            found[int(mjm.jnt_dofadr[joint])] = 1.0
+        elif kind == mujoco.mjtJoint.mjJNT_HINGE and not held:
+            corners = _corners(mjm, data, int(mjm.jnt_bodyid[joint]))
+            away = np.cross(corners - data.xanchor[joint], data.xaxis[joint])
+            found[int(mjm.jnt_dofadr[joint])] = float(np.linalg.norm(away, axis=1).max())
+    return found
+
+
+def _corners(mjm: mujoco.MjModel, data: mujoco.MjData, body: int) -> np.ndarray:
+    """Return the corners of the boxes around the geoms of a body and of all below it [m], world frame, shape (n, 3)."""
+    below = {body}
+    for child in range(body + 1, mjm.nbody):  # parents come first
+        if int(mjm.body_parentid[child]) in below:
+            below.add(child)
+    signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+    boxes = []
+    for geom in np.flatnonzero(np.isin(mjm.geom_bodyid, list(below))):
+        center, half = np.split(mjm.geom_aabb[geom], 2)
+        boxes.append(data.geom_xpos[geom] + (center + signs * half) @ data.geom_xmat[geom].reshape(3, 3).T)
+    return np.concatenate(boxes)
 
 
 def count(task: str, placement: str, options: Options) -> dict[str, Any]:

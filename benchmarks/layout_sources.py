@@ -1,4 +1,8 @@
-"""Where the layouts of an experiment come from: made fresh, replayed from a bank, or placed without any check."""
+"""Where the layouts of an experiment come from: made fresh, replayed from a bank, or placed without any check.
+
+What a task draws beside the layout, such as which object it chooses, is drawn afresh in every episode whatever the
+source: a bank of a single layout still asks for every object in turn.
+"""
 
 from __future__ import annotations
 

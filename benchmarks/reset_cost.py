@@ -5,7 +5,7 @@
 Three environments with the same actions and the same schedule of resets, which are spread out: episodes of 200 control
 steps that begin at random points of them. `fresh` makes its layouts, `replayed` gets the same ones from a bank, `fixed`
 always the same one. They take turns in one run; a turn is as long as an episode, and the first turn of each does
-not count.
+not count. A file with the answer is left as it is; a run that was stopped has none, and begins anew.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ import tyro
 from benchmarks import layout_sources
 from benchmarks.train_rsl_rl import SEED_SPACING, make_env, scene_of
 from sceniris_gym.layout.build import build_world
+from sceniris_gym.tools.files import replacing
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 
@@ -64,7 +65,18 @@ def synchronize(envs: SceneVectorEnv) -> None:
 
 
 def main(options: Options) -> None:
-    """Measure, and write down a line of JSON."""
+    """Measure, and write down a line of JSON, unless it is there already.
+
+    Raises:
+        SystemExit: the file has the answer to another question
+    """
+    asked = {name: getattr(options, name) for name in ("task", "num_envs", "rounds", "episode")}
+    if options.out.exists():
+        answer = json.loads(options.out.read_text())
+        if not asked.items() <= answer.items():
+            raise SystemExit(f"{options.out} is about other options than {asked}. Remove it, or give another --out.")
+        print(json.dumps(answer))
+        return
     world = build_world(scene_of(options.task, reachable=True), options.device)
     per_world = options.rounds + 3  # episodes: the first one, one a turn, and what is left of the last
     seeds = [11 * 16 * SEED_SPACING + i * per_world for i in range(options.num_envs)]
@@ -94,14 +106,14 @@ def main(options: Options) -> None:
     ratios = {f"fresh / {name}": rates["fresh"] / rates[name] for name in ("replayed", "fixed")}
     ranges = {name: [round(float(r), 4) for r in (ratio.min(), ratio.max())] for name, ratio in ratios.items()}
     answer = {
-        "task": options.task,
-        "num_envs": options.num_envs,
+        **asked,
         "steps_per_second": {name: round(float(np.median(rate))) for name, rate in rates.items()},
         "ratio_median": {name: round(float(np.median(ratio)), 4) for name, ratio in ratios.items()},
         "ratio_range": ranges,
     }
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text(json.dumps(answer) + "\n")
+    with replacing(options.out) as temporary:
+        temporary.write_text(json.dumps(answer) + "\n")
     print(json.dumps(answer))
 
 

@@ -2,16 +2,21 @@
 
     python -m benchmarks.train_rsl_rl TabletopReach-v0 --minutes 5 --out results/reach_0
 
-writes to the folder `out`: `log.jsonl` (a line every few iterations, and one for every evaluation), `model.pt` (the
-latest checkpoint; `--resume` goes on from it) and `config.json`. The clock starts when everything is compiled; it
-stands still during evaluations. Judged are the first episodes of as many worlds as are trained on, at their last step,
-by the deterministic policy: on `valid` layouts of the split "eval", and on `unfiltered` ones, placed uniformly without
-checks.
+writes to the folder `out`: `log.jsonl` (a line every few iterations, and one for every evaluation), `model.pt` (a
+checkpoint every 20 seconds and after every evaluation) and `config.json`. The clock starts when everything is
+compiled; it stands still during evaluations. Judged are the first episodes of as many worlds as are trained on, at
+their last step, by the deterministic policy: on `valid` layouts of the split "eval", and on `unfiltered` ones, placed
+uniformly without checks.
+
+`--resume` goes on from the checkpoint: the log is cut off there, and episodes that were under way are given up, so that
+every world begins its next episode, as many steps before its end as it was. What is trained on after that is the same
+whenever the same checkpoint is gone on from, but not what an uninterrupted run would have seen.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import time
 from dataclasses import asdict, dataclass
 from importlib import import_module
@@ -21,6 +26,7 @@ from typing import Annotated, Any
 import gymnasium
 import torch
 import tyro
+import warp as wp
 from rsl_rl.runners import OnPolicyRunner
 
 from benchmarks import layout_sources
@@ -28,12 +34,16 @@ from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
 from sceniris_gym.layout.build import build_world
 from sceniris_gym.scene.config import SceneConfig
 from sceniris_gym.scene.world import World
+from sceniris_gym.tools.files import replacing
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 SEED_SPACING = 1 << 20
 """Between seeds of experiments: worlds of neighbouring ones would share layouts otherwise."""
 
 EVAL_SEED = 7 * SEED_SPACING
+
+FREE = ("out", "resume", "device", "minutes", "million_steps", "every", "evaluate_every", "save_every")
+"""Options that may be others when a run goes on: they do not change what is learned in an iteration."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +86,7 @@ class Options:
         seed: number of the run; seeds of layouts are spaced by 2^20
         num_envs: worlds
         minutes: wall-clock of training, evaluations not counted
-        million_steps: control steps of all worlds together after which it stops too
+        million_steps: control steps of all worlds together after which it stops too; None is no bound
         out: folder for the results
         resume: go on from the checkpoint in `out`
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one
@@ -85,13 +95,14 @@ class Options:
         reachable: false leaves out `reachable` of the scene's objects
         every: iterations between two lines of the log
         evaluate_every: seconds of training between two evaluations
+        save_every: seconds of training between two checkpoints
     """
 
     task: Annotated[str, tyro.conf.Positional]
     seed: int = 0
     num_envs: int = 4096
     minutes: float = 5.0
-    million_steps: float = float("inf")
+    million_steps: float | None = None
     out: Path = Path("results/train")
     resume: bool = False
     device: str | None = None
@@ -100,6 +111,33 @@ class Options:
     reachable: bool = True
     every: int = 10
     evaluate_every: float = 60.0
+    save_every: float = 20.0
+
+
+def settings_of(task: str) -> Settings:
+    """Return the settings of a task.
+
+    Raises:
+        SystemExit: it has none
+    """
+    if task not in SETTINGS:
+        raise SystemExit(f"There are no settings to train '{task}' with, only for {', '.join(SETTINGS)}.")
+    return SETTINGS[task]
+
+
+def as_json(value: Any, indent: int | None = None) -> str:
+    """Return strict JSON, in which numbers that are not finite are null and paths are text."""
+    return json.dumps(_plain(value), allow_nan=False, indent=indent)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return str(value) if isinstance(value, Path) else value
 
 
 def runner_config(settings: Settings, seed: int) -> dict[str, Any]:
@@ -184,10 +222,16 @@ def evaluate(policy: Any, env: RslRlVecEnv, seed: int = EVAL_SEED) -> dict[str, 
 
 
 class Run:
-    """A training run that can stop and go on."""
+    """A training run that can stop and go on.
+
+    Raises:
+        SystemExit: the task has no settings here; or there is a checkpoint of a run with other options to go on from
+    """
 
     def __init__(self, options: Options) -> None:
-        self.options, self.settings = options, SETTINGS[options.task]
+        self.options, self.settings = options, settings_of(options.task)
+        if self.resumes:
+            self._check_same()
         # what is judged does not depend on what is trained on
         filtered, plain = (build_world(scene_of(options.task, reachable=r), options.device) for r in (True, False))
         world = filtered if options.reachable and not options.uniform else plain
@@ -205,12 +249,23 @@ class Run:
         }
         self._warm_up()
         self.runner = self._runner()
-        self.seconds, self.iterations = 0.0, 0
+        self.seconds = self.judged_at = self.saved_at = 0.0
+        self.iterations = 0
 
     @property
     def checkpoint(self) -> Path:
         """The file that a run goes on from."""
         return self.options.out / "model.pt"
+
+    @property
+    def log(self) -> Path:
+        """The file that training and evaluations are told in."""
+        return self.options.out / "log.jsonl"
+
+    @property
+    def resumes(self) -> bool:
+        """Whether there is something to go on from, and that is wanted."""
+        return self.options.resume and self.checkpoint.exists()
 
     @property
     def env_steps(self) -> int:
@@ -221,26 +276,43 @@ class Run:
     def finished(self) -> bool:
         """Whether the time is over, or all steps are taken."""
         options = self.options
-        return self.seconds >= 60.0 * options.minutes or self.env_steps >= 1e6 * options.million_steps
+        most = math.inf if options.million_steps is None else 1e6 * options.million_steps
+        return self.seconds >= 60.0 * options.minutes or self.env_steps >= most
 
     def go(self) -> None:
         """Train until the time is over, then judge."""
         options = self.options
         options.out.mkdir(parents=True, exist_ok=True)
-        if options.resume and self.checkpoint.exists():
-            progress = self.runner.load(str(self.checkpoint), map_location=str(self.env.device))
-            self.seconds, self.iterations = progress["seconds"], progress["iterations"]
+        if self.resumes:
+            self._load()
         else:
-            (options.out / "log.jsonl").write_text("")
-        told = {"options": asdict(options), "settings": asdict(self.settings)}
-        (options.out / "config.json").write_text(json.dumps(told, default=str, indent=1))
-        judged_at = self.seconds
+            self.checkpoint.unlink(missing_ok=True)  # of an earlier run
+            self.log.write_text("")
+        (options.out / "config.json").write_text(as_json(self._config(), indent=1))
         while not self.finished:
             self._train(options.every)
-            if self.seconds - judged_at >= options.evaluate_every or self.finished:
-                judged_at = self.seconds
+            judged = self.finished or self.seconds - self.judged_at >= options.evaluate_every
+            if judged:
+                self.judged_at = self.seconds
                 self._judge()
+            if judged or self.seconds - self.saved_at >= options.save_every:
                 self._save()
+
+    def _config(self) -> dict[str, Any]:
+        return {"options": asdict(self.options), "settings": asdict(self.settings)}
+
+    def _check_same(self) -> None:
+        """Compare with the run that made the checkpoint."""
+        file = self.options.out / "config.json"
+        told, wanted = json.loads(file.read_text()), json.loads(as_json(self._config()))
+        for part, values in wanted.items():
+            for name, value in values.items():
+                before = told[part].get(name)
+                if name not in FREE and before != value:
+                    raise SystemExit(
+                        f"{file}: the run to go on from has {part}.{name} = {before!r}, not {value!r}. Give it the "
+                        "same options, another --out, or leave out --resume to begin anew."
+                    )
 
     def _warm_up(self) -> None:
         """Compile and allocate what training needs, with another policy than the one that is trained."""
@@ -270,7 +342,31 @@ class Run:
         self._tell("eval", {name: evaluate(policy, judge) for name, judge in self.judges.items()})
 
     def _save(self) -> None:
-        self.runner.save(str(self.checkpoint), {"seconds": self.seconds, "iterations": self.iterations})
+        self.saved_at = self.seconds
+        state, layouts = self.env.unwrapped.state, self.env.unwrapped.randomizer.layouts
+        progress = {
+            "seconds": self.seconds,
+            "iterations": self.iterations,
+            "judged_at": self.judged_at,
+            "log_size": self.log.stat().st_size,
+            "episode": wp.to_torch(layouts.episode).cpu(),
+            "elapsed": state.elapsed.cpu(),
+        }
+        with replacing(self.checkpoint) as temporary:
+            self.runner.save(str(temporary), progress)
+
+    def _load(self) -> None:
+        """Take up the checkpoint: networks, clock, log and the episodes of all worlds."""
+        progress = self.runner.load(str(self.checkpoint), map_location=str(self.env.device))
+        self.seconds, self.iterations = progress["seconds"], progress["iterations"]
+        self.judged_at, self.saved_at = progress["judged_at"], progress["seconds"]
+        self.log.write_bytes(self.log.read_bytes()[: progress["log_size"]])
+        episode = wp.to_torch(self.env.unwrapped.randomizer.layouts.episode)
+        episode.copy_(progress["episode"])
+        self.env.reset()  # begins the episodes after those
+        self.env.episode_length_buf = progress["elapsed"].to(self.env.device)
+        # other noise on the actions than at the beginning
+        torch.manual_seed(self.options.seed * SEED_SPACING + self.iterations)
 
     def _clock(self) -> float:
         if self.env.unwrapped.device.type == "cuda":
@@ -279,9 +375,10 @@ class Run:
 
     def _tell(self, kind: str, values: dict[str, Any]) -> None:
         line = {"kind": kind, "seconds": round(self.seconds, 2), "env_steps": self.env_steps, **values}
-        with (self.options.out / "log.jsonl").open("a") as file:
-            file.write(json.dumps(line) + "\n")
-        print(json.dumps(line), flush=True)
+        text = as_json(line)
+        with self.log.open("a") as file:
+            file.write(text + "\n")
+        print(text, flush=True)
 
 
 if __name__ == "__main__":

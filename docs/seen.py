@@ -28,7 +28,10 @@ _UNIT_BOX = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 
 
 @dataclass(frozen=True)
 class Bounds:
-    """Where an object stands: pivot [m], shape (3,), heading [rad], and its bounds in that heading around the pivot."""
+    """Where an object stands: pivot [m], shape (3,), heading [rad], and its bounds in that heading around the pivot.
+
+    The pivot of the robot is its base.
+    """
 
     pivot: np.ndarray
     heading: float
@@ -212,15 +215,13 @@ class View:
 
     def _bounds(self, name: str, bodies: list[int], i: int) -> Bounds:
         data, root = self._states[i], self.bodies(name)[0]
-        heading = heading_of(data.xmat[root].reshape(3, 3), self.world.mjm.body_quat[root])
-        if name == ROBOT and self.config.robot is not None:  # its asset is authored without the yaw of its base
-            heading = math.radians(self.config.robot.yaw)
+        heading = heading_of(data.xmat[root].reshape(3, 3))
         turn = _turn(heading)
         still, now = self._points(self._with_joints_at_home[i], bodies), self._points(data, bodies)
         if not len(now):
             return Bounds(data.xpos[root].copy(), heading, np.zeros(2), np.zeros(2))
         local = still[:, :2] @ turn
-        middle = 0.5 * (local.min(0) + local.max(0))
+        middle = data.xpos[root, :2] @ turn if name == ROBOT else 0.5 * (local.min(0) + local.max(0))
         local = now[:, :2] @ turn - middle
         return Bounds(np.array([*turn @ middle, now[:, 2].min()]), heading, local.min(0), local.max(0))
 

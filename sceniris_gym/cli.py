@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn, ParamSpec
 import tyro
 
 import sceniris_gym
-from sceniris_gym.errors import CountError, SceneKeyError, ScenirisError
+from sceniris_gym.errors import CountError, NotSupportedError, SceneKeyError, ScenirisError
 
 if TYPE_CHECKING:
     from sceniris_gym.scene.config import SceneConfig
@@ -142,9 +142,10 @@ def bench(
     """Measure how fast layouts are made and worlds are reset."""
     _at_least(1, num_envs=num_envs)
     from sceniris_gym.tools import bench as tool
+    from sceniris_gym.tools.files import check_picture
 
     if picture is not None:
-        _target(picture)
+        check_picture(picture)
 
     overrides = _overrides(changes) | ({} if geometry is None else {"geometry": geometry})
     measured = tool.bench(scene, num_envs, device, seed, overrides, picture)
@@ -187,9 +188,10 @@ def check(
     """Say why a scene is hard: how many candidates were rejected, per object and cause."""
     _at_least(1, layouts=layouts)
     from sceniris_gym.tools import check as tool
+    from sceniris_gym.tools.files import check_picture
 
     if picture is not None:
-        _target(picture)
+        check_picture(picture)
     found = tool.check(_world(scene, changes, device), layouts, seed, picture)
     return dumps(found) if json else tool.report(found)
 
@@ -222,10 +224,13 @@ def reach(
     """Build, describe and draw the map of what an arm reaches, or judge poses by it."""
     from sceniris_gym.tools import reach as tool
 
+    asked = [f"--{word}" for word, value in (("build", build), ("poses", poses), ("scene", scene)) if value]
+    if len(asked) > 1:
+        raise NotSupportedError(f"reach: {' and '.join(asked)} are separate commands. Give one after the other.")
     if poses is not None:
         found = tool.judge(arm, map_, poses, _target(out, "reached.npy"), tier, device)
     elif build:
-        target = _target(out, f"{Path(arm).stem}.reach")
+        target = _target(out, tool.default_map(arm))
         found = tool.build(arm, target, device, step=step, tilt_step=radians(tilt_step), seed=seed)
     elif scene is not None:
         target = _target(out, f"demo/reach_{Path(scene).stem}.png")

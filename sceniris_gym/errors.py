@@ -118,10 +118,13 @@ class InfeasibleSceneError(ScenirisError):
         name: the object that could not be placed; all before it could.
         cause: the cause that rejected it most often.
         counts: rejections per object and cause.
+        leaning: its support, if that was drawn leaning in most worlds.
     """
 
-    def __init__(self, where: str, name: str, cause: str, counts: Mapping[str, Mapping[str, int]]) -> None:
-        self.where, self.name, self.cause = where, name, cause
+    def __init__(
+        self, where: str, name: str, cause: str, counts: Mapping[str, Mapping[str, int]], leaning: str | None = None
+    ) -> None:
+        self.where, self.name, self.cause, self.leaning = where, name, cause, leaning
         self.counts = {k: dict(v) for k, v in counts.items()}
         rows = "; ".join(
             f"{obj}: " + ", ".join(f"{c} {n}" for c, n in by_cause.items() if n)
@@ -129,7 +132,12 @@ class InfeasibleSceneError(ScenirisError):
             if any(by_cause.values())
         )
         advice = "Give it a larger region or support, or a smaller clearance, or fewer neighbours."
-        if cause == "roof":
+        if leaning is not None:
+            advice = (
+                f"Its support '{leaning}' leans by more than 0.1 degree in most of the states that were drawn, and "
+                "things are placed on level surfaces only. Draw its joints, or those above it, where it is level."
+            )
+        elif cause == "roof":
             advice = "'on' wants nothing of the support's object above it, 'inside' something; 'in' takes both."
         elif cause in ("unreachable", "no_ik", "blocked"):
             advice = "Bring it nearer to the robot, turn it towards it, or ask for a less thorough tier of 'reachable'."
@@ -139,7 +147,7 @@ class InfeasibleSceneError(ScenirisError):
         )
 
     def __reduce__(self) -> tuple:
-        return type(self), (self.where, self.name, self.cause, self.counts)
+        return type(self), (self.where, self.name, self.cause, self.counts, self.leaning)
 
 
 class ArmError(ScenirisError):

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 pytest.importorskip("rsl_rl")
 
@@ -77,6 +79,42 @@ def test_bad_resets_are_counted(world: World):
     assert honest_resets.supports(world)["can"] == "table"
 
 
+def test_doors_and_drawers_are_watched_too():
+    """A drawer counts as fast as it slides, a door as its outer edge; the arm does not count, and a NaN is too fast."""
+    scene: dict[str, Any] = {
+        "floor": {"size": [3.0, 3.0]},
+        "robot": {"asset": "panda", "base": [0.0, -1.0, 0.0]},
+        "objects": {
+            "cabinet": {
+                "asset": "cabinet",
+                "kind": "fixture",
+                "on": "floor",
+                "region": {"box": [[-0.8, 0.0], [-0.7, 0.1]]},
+            },
+            "cupboard": {
+                "asset": "cupboard",
+                "kind": "fixture",
+                "on": "floor",
+                "region": {"box": [[0.7, 0.0], [0.8, 0.1]]},
+            },
+        },
+    }
+    world = build_world(scene, "cpu", bank_size=4)
+    dofs = {world.mjm.joint(i).name: int(world.mjm.jnt_dofadr[i]) for i in range(world.mjm.njnt)}
+    options = honest_resets.Options(num_envs=4, nconmax=64, njmax=256)
+    judge = honest_resets.Judge(world, LayoutGenerator(world, 4), options)
+    assert set(judge.levers) == {dofs[name] for name in ("cabinet/upper", "cabinet/lower", "cupboard/door")}
+    geoms = [g for g in range(world.mjm.ngeom) if world.mjm.body(world.mjm.geom_bodyid[g]).name == "cupboard/door"]
+    width = max(2.0 * world.mjm.geom_aabb[g, 3:].max() for g in geoms)
+    assert 0.5 * width < judge.levers[dofs["cupboard/door"]] < 1.5 * width
+    qvel = np.zeros((4, world.mjm.nv))
+    qvel[0, dofs["cabinet/lower"]] = -1.5
+    qvel[1, dofs["cupboard/door"]] = 2.0
+    qvel[2, dofs["panda/joint1"]] = 3.0
+    qvel[3, dofs["cabinet/upper"]] = np.nan
+    assert judge.speeds(qvel).tolist() == pytest.approx([1.5, 2.0 * judge.levers[dofs["cupboard/door"]], 0.0, np.inf])
+
+
 def test_the_word_reachable_can_be_left_out():
     """The rest of the scene is the same."""
     scenes = [train_rsl_rl.scene_of("TabletopReach-v0", reachable=reachable) for reachable in (True, False)]
@@ -85,25 +123,102 @@ def test_the_word_reachable_can_be_left_out():
 
 
 @pytest.mark.slow
-def test_a_training_stops_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """The second run adds to the log of the first one and goes on counting; the table has both kinds of layouts."""
+def test_a_training_that_is_killed_goes_on_from_its_last_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Whatever the log has of later is cut off; worlds begin their next episodes; the table has what came of it."""
     monkeypatch.setattr(train_rsl_rl, "make_env", partial(train_rsl_rl.make_env, max_episode_steps=10))
-    arguments: dict[str, Any] = {"task": "TabletopReach-v0", "num_envs": 4, "out": tmp_path / "fresh_0", "every": 1}
-    train_rsl_rl.Run(train_rsl_rl.Options(**arguments, million_steps=1e-4, device="cpu")).go()
-    first = (tmp_path / "fresh_0" / "log.jsonl").read_text()
-    train_rsl_rl.Run(train_rsl_rl.Options(**arguments, million_steps=2e-4, device="cpu", resume=True)).go()
-    lines = (tmp_path / "fresh_0" / "log.jsonl").read_text()
-    assert lines.startswith(first)
-    told = [json.loads(line) for line in lines.splitlines()]
-    assert [line["env_steps"] for line in told if line["kind"] == "train"] == [96, 192, 288]
+    out = tmp_path / "fresh_0"
+    common: dict[str, Any] = {"task": "TabletopReach-v0", "num_envs": 4, "out": out, "every": 1, "device": "cpu"}
+    options = train_rsl_rl.Options(**common, million_steps=2e-4, evaluate_every=1000.0, save_every=0.0)
+    killed = train_rsl_rl.Run(options)
+
+    def kill() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(killed, "_judge", kill)
+    with pytest.raises(KeyboardInterrupt):
+        killed.go()
+    first = (out / "log.jsonl").read_text()
+    assert len(first.splitlines()) == 3
+    (out / "log.jsonl").write_text(first + '{"kind": "tra')
+    saved = torch.load(out / "model.pt", weights_only=False)["infos"]
+
+    again = train_rsl_rl.Run(replace(options, resume=True, million_steps=3e-4))
+    begun: list[torch.Tensor] = []
+    train = again._train
+
+    def watch(iterations: int) -> None:
+        envs = again.env.unwrapped
+        begun.append(torch.stack([envs.state.episode, envs.state.elapsed]).clone())
+        train(iterations)
+
+    monkeypatch.setattr(again, "_train", watch)
+    again.go()
+    assert begun[0].tolist() == [(saved["episode"] + 1).tolist(), saved["elapsed"].tolist()]
+    assert (begun[1][0] > begun[0][0]).all()
+    lines = (out / "log.jsonl").read_text()
+    assert lines.startswith("".join(first.splitlines(keepends=True)[:2]))
+    told = [json.loads(line, parse_constant=pytest.fail) for line in lines.splitlines()]
+    assert [line["env_steps"] for line in told if line["kind"] == "train"] == [96, 192, 288, 384]
     judged = [line for line in told if line["kind"] == "eval"]
-    assert len(judged) == 2
+    assert len(judged) == 1
     assert {"valid", "unfiltered"} <= set(judged[0])
     assert judged[0]["valid"]["unfinished"] == 0
-    uniform = train_rsl_rl.Run(train_rsl_rl.Options(**arguments, uniform=True, device="cpu"))
-    assert not any(any(causes.values()) for causes in uniform.env.unwrapped.randomizer.rejection_counts().values())
     table = curves.table(curves.read(tmp_path))
-    assert "| fresh | 1 | 0 M | 0.0% | 0.0% | not all |" in table
+    assert "| fresh | 1 | 0 M | 0.0% | 0.0% | - |" in table
+
+
+def test_a_run_does_not_go_on_from_another_one(tmp_path: Path):
+    """The first option that differs is named; how long it runs may be another."""
+    options = train_rsl_rl.Options("TabletopReach-v0", out=tmp_path, bank=16)
+    told = {"options": asdict(options), "settings": asdict(train_rsl_rl.SETTINGS["TabletopReach-v0"])}
+    (tmp_path / "config.json").write_text(train_rsl_rl.as_json(told))
+    (tmp_path / "model.pt").touch()
+    with pytest.raises(SystemExit, match=r"options\.bank = 16, not 256"):
+        train_rsl_rl.Run(replace(options, resume=True, minutes=9.0, bank=256))
+
+
+def test_a_task_without_settings_is_not_trained():
+    """The error names those that have some."""
+    with pytest.raises(SystemExit, match=r"'KitchenReset-v0' with, only for TabletopReach-v0, TabletopLift-v0"):
+        train_rsl_rl.Run(train_rsl_rl.Options("KitchenReset-v0"))
+
+
+def test_what_is_written_is_strict_json():
+    """Numbers that JSON does not have are null."""
+    text = train_rsl_rl.as_json({"a": [float("nan"), 1.5], "b": {"c": float("inf"), "d": (1, Path("x/y"))}, "e": None})
+    assert json.loads(text, parse_constant=pytest.fail) == {
+        "a": [None, 1.5],
+        "b": {"c": None, "d": [1, "x/y"]},
+        "e": None,
+    }
+
+
+def test_placement_without_checks_rejects_nothing():
+    """Neither for collisions nor for reach."""
+    plain = build_world(train_rsl_rl.scene_of("TabletopReach-v0", reachable=False), "cpu", bank_size=8)
+    generator = layout_sources.uniform()(plain, 64)
+    generator.generate()
+    assert not any(any(causes.values()) for causes in generator.rejection_counts().values())
+
+
+def test_table_and_picture_are_made_of_the_seeds_that_are_there(tmp_path: Path):
+    """Runs that were not judged are left out, and a time to success says of how many seeds it speaks."""
+    for name, success in {"reach_0": 0.96, "reach_2": 0.5, "fresh_1": 0.25, "bank_16_0": None}.items():
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / "config.json").write_text(json.dumps({"options": {"task": "TabletopReach-v0"}}))
+        shares = {kind: {"success": success} for kind in ("valid", "unfiltered")}
+        line = {"kind": "train" if success is None else "eval", "seconds": 9.0, "env_steps": 3_000_000, **shares}
+        (folder / "log.jsonl").write_text(json.dumps(line) + "\n")
+    kinds = curves.read(tmp_path)
+    _, _, *rows = curves.table(kinds).splitlines()
+    assert rows == [
+        "| reach | 2 | 3 M | 73.0% (50.0% to 96.0%) | 73.0% (50.0% to 96.0%) | 9 s, 1 of 2 seeds |",
+        "| fresh | 1 | 3 M | 25.0% | 25.0% | - |",
+    ]
+    curves.draw(kinds, tmp_path / "all.png")
+    curves.draw({}, tmp_path / "none.png")
+    assert (tmp_path / "all.png").stat().st_size > (tmp_path / "none.png").stat().st_size > 0
 
 
 @pytest.mark.slow
@@ -122,5 +237,10 @@ def test_the_cost_of_resets_is_measured_on_equal_terms(tmp_path: Path, monkeypat
     states = [envs.batch.data.qpos.numpy() for envs in (fresh, replayed, fixed)]
     np.testing.assert_array_equal(states[0], states[1])
     assert (states[0] != states[2]).any()
-    answer = json.loads((tmp_path / "cost.json").read_text())
-    assert set(answer["ratio_median"]) == {"fresh / replayed", "fresh / fixed"}
+    told = (tmp_path / "cost.json").read_text()
+    assert set(json.loads(told)["ratio_median"]) == {"fresh / replayed", "fresh / fixed"}
+    turns = len(kept)
+    reset_cost.main(reset_cost.Options(num_envs=4, rounds=1, episode=10, out=tmp_path / "cost.json", device="cpu"))
+    assert (len(kept), (tmp_path / "cost.json").read_text()) == (turns, told), "a file with the answer is left alone"
+    with pytest.raises(SystemExit, match="other options"):
+        reset_cost.main(reset_cost.Options(num_envs=8, rounds=1, episode=10, out=tmp_path / "cost.json", device="cpu"))

@@ -16,7 +16,9 @@ from sceniris_gym.layout.layouts import Status
 from sceniris_gym.scene.config import SceneConfig
 from sceniris_gym.scene.device import Cause, Program, fill_struct
 from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.program import UPRIGHT
 from sceniris_gym.scene.reach_device import Reach
+from sceniris_gym.scene.values import ROBOT
 from sceniris_gym.scene.world import World, load_world
 
 # The probe makes layouts in rounds until the bank is full or this many rounds are over.
@@ -104,4 +106,17 @@ def _infeasible(world: World, probe: LayoutGenerator) -> InfeasibleSceneError:
     late = {name: {c: n for c, n in causes.items() if c in _LATE} for name, causes in counts.items()}
     tried = [(name, causes) for found in (counts, late) for name, causes in found.items() if any(causes.values())]
     name, causes = tried[-1]
-    return InfeasibleSceneError(world.config.where, name, max(causes, key=causes.__getitem__), counts)
+    cause = max(causes, key=causes.__getitem__)
+    leaning = _leaning_support(world, probe, name) if cause == Cause.EMPTY.name.lower() else None
+    return InfeasibleSceneError(world.config.where, name, cause, counts, leaning)
+
+
+def _leaning_support(world: World, probe: LayoutGenerator, name: str) -> str | None:
+    """What carries an object, if that leans in most worlds as they were left."""
+    ground = next(o.ground for o in world.plan.objects if o.name == name)
+    support = None if name == ROBOT else world.config.objects[name].support
+    if ground is None or support is None:
+        return None
+    x, y = probe.layouts.view.body_quat.numpy()[:, ground, 1:3].T
+    leans = 1.0 - 2.0 * (x * x + y * y) < UPRIGHT  # the z component of the body's z axis
+    return support.parent if leans.mean() > 0.5 else None

@@ -97,14 +97,18 @@ class Layouts:
         device = world.device
         mjm = world.mjm
         nmocap = max(mjm.nmocap, 1)
+        mocap_pos, mocap_quat = np.zeros((nmocap, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (nmocap, 1))
+        mocap = np.flatnonzero(mjm.body_mocapid >= 0)
+        mocap_pos[mjm.body_mocapid[mocap]] = mjm.body_pos[mocap]  # where those stay that are never placed
+        mocap_quat[mjm.body_mocapid[mocap]] = mjm.body_quat[mocap]
         nslot = len(world.home_place)
         view = LayoutsView()
         with wp.ScopedDevice(device):
             view.seed = wp.zeros(nworld, dtype=wp.uint64)
             view.episode = wp.full(nworld, -1, dtype=int)
             view.qpos = wp.array(np.tile(world.home_qpos, (nworld, 1)), dtype=float, shape=(nworld, mjm.nq))
-            view.mocap_pos = wp.zeros((nworld, nmocap), dtype=wp.vec3)
-            view.mocap_quat = wp.full((nworld, nmocap), wp.quat(1.0, 0.0, 0.0, 0.0), dtype=wp.quat)
+            view.mocap_pos = wp.array(np.tile(mocap_pos, (nworld, 1, 1)), dtype=wp.vec3)
+            view.mocap_quat = wp.array(np.tile(mocap_quat, (nworld, 1, 1)), dtype=wp.quat)
             view.status = wp.zeros(nworld, dtype=int)
             view.attempts = wp.zeros(nworld, dtype=int)
             view.first_pass_valid = wp.zeros(nworld, dtype=int)

@@ -1,8 +1,8 @@
 """How an object is turned: yaw, stable poses, all of SO(3), or facing another object.
 
 Every orientation is split in two: one of heading 0, which decides the pivot, the bounds and the lowest point, and a
-yaw about the vertical. The heading of an object is the direction of its x axis as authored, seen from above; where that
-axis points straight up or down it is that of its y axis less a right angle.
+yaw about the vertical. The heading of an object is the direction of its root's x axis, seen from above; where that axis
+points straight up or down it is that of its y axis less a right angle.
 """
 
 import math
@@ -36,9 +36,9 @@ class Turn:
 
 
 @wp.func
-def heading_of(quat: wp.vec4, authored: wp.vec4) -> float:
-    """The heading [rad] of a root with orientation `quat` whose orientation as authored is `authored`."""
-    mat = quat_mat(mul_quat(quat, wp.vec4(authored[0], -authored[1], -authored[2], -authored[3])))
+def heading_of(quat: wp.vec4) -> float:
+    """The heading [rad] of a root with orientation `quat`."""
+    mat = quat_mat(quat)
     if wp.abs(mat[0, 0]) + wp.abs(mat[1, 0]) < _UPRIGHT:
         return wp.atan2(-mat[0, 1], mat[1, 1])
     return wp.atan2(mat[1, 0], mat[0, 0])
@@ -69,7 +69,7 @@ def draw_turn(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> Turn:
     t.yaw = program.obj_yaw[obj][0] + u[0] * (program.obj_yaw[obj][1] - program.obj_yaw[obj][0])
     if program.obj_turn[obj] == _ANY:
         quat = _any_quat(w)
-        t.yaw = heading_of(quat, program.obj_quat[obj])
+        t.yaw = heading_of(quat)
         t.quat = mul_quat(quat_z(-t.yaw), quat)
     return t
 

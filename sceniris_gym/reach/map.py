@@ -8,13 +8,15 @@ distances, interpolated over the 16 corners, are positive. lookup.py has the coo
 
 from __future__ import annotations
 
+import math
 import time
 import zipfile
 import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 import warp as wp
@@ -37,6 +39,7 @@ MOST_TURN_ERROR = 0.005
 """A map with more verdicts than this share that hold only in some turns is `limited`."""
 
 _FORMAT = 1
+_UNREADABLE = (OSError, ValueError, TypeError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
 _ARRAYS = ("rows", "codes", "poles", "wit_cells", "wit_joints")
 _NUMBERS = ("step", "tilt_step", "z_low", "u_low", "nz", "ntilt", "nu", "pole_step", "pole_z_low", "turn_error", "seed")
 
@@ -58,7 +61,7 @@ class ReachMap:
         wit_cells: (address, number) of each coarse cell's witnesses, by (z, tilt, u, v), shape (..., 2), int32.
         wit_joints: joints of poses in the coarse cells, shape (nwitness, njoint), float16.
         turn_error: share of verdicts on reachable poses that are wrong because limits of base and wrist count in some
-            turns only.
+            turns only: the largest of the grid's and of both poles'.
         seed: of the starts from which the map was solved.
     """
 
@@ -112,21 +115,27 @@ class ReachMap:
         np.savez_compressed(file, format=np.array(_FORMAT), arm=np.array(self.arm.hash), **numbers, **arrays)
 
     @classmethod
-    def load(cls, path: Path, arm: Arm) -> ReachMap:
+    def load(cls, path: Path, arm: Arm, advice: str | None = None) -> ReachMap:
         """Read the map of an arm.
+
+        Args:
+            path: The file.
+            arm: The arm.
+            advice: The sentence with which errors end; by default how to build the map again, of an arm that has the
+                name of its base body.
 
         Raises:
             MapError: there is no such file, it is not a map or a damaged one, or it was built for another arm.
         """
-        again = f"Build it again: sceniris-gym reach {arm.name} --build -o {path}."
+        again = f"Build it again: sceniris-gym reach {arm.name} --build -o {path}." if advice is None else advice
         if not path.is_file():
             raise MapError(f"{path}: there is no such reachability map. {again}")
         try:
-            with np.load(path, allow_pickle=False) as stored:
-                held = {name: stored[name] for name in stored.files}
+            with path.open("rb") as file:
+                held = _members(file)
             version, made_for = int(held.pop("format")), str(held.pop("arm"))
             fields = {name: held[name] for name in _ARRAYS} | {name: held[name].item() for name in _NUMBERS}
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        except _UNREADABLE as error:
             raise MapError(f"{path}: not a reachability map, or a damaged one ({error}). {again}") from error
         if version != _FORMAT:
             raise MapError(f"{path}: a reachability map of format {version}, this version reads {_FORMAT}. {again}")
@@ -135,6 +144,9 @@ class ReachMap:
                 f"{path}: a reachability map of the arm {made_for}, but '{arm.name}' is {arm.hash}: its links, limits "
                 f"or TCP are others. {again}"
             )
+        wrong = next(_faults(fields, len(arm.joints)), None)
+        if wrong is not None:
+            raise MapError(f"{path}: a damaged reachability map: {wrong}. {again}")
         return cls(arm, **fields)
 
     def view(self, device: str | wp.Device | None = None) -> MapView:
@@ -211,10 +223,63 @@ def pack(codes: np.ndarray) -> np.ndarray:
     return np.bitwise_or.reduce(filled.reshape(-1, 8) << (4 * np.arange(8, dtype=np.uint32)), axis=1)
 
 
-def map_file(asset: str) -> Path | None:
-    """Find the map of an arm: shipped for an asset of that name, or beside an own MJCF; None if there is none."""
+def map_path(asset: str) -> Path:
+    """Where the map of an arm is looked for: with the assets for one of that name, or beside an own MJCF."""
     if asset.endswith(".xml"):
-        path = Path(asset).with_suffix(SUFFIX)
-    else:
-        path = Path(str(resources.files("sceniris_gym.assets"))) / "maps" / f"{asset}{SUFFIX}"
+        return Path(asset).with_suffix(SUFFIX)
+    return Path(str(resources.files("sceniris_gym.assets"))) / "maps" / f"{asset}{SUFFIX}"
+
+
+def map_file(asset: str) -> Path | None:
+    """Find the map of an arm; None if there is none."""
+    path = map_path(asset)
     return path if path.is_file() else None
+
+
+def build_command(asset: str) -> str:
+    """The command that builds the map of an arm, the name of an asset or an own MJCF, where it is looked for."""
+    return f"sceniris-gym reach {asset} --build -o {map_path(asset)}"
+
+
+def _members(file: BinaryIO) -> dict[str, Any]:
+    """All arrays of an archive."""
+    stored = np.load(file, allow_pickle=False)
+    if not isinstance(stored, np.lib.npyio.NpzFile):
+        raise ValueError("a single array")
+    return {name: stored[name] for name in stored.files}
+
+
+def _faults(fields: dict[str, Any], njoint: int) -> Iterator[str]:
+    """Say what in the fields of a file no map can have; look-ups on the device trust all of it."""
+    for name in ("nz", "ntilt", "nu", "seed"):
+        if type(fields[name]) is not int or (name != "seed" and fields[name] < 2):
+            yield f"{name} is {fields[name]!r}"
+    for name in ("step", "tilt_step", "pole_step", "z_low", "u_low", "pole_z_low", "turn_error"):
+        value = fields[name]
+        if type(value) is not float or not math.isfinite(value) or (name.endswith("step") and value <= 0.0):
+            yield f"{name} is {value!r}"
+    nz, ntilt, nu = fields["nz"], fields["ntilt"], fields["nu"]
+    shapes = {
+        "rows": (np.int32, (nz * nu, 3)),
+        "codes": (np.uint32, (None,)),
+        "poles": (np.uint8, (2, None, None)),
+        "wit_cells": (np.int32, (None, None, None, None, 2)),
+        "wit_joints": (np.float16, (None, njoint)),
+    }
+    for name, (dtype, shape) in shapes.items():
+        array = fields[name]
+        fits = len(array.shape) == len(shape) and all(b in (None, a) for a, b in zip(array.shape, shape, strict=True))
+        if array.dtype != dtype or not fits:
+            yield f"{name} holds {array.dtype} of shape {array.shape}"
+    rows, poles, cells, joints = (fields[name] for name in ("rows", "poles", "wit_cells", "wit_joints"))
+    adr, low, length = rows.astype(np.int64).T
+    if (rows < 0).any() or (low + length > nu).any() or (adr + ntilt * length > 8 * len(fields["codes"])).any():
+        yield "rows lead out of the codes"
+    if min(poles.shape) < 2 or (poles > 15).any():
+        yield "poles hold what is no code"
+    if 0 in cells.shape or cells.shape[2] != cells.shape[3]:
+        yield f"wit_cells holds {cells.dtype} of shape {cells.shape}"
+    if (cells < 0).any() or (cells.astype(np.int64).sum(axis=-1) > len(joints)).any():
+        yield "wit_cells lead out of wit_joints"
+    if not np.isfinite(joints).all():
+        yield "wit_joints are not all finite"

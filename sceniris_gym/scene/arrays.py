@@ -93,7 +93,6 @@ def _objects(scene: SceneModel, plan: Plan, c: Colliders, lanes: int) -> dict[st
         "obj_body": np.array([o.bodies[0] for o in objects], int),
         "obj_adr": np.array([_address(scene.mjm, o.bodies[0], o.kind) for o in objects], int),
         "obj_slot": np.array([plan.slots.index(o.name) for o in objects], int),
-        "obj_quat": np.reshape([o.quat for o in objects], (-1, 4)),
         "obj_turn": np.array([_TURNS[t.kind] if t is not None else TurnType.YAW for t in turns], int),
         "obj_target": np.array([plan.slots.index(t.target) if t is not None and t.target else 0 for t in turns], int),
         "obj_yaw": np.reshape([t.yaw if t is not None else (0.0, 0.0) for t in turns], (-1, 2)),

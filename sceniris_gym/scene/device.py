@@ -120,7 +120,6 @@ class Program:
     obj_body: wp.array(dtype=int)
     obj_adr: wp.array(dtype=int)  # of its qpos (free) or its mocap body (fixture, marker)
     obj_slot: wp.array(dtype=int)  # where relations and groups find it: its place in the scene file
-    obj_quat: wp.array(dtype=wp.vec4)  # of its root as authored
     obj_turn: wp.array(dtype=int)
     obj_target: wp.array(dtype=int)  # slot of what it faces
     obj_yaw: wp.array(dtype=wp.vec2)

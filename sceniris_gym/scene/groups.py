@@ -14,7 +14,11 @@ _Count = Annotated[int, Strict(), Field(ge=0)]
 
 def _both_ends(value: Any) -> Any:
     value = listed(value)
-    return (value, value) if isinstance(value, int) and not isinstance(value, bool) else value
+    if isinstance(value, list | tuple):
+        return value
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise wrong("should be a whole number of 0 or more, or [low, high]")
+    return value, value
 
 
 class GroupConfig(Part):

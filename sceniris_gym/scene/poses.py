@@ -87,12 +87,8 @@ class HomeShape:
         ]
         return np.concatenate(points)
 
-    def stable(self, authored: np.ndarray) -> list[Variant]:
-        """Stable poses on a plane by the quasi-static estimate of K. Goldberg et al., "Part pose statistics", 1999.
-
-        Args:
-            authored: Orientation of the root as authored, which headings are counted from.
-        """
+    def stable(self) -> list[Variant]:
+        """Stable poses on a plane by the quasi-static estimate of K. Goldberg et al., "Part pose statistics", 1999."""
         hull = trimesh.convex.convex_hull(self._points())
         transforms, probability = trimesh.poses.compute_stable_poses(
             hull, center_mass=self.center_of_mass, sigma=0.0, n_samples=1, threshold=0.0
@@ -101,20 +97,27 @@ class HomeShape:
         kept = kept[probability[kept] > _RARE * probability[kept[0]]]
         share = probability[kept] / probability[kept].sum()
         return [
-            self.variant(_of_heading_zero(transforms[i][:3, :3], authored), float(p))
-            for i, p in zip(kept, share, strict=True)
+            self.variant(of_heading_zero(transforms[i][:3, :3]), float(p)) for i, p in zip(kept, share, strict=True)
         ]
 
 
-def heading_of(mat: np.ndarray, authored: np.ndarray) -> float:
-    """Where the x axis as authored points, seen from above [rad], of a root with orientation `mat`, shape (3, 3).
+def heading_of(mat: np.ndarray) -> float:
+    """Where the x axis of a body with orientation `mat`, shape (3, 3), points, seen from above [rad].
 
     Where it points straight up or down, where the y axis points, less a right angle.
     """
-    turn = mat @ matrix(authored).T
-    if np.abs(turn[:2, 0]).sum() < _UPRIGHT:
-        return float(np.arctan2(-turn[0, 1], turn[1, 1]))
-    return float(np.arctan2(turn[1, 0], turn[0, 0]))
+    if np.abs(mat[:2, 0]).sum() < _UPRIGHT:
+        return float(np.arctan2(-mat[0, 1], mat[1, 1]))
+    return float(np.arctan2(mat[1, 0], mat[0, 0]))
+
+
+def of_heading_zero(mat: np.ndarray) -> np.ndarray:
+    """The orientation `mat`, shape (3, 3), turned about the vertical so that its heading is 0, as wxyz."""
+    back = -heading_of(mat)
+    turn = np.array([[np.cos(back), -np.sin(back), 0.0], [np.sin(back), np.cos(back), 0.0], [0.0, 0.0, 1.0]])
+    quat = np.empty(4)
+    mujoco.mju_mat2Quat(quat, (turn @ mat).ravel())
+    return quat
 
 
 def matrix(quat: np.ndarray) -> np.ndarray:
@@ -122,11 +125,3 @@ def matrix(quat: np.ndarray) -> np.ndarray:
     mat = np.empty(9)
     mujoco.mju_quat2Mat(mat, np.asarray(quat, float))
     return mat.reshape(3, 3)
-
-
-def _of_heading_zero(mat: np.ndarray, authored: np.ndarray) -> np.ndarray:
-    back = -heading_of(mat, authored)
-    turn = np.array([[np.cos(back), -np.sin(back), 0.0], [np.sin(back), np.cos(back), 0.0], [0.0, 0.0, 1.0]])
-    quat = np.empty(4)
-    mujoco.mju_mat2Quat(quat, (turn @ mat).ravel())
-    return quat

@@ -16,14 +16,14 @@ from sceniris_gym.scene.config import JointConfig, ObjectConfig
 from sceniris_gym.scene.device import ObjectKind, PieceType, Roof
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.pieces import Piece, extract_pieces
-from sceniris_gym.scene.poses import HomeShape, Variant, heading_of
+from sceniris_gym.scene.poses import HomeShape, Variant, heading_of, matrix, of_heading_zero
 from sceniris_gym.scene.supports import Surface
 from sceniris_gym.scene.values import FLOOR, ROBOT
 
 _KINDS = {"free": ObjectKind.FREE, "fixture": ObjectKind.FIXTURE, "marker": ObjectKind.MARKER}
 _ROOFS = {"in": Roof.EITHER, "on": Roof.OPEN, "inside": Roof.COVERED}
-# A support may lean by 0.1 degree: that is 0.1 mm under an object of 8 cm, a fifth of the default gap.
-_UPRIGHT = np.cos(np.radians(0.1))
+UPRIGHT = float(np.cos(np.radians(0.1)))
+"""Least z component of a support's z axis: 0.1 degree is 0.1 mm under an object of 8 cm, a fifth of the default gap."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,6 @@ class PlacedObject:
         kind: How its pose is written; STATIC for what only draws joint positions.
         bodies: Its bodies, the root first, parents before children.
         draws: What is drawn for its joints.
-        quat: Orientation of its root as authored, wxyz.
         footprint: What must lie on the support as a whole, with `ratio_on_support` 1: the hull of all pieces as one
             more piece; None for a single piece, or where joints are drawn, whose footprint is that of each piece.
         variants: Poses that its orientation is drawn from; empty for STATIC.
@@ -64,7 +63,6 @@ class PlacedObject:
     kind: ObjectKind
     bodies: list[int]
     draws: list[Draw]
-    quat: np.ndarray
     footprint: Piece | None
     variants: list[Variant]
     ground: int | None
@@ -82,7 +80,7 @@ class Plan:
         objects: In placement order.
         pieces: All obstacles, sorted by body, planes before what is solid.
         slots: Names as relations and groups find them: all objects as in the scene file, then the robot.
-        place: Where each of them stands at home: pivot [m] and heading [rad], shape (nslot, 4).
+        place: Where each of them stands at home: pivot [m] (of the robot its base) and heading [rad], shape (nslot, 4).
         bounds: Their bounds around the pivot [m] in that heading: low x, low y, high x, high y, shape (nslot, 4).
         home: MjData at the start pose.
     """
@@ -157,34 +155,30 @@ def _pieces(scene: SceneModel) -> list[Piece]:
 def _standing(scene: SceneModel, name: str, pieces: list[Piece], home: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
     """Where an object stands at home, as relations see it: (pivot, heading) and bounds."""
     root = scene.bodies[name]
-    authored = scene.mjm.body_quat[root].copy()
-    if name == ROBOT and scene.config.robot is not None:
-        back = -0.5 * np.radians(scene.config.robot.yaw)
-        mujoco.mju_mulQuat(authored, np.array([np.cos(back), 0.0, 0.0, np.sin(back)]), scene.mjm.body_quat[root])
-    heading = heading_of(home.xmat[root].reshape(3, 3), authored)
     shape = HomeShape(home, root, [p for p in pieces if p.body in scene.subtree(name) and p.type != PieceType.PLANE])
-    variant = shape.variant(authored)
-    pivot = home.xpos[root] + home.xmat[root].reshape(3, 3) @ variant.pivot
-    return np.array([*pivot, heading]), variant.bounds
+    mat = home.xmat[root].reshape(3, 3)
+    variant, heading = shape.variant(of_heading_zero(mat)), heading_of(mat)
+    if name == ROBOT:  # is where its base is, wherever its arm reaches
+        to_middle = (matrix(variant.quat) @ variant.pivot)[:2]
+        return np.array([*home.xpos[root], heading]), variant.bounds + np.tile(to_middle, 2)
+    return np.array([*home.xpos[root] + mat @ variant.pivot, heading]), variant.bounds
 
 
 def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujoco.MjData) -> PlacedObject:
     config = None if name == ROBOT else scene.config.objects[name]
     bodies = scene.subtree(name)
-    quat = scene.mjm.body_quat[bodies[0]].copy()
+    quat = of_heading_zero(matrix(scene.mjm.body_quat[bodies[0]]))
     stream = 0 if config is None else 1 + list(scene.config.objects).index(name)
     draws = _draws(scene, name)
     if config is None or not config.is_placed:
-        return PlacedObject(
-            name, stream, ObjectKind.STATIC, bodies, draws, quat, None, [], None, False, [], 0.0, config
-        )
+        return PlacedObject(name, stream, ObjectKind.STATIC, bodies, draws, None, [], None, False, [], 0.0, config)
     own = [p for p in pieces if p.body in bodies]
     if any(p.type == PieceType.PLANE for p in own):
         raise NotSupportedError(
             f"{scene.config.where}: objects.{name}: a plane is endless and cannot be part of what is placed. Use a box."
         )
     shape = HomeShape(home, bodies[0], own)
-    variants = shape.stable(quat) if config.turn.kind == "stable" and own else [shape.variant(quat)]
+    variants = shape.stable() if config.turn.kind == "stable" and own else [shape.variant(quat)]
     moves = any(d.choice or not d.low == d.high == home.qpos[d.qposadr] for d in draws)
     varies = config.ratio_on_support > 0.0 and bool(own) and (moves or config.turn.kind == "any")
     rigid = HomeShape(home, bodies[0], [p for p in own if p.body == bodies[0]]) if varies else shape
@@ -199,7 +193,6 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
         kind=_KINDS[config.kind],
         bodies=bodies,
         draws=draws,
-        quat=quat,
         footprint=shape.hull(bodies[0]) if len(own) > 1 and not draws and config.ratio_on_support == 1.0 else None,
         variants=variants,
         ground=ground,
@@ -262,7 +255,7 @@ def _surfaces(
 
 def _check_upright(parent: str, up: float, where: str) -> None:
     """Surfaces are level in their body's frame, so that frame must stand upright at home."""
-    if up < _UPRIGHT:
+    if up < UPRIGHT:
         lean = np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
         raise NotSupportedError(
             f"{where}: the z axis of '{parent}' leans by {lean:.3g} degrees at home, and things are placed on level "
@@ -285,6 +278,6 @@ def _tilts(scene: SceneModel, config: ObjectConfig, ground: int) -> bool:
     return any(
         mjm.jnt_bodyid[j] in chain
         and mjm.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE
-        and abs(mjm.jnt_axis[j][2]) < _UPRIGHT
+        and abs(mjm.jnt_axis[j][2]) < UPRIGHT
         for j in drawn
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -13,7 +12,7 @@ import warp as wp
 from sceniris_gym.errors import ArmError, MapError, ReachWarning, UnknownNameError
 from sceniris_gym.reach.arm import MAX_JOINTS, TCP, Arm
 from sceniris_gym.reach.lookup import MapView, Verdict
-from sceniris_gym.reach.map import SUFFIX, ReachMap, map_file
+from sceniris_gym.reach.map import ReachMap, build_command, map_file
 from sceniris_gym.reach.solve import arm_view
 from sceniris_gym.scene.compose import asset_name
 from sceniris_gym.scene.device import fill_struct
@@ -144,7 +143,7 @@ def _load_map(arm: Arm, asset: str, where: str) -> ReachMap | None:
     if path is None:
         return None
     try:
-        return ReachMap.load(path, arm)
+        return ReachMap.load(path, arm, f"Build it again: {build_command(asset)}.")
     except MapError as error:
         raise MapError(f"{where}: robot.asset: {error}") from None
 
@@ -157,12 +156,9 @@ def _tiers(scene: SceneModel, names: list[str], arm: Arm, reach_map: ReachMap | 
     by_map = [name for name, word in words.items() if word is True or _TIERS[str(word)] < Tier.IK]
     why = _why_not_map(arm, reach_map)
     if by_map and why is None and reach_map is None:
-        command = f"sceniris-gym reach {robot.asset} --build"
-        if robot.asset.endswith(".xml"):
-            command += f" -o {Path(robot.asset).with_suffix(SUFFIX)}"
         raise MapError(
             f"{where}: objects.{by_map[0]}.reachable: there is no map of the arm '{robot.asset}'. Build it with "
-            f"'{command}', or ask for 'ik', which needs none."
+            f"'{build_command(robot.asset)}', or ask for 'ik', which needs none."
         )
     asked = [f"objects.{name}.reachable" for name in by_map if words[name] is not True]
     if why is not None and asked:

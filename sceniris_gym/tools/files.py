@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from sceniris_gym.errors import OutputError
+from sceniris_gym.errors import NotSupportedError, OutputError
 
 
 @contextmanager
@@ -40,6 +40,18 @@ def check_writable(path: Path) -> None:
         raise OutputError(str(path), "it is a folder")
     folder = next(folder for folder in path.parents if folder.exists())
     _temporary(folder / path.name).unlink()
+
+
+def check_picture(path: Path) -> None:
+    """Make sure that `path` can be written, and is that of a PNG.
+
+    Raises:
+        NotSupportedError: it has another suffix
+        OutputError: it cannot
+    """
+    if path.suffix.lower() != ".png":
+        raise NotSupportedError(f"{path}: pictures are written as PNG. Give a path that ends with .png.")
+    check_writable(path)
 
 
 def _temporary(path: Path) -> Path:

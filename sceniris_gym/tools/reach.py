@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
@@ -11,17 +12,25 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 
-from sceniris_gym.errors import MapError, NotSupportedError, PosesError, SceneKeyError, UnknownNameError
+from sceniris_gym.errors import (
+    ArmError,
+    MapError,
+    NotSupportedError,
+    PosesError,
+    ReachWarning,
+    SceneKeyError,
+    UnknownNameError,
+)
 from sceniris_gym.layout.build import build_world, device_name
 from sceniris_gym.reach.arm import TCP, Arm
 from sceniris_gym.reach.build import TILT_STEP, build_map
 from sceniris_gym.reach.lookup import Verdict
-from sceniris_gym.reach.map import SUFFIX, ReachMap, map_file
+from sceniris_gym.reach.map import SUFFIX, ReachMap, build_command, map_file, map_path
 from sceniris_gym.reach.solve import solve
 from sceniris_gym.scene.compose import compile_spec, load_mjcf
 from sceniris_gym.scene.config import SceneConfig
 from sceniris_gym.scene.files import SHIPPED_NAME, shipped
-from sceniris_gym.tools.files import check_writable, replacing
+from sceniris_gym.tools.files import check_picture, check_writable, replacing
 from sceniris_gym.tools.narrowing import narrow
 from sceniris_gym.tools.reach_picture import draw
 from sceniris_gym.tools.render import save
@@ -38,12 +47,15 @@ def find_arm(name: str) -> tuple[mujoco.MjModel, Arm]:
     Raises:
         UnknownNameError: there is no such asset, or it has no site 'tcp'.
         SceneFileError: the file is missing, or is no MJCF.
-        ArmError: it is not a serial arm.
+        ArmError: it is not a serial arm, or the file has no body with a name.
     """
     assets = shipped("assets", ".xml")
     if SHIPPED_NAME.fullmatch(name) and name not in assets:
         raise UnknownNameError("arm", name, "reach", _shipped_arms())
     mjm = compile_spec(load_mjcf(assets.get(name, Path(name)), "reach"), "reach")
+    if mjm.nbody < 2 or not mjm.body(1).name:
+        has = "no body" if mjm.nbody < 2 else "a first body without a name"
+        raise ArmError(f"reach: '{name}' has {has}. Give it a named body that the arm stands on, first in <worldbody>.")
     return mjm, Arm.from_model(mjm, mjm.body(1).name, TCP)
 
 
@@ -75,7 +87,14 @@ def build(
         built.save(temporary)
     state.unlink(missing_ok=True)
     figures = {"seconds": round(time.perf_counter() - start, 1), "file": str(out), "file_bytes": out.stat().st_size}
+    if out.resolve() != map_path(name).resolve():
+        figures["used_with"] = f"--map {out}"
     return describe(arm, built) | figures
+
+
+def default_map(name: str) -> Path:
+    """Where a map goes if no place is named: beside an own MJCF; a shipped arm's not over the installed one."""
+    return map_path(name) if name.endswith(".xml") else Path(f"{name}{SUFFIX}")
 
 
 def judge(
@@ -91,6 +110,8 @@ def judge(
     needed = path is not None or tier in _LEAST
     reach_map = find_map(name, arm, path) if needed or _has_map(name, arm) else None
     used = tier or default_tier(reach_map)
+    if tier in _LEAST and reach_map is not None and reach_map.limited:
+        warnings.warn(f"reach {name} --tier {tier}: {why_ik(name, arm, reach_map)}.", ReachWarning, stacklevel=2)
     verdicts = judge_poses(mjm, arm, reach_map, asked, used, device_name(device, "reach"))
     with replacing(out) as temporary, temporary.open("wb") as file:
         np.save(file, verdicts)
@@ -100,12 +121,19 @@ def judge(
 
 
 def show(name: str, path: Path | None, out: Path, height: float, device: str | None = None) -> dict[str, Any]:
-    """Describe an arm and its map, and draw the map. An arm that can have none is described without a picture."""
+    """Describe an arm and its map, and draw the map. An arm that can have none is described without a picture.
+
+    Raises:
+        MapError: there is no such map, or `height` is above or below it.
+    """
     _, arm = find_arm(name)
     if path is None and not _has_map(name, arm):
         return describe(arm, None) | {"why_ik": why_ik(name, arm, None)}
-    check_writable(out)
+    check_picture(out)
     reach_map = find_map(name, arm, path)
+    low, high = reach_map.z_low, reach_map.z_low + reach_map.step * (reach_map.nz - 1)
+    if not low <= height <= high:  # NaN, too
+        raise MapError(f"reach {name} --height {height:g}: its map is from {low:.2f} to {high:.2f} m.")
     save(draw(reach_map, height, device_name(device, "reach")), out)
     why = why_ik(name, arm, reach_map)
     return describe(arm, reach_map) | ({} if why is None else {"why_ik": why}) | {"picture": str(out)}
@@ -119,10 +147,10 @@ def narrowed(
     Raises:
         SceneKeyError: the scene has another robot or none, or nothing in it is to be reachable.
     """
-    if config.robot is None or config.robot.asset != name:
+    if config.robot is None or not _same(name, config.robot.asset):
         has = "no robot" if config.robot is None else f"the robot '{config.robot.asset}'"
         raise SceneKeyError(f"reach {name} --scene {config.where}: this scene has {has}. Name a scene with '{name}'.")
-    check_writable(out)
+    check_picture(out)
     world = build_world(config, device)
     if world.reaching is None:
         raise SceneKeyError(
@@ -132,16 +160,21 @@ def narrowed(
     return narrow(world, layouts, seed, out)
 
 
+def _same(name: str, asset: str) -> bool:
+    """Do both name the same shipped arm, or the same file?"""
+    return name == asset or (name.endswith(".xml") and Path(name).resolve() == Path(asset).resolve())
+
+
 def why_ik(name: str, arm: Arm, reach_map: ReachMap | None) -> str | None:
     """Why an arm's poses are solved one by one when no tier is named; None if its map is used."""
     if arm.no_map is not None:
         return arm.no_map
     if reach_map is None:
-        return f"there is no map of it yet: sceniris-gym reach {name} --build -o {own_map(name)}"
+        return f"there is no map of it yet: {build_command(name)}"
     if reach_map.limited:
         return (
-            f"{reach_map.turn_error:.1%} of its map's verdicts are wrong, as they depend on turns of base and wrist "
-            "that a map does not know"
+            "what it reaches depends on turns of base and wrist that a map does not know: of poses that it reaches, "
+            f"all together or straight up or down, its map is wrong about {reach_map.turn_error:.1%}"
         )
     return None
 
@@ -158,15 +191,15 @@ def find_map(name: str, arm: Arm, path: Path | None) -> ReachMap:
     """
     if arm.no_map is not None:
         raise MapError(f"reach: {name} can have no map: {arm.no_map}. Use --tier ik.")
-    path = map_file(name) if path is None else path
-    if path is None:
+    own = map_file(name)
+    if path is not None:
+        another = (
+            f"Build one: {build_command(name)}." if own is None else "Leave out --map: this arm has one of its own."
+        )
+        return ReachMap.load(path, arm, another)
+    if own is None:
         raise MapError(f"reach: {name}: {why_ik(name, arm, None)}.")
-    return ReachMap.load(path, arm)
-
-
-def own_map(name: str) -> Path:
-    """Where the map of an arm's own MJCF is looked for; a shipped arm's is installed with the package."""
-    return Path(name).with_suffix(SUFFIX)
+    return ReachMap.load(own, arm, f"Build it again: {build_command(name)}.")
 
 
 def describe(arm: Arm, reach_map: ReachMap | None) -> dict[str, Any]:
@@ -222,6 +255,7 @@ def read_poses(path: Path) -> np.ndarray:
     with np.errstate(invalid="ignore"):  # NaN compares as false
         rigid = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) < 1e-3
         rigid &= (np.linalg.det(turns) > 0.0) & (np.abs(poses[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-6)
+    rigid &= np.isfinite(poses[:, :3, 3]).all(axis=1)
     if not rigid.all():
         raise PosesError(f"--poses {path}: pose {np.argmin(rigid)} is not a rotation and a position. It {form}.")
     return poses
@@ -243,7 +277,7 @@ def judge_poses(
     if tier == "ik":
         return _solvable(mjm, arm, poses, device)
     if reach_map is None:
-        raise MapError(f"reach --tier {tier}: {arm.name} has no map. Use --tier ik, or build the map with --build.")
+        raise MapError(f"reach --tier {tier}: '{arm.name}' has no map. Use --tier ik, or build the map with --build.")
     return reach_map.verdict(poses, device) >= _LEAST[tier]
 
 

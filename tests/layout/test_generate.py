@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 import warp as wp
@@ -418,6 +419,21 @@ def test_the_pivot_is_the_bottom_centre_of_the_bounds(tmp_path: Path):
     np.testing.assert_allclose(centres[:, 2], 0.02 + 0.0005, atol=2e-6)  # lying: its y half extent is up
 
 
+def test_a_fixture_that_is_not_placed_stays_where_its_model_has_it(tmp_path: Path):
+    """A mocap body of a model, and one that no object is made of: in every layout they are where they were drawn."""
+    box = '<geom type="box" size=".1 .1 .1"/>'
+    bodies = f'<body name="post" pos=".3 -.2 .11" euler="0 0 30">{box}</body>'
+    bodies += f'<body name="lamp" mocap="true" pos="0 .4 1" euler="90 0 0">{box}</body>'
+    (tmp_path / "room.xml").write_text(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+    objects = {"post": {"kind": "fixture"}, "apple": {"asset": "apple", "on": "floor"}}
+    world, rows = _one({"model": str(tmp_path / "room.xml"), "floor": FLOOR, "objects": objects})
+    for data in posed(world, rows):
+        for name, at in (("post", [0.3, -0.2, 0.11]), ("lamp", [0.0, 0.4, 1.0])):
+            np.testing.assert_allclose(data.body(name).xpos, at, atol=1e-6)
+        np.testing.assert_allclose(data.body("post").xmat[[0, 3]], [np.sqrt(0.75), 0.5], atol=1e-6)
+        np.testing.assert_allclose(data.body("lamp").xmat[7], 1.0, atol=1e-6)
+
+
 def _yaw(quat: np.ndarray) -> np.ndarray:
     """Yaw [rad] of upright wxyz quaternions, shape (n, 4)."""
     return 2 * np.arctan2(quat[:, 3], quat[:, 0])
@@ -447,18 +463,21 @@ def test_the_yaw_is_drawn_about_the_heading_of_the_support(tmp_path: Path, words
 
 
 def test_orientations_keep_the_tilt_that_the_asset_has(tmp_path: Path):
-    """A fixed orientation is that of the model; a free yaw turns it about the vertical alone."""
+    """Whatever the yaw, it turns about the vertical alone; the yaw of a fixed one is 0, that of its own x axis."""
     (tmp_path / "tilted.xml").write_text("""<mujoco><worldbody><body name="tilted" euler="35 0 20">
       <geom type="box" size=".05 .02 .03"/></body></worldbody></mujoco>""")
     words = {"asset": str(tmp_path / "tilted.xml"), "on": "floor", "clearance": 0.0}
     objects = {"a": {**words, "orientation": "fixed"}, "b": words}
     world, rows = _one({"floor": {"size": [2, 2]}, "objects": objects})
     solids = Solids(world.mjm, "physics")
-    up = world.mjm.body_quat[world.mjm.body("a").id]
-    np.testing.assert_allclose(np.abs(rows.qpos[:, 3:7] @ up), 1.0, atol=1e-6)
+    up = np.empty(9)
+    mujoco.mju_quat2Mat(up, world.mjm.body_quat[world.mjm.body("a").id])
     for data in posed(world, rows):
         # the world's vertical in the body's frame does not depend on the yaw
-        np.testing.assert_allclose(data.xmat[1].reshape(3, 3)[2], data.xmat[2].reshape(3, 3)[2], atol=1e-6)
+        for name in objects:
+            np.testing.assert_allclose(data.body(name).xmat[6:], up[6:], atol=1e-6)
+        assert data.body("a").xmat[0] > 0.9
+        np.testing.assert_allclose(data.body("a").xmat[3], 0.0, atol=1e-6)
         np.testing.assert_allclose(solids.lowest(data, solids.geoms("b")), 0.0005, atol=2e-6)
 
 

@@ -1,18 +1,22 @@
 """Building maps: an arm that reaches a region known without inverse kinematics."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
 from sceniris_gym.errors import ArmError, MapError
 from sceniris_gym.reach import checkpoint
 from sceniris_gym.reach.arm import Arm
-from sceniris_gym.reach.build import build_map, reach_ball
+from sceniris_gym.reach.build import build_map, reach_ball, turn_error
 from sceniris_gym.reach.lookup import Verdict
 from sceniris_gym.reach.map import ReachMap
-from tests.reach.arms import hinge, link, model, site, tcp_poses
+from tests.reach.arms import ASSETS, hinge, link, model, site, tcp_poses
 from tests.reach.shapes import gantry, gantry_depths, gantry_reaches, poses, turn
 
 STEP, TILT_STEP = 0.16, math.radians(22.5)
@@ -82,6 +86,35 @@ def test_limits_of_base_and_wrist_are_counted():
     assert (verdict[ways == 1] == Verdict.MIXED_YES).mean() > 0.85
     assert not (verdict == Verdict.YES).any()
     assert (verdict[never] <= Verdict.MIXED_NO).mean() > 0.95
+
+
+def test_what_turns_decide_straight_down_counts_alone():
+    """Of a pole's table each ring counts by its radius; a grid whose corners are sure does not hide it."""
+
+    def surface(level: list[list[int]], *more: int) -> Any:
+        made = np.array(level, np.uint8)
+        lattice = SimpleNamespace(shape=(*made.shape, *more))
+        return SimpleNamespace(level=made.ravel(), lattice=lattice)
+
+    assert turn_error(surface([[255, 255], [0, 255]], 1, 1)) == 0.0
+    assert turn_error(surface([[204, 255], [0, 51]], 1, 1)) == pytest.approx(0.4 / 2.0)
+    assert turn_error(surface([[51, 255, 204]])) == pytest.approx(2 * 0.2 / (1.0 + 2 * 0.8))
+    assert turn_error(surface([[0, 0, 0]])) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "degrees", "limited"),
+    [("heron", (150.0, 160.0), True), ("heron", (158.0, 165.0), True), ("panda", None, False)],
+)
+def test_an_arm_is_limited_by_what_it_reaches_from_above(name: str, degrees: tuple[float, float] | None, limited: bool):
+    """Heron's verdicts on poses straight down depend on turns, also with more of them; a Panda finds another way."""
+    arm = Arm.from_model(mujoco.MjModel.from_xml_path(str(ASSETS / f"{name}.xml")), name)
+    if degrees is not None:
+        lower, upper = arm.lower.copy(), arm.upper.copy()
+        upper[[0, -1]] = np.radians(degrees)
+        lower[[0, -1]] = -upper[[0, -1]]
+        arm = replace(arm, lower=lower, upper=upper)
+    assert build_map(arm, "cpu", step=0.2, tilt_step=math.radians(45)).limited is limited
 
 
 def test_a_build_that_was_stopped_goes_on(built: ReachMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

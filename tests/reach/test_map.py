@@ -1,6 +1,8 @@
 """Map files, and what is kept of corners."""
 
+import gc
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -78,6 +80,78 @@ def test_a_damaged_file_is_refused(shell: ReachMap, arm: Arm, tmp_path: Path):
     np.savez(path.with_suffix(".npz"), other=np.zeros(3))
     with pytest.raises(MapError, match="not a reachability map"):
         ReachMap.load(path.with_suffix(".npz"), arm)
+
+
+def test_an_array_is_no_map(arm: Arm, tmp_path: Path):
+    """A .npy file, as that of poses is, is not taken for an archive."""
+    np.save(tmp_path / "poses.npy", np.zeros((3, 4, 4)))
+    with pytest.raises(MapError, match=r"not a reachability map, or a damaged one \(a single array\)"):
+        ReachMap.load(tmp_path / "poses.npy", arm)
+
+
+def test_the_advice_is_what_the_caller_says(arm: Arm, tmp_path: Path):
+    """Who asks knows which command is right."""
+    with pytest.raises(MapError, match=r"no such reachability map\. Do this\.$"):
+        ReachMap.load(tmp_path / "none.reach", arm, "Do this.")
+
+
+_FAULTS: dict[str, tuple[str, Callable[[np.ndarray], np.ndarray]]] = {
+    "rows too few": ("rows", lambda a: a[:-1]),
+    "rows of floats": ("rows", lambda a: a.astype(float)),
+    "rows beyond the codes": ("rows", lambda a: a + np.array([1 << 20, 0, 0], np.int32)),
+    "rows below zero": ("rows", lambda a: a - np.array([0, 1, 0], np.int32)),
+    "rows too long": ("rows", lambda a: a + np.array([0, 1 << 20, 0], np.int32)),
+    "codes too few": ("codes", lambda a: a[:-2]),
+    "codes of another type": ("codes", lambda a: a.astype(np.int64)),
+    "codes in two dimensions": ("codes", lambda a: a[None]),
+    "one pole": ("poles", lambda a: a[:1]),
+    "poles without corners": ("poles", lambda a: a[:, :1]),
+    "codes of poles": ("poles", lambda a: a + np.uint8(200)),
+    "witnesses of another arm": ("wit_joints", lambda a: a[:, :-1]),
+    "witnesses without numbers": ("wit_joints", lambda a: np.full_like(a, np.nan)),
+    "too few witnesses": ("wit_joints", lambda a: a[:-1]),
+    "cells of witnesses below zero": ("wit_cells", lambda a: a - np.int32(1)),
+    "cells of witnesses that are not square": ("wit_cells", lambda a: a[:, :, :-1]),
+    "no step": ("step", np.zeros_like),
+    "no number as a step": ("tilt_step", lambda a: np.full_like(a, np.nan)),
+    "a word as a step": ("pole_step", lambda a: np.array("wide")),
+    "more corners than rows": ("nz", lambda a: a + 1),
+    "half a corner": ("nu", lambda a: a + 0.5),
+    "one corner": ("ntilt", np.ones_like),
+}
+
+
+@pytest.mark.parametrize("fault", _FAULTS)
+def test_a_map_that_would_lead_look_ups_astray_is_refused(shell: ReachMap, arm: Arm, tmp_path: Path, fault: str):
+    """A whole archive with the arm's hash, of which one field has another type, shape or range."""
+    path, (name, change) = tmp_path / "a.reach", _FAULTS[fault]
+    shell.save(path)
+    with np.load(path) as stored:
+        fields = {name: stored[name] for name in stored.files}
+    with path.open("wb") as file:
+        np.savez(file, allow_pickle=False, **(fields | {name: change(fields[name])}))
+    with pytest.raises(MapError, match="a damaged reachability map"):
+        ReachMap.load(path, arm)
+
+
+def test_a_damaged_file_is_closed(shell: ReachMap, arm: Arm, tmp_path: Path, recwarn: pytest.WarningsRecorder):
+    """No handle stays open behind the error."""
+    path = tmp_path / "a.reach"
+    shell.save(path)
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(MapError):
+        ReachMap.load(path, arm)
+    gc.collect()
+    assert not [w for w in recwarn if issubclass(w.category, ResourceWarning)]
+
+
+def test_a_pose_without_numbers_is_not_reached(shell: ReachMap):
+    """NaN and infinite positions and axes are looked up as out of reach."""
+    made = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (5, 1, 1))
+    made[:4, :3, :3] = poses(np.zeros((1, 3)), np.array([[0.6, 0.0, 0.8]]), np.zeros(1))[0, :3, :3]
+    made[0, 0, 3], made[1, 2, 3], made[2, 1, 3], made[4, 2, 3] = np.nan, np.nan, np.inf, np.nan
+    made[3, :3, 2] = np.nan
+    assert shell.verdict(made, "cpu").tolist() == [0] * 5
 
 
 def test_a_file_of_another_format_is_refused(shell: ReachMap, arm: Arm, tmp_path: Path):

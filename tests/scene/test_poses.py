@@ -9,7 +9,7 @@ import pytest
 
 from sceniris_gym.scene.config import SceneConfig
 from sceniris_gym.scene.model import build_model
-from sceniris_gym.scene.poses import Variant, heading_of, matrix
+from sceniris_gym.scene.poses import Variant, heading_of, matrix, of_heading_zero
 from sceniris_gym.scene.program import build_plan
 from tests.layout.scenes import box_mjcf, write_mjcf
 
@@ -58,20 +58,36 @@ def test_headings_tell_turns_about_the_vertical_apart_whatever_is_up():
     """A turn by some angle changes the heading by it, also where the x axis points straight up or down."""
     c, s = np.cos(0.7), np.sin(0.7)
     yaw = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    authored = np.array([0.8, 0.6, 0.0, 0.0])
     for up in ([1, 0, 0, 0], [0.5, 0.5, 0.5, 0.5], [1, 0, 1, 0], [1, 0, -1, 0], [1, 2, 3, 4]):
-        mat = matrix(np.array(up) / np.linalg.norm(up)) @ matrix(authored)
-        turned = heading_of(yaw @ mat, authored) - heading_of(mat, authored)
+        mat = matrix(np.array(up) / np.linalg.norm(up))
+        turned = heading_of(yaw @ mat) - heading_of(mat)
         assert np.sin(turned - 0.7) == pytest.approx(0.0, abs=1e-9), up
-    assert heading_of(matrix(authored), authored) == 0.0
+        assert heading_of(matrix(of_heading_zero(mat))) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "heading"),
+    [
+        ((1, 0, 0), (0, 1, 0), 0.0),
+        ((0, 1, 0), (-1, 0, 0), 90.0),
+        ((0, -1, 0), (1, 0, 0), -90.0),
+        ((0.6, 0, -0.8), (0, 1, 0), 0.0),  # its x axis leans
+        ((0.6, 0.8, 0), (0, 0, 1), 53.13010235),  # it lies on its front
+        ((0, 0, 1), (0, 1, 0), 0.0),  # its x axis points up, so its y axis counts
+        ((0, 0, -1), (1, 0, 0), -90.0),
+    ],
+    ids=str,
+)
+def test_a_heading_is_that_of_the_x_axis_seen_from_above(x: tuple, y: tuple, heading: float):
+    """In degrees, of bodies with these axes."""
+    assert np.degrees(heading_of(np.stack([x, y, np.cross(x, y)], axis=1))) == pytest.approx(heading)
 
 
 def test_stable_poses_have_heading_zero(tmp_path: Path):
     """Those that stand on an end, so that the x axis points up, as well."""
     geoms = '<geom type="box" size="0.05 0.02 0.03" pos="0.01 0.02 0.03"/>'
     poses = stable_poses(write_mjcf(tmp_path, "box", geoms))
-    authored = np.array([1.0, 0.0, 0.0, 0.0])
-    assert [heading_of(matrix(p.quat), authored) for p in poses] == pytest.approx([0.0] * 6, abs=1e-9)
+    assert [heading_of(matrix(p.quat)) for p in poses] == pytest.approx([0.0] * 6, abs=1e-9)
     on_end = [p for p in poses if abs(matrix(p.quat)[2, 0]) > 0.999]
     assert len(on_end) == 2
     for pose in on_end:  # its edges run along and across its heading

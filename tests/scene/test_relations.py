@@ -57,6 +57,17 @@ def test_a_directional_word_is_a_heading_in_the_anchor_s_frame(words: dict, head
     assert (relation.low, relation.high, relation.bounds) == (0.0, math.inf, False)
 
 
+@pytest.mark.parametrize(
+    ("side", "axis", "degrees"),
+    [("right", [1, 0], 0.0), ("back", [0, 1], 90.0), ("left", [-1, 0], 180.0), ("front", [0, -1], -90.0)],
+)
+def test_a_side_is_an_axis(side: str, axis: list[int], degrees: float):
+    """The front is -y, the right x; generator and audit both take their directions from here."""
+    words = [{f"{side}_of": "mug"}, {"direction": axis, "of": "mug"}, {"beside": "mug", "side": side}]
+    for relation in map(only, words):
+        assert math.degrees(relation.heading) == pytest.approx(degrees, abs=1e-12)
+
+
 def test_options_of_a_direction_are_carried():
     """Angle, frame, distance and measure."""
     relation = only(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -55,6 +56,60 @@ def test_angles_are_measured_from_the_heading_of_the_frame(word: str, angle: flo
     c, s = np.cos(yaw), np.sin(yaw)
     turned = missed(relation, can=at(0, 0, yaw), crate=at(c * crate[0] - s * crate[1], s * crate[0] + c * crate[1]))
     assert np.degrees(turned["rad"]) == pytest.approx(off, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("side", "at_yaw_0", "at_yaw_90"),
+    [
+        ("right", (0.5, 0.0), (0.0, 0.5)),
+        ("back", (0.0, 0.5), (-0.5, 0.0)),
+        ("left", (-0.5, 0.0), (0.0, -0.5)),
+        ("front", (0.0, -0.5), (0.5, 0.0)),
+    ],
+)
+def test_each_side_is_where_it_should_be(side: str, at_yaw_0: tuple, at_yaw_90: tuple):
+    """In literal numbers, all the places of the other sides are wrong by a quarter or a half of a turn."""
+    relation = {f"{side}_of": "can", "angle": 1}
+    for yaw, place in ((0.0, at_yaw_0), (np.pi / 2, at_yaw_90)):
+        for quarters, off in ((0, -1.0), (1, 89.0), (2, 179.0), (3, 89.0)):
+            x, y = ((1, 0), (0, 1), (-1, 0), (0, -1))[quarters]
+            crate = (x * place[0] - y * place[1], y * place[0] + x * place[1])
+            found = missed(relation, can=at(0, 0, yaw), crate=at(*crate))
+            assert np.degrees(found["rad"]) == pytest.approx(off, abs=1e-3)
+
+
+@pytest.mark.parametrize("joint", ["", "<freejoint/>"])
+def test_a_body_that_its_model_has_turned_has_its_sides_turned(joint: str):
+    """A desk turned by 90 degrees, which looks to the right; a mark is seen from its own axes."""
+    desk = f'<body name="desk" euler="0 0 90">{joint}<geom type="box" size=".2 .1 .1"/></body>'
+    mjm = mujoco.MjModel.from_xml_string(
+        f'<mujoco><worldbody>{desk}<body name="mark" mocap="true" pos="0.5 0 0"/></worldbody></mujoco>'
+    )
+    rows = Rows(mjm.qpos0[None], mjm.body_pos[None, 2:], mjm.body_quat[None, 2:])
+    for side, off in (("front", -1.0), ("back", 179.0), ("left", 89.0), ("right", 89.0)):
+        mark = {"kind": "marker", "on": "floor", "relations": [{f"{side}_of": "desk", "angle": 1}]}
+        desk = {"asset": "desk", "kind": "free" if joint else "static"}
+        config = SceneConfig.load({"floor": {"size": [2, 2]}, "objects": {"desk": desk, "mark": mark}})
+        found = Auditor(mjm, config, {"desk": 1, "mark": 2}).judge_language(rows)
+        assert {k.word: np.degrees(k.worst) for k in found}[f"0 {side}_of"] == pytest.approx(off, abs=1e-3)
+
+
+def test_a_robot_is_seen_where_its_base_is():
+    """Its arm reaches 1.05 m to the right of its base; a distance from it is one from the base or from its bounds."""
+    arm = '<geom type="box" size=".05 .05 .1"/><geom type="box" size=".5 .02 .02" pos=".55 0 .2"/>'
+    mjm = mujoco.MjModel.from_xml_string(
+        f'<mujoco><worldbody><body name="arm" pos=".1 0 0">{arm}</body>'
+        '<body name="mark" mocap="true" pos=".1 -.4 0"/></worldbody></mujoco>'
+    )
+    rows = Rows(mjm.qpos0[None], mjm.body_pos[None, 2:], mjm.body_quat[None, 2:])
+    for measure, distance in (("origin", 0.4), ("bounds", 0.35)):
+        relation = {"front_of": "robot", "angle": 1, "distance": {"max": 0.3}, "measure": measure}
+        mark = {"kind": "marker", "on": "floor", "relations": [relation]}
+        scene = {"floor": {"size": [2, 2]}, "robot": {"asset": "panda"}, "objects": {"mark": mark}}
+        found = Auditor(mjm, SceneConfig.load(scene), {"robot": 1, "mark": 2}).judge_language(rows)
+        worst = {(k.word, k.unit): k.worst for k in found}
+        assert worst["0 front_of", "m"] == pytest.approx(distance - 0.3, abs=1e-9)
+        assert worst["0 front_of", "rad"] < 0
 
 
 def test_distances_are_between_pivots_or_between_bounds():

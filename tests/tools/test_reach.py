@@ -2,6 +2,7 @@
 
 import json
 import math
+import warnings
 from pathlib import Path
 
 import mujoco
@@ -10,11 +11,21 @@ import pytest
 from PIL import Image
 
 from sceniris_gym import cli
-from sceniris_gym.errors import ArmError, MapError, NotSupportedError, PosesError, SceneKeyError, UnknownNameError
+from sceniris_gym.errors import (
+    ArmError,
+    MapError,
+    NotSupportedError,
+    PosesError,
+    ReachWarning,
+    SceneKeyError,
+    UnknownNameError,
+)
 from sceniris_gym.reach.arm import Arm
 from sceniris_gym.reach.sampled import canonical
 from sceniris_gym.scene.config import SceneConfig
 from sceniris_gym.tools import reach
+from tests.layout.reaching import crane_map, crane_mjcf, crane_scene
+from tests.layout.scenes import box_mjcf
 from tests.reach.arms import hinge, link, model, site, tcp_poses
 from tests.reach.shapes import gantry, gantry_reaches, poses, random_axes
 
@@ -170,3 +181,115 @@ def test_what_is_no_arm_is_refused():
         reach.find_arm("pandas")
     with pytest.raises((UnknownNameError, ArmError), match="tcp"):
         reach.find_arm("mug")
+
+
+def test_an_mjcf_that_has_no_arm_is_refused(tmp_path: Path):
+    """No body at all, and a first one that nobody can name."""
+    path = tmp_path / "none.xml"
+    path.write_text("<mujoco><worldbody><geom size='0.1'/></worldbody></mujoco>")
+    with pytest.raises(ArmError, match=r"none\.xml' has no body\. Give it a named body"):
+        reach.find_arm(str(path))
+    path.write_text("<mujoco><worldbody><body><geom size='0.1'/><site name='tcp'/></body></worldbody></mujoco>")
+    with pytest.raises(ArmError, match=r"has a first body without a name\. Give it"):
+        reach.find_arm(str(path))
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
+def test_positions_that_are_no_numbers_are_refused(tmp_path: Path, number: float):
+    """A rotation alone is no pose."""
+    made = np.tile(np.eye(4), (3, 1, 1))
+    made[2, 1, 3] = number
+    with pytest.raises(PosesError, match="pose 2 is not a rotation and a position"):
+        reach.read_poses(asked(tmp_path, made))
+
+
+def test_the_advice_never_overwrites_another_arms_map(arm: Path, tmp_path: Path, capfd: pytest.CaptureFixture):
+    """With --map the own map is named, or how to build one where it is looked for; an own MJCF by its path."""
+    poses_file, out = asked(tmp_path, random_poses(2)), tmp_path / "out.npy"
+    panda = reach.map_path("panda")
+    with pytest.raises(MapError, match=r"links, limits or TCP are others\. Leave out --map") as told:
+        reach.judge(str(arm), panda, poses_file, out, "map", "cpu")
+    assert "--build" not in str(told.value)
+    mjm, _ = gantry()
+    new = tmp_path / "new.xml"
+    mujoco.mj_saveLastXML(str(new), mjm)
+    build = f"sceniris-gym reach {new} --build -o {new.with_suffix('.reach')}"
+    for path in (panda, poses_file, None):
+        with pytest.raises(MapError) as told:
+            reach.judge(str(new), path, poses_file, out, "map", "cpu")
+        assert str(told.value).endswith(f"{build}.")
+    new.with_suffix(".reach").write_text("damaged")
+    with pytest.raises(MapError, match="not a reachability map, or a damaged one") as told:
+        reach.judge(str(new), None, poses_file, out, "map", "cpu")
+    assert str(told.value).endswith(f"Build it again: {build}.")
+
+
+def test_a_map_goes_where_it_is_looked_for(tmp_path: Path, capfd: pytest.CaptureFixture):
+    """Without -o beside the MJCF; elsewhere the answer says how it is used."""
+    mjm, _ = gantry()
+    mujoco.mj_saveLastXML(str(tmp_path / "new.xml"), mjm)
+    steps = ("--step", "0.4", "--tilt-step", "60")
+    found = answer(capfd, tmp_path / "new.xml", "--build", *steps)
+    assert found["file"] == str(tmp_path / "new.reach")
+    assert "used_with" not in found
+    assert answer(capfd, tmp_path / "new.xml", "-o", tmp_path / "a.png")["default_tier"] == "map"
+    found = answer(capfd, tmp_path / "new.xml", "--build", *steps, "-o", tmp_path / "other.reach")
+    assert found["used_with"] == f"--map {tmp_path / 'other.reach'}"
+    assert reach.default_map("panda") == Path("panda.reach")
+
+
+def test_one_command_at_a_time(arm: Path, tmp_path: Path, capfd: pytest.CaptureFixture):
+    """Nothing that is asked for is passed over in silence."""
+    with pytest.raises(SystemExit):
+        cli.main(["reach", str(arm), "--build", "--poses", str(asked(tmp_path, random_poses(2)))])
+    assert "--build and --poses are separate commands" in capfd.readouterr().err
+    with pytest.raises(SystemExit):
+        cli.main(["reach", str(arm), "--build", "--scene", "mid"])
+    assert "--build and --scene are separate commands" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("height", [math.nan, math.inf, 50.0, -50.0])
+def test_a_height_without_a_map_is_refused(arm: Path, tmp_path: Path, height: float):
+    """Above, below, and nowhere."""
+    with pytest.raises(MapError, match=r"--height .*: its map is from -?\d.* to \d.* m"):
+        reach.show(str(arm), None, tmp_path / "a.png", height, "cpu")
+
+
+def test_a_picture_is_a_png(arm: Path, tmp_path: Path):
+    """Another suffix is refused before any work is done."""
+    for draw in (
+        lambda out: reach.show(str(arm), None, out, 0.1, "cpu"),
+        lambda out: reach.narrowed("panda", SceneConfig.load("tabletop_reach"), out, "cpu"),
+        lambda out: cli.check.__wrapped__("mid", picture=out),
+    ):
+        with pytest.raises(NotSupportedError, match=r"a\.jpg: pictures are written as PNG"):
+            draw(tmp_path / "a.jpg")
+
+
+def test_an_own_arm_is_found_in_a_scene_by_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """However its path is written; another file is another arm."""
+    asset, cube = crane_mjcf(tmp_path), box_mjcf(tmp_path, "cube", 0.04, 0.04, 0.04)
+    crane_map(asset)
+    config = SceneConfig.load(crane_scene(asset, cube))
+    monkeypatch.chdir(tmp_path)
+    for name in (asset, Path(asset).name, f"../{tmp_path.name}/{Path(asset).name}"):
+        found = reach.narrowed(name, config, tmp_path / "a.png", "cpu", layouts=32)
+        assert found["narrowing"].keys() == {"thing"}
+    with pytest.raises(SceneKeyError, match="Name a scene with"):
+        reach.narrowed(cube, config, tmp_path / "a.png", "cpu", layouts=32)
+
+
+def test_a_map_that_depends_on_turns_is_used_with_a_warning(tmp_path: Path):
+    """As a scene does; the default tier needs none."""
+    down = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (2, 1, 1))
+    down[:, :3, 3] = [0.4, 0.0, 0.1]
+    poses_file, out = asked(tmp_path, down), tmp_path / "out.npy"
+    for tier in ("map", "map_strict"):
+        with pytest.warns(ReachWarning, match=rf"heron --tier {tier}: .*its map is wrong about 2\.4%"):
+            reach.judge("heron", None, poses_file, out, tier, "cpu")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ReachWarning)
+        found = reach.judge("heron", None, poses_file, out, None, "cpu")
+        reach.judge("panda", None, poses_file, out, "map", "cpu")
+    assert found["tier"] == "ik"
+    assert "does not know" in found["why_ik"]

@@ -21,9 +21,9 @@ class Outline:
     """One object seen from above in each row.
 
     Attributes:
-        pivot: bottom centre of its bounds [m], world frame, shape (nrow, 3).
-        heading: direction of its x axis as authored [rad], shape (nrow,); where that axis points straight up or down,
-            that of its y axis less a right angle.
+        pivot: bottom centre of its bounds [m], world frame, shape (nrow, 3); of the robot the origin of its base.
+        heading: direction of its root's x axis [rad], shape (nrow,); where that axis points straight up or down, that
+            of its y axis less a right angle.
         low, high: its bounds [m] around the pivot, along its heading and across it to the left, shape (nrow, 2).
     """
 
@@ -66,27 +66,20 @@ class Outlines:
             if owner in bodies and solid.form is not Form.HALFSPACE:
                 self._solids[owner].append(solid)
 
-    def authored(self, name: str) -> np.ndarray:
-        """Return the orientation of an object's root as authored, shape (3, 3)."""
-        mat = np.empty(9)
-        mujoco.mju_quat2Mat(mat, self.mjm.body_quat[self.bodies[name]])
-        if name != ROBOT or self.config.robot is None:
-            return mat.reshape(3, 3)
-        yaw = np.radians(self.config.robot.yaw)  # which is how it stands in this scene, not how it is authored
-        return np.array([[np.cos(yaw), np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]]) @ mat.reshape(3, 3)
-
     def turn(self, name: str, poses: Poses) -> np.ndarray:
         """Return how an object is turned from its orientation as authored in each row, shape (nrow, 3, 3)."""
-        return poses.xmat[:, self.bodies[name]] @ self.authored(name).T
+        authored = np.empty(9)
+        mujoco.mju_quat2Mat(authored, self.mjm.body_quat[self.bodies[name]])
+        return poses.xmat[:, self.bodies[name]] @ authored.reshape(3, 3).T
 
     def outline(self, name: str, poses: Poses) -> Outline:
         """Return the outline of an object in each row.
 
         Its pivot is the centre of the bounds that it has with its joints at home, in the orientation it has in the
         row; with an orientation of any kind whatever that of its bounds with the joints of the row. Its bounds, and the
-        height of the pivot, are always those with the joints of the row.
+        height of the pivot, are always those with the joints of the row. The robot's pivot is the origin of its base.
         """
-        heading = _heading(self.turn(name, poses))
+        heading = _heading(poses.xmat[:, self.bodies[name]])
         at = poses.xpos[:, self.bodies[name]]
         if not self._solids[name]:
             return Outline(at, heading, np.zeros((len(at), 2)), np.zeros((len(at), 2)))
@@ -95,6 +88,8 @@ class Outlines:
         up = np.broadcast_to([0.0, 0.0, 1.0], at.shape)
         low = np.stack([self._least(name, poses, axes[:, k]) for k in range(2)], 1)
         high = np.stack([-self._least(name, poses, -axes[:, k]) for k in range(2)], 1)
+        if name == ROBOT:
+            return Outline(at, heading, low, high)
         middle = (low + high) / 2
         part = self.config.objects.get(name)
         if part is None or part.turn.kind != "any":
@@ -124,8 +119,8 @@ class Outlines:
         return np.min(ends, axis=0)
 
 
-def _heading(turn: np.ndarray) -> np.ndarray:
-    """Return the headings [rad] of rotations (nrow, 3, 3) from the pose as authored, shape (nrow,)."""
-    x, y = turn[:, :2, 0], turn[:, :2, 1]
+def _heading(mat: np.ndarray) -> np.ndarray:
+    """Return the headings [rad] of bodies with these rotations (nrow, 3, 3), shape (nrow,)."""
+    x, y = mat[:, :2, 0], mat[:, :2, 1]
     upright = np.linalg.norm(x, axis=1) < _UPRIGHT
     return np.where(upright, np.arctan2(y[:, 1], y[:, 0]) - np.pi / 2, np.arctan2(x[:, 1], x[:, 0]))
