@@ -153,9 +153,7 @@ def test_each_kind_is_the_body_it_should_be(folder: Path):
     assert mjm.body("goal").geomnum == 1
     assert mjm.geom("goal/mark").contype == mjm.geom("goal/mark").conaffinity == 0
     for geometry in ("physics", "visual"):
-        assert not extract_pieces(mjm, geometry, {mjm.body("goal").id}), (
-            "what shows a marker is nothing to place around"
-        )
+        assert not extract_pieces(mjm, geometry, {mjm.body("goal").id}), "a mark is nothing to place around"
     assert mjm.body("goal").mass == 0
 
 
