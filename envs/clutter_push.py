@@ -27,13 +27,14 @@ LOST_HEIGHT = -0.05
 
 
 class ClutterPush(Task):
-    """A Panda on a table pushes a tin with closed fingers to a mark; can, orange and block may stand between.
+    """A Panda on a table pushes a tin with closed fingers to a mark; a can is in the way, orange and block may be.
 
     It has not been trained.
 
     Frames: poses and velocities are in the robot's base frame (on the table's top, x to the front, z up), rotations
-    are quaternions wxyz. Every reset draws the places and yaws of all objects, the mark, which may be under one of
-    them, and a little noise on the arm, whose tool looks down all the time.
+    are quaternions wxyz. Every reset draws the places and yaws of all objects, the mark (a green disc in pictures),
+    which may be under one of them, and a little noise on the arm, whose tool looks down all the time. The can's middle
+    is within 5 cm of the straight way from the tin to the mark.
 
     Action, 4 numbers in [-1, 1] at 50 Hz: changes of the tool's target along x, y and z in units of 0.02 m and about
     the vertical in units of 0.1 rad.

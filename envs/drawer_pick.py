@@ -8,9 +8,15 @@ from torch import Tensor
 from sceniris_gym.vector.arm import Arm
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
+from sceniris_gym.vector.touch import Touch
 
 CLEAR_HEIGHT = 0.55
 """Height of the banana's underside that counts as out [m]: 5 cm over the cabinet, 7 cm over the drawer's face."""
+
+HOLD = 0.5
+"""How long it must be held there [s]."""
+
+FINGERS = ("panda/left_finger", "panda/right_finger")
 
 LOST_HEIGHT = 0.15
 """Below this height [m] the banana has fallen out of the drawer, whose floor is at 0.27 m."""
@@ -45,13 +51,15 @@ class DrawerPick(Task):
     | drawer_pose | 7 | lower edge of the drawer's face: position [m], rotation |
     | last_action | 8 | the action taken last, zeros after a reset |
 
-    Group `critic`, 67 numbers: the same, then `banana_velocity` (6: [m/s], [rad/s]) and `apple_pose` (7: position
-    [m], rotation).
+    Group `critic`, 70 numbers: the same, then `banana_velocity` (6: [m/s], [rad/s]), `apple_pose` (7: position [m],
+    rotation), `touching` (2: 1 where the left and the right finger touch the banana) and `held` (1: for how long it
+    has been held up without a break, in units of 0.5 s).
 
-    Reward terms, summed: `reaching` (0 to 1, the fingers near the banana), `grasping` (0 to 1, and closed there),
-    `lifting` (0 to 5, share of the way out), `out` (5 once it is out) and `effort` (-0.01 times the mean square of the
-    action). Success is the banana's underside higher than 0.55 m. The episode terminates when the banana has fallen
-    out of the drawer, and is truncated after 200 steps (4 s).
+    Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, the fingers
+    near the banana), `grasping` (0 to 1, and closed there), `lifting` (0 to 5, share of the way out), `out` (5 while it
+    is out and both fingers touch it) and `effort` (-0.01 times the mean square of the action). Success is the banana's
+    underside higher than 0.55 m with both fingers touching it, in this and all steps of the last 0.5 s. The episode
+    terminates when the banana has fallen out of the drawer, and is truncated after 200 steps (4 s).
     """
 
     scene = "drawer_pick"
@@ -60,8 +68,11 @@ class DrawerPick(Task):
     def bind(self, s: State) -> None:
         """Find the arm, and make room for what is remembered between steps."""
         self.arm = Arm(s)
+        self.touch = Touch(s, FINGERS, ("banana",))
         self.last_action = torch.zeros(s.num_envs, 8, device=s.device)
         self.start_height = torch.zeros(s.num_envs, device=s.device)
+        self.held = torch.zeros(s.num_envs, device=s.device)
+        self.hold_steps = round(HOLD / s.dt)
 
     def apply(self, s: State, action: Tensor) -> None:
         """Move the joint targets, and open or close the gripper."""
@@ -83,35 +94,47 @@ class DrawerPick(Task):
             "drawer_pose": s.pose("cabinet/upper_drawer"),
             "last_action": self.last_action,
         }
-        critic = {"banana_velocity": s.velocity("banana"), "apple_pose": s.pose("apple")}
+        critic = {
+            "banana_velocity": s.velocity("banana"),
+            "apple_pose": s.pose("apple"),
+            "touching": self.touching(s),
+            "held": self.held[:, None] / self.hold_steps,
+        }
         return {"policy": policy, "critic": policy | critic}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return reaching, grasping, lifting, out and effort."""
+        """Return reaching, grasping, lifting, out and effort; and count how long the banana has been held out."""
         distance = self._to_banana(s).norm(dim=1)
         near = torch.exp(-((distance / 0.04) ** 2))
         height = s.pose("banana")[:, 2]
         lifted = (height - self.start_height) / (CLEAR_HEIGHT - self.start_height)
+        out = self.touching(s).prod(dim=1) * (height > CLEAR_HEIGHT)
+        self.held.copy_((self.held + 1.0) * out)
         return {
-            "reaching": 1.0 - torch.tanh(5.0 * distance),
-            "grasping": near * (1.0 - self.arm.width(s) / FINGER_OPENING).clamp(0.0, 1.0),
-            "lifting": 5.0 * lifted.clamp(0.0, 1.0),
-            "out": 5.0 * self.success(s).float(),
-            "effort": -0.01 * action.square().mean(dim=1),
+            "reaching": s.dt * (1.0 - torch.tanh(5.0 * distance)),
+            "grasping": s.dt * near * (1.0 - self.arm.width(s) / FINGER_OPENING).clamp(0.0, 1.0),
+            "lifting": 5.0 * s.dt * lifted.clamp(0.0, 1.0),
+            "out": 5.0 * s.dt * out,
+            "effort": -0.01 * s.dt * action.square().mean(dim=1),
         }
 
     def success(self, s: State) -> Tensor:
-        """Say where the banana is out: its underside clear of drawer and cabinet."""
-        return s.pose("banana")[:, 2] > CLEAR_HEIGHT
+        """Say where the banana has been held out for 0.5 s, clear of drawer and cabinet."""
+        return self.held >= self.hold_steps
 
     def terminated(self, s: State) -> Tensor:
         """Say where the banana has fallen out of the drawer."""
         return s.pose("banana")[:, 2] < LOST_HEIGHT
 
     def on_reset(self, s: State, mask: Tensor) -> None:
-        """Forget the last action, and remember how high the banana lies."""
+        """Forget what was remembered, and remember how high the banana lies."""
         self.last_action.masked_fill_(mask[:, None], 0.0)
+        self.held.masked_fill_(mask, 0.0)
         self.start_height.copy_(torch.where(mask, s.pose("banana")[:, 2], self.start_height))
+
+    def touching(self, s: State) -> Tensor:
+        """Return 1 where the left and the right finger touch the banana, else 0; shape (num_envs, 2)."""
+        return self.touch(s)[:, :, 0].float()
 
     def _to_banana(self, s: State) -> Tensor:
         return s.site("banana/grasp")[:, :3] - self.arm.tool(s)[:, :3]

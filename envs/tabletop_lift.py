@@ -35,7 +35,9 @@ class TabletopLift(Task):
 
     Frames: poses and velocities are in the robot's base frame (on the table's top, x to the front, z up), rotations
     are quaternions wxyz. Every reset draws the places and yaws of all objects, which of them is the chosen one, and a
-    little noise on the arm, whose tool looks down all the time.
+    little noise on the arm, whose tool looks down all the time. An object's underside is the origin of its body, the
+    middle of the face that it stands on at first; heights are that point's, also where the object has been turned.
+    Pictures do not show which object is chosen; the attribute `chosen`, shape (num_envs, 3), says so.
 
     Action, 5 numbers in [-1, 1] at 50 Hz: changes of the tool's target along x, y and z in units of 0.02 m and about
     the vertical in units of 0.1 rad, and the gripper from -1 (closed) to 1 (open).
@@ -54,7 +56,7 @@ class TabletopLift(Task):
     | chosen | 3 | 1 for the chosen one of block, can and lemon, 0 for the others |
     | tcp_to_objects | 5, 3 | from that point to the undersides of block, can, lemon, tin and orange [m] |
     | touching | 2 | 1 where the left and the right finger touch the chosen object |
-    | held | 1 | share of the 0.5 s for which it has been held up |
+    | held | 1 | for how long it has been held up without a break, in units of 0.5 s: 1 is success, and it goes on |
     | last_action | 5 | the action taken last, zeros after a reset |
 
     Group `critic`, 87 numbers: the same, then `object_velocities` (5, 6: linear [m/s] and angular [rad/s]).

@@ -26,7 +26,10 @@ class TabletopReach(Task):
 
     Frames: poses and velocities are in the robot's base frame (on the table's top, x to the front, z up), rotations
     are quaternions wxyz. Every reset draws the places and yaws of all objects, which of them is the chosen one, and a
-    little noise on the arm. The target is the point 5 cm over the top of the chosen object, also when that is pushed.
+    little noise on the arm. The target is straight over the middle of the chosen object's underside, as high as its top
+    would be if it stood upright there, and 5 cm more: it goes along with an object that is pushed, and does not come
+    down to the top of one that is tipped over. Pictures do not show which object is chosen; the attribute `chosen`,
+    shape (num_envs, 5), says so.
 
     Action, 7 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.04 rad.
 

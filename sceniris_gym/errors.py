@@ -269,15 +269,18 @@ class KeysLeftOutWarning(UserWarning):
     Args:
         keys: dotted paths of the keys that are left out.
         changed: dotted paths of the keys that are carried over with another meaning: what they mean here and there.
+        advice: how more could be carried over, sentences.
     """
 
-    def __init__(self, keys: Iterable[str], changed: Mapping[str, str] | None = None) -> None:
-        self.keys, self.changed = tuple(keys), dict(changed or {})
+    def __init__(
+        self, keys: Iterable[str], changed: Mapping[str, str] | None = None, advice: Iterable[str] = ()
+    ) -> None:
+        self.keys, self.changed, self.advice = tuple(keys), dict(changed or {}), tuple(advice)
         texts = [f"not carried over from the original configuration: {', '.join(self.keys)}."] if self.keys else []
         if self.changed:
             meanings = "; ".join(f"{key} ({meaning})" for key, meaning in self.changed.items())
             texts.append(f"carried over from the original configuration with another meaning: {meanings}.")
-        super().__init__(" ".join(texts))
+        super().__init__(" ".join((*texts, *self.advice)))
 
     def __reduce__(self) -> tuple:
-        return type(self), (self.keys, self.changed)
+        return type(self), (self.keys, self.changed, self.advice)

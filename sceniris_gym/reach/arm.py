@@ -36,7 +36,7 @@ class Arm:
     Attributes:
         name: name of the base body.
         base_body, tcp_site: their ids in the model.
-        joints: names of the n joints.
+        joints: names of the n joints, "" for one without.
         qposadr: their addresses in `qpos`, shape (n,).
         slide: which of them are slides; the others are hinges, shape (n,), bool.
         lower, upper: limits [rad, m], shape (n,). -inf and inf of a hinge without limits.
@@ -90,7 +90,7 @@ class Arm:
             name=base,
             base_body=base_body,
             tcp_site=tcp_site,
-            joints=tuple(_joint_name(mjm, i) for i in ids),
+            joints=tuple(mjm.joint(i).name for i in ids),
             qposadr=adr.astype(int),
             slide=mjm.jnt_type[ids] == int(mujoco.mjtJoint.mjJNT_SLIDE),
             lower=lower,
@@ -156,17 +156,17 @@ class Arm:
     @property
     def no_map(self) -> str | None:
         """Why reachability maps, which are symmetric about the base's z and the TCP's, do not fit; None if they do."""
-        first, last = self.joints[0], self.joints[-1]
+        first, last = (f" '{name}'" if name else "" for name in (self.joints[0], self.joints[-1]))
         if self.slide[0]:
-            return f"the first joint '{first}' is a slide, not a hinge about the vertical axis of '{self.name}'"
+            return f"the first joint{first} is a slide, not a hinge about the vertical axis of '{self.name}'"
         if not self.vertical:
-            return f"the first joint '{first}' is {np.degrees(self.tilt):.3g} degrees off the z axis of '{self.name}'"
+            return f"the first joint{first} is {np.degrees(self.tilt):.3g} degrees off the z axis of '{self.name}'"
         if self.slide[-1]:
-            return f"the last joint '{last}' is a slide, not a hinge about the approach axis of the TCP"
+            return f"the last joint{last} is a slide, not a hinge about the approach axis of the TCP"
         if not self.tcp_on_axis:
             length, angle = self.tcp_offset
             return (
-                f"the TCP is {1000.0 * length:.3g} mm off the axis of the last joint '{last}', "
+                f"the TCP is {1000.0 * length:.3g} mm off the axis of the last joint{last}, "
                 f"and its z axis {np.degrees(angle):.3g} degrees"
             )
         return None
@@ -184,7 +184,7 @@ def _chain(mjm: mujoco.MjModel, base: int, tcp: int) -> tuple[list[int], np.ndar
     if body != base:
         raise ArmError(
             f"arm '{mjm.body(base).name}' is not serial: the site '{mjm.site(tcp).name}' is not on it or below it. "
-            "Name the body that the arm stands on and a site of its hand."
+            f"Put the site into the hand: a body below '{mjm.body(base).name}'."
         )
     none = np.array([1.0, 0.0, 0.0, 0.0])
     ids, links = [], []
@@ -202,16 +202,18 @@ def _chain(mjm: mujoco.MjModel, base: int, tcp: int) -> tuple[list[int], np.ndar
 def _check_joints(mjm: mujoco.MjModel, base: str, tcp: str, ids: list[int]) -> None:
     """Raise ArmError for a number or kinds of joints that an arm cannot have."""
     if not ids:
-        raise ArmError(f"arm '{base}': no joint is between it and the site '{tcp}'. Name a site that joints move.")
+        raise ArmError(
+            f"arm '{base}': no joint is between it and the site '{tcp}'. Put the site into a body that joints move."
+        )
     if len(ids) > MAX_JOINTS:
         raise ArmError(f"arm '{base}' has {len(ids)} joints up to the site '{tcp}'; at most {MAX_JOINTS} are possible.")
     for i in ids:
         kind = mujoco.mjtJoint(mjm.jnt_type[i])
         if kind not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
             word = kind.name.removeprefix("mjJNT_").lower()
-            raise ArmError(f"arm '{base}': joint '{_joint_name(mjm, i)}' is a {word} joint. Use hinges and slides.")
+            raise ArmError(f"arm '{base}': {_joint_label(mjm, i)} is a {word} joint. Use hinges and slides.")
         if kind == mujoco.mjtJoint.mjJNT_SLIDE and not mjm.jnt_limited[i]:
-            raise ArmError(f"arm '{base}': the slide '{_joint_name(mjm, i)}' has no limits. Give it a range.")
+            raise ArmError(f"arm '{base}': {_joint_label(mjm, i)} is a slide without limits. Give it a range.")
 
 
 def _check_serial(mjm: mujoco.MjModel, base: str, base_body: int, ids: list[int]) -> None:
@@ -219,14 +221,15 @@ def _check_serial(mjm: mujoco.MjModel, base: str, base_body: int, ids: list[int]
     for i in _joints_of(mjm, base_body):
         if mujoco.mjtJoint(mjm.jnt_type[i]) != mujoco.mjtJoint.mjJNT_FREE:
             raise ArmError(
-                f"arm '{base}': joint '{_joint_name(mjm, i)}' moves the base itself. Name the body above it."
+                f"arm '{base}': {_joint_label(mjm, i)} moves the base itself. Move the joint into a body below "
+                f"'{base}', or put a body without joints around it all."
             )
     for i in range(mjm.neq):
         if mjm.eq_active0[i] and _couples(mjm, i, base_body, ids):
             name = mjm.equality(i).name
             raise ArmError(
                 f"arm '{base}' is not serial: the equality constraint {repr(name) if name else i} couples its joints. "
-                "Remove the constraint, or name another base or site."
+                "Remove the constraint, or leave the joints that it couples to branches beside the TCP's."
             )
 
 
@@ -261,9 +264,10 @@ def _joints_of(mjm: mujoco.MjModel, body: int) -> range:
     return range(adr, adr + int(mjm.body_jntnum[body]))
 
 
-def _joint_name(mjm: mujoco.MjModel, i: int) -> str:
-    """Name of a joint, or its number where it has none."""
-    return mjm.joint(i).name or str(i)
+def _joint_label(mjm: mujoco.MjModel, i: int) -> str:
+    """A joint as errors name it: one without a name by its body."""
+    name = mjm.joint(i).name
+    return f"joint '{name}'" if name else f"the unnamed joint of body '{mjm.body(mjm.jnt_bodyid[i]).name}'"
 
 
 def _compose(pos: np.ndarray, quat: np.ndarray, then: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

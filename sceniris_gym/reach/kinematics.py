@@ -39,8 +39,12 @@ class Chain:
         self.serial = pk.SerialChain(_tree(arm), "tcp", dtype=torch.float64).to(dtype, device)
 
     def fk(self, q: torch.Tensor | np.ndarray) -> torch.Tensor:
-        """Return poses of the TCP in the base frame, shape (N, 4, 4), at joints of shape (N, n) [rad, m]."""
-        return self.serial.forward_kinematics_tensor(self._tensor(q) - self._ref)[-1]
+        """Return poses of the TCP in the base frame, shape (N, 4, 4), at joints of shape (N, n) [rad, m].
+
+        Raises:
+            ValueError: `q` has another shape.
+        """
+        return self.serial.forward_kinematics_tensor(self._joints("q", q) - self._ref)[-1]
 
     def ik(
         self,
@@ -62,9 +66,16 @@ class Chain:
         Returns:
             Joints [rad, m], shape (N, n), within limits: a solution, or the closest joints that were found; and whether
             their TCP is within POS_TOL and ROT_TOL of the pose, shape (N,), bool.
+
+        Raises:
+            ValueError: `poses` or `seeds` have another shape, or there is no start at all.
         """
         poses = self._tensor(poses)
-        starts = self.random_joints(restarts, seed) if seeds is None else self._tensor(seeds)
+        if poses.ndim != 3 or poses.shape[1:] != (4, 4):
+            raise ValueError(f"ik: poses have shape {tuple(poses.shape)}, but should have (N, 4, 4).")
+        starts = self.random_joints(restarts, seed) if seeds is None else self._joints("seeds", seeds)
+        if not len(starts):
+            raise ValueError("ik: no joints to start from. Give seeds, or restarts of at least 1.")
         best = self._within(starts[:1]).repeat(len(poses), 1)
         error = torch.full((len(poses),), torch.inf, dtype=self.dtype, device=self.device)
         ok = torch.zeros(len(poses), dtype=torch.bool, device=self.device)
@@ -122,6 +133,13 @@ class Chain:
         turns = torch.where(torch.isfinite(self.lower) | self._slide, 0.0, torch.round(q / (2.0 * torch.pi)))
         return torch.clamp(q - 2.0 * torch.pi * turns, self.lower, self.upper)
 
+    def _joints(self, name: str, values: torch.Tensor | np.ndarray) -> torch.Tensor:
+        """Joints given by the user."""
+        q, n = self._tensor(values), len(self.lower)
+        if q.ndim != 2 or q.shape[1] != n:
+            raise ValueError(f"{name} has shape {tuple(q.shape)}, but should have (N, {n}) for '{self.arm.name}'.")
+        return q
+
     def _tensor(self, values: torch.Tensor | np.ndarray | list[float]) -> torch.Tensor:
         return torch.as_tensor(values, dtype=self.dtype, device=self.device)
 
@@ -138,8 +156,10 @@ def _tree(arm: Arm) -> pk.Chain:
         else:
             kind = "prismatic" if arm.slide[i] else "revolute"
             limits = (float(arm.lower[i]), float(arm.upper[i]))
-            joint = Joint(name, offset, kind, torch.as_tensor(arm.axis[i]), torch.float64, limits=limits)
-        frame = Frame("tcp" if i == len(arm.joints) else f"joint {i}", link=Link(name), joint=joint)
+            joint = Joint(
+                name or f"joint {i}", offset, kind, torch.as_tensor(arm.axis[i]), torch.float64, limits=limits
+            )
+        frame = Frame("tcp" if i == len(arm.joints) else f"joint {i}", link=Link(name or f"joint {i}"), joint=joint)
         tip.add_child(frame)
         tip = frame
     return pk.Chain(root, dtype=torch.float64)

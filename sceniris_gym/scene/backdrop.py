@@ -72,15 +72,22 @@ def add_light(spec: mujoco.MjSpec) -> None:
     )
 
 
-def add_camera(spec: mujoco.MjSpec, center: np.ndarray, extent: float) -> None:
+def add_camera(spec: mujoco.MjSpec, center: np.ndarray, extent: float, facing: float | None = None) -> None:
     """Add the camera 'overview': from the front, a little from the right, and from so high that it sees into a drawer.
+
+    Where a robot would turn its back on it, and hide what it works on, it looks from behind instead.
 
     Args:
         spec: the scene.
         center: what it looks at [m], world frame, shape (3,).
         extent: how wide the scene is there [m].
+        facing: heading of the robot [rad], if there is one.
     """
     backward = np.array([0.5, -1.0, 2.1])  # 62 degrees up: over the face of an open drawer, down to its floor
+    if facing is not None:
+        away = -backward[:2] @ [np.cos(facing), np.sin(facing)]
+        if away > np.cos(np.radians(45.0)) * np.linalg.norm(backward[:2]):
+            backward[1] *= -1.0
     backward /= np.linalg.norm(backward)
     right = np.cross([0.0, 0.0, 1.0], backward)
     right /= np.linalg.norm(right)

@@ -16,6 +16,9 @@ from sceniris_gym.scene.files import SHIPPED_NAME, shipped
 _FREE = mujoco.mjtJoint.mjJNT_FREE
 _BODIES = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_XBODY)
 
+MARK_GROUP = 4
+"""Group of geoms that show where a marker is: they are in pictures, but no part of what is placed."""
+
 
 @dataclass(frozen=True)
 class Home:
@@ -55,6 +58,16 @@ def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: s
     if config.asset is None:
         marker = spec.worldbody.add_body(name=name, mocap=True)
         marker.add_site(name=f"{name}/site", size=[0.02, 0.0, 0.0], rgba=[0.1, 0.8, 0.2, 0.6])
+        marker.add_geom(  # the ray caster of pictures knows no sites
+            name=f"{name}/mark",
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            size=[0.04, 0.001, 0.0],
+            rgba=[0.1, 0.8, 0.2, 1.0],
+            contype=0,
+            conaffinity=0,
+            group=MARK_GROUP,
+            mass=0.0,
+        )
         return Home({}, {})
     child = _load_asset(config.asset, f"{where}: objects.{name}.asset")
     home = _take_home(child, name, keyframe=None, where=f"{where}: objects.{name}.asset")

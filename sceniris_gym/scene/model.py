@@ -151,7 +151,8 @@ def build_model(config: SceneConfig) -> SceneModel:
     else:
         center, extent = mjm.stat.center.copy(), float(mjm.stat.extent)
     if spec.camera(backdrop.OVERVIEW) is None:
-        backdrop.add_camera(spec, center, extent)
+        facing = None if config.robot is None else float(np.radians(config.robot.yaw))
+        backdrop.add_camera(spec, center, extent, facing)
     if config.groups and not has_waiting_ground(mjm, len(config.objects), config.where):
         spec.stat.center, spec.stat.extent = mjm.stat.center, mjm.stat.extent  # of the scene without its waiting ground
         add_waiting_ground(spec, len(config.objects))

@@ -4,28 +4,33 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sceniris_gym.errors import KeysLeftOutWarning, ScenirisError, UnknownNameError
+from sceniris_gym.scene.complaints import reading
 from sceniris_gym.scene.compose import names_in
-from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.scene.config import RobotConfig, SceneConfig
 from sceniris_gym.scene.files import SHIPPED_NAME
 from sceniris_gym.scene.original_errors import in_its_keys, origin
 from sceniris_gym.scene.original_keys import CONFIGURATION, Notes, Section
-from sceniris_gym.scene.original_relations import Views, note_origins, read_relation
-from sceniris_gym.scene.values import FLOOR
+from sceniris_gym.scene.original_places import fixed_place, fixed_point, needed_floor, place
+from sceniris_gym.scene.original_relations import Views
+from sceniris_gym.scene.values import TIERS
 
-_PLANE = "_plane"  # the original's name of its ground
-_SUPPORT_WORDS = {"top": "on", "inside": "inside", "in": "inside"}
 _ROBOT_VIEWS = ("robot_centric_axis_transforms", "robot_centric_frame_transforms")
-_HALF_EDGE = 1e-4  # m, of the square on the floor that stands for a fixed position
 
 
-def read_sceniris(cfg: Mapping[str, Any], assets: Mapping[str, str] | None = None) -> SceneConfig:
+def read_sceniris(
+    cfg: Mapping[str, Any],
+    assets: Mapping[str, str] | None = None,
+    *,
+    robot: str | Mapping[str, Any] | None = None,
+    tier: str = "map",
+) -> SceneConfig:
     """Read a configuration of the original package, the dict that its `Scene.gen_from_cfg` takes.
 
     These keys are read, with the original's defaults:
@@ -34,7 +39,10 @@ def read_sceniris(cfg: Mapping[str, Any], assets: Mapping[str, str] | None = Non
       views of the world that relations may name.
     - `objects`, a list or a mapping by id: `id`, `asset_path`, `parent_id` (the ground), `relation_to_parent` ('top'
       is `on`, 'inside' and 'in' are `inside`), `ratio_on_support` (0), `position.xy_limit` (fractions of the
-      support's bounds), `constraints`, and `fixed_world_positions` if there is only one, which overrules those five.
+      support's bounds), `constraints`, and `fixed_world_positions` if there is only one, which overrules those five:
+      in the air that point, at z = 0 a square of 0.2 mm on the floor around it. Where it lies beyond the workspace the
+      floor is made larger, and what is on the floor without such a position keeps to the workspace.
+    - `reachable`, if there is a `robot`.
     - `rotation`, in degrees: 'uniform_z' with `lower` and `upper`, 'constant' with an `orientation` about z, 'stable'
       with `z_rotation`, 'face_to' with `face_to_object_id`.
     - `joint_states`: `joint_ids`, and `min` (0) and `max` (1) as fractions of the joint's limits.
@@ -53,6 +61,8 @@ def read_sceniris(cfg: Mapping[str, Any], assets: Mapping[str, str] | None = Non
     Args:
         cfg: The configuration; it is not changed.
         assets: Assets by the id of the object, shipped names or MJCF files, in place of its `asset_path`.
+        robot: The scene's robot, which configurations do not have: an asset, or a mapping as in a scene file.
+        tier: How thoroughly that robot is to reach what is `reachable`: 'map', 'map_strict', 'ik' or 'clear'.
 
     Returns:
         The scene.
@@ -75,14 +85,20 @@ def read_sceniris(cfg: Mapping[str, Any], assets: Mapping[str, str] | None = Non
     size = np.array([edge, edge]) if limits is None else 2.0 * np.abs(limits).max(axis=0)
     env.made("floor.size", "env_size" if limits is None else "workspace_limits")
     env.finish()
+    needed = needed_floor(objects)
+    if (size > 0.0).all() and (size < needed).any():
+        limits = 0.5 * np.array([-size, size]) if limits is None else limits
+        size = np.maximum(size, needed)
     for name in assets or {}:
         if name not in objects:
             raise UnknownNameError("object", name, "read_sceniris: assets", objects)
     parents = {str(part.value("parent_id")).split("/")[0] for part in objects.values()}
+    reach = None if robot is None else _known_tier(tier)
     scene = {
         "floor": {"size": size},
+        "robot": _checked_robot(robot),
         "objects": {
-            name: _object(part, views, limits, (assets or {}).get(name), name in parents)
+            name: _object(part, views, limits, (assets or {}).get(name), name in parents, reach)
             for name, part in objects.items()
         },
     }
@@ -93,8 +109,23 @@ def read_sceniris(cfg: Mapping[str, Any], assets: Mapping[str, str] | None = Non
         raise in_its_keys(error, notes.origins) from None
     _check_parts(config, notes.origins)
     if notes.left_out or notes.changed:
-        warnings.warn(KeysLeftOutWarning(notes.left_out, notes.changed), stacklevel=2)
+        warnings.warn(KeysLeftOutWarning(notes.left_out, notes.changed, notes.advice), stacklevel=2)
     return config
+
+
+def _checked_robot(robot: str | Mapping[str, Any] | None) -> dict[str, Any] | None:
+    if robot is None:
+        return None
+    words: Any = {"asset": robot} if isinstance(robot, str) else robot
+    with reading("read_sceniris: robot"):
+        RobotConfig.model_validate(words)
+    return dict(words)
+
+
+def _known_tier(tier: str) -> str:
+    if tier not in TIERS:
+        raise UnknownNameError("tier", str(tier), "read_sceniris: tier", TIERS)
+    return tier
 
 
 def _check_parts(config: SceneConfig, origins: Mapping[str, str]) -> None:
@@ -139,22 +170,33 @@ def _objects_by_id(keys: Section) -> dict[str, Section]:
     return objects
 
 
-def _object(keys: Section, views: Views, limits: np.ndarray | None, asset: str | None, is_parent: bool) -> dict:
+def _object(
+    keys: Section, views: Views, limits: np.ndarray | None, asset: str | None, is_parent: bool, tier: str | None
+) -> dict:
     keys.ignore("id")
-    joints = _joints(keys)
-    fixed = keys.value("fixed_world_positions")
-    is_fixed = isinstance(fixed, Sequence | np.ndarray) and len(fixed) == 1
+    joints, fixed = _joints(keys), fixed_point(keys)
     words = {
         "asset": _asset(keys, asset),
-        "kind": "fixture" if joints or is_parent or is_fixed else "free",
+        "kind": "fixture" if joints or is_parent or fixed is not None else "free",
         "joints": joints,
-        **(_fixed_place(keys) if is_fixed else _place(keys, views, limits)),
+        **(place(keys, views, limits) if fixed is None else fixed_place(keys, fixed)),
         **_rotation(keys, views),
+        **_reachable(keys, tier),
     }
-    if keys.value("reachable") is False:
-        keys.ignore("reachable")
     keys.finish()
     return words
+
+
+def _reachable(keys: Section, tier: str | None) -> dict:
+    """Return whether the robot is to reach an object; `tier` is how thoroughly, None without a robot."""
+    wanted = keys.value("reachable")
+    if wanted is True and tier is None:
+        keys.leave_out("reachable")
+        keys.notes.advise("'reachable' is carried over if read_sceniris is given the 'robot'.")
+    elif isinstance(wanted, bool):
+        keys.ignore("reachable")
+        return {"reachable": tier} if wanted else {}
+    return {}
 
 
 def _asset(keys: Section, asset: str | None) -> str:
@@ -217,41 +259,3 @@ def _constant(rotation: Section) -> Any:
     rotation.ignore("orientation")
     angle = math.degrees(math.atan2(matrix[1, 0], matrix[0, 0]))
     return {"yaw": (angle, angle)}
-
-
-def _fixed_place(keys: Section) -> dict:
-    keys.ignore("parent_id", "relation_to_parent", "ratio_on_support", "position", "constraints")
-    keys.made(f"{keys.path}.region", "fixed_world_positions")
-    point = keys.checked("fixed_world_positions", keys.values("fixed_world_positions")[0], (3,))
-    if point[2] != 0.0:
-        return {"region": {"box": (point, point)}}
-    return {"on": FLOOR, "region": {"box": (point[:2] - _HALF_EDGE, point[:2] + _HALF_EDGE)}}
-
-
-def _place(keys: Section, views: Views, limits: np.ndarray | None) -> dict:
-    parent = str(keys.take("parent_id", _PLANE))
-    keys.known("parent_id", "object", parent.split("/")[0], [_PLANE, *views.objects])
-    parent = FLOOR if parent == _PLANE else parent
-    relation = keys.take("relation_to_parent", "top")
-    keys.known("relation_to_parent", "relation to a parent", relation, _SUPPORT_WORDS)
-    position = keys.section("position")
-    is_cropped = position.value("xy_limit") is not None
-    crop = np.sort(position.array("xy_limit", [[0.0, 0.0], [1.0, 1.0]], (2, 2)).clip(0.0, 1.0), axis=0)
-    position.finish()
-    region: dict | None = {"fraction": crop} if is_cropped else None
-    if parent == FLOOR and limits is not None:
-        region = {"box": limits[0] + crop * (limits[1] - limits[0])}
-    relations: list[dict] = []
-    for constraint in keys.sections("constraints"):
-        if (found := read_relation(constraint, views)) is not None:
-            note_origins(constraint, f"{keys.path}.relations.{len(relations)}", found)
-            relations.append(found)
-    keys.made(f"{keys.path}.{_SUPPORT_WORDS[relation]}", "parent_id")
-    keys.made(f"{keys.path}.region", "position.xy_limit")
-    keys.made(f"{keys.path}.relations", "constraints")
-    return {
-        _SUPPORT_WORDS[relation]: parent,
-        "ratio_on_support": min(max(keys.number("ratio_on_support", 0.0), 0.0), 1.0),
-        "region": region,
-        "relations": relations,
-    }

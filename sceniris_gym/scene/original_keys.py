@@ -25,11 +25,18 @@ class Notes:
         left_out: Dotted paths of keys that are not carried over.
         changed: What keys mean here and there, by their dotted paths, where that is not the same.
         origins: Dotted path of a part of the scene -> that of the key which it was made from.
+        advice: How more of it could be carried over, sentences.
     """
 
     left_out: list[str] = field(default_factory=list)
     changed: dict[str, str] = field(default_factory=dict)
     origins: dict[str, str] = field(default_factory=dict)
+    advice: list[str] = field(default_factory=list)
+
+    def advise(self, sentence: str) -> None:
+        """Give a piece of advice, once."""
+        if sentence not in self.advice:
+            self.advice.append(sentence)
 
 
 class Section:

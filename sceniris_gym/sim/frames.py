@@ -8,6 +8,10 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.scene.compose import MARK_GROUP
+
+VISIBLE_GROUPS = (0, 1, 2, MARK_GROUP)
+"""Groups of geoms that are in pictures: those that MuJoCo's viewer shows, and marks."""
 
 BACKGROUND = (0.93, 0.95, 0.97, 1.0)
 
@@ -45,6 +49,7 @@ class FrameCamera:
                 render_depth=False,
                 render_seg=False,
                 cam_active=[camera],
+                enabled_geom_groups=list(VISIBLE_GROUPS),
                 use_shadows=True,
                 background_color=BACKGROUND,
             )

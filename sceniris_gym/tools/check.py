@@ -40,7 +40,7 @@ def report(found: Mapping) -> str:
     )
     lines = [shares, f"the first is {found['first_id']}", table_of_rejections(found["rejections"])]
     lines += [
-        f"{name}: reachable on {part['area_after_m2']:.3f} of {part['area_before_m2']:.3f} m2"
+        f"{name}: {part['kept']:.1%} of {part['candidates']} candidates are within reach"
         for name, part in found.get("narrowing", {}).items()
     ]
     return "\n".join(lines + ([f"picture: {found['picture']}"] if "picture" in found else []))

@@ -1,4 +1,9 @@
-"""How much `reachable` narrows where objects lie: a scene with it and without, as numbers and seen from above."""
+"""How much `reachable` narrows where objects lie: a scene with it and without, as numbers and seen from above.
+
+The share that is kept is that of the same candidates, so it does not depend on how many there are, but for chance: of
+the layouts that are made without `reachable`, those in which the arm's map lets a grasp of the object through; and for
+the tiers `ik` and `clear` also the share of finished layouts that passed them.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +18,17 @@ from PIL import Image, ImageDraw, ImageFont
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.layout.build import build_world
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.reach.lookup import Verdict
 from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.scene.reach_device import Tier
 from sceniris_gym.scene.values import ROBOT
 from sceniris_gym.scene.world import World
 from sceniris_gym.tools.dataset import LayoutTable, read_table
 from sceniris_gym.tools.render import save
 
-CELL = 0.04
-"""Edge [m] of the cells by which the area is measured in which an object lies."""
+_REASONS = ("unreachable", "no_ik", "blocked")
+_LEAST = {Tier.MAP: Verdict.MIXED_YES, Tier.MAP_STRICT: Verdict.YES}  # the others go on where a map is not sure
+_RISING = np.sin(np.radians(10.0))  # a grasp of what stands on something does not come from further below
 _SCALE = 320  # pixels a metre, as far as a panel is no larger than _PANEL
 _PANEL = 620
 _GAP, _STRIP = 12, 26
@@ -35,6 +43,7 @@ class Narrowing:
     Attributes:
         before: object name -> positions [m] in the world where it is present, shape (n, 2), without `reachable`.
         after: the same with it.
+        kept: object name -> share of those before that `reachable` lets through.
         rejections: rejections per object and cause, with it.
         base: position [m] and heading [rad] of the robot's base, shape (3,).
         lower: corner of all that is drawn [m], shape (2,).
@@ -43,27 +52,22 @@ class Narrowing:
 
     before: Mapping[str, np.ndarray]
     after: Mapping[str, np.ndarray]
+    kept: Mapping[str, float]
     rejections: Mapping[str, Mapping[str, int]]
     base: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
 
     def figures(self) -> dict[str, dict[str, float | int]]:
-        """Areas [m2] in which each object lies, before and after, the share that is kept, and what was rejected why.
-
-        An area is that of the cells of CELL x CELL with a position in them, so it needs a few layouts a cell.
-        """
-        found = {}
-        for name in self.after:
-            before, after = _area(self.before[name]), _area(self.after[name])
-            reasons = ("unreachable", "no_ik", "blocked")
-            found[name] = {
-                "area_before_m2": round(before, 4),
-                "area_after_m2": round(after, 4),
-                "kept": round(after / before, 4) if before > 0.0 else 1.0,
-                **{reason: self.rejections[name][reason] for reason in reasons},
+        """The share of its candidates that each object keeps, of how many, and what a reset rejected why."""
+        return {
+            name: {
+                "kept": round(self.kept[name], 4),
+                "candidates": len(self.before[name]),
+                **{reason: self.rejections[name][reason] for reason in _REASONS},
             }
-        return found
+            for name in self.after
+        }
 
 
 def narrow(world: World, layouts: int, seed: int, path: Path | None = None) -> dict:
@@ -112,7 +116,9 @@ def narrowing(world: World, layouts: int, seed: int) -> Narrowing:
     before, after = ({name: _positions(world, table, name) for name in names} for table in tables)
     base = world.plan.place[world.slots.index(ROBOT)][[0, 1, 3]] if ROBOT in world.slots else np.zeros(3)
     lower, upper = _frame(world, [*before.values(), *after.values(), base[None, :2]])
-    return Narrowing(before, after, counts[1], base, lower, upper)
+    passed = _staged(world, tables[1], counts[1])
+    kept = {name: passed[name] * _on_map(world, plain, tables[0], name) for name in names}
+    return Narrowing(before, after, kept, counts[1], base, lower, upper)
 
 
 def picture(found: Narrowing, title: str) -> Image.Image:
@@ -134,7 +140,7 @@ def picture(found: Narrowing, title: str) -> Image.Image:
         _draw_base(draw, origin, scale, found.base)
     x = float(_GAP)
     for k, (name, part) in enumerate(found.figures().items()):
-        text = f"{name}: {part['area_before_m2']:.2f} to {part['area_after_m2']:.2f} m2"
+        text = f"{name}: {part['kept']:.0%} of {part['candidates']} are within reach"
         draw.text((x, height + _STRIP + 4), text, _COLOURS[k % len(_COLOURS)], font)
         x += draw.textlength(text, font) + 2 * _GAP
     return sheet
@@ -161,8 +167,60 @@ def _positions(world: World, table: LayoutTable, name: str) -> np.ndarray:
     return table.qpos[there, adr : adr + 2]
 
 
-def _area(positions: np.ndarray) -> float:
-    return len(np.unique(np.floor(positions / CELL).astype(int), axis=0)) * CELL**2
+def _on_map(world: World, plain: World, table: LayoutTable, name: str) -> float:
+    """Share of the layouts of `plain` with an object of which the arm's map lets a grasp of it through."""
+    reaching = world.reaching
+    assert reaching is not None
+    column = reaching.columns[reaching.names.index(name)]
+    placed = world.plan.objects[column.number]
+    grasps = [np.concatenate([g.pos, g.quat]) for g in column.grasps.grasps]
+    ups = np.array([_matrix(np.zeros(3), v.quat)[2, :3] for v in placed.variants])  # world's z in the root's frame
+    rows = np.flatnonzero(table.present[:, plain.slots.index(name)] & table.valid)
+    poses, of = [], []
+    data = mujoco.MjData(plain.mjm)
+    for row in rows.tolist():
+        table.rows.put(data, row)
+        mujoco.mj_kinematics(plain.mjm, data)
+        root = _frame_of(data, plain.scene.bodies[name])
+        first, number = column.grasps.spans[int((ups @ root[2, :3]).argmax())]
+        base = np.linalg.inv(_frame_of(data, reaching.arm.base_body))
+        for k in range(first, first + number):
+            tcp = _frame_of(data, column.grasps.grasps[k].body) @ _matrix(grasps[k][:3], grasps[k][3:])
+            if placed.ground is None or tcp[2, 2] <= _RISING:
+                poses.append(base @ tcp)
+                of.append(row)
+    through = np.array(of, int)
+    if reaching.map is not None and poses:
+        least = _LEAST.get(column.tier, Verdict.MIXED_NO)
+        through = through[reaching.map.verdict(np.stack(poses), world.device) >= least]
+    return len(np.unique(through)) / max(len(rows), 1)
+
+
+def _staged(world: World, table: LayoutTable, rejections: Mapping[str, Mapping[str, int]]) -> dict[str, float]:
+    """Share of the finished layouts that passed `ik` or `clear`, by object; stages go from the first to the last.
+
+    A layout that failed at a later object had passed at the earlier ones.
+    """
+    assert world.reaching is not None
+    shares, later = {}, 0
+    for name in reversed(world.reaching.names):
+        failed = rejections[name]["no_ik"] + rejections[name]["blocked"]
+        passed = later + int((table.present[:, world.slots.index(name)] & table.valid).sum())
+        shares[name] = passed / max(passed + failed, 1)
+        later += failed
+    return shares
+
+
+def _frame_of(data: mujoco.MjData, body: int) -> np.ndarray:
+    return _matrix(data.xpos[body], data.xquat[body])
+
+
+def _matrix(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
+    """A pose, position [m] and unit wxyz, as a matrix (4, 4)."""
+    frame, turn = np.eye(4), np.zeros(9)
+    mujoco.mju_quat2Mat(turn, np.asarray(quat, float))
+    frame[:3, :3], frame[:3, 3] = turn.reshape(3, 3), pos
+    return frame
 
 
 def _frame(world: World, points: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

@@ -17,6 +17,7 @@ import warp as wp
 from PIL import Image, ImageDraw, ImageFont
 
 from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.scene.compose import MARK_GROUP
 from sceniris_gym.scene.values import FLOOR
 from sceniris_gym.tools.files import replacing
 from sceniris_gym.tools.rows import Rows
@@ -68,7 +69,7 @@ def render(mjm: mujoco.MjModel, rows: Rows, *, size: tuple[int, int] = SIZE, dev
             render_depth=False,
             render_seg=False,
             use_shadows=True,
-            enabled_geom_groups=list(_VISIBLE_GROUPS),
+            enabled_geom_groups=[*_VISIBLE_GROUPS, MARK_GROUP],
             cam_active=[camera],
             render_skybox=True,
             enable_backface_culling=False,

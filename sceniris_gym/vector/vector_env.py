@@ -44,7 +44,10 @@ class SceneVectorEnv(VectorEnv):
     """Steps `num_envs` worlds of a task together, on one device, and gives each a fresh layout at every reset.
 
     Observations are a dict of groups (`policy`, `critic`), each of shape (num_envs, size); `observation_names` says
-    what lies where. `info` has `layout_seed`, `layout_episode` and `layout_fallback` (the layout came from the bank of
+    what lies where. Wrappers that take a single array, such as Gymnasium's NormalizeObservation, go around
+    FlattenObservation, which joins the groups, or around a wrapper that keeps one of them.
+
+    `info` has `layout_seed`, `layout_episode` and `layout_fallback` (the layout came from the bank of
     valid ones) of each world, and after a step `success` and `reward_terms` of that step. With SAME_STEP it has
     `final_obs` and `final_info` for all worlds too; they count where `_final_obs` is true. `layout_seed` is an int64,
     as torch has no arithmetic for larger ones: seeds from 2^63 on appear there as their two's complement, and

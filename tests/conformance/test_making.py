@@ -137,7 +137,10 @@ def test_one_world_is_truncated_by_gymnasiums_time_limit(env_id):
 @pytest.mark.filterwarnings("error", UNBOUNDED)
 @pytest.mark.parametrize("name", sorted(ENVS))
 def test_every_environment_of_the_package_passes_gymnasiums_checker(name):
-    """One world of each, with the arguments of its registration."""
-    env = gymnasium.make(name, device="cpu")
-    check_env(env.unwrapped, skip_render_check=True, skip_close_check=True)
+    """One world of each, with the arguments of its registration, and with pictures."""
+    env = gymnasium.make(name, device="cpu", render_mode="rgb_array", render_size=(32, 24))
+    check_env(env.unwrapped, skip_close_check=True)
+    env.reset(seed=0)
+    frame = np.asarray(env.render())
+    assert frame.std(axis=(0, 1)).min() > 5.0, "something is seen"
     env.close()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 import torch
@@ -78,6 +80,41 @@ def test_videos_are_recorded_with_every_world_in_them(make_env, tmp_path: Path, 
     assert len(frames) == MAX_STEPS + (mode is not AutoresetMode.SAME_STEP)
     assert frames.shape[1] * frames.shape[2] == count * 32 * 24
     assert imageio.immeta(video)["fps"] == inner.metadata["render_fps"] == 100
+
+
+@pytest.mark.slow
+def test_a_video_of_a_shipped_task_is_recorded(tmp_path: Path):
+    """TabletopLift-v0 moves in it: pictures differ from one step to the next."""
+    imageio = pytest.importorskip("imageio.v3")
+    pytest.importorskip("moviepy")
+    kwargs: dict[str, Any] = {"device": "cpu", "output": "numpy", "render_mode": "rgb_array", "render_size": (64, 48)}
+    envs = gymnasium.make_vec("sceniris_gym/TabletopLift-v0", num_envs=2, max_episode_steps=MAX_STEPS, **kwargs)
+    envs = wrappers.RecordVideo(envs, str(tmp_path), episode_trigger=lambda episode: episode == 0)
+    envs.reset(seed=0)
+    for _ in range(MAX_STEPS):
+        envs.step(np.ones((2, 5), np.float32))
+    envs.close()
+    frames = imageio.imread(next(tmp_path.glob("*.mp4"))).astype(int)
+    assert len(frames) == MAX_STEPS
+    assert frames.shape[1] * frames.shape[2] == 2 * 64 * 48
+    assert np.abs(np.diff(frames, axis=0)).max() > 50
+
+
+def test_flat_observations_are_normalised(make_env):
+    """NormalizeObservation cannot take a dict of groups; behind FlattenObservation it has mean 0 and deviation 1."""
+    with pytest.raises(np.exceptions.AxisError):
+        wrappers.NormalizeObservation(make(make_env, AutoresetMode.NEXT_STEP)).reset(seed=0)
+    envs = wrappers.NormalizeObservation(wrappers.FlattenObservation(make(make_env, AutoresetMode.NEXT_STEP)))
+    seen = [envs.reset(seed=0)[0]]
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        seen.append(envs.step(rng.uniform(-0.8, 0.8, (NUM_ENVS, 5)))[0])
+    late = np.concatenate(seen[10:])
+    assert late.shape[1] == envs.single_observation_space.shape[0]
+    moving = late.std(axis=0) > 0.01
+    assert moving.sum() > 16
+    assert np.abs(late.mean(axis=0)[moving]).max() < 1.0
+    assert 0.3 < late.std(axis=0)[moving].mean() < 2.0
 
 
 def test_observations_are_normalised_where_the_reset_is_a_step_of_its_own(make_env):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import pickle
 import re
+from typing import Any
 
 import gymnasium
 import mujoco
@@ -99,7 +100,13 @@ def test_the_docstring_lists_what_is_observed(world):
     envs = SceneVectorEnv(DrawerPick, 1, scene=world)
     names = envs.observation_names
     assert [(name, (int(size),)) for name, size in table] == names["policy"]
-    assert names["critic"] == [*names["policy"], ("banana_velocity", (6,)), ("apple_pose", (7,))]
+    assert names["critic"] == [
+        *names["policy"],
+        ("banana_velocity", (6,)),
+        ("apple_pose", (7,)),
+        ("touching", (2,)),
+        ("held", (1,)),
+    ]
     sizes = {group: sum(shape[0] for _, shape in named) for group, named in names.items()}
     for group, size in sizes.items():
         assert re.search(rf"[Gg]roup `{group}`, {size} numbers", DrawerPick.__doc__)
@@ -187,7 +194,7 @@ def test_a_script_lifts_the_banana_out(world):
     down = torch.tensor(np.stack(ways, axis=1), dtype=torch.float32)
     high = down[0].clone()
     high[:, 1] -= 0.25  # the shoulder leans back: higher than the way down began
-    rewards = []
+    rewards, successes = [], []
 
     def go(goal: torch.Tensor, gripper: float, steps: int, speed: float) -> dict:
         info = {}
@@ -195,6 +202,7 @@ def test_a_script_lifts_the_banana_out(world):
             action = torch.full((4, 8), gripper)
             action[:, :7] = ((goal - envs.state.ctrl[:, :7]) / JOINT_STEP).clamp(-speed, speed)
             _, reward, _, _, info = envs.step(action)
+            successes.append(info["success"])
         rewards.append(float(reward.mean()))
         return info
 
@@ -204,7 +212,27 @@ def test_a_script_lifts_the_banana_out(world):
     go(down[-1], -1.0, 20, 0.5)
     for goal in down.flip(0)[1:]:
         go(goal, -1.0, 10, 0.3)
+    go(high, -1.0, 30, 0.3)
     info = go(high, -1.0, 30, 0.3)
     assert info["success"].sum() >= 3
     assert (envs.state.pose("banana")[info["success"], 2] > drawer_pick.CLEAR_HEIGHT).all()
-    assert rewards[0] < 0.5 < rewards[len(down)] < 8.0 < rewards[-1]
+    assert rewards[0] < 0.01 < rewards[len(down)] < 0.16 < rewards[-1]
+    task: Any = envs.task
+    assert (task.touching(envs.state)[info["success"]] == 1.0).all()
+    assert (torch.stack(successes).sum(dim=0)[info["success"]] < 100).all()
+
+
+def test_a_banana_that_is_thrown_out_is_no_success(world):
+    """It must be held by both fingers, and for half a second."""
+    envs = SceneVectorEnv(DrawerPick, 2, scene=world, autoreset_mode="Disabled")
+    envs.reset(seed=1)
+    qpos, address = envs.batch.data.qpos.numpy(), world.mjm.joint("banana/free").qposadr[0]
+    qpos[:, address + 2] = 0.8
+    envs.batch.data.qpos.assign(qpos)
+    task: Any = envs.task
+    task.held.copy_(torch.tensor([0.0, 24.0]))
+    _, _, _, _, info = envs.step(torch.zeros(2, 8))
+    assert (envs.state.pose("banana")[:, 2] > drawer_pick.CLEAR_HEIGHT).all()
+    assert not info["success"].any()
+    assert (info["reward_terms"]["out"] == 0.0).all()
+    assert (task.held == 0.0).all()

@@ -75,3 +75,15 @@ def test_the_clutter_covers_three_tenths_of_its_table():
     assert {config.objects[name].on for name in names} == {"table"}
     covered = sum(shapely.area(footprint(scene, data, name)) for name in names)
     assert covered / shapely.area(footprint(scene, data, "table")) > 0.30
+
+
+@pytest.mark.parametrize("name", ["tabletop_reach", "tabletop_lift", "clutter_push", "drawer_pick", "kitchen_reset"])
+def test_no_robot_turns_its_back_on_the_camera(name):
+    """Seen from above, the camera is within 135 degrees of where the robot looks, so that it sees its work."""
+    scene = build_model(SceneConfig.load(name))
+    data = mujoco.MjData(scene.mjm)
+    mujoco.mj_kinematics(scene.mjm, data)
+    mujoco.mj_camlight(scene.mjm, data)
+    facing = data.body("panda").xmat.reshape(3, 3)[:2, 0]
+    camera = data.camera("overview").xmat.reshape(3, 3)[:2, 2]  # a camera looks along its -z
+    assert facing @ camera / np.linalg.norm(camera) > np.cos(np.radians(135.0))

@@ -110,10 +110,10 @@ def test_a_first_joint_beside_the_base_is_upright_too():
 @pytest.mark.parametrize(
     ("chain", "why"),
     [
-        (link(hinge("0 0.1 1") + link(hinge() + site())), "first joint '0' is 5.71 degrees off the z axis of 'base'"),
-        (link(slide() + link(hinge() + site())), "first joint '0' is a slide"),
-        (link(hinge() + link(slide() + site())), "last joint '1' is a slide"),
-        (link(hinge() + link(hinge() + site("0.02 0 0.1"))), "TCP is 20 mm off the axis of the last joint '1'"),
+        (link(hinge("0 0.1 1") + link(hinge() + site())), "first joint is 5.71 degrees off the z axis of 'base'"),
+        (link(slide() + link(hinge() + site())), "first joint is a slide"),
+        (link(hinge() + link(slide() + site())), "last joint is a slide"),
+        (link(hinge() + link(hinge() + site("0.02 0 0.1"))), "TCP is 20 mm off the axis of the last joint,"),
         (link(hinge() + link(hinge() + site(euler="0.1 0 0"))), "and its z axis 5.73 degrees"),
     ],
 )
@@ -133,14 +133,18 @@ TWO = link(hinge(name="a") + link(hinge("0 1 0", name="b") + site(), name="hand"
 @pytest.mark.parametrize(
     ("mjm", "why"),
     [
-        (lambda: model(chain=link(site())), "arm 'base': no joint is between it and the site 'tcp'"),
+        (lambda: model(chain=link(site())), "no joint is between it and the site 'tcp'. Put the site into a body"),
         (
             lambda: model(chain=link(hinge() * 5 + link(hinge() * 4 + site()))),
             "has 9 joints up to the site 'tcp'; at most 8",
         ),
         (lambda: model(chain=link('<joint type="ball" name="b"/>' + site())), "joint 'b' is a ball joint"),
-        (lambda: model(chain=link(slide(range=None, name="s") + site())), "the slide 's' has no limits"),
-        (lambda: model(chain=hinge(name="r") + INERTIA + TWO), "joint 'r' moves the base itself"),
+        (lambda: model(chain=link(slide(range=None, name="s") + site())), "joint 's' is a slide without limits"),
+        (lambda: model(chain=hinge(name="r") + INERTIA + TWO), "joint 'r' moves the base itself. Move the joint"),
+        (
+            lambda: model(chain=link(slide(range=None) + site(), name="rail")),
+            "the unnamed joint of body 'rail' is a slide without limits",
+        ),
         (lambda: model(chain=TWO, extra=COUPLED), "not serial: the equality constraint 'geared' couples its joints"),
         (lambda: model(chain=TWO, extra=LOOP), "not serial: the equality constraint 0 couples its joints"),
     ],
@@ -154,7 +158,9 @@ def test_what_is_no_arm_is_refused(mjm, why: str):
 def test_a_site_elsewhere_is_refused():
     """The TCP is below the base."""
     other = link(hinge(name="a") + link(hinge() + site()))
-    with pytest.raises(ArmError, match="arm 'aside' is not serial: the site 'tcp' is not on it or below it"):
+    with pytest.raises(
+        ArmError, match=r"arm 'aside' is not serial: the site 'tcp' is not on it or below it\. Put the site into"
+    ):
         Arm.from_model(model(chain=other + '<body name="aside"/>'), "aside")
 
 

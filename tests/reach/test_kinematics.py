@@ -11,6 +11,7 @@ from sceniris_gym.reach.arm import Arm
 from sceniris_gym.reach.kinematics import Chain
 from sceniris_gym.reach.solve import POS_TOL, ROT_TOL
 from tests.reach.arms import MODELS, tcp_poses
+from tests.reach.shapes import gantry
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -97,3 +98,19 @@ def test_a_gpu_gives_what_the_cpu_gives():
     found, ok = far.ik(near.fk(joints))
     assert ok.all()
     assert (far.fk(found).cpu() - near.fk(joints))[:, :3, 3].norm(dim=1).max() < POS_TOL
+
+
+def test_arrays_of_other_shapes_are_refused():
+    """Forward and inverse kinematics say which shape is right."""
+    _, arm = gantry()
+    chain = Chain(arm)
+    for q in (np.zeros(6), np.zeros((2, 5))):
+        with pytest.raises(ValueError, match=r"q has shape .*, but should have \(N, 6\) for 'base'"):
+            chain.fk(q)
+    for made in (np.eye(4), np.zeros((2, 3, 4)), np.zeros((2, 7))):
+        with pytest.raises(ValueError, match=r"poses have shape .*, but should have \(N, 4, 4\)"):
+            chain.ik(made)
+    with pytest.raises(ValueError, match=r"seeds has shape \(6,\), but should have \(N, 6\)"):
+        chain.ik(np.eye(4)[None], seeds=np.zeros(6))
+    with pytest.raises(ValueError, match="no joints to start from"):
+        chain.ik(np.eye(4)[None], restarts=0)

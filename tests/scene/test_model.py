@@ -22,6 +22,7 @@ from sceniris_gym.errors import (
 )
 from sceniris_gym.scene.config import SceneConfig
 from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.pieces import extract_pieces
 
 TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
@@ -149,7 +150,10 @@ def test_each_kind_is_the_body_it_should_be(folder: Path):
     assert [mocap[name] >= 0 for name in ("ball", "chest", "rock", "ghost", "goal")] == [False, True, False, True, True]
     assert mjm.geom("ghost/g").contype == mjm.geom("ghost/g").conaffinity == 0
     assert mjm.geom("rock/g").contype == 1
-    assert mjm.body("goal").geomnum == 0
+    assert mjm.body("goal").geomnum == 1
+    assert mjm.geom("goal/mark").contype == mjm.geom("goal/mark").conaffinity == 0
+    for geometry in ("physics", "visual"):
+        assert not extract_pieces(mjm, geometry, {mjm.body("goal").id}), "a mark is nothing to place around"
     assert mjm.body("goal").mass == 0
 
 

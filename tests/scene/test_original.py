@@ -15,9 +15,10 @@ import pytest
 
 from sceniris_gym import read_sceniris
 from sceniris_gym.errors import CycleError, KeysLeftOutWarning, SceneKeyError, ScenirisError, UnknownNameError
-from sceniris_gym.scene.config import JointConfig, SceneConfig, SupportConfig
+from sceniris_gym.scene.config import JointConfig, RobotConfig, SceneConfig, SupportConfig
 from sceniris_gym.scene.model import build_model
 from sceniris_gym.scene.orientations import Turn
+from sceniris_gym.scene.program import build_plan
 from sceniris_gym.scene.relations import Relation
 
 QUARTER_TURN = np.array([[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
@@ -273,6 +274,84 @@ def test_a_fixed_position_overrules_the_rest():
     assert standing.support == SupportConfig("on", "floor")
     assert standing.region is not None
     assert np.allclose(standing.region.box or 0.0, [[0.2, 0.1], [0.2, 0.1]], atol=2e-4)
+
+
+@pytest.mark.parametrize("limits", [None, [[-0.5, -0.5], [0.5, 0.5]]], ids=str)
+def test_a_fixed_position_may_be_beyond_the_workspace(limits: list | None):
+    """The floor is made to hold it; what is drawn on it keeps to the workspace, and layouts can be made."""
+    env = {"env_size": 1.0, "workspace_limits": limits}
+    cfg = mug(fixed_world_positions=[[0.8, -0.3, 0.0]])
+    cfg["env"] = env
+    cfg["objects"][2]["position"] = {"xy_limit": [[0.5, 0.0], [1.0, 1.0]]}
+    config, left_out = read(cfg)
+    assert left_out == []
+    assert config.floor is not None
+    assert config.floor.size == pytest.approx((1.6002, 1.0))
+    regions = {name: part.region and part.region.box for name, part in config.objects.items()}
+    assert np.allclose(regions["mug"] or 0.0, [[0.7999, -0.3001], [0.8001, -0.2999]], atol=1e-9)
+    assert regions["drawer"] == ((-0.5, -0.5), (0.5, 0.5))
+    assert regions["apple"] == ((0.0, -0.5), (0.5, 0.5))
+    build_plan(build_model(config))  # which refuses regions that leave nothing of the floor
+
+
+@pytest.mark.parametrize("far", [[200.0, 0.0, 0.0], [0.0, -150.0, 0.0], [0.0, 0.0, 120.0]], ids=str)
+def test_a_fixed_position_that_is_too_far_is_refused_by_its_key(far: list[float]):
+    """Positions are kept within 100 m of the origin, on the floor as in the air."""
+    with pytest.raises(SceneKeyError, match=r"original configuration: objects\.mug\.fixed_world_positions: .*100 m"):
+        read(mug(fixed_world_positions=[far]))
+
+
+@pytest.mark.parametrize(
+    ("robot", "others", "tier"),
+    [
+        ("panda", {}, "map"),
+        ("panda", {"tier": "clear"}, "clear"),
+        ({"asset": "panda", "base": [-0.5, 0.0, 0.0], "yaw": 90}, {}, "map"),
+    ],
+    ids=str,
+)
+def test_what_is_reachable_stays_so_for_a_robot_that_is_given(robot: Any, others: dict, tier: str):
+    """It stands where it is said to, and only what was reachable is."""
+    cfg = mug(reachable=True)
+    cfg["objects"][2]["reachable"] = False
+    config, left_out = read(cfg, robot=robot, **others)
+    assert left_out == []
+    assert config.robot == RobotConfig(**(robot if isinstance(robot, dict) else {"asset": robot}))
+    assert {name: part.reachable for name, part in config.objects.items()} == {
+        "mug": tier,
+        "drawer": False,
+        "apple": False,
+    }
+    assert build_model(config).bodies["robot"] > 0
+
+
+def test_what_is_reachable_without_a_robot_is_told_with_what_would_help():
+    """Once, however many objects have the key."""
+    cfg = mug(reachable=True)
+    cfg["objects"][2]["reachable"] = True
+    with pytest.warns(KeysLeftOutWarning) as caught:
+        read_sceniris(cfg)
+    (warning,) = (w.message for w in caught)
+    assert isinstance(warning, KeysLeftOutWarning)
+    assert warning.keys == ("objects.mug.reachable", "objects.apple.reachable")
+    assert str(warning).count("'reachable' is carried over if read_sceniris is given the 'robot'.") == 1
+    assert str(pickle.loads(pickle.dumps(warning))) == str(warning)
+
+
+@pytest.mark.parametrize(
+    ("others", "error", "says"),
+    [
+        ({"robot": {"base": [0, 0, 0]}}, SceneKeyError, r"read_sceniris: robot: asset: is missing"),
+        ({"robot": {"asset": "panda", "bsae": [0, 0, 0]}}, SceneKeyError, r"read_sceniris: robot: bsae: .*mean 'base'"),
+        ({"robot": 3}, SceneKeyError, r"read_sceniris: robot: .*mapping"),
+        ({"robot": "panda", "tier": "maps"}, UnknownNameError, r"read_sceniris: tier: .*mean 'map'"),
+    ],
+    ids=str,
+)
+def test_a_wrong_robot_is_refused(others: dict, error: type[ScenirisError], says: str):
+    """By the argument, not by a key of the configuration."""
+    with pytest.raises(error, match=says):
+        read(mug(), **others)
 
 
 def test_objects_may_be_a_mapping_by_id():

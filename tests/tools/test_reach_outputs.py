@@ -16,9 +16,11 @@ from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.scene.world import World
 from sceniris_gym.tools import replay
 from sceniris_gym.tools.dataset import make_table, write_dataset
-from sceniris_gym.tools.narrowing import CELL, narrow, narrowing
+from sceniris_gym.tools.narrowing import narrow, narrowing
 from tests.layout.reaching import RADIUS, crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, cpu_world
+
+FLOOR = 4.0  # area of the crane's floor [m2]
 
 
 @pytest.fixture(scope="module")
@@ -61,18 +63,23 @@ def test_a_replay_names_the_grasp(world: World):
     assert "grasp 'top 0'" in replay.report({"id": "x", "picture": "y", **found})
 
 
-def test_narrowing_is_the_area_that_is_left(world: World):
-    """The floor before and the crane's ring after, but for the cells at their edges."""
-    figures = narrowing(world, 6000, 0).figures()
+@pytest.mark.parametrize("layouts", [200, 1000, 5000])
+def test_narrowing_is_the_share_that_is_left_however_many_are_looked_at(world: World, layouts: int):
+    """The crane's ring of the floor, within four standard deviations of chance."""
+    figures = narrowing(world, layouts, 0).figures()
     assert set(figures) == {"thing"}
-    ring = np.pi * (RADIUS[1] ** 2 - RADIUS[0] ** 2)
-    edges = 2 * np.pi * sum(RADIUS) * CELL
-    assert 3.6 < figures["thing"]["area_before_m2"] <= (2.0 + CELL) ** 2
-    assert ring - edges / 2 < figures["thing"]["area_after_m2"] < ring + edges
-    assert figures["thing"]["kept"] == pytest.approx(
-        figures["thing"]["area_after_m2"] / figures["thing"]["area_before_m2"], abs=1e-3
-    )
+    share = np.pi * (RADIUS[1] ** 2 - RADIUS[0] ** 2) / FLOOR
+    assert figures["thing"]["candidates"] > 0.9 * layouts
+    assert figures["thing"]["kept"] == pytest.approx(share, abs=4 * np.sqrt(share * (1 - share) / layouts))
     assert figures["thing"]["unreachable"] > 0
+
+
+def test_narrowing_counts_what_later_stages_refuse(tmp_path: Path):
+    """A crane that does not turn all around reaches a part of its ring alone, which `ik` finds without a map."""
+    asset, cube = crane_mjcf(tmp_path, turn=1.0), box_mjcf(tmp_path, "cube", 0.04, 0.04, 0.04)
+    found = narrowing(cpu_world(crane_scene(asset, cube, reachable="ik"), bank_size=4), 400, 0)
+    share = np.pi * (RADIUS[1] ** 2 - RADIUS[0] ** 2) / FLOOR * (1.0 / np.pi)
+    assert found.figures()["thing"]["kept"] == pytest.approx(share, abs=4 * np.sqrt(share * (1 - share) / 400))
 
 
 def test_a_picture_needs_something_to_reach(tmp_path: Path):
