@@ -20,8 +20,8 @@ READING = {
 
 
 def test_the_audit_imports_nothing_that_makes_layouts():
-    """In a fresh process the whole audit is imported: of scene/ the reading alone, of what makes layouts nothing."""
-    program = "import sys, sceniris_gym.tools.audit.auditor; print(*sys.modules)"
+    """In a fresh process the whole audit is imported: of scene/ the reading alone, of reach/ nothing."""
+    program = "import sys; from sceniris_gym.tools.audit import auditor, reach; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
     own = [name.removeprefix("sceniris_gym.").split(".") for name in loaded if name.startswith("sceniris_gym.")]
     assert {path[0] for path in own} == {"errors", "registration", "scene", "tools"}

@@ -1,6 +1,8 @@
-"""Whether the arm gets to what it is said to reach: by MuJoCo C where joints are given, by other solvers where not.
+"""Whether the arm gets to what it is said to reach: by MuJoCo C where joints are given, and by a search where not.
 
-Arm and hand are taken from the MjModel: the chain from the robot's root body to its site `tcp`.
+Joints, limits and hand are taken from the MjModel: the chain from the robot's root body to its site `tcp`. The search
+is damped least squares on MuJoCo's own kinematics and Jacobian, from the layout's joints and from random ones. How wide
+the fingers open for a grasp is taken as claimed; with it the hand must not touch anything but the object.
 """
 
 from __future__ import annotations
@@ -11,7 +13,6 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from sceniris_gym.reach.arm import TCP, Arm
 from sceniris_gym.tools.rows import Rows
 
 POSITION = 1e-3  # m
@@ -20,7 +21,9 @@ BACK = 0.08  # m, from the pre-grasp to the grasp along its approach
 _LIMIT = 1e-6  # rad or m
 _DEEP = 1e-5  # m, by which bodies overlap that touch
 _OFF = 0.03  # m, from the TCP of a grasp to the box of some geom of its object
-_SOLVED_AT_ONCE = 256
+_TCP = "tcp"
+_STARTS, _STEPS = 48, 40  # of the search
+_LEVER = 0.3  # m, by which an angle counts in it
 
 
 @dataclass(frozen=True)
@@ -66,8 +69,12 @@ class ReachAudit:
 
     def __init__(self, mjm: mujoco.MjModel, root: int, bodies: dict[str, int]) -> None:
         self.mjm, self.root, self.data = mjm, root, mujoco.MjData(mjm)
-        name = mjm.body(root).name
-        self.arm = Arm.from_model(mjm, name, f"{name}/{TCP}")
+        self.site = mjm.site(f"{mjm.body(root).name}/{_TCP}").id
+        self.joints = _joints_between(mjm, root, int(mjm.site_bodyid[self.site]))
+        self.adr, self.dof = mjm.jnt_qposadr[self.joints], mjm.jnt_dofadr[self.joints]
+        limited = mjm.jnt_limited[self.joints].astype(bool)
+        self.lower = np.where(limited, mjm.jnt_range[self.joints, 0], -np.inf)
+        self.upper = np.where(limited, mjm.jnt_range[self.joints, 1], np.inf)
         self._of = {name: _inside(mjm, body) for name, body in bodies.items()}
         self._robot = _inside(mjm, root)
 
@@ -81,16 +88,14 @@ class ReachAudit:
         """
         found = []
         for claim in claims:
-            poses: dict[int, np.ndarray] = {}
             for row in np.flatnonzero(present[claim.name]).tolist():
                 rows.put(self.data, row)
                 mujoco.mj_kinematics(self.mjm, self.data)
                 cause = self._wrong(claim, row)
                 if cause is not None:
                     found.append(Unreached(row, claim.name, cause))
-                elif claim.tier in ("map", "map_strict"):
-                    poses[row] = np.linalg.inv(self._frame(self.root)) @ _matrix(claim.pose[row])
-            found += [Unreached(row, claim.name, "no joints found") for row in self._unsolved(poses)]
+                elif claim.tier in ("map", "map_strict") and not self._solvable(_matrix(claim.pose[row])):
+                    found.append(Unreached(row, claim.name, "no joints found"))
         return found
 
     def _wrong(self, claim: Claim, row: int) -> str | None:
@@ -112,16 +117,15 @@ class ReachAudit:
         return cause
 
     def _wrong_joints(self, claim: Claim, qpos: np.ndarray, pose: np.ndarray) -> str | None:
-        mjm, data, arm = self.mjm, self.data, self.arm
+        mjm, data = self.mjm, self.data
         if np.isnan(qpos).any():
             return "no joints"
-        if np.any(qpos < arm.lower - _LIMIT) or np.any(qpos > arm.upper + _LIMIT):
+        if np.any(qpos < self.lower - _LIMIT) or np.any(qpos > self.upper + _LIMIT):
             return "limits"
-        data.qpos[arm.qposadr] = qpos
+        data.qpos[self.adr] = qpos
         mujoco.mj_fwdPosition(mjm, data)
-        turn = data.site_xmat[arm.tcp_site].reshape(3, 3).T @ pose[:3, :3]
-        angle = np.arccos(np.clip(0.5 * (np.trace(turn) - 1.0), -1.0, 1.0))
-        if np.linalg.norm(data.site_xpos[arm.tcp_site] - pose[:3, 3]) > POSITION or angle > ROTATION:
+        shift, turn = self._away(pose)
+        if np.linalg.norm(shift) > POSITION or np.linalg.norm(turn) > ROTATION:
             return "another pose"
         for contact in data.contact[: data.ncon]:
             first, second = (int(mjm.geom_bodyid[g]) for g in contact.geom)
@@ -150,21 +154,47 @@ class ReachAudit:
         ]
         return float(min(away, default=0.0))
 
-    def _unsolved(self, poses: dict[int, np.ndarray]) -> list[int]:
-        """The rows for whose TCP poses in the base frame torch finds no joints within limits."""
-        if not poses:
-            return []
-        from sceniris_gym.reach.kinematics import Chain
+    def _away(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Shift [m] and rotation vector [rad] from the TCP as it stands to a pose (4, 4), in the world frame."""
+        quat, turn = np.zeros(4), np.zeros(3)
+        mujoco.mju_mat2Quat(quat, (pose[:3, :3] @ self.data.site_xmat[self.site].reshape(3, 3).T).ravel())
+        mujoco.mju_quat2Vel(turn, quat, 1.0)
+        return pose[:3, 3] - self.data.site_xpos[self.site], turn
 
-        chain, rows, missed = Chain(self.arm), np.array(list(poses)), []
-        for start in range(0, len(rows), _SOLVED_AT_ONCE):
-            some = rows[start : start + _SOLVED_AT_ONCE]
-            _, ok = chain.ik(np.stack([poses[int(row)] for row in some]))
-            missed += some[~ok.cpu().numpy()].tolist()
-        return missed
+    def _solvable(self, pose: np.ndarray) -> bool:
+        """Whether a search finds joints within limits for a TCP pose in the world; it moves the robot in the data."""
+        mjm, data = self.mjm, self.data
+        draws = np.random.default_rng(0)
+        low, high = np.maximum(self.lower, -np.pi), np.minimum(self.upper, np.pi)
+        jacobian, rows = np.zeros((6, mjm.nv)), np.repeat([1.0, _LEVER], 3)
+        for start in range(_STARTS):
+            q = np.clip(data.qpos[self.adr], low, high) if start == 0 else draws.uniform(low, high)
+            for _ in range(_STEPS):
+                data.qpos[self.adr] = q
+                mujoco.mj_kinematics(mjm, data)
+                mujoco.mj_comPos(mjm, data)
+                shift, turn = self._away(pose)
+                if np.linalg.norm(shift) < POSITION and np.linalg.norm(turn) < ROTATION:
+                    return True
+                error = rows * np.concatenate([shift, turn])
+                mujoco.mj_jacSite(mjm, data, jacobian[:3], jacobian[3:], self.site)
+                here = rows[:, None] * jacobian[:, self.dof]
+                wish = here.T @ error
+                here[:, ((q <= self.lower) & (wish < 0.0)) | ((q >= self.upper) & (wish > 0.0))] = 0.0
+                damped = here @ here.T + (0.1 * error @ error + 1e-6) * np.eye(6)
+                step = here.T @ np.linalg.solve(damped, error)
+                q = np.clip(q + step / max(np.abs(step).max(), 1.0), self.lower, self.upper)
+        return False
 
-    def _frame(self, body: int) -> np.ndarray:
-        return _matrix(np.concatenate([self.data.xpos[body], self.data.xquat[body]]))
+
+def _joints_between(mjm: mujoco.MjModel, root: int, body: int) -> np.ndarray:
+    """Ids of the joints that move a body against a root above it, from the root on."""
+    found: list[int] = []
+    while body != root:
+        first = int(mjm.body_jntadr[body])
+        found[:0] = range(first, first + int(mjm.body_jntnum[body]))
+        body = int(mjm.body_parentid[body])
+    return np.array(found, int)
 
 
 def _inside(mjm: mujoco.MjModel, root: int) -> set[int]:
