@@ -89,3 +89,11 @@ def test_the_truth_is_kept_and_judges_inverse_kinematics(tmp_path: Path, monkeyp
         assert found["false_positives"] == 0.0
         assert found["accuracy"] > 0.98
         assert holds({"tier": tier, "default": True} | found)
+
+
+@pytest.mark.parametrize("tier", ["solve", "ik"])
+def test_a_false_accept_of_inverse_kinematics_breaks_the_table(tier: str):
+    """One among thousands is too many, whether or not it is the arm's default."""
+    row = {"tier": tier, "default": False, "accuracy": 1.0, "false_of_accepted": 0.0}
+    assert holds(row | {"false_positives": 0.0})
+    assert not holds(row | {"false_positives": 1e-4})
