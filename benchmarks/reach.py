@@ -10,9 +10,9 @@ arm, set and tier. All shares are of all poses, but `false_of_accepted`, which i
 `solve` is inverse kinematics alone. `ik` also asks that the arm does not hit itself and is judged by a truth that asks
 so, too, for arms of six joints: there all solutions can be tried. A Panda has no such row: its poses have a curve of
 solutions each, and steps along it do not prove that all of them hit the arm. `sampled` is the baseline, a map into
-which random joints were entered. A map's verdicts are looked up again after base and target moved together, and after the target
-turned about the base; `changed` is how many changed in the worse of both, `changed_beside_mixed` the number of those of
-which neither cell was mixed.
+which random joints were entered. A map's verdicts are looked up again after base and target moved together, and after
+the target turned about the base; `changed` is how many changed in the worse of both, `changed_beside_mixed` the number
+of those of which neither cell was mixed.
 
 The exit status is 1 if a bound of the table in RESULTS.md is broken by an arm's default tier, by `map_strict`, or by a
 solution that does not hold in MuJoCo's forward kinematics.
