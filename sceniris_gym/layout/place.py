@@ -24,7 +24,7 @@ from sceniris_gym.layout.groups import draw_groups, waiting_place
 from sceniris_gym.layout.kinematics import draw_joints, pose_bodies
 from sceniris_gym.layout.layouts import LayoutsView, Status
 from sceniris_gym.layout.orientations import Turn, draw_turn, facing
-from sceniris_gym.layout.points import AHEAD, SCRATCH, draw_in_triangle, draw_related, draw_triangle, draw_unrelated
+from sceniris_gym.layout.points import draw_in_triangle, draw_related, draw_triangle, draw_unrelated
 from sceniris_gym.layout.random import STREAM_BITS, uniforms
 from sceniris_gym.layout.regions import inside_outline, roof_physics, roof_visual, shadow_on_edge
 from sceniris_gym.layout.transforms import apply, compose, pose_of, quat_mat, quat_z, relative
@@ -34,9 +34,9 @@ from sceniris_gym.scene.reach_device import Reach
 
 wp.set_module_options({"enable_backward": False})
 
-# Left alone a kernel takes all 255 registers of a lane, and a multiprocessor then holds 8 worlds; with half of them
+# Left alone the kernel takes all 255 registers of a lane, and a multiprocessor then holds 8 worlds; with half of them
 # and a few spills it holds 16, which makes 1.2 times the layouts on an H200.
-_MAX_REGISTERS = {"unrelated": 128, "related": 128}
+_MAX_REGISTERS = 128
 
 _GEOMETRY = {"physics": (collides_physics, roof_physics), "visual": (collides_visual, roof_visual)}
 
@@ -232,8 +232,6 @@ def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
         obj: int,
         stream: wp.uint32,
         trial: int,
-        scratch: wp.array(dtype=wp.vec2),
-        races: wp.array(dtype=wp.uint64),
     ) -> Candidate:
         """Joints and orientation first, then the point, which may depend on them."""
         seed = layouts.seed[worldid]
@@ -265,20 +263,7 @@ def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
             if program.obj_turn[obj] != _ANY:
                 c.heading += support_heading
             if program.obj_cutnum[obj] > 0:
-                spot = draw_spot(
-                    program,
-                    layouts,
-                    worldid,
-                    lane,
-                    obj,
-                    c.turn,
-                    frame,
-                    support_heading,
-                    stream,
-                    trial,
-                    scratch,
-                    races,
-                )
+                spot = draw_spot(program, layouts, worldid, lane, obj, c.turn, frame, support_heading, stream, trial)
                 c.cause = spot.cause
                 if c.ground >= 0:
                     c.surface = spot.surface
@@ -371,8 +356,6 @@ def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
         obj: int,
         stream: wp.uint32,
         trial: int,
-        scratch: wp.array(dtype=wp.vec2),
-        races: wp.array(dtype=wp.uint64),
     ) -> int:
         """Draw one candidate, pose it and test it from cheap to dear. Returns why it was rejected, or NONE."""
         body_pos = layouts.body_pos[worldid]
@@ -394,7 +377,7 @@ def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
                 if lane == 0:
                     layouts.bounds[worldid, slot] = seen
         else:
-            c = draw_pose(program, layouts, worldid, lane, obj, stream, trial, scratch, races)
+            c = draw_pose(program, layouts, worldid, lane, obj, stream, trial)
             if c.cause != _NONE:
                 return c.cause
             if wp.static(not reaching):
@@ -432,9 +415,6 @@ def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
                 return
         nodes = wp.tile_stack(capacity=wp.static(NODE_CAPACITY[geometry]), dtype=wp.vec3i)
         leaves = wp.tile_stack(capacity=wp.static(LEAF_CAPACITY), dtype=wp.vec3i)
-        # here, as an array is cleared where it is made
-        scratch = wp.zeros(shape=(wp.static(SCRATCH if related else 1),), dtype=wp.vec2)
-        races = wp.zeros(shape=(wp.static(AHEAD if related else 1),), dtype=wp.uint64)
         if program.ngroup > 0:
             if lane == 0:
                 draw_groups(program, layouts.seed[worldid], layouts.episode[worldid], split, layouts.present[worldid])
@@ -461,9 +441,7 @@ def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
                                 layouts.grasp[worldid, reach.obj_reach[obj]] = -1
                     block_sync()
                 while trial < last and cause != _NONE:
-                    cause = attempt(
-                        program, reach, layouts, nodes, leaves, worldid, lane, obj, stream, trial, scratch, races
-                    )
+                    cause = attempt(program, reach, layouts, nodes, leaves, worldid, lane, obj, stream, trial)
                     if cause != _NONE and lane == 0:
                         wp.atomic_add(layouts.rejections, obj, cause, 1)
                         if cause == _COLLISION and layouts.rejected_object.shape[0] > 0:
@@ -493,8 +471,7 @@ def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
 
     name = f"place_{geometry}" + "_related" * related + f"_{reach_by}" * reaching
     place.__name__ = place.__qualname__ = name
-    registers = _MAX_REGISTERS["related" if related else "unrelated"]
-    options = {"enable_backward": False, "grid_stride": False, "cuda_max_registers": registers}
+    options = {"enable_backward": False, "grid_stride": False, "cuda_max_registers": _MAX_REGISTERS}
     return wp.Kernel(place, key=name, module=wp.get_module(f"{__name__}.{name}"), options=options)
 
 

@@ -76,8 +76,7 @@ def _apart_along(a: Placed, b: Placed, direction: wp.vec2) -> bool:
     return ea[1] < shift + eb[0] or shift + eb[1] < ea[0]
 
 
-# A function of its own, as it is a large one that few relations need.
-@wp.func(inline=False)
+@wp.func
 def bounds_distance(a: Placed, b: Placed) -> float:
     """Distance [m] of two bounds seen from above; 0 if they overlap.
 

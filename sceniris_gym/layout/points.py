@@ -6,6 +6,8 @@ without any sum: piece i runs an exponential race at the rate of its area, and t
 total), so the choice does not depend on how many lanes share the work.
 """
 
+from typing import Any
+
 import warp as wp
 
 from sceniris_gym.layout.blocks import block_sync
@@ -35,11 +37,6 @@ _DRAWS = wp.constant(1 << 20)
 _REDRAWS = wp.constant(64)
 # Pieces below this area [m^2] are rounding: a line of 1 mm, drawn 40 um wide, has 4e-8.
 _LEAST_AREA = wp.constant(1.0e-10)
-AHEAD = 21
-"""Redraws, after the first, whose races are run in one go: a third of the other 63."""
-SCRATCH = 2 * MAX_CORNERS
-"""Corners of a polygon and of what is made of it when it is clipped."""
-_AHEAD = wp.constant(AHEAD)
 _NOBODY = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
 # A surface carries as long as it is level to 0.1 degree.
 _LEVEL = wp.constant(0.9999985)
@@ -100,11 +97,9 @@ def _keeps_off(program: Program, obj: int, tri: int, frame: Pose, own: Placed) -
 
 
 @wp.func
-def _look_around(
-    program: Program, layouts: LayoutsView, worldid: int, lane: int, obj: int, own: Placed, support_heading: float
-):
+def _look_around(program: Program, layouts: LayoutsView, worldid: int, obj: int, own: Placed, support_heading: float):
     """What each of the object's relations comes to in this world, into `layouts.sights` and `layouts.hulls`."""
-    for i in range(lane, program.obj_relnum[obj], wp.block_dim()):
+    for i in range(program.obj_relnum[obj]):
         layouts.sights[worldid, i] = look(
             program,
             program.obj_reladr[obj] + i,
@@ -127,19 +122,18 @@ def _cut(
     variant: int,
     index: int,
     frame: Pose,
-    scratch: wp.array(dtype=wp.vec2),
-) -> wp.vec2i:
+    polygon: Any,
+    scratch: Any,
+) -> int:
     """Piece `index` of the region: a triangle of the support within one convex piece of every relation.
 
-    Returns where in `scratch` it begins, and its number of corners.
+    Returns the number of corners of `polygon`.
     """
     tri = program.variant_triadr[variant] + index % program.variant_trinum[variant]
     rest = index // program.variant_trinum[variant]
     height = program.surface_height[program.tri_surface[tri]]
-    first = int(0)
     num = set_triangle(
-        scratch,
-        first,
+        polygon,
         _xy(frame, program.tri_a[tri], height),
         _xy(frame, program.tri_b[tri], height),
         _xy(frame, program.tri_c[tri], height),
@@ -155,10 +149,8 @@ def _cut(
         for side in range(side_num(program, rel, sight)):
             if num > 0:
                 plane = piece_side(program, rel, piece, side, sight, layouts.hulls[worldid], i * _MAX_ANCHORS)
-                if plane.normal[0] != 0.0 or plane.normal[1] != 0.0:  # else it holds everything
-                    num = clip(scratch, first, num, plane, _MAX_CORNERS - first)
-                    first = _MAX_CORNERS - first
-    return wp.vec2i(first, num)
+                num = clip(polygon, num, plane, scratch)
+    return num
 
 
 @wp.func
@@ -173,17 +165,11 @@ def draw_related(
     support_heading: float,
     stream: wp.uint32,
     trial: int,
-    scratch: wp.array(dtype=wp.vec2),
-    races: wp.array(dtype=wp.uint64),
 ) -> Spot:
     """A uniform point of the region in this world. All lanes of the block must call it together; all get the same.
 
-    Each lane looks at a relation, all of them cut and measure, and the lane that cut the winning piece draws the point:
-    a polygon is memory of a lane's own, and 32 copies of the same one would be 32 times the traffic. Areas stay as they
-    are from redraw to redraw: a lane keeps its only piece, and lanes with several, which would have to cut them again,
-    run the races of the next redraws in one go.
-
-    `scratch` is memory of a lane's own for SCRATCH corners, and `races` for AHEAD keys; what they hold does not matter.
+    Lane 0 looks at the relations, all lanes cut and measure, and the lane that cut the winning piece draws the point: a
+    polygon is memory of a lane's own, and 32 copies of the same one would be 32 times the traffic.
     """
     spot = Spot()
     spot.surface = int(-1)
@@ -198,35 +184,25 @@ def draw_related(
         own.heading += support_heading
     own.low = wp.vec2(turn.bounds[0], turn.bounds[1])
     own.high = wp.vec2(turn.bounds[2], turn.bounds[3])
-    _look_around(program, layouts, worldid, lane, obj, own, support_heading)
+    polygon = wp.zeros(shape=(_MAX_CORNERS,), dtype=wp.vec2)
+    scratch = wp.zeros(shape=(_MAX_CORNERS,), dtype=wp.vec2)
+    if lane == 0:
+        _look_around(program, layouts, worldid, obj, own, support_heading)
     block_sync()
     pieces = program.variant_trinum[turn.variant] * program.obj_cutnum[obj]
-    cut = int(-1)  # the piece that is in `scratch`, from polygon[0] on, with polygon[1] corners
-    polygon = wp.vec2i(0, 0)
-    size = float(0.0)
-    begun = int(0)  # the first redraw whose race is in `races`, and the first one whose race is yet to be run
-    run = int(0)
     for redraw in range(_REDRAWS):
-        if redraw == run:
-            begun = redraw
-            run = redraw + 1
-            if redraw > 0 and pieces > wp.block_dim():
-                run = redraw + _AHEAD
-            for k in range(run - begun):
-                races[k] = _NOBODY
-            for i in range(lane, pieces, wp.block_dim()):
-                if cut != i:
-                    cut = i
-                    polygon = _cut(program, layouts, worldid, obj, turn.variant, i, frame, scratch)
-                    size = area(scratch, polygon[0], polygon[1])
-                if size > _LEAST_AREA:
-                    for k in range(run - begun):
-                        draw = _FIRST_DRAW + (begun + k) * _DRAWS + 1 + i // 4
-                        race = uniforms(seed, episode, stream, trial, draw)
-                        finish = -wp.log(1.0 - race[i % 4]) / size
-                        key = (wp.uint64(wp.cast(finish, wp.uint32)) << wp.uint64(32)) | wp.uint64(i)
-                        races[k] = wp.min(races[k], key)
-        best = races[redraw - begun]
+        first_draw = _FIRST_DRAW + redraw * _DRAWS
+        best = _NOBODY
+        cut = int(-1)
+        num = int(0)
+        for i in range(lane, pieces, wp.block_dim()):
+            cut = i
+            num = _cut(program, layouts, worldid, obj, turn.variant, i, frame, polygon, scratch)
+            size = area(polygon, num)
+            if size > _LEAST_AREA:
+                race = uniforms(seed, episode, stream, trial, first_draw + 1 + i // 4)
+                finish = -wp.log(1.0 - race[i % 4]) / size
+                best = wp.min(best, (wp.uint64(wp.cast(finish, wp.uint32)) << wp.uint64(32)) | wp.uint64(i))
         best = wp.tile_extract(wp.tile_min(wp.tile(best)), 0)
         if best == _NOBODY:
             spot.cause = _EMPTY
@@ -234,12 +210,10 @@ def draw_related(
         index = int(best & wp.uint64(0xFFFFFFFF))
         tri = program.variant_triadr[turn.variant] + index % program.variant_trinum[turn.variant]
         if lane == index % wp.block_dim():
-            u = uniforms(seed, episode, stream, trial, _FIRST_DRAW + redraw * _DRAWS)
+            u = uniforms(seed, episode, stream, trial, first_draw)
             if cut != index:  # the lane has cut another piece since
-                cut = index
-                polygon = _cut(program, layouts, worldid, obj, turn.variant, index, frame, scratch)
-                size = area(scratch, polygon[0], polygon[1])
-            own.at = draw_in_polygon(scratch, polygon[0], polygon[1], u[0], u[1], u[2])
+                num = _cut(program, layouts, worldid, obj, turn.variant, index, frame, polygon, scratch)
+            own.at = draw_in_polygon(polygon, num, u[0], u[1], u[2])
             target = program.obj_target[obj]
             if program.obj_turn[obj] == _FACE_TO and layouts.present[worldid, target] != 0:
                 at = layouts.place[worldid, target]
@@ -277,8 +251,6 @@ def draw_unrelated(
     support_heading: float,
     stream: wp.uint32,
     trial: int,
-    scratch: wp.array(dtype=wp.vec2),
-    races: wp.array(dtype=wp.uint64),
 ) -> Spot:
     """Stands for `draw_related` in scenes without relations, whose kernel need not carry it; never called there."""
     return Spot()

@@ -1,8 +1,9 @@
 """Small convex polygons on the device: clipped by half-planes, measured, drawn from.
 
-A polygon is a run of corners [m], counter-clockwise, in a lane's own array: where it begins, and how many of them
-count. It has room for `MAX_CORNERS`.
+A polygon is a lane's own array of `MAX_CORNERS` corners [m], counter-clockwise, and how many of them count.
 """
+
+from typing import Any
 
 import warp as wp
 
@@ -37,21 +38,21 @@ def cross2(a: wp.vec2, b: wp.vec2) -> float:
 
 
 @wp.func
-def set_triangle(p: wp.array(dtype=wp.vec2), first: int, a: wp.vec2, b: wp.vec2, c: wp.vec2) -> int:
-    """Put a triangle, turned counter-clockwise, into `p` from `first` on. Returns its number of corners."""
-    p[first] = a
+def set_triangle(p: Any, a: wp.vec2, b: wp.vec2, c: wp.vec2) -> int:
+    """Make `p` a triangle, turned counter-clockwise. Returns its number of corners."""
+    p[0] = a
     if cross2(b - a, c - a) >= 0.0:
-        p[first + 1] = b
-        p[first + 2] = c
+        p[1] = b
+        p[2] = c
     else:
-        p[first + 1] = c
-        p[first + 2] = b
+        p[1] = c
+        p[2] = b
     return 3
 
 
 @wp.func
-def clip(p: wp.array(dtype=wp.vec2), first: int, num: int, h: HalfPlane, to: int) -> int:
-    """Cut the polygon at `first` down to a half-plane, and put it at `to`. Returns how many corners are left.
+def clip(p: Any, num: int, h: HalfPlane, scratch: Any) -> int:
+    """Cut `p` down to a half-plane. Returns the number of corners that are left.
 
     I. Sutherland, G. Hodgman, "Reentrant polygon clipping", CACM 17(1), 1974.
     """
@@ -59,40 +60,42 @@ def clip(p: wp.array(dtype=wp.vec2), first: int, num: int, h: HalfPlane, to: int
     a = wp.vec2(0.0, 0.0)
     ha = float(0.0)
     if num > 0:
-        a = p[first + num - 1]
+        a = p[num - 1]
         ha = wp.dot(h.normal, a - h.origin) - h.offset
     for i in range(num):
-        b = p[first + i]
+        b = p[i]
         hb = wp.dot(h.normal, b - h.origin) - h.offset
         if ((ha < 0.0 and hb > 0.0) or (ha > 0.0 and hb < 0.0)) and left < _MAX_CORNERS:
-            p[to + left] = a + (b - a) * (ha / (ha - hb))
+            scratch[left] = a + (b - a) * (ha / (ha - hb))
             left += 1
         if hb <= 0.0 and left < _MAX_CORNERS:
-            p[to + left] = b
+            scratch[left] = b
             left += 1
         a = b
         ha = hb
+    for i in range(left):
+        p[i] = scratch[i]
     return left
 
 
 @wp.func
-def area(p: wp.array(dtype=wp.vec2), first: int, num: int) -> float:
+def area(p: Any, num: int) -> float:
     """Area [m^2]."""
     total = float(0.0)
-    for i in range(first + 2, first + num):
-        total += cross2(p[i - 1] - p[first], p[i] - p[first])
+    for i in range(2, num):
+        total += cross2(p[i - 1] - p[0], p[i] - p[0])
     return 0.5 * total
 
 
 @wp.func
-def draw_in_polygon(p: wp.array(dtype=wp.vec2), first: int, num: int, pick: float, u: float, v: float) -> wp.vec2:
+def draw_in_polygon(p: Any, num: int, pick: float, u: float, v: float) -> wp.vec2:
     """A uniform point from three uniform numbers: a triangle of the fan by area, then a point of it."""
-    left = 2.0 * pick * area(p, first, num)
-    chosen = first + num - 1
-    for i in range(first + 2, first + num):
-        part = cross2(p[i - 1] - p[first], p[i] - p[first])
+    left = 2.0 * pick * area(p, num)
+    chosen = num - 1
+    for i in range(2, num):
+        part = cross2(p[i - 1] - p[0], p[i] - p[0])
         if left < part and i < chosen:
             chosen = i
         left -= part
     s = wp.sqrt(u)
-    return (1.0 - s) * p[first] + s * (1.0 - v) * p[chosen - 1] + s * v * p[chosen]
+    return (1.0 - s) * p[0] + s * (1.0 - v) * p[chosen - 1] + s * v * p[chosen]

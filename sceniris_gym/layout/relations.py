@@ -6,6 +6,7 @@ so areas add up; what they hold too much, less than there is, is drawn again aft
 """
 
 import math
+from typing import Any
 
 import warp as wp
 
@@ -60,7 +61,7 @@ def load_placed(place: wp.array(dtype=wp.vec4), bounds: wp.array(dtype=wp.vec4),
 
 
 @wp.func
-def _hull(points: wp.array(dtype=wp.vec2), num: int, hull: wp.array(dtype=wp.vec2), first: int) -> int:
+def _hull(points: Any, num: int, hull: Any, first: int) -> int:
     """The convex hull, counter-clockwise, into `hull` from `first` on. Returns its number of corners.
 
     R. Jarvis, "On the identification of the convex hull", Information Processing Letters 2(1), 1973.
@@ -87,9 +88,7 @@ def _hull(points: wp.array(dtype=wp.vec2), num: int, hull: wp.array(dtype=wp.vec
 
 
 @wp.func
-def _between(
-    width: float, points: wp.array(dtype=wp.vec2), num: int, hull: wp.array(dtype=wp.vec2), first: int
-) -> Sight:
+def _between(width: float, points: Any, num: int, hull: Any, first: int) -> Sight:
     """The hull of the anchors; a strip around the longest segment if they lie on a line; a square around one point."""
     s = Sight()
     s.active = num >= 2
@@ -151,7 +150,7 @@ def look(
     place: wp.array(dtype=wp.vec4),
     bounds: wp.array(dtype=wp.vec4),
     present: wp.array(dtype=int),
-    hull: wp.array(dtype=wp.vec2),
+    hull: Any,
     first: int,
 ) -> Sight:
     """What a relation comes to for an object (its bounds and heading; where it is does not matter) in one world.
@@ -210,10 +209,8 @@ def side_num(program: Program, rel: int, s: Sight) -> int:
 
 
 @wp.func
-def piece_side(
-    program: Program, rel: int, piece: int, side: int, s: Sight, hull: wp.array(dtype=wp.vec2), first: int
-) -> HalfPlane:
-    """One of the half-planes that hold a piece of a relation. One without a normal holds everything."""
+def piece_side(program: Program, rel: int, piece: int, side: int, s: Sight, hull: Any, first: int) -> HalfPlane:
+    """One of the half-planes that hold a piece of a relation."""
     if s.hullnum > 0:
         a = hull[first + side]
         edge = hull[first + (side + 1) % s.hullnum] - a
@@ -233,11 +230,13 @@ def piece_side(
         if s.half_angle >= _PI and program.rel_piecenum[rel] == 1:
             return everything
         return half_plane(turned(wp.vec2(0.0, -sign), start + slice * float(side)), s.apex, 0.0)
-    if (side == 2 and s.low <= 0.0) or (side == 3 and s.high >= _NO_LIMIT):
-        return everything
     middle = turned(wp.vec2(1.0, 0.0), start + 0.5 * slice)
     if side == 2:
+        if s.low <= 0.0:
+            return everything
         return half_plane(-middle, s.apex, -s.low * wp.cos(0.5 * slice))
+    if s.high >= _NO_LIMIT:
+        return everything
     return half_plane(middle, s.apex, s.high)
 
 
