@@ -36,7 +36,7 @@ def test_the_vector_env_is_stepped_and_reset_in_part(capsys: pytest.CaptureFixtu
     """Worlds outside of a reset mask keep their observations."""
     load("01_vector_env").main(num_envs=4, steps=3, device="cpu")
     out = capsys.readouterr().out
-    assert "policy: (4, 54) critic: (4, 67) on cpu" in out
+    assert "policy: (4, 54) critic: (4, 70) on cpu" in out
     assert "layouts: seeds [0, 1, 2, 3] episodes [0, 0, 0, 0]" in out
     assert "masked reset of 2 worlds; the others kept their observations: True" in out
 
