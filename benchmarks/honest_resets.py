@@ -30,6 +30,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.registration import ENVS
 from sceniris_gym.scene.compose import asset_name
+from sceniris_gym.scene.model import subtree
 from sceniris_gym.scene.world import World
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
@@ -160,13 +161,9 @@ def levers(world: World) -> dict[int, float]:
 
 def _corners(mjm: mujoco.MjModel, data: mujoco.MjData, body: int) -> np.ndarray:
     """Return the corners of the boxes around the geoms of a body and of all below it [m], world frame, shape (n, 3)."""
-    below = {body}
-    for child in range(body + 1, mjm.nbody):  # parents come first
-        if int(mjm.body_parentid[child]) in below:
-            below.add(child)
     signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
     boxes = []
-    for geom in np.flatnonzero(np.isin(mjm.geom_bodyid, list(below))):
+    for geom in np.flatnonzero(np.isin(mjm.geom_bodyid, subtree(mjm, body))):
         center, half = np.split(mjm.geom_aabb[geom], 2)
         boxes.append(data.geom_xpos[geom] + (center + signs * half) @ data.geom_xmat[geom].reshape(3, 3).T)
     return np.concatenate(boxes)

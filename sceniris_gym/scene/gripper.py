@@ -13,6 +13,7 @@ import numpy as np
 
 from sceniris_gym.reach.arm import Arm
 from sceniris_gym.scene.device import PieceType
+from sceniris_gym.scene.model import subtree
 from sceniris_gym.scene.pieces import Piece
 
 # Fingers that are not there take no room; what such a tool touches may be of any width.
@@ -93,15 +94,7 @@ def carried(mjm: mujoco.MjModel, arm: Arm) -> set[int]:
     root = int(mjm.site_bodyid[arm.tcp_site])
     while root not in moved:
         root = int(mjm.body_parentid[root])
-    return _subtree(mjm, root)
-
-
-def _subtree(mjm: mujoco.MjModel, root: int) -> set[int]:
-    inside = {root}
-    for body in range(root + 1, mjm.nbody):  # parents come before their children
-        if int(mjm.body_parentid[body]) in inside:
-            inside.add(body)
-    return inside
+    return set(subtree(mjm, root))
 
 
 def _finger_joints(mjm: mujoco.MjModel, hand: set[int], arm: Arm) -> list[int]:
@@ -118,7 +111,7 @@ def _finger_joints(mjm: mujoco.MjModel, hand: set[int], arm: Arm) -> list[int]:
 
 def _outer(mjm: mujoco.MjModel, data: mujoco.MjData, arm: Arm, joint: int, pieces: list[Piece]) -> int:
     """Which limit of a finger's joint (0 the lower, 1 the upper) has what it moves farther from the approach axis."""
-    below = _subtree(mjm, int(mjm.jnt_bodyid[joint]))
+    below = subtree(mjm, int(mjm.jnt_bodyid[joint]))
     moved = [p for p in pieces if p.body in below]
     adr = int(mjm.jnt_qposadr[joint])
     home = float(data.qpos[adr])

@@ -63,11 +63,7 @@ class SceneModel:
 
     def subtree(self, name: str) -> list[int]:
         """Return the ids of an object's root body and of all bodies below it, in ascending order."""
-        inside = {self.bodies[name]}
-        for i in range(self.bodies[name] + 1, self.mjm.nbody):  # parents come before their children
-            if self.mjm.body_parentid[i] in inside:
-                inside.add(i)
-        return sorted(inside)
+        return subtree(self.mjm, self.bodies[name])
 
     def joints(self, name: str) -> dict[str, int]:
         """Return the joints inside an object or the robot, but for a root's freejoint: id by the name inside it."""
@@ -125,6 +121,15 @@ class SceneModel:
                     f"{where}.{word}: {getattr(config, word)} should be inside the limits of '{name}', "
                     f"[{low:g}, {high:g}]."
                 )
+
+
+def subtree(mjm: mujoco.MjModel, root: int) -> list[int]:
+    """Return the ids of a body and of all bodies below it, in ascending order."""
+    inside = {root}
+    for body in range(root + 1, mjm.nbody):  # parents come before their children
+        if int(mjm.body_parentid[body]) in inside:
+            inside.add(body)
+    return sorted(inside)
 
 
 def build_model(config: SceneConfig) -> SceneModel:

@@ -12,6 +12,7 @@ import warp as wp
 from torch import Tensor
 
 from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.scene.model import subtree
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.draws import draw_uniform, task_stream
@@ -274,12 +275,9 @@ class State:
         mjm = self.mjm
         scalar = [j for j in range(mjm.njnt) if mjm.jnt_type[j] in SCALAR]
         body = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, name)
-        inside = {body}
-        for b in range(body + 1, mjm.nbody):
-            if int(mjm.body_parentid[b]) in inside:
-                inside.add(b)
+        inside = subtree(mjm, body) if body >= 0 else []
         found = [j for j in scalar if mjm.joint(j).name == name]
-        found = found or [j for j in scalar if body >= 0 and int(mjm.jnt_bodyid[j]) in inside]
+        found = found or [j for j in scalar if int(mjm.jnt_bodyid[j]) in inside]
         if not found:
             roots = {mjm.body(int(mjm.body_rootid[int(mjm.jnt_bodyid[j])])).name for j in scalar}
             raise self._unknown("joint", name, method, roots | {mjm.joint(j).name for j in scalar})
