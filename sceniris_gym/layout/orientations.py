@@ -10,7 +10,7 @@ import math
 import warp as wp
 
 from sceniris_gym.layout.placed import turned
-from sceniris_gym.layout.transforms import quat_mat, quat_z
+from sceniris_gym.layout.transforms import quat_mat, quat_z, unit_circle
 from sceniris_gym.reach.quaternions import mul_quat
 from sceniris_gym.scene.device import Program, TurnType
 
@@ -49,9 +49,9 @@ def _any_quat(u: wp.vec4) -> wp.vec4:
     """A uniform rotation. K. Shoemake, "Uniform random rotations", Graphics Gems III, 1992."""
     a = wp.sqrt(1.0 - u[0])
     b = wp.sqrt(u[0])
-    return wp.vec4(
-        b * wp.cos(_TWO_PI * u[2]), a * wp.sin(_TWO_PI * u[1]), a * wp.cos(_TWO_PI * u[1]), b * wp.sin(_TWO_PI * u[2])
-    )
+    first = unit_circle(_TWO_PI * u[1])
+    second = unit_circle(_TWO_PI * u[2])
+    return wp.vec4(b * second[0], a * first[1], a * first[0], b * second[1])
 
 
 @wp.func

@@ -27,7 +27,7 @@ from sceniris_gym.layout.orientations import Turn, draw_turn, facing
 from sceniris_gym.layout.points import draw_in_triangle, draw_related, draw_triangle, draw_unrelated
 from sceniris_gym.layout.random import STREAM_BITS, uniforms
 from sceniris_gym.layout.regions import inside_outline, roof_physics, roof_visual, shadow_on_edge
-from sceniris_gym.layout.transforms import apply, compose, pose_of, quat_mat, quat_z, relative
+from sceniris_gym.layout.transforms import apply, compose, pose_of, quat_mat, quat_z, relative, unit_circle
 from sceniris_gym.reach.quaternions import mul_quat
 from sceniris_gym.scene.device import Cause, Measure, ObjectKind, Program, Roof, TurnType
 from sceniris_gym.scene.reach_device import Reach
@@ -151,7 +151,8 @@ def _see(
     body_quat: wp.array(dtype=wp.vec4),
 ) -> wp.vec4:
     """The bounds of a posed object around its pivot, which stays where it is at home, in its heading."""
-    ahead = wp.vec3(wp.cos(place[3]), wp.sin(place[3]), 0.0)
+    to = unit_circle(place[3])
+    ahead = wp.vec3(to[0], to[1], 0.0)
     across = wp.vec3(-ahead[1], ahead[0], 0.0)
     pivot = wp.vec3(place[0], place[1], 0.0)
     x = _extent(program, obj, lane, ahead, body_pos, body_quat)

@@ -2,6 +2,8 @@
 
 import warp as wp
 
+from sceniris_gym.layout.transforms import unit_circle
+
 
 @wp.struct
 class Placed:
@@ -16,9 +18,8 @@ class Placed:
 @wp.func
 def turned(v: wp.vec2, angle: float) -> wp.vec2:
     """A plane vector turned counter-clockwise by `angle` [rad]."""
-    c = wp.cos(angle)
-    s = wp.sin(angle)
-    return wp.vec2(c * v[0] - s * v[1], s * v[0] + c * v[1])
+    to = unit_circle(angle)
+    return wp.vec2(to[0] * v[0] - to[1] * v[1], to[1] * v[0] + to[0] * v[1])
 
 
 @wp.func

@@ -12,6 +12,7 @@ import warp as wp
 
 from sceniris_gym.layout.placed import Placed, bounds_distance, bounds_extent, bounds_offset, bounds_radius, turned
 from sceniris_gym.layout.polygons import HalfPlane, cross2, half_plane
+from sceniris_gym.layout.transforms import unit_circle
 from sceniris_gym.scene.device import FRAME_SUPPORT, FRAME_WORLD, Program, RelationType
 from sceniris_gym.scene.limits import MAX_ANCHORS
 
@@ -234,7 +235,7 @@ def piece_side(program: Program, rel: int, piece: int, side: int, s: Sight, hull
     if side == 2:
         if s.low <= 0.0:
             return everything
-        return half_plane(-middle, s.apex, -s.low * wp.cos(0.5 * slice))
+        return half_plane(-middle, s.apex, -s.low * unit_circle(0.5 * slice)[0])
     if s.high >= _NO_LIMIT:
         return everything
     return half_plane(middle, s.apex, s.high)

@@ -11,17 +11,25 @@ class Pose:
     rot: wp.mat33
 
 
+# One copy, as sine and cosine of any angle at all are 500 instructions, wherever they stand.
+@wp.func(inline=False)
+def unit_circle(angle: float) -> wp.vec2:
+    """Cosine and sine of an angle [rad]."""
+    return wp.vec2(wp.cos(angle), wp.sin(angle))
+
+
 @wp.func
 def quat_z(angle: float) -> wp.vec4:
     """Rotation by `angle` [rad] about z."""
-    return wp.vec4(wp.cos(0.5 * angle), 0.0, 0.0, wp.sin(0.5 * angle))
+    to = unit_circle(0.5 * angle)
+    return wp.vec4(to[0], 0.0, 0.0, to[1])
 
 
 @wp.func
 def axis_angle_quat(axis: wp.vec3, angle: float) -> wp.vec4:
     """Rotation by `angle` [rad] about the unit vector `axis`."""
-    s = wp.sin(0.5 * angle)
-    return wp.vec4(wp.cos(0.5 * angle), axis[0] * s, axis[1] * s, axis[2] * s)
+    to = unit_circle(0.5 * angle)
+    return wp.vec4(to[0], axis[0] * to[1], axis[1] * to[1], axis[2] * to[1])
 
 
 @wp.func
