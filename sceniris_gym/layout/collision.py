@@ -11,7 +11,7 @@ from typing import Any
 import warp as wp
 
 from sceniris_gym.layout.blocks import block_any
-from sceniris_gym.layout.convex import piece_shape, separated, support
+from sceniris_gym.layout.convex import least_extent, piece_shape, separated
 from sceniris_gym.layout.transforms import Pose, apply, compose, pose_of, relative
 from sceniris_gym.layout.triangles import triangles_separated
 from sceniris_gym.scene.device import Program
@@ -72,10 +72,7 @@ def piece_pose(program: Program, piece: int) -> Pose:
 @wp.func
 def lowest(program: Program, piece: int, in_body: wp.vec3) -> float:
     """Least extent of a convex piece along the direction `in_body`, both in the body's frame."""
-    shape = piece_shape(program, piece)
-    frame = piece_pose(program, piece)
-    down = -(wp.transpose(frame.rot) * in_body)
-    return wp.dot(in_body, apply(frame, support(program.vert, shape, down))) - shape.radius
+    return least_extent(program.vert, piece_shape(program, piece), piece_pose(program, piece), in_body)
 
 
 @wp.func

@@ -7,7 +7,7 @@ proves separation, a point of the Minkowski difference within the margin proves 
 
 import warp as wp
 
-from sceniris_gym.layout.transforms import Pose
+from sceniris_gym.layout.transforms import Pose, apply
 from sceniris_gym.scene.device import PieceType, Program
 
 _SPHERE = wp.constant(int(PieceType.SPHERE))
@@ -87,6 +87,13 @@ def support(vert: wp.array(dtype=wp.vec3), s: Shape, d: wp.vec3) -> wp.vec3:
                 top = height
                 best = v
     return best
+
+
+@wp.func(inline=False)
+def least_extent(vert: wp.array(dtype=wp.vec3), s: Shape, frame: Pose, along: wp.vec3) -> float:
+    """Least extent [m] of a shape along a unit vector, from the origin of the frame that `frame` is given in."""
+    down = -(wp.transpose(frame.rot) * along)
+    return wp.dot(along, apply(frame, support(vert, s, down))) - s.radius
 
 
 @wp.func
