@@ -123,7 +123,6 @@ def _cut(
     index: int,
     frame: Pose,
     polygon: Any,
-    scratch: Any,
 ) -> int:
     """Piece `index` of the region: a triangle of the support within one convex piece of every relation.
 
@@ -149,7 +148,8 @@ def _cut(
         for side in range(side_num(program, rel, sight)):
             if num > 0:
                 plane = piece_side(program, rel, piece, side, sight, layouts.hulls[worldid], i * _MAX_ANCHORS)
-                num = clip(polygon, num, plane, scratch)
+                if plane.normal[0] != 0.0 or plane.normal[1] != 0.0:  # the whole plane cuts nothing
+                    num = clip(polygon, num, plane)
     return num
 
 
@@ -185,7 +185,6 @@ def draw_related(
     own.low = wp.vec2(turn.bounds[0], turn.bounds[1])
     own.high = wp.vec2(turn.bounds[2], turn.bounds[3])
     polygon = wp.zeros(shape=(_MAX_CORNERS,), dtype=wp.vec2)
-    scratch = wp.zeros(shape=(_MAX_CORNERS,), dtype=wp.vec2)
     if lane == 0:
         _look_around(program, layouts, worldid, obj, own, support_heading)
     block_sync()
@@ -197,7 +196,7 @@ def draw_related(
         num = int(0)
         for i in range(lane, pieces, wp.block_dim()):
             cut = i
-            num = _cut(program, layouts, worldid, obj, turn.variant, i, frame, polygon, scratch)
+            num = _cut(program, layouts, worldid, obj, turn.variant, i, frame, polygon)
             size = area(polygon, num)
             if size > _LEAST_AREA:
                 race = uniforms(seed, episode, stream, trial, first_draw + 1 + i // 4)
@@ -212,7 +211,7 @@ def draw_related(
         if lane == index % wp.block_dim():
             u = uniforms(seed, episode, stream, trial, first_draw)
             if cut != index:  # the lane has cut another piece since
-                num = _cut(program, layouts, worldid, obj, turn.variant, index, frame, polygon, scratch)
+                num = _cut(program, layouts, worldid, obj, turn.variant, index, frame, polygon)
             own.at = draw_in_polygon(polygon, num, u[0], u[1], u[2])
             target = program.obj_target[obj]
             if program.obj_turn[obj] == _FACE_TO and layouts.present[worldid, target] != 0:

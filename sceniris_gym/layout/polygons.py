@@ -51,30 +51,31 @@ def set_triangle(p: Any, a: wp.vec2, b: wp.vec2, c: wp.vec2) -> int:
 
 
 @wp.func
-def clip(p: Any, num: int, h: HalfPlane, scratch: Any) -> int:
-    """Cut `p` down to a half-plane. Returns the number of corners that are left.
+def clip(p: Any, num: int, h: HalfPlane) -> int:
+    """Cut `p` down to a half-plane, in its place. Returns the number of corners that are left.
 
-    I. Sutherland, G. Hodgman, "Reentrant polygon clipping", CACM 17(1), 1974.
+    I. Sutherland, G. Hodgman, "Reentrant polygon clipping", CACM 17(1), 1974. A convex polygon enters a half-plane once,
+    so at most one corner more is written than was read: the next one is read ahead. Where rounding has it enter twice,
+    the second entrance is left out.
     """
     left = int(0)
-    a = wp.vec2(0.0, 0.0)
-    ha = float(0.0)
-    if num > 0:
-        a = p[num - 1]
-        ha = wp.dot(h.normal, a - h.origin) - h.offset
+    a = p[wp.max(num - 1, 0)]
+    ha = wp.dot(h.normal, a - h.origin) - h.offset
+    b = p[0]
     for i in range(num):
-        b = p[i]
+        ahead = p[wp.min(i + 1, num - 1)]
         hb = wp.dot(h.normal, b - h.origin) - h.offset
-        if ((ha < 0.0 and hb > 0.0) or (ha > 0.0 and hb < 0.0)) and left < _MAX_CORNERS:
-            scratch[left] = a + (b - a) * (ha / (ha - hb))
+        leaves = ha < 0.0 and hb > 0.0
+        enters = ha > 0.0 and hb < 0.0 and left <= i
+        if (leaves or enters) and left < _MAX_CORNERS:
+            p[left] = a + (b - a) * (ha / (ha - hb))
             left += 1
         if hb <= 0.0 and left < _MAX_CORNERS:
-            scratch[left] = b
+            p[left] = b
             left += 1
         a = b
         ha = hb
-    for i in range(left):
-        p[i] = scratch[i]
+        b = ahead
     return left
 
 
