@@ -6,8 +6,6 @@ without any sum: piece i runs an exponential race at the rate of its area, and t
 total), so the choice does not depend on how many lanes share the work.
 """
 
-from typing import Any
-
 import warp as wp
 
 from sceniris_gym.layout.blocks import block_sync
@@ -122,7 +120,7 @@ def _cut(
     variant: int,
     index: int,
     frame: Pose,
-    polygon: Any,
+    polygon: wp.array(dtype=wp.vec2),
 ) -> int:
     """Piece `index` of the region: a triangle of the support within one convex piece of every relation.
 

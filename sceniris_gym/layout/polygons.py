@@ -3,8 +3,6 @@
 A polygon is a lane's own array of `MAX_CORNERS` corners [m], counter-clockwise, and how many of them count.
 """
 
-from typing import Any
-
 import warp as wp
 
 from sceniris_gym.scene.limits import MAX_CORNERS
@@ -38,7 +36,7 @@ def cross2(a: wp.vec2, b: wp.vec2) -> float:
 
 
 @wp.func
-def set_triangle(p: Any, a: wp.vec2, b: wp.vec2, c: wp.vec2) -> int:
+def set_triangle(p: wp.array(dtype=wp.vec2), a: wp.vec2, b: wp.vec2, c: wp.vec2) -> int:
     """Make `p` a triangle, turned counter-clockwise. Returns its number of corners."""
     p[0] = a
     if cross2(b - a, c - a) >= 0.0:
@@ -51,7 +49,7 @@ def set_triangle(p: Any, a: wp.vec2, b: wp.vec2, c: wp.vec2) -> int:
 
 
 @wp.func
-def clip(p: Any, num: int, h: HalfPlane) -> int:
+def clip(p: wp.array(dtype=wp.vec2), num: int, h: HalfPlane) -> int:
     """Cut `p` down to a half-plane, in its place. Returns the number of corners that are left.
 
     I. Sutherland, G. Hodgman, "Reentrant polygon clipping", CACM 17(1), 1974. A convex polygon enters a half-plane once,
@@ -80,7 +78,7 @@ def clip(p: Any, num: int, h: HalfPlane) -> int:
 
 
 @wp.func
-def area(p: Any, num: int) -> float:
+def area(p: wp.array(dtype=wp.vec2), num: int) -> float:
     """Area [m^2]."""
     total = float(0.0)
     for i in range(2, num):
@@ -89,7 +87,7 @@ def area(p: Any, num: int) -> float:
 
 
 @wp.func
-def draw_in_polygon(p: Any, num: int, pick: float, u: float, v: float) -> wp.vec2:
+def draw_in_polygon(p: wp.array(dtype=wp.vec2), num: int, pick: float, u: float, v: float) -> wp.vec2:
     """A uniform point from three uniform numbers: a triangle of the fan by area, then a point of it."""
     left = 2.0 * pick * area(p, num)
     chosen = num - 1

@@ -6,7 +6,6 @@ so areas add up; what they hold too much, less than there is, is drawn again aft
 """
 
 import math
-from typing import Any
 
 import warp as wp
 
@@ -62,7 +61,7 @@ def load_placed(place: wp.array(dtype=wp.vec4), bounds: wp.array(dtype=wp.vec4),
 
 
 @wp.func
-def _hull(points: Any, num: int, hull: Any, first: int) -> int:
+def _hull(points: wp.array(dtype=wp.vec2), num: int, hull: wp.array(dtype=wp.vec2), first: int) -> int:
     """The convex hull, counter-clockwise, into `hull` from `first` on. Returns its number of corners.
 
     R. Jarvis, "On the identification of the convex hull", Information Processing Letters 2(1), 1973.
@@ -89,7 +88,9 @@ def _hull(points: Any, num: int, hull: Any, first: int) -> int:
 
 
 @wp.func
-def _between(width: float, points: Any, num: int, hull: Any, first: int) -> Sight:
+def _between(
+    width: float, points: wp.array(dtype=wp.vec2), num: int, hull: wp.array(dtype=wp.vec2), first: int
+) -> Sight:
     """The hull of the anchors; a strip around the longest segment if they lie on a line; a square around one point."""
     s = Sight()
     s.active = num >= 2
@@ -151,7 +152,7 @@ def look(
     place: wp.array(dtype=wp.vec4),
     bounds: wp.array(dtype=wp.vec4),
     present: wp.array(dtype=int),
-    hull: Any,
+    hull: wp.array(dtype=wp.vec2),
     first: int,
 ) -> Sight:
     """What a relation comes to for an object (its bounds and heading; where it is does not matter) in one world.
@@ -210,7 +211,9 @@ def side_num(program: Program, rel: int, s: Sight) -> int:
 
 
 @wp.func
-def piece_side(program: Program, rel: int, piece: int, side: int, s: Sight, hull: Any, first: int) -> HalfPlane:
+def piece_side(
+    program: Program, rel: int, piece: int, side: int, s: Sight, hull: wp.array(dtype=wp.vec2), first: int
+) -> HalfPlane:
     """One of the half-planes that hold a piece of a relation."""
     if s.hullnum > 0:
         a = hull[first + side]
