@@ -52,9 +52,9 @@ def set_triangle(p: wp.array(dtype=wp.vec2), a: wp.vec2, b: wp.vec2, c: wp.vec2)
 def clip(p: wp.array(dtype=wp.vec2), num: int, h: HalfPlane) -> int:
     """Cut `p` down to a half-plane, in its place. Returns the number of corners that are left.
 
-    I. Sutherland, G. Hodgman, "Reentrant polygon clipping", CACM 17(1), 1974. A convex polygon enters a half-plane once,
-    so at most one corner more is written than was read: the next one is read ahead. Where rounding has it enter twice,
-    the second entrance is left out.
+    I. Sutherland, G. Hodgman, "Reentrant polygon clipping", CACM 17(1), 1974. A convex polygon enters a half-plane at
+    most once, so never more than one corner too many is written, and reading one ahead suffices. Where rounding has it
+    enter twice, the second entrance is left out.
     """
     left = int(0)
     a = p[wp.max(num - 1, 0)]

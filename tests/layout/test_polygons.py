@@ -1,0 +1,99 @@
+"""Clipping in place, areas and drawn points of convex polygons, against shapely."""
+
+import numpy as np
+import pytest
+import shapely
+import warp as wp
+
+from sceniris_gym.layout.polygons import area, clip, draw_in_polygon, half_plane, set_triangle
+from sceniris_gym.scene.limits import MAX_CORNERS
+
+wp.set_module_options({"enable_backward": False})
+
+_CORNERS = wp.constant(MAX_CORNERS)
+# How many half-planes cut each triangle: of those through its corners few leave anything.
+_PLANES = {"around the middle": 16, "through corners": 2, "along edges": 8}
+_FAR = 10.0  # [m], of a half-plane's other sides
+
+
+@wp.kernel
+def _cut(
+    triangle: wp.array2d(dtype=wp.vec2),
+    normal: wp.array2d(dtype=wp.vec2),
+    origin: wp.array2d(dtype=wp.vec2),
+    offset: wp.array2d(dtype=float),
+    u: wp.array(dtype=wp.vec3),
+    num: wp.array(dtype=int),
+    size: wp.array(dtype=float),
+    corner: wp.array2d(dtype=wp.vec2),
+    drawn: wp.array(dtype=wp.vec2),
+):
+    i = wp.tid()
+    p = wp.zeros(shape=(_CORNERS,), dtype=wp.vec2)
+    n = set_triangle(p, triangle[i, 0], triangle[i, 1], triangle[i, 2])
+    for k in range(normal.shape[1]):
+        if n > 0:
+            n = clip(p, n, half_plane(normal[i, k], origin[i, k], offset[i, k]))
+    num[i] = n
+    size[i] = area(p, n)
+    for k in range(n):
+        corner[i, k] = p[k]
+    if n > 2:
+        drawn[i] = draw_in_polygon(p, n, u[i][0], u[i][1], u[i][2])
+
+
+def _planes(kind: str, triangle: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Normals, origins and offsets of the half-planes for each triangle."""
+    count, planes = len(triangle), _PLANES[kind]
+    angle = rng.uniform(-np.pi, np.pi, size=(count, planes))
+    origin = np.repeat(triangle.mean(axis=1, keepdims=True), planes, axis=1)
+    offset = rng.uniform(0.05, 0.4, size=(count, planes))
+    if kind == "through corners":
+        origin = triangle[np.arange(count)[:, None], rng.integers(3, size=(count, planes))]
+        offset = np.zeros((count, planes))
+    if kind == "along edges":
+        edge = rng.integers(3, size=(count, planes))
+        origin = triangle[np.arange(count)[:, None], edge]
+        along = triangle[np.arange(count)[:, None], (edge + 1) % 3] - origin
+        side = np.where(rng.random((count, planes)) < 0.9, -1.0, 1.0)
+        angle = np.arctan2(along[..., 1], along[..., 0]) + 0.5 * np.pi * side
+        offset = rng.choice([0.0, 0.1], size=(count, planes))
+    return np.stack((np.cos(angle), np.sin(angle)), axis=-1), origin, offset
+
+
+def _half_plane(normal: np.ndarray, origin: np.ndarray, offset: float) -> shapely.Polygon:
+    """As much of a half-plane as matters."""
+    across = np.array([-normal[1], normal[0]])
+    edge = origin + offset * normal
+    a, b = edge - _FAR * across, edge + _FAR * across
+    return shapely.Polygon([a, b, b - _FAR * normal, a - _FAR * normal])
+
+
+@pytest.mark.parametrize("kind", _PLANES)
+def test_clipped_polygons_are_those_of_shapely(kind: str):
+    """Area and outline to 1e-5, with up to 16 half-planes; points lie inside."""
+    rng = np.random.default_rng(11)
+    count = 400
+    triangle = rng.uniform(-1.0, 1.0, size=(count, 3, 2)).astype(np.float32)
+    normal, origin, offset = (np.asarray(x, np.float32) for x in _planes(kind, triangle, rng))
+    num, size, corner, drawn = (
+        wp.zeros(count, dtype=int),
+        wp.zeros(count, dtype=float),
+        wp.zeros((count, MAX_CORNERS), dtype=wp.vec2),
+        wp.zeros(count, dtype=wp.vec2),
+    )
+    given = [wp.array(x, dtype=wp.vec2) for x in (triangle, normal, origin)]
+    u = wp.array(rng.random((count, 3)), dtype=wp.vec3)
+    wp.launch(_cut, dim=count, inputs=[*given, wp.array(offset, dtype=float), u, num, size, corner, drawn])
+    num, size, corner, drawn = (x.numpy() for x in (num, size, corner, drawn))
+    for i in range(count):
+        exact = shapely.Polygon(triangle[i])
+        for plane in zip(normal[i], origin[i], offset[i], strict=True):
+            exact = exact.intersection(_half_plane(*plane))
+        assert size[i] == pytest.approx(exact.area, abs=1e-5)
+        if exact.area > 1e-3:
+            assert shapely.Polygon(corner[i, : num[i]]).symmetric_difference(exact).area < 1e-5
+            assert exact.distance(shapely.Point(drawn[i])) < 1e-5
+    if kind == "around the middle":
+        assert num.max() > 8
+    assert (size > 1e-3).any()
