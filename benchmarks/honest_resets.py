@@ -4,8 +4,8 @@
 
 For every task: layouts as the generator makes them, and beside them uniform placement without checks. A reset explodes
 when an object, or a point of a door or drawer, is faster than 1 m/s within 0.1 s while the arm is held where it starts.
-Contacts and motion are those of
-MuJoCo-Warp. A line of JSON per task and kind of placement; those that are in the file already are left out.
+Contacts and motion are those of MuJoCo-Warp. A line of JSON per task and kind of placement; those that are in the file
+already are left out.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import tyro
 import warp as wp
 
 from benchmarks import layout_sources
-from benchmarks.train_rsl_rl import SEED_SPACING, scene_of
+from benchmarks.task_scenes import SEED_SPACING, scene_of
 from sceniris_gym.layout.build import build_world
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status

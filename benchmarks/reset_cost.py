@@ -21,7 +21,7 @@ import torch
 import tyro
 
 from benchmarks import layout_sources
-from benchmarks.train_rsl_rl import SEED_SPACING, make_env, scene_of
+from benchmarks.task_scenes import SEED_SPACING, make_env, scene_of
 from sceniris_gym.layout.build import build_world
 from sceniris_gym.tools.files import replacing
 from sceniris_gym.vector.vector_env import SceneVectorEnv

@@ -18,7 +18,7 @@ import torch
 import tyro
 import warp as wp
 
-from benchmarks.train_rsl_rl import make_env, scene_of
+from benchmarks.task_scenes import make_env, scene_of
 from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
 from sceniris_gym.layout.build import build_world
 from sceniris_gym.vector.vector_env import SceneVectorEnv

@@ -19,26 +19,19 @@ import json
 import math
 import time
 from dataclasses import asdict, dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
 
-import gymnasium
 import torch
 import tyro
 import warp as wp
 from rsl_rl.runners import OnPolicyRunner
 
 from benchmarks import layout_sources
+from benchmarks.task_scenes import SEED_SPACING, make_env, scene_of
 from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
 from sceniris_gym.layout.build import build_world
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.world import World
 from sceniris_gym.tools.files import replacing
-from sceniris_gym.vector.vector_env import SceneVectorEnv
-
-SEED_SPACING = 1 << 20
-"""Between seeds of experiments: worlds of neighbouring ones would share layouts otherwise."""
 
 EVAL_SEED = 7 * SEED_SPACING
 
@@ -173,26 +166,6 @@ def runner_config(settings: Settings, seed: int) -> dict[str, Any]:
             "use_clipped_value_loss": False,
         },
     }
-
-
-def scene_of(task: str, *, reachable: bool) -> SceneConfig:
-    """Return the scene of a task, with or without its words `reachable`."""
-    entry = gymnasium.spec(f"sceniris_gym/{task}").kwargs["task"]
-    module, _, name = entry.partition(":")
-    scene = SceneConfig.load(getattr(import_module(module), name).scene)
-    if reachable:
-        return scene
-    data = scene.model_dump(by_alias=True, exclude_unset=True)
-    for part in data["objects"].values():
-        part.pop("reachable", None)
-    return SceneConfig.load(data)
-
-
-def make_env(task: str, num_envs: int, world: World, **kwargs: Any) -> SceneVectorEnv:
-    """Return the environment of a task on a World."""
-    envs = gymnasium.make_vec(f"sceniris_gym/{task}", num_envs=num_envs, scene=world, **kwargs)
-    assert isinstance(envs, SceneVectorEnv)
-    return envs
 
 
 @torch.inference_mode()

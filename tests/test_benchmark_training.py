@@ -14,7 +14,7 @@ import torch
 
 pytest.importorskip("rsl_rl")
 
-from benchmarks import curves, honest_resets, layout_sources, reset_cost, train_rsl_rl
+from benchmarks import curves, honest_resets, layout_sources, reset_cost, task_scenes, train_rsl_rl
 from sceniris_gym.layout.build import build_world
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.scene.world import World
@@ -51,7 +51,7 @@ def test_replayed_episodes_are_those_that_would_be_made(world: World):
 
 def test_placement_without_checks_takes_the_first_candidate(world: World):
     """No candidate collides any more, and objects lie where the first ones were drawn; the World stays as it was."""
-    plain = build_world(train_rsl_rl.scene_of("TabletopReach-v0", reachable=False), "cpu", bank_size=8)
+    plain = build_world(task_scenes.scene_of("TabletopReach-v0", reachable=False), "cpu", bank_size=8)
     generator = layout_sources.uniform()(plain, 64)
     generator.reseed(np.arange(64))
     generator.generate()
@@ -117,7 +117,7 @@ def test_doors_and_drawers_are_watched_too():
 
 def test_the_word_reachable_can_be_left_out():
     """The rest of the scene is the same."""
-    scenes = [train_rsl_rl.scene_of("TabletopReach-v0", reachable=reachable) for reachable in (True, False)]
+    scenes = [task_scenes.scene_of("TabletopReach-v0", reachable=reachable) for reachable in (True, False)]
     assert [bool(scene.objects["can"].reachable) for scene in scenes] == [True, False]
     assert scenes[0].objects["can"].region == scenes[1].objects["can"].region
 
@@ -125,7 +125,7 @@ def test_the_word_reachable_can_be_left_out():
 @pytest.mark.slow
 def test_a_training_that_is_killed_goes_on_from_its_last_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Whatever the log has of later is cut off; worlds begin their next episodes; the table has what came of it."""
-    monkeypatch.setattr(train_rsl_rl, "make_env", partial(train_rsl_rl.make_env, max_episode_steps=10))
+    monkeypatch.setattr(train_rsl_rl, "make_env", partial(task_scenes.make_env, max_episode_steps=10))
     out = tmp_path / "fresh_0"
     common: dict[str, Any] = {"task": "TabletopReach-v0", "num_envs": 4, "out": out, "every": 1, "device": "cpu"}
     options = train_rsl_rl.Options(**common, million_steps=2e-4, evaluate_every=1000.0, save_every=0.0)
@@ -195,7 +195,7 @@ def test_what_is_written_is_strict_json():
 
 def test_placement_without_checks_rejects_nothing():
     """Neither for collisions nor for reach."""
-    plain = build_world(train_rsl_rl.scene_of("TabletopReach-v0", reachable=False), "cpu", bank_size=8)
+    plain = build_world(task_scenes.scene_of("TabletopReach-v0", reachable=False), "cpu", bank_size=8)
     generator = layout_sources.uniform()(plain, 64)
     generator.generate()
     assert not any(any(causes.values()) for causes in generator.rejection_counts().values())
