@@ -23,7 +23,7 @@ train warm_lift TabletopLift-v0 --minutes 0.01
 
 {
   for seed in 0 1 2; do echo "reach_$seed TabletopReach-v0 --seed $seed --minutes 1.5 --every 5 --evaluate-every 10"; done
-  echo "lift_0 TabletopLift-v0 --seed 0 --minutes 4 --every 5 --evaluate-every 30"
+  for seed in 0 1 2; do echo "lift_$seed TabletopLift-v0 --seed $seed --minutes 4 --every 5 --evaluate-every 30"; done
   compare="--minutes 30 --million-steps $steps --evaluate-every 1000"
   for seed in $seeds; do
     for bank in 1 16 256 4096; do echo "bank_${bank}_$seed TabletopReach-v0 --seed $seed --bank $bank $compare"; done

@@ -11,23 +11,17 @@ import warp as wp
 
 from sceniris_gym.layout.bank import fall_back, fall_back_reaching
 from sceniris_gym.layout.blocks import block_any, block_sync
-from sceniris_gym.layout.collision import (
-    LEAF_CAPACITY,
-    NODE_CAPACITY,
-    collides_physics,
-    collides_visual,
-    lowest,
-    piece_pose,
-)
+from sceniris_gym.layout.collision import LEAF_CAPACITY, NODE_CAPACITY, collides_physics, collides_visual
 from sceniris_gym.layout.grasps import first_on_map
 from sceniris_gym.layout.groups import draw_groups, waiting_place
 from sceniris_gym.layout.kinematics import draw_joints, pose_bodies
 from sceniris_gym.layout.layouts import LayoutsView, Status
+from sceniris_gym.layout.measure import measure, see
 from sceniris_gym.layout.orientations import Turn, draw_turn, facing
 from sceniris_gym.layout.points import draw_in_triangle, draw_related, draw_triangle, draw_unrelated
 from sceniris_gym.layout.random import STREAM_BITS, uniforms
-from sceniris_gym.layout.regions import inside_outline, roof_physics, roof_visual, shadow_on_edge
-from sceniris_gym.layout.transforms import apply, compose, pose_of, quat_mat, quat_z, relative, unit_circle
+from sceniris_gym.layout.regions import overhangs, roof_physics, roof_visual
+from sceniris_gym.layout.transforms import apply, pose_of, quat_mat, quat_z
 from sceniris_gym.reach.quaternions import mul_quat
 from sceniris_gym.scene.device import Cause, Measure, ObjectKind, Program, Roof, TurnType
 from sceniris_gym.scene.reach_device import Reach
@@ -69,122 +63,6 @@ class Candidate:
     surface: int
     ground: int
     cause: int
-
-
-@wp.func
-def _measure(
-    program: Program,
-    obj: int,
-    lane: int,
-    turn: Turn,
-    qpos: wp.array(dtype=float),
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
-) -> Turn:
-    """The turn with the lowest point, and if need be the bounds, in the drawn joint state and orientation.
-
-    The bodies are left posed at the origin with heading 0. The pivot stays the centre of the bounds in the home state
-    where joints are drawn; with a free orientation there is no such state, and it is the centre of the bounds drawn.
-    """
-    if lane == 0:
-        body_pos[program.obj_body[obj]] = wp.vec3(0.0)
-        body_quat[program.obj_body[obj]] = turn.quat
-        pose_bodies(program, obj, 1, qpos, body_pos, body_quat)
-    block_sync()
-    whole = program.obj_measured[obj] == _WHOLE
-    low = wp.vec3(1.0e30)
-    high = wp.vec3(1.0e30)  # of the extent to the other side
-    for i in range(lane, program.obj_piecenum[obj], wp.block_dim()):
-        piece = program.piece_list[program.obj_pieceadr[obj] + i]
-        body = program.piece_body[piece]
-        back = wp.transpose(quat_mat(body_quat[body]))
-        low[2] = wp.min(low[2], body_pos[body][2] + lowest(program, piece, back * wp.vec3(0.0, 0.0, 1.0)))
-        if whole:
-            for axis in range(2):
-                along = back * wp.vec3(float(1 - axis), float(axis), 0.0)
-                at = body_pos[body][axis]
-                low[axis] = wp.min(low[axis], at + lowest(program, piece, along))
-                high[axis] = wp.min(high[axis], lowest(program, piece, -along) - at)
-    low[2] = wp.tile_extract(wp.tile_min(wp.tile(low[2])), 0)
-    bottom = quat_mat(turn.quat) * turn.pivot
-    if whole:
-        for axis in range(2):
-            low[axis] = wp.tile_extract(wp.tile_min(wp.tile(low[axis])), 0)
-            high[axis] = -wp.tile_extract(wp.tile_min(wp.tile(high[axis])), 0)
-            if program.obj_turn[obj] == _ANY:
-                bottom[axis] = 0.5 * (low[axis] + high[axis])
-        turn.bounds = wp.vec4(low[0] - bottom[0], low[1] - bottom[1], high[0] - bottom[0], high[1] - bottom[1])
-    bottom[2] = low[2]
-    turn.pivot = wp.transpose(quat_mat(turn.quat)) * bottom
-    return turn
-
-
-@wp.func
-def _extent(
-    program: Program,
-    obj: int,
-    lane: int,
-    axis: wp.vec3,
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
-) -> wp.vec2:
-    """Least and greatest extent [m] of the posed object along a unit vector of the world, from the origin on."""
-    low = float(1.0e30)
-    high = float(1.0e30)  # to the other side
-    for i in range(lane, program.obj_piecenum[obj], wp.block_dim()):
-        piece = program.piece_list[program.obj_pieceadr[obj] + i]
-        body = program.piece_body[piece]
-        along = wp.transpose(quat_mat(body_quat[body])) * axis
-        at = wp.dot(body_pos[body], axis)
-        low = wp.min(low, at + lowest(program, piece, along))
-        high = wp.min(high, lowest(program, piece, -along) - at)
-    return wp.vec2(wp.tile_extract(wp.tile_min(wp.tile(low)), 0), -wp.tile_extract(wp.tile_min(wp.tile(high)), 0))
-
-
-@wp.func
-def _see(
-    program: Program,
-    obj: int,
-    lane: int,
-    place: wp.vec4,
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
-) -> wp.vec4:
-    """The bounds of a posed object around its pivot, which stays where it is at home, in its heading."""
-    to = unit_circle(place[3])
-    ahead = wp.vec3(to[0], to[1], 0.0)
-    across = wp.vec3(-ahead[1], ahead[0], 0.0)
-    pivot = wp.vec3(place[0], place[1], 0.0)
-    x = _extent(program, obj, lane, ahead, body_pos, body_quat)
-    y = _extent(program, obj, lane, across, body_pos, body_quat)
-    px = wp.dot(pivot, ahead)
-    py = wp.dot(pivot, across)
-    return wp.vec4(x[0] - px, y[0] - py, x[1] - px, y[1] - py)
-
-
-@wp.func
-def _overhangs(
-    program: Program,
-    obj: int,
-    lane: int,
-    surface: int,
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
-) -> bool:
-    """Does any of the posed object's footprint lie off the surface?"""
-    ground = program.obj_ground[obj]
-    frame = pose_of(body_pos[ground], body_quat[ground])
-    off = int(0)
-    sides = program.surface_edgenum[surface]
-    for i in range(lane, program.obj_shadownum[obj] * sides, wp.block_dim()):
-        piece = program.shadow_list[program.obj_shadowadr[obj] + i // sides]
-        body = program.piece_body[piece]
-        rel = relative(frame, compose(pose_of(body_pos[body], body_quat[body]), piece_pose(program, piece)))
-        if shadow_on_edge(program, piece, program.surface_edgeadr[surface] + i % sides, rel):
-            off = 1
-        if i % sides == 0 and not inside_outline(program, surface, wp.vec2(rel.pos[0], rel.pos[1])):
-            off = 1
-    return block_any(off) != 0
 
 
 @wp.func
@@ -250,7 +128,7 @@ def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
             w = uniforms(seed, episode, stream, trial, 1)
         c.turn = draw_turn(program, obj, u, w)
         if program.obj_measured[obj] != 0:
-            c.turn = _measure(program, obj, lane, c.turn, layouts.qpos[worldid], body_pos, body_quat)
+            c.turn = measure(program, obj, lane, c.turn, layouts.qpos[worldid], body_pos, body_quat)
 
         box = program.obj_box_upper[obj] - program.obj_box_lower[obj]
         c.point = program.obj_box_lower[obj] + wp.cw_mul(wp.vec3(u[1], u[2], u[3]), box)
@@ -374,7 +252,7 @@ def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
             if program.obj_measured[obj] == _WHOLE:
                 block_sync()
                 slot = program.obj_slot[obj]
-                seen = _see(program, obj, lane, layouts.place[worldid, slot], body_pos, body_quat)
+                seen = see(program, obj, lane, layouts.place[worldid, slot], body_pos, body_quat)
                 if lane == 0:
                     layouts.bounds[worldid, slot] = seen
         else:
@@ -393,7 +271,7 @@ def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
             if not under_its_roof(program, obj, lane, c.point, body_pos, body_quat):
                 return _ROOF
         if program.obj_footprint[obj] != 0 and c.surface >= 0:
-            if _overhangs(program, obj, lane, c.surface, body_pos, body_quat):
+            if overhangs(program, obj, lane, c.surface, body_pos, body_quat):
                 return _FOOTPRINT
         if collides(program, nodes, leaves, lane, obj, c.ground, body_pos, body_quat):
             return _COLLISION

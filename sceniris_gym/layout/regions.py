@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from sceniris_gym.layout.blocks import block_any
 from sceniris_gym.layout.collision import piece_pose
 from sceniris_gym.layout.convex import piece_shape, segment_shape, separated
 from sceniris_gym.layout.transforms import Pose, compose, pose_of, relative
@@ -94,3 +95,28 @@ def shadow_on_edge(program: Program, piece: int, edge: int, rel: Pose) -> bool:
     frame.rot = wp.mat33(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
     shape = piece_shape(program, piece)
     return not separated(program.vert, segment_shape(0.5 * length), shape, relative(frame, rel), _SHADOW, _RIM)
+
+
+@wp.func
+def overhangs(
+    program: Program,
+    obj: int,
+    lane: int,
+    surface: int,
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+) -> bool:
+    """Does any of the posed object's footprint lie off the surface?"""
+    ground = program.obj_ground[obj]
+    frame = pose_of(body_pos[ground], body_quat[ground])
+    off = int(0)
+    sides = program.surface_edgenum[surface]
+    for i in range(lane, program.obj_shadownum[obj] * sides, wp.block_dim()):
+        piece = program.shadow_list[program.obj_shadowadr[obj] + i // sides]
+        body = program.piece_body[piece]
+        rel = relative(frame, compose(pose_of(body_pos[body], body_quat[body]), piece_pose(program, piece)))
+        if shadow_on_edge(program, piece, program.surface_edgeadr[surface] + i % sides, rel):
+            off = 1
+        if i % sides == 0 and not inside_outline(program, surface, wp.vec2(rel.pos[0], rel.pos[1])):
+            off = 1
+    return block_any(off) != 0
