@@ -236,6 +236,18 @@ def map_file(asset: str) -> Path | None:
     return path if path.is_file() else None
 
 
+def why_not_map(arm: Arm, reach_map: ReachMap | None) -> str | None:
+    """Return why no map, or this one, is right about an arm, so that joints have to be looked for; or None."""
+    if arm.no_map is not None:
+        return arm.no_map
+    if reach_map is not None and reach_map.limited:
+        return (
+            "what the arm reaches depends on turns of base and wrist that a map does not know: of poses that it "
+            f"reaches, all together or straight up or down, its map is wrong about {reach_map.turn_error:.1%}"
+        )
+    return None
+
+
 def build_command(asset: str) -> str:
     """The command that builds the map of an arm, the name of an asset or an own MJCF, where it is looked for."""
     return f"sceniris-gym reach {asset} --build -o {map_path(asset)}"

@@ -12,7 +12,7 @@ import warp as wp
 from sceniris_gym.errors import ArmError, MapError, ReachWarning, UnknownNameError
 from sceniris_gym.reach.arm import MAX_JOINTS, TCP, Arm
 from sceniris_gym.reach.lookup import MapView, Verdict
-from sceniris_gym.reach.map import ReachMap, build_command, map_file
+from sceniris_gym.reach.map import ReachMap, build_command, map_file, why_not_map
 from sceniris_gym.reach.solve import arm_view
 from sceniris_gym.scene.compose import asset_name
 from sceniris_gym.scene.device import fill_struct
@@ -154,7 +154,7 @@ def _tiers(scene: SceneModel, names: list[str], arm: Arm, reach_map: ReachMap | 
     assert robot is not None
     words = {name: scene.config.objects[name].reachable for name in names}
     by_map = [name for name, word in words.items() if word is True or _TIERS[str(word)] < Tier.IK]
-    why = _why_not_map(arm, reach_map)
+    why = why_not_map(arm, reach_map)
     if by_map and why is None and reach_map is None:
         raise MapError(
             f"{where}: objects.{by_map[0]}.reachable: there is no map of the arm '{robot.asset}'. Build it with "
@@ -165,15 +165,6 @@ def _tiers(scene: SceneModel, names: list[str], arm: Arm, reach_map: ReachMap | 
         warnings.warn(f"{where}: {', '.join(asked)}: {why}, so 'ik' decides.", ReachWarning, stacklevel=2)
     default = Tier.MAP if why is None else Tier.IK
     return [default if word is True or (name in by_map and why) else _TIERS[str(word)] for name, word in words.items()]
-
-
-def _why_not_map(arm: Arm, reach_map: ReachMap | None) -> str | None:
-    """Why a map over height, tilt and distance is not right for an arm, or None."""
-    if arm.no_map is not None:
-        return arm.no_map
-    if reach_map is not None and reach_map.limited:
-        return "the arm's first or last joint does not turn freely"
-    return None
 
 
 def _in_tcp(home: mujoco.MjData, arm: Arm, body: int) -> tuple[wp.vec3, wp.vec4]:

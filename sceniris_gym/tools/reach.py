@@ -25,7 +25,7 @@ from sceniris_gym.layout.build import build_world, device_name
 from sceniris_gym.reach.arm import TCP, Arm
 from sceniris_gym.reach.build import TILT_STEP, build_map
 from sceniris_gym.reach.lookup import Verdict
-from sceniris_gym.reach.map import SUFFIX, ReachMap, build_command, map_file, map_path
+from sceniris_gym.reach.map import SUFFIX, ReachMap, build_command, map_file, map_path, why_not_map
 from sceniris_gym.reach.solve import solve
 from sceniris_gym.scene.compose import compile_spec, load_mjcf
 from sceniris_gym.scene.config import SceneConfig
@@ -167,16 +167,9 @@ def _same(name: str, asset: str) -> bool:
 
 def why_ik(name: str, arm: Arm, reach_map: ReachMap | None) -> str | None:
     """Why an arm's poses are solved one by one when no tier is named; None if its map is used."""
-    if arm.no_map is not None:
-        return arm.no_map
-    if reach_map is None:
+    if reach_map is None and arm.no_map is None:
         return f"there is no map of it yet: {build_command(name)}"
-    if reach_map.limited:
-        return (
-            "what it reaches depends on turns of base and wrist that a map does not know: of poses that it reaches, "
-            f"all together or straight up or down, its map is wrong about {reach_map.turn_error:.1%}"
-        )
-    return None
+    return why_not_map(arm, reach_map)
 
 
 def _has_map(name: str, arm: Arm) -> bool:
