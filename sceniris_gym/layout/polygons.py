@@ -1,4 +1,4 @@
-"""Small convex polygons on the device: clipped by half-planes, measured, drawn from.
+"""Small convex polygons on the device: around points, clipped by half-planes, measured, drawn from.
 
 A polygon is a lane's own array of `MAX_CORNERS` corners [m], counter-clockwise, and how many of them count.
 """
@@ -33,6 +33,65 @@ def half_plane(normal: wp.vec2, origin: wp.vec2, offset: float) -> HalfPlane:
 def cross2(a: wp.vec2, b: wp.vec2) -> float:
     """The z component of the cross product of two plane vectors."""
     return a[0] * b[1] - a[1] * b[0]
+
+
+@wp.func
+def _sort_by_height(points: wp.array(dtype=wp.vec2), num: int):
+    """Sort points from low to high, those of one height from left to right."""
+    for i in range(1, num):
+        p = points[i]
+        j = int(i)
+        while j > 0:
+            q = points[j - 1]
+            if q[1] < p[1] or (q[1] == p[1] and q[0] <= p[0]):
+                break
+            points[j] = q
+            j -= 1
+        points[j] = p
+
+
+@wp.func
+def _turn_left(corners: wp.array(dtype=wp.vec2), first: int, base: int, num: int, p: wp.vec2) -> int:
+    """Drop corners after number `base` until the way on to `p` turns left. Returns how many are left."""
+    left = int(num)
+    while left > base + 1:
+        before = corners[first + left - 2]
+        if cross2(corners[first + left - 1] - before, p - before) > 0.0:
+            break
+        left -= 1
+    return left
+
+
+@wp.func
+def convex_hull(points: wp.array(dtype=wp.vec2), num: int, corners: wp.array(dtype=wp.vec2), first: int) -> int:
+    """The convex hull of points, counter-clockwise from the lowest, into `corners` from `first` on.
+
+    The points are sorted in their place. They may coincide or lie on lines, as long as they do not all lie on one.
+    Returns the number of corners, at most `num`. A. Andrew, "Another efficient algorithm for convex hulls in two
+    dimensions", Information Processing Letters 9(5), 1979; each side of the line from the lowest to the highest point
+    is gone along by itself, so that no more room is needed than there are points.
+    """
+    _sort_by_height(points, num)
+    lowest = points[0]
+    highest = points[num - 1]
+    corners[first] = lowest
+    count = int(1)
+    for i in range(1, num - 1):
+        if cross2(highest - lowest, points[i] - lowest) < 0.0:
+            count = _turn_left(corners, first, 0, count, points[i])
+            corners[first + count] = points[i]
+            count += 1
+    count = _turn_left(corners, first, 0, count, highest)
+    corners[first + count] = highest
+    top = count
+    count += 1
+    for k in range(1, num - 1):
+        i = num - 1 - k
+        if cross2(highest - lowest, points[i] - lowest) > 0.0:
+            count = _turn_left(corners, first, top, count, points[i])
+            corners[first + count] = points[i]
+            count += 1
+    return _turn_left(corners, first, top, count, lowest)
 
 
 @wp.func

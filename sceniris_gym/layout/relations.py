@@ -10,7 +10,7 @@ import math
 import warp as wp
 
 from sceniris_gym.layout.placed import Placed, bounds_distance, bounds_extent, bounds_offset, bounds_radius, turned
-from sceniris_gym.layout.polygons import HalfPlane, cross2, half_plane
+from sceniris_gym.layout.polygons import HalfPlane, convex_hull, cross2, half_plane
 from sceniris_gym.layout.transforms import unit_circle
 from sceniris_gym.scene.device import FRAME_SUPPORT, FRAME_WORLD, Program, RelationType
 from sceniris_gym.scene.limits import MAX_ANCHORS
@@ -61,33 +61,6 @@ def load_placed(place: wp.array(dtype=wp.vec4), bounds: wp.array(dtype=wp.vec4),
 
 
 @wp.func
-def _hull(points: wp.array(dtype=wp.vec2), num: int, hull: wp.array(dtype=wp.vec2), first: int) -> int:
-    """The convex hull, counter-clockwise, into `hull` from `first` on. Returns its number of corners.
-
-    R. Jarvis, "On the identification of the convex hull", Information Processing Letters 2(1), 1973.
-    """
-    start = int(0)
-    for i in range(1, num):
-        a = points[i]
-        b = points[start]
-        if a[1] < b[1] or (a[1] == b[1] and a[0] < b[0]):
-            start = i
-    at = start
-    count = int(0)
-    for _i in range(num):
-        hull[first + count] = points[at]
-        count += 1
-        to = (at + 1) % num
-        for j in range(num):
-            if cross2(points[to] - points[at], points[j] - points[at]) < 0.0:
-                to = j
-        at = to
-        if at == start:
-            break
-    return count
-
-
-@wp.func
 def _between(
     width: float, points: wp.array(dtype=wp.vec2), num: int, hull: wp.array(dtype=wp.vec2), first: int
 ) -> Sight:
@@ -121,7 +94,7 @@ def _between(
         left = wp.max(left, off)
         right = wp.min(right, off)
     if left - right > _THIN:
-        s.hullnum = _hull(points, num, hull, first)
+        s.hullnum = convex_hull(points, num, hull, first)
     return s
 
 

@@ -1,12 +1,14 @@
-"""Clipping in place, areas and drawn points of convex polygons, against shapely."""
+"""Hulls, clipping in place, areas and drawn points of convex polygons, against shapely."""
+
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 import shapely
 import warp as wp
 
-from sceniris_gym.layout.polygons import area, clip, draw_in_polygon, half_plane, set_triangle
-from sceniris_gym.scene.limits import MAX_CORNERS
+from sceniris_gym.layout.polygons import area, clip, convex_hull, draw_in_polygon, half_plane, set_triangle
+from sceniris_gym.scene.limits import MAX_ANCHORS, MAX_CORNERS
 
 wp.set_module_options({"enable_backward": False})
 
@@ -97,3 +99,63 @@ def test_clipped_polygons_are_those_of_shapely(kind: str):
     if kind == "around the middle":
         assert num.max() > 8
     assert (size > 1e-3).any()
+
+
+_POINTS = wp.constant(MAX_ANCHORS)
+
+
+@wp.kernel
+def _surround(given: wp.array2d(dtype=wp.vec2), num: wp.array(dtype=int), hull: wp.array2d(dtype=wp.vec2)):
+    i = wp.tid()
+    p = wp.zeros(shape=(_POINTS,), dtype=wp.vec2)
+    for k in range(given.shape[1]):
+        p[k] = given[i, k]
+    num[i] = convex_hull(p, given.shape[1], hull[i], 1)
+
+
+def _fence(rng: np.random.Generator) -> np.ndarray:
+    """Seven posts in a row, and one beside them."""
+    return np.array([(0.2 * k, 0.0) for k in range(7)] + [(0.1, 0.5)])
+
+
+def _grid(rng: np.random.Generator) -> np.ndarray:
+    return 0.3 * np.array([(i, j) for i in range(4) for j in range(2)])
+
+
+def _twins(rng: np.random.Generator) -> np.ndarray:
+    """Five points, three of which are there twice."""
+    points = rng.uniform(-1.0, 1.0, size=(5, 2))
+    return np.concatenate([points, points[:3]])
+
+
+def _near_twins(rng: np.random.Generator) -> np.ndarray:
+    """Four points, each with another within rounding of it."""
+    points = rng.uniform(-1.0, 1.0, size=(4, 2))
+    return np.concatenate([points, points + 1e-7 * rng.normal(size=(4, 2))])
+
+
+def _far(rng: np.random.Generator) -> np.ndarray:
+    """Where single precision is coarse."""
+    return 90.0 + rng.uniform(-1.0, 1.0, size=(6, 2))
+
+
+@pytest.mark.parametrize("make", [_fence, _grid, _twins, _near_twins, _far])
+def test_hulls_are_those_of_shapely(make: Callable[[np.random.Generator], np.ndarray]):
+    """Points in any order, turned by any angle, on lines or at one place: their outline, and no room beyond theirs."""
+    rng = np.random.default_rng(5)
+    rows = []
+    for _ in range(1000):
+        points, angle = rng.permutation(make(rng)), rng.uniform(0.0, 2.0 * np.pi)
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        rows.append(points if make is _far else points @ turn.T)
+    given = np.array(rows, np.float32)
+    count, size = given.shape[:2]
+    num, hull = wp.zeros(count, dtype=int), wp.full((count, size + 2), wp.vec2(7.0, 7.0), dtype=wp.vec2)
+    wp.launch(_surround, dim=count, inputs=[wp.array(given, dtype=wp.vec2), num, hull])
+    corners = hull.numpy()
+    assert (corners[:, [0, -1]] == 7.0).all()
+    for points, n, row in zip(given.astype(float), num.numpy(), corners.astype(float), strict=True):
+        exact = shapely.MultiPoint(points).convex_hull
+        found = shapely.Polygon(row[1 : n + 1])
+        assert found.exterior.is_ccw
+        assert found.buffer(0).symmetric_difference(exact).area < 2e-6

@@ -144,6 +144,10 @@ BETWEEN = {
     "three nearly on a line": [(-0.5, -0.3), (0.0, 0.0004), (0.5, 0.3)],
     "four, of which three are on a line": [(0.0, -0.4), (-0.5, -0.4), (0.5, -0.4), (0.1, 0.5)],
     "five, of which one is inside": [(-0.5, -0.5), (0.5, -0.5), (0.05, 0.1), (0.5, 0.5), (-0.5, 0.5)],
+    "a row of five and one beside it, turned by 216.6 degrees": [
+        (x * np.cos(3.7804) - y * np.sin(3.7804), x * np.sin(3.7804) + y * np.cos(3.7804))
+        for x, y in [(0.0, 0.0), (0.15, 0.0), (0.3, 0.0), (0.45, 0.0), (0.6, 0.0), (0.1, 0.5)]
+    ],
     "eight": [(0.6 * np.cos(t), 0.6 * np.sin(t)) for t in np.arange(8) * 0.75 * np.pi + 0.1],
 }
 
