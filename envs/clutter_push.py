@@ -20,10 +20,10 @@ PUSH_HEIGHT = 0.02
 """Height of the tool over the table while it pushes, and the lowest that it goes [m]."""
 
 CLOSE = 0.04
-"""Distance of the tin from the mark that counts as there [m]."""
+"""Distance of the middle of the tin's underside from the mark that counts as there [m]."""
 
 LOST_HEIGHT = -0.05
-"""Below this height [m] the tin has fallen off the table."""
+"""Where the tin's origin is below this height [m], it has fallen off the table."""
 
 
 class ClutterPush(Task):
@@ -34,7 +34,8 @@ class ClutterPush(Task):
     Frames: poses and velocities are in the robot's base frame (on the table's top, x to the front, z up), rotations
     are quaternions wxyz. Every reset draws the places and yaws of all objects, the mark (a green disc in pictures),
     which may be under one of them, and a little noise on the arm, whose tool looks down all the time. The can's middle
-    is within 5 cm of the straight way from the tin to the mark.
+    is within 5 cm of the straight way from the tin to the mark. An object's underside is the origin of its body, the
+    middle of the face that it stands on at first, and turns with it.
 
     Action, 4 numbers in [-1, 1] at 50 Hz: changes of the tool's target along x, y and z in units of 0.02 m and about
     the vertical in units of 0.1 rad.
@@ -57,10 +58,11 @@ class ClutterPush(Task):
     and angular [rad/s]).
 
     Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, nearness of
-    the tool to where it pushes from), `pushing` (0 to 4, nearness of the tin to the mark), `arrived` (4 while it is
-    there), `disturbing` (minus half the sum of the clutter's speeds in m/s, at most 1) and `effort` (-0.05 times the
-    mean square of the action). Success is the tin within 4 cm of the mark. The episode terminates when the tin has
-    fallen off the table, and is truncated after 250 steps (5 s).
+    the tool to where it pushes from), `pushing` (0 to 4, nearness of the tin's underside to the mark), `arrived` (4
+    while it is there), `disturbing` (minus half the sum of the clutter's speeds in m/s, at most 1) and `effort` (-0.05
+    times the mean square of the action). Success is the middle of the tin's underside within 4 cm of the mark, heights
+    included, so that a tin on its side or upside down does not count; it need not stay there. The episode terminates
+    when the tin has fallen off the table, and is truncated after 250 steps (5 s).
     """
 
     scene = "clutter_push"
@@ -110,7 +112,7 @@ class ClutterPush(Task):
         }
 
     def success(self, s: State) -> Tensor:
-        """Say where the tin is within 4 cm of the mark."""
+        """Say where the middle of the tin's underside is within 4 cm of the mark."""
         return self.to_goal(s).norm(dim=1) < CLOSE
 
     def terminated(self, s: State) -> Tensor:

@@ -6,12 +6,13 @@ import torch
 from torch import Tensor
 
 from sceniris_gym.vector.arm import Arm
+from sceniris_gym.vector.bounds import Bounds
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
 from sceniris_gym.vector.touch import Touch
 
 CLEAR_HEIGHT = 0.55
-"""Height of the banana's underside that counts as out [m]: 5 cm over the cabinet, 7 cm over the drawer's face."""
+"""Height over the floor that counts as out [m]: 5 cm over the cabinet, 7 cm over the drawer's face."""
 
 HOLD = 0.5
 """How long it must be held there [s]."""
@@ -19,7 +20,7 @@ HOLD = 0.5
 FINGERS = ("panda/left_finger", "panda/right_finger")
 
 LOST_HEIGHT = 0.15
-"""Below this height [m] the banana has fallen out of the drawer, whose floor is at 0.27 m."""
+"""Where the banana's origin is below this height [m], it has fallen out of the drawer, whose floor is at 0.27 m."""
 
 FINGER_OPENING = 0.08
 """Distance between the open fingers [m]."""
@@ -32,7 +33,10 @@ class DrawerPick(Task):
 
     Frames: poses and velocities are in the robot's base frame (on the floor, x to the front, z up), rotations are
     quaternions wxyz. Every reset draws the cabinet's place and yaw, the drawer's opening, both fruits and a little
-    noise on the arm.
+    noise on the arm. The banana's underside is the origin of its body, the middle of the face that it lies on at first,
+    and turns with it. How high it is lifted is told by its lowest point however it is turned, or rather by the lowest
+    corner of the least box around it along its own axes: that is the same for a banana that lies as at first, and up to
+    4 cm lower where it is tilted.
 
     Action, 8 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.04 rad, and the
     gripper from -1 (closed) to 1 (open).
@@ -52,14 +56,15 @@ class DrawerPick(Task):
     | last_action | 8 | the action taken last, zeros after a reset |
 
     Group `critic`, 70 numbers: the same, then `banana_velocity` (6: [m/s], [rad/s]), `apple_pose` (7: position [m],
-    rotation), `touching` (2: 1 where the left and the right finger touch the banana) and `held` (1: for how long it
-    has been held up without a break, in units of 0.5 s).
+    rotation), `touching` (2: 1 where the left and the right finger touch the banana) and `held` (1: how long it has
+    been seen held out without a break, in units of 0.5 s: 1 is success, and it goes on).
 
     Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, the fingers
     near the banana), `grasping` (0 to 1, and closed there), `lifting` (0 to 5, share of the way out), `out` (5 while it
-    is out and both fingers touch it) and `effort` (-0.01 times the mean square of the action). Success is the banana's
-    underside higher than 0.55 m with both fingers touching it, in this and all steps of the last 0.5 s. The episode
-    terminates when the banana has fallen out of the drawer, and is truncated after 200 steps (4 s).
+    is out and both fingers touch it) and `effort` (-0.01 times the mean square of the action). Success is the banana
+    higher than 0.55 m with both fingers touching it, seen at the ends of 26 steps in a row: 0.5 s lie between the first
+    and the last. Contacts are those of the last of a step's 4 physics steps; what happens between is not looked at. The
+    episode terminates when the banana has fallen out of the drawer, and is truncated after 200 steps (4 s).
     """
 
     scene = "drawer_pick"
@@ -69,6 +74,7 @@ class DrawerPick(Task):
         """Find the arm, and make room for what is remembered between steps."""
         self.arm = Arm(s)
         self.touch = Touch(s, FINGERS, ("banana",))
+        self.bounds = Bounds(s, ("banana",))
         self.last_action = torch.zeros(s.num_envs, 8, device=s.device)
         self.start_height = torch.zeros(s.num_envs, device=s.device)
         self.held = torch.zeros(s.num_envs, device=s.device)
@@ -98,15 +104,15 @@ class DrawerPick(Task):
             "banana_velocity": s.velocity("banana"),
             "apple_pose": s.pose("apple"),
             "touching": self.touching(s),
-            "held": self.held[:, None] / self.hold_steps,
+            "held": (self.held[:, None] - 1.0).clamp(min=0.0) / self.hold_steps,
         }
         return {"policy": policy, "critic": policy | critic}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return reaching, grasping, lifting, out and effort; and count how long the banana has been held out."""
+        """Return reaching, grasping, lifting, out and effort; and count moments held out."""
         distance = self._to_banana(s).norm(dim=1)
         near = torch.exp(-((distance / 0.04) ** 2))
-        height = s.pose("banana")[:, 2]
+        height = self.height(s)
         lifted = (height - self.start_height) / (CLEAR_HEIGHT - self.start_height)
         out = self.touching(s).prod(dim=1) * (height > CLEAR_HEIGHT)
         self.held.copy_((self.held + 1.0) * out)
@@ -120,7 +126,7 @@ class DrawerPick(Task):
 
     def success(self, s: State) -> Tensor:
         """Say where the banana has been held out for 0.5 s, clear of drawer and cabinet."""
-        return self.held >= self.hold_steps
+        return self.held > self.hold_steps  # the first moment and that many steps
 
     def terminated(self, s: State) -> Tensor:
         """Say where the banana has fallen out of the drawer."""
@@ -130,7 +136,11 @@ class DrawerPick(Task):
         """Forget what was remembered, and remember how high the banana lies."""
         self.last_action.masked_fill_(mask[:, None], 0.0)
         self.held.masked_fill_(mask, 0.0)
-        self.start_height.copy_(torch.where(mask, s.pose("banana")[:, 2], self.start_height))
+        self.start_height.copy_(torch.where(mask, self.height(s), self.start_height))
+
+    def height(self, s: State) -> Tensor:
+        """Return how high over the floor the banana's lowest point is [m], shape (num_envs,); see the class."""
+        return self.bounds.lowest(s.poses(("banana",)))[:, 0]
 
     def touching(self, s: State) -> Tensor:
         """Return 1 where the left and the right finger touch the banana, else 0; shape (num_envs, 2)."""

@@ -195,6 +195,7 @@ def test_a_script_lifts_the_banana_out(world):
     high = down[0].clone()
     high[:, 1] -= 0.25  # the shoulder leans back: higher than the way down began
     rewards, successes = [], []
+    task: Any = envs.task
 
     def go(goal: torch.Tensor, gripper: float, steps: int, speed: float) -> dict:
         info = {}
@@ -215,9 +216,8 @@ def test_a_script_lifts_the_banana_out(world):
     go(high, -1.0, 30, 0.3)
     info = go(high, -1.0, 30, 0.3)
     assert info["success"].sum() >= 3
-    assert (envs.state.pose("banana")[info["success"], 2] > drawer_pick.CLEAR_HEIGHT).all()
+    assert (task.height(envs.state)[info["success"]] > drawer_pick.CLEAR_HEIGHT).all()
     assert rewards[0] < 0.01 < rewards[len(down)] < 0.16 < rewards[-1]
-    task: Any = envs.task
     assert (task.touching(envs.state)[info["success"]] == 1.0).all()
     assert (torch.stack(successes).sum(dim=0)[info["success"]] < 100).all()
 
@@ -230,9 +230,48 @@ def test_a_banana_that_is_thrown_out_is_no_success(world):
     qpos[:, address + 2] = 0.8
     envs.batch.data.qpos.assign(qpos)
     task: Any = envs.task
-    task.held.copy_(torch.tensor([0.0, 24.0]))
+    task.held.copy_(torch.tensor([0.0, 25.0]))
     _, _, _, _, info = envs.step(torch.zeros(2, 8))
-    assert (envs.state.pose("banana")[:, 2] > drawer_pick.CLEAR_HEIGHT).all()
+    assert (task.height(envs.state) > drawer_pick.CLEAR_HEIGHT).all()
     assert not info["success"].any()
     assert (info["reward_terms"]["out"] == 0.0).all()
     assert (task.held == 0.0).all()
+
+
+def put_banana(envs: SceneVectorEnv, monkeypatch: pytest.MonkeyPatch, height: float, quat: list[float]) -> Any:
+    """Put the banana's origin at a height [m], turned by `quat` (wxyz), and say that both fingers touch it."""
+    task: Any = envs.task
+    monkeypatch.setattr(task, "touching", lambda s: torch.ones(s.num_envs, 2))
+    qpos, address = envs.batch.data.qpos.numpy(), envs.world.mjm.joint("banana/free").qposadr[0]
+    qpos[:, address + 2 : address + 7] = [height, *quat]
+    envs.batch.data.qpos.assign(qpos)
+    envs.batch.update()
+    return task
+
+
+def test_a_banana_is_out_when_its_lowest_point_is(world, monkeypatch):
+    """On end, its lowest point is more than 7 cm below its origin; lying, it is the origin."""
+    envs = SceneVectorEnv(DrawerPick, 2, scene=world)
+    envs.reset(seed=1)
+    half = 0.5**0.5
+    lying, on_end, upside_down = [1.0, 0.0, 0.0, 0.0], [half, 0.0, half, 0.0], [0.0, 1.0, 0.0, 0.0]
+    for height, quat, out in ((0.56, lying, True), (0.6, on_end, False), (0.6, upside_down, True)):
+        task = put_banana(envs, monkeypatch, height, quat)
+        terms = task.reward(envs.state, torch.zeros(2, 8))
+        assert (terms["out"] > 0).tolist() == [out, out]
+        assert (task.held > 0).tolist() == [out, out]
+        assert (terms["lifting"] > 0.0999).tolist() == [out, out]
+
+
+def test_success_takes_half_a_second(world, monkeypatch):
+    """From the first moment that it is out to the last are 0.5 s: 25 steps, 26 moments, in which `held` goes to 1."""
+    envs = SceneVectorEnv(DrawerPick, 2, scene=world)
+    envs.reset(seed=1)
+    task = put_banana(envs, monkeypatch, 0.6, [1.0, 0.0, 0.0, 0.0])
+    for steps in range(26):
+        assert not task.success(envs.state).any()
+        task.reward(envs.state, torch.zeros(2, 8))
+        held = task.observe(envs.state)["critic"]["held"]
+        torch.testing.assert_close(held, torch.full((2, 1), steps * envs.state.dt / 0.5))
+    assert task.success(envs.state).all()
+    assert (task.observe(envs.state)["critic"]["held"] == 1.0).all()

@@ -85,13 +85,66 @@ def test_a_script_lifts(world):
         for name in ("grasping", "lifting", "holding"):
             seen[name].append(info["reward_terms"][name] > 0.005)
         seen["success"].append(info["success"])
-        seen["up"].append(task.chosen_pose(envs.state)[:, 2] >= module.LIFTED)
+        seen["up"].append(task.height(envs.state) >= module.LIFTED)
     assert info["success"].all()
     assert (info["reward_terms"]["lifting"] > 0.079).all()
     first = {name: torch.stack(steps).int().argmax(dim=0) for name, steps in seen.items()}
     assert (first["grasping"] < first["lifting"]).all()
     assert (first["lifting"] < first["holding"]).all()
-    assert (first["success"] - first["up"] >= 24).all()
+    assert (first["success"] - first["up"] >= 25).all()
+    for last in range(150):
+        held = torch.stack(seen["holding"][max(last - 25, 0) : last + 1]).all(dim=0) & (last >= 25)
+        assert torch.equal(seen["success"][last], held), "25 steps of 0.02 s lie between the first and the last"
+
+
+CAN_POSES = {
+    "upright": ((1.0, 0.0, 0.0, 0.0), 0.0),
+    "upside down": ((0.0, 1.0, 0.0, 0.0), 0.12),
+    "on its side": ((math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0), 0.033),
+}
+"""Rotation wxyz of a can that lies on the table, and how high its origin is then [m]."""
+
+
+def put_can(envs: SceneVectorEnv, monkeypatch: pytest.MonkeyPatch, lying: str, lifted: float) -> Any:
+    """Choose the can, put it that much [m] over how it lies on the table, and say that both fingers touch it."""
+    task: Any = envs.task
+    task.chosen.copy_(torch.tensor([0.0, 1.0, 0.0]).expand_as(task.chosen))
+    monkeypatch.setattr(task, "touching", lambda s: torch.ones(s.num_envs, 2))
+    quat, origin = CAN_POSES[lying]
+    qpos, address = envs.batch.data.qpos.numpy(), envs.world.mjm.joint("can/free").qposadr[0]
+    qpos[:, address + 2] = 0.4 + origin + lifted  # the table is 0.4 m high
+    qpos[:, address + 3 : address + 7] = quat
+    envs.batch.data.qpos.assign(qpos)
+    envs.batch.update()
+    return task
+
+
+@pytest.mark.parametrize("lying", CAN_POSES)
+def test_what_is_lifted_is_the_lowest_point(world, monkeypatch, lying):
+    """A can that lies on the table in any way is not up, and one that is 10 cm higher is."""
+    envs = SceneVectorEnv(TabletopLift, 2, scene=world)
+    envs.reset(seed=6)
+    for lifted, up in ((0.0, False), (0.095, False), (0.105, True)):
+        task = put_can(envs, monkeypatch, lying, lifted)
+        terms = task.reward(envs.state, torch.zeros(2, 5))
+        assert (terms["holding"] > 0).tolist() == [up, up]
+        assert (task.held > 0).tolist() == [up, up]
+        torch.testing.assert_close(task.height(envs.state), torch.full((2,), lifted), rtol=0, atol=1e-3)
+        torch.testing.assert_close(terms["lifting"], torch.full((2,), 0.8 * min(lifted, 0.1)), rtol=0, atol=1e-3)
+
+
+def test_success_takes_half_a_second(world, monkeypatch):
+    """From the first moment that it is up to the last are 0.5 s: 25 steps, 26 moments, in which `held` goes to 1."""
+    envs = SceneVectorEnv(TabletopLift, 2, scene=world)
+    envs.reset(seed=6)
+    task = put_can(envs, monkeypatch, "upright", 0.12)
+    for steps in range(26):
+        assert not task.success(envs.state).any()
+        task.reward(envs.state, torch.zeros(2, 5))
+        held = task.observe(envs.state)["policy"]["held"]
+        torch.testing.assert_close(held, torch.full((2, 1), steps * envs.state.dt / 0.5))
+    assert task.success(envs.state).all()
+    assert (task.observe(envs.state)["policy"]["held"] == 1.0).all()
 
 
 def test_an_object_that_is_dropped_is_not_held_any_more(world):

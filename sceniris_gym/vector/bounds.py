@@ -1,0 +1,62 @@
+"""How high bodies are: the height of their lowest point, however they are turned."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+import torch
+from torch import Tensor
+
+from sceniris_gym.errors import NotSupportedError, UnknownNameError
+from sceniris_gym.scene.pieces import extract_pieces
+from sceniris_gym.vector import rotations
+from sceniris_gym.vector.state import State
+
+
+class Bounds:
+    """The least box around each of several bodies, along the axes of the body's frame.
+
+    It holds what physics collides of a body itself, not of its children. Boxes are found once, on the host; reading
+    them takes no host synchronisation.
+
+    Args:
+        s: the worlds
+        names: names of bodies
+
+    Raises:
+        UnknownNameError: a body that the scene does not have
+        NotSupportedError: a body of which nothing collides
+    """
+
+    def __init__(self, s: State, names: Sequence[str]) -> None:
+        corners = np.array([_corners(s, name) for name in names])
+        lower, upper = torch.tensor(corners, dtype=torch.float32, device=s.device).unbind(dim=1)
+        self._middle, self._half = 0.5 * (lower + upper), 0.5 * (upper - lower)
+        self._up = torch.tensor([0.0, 0.0, 1.0], device=s.device)
+
+    def lowest(self, poses: Tensor) -> Tensor:
+        """Return the height of the lowest corner of each box [m], shape (num_envs, len(names)).
+
+        This is z + r . c - |r| . h, with r the third row of the body's rotation matrix, c the box's middle and h its
+        half extents. It is never above the body's lowest point, and is that point's height where the box is level.
+
+        Args:
+            poses: what `State.poses` returns for the same names, shape (num_envs, len(names), 7)
+        """
+        row = rotations.rotate(rotations.conjugate(poses[..., 3:]), self._up.expand_as(poses[..., :3]))
+        return poses[..., 2] + (row * self._middle - row.abs() * self._half).sum(dim=-1)
+
+
+def _corners(s: State, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lower and the upper corner of a body's box in its own frame [m], each of shape (3,)."""
+    mjm, where = s.mjm, f"scene '{s.scene.config.name}': Bounds"
+    body = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, name)
+    if body < 0:
+        raise UnknownNameError("body", name, where, [mjm.body(i).name for i in range(1, mjm.nbody)])
+    boxes = [piece.bounds() for piece in extract_pieces(mjm, "physics", {body})]
+    if not boxes:
+        raise NotSupportedError(f"{where}: body '{name}' has no geom that collides. Name a body that has one.")
+    lower, upper = zip(*boxes, strict=True)
+    return np.min(lower, axis=0), np.max(upper, axis=0)

@@ -1,0 +1,80 @@
+"""How high bodies are, against all points that physics collides of them."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from sceniris_gym.errors import NotSupportedError, UnknownNameError
+from sceniris_gym.layout.build import build_world
+from sceniris_gym.scene.world import World
+from sceniris_gym.vector.bounds import Bounds
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+from tests.vector.test_arm import Drive
+
+NAMES = ("can", "banana", "block")
+
+SCENE = {
+    "floor": {"size": [2.0, 2.0]},
+    "robot": {"asset": "panda", "base": [0.1, 0.2, 0.3], "yaw": 40},
+    "objects": {
+        "goal": {"kind": "marker", "on": "floor"},
+        "can": {"asset": "can", "on": "floor", "ratio_on_support": 1, "region": {"box": [[0.4, -0.3], [0.6, -0.2]]}},
+        "banana": {"asset": "banana", "on": "floor", "region": {"box": [[0.4, 0.5], [0.6, 0.6]]}},
+        "block": {"asset": "block", "on": "floor", "ratio_on_support": 1, "region": {"box": [[0.4, 0.2], [0.6, 0.3]]}},
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    """Return a World with three things, built once."""
+    return build_world(SCENE, "cpu", bank_size=8)
+
+
+def lowest_points(envs: SceneVectorEnv) -> np.ndarray:
+    """Return how high over the base the lowest vertex of each body is [m], by plain MuJoCo; shape (num_envs, 3)."""
+    mjm, found = envs.world.mjm, np.zeros((envs.num_envs, len(NAMES)))
+    data = mujoco.MjData(mjm)
+    for i, qpos in enumerate(envs.batch.data.qpos.numpy()):
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(mjm, data)
+        for j, name in enumerate(NAMES):
+            heights = []
+            for g in np.flatnonzero((mjm.geom_bodyid == mjm.body(name).id) & (mjm.geom_contype > 0)):
+                assert mjm.geom_type[g] == mujoco.mjtGeom.mjGEOM_MESH
+                first, count = mjm.mesh_vertadr[mjm.geom_dataid[g]], mjm.mesh_vertnum[mjm.geom_dataid[g]]
+                vertices = mjm.mesh_vert[first : first + count]
+                heights.append(data.geom_xpos[g][2] + (vertices @ data.geom_xmat[g].reshape(3, 3).T)[:, 2].min())
+            found[i, j] = min(heights) - data.body("panda").xpos[2]
+    return found
+
+
+def test_the_lowest_corner_is_not_above_the_lowest_point(world):
+    """Turned at random it is at most 4 cm below it, with a block at most 4 mm; standing it is the origin."""
+    envs = SceneVectorEnv(Drive, 64, scene=world)
+    envs.reset(seed=0)
+    s, bounds = envs.state, Bounds(envs.state, NAMES)
+    torch.testing.assert_close(bounds.lowest(s.poses(NAMES)), s.poses(NAMES)[:, :, 2], rtol=0, atol=1e-6)
+    qpos, rng = envs.batch.data.qpos.numpy(), np.random.default_rng(0)
+    for name in NAMES:
+        address = world.mjm.joint(f"{name}/free").qposadr[0]
+        quat = rng.normal(size=(64, 4))
+        qpos[:, address : address + 3] = rng.uniform(-0.5, 0.5, (64, 3))
+        qpos[:, address + 3 : address + 7] = quat / np.linalg.norm(quat, axis=1, keepdims=True)
+    envs.batch.data.qpos.assign(qpos)
+    envs.batch.update()
+    below = lowest_points(envs) - bounds.lowest(s.poses(NAMES)).numpy()
+    assert below.min() > -1e-6
+    assert (below.max(axis=0) < [0.02, 0.04, 0.004]).all()
+
+
+def test_bodies_without_bounds_are_refused(world):
+    """A name that the scene does not have, and a body of which nothing collides."""
+    envs = SceneVectorEnv(Drive, 1, scene=world)
+    with pytest.raises(UnknownNameError, match=r"Bounds: unknown body 'cat'.*can"):
+        Bounds(envs.state, ("cat",))
+    with pytest.raises(NotSupportedError, match="body 'goal' has no geom that collides"):
+        Bounds(envs.state, ("can", "goal"))
