@@ -83,8 +83,10 @@ def collect(envs: gym.vector.VectorEnv, agent: Agent, obs: dict[str, Tensor], st
         dist = agent.policy(obs["policy"])
         action = dist.sample()
         after, reward, terminated, truncated, info = envs.step(action)
-        # an episode that is cut short would have gone on: its last observation says what was still to come
-        reward = reward + GAMMA * (truncated & ~terminated) * agent.value(info["final_obs"]["critic"])
+        # an episode that is cut short would have gone on: its last observation says what was still to come; that of a
+        # world that broke is no number, so it is left out instead of multiplied by 0
+        to_come = agent.value(info["final_obs"]["critic"])
+        reward = reward + GAMMA * torch.where(truncated & ~terminated, to_come, 0.0)
         row = {"action": action, "log_prob": dist.log_prob(action).sum(-1), "value": agent.value(obs["critic"])}
         rows.append({**obs, **row, "reward": reward, "done": terminated | truncated})
         obs = after

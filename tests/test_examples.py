@@ -10,6 +10,8 @@ from types import ModuleType
 import pytest
 import torch
 
+from sceniris_gym import SceneVectorEnv
+
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 
@@ -86,6 +88,30 @@ def test_the_own_ppo_learns_from_what_it_collects(capsys: pytest.CaptureFixture[
     normalizer.learn(data[20:])
     torch.testing.assert_close(normalizer.mean, data.mean(dim=0))
     torch.testing.assert_close(normalizer.variance, data.var(dim=0, correction=0))
+
+
+@pytest.mark.slow
+def test_a_broken_world_does_not_spoil_the_own_ppo(monkeypatch: pytest.MonkeyPatch):
+    """One world breaks while another is cut short: only what the latter would still have got is added to its reward."""
+    ppo, kept = load("06_own_ppo"), []
+    collect = ppo.collect
+
+    def collect_broken(envs: SceneVectorEnv, agent: torch.nn.Module, obs: dict, steps: int) -> tuple[dict, dict]:
+        torch.nn.init.constant_(agent.critic[-1].bias, 100.0)
+        qpos = envs.batch.data.qpos.numpy()
+        qpos[1] = float("nan")
+        envs.batch.data.qpos.assign(qpos)
+        envs.state.elapsed[2] = envs.max_episode_steps - 1
+        data, obs = collect(envs, agent, obs, steps)
+        assert data["done"][0].tolist() == [False, True, True, False]
+        assert (data["reward"][0] > 90.0).tolist() == [False, False, True, False]
+        kept.append(agent)
+        return data, obs
+
+    monkeypatch.setattr(ppo, "collect", collect_broken)
+    ppo.main(num_envs=4, iterations=2, steps=3, device="cpu")
+    assert all(values.isfinite().all() for agent in kept for values in agent.state_dict().values())
+    assert len(kept) == 2
 
 
 @pytest.mark.slow
