@@ -113,8 +113,13 @@ class SB3VecEnv(VecEnv):
         self.env.close()
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """Return an attribute of the environment, or else of its task, once for every index."""
-        return [getattr(self._owner(attr_name), attr_name)] * self._count(indices)
+        """Return an attribute of the environment, or else of its task, once for every index.
+
+        Raises:
+            AttributeError: neither has it
+            IndexError: a world that there is not; here and below, -1 is the last one
+        """
+        return [getattr(self._owner(attr_name), attr_name)] * len(self._chosen(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
         """Set an attribute that the environment or its task has, for all worlds.
@@ -122,19 +127,20 @@ class SB3VecEnv(VecEnv):
         Raises:
             AttributeError: neither has it
             ValueError: only some of the worlds
+            IndexError: a world that there is not
         """
-        if self._count(indices) != self.num_envs:
+        if len(set(self._chosen(indices))) != self.num_envs:
             raise ValueError(f"'{attr_name}' belongs to all worlds together; leave out the indices.")
         setattr(self._owner(attr_name), attr_name, value)
 
     def env_method(self, method_name: str, *method_args, indices: VecEnvIndices = None, **method_kwargs) -> list[Any]:
         """Call a method of the environment, or else of its task, once, and return its result for every index."""
-        result = getattr(self._owner(method_name), method_name)(*method_args, **method_kwargs)
-        return [result] * self._count(indices)
+        count = len(self._chosen(indices))
+        return [getattr(self._owner(method_name), method_name)(*method_args, **method_kwargs)] * count
 
     def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: VecEnvIndices = None) -> list[bool]:
         """Say True of Monitor, whose `episode` infos the worlds give themselves, and False of all others."""
-        return [wrapper_class is Monitor] * self._count(indices)
+        return [wrapper_class is Monitor] * len(self._chosen(indices))
 
     def get_images(self) -> Sequence[np.ndarray | None]:
         """Return pictures of the first `render_envs` worlds, (height, width, 3) uint8."""
@@ -172,8 +178,9 @@ class SB3VecEnv(VecEnv):
                 return owner
         raise AttributeError(f"neither {type(self.env).__name__} nor {type(self.env.task).__name__} has '{name}'")
 
-    def _count(self, indices: VecEnvIndices) -> int:
-        return len(list(self._get_indices(indices)))
+    def _chosen(self, indices: VecEnvIndices) -> list[int]:
+        worlds = range(self.num_envs)
+        return [worlds[i] for i in self._get_indices(indices)]
 
 
 def to_host(tensor: Tensor) -> np.ndarray:

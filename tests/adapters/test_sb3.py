@@ -178,6 +178,33 @@ def test_attributes_and_methods_are_those_of_the_environment_and_its_task(make):
     assert envs.env_is_wrapped(gymnasium.wrappers.TimeLimit, indices=0) == [False]
 
 
+@pytest.mark.parametrize("indices", [3, -4, [0, 3], [-4]], ids=str)
+def test_indices_are_those_of_a_list_as_in_stable_baselines_own(make, reach_world: World, indices: Any):
+    """Negative ones count from the end, and those beyond either end are refused before anything is done."""
+    ours = make()
+    own = DummyVecEnv([lambda: PolicyGroup(SceneEnv(Reach, scene=reach_world))] * 3)  # type: ignore[arg-type]
+    for envs in (ours, own):
+        assert len(envs.get_attr("num_envs" if envs is ours else "spec", indices=[-1, -3, 2])) == 3
+        for call in (
+            lambda envs=envs: envs.get_attr("render_mode", indices=indices),
+            lambda envs=envs: envs.set_attr("render_mode", None, indices=indices),
+            lambda envs=envs: envs.env_method("close", indices=indices),
+            lambda envs=envs: envs.env_is_wrapped(Monitor, indices=indices),
+        ):
+            with pytest.raises(IndexError):
+                call()
+    ours.reset()
+
+
+def test_an_attribute_is_set_for_every_world_or_for_none(make):
+    """One world named three times is not all of them; all of them in any order are."""
+    envs = make()
+    with pytest.raises(ValueError, match="all worlds together"):
+        envs.set_attr("max_episode_steps", 9, indices=[0, 0, 0])
+    envs.set_attr("max_episode_steps", 9, indices=[2, 0, -2])
+    assert envs.get_attr("max_episode_steps") == [9] * 3
+
+
 def test_pictures_are_tiled_and_recorded(make, tmp_path: Path):
     """One of each world; none, with a warning, without a render mode."""
     envs = make(4, render_mode="rgb_array", render_size=(32, 24))
