@@ -57,7 +57,7 @@ class RslRlVecEnv(VecEnv):
         self.cfg = {"task": type(env.task).__name__, "scene": env.world.config.name, "num_envs": env.num_envs}
         self._observation = self._as_tensordict(env.reset(seed=seed)[0])
         self.log: dict[str, Tensor] = {}
-        self._sums, self._means = torch.zeros(0, device=env.device), torch.zeros(0, device=env.device)
+        self._means = torch.zeros((), device=env.device)
 
     @property
     def episode_length_buf(self) -> Tensor:  # type: ignore[override]
@@ -102,13 +102,8 @@ class RslRlVecEnv(VecEnv):
     def _finished(self) -> dict[str, Tensor]:
         """Say what the episodes came to that the last step finished."""
         statistics = self.env.statistics
-        sums = statistics.sums()
-        before = self._sums if len(self._sums) else torch.zeros_like(sums)
-        # somebody may have cleared the statistics since
-        gained = torch.where(sums[0] < before[0], sums, sums - before)
-        means = self._means if len(self._means) else torch.zeros_like(sums[1:])
-        self._means = torch.where(gained[0] > 0, gained[1:] / gained[0].clamp(min=1.0), means)
-        self._sums = sums
+        sums = statistics.latest()
+        self._means = torch.where(sums[0] > 0, sums[1:] / sums[0].clamp(min=1.0), self._means)
         return {f"Episode/{name}": mean.float() for name, mean in zip(statistics.names[1:], self._means, strict=True)}
 
     def _resets(self) -> dict[str, Tensor]:

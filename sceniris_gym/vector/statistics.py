@@ -33,6 +33,7 @@ class EpisodeStatistics:
         # doubles, because nobody has to read them for a long time
         self._counts = torch.zeros(len(COUNTS), num_envs, dtype=torch.float64, device=device)
         self._running = self._finished = self._counts[:0]
+        self._latest = (torch.zeros_like(self._counts), self._finished)
         self._ended = torch.zeros(num_envs, dtype=torch.bool, device=device)
 
     def start(self, mask: Tensor) -> None:
@@ -54,13 +55,21 @@ class EpisodeStatistics:
             self._make_room(terms)
         self._running.add_(gained)
         counted = done & ~self._ended
-        self._counts.add_(torch.stack([counted, counted * elapsed, counted & success]))
-        self._finished.add_(torch.where(counted, self._running, 0.0))
+        self._latest = (
+            torch.stack([counted, counted * elapsed, counted & success]),
+            torch.where(counted, self._running, 0.0),
+        )
+        self._counts.add_(self._latest[0])
+        self._finished.add_(self._latest[1])
         self._ended.logical_or_(done)
 
     def sums(self) -> Tensor:
         """Return the sums over finished episodes of what `names` says, shape (len(names),), on the device."""
         return torch.cat([self._counts, self._finished]).sum(dim=1)
+
+    def latest(self) -> Tensor:
+        """Return the sums as `sums` does, over the episodes that the last step finished; nothing clears them."""
+        return torch.cat(self._latest).sum(dim=1)
 
     def read(self, clear: bool = True) -> dict[str, Any]:
         """Return the means over the finished episodes. Waits for the device.

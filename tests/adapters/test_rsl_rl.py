@@ -113,11 +113,24 @@ def test_the_log_says_how_episodes_and_resets_went(env):
     assert log["Reset/attempts"] >= 1
     assert {"Reset/reject_collision", "Reset/reject_roof"} <= set(log)
     assert all(value.shape == () for value in log.values())
-    # somebody else reads the statistics and clears them
-    env.unwrapped.statistics.read()
-    for _ in range(5):
-        log = env.step(torch.full((4, 5), 0.5))[3]["log"]
-    assert float(log["Episode/effort"]) == pytest.approx(2.5 * float(total), abs=1e-6)
+
+
+def test_the_log_does_not_depend_on_who_reads_the_statistics(reach_world: World):
+    """Read and cleared after every step, or never: the same log, step by step."""
+    logs = []
+    for read in (False, True):
+        envs = RslRlVecEnv(SceneVectorEnv(Reach, 4, scene=reach_world, max_episode_steps=5), seed=3)
+        envs.episode_length_buf = torch.tensor([0, 1, 2, 3])
+        generator = torch.Generator().manual_seed(0)
+        kept = []
+        for _ in range(12):
+            log = envs.step(1.6 * torch.rand(4, 5, generator=generator) - 0.8)[3]["log"]
+            kept.append({name: float(value) for name, value in log.items() if name.startswith("Episode/")})
+            if read:
+                envs.unwrapped.statistics.read()
+        logs.append(kept)
+    assert logs[0] == logs[1]
+    assert len({log["Episode/effort"] for log in logs[0]}) > 5
 
 
 def test_environments_of_another_kind_are_refused(reach_world):

@@ -9,6 +9,7 @@ import warp as wp
 from sceniris_gym.layout.build import build_world
 from sceniris_gym.scene.config import SceneConfig
 from sceniris_gym.scene.world import World
+from sceniris_gym.vector.task import Task
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.vector.conftest import SCENE, Reach
 
@@ -67,3 +68,25 @@ def test_a_whole_step_can_be_captured_with_torch(cuda_world):
     assert [flags for flags, _ in counts] == [[False] * 4, [False] * 4, [True] * 4] * 2
     assert [episodes for _, episodes in counts] == [[1] * 4, [1] * 4, [2] * 4, [2] * 4, [2] * 4, [3] * 4]
     assert torch.isfinite(observation["critic"]).all()
+
+
+class Hold(Reach):
+    """The reaching task with the actions of Task."""
+
+    apply = Task.apply
+
+
+@pytest.mark.parametrize("mode", ["SameStep", "NextStep", "Disabled"])
+def test_torch_waits_for_nothing_in_a_step(cuda_world, mode):
+    """With actions on the GPU, through ends of episodes, and with statistics that are not read."""
+    envs = SceneVectorEnv(Hold, 4, scene=cuda_world, max_episode_steps=3, autoreset_mode=mode)
+    envs.reset(seed=0)
+    action = torch.zeros(4, 5, device="cuda")
+    envs.step(action)  # makes tables that the host has to fill
+    torch.cuda.set_sync_debug_mode("error")
+    try:
+        for _ in range(7):
+            envs.step(action)
+            envs.statistics.latest()
+    finally:
+        torch.cuda.set_sync_debug_mode("default")

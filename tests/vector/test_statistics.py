@@ -71,6 +71,21 @@ def test_reading_begins_new_sums_unless_told_otherwise(make_env):
     assert last["return"] < float(reward.mean()), "the step before the reading belongs to the episode"
 
 
+def test_the_latest_sums_are_of_the_last_step_alone(make_env):
+    """Before any step, in one that finishes nothing, and in one that does, also after a reading."""
+    envs = make_env(2, max_episode_steps=2)
+    envs.reset(seed=0)
+    assert envs.statistics.latest().tolist() == [0.0] * 3
+    for _ in range(2):
+        total = envs.step(torch.zeros(2, 5))[1]
+        assert envs.statistics.latest().tolist() == [0.0] * 5
+        total = total + envs.step(torch.zeros(2, 5))[1]
+        envs.statistics.read()
+        latest = dict(zip(envs.statistics.names, envs.statistics.latest().tolist(), strict=True))
+        assert (latest["episodes"], latest["length"]) == (2.0, 4.0)
+        assert latest["near"] + latest["effort"] == pytest.approx(float(total.sum()), rel=1e-5)
+
+
 def test_an_episode_that_a_reset_cuts_short_does_not_count(make_env):
     """Neither its steps nor its reward are found in the next one."""
     envs = make_env(2, max_episode_steps=3, autoreset_mode="Disabled")
