@@ -9,7 +9,11 @@ import torch
 from torch import Tensor
 
 from sceniris_gym.errors import TaskError
+from sceniris_gym.vector.statistics import COUNTS
 from sceniris_gym.vector.task import Task
+
+TAKEN = (*COUNTS, "return")
+"""Names that terms of the reward cannot have: statistics and logs have them."""
 
 
 def check_observation(task: Task, observation: Any, num_envs: int) -> None:
@@ -25,11 +29,17 @@ def check_observation(task: Task, observation: Any, num_envs: int) -> None:
 def check_outcome(task: Task, reward: Any, success: Any, terminated: Any, num_envs: int) -> None:
     """Refuse a reward that is not {name: tensor of shape (num_envs,)}, and flags that are not (num_envs,) bool.
 
+    Refuse terms of the reward, too, that are named like a statistic.
+
     Raises:
         TaskError: names the task, the method and what it returned
     """
     form = f"{{name: tensor of shape ({num_envs},)}}"
     _check(task, "reward", reward, form, depth=1, fits=lambda t: t.shape == (num_envs,))
+    for name in TAKEN:
+        if name in reward:
+            form = f"terms with other names, such as '{name}_reward': {', '.join(TAKEN)} are names of statistics"
+            raise TaskError(type(task).__name__, "reward", f"a term named '{name}'", form)
     for method, flags in (("success", success), ("terminated", terminated)):
         form = f"a bool tensor of shape ({num_envs},)"
         _check(task, method, flags, form, depth=0, fits=lambda t: t.shape == (num_envs,) and t.dtype is torch.bool)

@@ -40,7 +40,10 @@ class Task:
         raise NotImplementedError
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return the terms of the reward of the step just taken, each of shape (num_envs,); their sum counts."""
+        """Return the terms of the reward of the step just taken, each of shape (num_envs,); their sum counts.
+
+        Names are free, but for those of statistics: episodes, length, return and success.
+        """
         raise NotImplementedError
 
     def success(self, s: State) -> Tensor:
@@ -53,8 +56,8 @@ class Task:
 
     def apply(self, s: State, action: Tensor) -> None:
         """Write controls for an action in [-1, 1], shape (num_envs, action_size); by default over their ranges."""
-        limits = torch.as_tensor(s.mjm.actuator_ctrlrange, dtype=torch.float32).to(s.device)
-        s.ctrl.copy_(limits[:, 0] + (action + 1.0) * 0.5 * (limits[:, 1] - limits[:, 0]))
+        lower, upper = s.control_range.unbind(dim=1)
+        s.ctrl.copy_(lower + (action + 1.0) * 0.5 * (upper - lower))
 
     def on_reset(self, s: State, mask: Tensor) -> None:
         """React to the reset of the masked worlds; `mask` has shape (num_envs,), bool. Other worlds must not change."""

@@ -70,3 +70,12 @@ def test_an_outcome_of_another_form_is_refused_in_the_first_step(
     with pytest.raises(TaskError) as caught:
         envs.step(torch.zeros(3, 5))
     assert str(caught.value) == f"Reach.{method} returned {got}, but {form}."
+
+
+@pytest.mark.parametrize("name", ["episodes", "length", "return", "success"])
+def test_a_term_of_the_reward_is_not_named_like_a_statistic(reach_world: World, name: str):
+    """It would take the statistic's place in a log."""
+    envs = SceneVectorEnv(task("reward", {"near": EACH, name: EACH}), 3, scene=reach_world)
+    envs.reset(seed=0)
+    with pytest.raises(TaskError, match=f"^Reach.reward returned a term named '{name}', .*such as '{name}_reward'"):
+        envs.step(torch.zeros(3, 5))
