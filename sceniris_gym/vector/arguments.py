@@ -83,13 +83,13 @@ def as_reset_seeds(seed: Any, num_envs: int, *, first: bool) -> tuple[np.ndarray
     Args:
         seed: an integer (world i gets seed + i), a sequence of num_envs integers or None, or None
         num_envs: number of worlds
-        first: there is nothing to go on with: None draws a seed
+        first: there is nothing to go on with: None in a sequence draws a seed
 
     Raises:
         SeedError: something else
     """
     if seed is None:
-        return (as_seeds(fresh_seed(), num_envs), np.ones(num_envs, bool)) if first else None
+        return None
     given = np.ones(num_envs, bool)
     if isinstance(seed, list | tuple):
         seeds = as_seeds([fresh_seed() if one is None else one for one in seed], num_envs)
@@ -120,14 +120,14 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int, device: wp.D
 
 
 def as_action(actions: Any, space: Space, device: torch.device) -> Tensor:
-    """Return actions of all worlds on the device, cut off at -1 and 1; what is not a number is 0.
+    """Return actions of all worlds on the device, without gradients, cut off at -1 and 1; what is not a number is 0.
 
-    A NaN that got into the controls would stay there until the world's next reset.
+    A NaN that got into the controls would stay there until the world's next reset, a gradient for good.
 
     Raises:
         ValueError: wrong shape
     """
-    action = torch.as_tensor(actions, dtype=torch.float32, device=device)
+    action = torch.as_tensor(actions, dtype=torch.float32, device=device).detach()
     if action.shape != space.shape:
         raise ValueError(f"actions must have shape {space.shape}, got {tuple(action.shape)}.")
     return action.nan_to_num(nan=0.0).clamp(-1.0, 1.0)

@@ -28,11 +28,13 @@ class SceneEnv(gymnasium.Env):
         self.metadata = {**self.metadata, "render_fps": self.envs.metadata["render_fps"]}
         self.observation_space = self.envs.single_observation_space
         self.action_space = self.envs.single_action_space
+        self._np_random, self._np_random_seed = self.envs.np_random, self.envs.np_random_seed
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Give the world a fresh layout; `seed` starts with episode 0 of that seed, None goes on with the next one."""
-        super().reset(seed=seed)
         observation, info = self.envs.reset(seed=seed, options=options)
+        if seed is not None:
+            self._np_random, self._np_random_seed = self.envs.np_random, self.envs.np_random_seed
         return _first(observation), _first(info)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:

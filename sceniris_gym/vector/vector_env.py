@@ -31,6 +31,7 @@ from sceniris_gym.vector.arguments import (
     as_size,
     as_task,
     as_world,
+    fresh_seed,
 )
 from sceniris_gym.vector.forms import check_observation, check_outcome
 from sceniris_gym.vector.state import State
@@ -52,6 +53,10 @@ class SceneVectorEnv(VectorEnv):
     `final_obs` and `final_info` for all worlds too; they count where `_final_obs` is true. `layout_seed` is an int64,
     as torch has no arithmetic for larger ones: seeds from 2^63 on appear there as their two's complement, and
     `int(layout_seed) % 2**64` is the seed.
+
+    `np_random_seed` is the integer that `reset(seed=...)` brings the same worlds back with, from episode 0 on: the last
+    one given, or the one that was drawn for a first reset without a seed. It is -1, as Gymnasium has it for unknown
+    seeds, once worlds were given seeds of their own, by a list or with a mask.
 
     `statistics` sums up finished episodes on the device; `statistics.read()` gives their means.
 
@@ -85,6 +90,8 @@ class SceneVectorEnv(VectorEnv):
         ContactBudgetError: (first reset) more contacts than there is room for
     """
 
+    # what is made under inference mode could not be written to outside of it
+    @torch.inference_mode(False)
     def __init__(
         self,
         task: Task | type[Task] | str,
@@ -166,6 +173,7 @@ class SceneVectorEnv(VectorEnv):
         self._autoreset = torch.zeros(num_envs, dtype=torch.bool, device=self.device)
         self._camera: FrameCamera | None = None
         self._ready = self._stepped = False
+        self._np_random, self._np_random_seed = seeding.np_random(fresh_seed())
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -174,8 +182,8 @@ class SceneVectorEnv(VectorEnv):
 
         Args:
             seed: world i gets seed + i, and starts with episode 0; a list of num_envs seeds is taken as it is. None,
-                also in a list, goes on with the next episode of a world (before the first reset it draws a seed, see
-                np_random_seed and info["layout_seed"])
+                also in a list, goes on with the next episode of a world (the first reset takes the drawn seed
+                np_random_seed, and draws one for each None in a list)
             options: {"reset_mask": booleans of shape (num_envs,), numpy or torch, true somewhere} resets, and reseeds,
                 only those worlds; the others do not change
 
@@ -190,14 +198,19 @@ class SceneVectorEnv(VectorEnv):
         mask = as_reset_mask(options, self.num_envs, self.batch.device)
         if not self._ready and mask is not None:
             raise gymnasium.error.ResetNeeded("The first reset() must be of all worlds; leave out the reset_mask.")
+        if seed is None and not self._ready:
+            # it is -1 where somebody has assigned a generator
+            seed = fresh_seed() if self.np_random_seed == -1 else self.np_random_seed
         seeds = as_reset_seeds(seed, self.num_envs, first=not self._ready)
         with self._on_torch_stream():
             masked = torch.ones_like(self._autoreset) if mask is None else wp.to_torch(mask)
             if seeds is not None:
                 numbers, given = seeds
                 self.randomizer.reseed(numbers, masked & torch.as_tensor(given, device=self.device))
-                if isinstance(seed, int | np.integer | None):
+                if mask is None and isinstance(seed, int | np.integer):
                     self._np_random, self._np_random_seed = seeding.np_random(int(numbers[0]))
+                elif given.any():
+                    self.np_random = np.random.default_rng(numbers[given])  # which makes np_random_seed -1
             self._reset_worlds(masked)
             self._autoreset.logical_and_(~masked)
             if not self._ready:
@@ -251,9 +264,9 @@ class SceneVectorEnv(VectorEnv):
         if not self._stepped:
             check_outcome(task, terms, success, terminated, self.num_envs)
             self._stepped = True
-        success = self._own(success)
+        success = success.clone()  # the task may write to it in a reset
         finite = s.finite
-        gained = torch.where(finite, torch.stack(list(terms.values())), 0.0)
+        gained = torch.where(finite, torch.stack(list(terms.values())), 0.0).float()
         terminated = terminated | ~finite
         truncated = torch.zeros_like(terminated)
         if self.max_episode_steps is not None:
@@ -292,14 +305,10 @@ class SceneVectorEnv(VectorEnv):
     def _layout_info(self) -> dict[str, Tensor]:
         s = self.state
         return {
-            "layout_seed": self._own(s.seed),
-            "layout_episode": self._own(s.episode),
+            "layout_seed": s.seed.clone(),
+            "layout_episode": s.episode.clone(),
             "layout_fallback": s.layout_status == Status.FALLBACK,
         }
-
-    def _own(self, tensor: Tensor) -> Tensor:
-        """Return a tensor that nothing writes to later."""
-        return tensor.clone() if self.copy else tensor
 
     def _returned(self, value: Any) -> Any:
         """Bring tensors, and dicts of them, to the output that was asked for."""

@@ -6,12 +6,10 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 
 from sceniris_gym.errors import MaskError, MaskTypeError, SeedError, UnknownNameError
-from sceniris_gym.vector.arguments import as_action
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 STATE = ("time", "qpos", "qvel", "ctrl", "act", "mocap_pos", "mocap_quat", "xpos", "site_xpos", "qacc_warmstart")
@@ -320,6 +318,27 @@ def test_without_copy_the_observation_buffers_are_used_again(make_env):
     assert_equal(second, twin.step(actions(2))[0])
 
 
+def test_without_copy_all_but_observations_is_kept(make_env):
+    """The final info is of the episode that ended, and neither it nor the new one changes in later steps."""
+    envs = make_env(2, copy=False, max_episode_steps=2)
+    envs.task.success = lambda s: flags  # a task may return a tensor that it writes to
+    flags = torch.ones(2, dtype=torch.bool)
+    envs.reset(seed=5)
+    envs.step(actions(2))
+    *outcome, info = envs.step(actions(2))
+    flags.fill_(False)
+    final = info["final_info"]
+    kept = [outcome[1:], {name: value for name, value in info.items() if name != "final_obs"}]
+    copies = [leaf.clone() for leaf in leaves(kept)]
+    for _ in range(3):
+        envs.step(actions(2))
+    assert final["layout_episode"].tolist() == [0, 0]
+    assert info["layout_episode"].tolist() == [1, 1]
+    assert final["success"].tolist() == info["success"].tolist() == [True, True]
+    for leaf, copy in zip(leaves(kept), copies, strict=True):
+        assert torch.equal(leaf, copy)
+
+
 def leaves(value) -> list[torch.Tensor]:
     """List the tensors inside nested tuples and dicts."""
     if isinstance(value, torch.Tensor):
@@ -385,6 +404,33 @@ def test_it_steps_under_inference_mode(make_env):
     assert not truncated.any()
 
 
+def test_it_may_be_made_under_inference_mode(make_env):
+    """What is made with it, its task's tensors too, can be written to outside, and inside again."""
+    with torch.inference_mode():
+        envs = make_env(2, max_episode_steps=2)
+        envs.reset(seed=0)
+        envs.step(actions(2))
+    for _ in range(2):
+        envs.reset()
+        observation, _, _, truncated, _ = [envs.step(actions(2)) for _ in range(2)][-1]
+        assert truncated.all()
+        assert not observation["policy"].is_inference()
+    with torch.inference_mode():
+        envs.step(actions(2))
+        envs.reset()
+
+
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float16, torch.int64])
+def test_rewards_are_of_single_precision_whatever_a_task_returns(make_env, dtype):
+    """Their terms too."""
+    envs = make_env(2)
+    envs.task.reward = lambda s, action: {"three": torch.full((2,), 3, dtype=dtype)}
+    envs.reset(seed=0)
+    _, reward, _, _, info = envs.step(actions(2))
+    assert reward.dtype == info["reward_terms"]["three"].dtype == torch.float32
+    assert reward.tolist() == [3.0, 3.0]
+
+
 def test_render_takes_pictures_of_the_first_worlds(make_env):
     """One picture per world up to the stated number, different ones, and the worlds stay as they are."""
     envs = make_env(3, render_mode="rgb_array", render_envs=2, render_size=(48, 32))
@@ -397,10 +443,3 @@ def test_render_takes_pictures_of_the_first_worlds(make_env):
     assert ((frames[0][..., 0] > 100) & (frames[0][..., 1] < 60)).any(), "the red block is in the picture"
     assert_equal(state(envs), before)
     assert make_env(1).render() is None
-
-
-def test_an_action_that_is_not_a_number_is_none():
-    """It is taken as 0, so that it cannot stay in the controls; infinite ones are cut off like all others."""
-    space = Box(-1.0, 1.0, (2, 3), np.float32)
-    action = as_action([[np.nan, 0.5, np.inf], [-np.inf, 2.0, -0.25]], space, torch.device("cpu"))
-    assert action.tolist() == [[0.0, 0.5, 1.0], [-1.0, 1.0, -0.25]]
