@@ -66,7 +66,7 @@ def read(folder: Path) -> dict[str, list[Run]]:
         judged = [line for line in lines if line["kind"] == "eval"]
         if judged:
             options = json.loads((log.parent / "config.json").read_text())["options"]
-            kind = log.parent.name.rpartition("_")[0]
+            kind = log.parent.name.removesuffix(f"_{options['seed']}")
             kinds.setdefault(kind, []).append(Run(kind, options, judged))
     known = [kind for kind in KINDS if kind in kinds]
     return {kind: kinds[kind] for kind in (*known, *(kind for kind in kinds if kind not in KINDS))}

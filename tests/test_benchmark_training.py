@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -15,6 +16,7 @@ import torch
 pytest.importorskip("rsl_rl")
 
 from benchmarks import curves, honest_resets, layout_sources, reset_cost, task_scenes, train_rsl_rl
+from sceniris_gym.errors import ContactBudgetError
 from sceniris_gym.layout.build import build_world
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.scene.world import World
@@ -77,6 +79,58 @@ def test_bad_resets_are_counted(world: World):
     assert 2 <= bad["in_contact"] <= bad["either"]
     assert not any("table" in pair for pair in pairs)
     assert honest_resets.supports(world)["can"] == "table"
+
+
+def test_resets_are_not_judged_where_a_contact_was_lost(world: World):
+    """Neither where pairs, scratch for convex ones or rows do not fit, nor when it happens while they are watched."""
+    drawn = layout_sources.unchecked(world)
+
+    def judge(nconmax: int, njmax: int) -> honest_resets.Judge:
+        options = honest_resets.Options(num_envs=48, nconmax=nconmax, njmax=njmax)
+        return honest_resets.Judge(world, LayoutGenerator(drawn, 48), options)
+
+    pairs = judge(nconmax=1, njmax=256)
+    with pytest.raises(ContactBudgetError, match="nconmax=1 is too small"):
+        pairs.look(0)
+    assert pairs.batch.data.nacon.numpy()[0] < 48 < pairs.batch.data.ncollision.numpy()[0], "the contacts alone fit"
+    with pytest.raises(ContactBudgetError, match="njmax=8 is too small"):
+        judge(nconmax=64, njmax=8).look(0)
+    convex = judge(nconmax=64, njmax=256)
+    convex.batch.data.naccdmax = 1
+    with pytest.raises(ContactBudgetError, match="nconmax"):
+        convex.look(0)
+    other = judge(nconmax=64, njmax=256)
+    overflow = np.zeros(48, np.int32)
+    overflow[5] = honest_resets.mjw.OverflowType.EPA_HORIZON
+    other.batch.data.overflow.assign(overflow)
+    with pytest.raises(RuntimeError, match="EPA_HORIZON"):
+        other._touching()
+
+
+def test_counts_are_kept_for_the_same_options_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A file with the answer is left alone, the room for contacts may be another, and other options are refused."""
+    seeds: list[int] = []
+
+    def look(self: honest_resets.Judge, seed: int) -> tuple[Counter, Counter]:
+        seeds.append(seed)
+        return Counter(layouts=self.batch.nworld, in_contact=1), Counter()
+
+    monkeypatch.setattr(honest_resets.Judge, "look", look)
+    options = honest_resets.Options(
+        layouts=8, num_envs=4, tasks=("TabletopReach-v0",), out=tmp_path / "honest.jsonl", device="cpu", njmax=64
+    )
+    honest_resets.main(options)
+    told = options.out.read_text()
+    lines = [json.loads(line) for line in told.splitlines()]
+    assert [(line["placement"], line["layouts"], line["in_contact"]) for line in lines] == [
+        ("fresh", 8, 2),
+        ("uniform", 8, 2),
+    ]
+    honest_resets.main(replace(options, njmax=128))
+    for other in ({"layouts": 64}, {"num_envs": 8}, {"seed": 3}):
+        with pytest.raises(SystemExit, match="other options"):
+            honest_resets.main(replace(options, **other))
+    assert (len(seeds), options.out.read_text()) == (4, told)
 
 
 def test_doors_and_drawers_are_watched_too():
@@ -202,11 +256,12 @@ def test_placement_without_checks_rejects_nothing():
 
 
 def test_table_and_picture_are_made_of_the_seeds_that_are_there(tmp_path: Path):
-    """Runs that were not judged are left out, and a time to success says of how many seeds it speaks."""
-    for name, success in {"reach_0": 0.96, "reach_2": 0.5, "fresh_1": 0.25, "bank_16_0": None}.items():
+    """Unjudged runs are left out, a time to success says of how many seeds, and a folder may do without a seed."""
+    for name, success in {"reach_0": 0.96, "reach_2": 0.5, "fresh_1": 0.25, "bank_16_0": None, "train": 0.75}.items():
         folder = tmp_path / name
         folder.mkdir()
-        (folder / "config.json").write_text(json.dumps({"options": {"task": "TabletopReach-v0"}}))
+        seed = int(name[-1]) if "_" in name else 0
+        (folder / "config.json").write_text(json.dumps({"options": {"task": "TabletopReach-v0", "seed": seed}}))
         shares = {kind: {"success": success} for kind in ("valid", "unfiltered")}
         line = {"kind": "train" if success is None else "eval", "seconds": 9.0, "env_steps": 3_000_000, **shares}
         (folder / "log.jsonl").write_text(json.dumps(line) + "\n")
@@ -215,6 +270,7 @@ def test_table_and_picture_are_made_of_the_seeds_that_are_there(tmp_path: Path):
     assert rows == [
         "| reach | 2 | 3 M | 73.0% (50.0% to 96.0%) | 73.0% (50.0% to 96.0%) | 9 s, 1 of 2 seeds |",
         "| fresh | 1 | 3 M | 25.0% | 25.0% | - |",
+        "| train | 1 | 3 M | 75.0% | 75.0% | - |",
     ]
     curves.draw(kinds, tmp_path / "all.png")
     curves.draw({}, tmp_path / "none.png")
