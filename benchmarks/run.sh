@@ -1,7 +1,9 @@
 #!/usr/bin/env bash
-# Measures every row of RESULTS.md on one device and keeps the answers: run.sh DEVICE FOLDER [LAYOUTS], from the top.
-# DEVICE is cpu or cuda:0; LAYOUTS is how many layouts an audit judges (20000). Benches run one after the other, audits
-# (a core each, against code that imports nothing of what is judged) side by side after them.
+# Measures rates and audits of the scenes, relations and the bytes of SB3VecEnv on one device, and keeps the answers:
+# run.sh DEVICE FOLDER [LAYOUTS], from the top. DEVICE is cpu or cuda:0; LAYOUTS is how many layouts an audit judges
+# (20000). Benches run one after the other, audits (a core each, against code that imports nothing of what is judged)
+# side by side after them. It leaves out what takes longer: reach (python -m benchmarks.reach), and trainings and resets
+# (benchmarks/evidence.sh). The other rows of RESULTS.md are measured by the commands beside them.
 set -uo pipefail
 device=$1 folder=$2 layouts=${3:-20000}
 mkdir -p "$folder"
@@ -27,3 +29,5 @@ cli audit mid --layouts "$layouts" --rejected 0 --set objects.apple.ratio_on_sup
 wait
 cat "$folder"/audit_*.json
 python3 -m benchmarks.relations --layouts "$((5 * layouts))" --device "$device" | tee "$folder/relations.txt"
+python3 -m benchmarks.sb3_bytes --env-id sceniris_gym/DrawerPick-v0 --steps 6 --episode 5 --device "$device" \
+  2>>"$folder/errors.log" | tee "$folder/sb3_bytes.jsonl"

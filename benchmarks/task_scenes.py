@@ -12,7 +12,7 @@ from sceniris_gym.scene.world import World
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 SEED_SPACING = 1 << 20
-"""Between seeds of experiments: worlds of neighbouring ones would share layouts otherwise."""
+"""The least there is between seeds of experiments: worlds of neighbouring ones would share layouts otherwise."""
 
 
 def scene_of(task: str, *, reachable: bool) -> SceneConfig:

@@ -76,7 +76,7 @@ class Options:
 
     Attributes:
         task: an id of this package without its namespace
-        seed: number of the run; seeds of layouts are spaced by 2^20
+        seed: number of the run; the layouts of two runs begin at seeds that are at least 16 * 2^20 apart
         num_envs: worlds
         minutes: wall-clock of training, evaluations not counted
         million_steps: control steps of all worlds together after which it stops too; None is no bound
