@@ -4,7 +4,7 @@
 
 For every task: layouts as the generator makes them, and beside them uniform placement without checks. A reset explodes
 when an object, or a point of a door or drawer, is faster than 1 m/s within 0.1 s while the arm is held where it starts.
-Contacts and motion are those of MuJoCo-Warp; where it had no room for one, that is an error. A line of JSON per task and
+Contacts and motion are those of MuJoCo-Warp; a contact that it had no room for is an error. A line of JSON per task and
 kind of placement; those that are in the file already are left out, and answers with other options are refused.
 """
 

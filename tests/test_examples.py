@@ -9,6 +9,7 @@ from types import ModuleType
 
 import pytest
 import torch
+from torch import nn
 
 from sceniris_gym import SceneVectorEnv
 
@@ -96,12 +97,12 @@ def test_a_broken_world_does_not_spoil_the_own_ppo(monkeypatch: pytest.MonkeyPat
     ppo, kept = load("06_own_ppo"), []
     collect = ppo.collect
 
-    def collect_broken(envs: SceneVectorEnv, agent: torch.nn.Module, obs: dict, steps: int) -> tuple[dict, dict]:
-        torch.nn.init.constant_(agent.critic[-1].bias, 100.0)
+    def collect_broken(envs: SceneVectorEnv, agent: nn.Module, obs: dict, steps: int) -> tuple[dict, dict]:
+        nn.init.constant_(agent.get_parameter("critic.4.bias"), 100.0)
         qpos = envs.batch.data.qpos.numpy()
         qpos[1] = float("nan")
         envs.batch.data.qpos.assign(qpos)
-        envs.state.elapsed[2] = envs.max_episode_steps - 1
+        envs.state.elapsed[2] = 10_000
         data, obs = collect(envs, agent, obs, steps)
         assert data["done"][0].tolist() == [False, True, True, False]
         assert (data["reward"][0] > 90.0).tolist() == [False, False, True, False]
@@ -112,6 +113,13 @@ def test_a_broken_world_does_not_spoil_the_own_ppo(monkeypatch: pytest.MonkeyPat
     ppo.main(num_envs=4, iterations=2, steps=3, device="cpu")
     assert all(values.isfinite().all() for agent in kept for values in agent.state_dict().values())
     assert len(kept) == 2
+
+
+def test_the_readme_names_every_scene():
+    """Under "Commands", those of the tasks too."""
+    commands = (EXAMPLES.parent / "README.md").read_text().partition("## Commands")[2]
+    named = re.findall(r"`(\w+)`", commands.partition("All commands")[0])
+    assert sorted(named) == sorted(["SCENE", *(path.stem for path in EXAMPLES.parent.glob("envs/*.yaml"))])
 
 
 @pytest.mark.slow
