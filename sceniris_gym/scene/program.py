@@ -178,7 +178,9 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
             f"{scene.config.where}: objects.{name}: a plane is endless and cannot be part of what is placed. Use a box."
         )
     shape = HomeShape(home, bodies[0], own)
-    variants = shape.stable() if config.turn.kind == "stable" and own else [shape.variant(quat)]
+    variants = [shape.variant(quat)]
+    if config.turn.kind == "stable":
+        variants = [shape.variant(*pose) for pose in _stable_poses(scene, name, own, home)]
     moves = any(d.choice or not d.low == d.high == home.qpos[d.qposadr] for d in draws)
     varies = config.ratio_on_support > 0.0 and bool(own) and (moves or config.turn.kind == "any")
     rigid = HomeShape(home, bodies[0], [p for p in own if p.body == bodies[0]]) if varies else shape
@@ -201,6 +203,20 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
         erosion=0.5 * config.ratio_on_support if varies else 0.0,
         config=config,
     )
+
+
+def _stable_poses(
+    scene: SceneModel, name: str, own: list[Piece], home: mujoco.MjData
+) -> list[tuple[np.ndarray, float]]:
+    """Stable poses and their probabilities of the object as it is simulated, also where what is seen keeps apart."""
+    where, bodies = f"{scene.config.where}: objects.{name}.orientation", scene.subtree(name)
+    pieces = extract_pieces(scene.mjm, "physics", set(bodies)) or own
+    if not pieces:
+        raise SceneKeyError(
+            f"{where}: it has no collision geometry and so no stable pose. Give it geoms that collide, or another "
+            "orientation."
+        )
+    return HomeShape(home, bodies[0], pieces).stable(where)
 
 
 def _draws(scene: SceneModel, name: str) -> list[Draw]:

@@ -4,21 +4,44 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
+from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.model import build_model
-from sceniris_gym.scene.poses import Variant, heading_of, matrix, of_heading_zero
+from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.poses import STABLE_TILT, Variant, heading_of, matrix, of_heading_zero
 from sceniris_gym.scene.program import build_plan
 from tests.layout.scenes import box_mjcf, write_mjcf
+
+FREE = ("apple", "banana", "block", "book", "bottle", "bowl", "brick", "can", "cereal_box")
+FREE += ("glass", "lemon", "mug", "orange", "pan", "pear", "plate", "spatula", "tin")
+
+
+def model_of(asset: str, geometry: str = "physics") -> SceneModel:
+    """A scene of one asset, which may lie in any stable pose."""
+    thing = {"asset": asset, "on": "floor", "orientation": "stable"}
+    config = SceneConfig.load({"floor": {"size": [1.0, 1.0]}, "geometry": geometry, "objects": {"thing": thing}})
+    return build_model(config)
 
 
 def stable_poses(asset: str, geometry: str = "physics") -> list[Variant]:
     """The stable poses of an asset."""
-    thing = {"asset": asset, "on": "floor", "orientation": "stable"}
-    config = SceneConfig.load({"floor": {"size": [1.0, 1.0]}, "geometry": geometry, "objects": {"thing": thing}})
-    return build_plan(build_model(config)).objects[0].variants
+    return build_plan(model_of(asset, geometry)).objects[0].variants
+
+
+def moved(model: SceneModel, pose: Variant, yaw: float) -> float:
+    """How far [m] the thing moves in half a second of MuJoCo C, put down on the floor in a pose, as resets do it."""
+    mjm, data = model.mjm, mujoco.MjData(model.mjm)
+    quat = np.empty(4)
+    mujoco.mju_mulQuat(quat, np.array([np.cos(0.5 * yaw), 0.0, 0.0, np.sin(0.5 * yaw)]), pose.quat)
+    start = [0.0, 0.0, model.config.objects["thing"].gap] - matrix(quat) @ pose.pivot
+    adr = mjm.joint("thing/free").qposadr[0]
+    data.qpos[adr : adr + 7] = *start, *quat
+    while data.time < 0.5:
+        mujoco.mj_step(mjm, data)
+    return float(np.linalg.norm(data.qpos[adr : adr + 3] - start))
 
 
 def rectangle_share(a: float, b: float, distance: float) -> float:
@@ -50,8 +73,88 @@ def test_a_can_lies_on_its_side_as_often_as_it_should(asset: str, geometry: str)
 
 
 def test_a_round_thing_lies_on_most_of_its_faces():
-    """Next to nothing of what its faces have in probability is left out."""
+    """Those that are wide enough to hold it."""
     assert len(stable_poses("orange")) > 60
+
+
+@pytest.mark.parametrize("asset", FREE)
+def test_what_is_put_down_in_a_stable_pose_stays_there(asset: str):
+    """In each of its poses, turned any way: nothing tips over, and nothing rolls."""
+    model, rng = model_of(asset), np.random.default_rng(0)
+    poses = build_plan(model).objects[0].variants
+    yaws = rng.uniform(-np.pi, np.pi, (len(poses), max(1, 16 // len(poses))))
+    far = [[moved(model, pose, yaw) for yaw in turns] for pose, turns in zip(poses, yaws, strict=True)]
+    assert np.max(far) < 0.01
+
+
+@pytest.mark.parametrize(("asset", "count"), [("block", 6), ("spatula", 2), ("mug", 8)])
+def test_poses_on_chamfers_and_facets_are_left_out(asset: str, count: int):
+    """A block lies on its six sides; a mug stands either way up, or lies with its handle down."""
+    poses = stable_poses(asset)
+    assert len(poses) == count
+    assert asset != "mug" or max(matrix(p.quat)[2, 0] for p in poses) < 0.01
+
+
+@pytest.mark.parametrize(("lean", "stands"), [(STABLE_TILT - 0.1, False), (STABLE_TILT + 0.1, True)])
+def test_a_plank_stands_on_end_if_a_small_tilt_does_not_tip_it(lean: float, stands: bool, tmp_path: Path):
+    """It tips over once its diagonal is vertical; what is left keeps its proportions."""
+    x, y, z = 0.2 * np.tan(np.radians(lean)), 0.3, 0.2  # on its longer edge it tips sooner
+    poses = stable_poses(box_mjcf(tmp_path, "plank", x, y, z))
+    shares = [rectangle_share(y, z, x / 2)] * 2 + [rectangle_share(x, y, z / 2)] * 2 * stands
+    found = sorted((p.probability for p in poses), reverse=True)
+    assert found == pytest.approx(np.array(shares) / sum(shares), abs=1e-6)
+
+
+def test_an_uneven_bottom_still_carries(tmp_path: Path):
+    """A keel of one degree to either side: a tilt by more than that comes back."""
+    up = 0.03 * np.tan(np.radians(1.0))
+    corners = [(x, y, z) for x in (-0.03, 0.03) for y in (-0.05, 0.05) for z in (up, 0.04)]
+    keel = [(0.0, -0.05, 0.0), (0.0, 0.05, 0.0)]
+    vertices = " ".join(f"{value:.6f}" for corner in (*corners, *keel) for value in corner)
+    asset = f'<asset><mesh name="hull" vertex="{vertices}"/></asset>'
+    poses = stable_poses(write_mjcf(tmp_path, "boat", '<geom type="mesh" mesh="hull"/>', asset))
+    assert sum(matrix(p.quat)[2, 2] > 0.99 for p in poses) == 2
+
+
+def test_poses_are_those_of_what_collides():
+    """The fine round surface of a can is seen, and its sixteen-sided hull is what it lies on."""
+    seen, collides = stable_poses("can_16k", "visual"), stable_poses("can_16k")
+    assert len(seen) == len(collides) == 18
+    for a, b in zip(seen, collides, strict=True):
+        assert a.quat == pytest.approx(b.quat) and a.probability == b.probability
+
+
+def test_poses_are_those_of_the_own_centre_of_mass(tmp_path: Path):
+    """A box with all its mass at one end rights itself from its sides."""
+    inertial = '<inertial pos="0 0 0.001" mass="0.1" diaginertia="1e-5 1e-5 1e-5"/>'
+    box = '<geom type="box" size="0.02 0.02 0.05" pos="0 0 0.05"/>'
+    poses = stable_poses(write_mjcf(tmp_path, "tumbler", inertial + box))
+    upright = {round(matrix(p.quat)[2, 2]): p.probability for p in poses}
+    assert set(upright) == {1, -1}
+    assert upright[1] > 0.8
+
+
+@pytest.mark.parametrize(
+    ("geoms", "said"),
+    [
+        ('<geom type="sphere" size="0.03"/>', "no stable pose: from each a tilt of 5 degrees tips it over or sets it"),
+        ('<geom type="capsule" size="0.03 0.05"/>', "Give it a yaw or 'any', or collision geometry with a flat side"),
+        (
+            '<inertial pos="0 0 0.2" mass="1" diaginertia="1 1 1"/><geom type="box" size="0.03 0.03 0.03"/>',
+            r"centre of mass \[0.0, 0.0, 0.2\] is outside .* Correct the asset's <inertial>",
+        ),
+        (
+            '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+            '<geom type="box" size="0.03 0.03 0.03" contype="0" conaffinity="0"/>',
+            "no collision geometry and so no stable pose. Give it geoms that collide",
+        ),
+    ],
+    ids=["ball", "capsule", "outside", "ghost"],
+)
+def test_what_lies_in_no_pose_is_refused(geoms: str, said: str, tmp_path: Path):
+    """The message says why, and what would be right."""
+    with pytest.raises(SceneKeyError, match=rf"objects\.thing\.orientation: it.* {said}"):
+        stable_poses(write_mjcf(tmp_path, "thing", geoms))
 
 
 def test_headings_tell_turns_about_the_vertical_apart_whatever_is_up():
