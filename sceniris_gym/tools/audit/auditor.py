@@ -16,7 +16,7 @@ from sceniris_gym.tools.audit.outlines import Outlines
 from sceniris_gym.tools.audit.pairs import Tree
 from sceniris_gym.tools.audit.physics import FAST, STILL, Penetration, deepest, settle
 from sceniris_gym.tools.audit.presence import presence
-from sceniris_gym.tools.audit.standing import Misplaced, StandingAudit
+from sceniris_gym.tools.audit.standing import Misplaced, StandingAudit, hulls_of
 from sceniris_gym.tools.rows import Rows
 
 CHUNK = 500  # rows whose poses are held at once
@@ -87,7 +87,11 @@ class Auditor:
         outlines = Outlines(self.tree, solids, config, bodies, pose_of(home))
         self.standing = StandingAudit(self.tree, solids, config, outlines, pose_of(home))
         self.outlines = outlines
-        self.language = LanguageAudit(config, outlines, self.standing.hulls, home)
+        hulls = self.standing.hulls
+        if config.geometry != "physics":  # what keeps apart is seen, and what carries collides
+            names = self.standing.placed
+            hulls = hulls_of(self.tree, solids_of(mjm, "physics"), {n: bodies[n] for n in names}, pose_of(home))
+        self.language = LanguageAudit(config, outlines, hulls, home)
         self.config = config
         self.free = {name: bodies[name] for name, part in placed.items() if part.kind == "free"}
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,6 +44,24 @@ class Misplaced:
     cause: str
 
 
+def hulls_of(tree: Tree, solids: list[Solid], bodies: Mapping[str, int], home: Poses) -> dict[str, np.ndarray]:
+    """Return the corners of the convex hulls of objects in their roots' frames at home [m], shape (n, 3), by name.
+
+    Args:
+        tree: owners of the bodies.
+        solids: what the objects are made of; one that has none is a point.
+        bodies: object name -> its root body.
+        home: the start pose, one row.
+    """
+    parts: dict[str, list[np.ndarray]] = {name: [] for name in bodies}
+    for solid in solids:
+        name = tree.owner[tree.mjm.geom_bodyid[solid.geom]]
+        if name in parts and solid.form is not Form.HALFSPACE:
+            world = surface_of(solid)[0] @ home.geom_xmat[0, solid.geom].T + home.geom_xpos[0, solid.geom]
+            parts[name].append((world - home.xpos[0, bodies[name]]) @ home.xmat[0, bodies[name]])
+    return {name: footprint_points(found) if found else np.zeros((1, 3)) for name, found in parts.items()}
+
+
 class StandingAudit:
     """Support checks over rows.
 
@@ -63,7 +82,7 @@ class StandingAudit:
         self.placed = {name: part for name, part in config.objects.items() if part.is_placed}
         self._surface = {s.geom: surface_of(s) for s in solids if s.form is not Form.HALFSPACE}
         self._home = home
-        self.hulls = {name: self._hull(name) for name in self.placed}
+        self.hulls = hulls_of(tree, solids, {name: self.bodies[name] for name in self.placed}, home)
         self._levels: dict[tuple, list[Surface]] = {}
 
     def check(self, poses: Poses) -> tuple[list[Misplaced], dict[str, np.ndarray]]:
@@ -90,15 +109,6 @@ class StandingAudit:
             for cause, rows in wrong.items():
                 found += [Misplaced(int(row), name, cause) for row in np.flatnonzero(rows)]
         return sorted(found, key=lambda m: (m.row, m.name)), supporting
-
-    def _hull(self, name: str) -> np.ndarray:
-        """Return the corners of the object's hull in its own frame at home, shape (n, 3)."""
-        root, parts = self.bodies[name], []
-        for geom, (vertices, _) in self._surface.items():
-            if self.tree.owner[self.tree.mjm.geom_bodyid[geom]] == name:
-                world = vertices @ self._home.geom_xmat[0, geom].T + self._home.geom_xpos[0, geom]
-                parts.append((world - self._home.xpos[0, root]) @ self._home.xmat[0, root])
-        return footprint_points(parts) if parts else np.zeros((1, 3))
 
     def _supporting(
         self, name: str, part: ObjectConfig, poses: Poses, pivots: np.ndarray, erosion: np.ndarray
