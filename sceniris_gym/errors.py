@@ -264,11 +264,11 @@ class MissingExtraError(ScenirisError, ImportError):
 
 
 class KeysLeftOutWarning(UserWarning):
-    """A configuration of the original package was read without some of its keys, or some of them mean another thing.
+    """A configuration of the original package was read without some of its keys, or some of them are not as there.
 
     Args:
         keys: dotted paths of the keys that are left out.
-        changed: dotted paths of the keys that are carried over with another meaning: what they mean here and there.
+        changed: dotted paths of the keys that are carried over with another meaning or value: what they are here.
         advice: how more could be carried over, sentences.
     """
 
@@ -279,7 +279,7 @@ class KeysLeftOutWarning(UserWarning):
         texts = [f"not carried over from the original configuration: {', '.join(self.keys)}."] if self.keys else []
         if self.changed:
             meanings = "; ".join(f"{key} ({meaning})" for key, meaning in self.changed.items())
-            texts.append(f"carried over from the original configuration with another meaning: {meanings}.")
+            texts.append(f"carried over from the original configuration with another meaning or value: {meanings}.")
         super().__init__(" ".join((*texts, *self.advice)))
 
     def __reduce__(self) -> tuple:

@@ -39,13 +39,14 @@ def read_sceniris(
       views of the world that relations may name.
     - `objects`, a list or a mapping by id: `id`, `asset_path`, `parent_id` (the ground), `relation_to_parent` ('top'
       is `on`, 'inside' and 'in' are `inside`), `ratio_on_support` (0), `position.xy_limit` (fractions of the
-      support's bounds), `constraints`, and `fixed_world_positions` if there is only one, which overrules those five:
-      in the air that point, at z = 0 a square of 0.2 mm on the floor around it. Where it lies beyond the workspace the
-      floor is made larger, and what is on the floor without such a position keeps to the workspace.
+      support's bounds, which cut it off), `constraints`, and `fixed_world_positions` if there is only one, which
+      overrules those five: in the air that point, at z = 0 a square of 0.2 mm on the floor around it. Where it lies
+      beyond the workspace the floor is made larger, and what is on the floor without such a position keeps to the
+      workspace.
     - `reachable`, if there is a `robot`.
     - `rotation`, in degrees: 'uniform_z' with `lower` and `upper`, 'constant' with an `orientation` about z, 'stable'
       with `z_rotation`, 'face_to' with `face_to_object_id`.
-    - `joint_states`: `joint_ids`, and `min` (0) and `max` (1) as fractions of the joint's limits.
+    - `joint_states`: `joint_ids`, and `min` (0) and `max` (1) as fractions of the joint's limits, one pair for a joint.
     - `constraints`, all of which hold: `anchor_object_ids`; `direction` (a side, an axis or [x, y]) within
       `direction_tolerance_angle` (90), in the frame `relation_axis_transform`: the *support's* by default, or 'world',
       an object (where the original knows anchors only), a robot's view, or a rotation matrix on top of the support's;
@@ -71,8 +72,9 @@ def read_sceniris(
         ScenirisError: A key is missing, or a value or a name is wrong.
 
     Warns:
-        KeysLeftOutWarning: Some keys cannot be carried over, or not with their meaning. It names them all; an
-            `asset_path` among them is one that is kept, but is no MJCF file.
+        KeysLeftOutWarning: Some keys cannot be carried over, or not with their meaning or value: a
+            `ratio_on_support` beyond 0 to 1 is cut off, and so is an `xy_limit`, whose corners may also be in another
+            order. It names them all; an `asset_path` among them is one that is kept, but is no MJCF file.
     """
     notes = Notes()
     keys = Section(cfg, "", notes)
@@ -216,6 +218,8 @@ def _joints(keys: Section) -> dict:
     for state in keys.sections("joint_states"):
         fraction = (state.number("min", 0.0), state.number("max", 1.0))
         for joint in map(str, state.values("joint_ids")):
+            if joints.get(joint, {}).get("fraction", fraction) != fraction:
+                raise state.wrong("joint_ids", f"'{joint}' has other limits in an entry before it. Name it once")
             joints[joint] = {"fraction": fraction}
             state.made(f"{keys.path}.joints.{joint}", "joint_ids")
             state.made(f"{keys.path}.joints.{joint}.fraction", "")

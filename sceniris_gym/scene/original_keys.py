@@ -142,7 +142,7 @@ class Section:
         self._rest.pop(key, None)
 
     def change(self, key: str, meaning: str) -> None:
-        """Say that a key is carried over with another meaning: what it means here and what in the original."""
+        """Say that a key is carried over with another meaning, here and in the original, or with another value."""
         self.notes.changed[self.at(key)] = meaning
 
     def made(self, part: str, key: str) -> None:

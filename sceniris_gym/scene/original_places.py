@@ -54,7 +54,10 @@ def place(keys: Section, views: Views, limits: np.ndarray | None) -> dict:
     keys.known("relation_to_parent", "relation to a parent", relation, _SUPPORT_WORDS)
     position = keys.section("position")
     is_cropped = position.value("xy_limit") is not None
-    crop = np.sort(position.array("xy_limit", [[0.0, 0.0], [1.0, 1.0]], (2, 2)).clip(0.0, 1.0), axis=0)
+    limit = position.array("xy_limit", [[0.0, 0.0], [1.0, 1.0]], (2, 2))
+    crop = np.sort(limit.clip(0.0, 1.0), axis=0)
+    if (crop != limit).any():
+        position.change("xy_limit", f"{crop.tolist()} here, the low corner first and cut off at the support's bounds")
     position.finish()
     region: dict | None = {"fraction": crop} if is_cropped else None
     if parent == FLOOR and limits is not None:
@@ -69,7 +72,15 @@ def place(keys: Section, views: Views, limits: np.ndarray | None) -> dict:
     keys.made(f"{keys.path}.relations", "constraints")
     return {
         _SUPPORT_WORDS[relation]: parent,
-        "ratio_on_support": min(max(keys.number("ratio_on_support", 0.0), 0.0), 1.0),
+        "ratio_on_support": _ratio(keys),
         "region": region,
         "relations": relations,
     }
+
+
+def _ratio(keys: Section) -> float:
+    ratio = keys.number("ratio_on_support", 0.0)
+    whole = min(max(ratio, 0.0), 1.0)
+    if whole != ratio:
+        keys.change("ratio_on_support", f"{ratio:g} is cut off to {whole:g}, here as there")
+    return whole

@@ -249,6 +249,30 @@ def test_a_crop_is_a_fraction_of_the_support():
     assert read(mug(ratio_on_support=None))[0].objects["mug"].ratio_on_support == 0.0
 
 
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"ratio_on_support": 3}, {"objects.mug.ratio_on_support": "3 is cut off to 1"}),
+        ({"ratio_on_support": -2}, {"objects.mug.ratio_on_support": "-2 is cut off to 0"}),
+        (
+            {"position": {"xy_limit": [[0.9, 0.9], [-1, 2]]}},
+            {"objects.mug.position.xy_limit": "[[0.0, 0.9], [0.9, 1.0]] here"},
+        ),
+        ({"position": {"xy_limit": [[0.2, 0.6], [0.1, 0.9]]}}, {"objects.mug.position.xy_limit": "[[0.1, 0.6], [0.2"}),
+        ({"position": {"xy_limit": [[0, 0.2], [0.4, 1]]}, "ratio_on_support": 1}, {}),
+    ],
+    ids=str,
+)
+def test_values_that_are_cut_off_are_told_by_their_keys(keys: dict, said: dict[str, str]):
+    """What they are now; a value that is kept is not told."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        read_sceniris(mug(**keys))
+    changed = dict(item for warning in caught for item in getattr(warning.message, "changed", {}).items())
+    assert changed.keys() == said.keys()
+    assert all(text in changed[key] for key, text in said.items())
+
+
 def test_the_limits_of_the_workspace_hold_for_all_that_is_on_the_floor():
     """The floor is centred at the origin: it reaches over the limits, and regions keep objects inside of them."""
     cfg = mug(position={"xy_limit": [[0.5, 0.0], [1.0, 1.0]]})
@@ -587,6 +611,14 @@ WRONG = {
         mug(asset_path="cabinet", joint_states=[{"joint_ids": ["upper"], "min": 0.9, "max": 0.1}]),
         SceneKeyError,
         r"original configuration: objects\.mug\.joint_states\.0: .* low <= high",
+    ),
+    "a joint with two limits": (
+        mug(
+            asset_path="cabinet",
+            joint_states=[{"joint_ids": ["lower", "upper"], "min": 0.9}, {"joint_ids": ["upper"], "max": 0.1}],
+        ),
+        SceneKeyError,
+        r"original configuration: objects\.mug\.joint_states\.1\.joint_ids: 'upper' has other limits .* Name it once",
     ),
     "a floor without end": (mug() | {"env": {"env_size": 1e6}}, SceneKeyError, r"configuration: env\.env_size: 1"),
     "objects on each other": (
