@@ -119,12 +119,19 @@ class InfeasibleSceneError(ScenirisError):
         cause: the cause that rejected it most often.
         counts: rejections per object and cause.
         leaning: its support, if that was drawn leaning in most worlds.
+        turn: the word of that support's orientation, if that does not keep it upright.
     """
 
     def __init__(
-        self, where: str, name: str, cause: str, counts: Mapping[str, Mapping[str, int]], leaning: str | None = None
+        self,
+        where: str,
+        name: str,
+        cause: str,
+        counts: Mapping[str, Mapping[str, int]],
+        leaning: str | None = None,
+        turn: str | None = None,
     ) -> None:
-        self.where, self.name, self.cause, self.leaning = where, name, cause, leaning
+        self.where, self.name, self.cause, self.leaning, self.turn = where, name, cause, leaning, turn
         self.counts = {k: dict(v) for k, v in counts.items()}
         rows = "; ".join(
             f"{obj}: " + ", ".join(f"{c} {n}" for c, n in by_cause.items() if n)
@@ -133,9 +140,13 @@ class InfeasibleSceneError(ScenirisError):
         )
         advice = "Give it a larger region or support, or a smaller clearance, or fewer neighbours."
         if leaning is not None:
+            better = "Draw its joints, or those above it, where it is level."
+            if turn is not None:
+                owner = leaning.split("/")[0]
+                better = f"Keep '{owner}' upright: give it a yaw or 'fixed' instead of 'orientation: {turn}'."
             advice = (
                 f"Its support '{leaning}' leans by more than 0.1 degree in most of the states that were drawn, and "
-                "things are placed on level surfaces only. Draw its joints, or those above it, where it is level."
+                f"things are placed on level surfaces only. {better}"
             )
         elif cause == "roof":
             advice = "'on' wants nothing of the support's object above it, 'inside' something; 'in' takes both."
@@ -147,7 +158,7 @@ class InfeasibleSceneError(ScenirisError):
         )
 
     def __reduce__(self) -> tuple:
-        return type(self), (self.where, self.name, self.cause, self.counts, self.leaning)
+        return type(self), (self.where, self.name, self.cause, self.counts, self.leaning, self.turn)
 
 
 class ArmError(ScenirisError):

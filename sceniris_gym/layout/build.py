@@ -108,7 +108,10 @@ def _infeasible(world: World, probe: LayoutGenerator) -> InfeasibleSceneError:
     name, causes = tried[-1]
     cause = max(causes, key=causes.__getitem__)
     leaning = _leaning_support(world, probe, name) if cause == Cause.EMPTY.name.lower() else None
-    return InfeasibleSceneError(world.config.where, name, cause, counts, leaning)
+    turn = None if leaning is None else world.config.objects[leaning.split("/")[0]].turn.kind
+    return InfeasibleSceneError(
+        world.config.where, name, cause, counts, leaning, turn if turn in ("any", "stable") else None
+    )
 
 
 def _leaning_support(world: World, probe: LayoutGenerator, name: str) -> str | None:

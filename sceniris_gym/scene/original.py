@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -100,7 +101,7 @@ def read_sceniris(
         "floor": {"size": size},
         "robot": _checked_robot(robot),
         "objects": {
-            name: _object(part, views, limits, (assets or {}).get(name), name in parents, reach)
+            name: _object(part, replace(views, own=name), limits, (assets or {}).get(name), name in parents, reach)
             for name, part in objects.items()
         },
     }
@@ -240,7 +241,7 @@ def _rotation(keys: Section, views: Views) -> dict:
         orientation = {"stable": {} if rotation.take("z_rotation", True) else {"yaw": (0.0, 0.0)}}
     elif kind == "face_to":
         target = rotation.take("face_to_object_id")
-        orientation = {"face_to": rotation.known("face_to_object_id", "object", target, views.objects)}
+        orientation = {"face_to": rotation.known("face_to_object_id", "object", target, views.objects, views.own)}
     elif kind == "constant":
         orientation = _constant(rotation)
     else:

@@ -62,15 +62,16 @@ class Section:
         """Return the error of a key; `advice` says what was wrong and what would be right."""
         return SceneKeyError(f"{CONFIGURATION}: {self.at(key) or 'cfg'}: {advice}.")
 
-    def known(self, key: str, kind: str, name: Any, valid: Iterable[str]) -> str:
-        """Return a name that was found at `key`.
+    def known(self, key: str, kind: str, name: Any, valid: Iterable[str], own: str | None = None) -> str:
+        """Return a name that was found at `key`; `own` is the object that the key belongs to, which is no advice.
 
         Raises:
             UnknownNameError: it is none of the valid names.
         """
         valid = list(valid)
         if name not in valid:
-            raise UnknownNameError(kind, str(name), f"{CONFIGURATION}: {self.at(key)}", valid)
+            others = [other for other in valid if other != own]
+            raise UnknownNameError(kind, str(name), f"{CONFIGURATION}: {self.at(key)}", others)
         return name
 
     def take(self, key: str, default: Any = None) -> Any:

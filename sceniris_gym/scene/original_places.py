@@ -48,7 +48,7 @@ def fixed_place(keys: Section, point: np.ndarray) -> dict:
 def place(keys: Section, views: Views, limits: np.ndarray | None) -> dict:
     """Return the words for a place on a parent; `limits` [m], shape (2, 2), is the part of the floor to keep to."""
     parent = str(keys.take("parent_id", _PLANE))
-    keys.known("parent_id", "object", parent.split("/")[0], [_PLANE, *views.objects])
+    keys.known("parent_id", "object", parent.split("/")[0], [_PLANE, *views.objects], views.own)
     parent = FLOOR if parent == _PLANE else parent
     relation = keys.take("relation_to_parent", "top")
     keys.known("relation_to_parent", "relation to a parent", relation, _SUPPORT_WORDS)

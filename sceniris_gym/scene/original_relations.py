@@ -26,16 +26,21 @@ _LEAST = 0.01  # m, the original's least distance
 
 @dataclass(frozen=True)
 class Views:
-    """What a direction may be seen from: all objects by their ids, and transforms of the world by a robot's name."""
+    """What a direction may be seen from: all objects by their ids, and transforms of the world by a robot's name.
+
+    `own` is the object whose keys are read.
+    """
 
     objects: Collection[str]
     robots: Mapping[str, Any]
+    own: str | None = None
 
 
 def read_relation(keys: Section, views: Views) -> dict | None:
     """Return a constraint as an entry of `relations`, or None if it cannot be carried over."""
     anchors = [
-        keys.known("anchor_object_ids", "object", name, views.objects) for name in keys.values("anchor_object_ids")
+        keys.known("anchor_object_ids", "object", name, views.objects, views.own)
+        for name in keys.values("anchor_object_ids")
     ]
     direction, kind = keys.take("direction"), keys.take("distance_type")
     if isinstance(direction, str):
@@ -126,7 +131,7 @@ def _frame(keys: Section, anchor: str, views: Views) -> tuple[str, np.ndarray | 
         return "support", keys.rotation(key, transform)
     if transform in views.robots:
         return "world", keys.rotation(key, views.robots[transform])
-    keys.known(key, "frame", transform, ["world", *views.objects, *views.robots])
+    keys.known(key, "frame", transform, ["world", *views.objects, *views.robots], views.own)
     if transform not in ("world", anchor):
         keys.change(key, f"turned with '{transform}' here, with the support there, as '{transform}' is no anchor")
     return ("anchor" if transform == anchor else transform), None

@@ -25,7 +25,7 @@ def check_names(config: SceneConfig, where: str) -> None:
     for name, part in config.objects.items():
         _check_body(config, name, part, where)
         if part.support is not None:
-            _check_parent(config, f"{where}: objects.{name}.{part.support.word}", part.support.parent)
+            _check_parent(config, f"{where}: objects.{name}.{part.support.word}", name, part.support.parent)
         if part.reachable and config.robot is None:
             raise SceneKeyError(
                 f"{where}: objects.{name}.reachable: there is no robot that could reach it. Add a robot, as "
@@ -59,14 +59,15 @@ def _check_body(config: SceneConfig, name: str, part: ObjectConfig, where: str) 
             )
 
 
-def _check_parent(config: SceneConfig, where: str, parent: str) -> None:
+def _check_parent(config: SceneConfig, where: str, name: str, parent: str) -> None:
     owner = parent.split("/")[0]
+    others = [other for other, part in config.objects.items() if other != name and part.kind != "marker"]
     if parent == FLOOR and config.floor is None:
         raise UnknownNameError(
-            "support", parent, f"{where}: the scene has no floor (add 'floor: {{size: [x, y]}}')", config.objects
+            "support", parent, f"{where}: the scene has no floor (add 'floor: {{size: [x, y]}}')", others
         )
     if parent != FLOOR and owner not in config.objects:
-        raise UnknownNameError("support", parent, where, [*([FLOOR] if config.floor else []), *config.objects])
+        raise UnknownNameError("support", parent, where, [*([FLOOR] if config.floor else []), *others])
     if parent != FLOOR and config.objects[owner].kind == "marker":
         raise NoSupportError(f"{where}: '{parent}' is a marker and has no surface. Name a support of another kind.")
 

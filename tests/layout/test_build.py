@@ -267,6 +267,15 @@ def test_cycles_are_named(crate: dict):
     _refused({"floor": FLOOR, "objects": {"a": {**table, "on": "a"}}}, CycleError, "a -> a")
 
 
+@pytest.mark.parametrize("turn", ["any", "stable"])
+def test_what_is_to_carry_is_to_be_kept_upright(turn: str, tmp_path: Path, crate: dict):
+    """A board that lies any way, or that would not stand on its edge, has no level top; no joint would help."""
+    board = {"asset": box_mjcf(tmp_path, "board", 0.03, 0.5, 0.5), "on": "floor", "orientation": turn}
+    advice = f"Keep 'board' upright: give it a yaw or 'fixed' instead of 'orientation: {turn}'."
+    scene = {"floor": FLOOR, "objects": {"board": board, "crate": {**crate, "on": "board"}}}
+    _refused(scene, InfeasibleSceneError, "Its support 'board' leans by more than 0.1 degree", advice)
+
+
 def test_a_support_that_leans_carries_nothing(tmp_path: Path, crate: dict):
     """At a fixed angle it is refused, tilted by a joint it is empty; turning about the vertical is fine."""
     body = """<geom type="box" size=".2 .2 .01"/>

@@ -327,6 +327,15 @@ def test_python_construction_is_judged_like_a_file():
         SceneConfig(objects={"a": ObjectConfig(asset="apple", on="floor")})
 
 
+@pytest.mark.parametrize("floor", [{"floor": {"size": [1, 1]}}, {}], ids=["floor", "no floor"])
+def test_an_object_is_not_advised_to_stand_on_itself(floor: dict):
+    """Nor on a marker, which has no surface."""
+    objects = {"flo": {"asset": "apple", "on": "flor"}, "goal": {"kind": "marker", "region": {"box": [[0] * 3] * 2}}}
+    with pytest.raises(UnknownNameError) as caught:
+        SceneConfig.load({**floor, "objects": {**objects, "desk": {"asset": "table", "kind": "static"}}})
+    assert caught.value.valid == sorted(["desk", *floor])
+
+
 BAD_FILES = {
     "duplicate key": (
         "floor: {size: [1, 1]}\nattempts: 3\nattempts: 4\n",

@@ -658,6 +658,24 @@ def test_a_wrong_configuration_is_refused_by_its_key(cfg: dict, error: type[Scen
         read_sceniris(cfg)
 
 
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"parent_id": "mugg"},
+        {"rotation": {"type": "face_to", "face_to_object_id": "mugg"}},
+        {"constraints": [{"anchor_object_ids": ["mugg"], "direction": "left"}]},
+        {"constraints": [{"anchor_object_ids": ["drawer"], "direction": "left", "relation_axis_transform": "mugg"}]},
+    ],
+    ids=str,
+)
+def test_an_object_is_not_advised_to_refer_to_itself(keys: dict):
+    """All other names are valid."""
+    with pytest.raises(UnknownNameError) as caught:
+        read_sceniris(mug(**keys))
+    assert {"drawer", "apple"} <= set(caught.value.valid)
+    assert "mug" not in caught.value.valid
+
+
 def test_assets_are_given_for_objects_that_are_there():
     """A name that is no object's is refused."""
     with pytest.raises(UnknownNameError, match=r"assets: unknown object 'drawr'\. Did you mean 'drawer'"):
