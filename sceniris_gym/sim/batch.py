@@ -25,6 +25,9 @@ NEEDS: dict[str, tuple[Callable[[mjw.Model, mjw.Data], None], ...]] = {
 }
 """What can be made current after a step and after a reset, and the functions that do it."""
 
+LINE_SEARCH = 20
+"""Most iterations of a line search in a batch, where one bad world stalls all others: fewer than MuJoCo C may take."""
+
 
 def update_stages(needs: Iterable[str]) -> list[Callable[[mjw.Model, mjw.Data], None]]:
     """List the functions that make `needs` (keys of NEEDS) current, each once; kinematics always runs.
@@ -116,6 +119,8 @@ class Batch:
         naccdmax = min(naconmax, max(naconmax // 4, 16 * nconmax))
         with wp.ScopedDevice(self.device):
             self.model = mjw.put_model(scene.mjm)
+            if scene.config.model is None:  # whose options are its own
+                self.model.opt.ls_iterations = LINE_SEARCH
             # the solver's bounds are there to be reached; kernels that say so at every step would flood stdout
             self.model.opt.warn_overflow &= ~int(mjw.OverflowType.ITERATIONS | mjw.OverflowType.LS_ITERATIONS)
             self.data = mjw.make_data(scene.mjm, nworld, nconmax=nconmax, naccdmax=naccdmax, njmax=njmax)

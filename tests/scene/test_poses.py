@@ -87,6 +87,14 @@ def test_what_is_put_down_in_a_stable_pose_stays_there(asset: str):
     assert np.max(far) < 0.01
 
 
+@pytest.mark.parametrize(("asset", "up"), [("book", (1, 0, 0)), ("glass", (0, 0, -1))], ids=["book", "glass"])
+def test_what_lands_on_many_corners_stays_whatever_its_heading(asset: str, up: tuple):
+    """A book on its spine, and a glass on its rim: the solver finds the forces that carry them."""
+    model = model_of(asset)
+    (pose,) = (p for p in build_plan(model).objects[0].variants if matrix(p.quat)[2] @ up > 0.999)
+    assert max(moved(model, pose, yaw) for yaw in np.linspace(-np.pi, np.pi, 100)) < 0.01
+
+
 @pytest.mark.parametrize(("asset", "count"), [("block", 6), ("spatula", 2), ("mug", 8)])
 def test_poses_on_chamfers_and_facets_are_left_out(asset: str, count: int):
     """A block lies on its six sides; a mug stands either way up, or lies with its handle down."""

@@ -28,7 +28,8 @@ def small_world() -> SimpleNamespace:
     """Return what the randomizer reads of a World, for the small arm."""
     mjm = mujoco.MjModel.from_xml_path(str(SMALL_ARM))
     key = mjm.key("home")
-    scene = SimpleNamespace(mjm=mjm, home_qpos=key.qpos, home_ctrl=key.ctrl)
+    config = SimpleNamespace(model=SMALL_ARM)
+    scene = SimpleNamespace(mjm=mjm, config=config, home_qpos=key.qpos, home_ctrl=key.ctrl)
     return SimpleNamespace(mjm=mjm, scene=scene, device="cpu")
 
 

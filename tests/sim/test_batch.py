@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from sceniris_gym.errors import ContactBudgetError, UnknownNameError
-from sceniris_gym.sim.batch import Batch, default_budget
+from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.scene.model import build_model
+from sceniris_gym.sim.batch import LINE_SEARCH, Batch, default_budget
 
 
 def test_a_step_from_a_graph_gives_the_same_bits_and_current_kinematics(small_world):
@@ -46,3 +48,10 @@ def test_an_unknown_need_names_the_valid_ones(small_world):
     """A misspelt need is refused with the nearest name."""
     with pytest.raises(UnknownNameError, match="Did you mean 'contacts'"):
         Batch(small_world.scene, 1, "cpu", needs=["contact"])
+
+
+def test_a_line_search_is_shorter_in_a_batch_than_in_mujoco(small_world):
+    """One world must not stall the others; a model of the user's own keeps its options."""
+    scene = build_model(SceneConfig.load({"floor": {"size": [1.0, 1.0]}, "objects": {}}))
+    assert Batch(scene, 1, "cpu").model.opt.ls_iterations == LINE_SEARCH < scene.mjm.opt.ls_iterations
+    assert Batch(small_world.scene, 1, "cpu").model.opt.ls_iterations == small_world.mjm.opt.ls_iterations
