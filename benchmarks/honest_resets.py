@@ -201,6 +201,15 @@ def asked_of(options: Options) -> dict[str, int]:
     return {name: getattr(options, name) for name in ("layouts", "num_envs", "seed")}
 
 
+def answers(file: Path) -> list[dict[str, Any]]:
+    """Return what is in a file of answers, and cut off a line that was being written when a run was stopped."""
+    text = file.read_text() if file.exists() else ""
+    whole = text[: text.rfind("\n") + 1]
+    if whole != text:
+        file.write_text(whole)
+    return [json.loads(line) for line in whole.splitlines()]
+
+
 def main(options: Options) -> None:
     """Count what is not in the file yet.
 
@@ -209,7 +218,7 @@ def main(options: Options) -> None:
     """
     options.out.parent.mkdir(parents=True, exist_ok=True)
     asked = asked_of(options)
-    lines = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
+    lines = answers(options.out)
     if any(line.get("asked") != asked for line in lines):
         raise SystemExit(f"{options.out} is about other options than {asked}. Remove it, or give another --out.")
     done = {(line["task"], line["placement"]) for line in lines}

@@ -108,7 +108,7 @@ def test_resets_are_not_judged_where_a_contact_was_lost(world: World):
 
 
 def test_counts_are_kept_for_the_same_options_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """A file with the answer is left alone, the room for contacts may be another, and other options are refused."""
+    """A file with the answer is left alone, also with other room; other options are refused; half a line is made anew."""
     seeds: list[int] = []
 
     def look(self: honest_resets.Judge, seed: int) -> tuple[Counter, Counter]:
@@ -131,6 +131,9 @@ def test_counts_are_kept_for_the_same_options_only(tmp_path: Path, monkeypatch: 
         with pytest.raises(SystemExit, match="other options"):
             honest_resets.main(replace(options, **other))
     assert (len(seeds), options.out.read_text()) == (4, told)
+    options.out.write_text(told[:-20])  # stopped while it wrote the last line
+    honest_resets.main(options)
+    assert (len(seeds), options.out.read_text()) == (6, told)
 
 
 def test_doors_and_drawers_are_watched_too():

@@ -31,8 +31,8 @@ _FACE_TO = wp.constant(int(TurnType.FACE_TO))
 _FIRST_DRAW = wp.constant(1 << 16)
 _DRAWS = wp.constant(1 << 20)
 # A slice holds at most twice what it should, so 64 redraws of a whole one in vain have a probability of 1e-19. Many may
-# be needed where the support or another relation leaves little of it but what it holds too much, and where bounds are
-# measured, of which the circles around them say little.
+# be needed where the support or another relation leaves of it little more than what lies outside of the ring, and where
+# bounds are measured, of which the circles around them say little.
 _REDRAWS = wp.constant(64)
 # Pieces below this area [m^2] are rounding: a line of 1 mm, drawn 40 um wide, has 4e-8.
 _LEAST_AREA = wp.constant(1.0e-10)

@@ -16,15 +16,17 @@ from sceniris_gym.scene.pieces import Piece
 # each of the many narrow faces of something round is rare, and together they are what it lies on.
 _RARE = 1.0e-3
 _MOST_POSES = 256
-# A stable pose comes back from a tilt by this angle, in degrees. What is put down falls through its gap, half a
+# A stable pose comes back from tilts up to this angle, in degrees. What is put down falls through its gap, half a
 # millimetre, and is shaken by that. Of 3,688 drops in MuJoCo C, of all poses in which the centre of mass of a shipped
 # asset is above what carries it, none moved by a centimetre in half a second that comes back from 2.5 degrees: this is
 # twice as much. It leaves out the chamfers of a block (4.1 degrees) and a mug that balances with its handle up (4.7).
 STABLE_TILT = 5.0
+# What happens before this tilt, in degrees, is part of the pose: an uneven bottom may rock by less.
+_ROCKING = 2.5
 # To how many sides it is tilted: a few first, as that is enough for most of the faces of something round.
 _SIDES = (24, 360)
-_STEP = np.radians(0.1)
-# By how much less than this the centre of mass rises [m] as the tilt grows by a step, it rolls instead.
+_STEP = 0.1  # degrees, from one tilt to the next
+# Where the centre of mass rises by less than this [m] as the tilt grows by a step, it rolls instead.
 _LEVEL = 1.0e-8
 # An x axis whose shadow is shorter than this points straight up or down, but for rounding.
 _UPRIGHT = 1.0e-3
@@ -102,7 +104,7 @@ class HomeShape:
         """Stable poses on a plane: orientations of the root (wxyz, of heading 0) and their probabilities.
 
         The poses and how often each comes up are the quasi-static estimate of K. Goldberg et al., "Part pose
-        statistics", 1999; those that do not come back from a tilt by `STABLE_TILT` are left out.
+        statistics", 1999; those that do not come back from tilts up to `STABLE_TILT` are left out.
 
         Raises:
             SceneKeyError: none is left, or the centre of mass is outside of the hull; begins with `where`.
@@ -131,15 +133,16 @@ class HomeShape:
         return [(of_heading_zero(transforms[i][:3, :3]), float(p)) for i, p in zip(kept, share, strict=True)]
 
     def _comes_back(self, turn: np.ndarray, sides: int) -> bool:
-        """Whether gravity turns the pose (3, 3) back that is tilted to each of so many sides.
+        """Whether gravity turns the pose (3, 3) back from every tilt that counts, to each of so many sides.
 
-        It does where the centre of mass, above what carries it, gets higher still as the tilt grows.
+        It does where the centre of mass, above what carries it, gets higher all the way as the tilt grows.
         """
         angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
         across = np.stack([np.cos(angle), np.sin(angle), np.zeros(sides)], axis=1) @ turn
-        tilt = np.radians(STABLE_TILT)
-        low, high = (self._height(np.cos(t) * turn[2] + np.sin(t) * across) for t in (tilt, tilt + _STEP))
-        return bool((high > low + _LEVEL).all())
+        tilts = np.radians(np.arange(_ROCKING, STABLE_TILT + _STEP, _STEP))[:, None, None]
+        up = np.cos(tilts) * turn[2] + np.sin(tilts) * across
+        height = self._height(up.reshape(-1, 3)).reshape(len(tilts), sides)
+        return bool((np.diff(height, axis=0) > _LEVEL).all())
 
     def _height(self, up: np.ndarray) -> np.ndarray:
         """How far the centre of mass is above the lowest point [m], for each direction `up` in the root's frame."""

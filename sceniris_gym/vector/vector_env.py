@@ -206,7 +206,9 @@ class SceneVectorEnv(VectorEnv):
             masked = torch.ones_like(self._autoreset) if mask is None else wp.to_torch(mask)
             if seeds is not None:
                 numbers, given = seeds
-                self.randomizer.reseed(numbers, masked & torch.as_tensor(given, device=self.device))
+                if mask is not None:
+                    given &= mask.numpy()
+                self.randomizer.reseed(numbers, torch.as_tensor(given, device=self.device))
                 if mask is None and isinstance(seed, int | np.integer):
                     self._np_random, self._np_random_seed = seeding.np_random(int(numbers[0]))
                 elif given.any():

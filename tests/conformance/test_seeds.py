@@ -78,12 +78,13 @@ def test_the_seed_is_unknown_where_worlds_were_given_their_own(make_env, again):
 
 
 def test_the_seed_stays_known_where_no_world_was_given_one(make_env):
-    """A partial reset without a seed, and a list of None, go on."""
+    """A partial reset without a seed, a list of None, and a seed for a world that is not reset, go on."""
     envs = make_env(3)
     envs.reset(seed=7)
     envs.reset(options={"reset_mask": np.array([False, True, False])})
     envs.reset(seed=[None] * 3)
-    assert envs.np_random_seed == 7
+    _, info = envs.reset(seed=[None, 5, None], options={"reset_mask": np.array([True, False, False])})
+    assert envs.np_random_seed == 7 and list(info["layout_seed"]) == [7, 8, 9]
 
 
 def test_a_generator_of_the_users_own_has_an_unknown_seed(make_env, env_id):
