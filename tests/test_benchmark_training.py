@@ -108,7 +108,7 @@ def test_resets_are_not_judged_where_a_contact_was_lost(world: World):
 
 
 def test_counts_are_kept_for_the_same_options_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """A file with the answer is left alone, also with other room; other options are refused; half a line is made anew."""
+    """A file with the answer is left alone, also with other room; other options are refused; half a line is redone."""
     seeds: list[int] = []
 
     def look(self: honest_resets.Judge, seed: int) -> tuple[Counter, Counter]:
