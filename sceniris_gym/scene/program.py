@@ -178,9 +178,8 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
             f"{scene.config.where}: objects.{name}: a plane is endless and cannot be part of what is placed. Use a box."
         )
     shape = HomeShape(home, bodies[0], own)
-    variants = [shape.variant(quat)]
-    if config.turn.kind == "stable":
-        variants = [shape.variant(*pose) for pose in _stable_poses(scene, name, own, home)]
+    poses = _stable_poses(scene, name, own, home) if config.turn.kind == "stable" else [(quat, 1.0)]
+    variants = [shape.variant(*pose) for pose in poses]
     moves = any(d.choice or not d.low == d.high == home.qpos[d.qposadr] for d in draws)
     varies = config.ratio_on_support > 0.0 and bool(own) and (moves or config.turn.kind == "any")
     rigid = HomeShape(home, bodies[0], [p for p in own if p.body == bodies[0]]) if varies else shape

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import mujoco
 import numpy as np
 import torch
 from torch import Tensor
 
-from sceniris_gym.errors import NotSupportedError, UnknownNameError
+from sceniris_gym.errors import NotSupportedError
 from sceniris_gym.scene.pieces import extract_pieces
 from sceniris_gym.vector import rotations
-from sceniris_gym.vector.state import State
+from sceniris_gym.vector.state import State, find_body
 
 
 class Bounds:
@@ -51,12 +50,10 @@ class Bounds:
 
 def _corners(s: State, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the lower and the upper corner of a body's box in its own frame [m], each of shape (3,)."""
-    mjm, where = s.mjm, f"scene '{s.scene.config.name}': Bounds"
-    body = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, name)
-    if body < 0:
-        raise UnknownNameError("body", name, where, [mjm.body(i).name for i in range(1, mjm.nbody)])
-    boxes = [piece.bounds() for piece in extract_pieces(mjm, "physics", {body})]
+    boxes = [piece.bounds() for piece in extract_pieces(s.mjm, "physics", {find_body(s, name, "Bounds")})]
     if not boxes:
-        raise NotSupportedError(f"{where}: body '{name}' has no geom that collides. Name a body that has one.")
+        raise NotSupportedError(
+            f"scene '{s.scene.config.name}': Bounds: body '{name}' has no geom that collides. Name a body that has one."
+        )
     lower, upper = zip(*boxes, strict=True)
     return np.min(lower, axis=0), np.max(upper, axis=0)

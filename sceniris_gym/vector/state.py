@@ -282,3 +282,16 @@ class State:
             roots = {mjm.body(int(mjm.body_rootid[int(mjm.jnt_bodyid[j])])).name for j in scalar}
             raise self._unknown("joint", name, method, roots | {mjm.joint(j).name for j in scalar})
         return found
+
+
+def find_body(s: State, name: str, where: str) -> int:
+    """Return the number of a body for what is made of names of bodies; `where` says who asks.
+
+    Raises:
+        UnknownNameError: the scene has no such body
+    """
+    body = mujoco.mj_name2id(s.mjm, mujoco.mjtObj.mjOBJ_BODY, name)
+    if body < 0:
+        valid = [s.mjm.body(i).name for i in range(1, s.mjm.nbody)]
+        raise UnknownNameError("body", name, f"scene '{s.scene.config.name}': {where}", valid)
+    return body

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import mujoco
 import torch
 import warp as wp
 from torch import Tensor
 
-from sceniris_gym.errors import UnknownNameError
-from sceniris_gym.vector.state import State
+from sceniris_gym.vector.state import State, find_body
 
 
 class Touch:
@@ -55,9 +53,5 @@ def _places(s: State, names: Sequence[str]) -> Tensor:
     mjm = s.mjm
     places = torch.full((mjm.ngeom,), -1, dtype=torch.long)
     for place, name in enumerate(names):
-        body = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, name)
-        if body < 0:
-            valid = [mjm.body(i).name for i in range(1, mjm.nbody)]
-            raise UnknownNameError("body", name, f"scene '{s.scene.config.name}': Touch", valid)
-        places[torch.as_tensor(mjm.geom_bodyid == body)] = place
+        places[torch.as_tensor(mjm.geom_bodyid == find_body(s, name, "Touch"))] = place
     return places.to(s.device)
