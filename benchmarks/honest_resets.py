@@ -24,13 +24,13 @@ import tyro
 
 from benchmarks import layout_sources
 from benchmarks.task_scenes import SEED_SPACING, scene_of
-from sceniris_gym.layout.build import build_world
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
+from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.registration import ENVS
-from sceniris_gym.scene.compose import asset_name
+from sceniris_gym.scene.assemble import asset_name
 from sceniris_gym.scene.model import subtree
-from sceniris_gym.scene.world import World
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 
@@ -70,18 +70,18 @@ class Options:
 
 
 class Judge:
-    """Looks at resets of one World with MuJoCo-Warp."""
+    """Looks at resets of one CompiledScene with MuJoCo-Warp."""
 
-    def __init__(self, world: World, generator: Any, options: Options) -> None:
-        self.world, mjm = world, world.mjm
+    def __init__(self, compiled: CompiledScene, generator: Any, options: Options) -> None:
+        self.compiled, mjm = compiled, compiled.mjm
         self.batch = Batch(
-            world.scene, options.num_envs, world.device, nconmax=options.nconmax, njmax=options.njmax, substeps=1
+            compiled.scene, options.num_envs, compiled.device, nconmax=options.nconmax, njmax=options.njmax, substeps=1
         )
-        self.randomizer = ResetRandomizer(world, self.batch.model, self.batch.data, generator=generator)
-        self.supports = supports(world)
+        self.randomizer = ResetRandomizer(compiled, self.batch.model, self.batch.data, layout_source=generator)
+        self.supports = supports(compiled)
         free = mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE
         self.velocities = mjm.jnt_dofadr[free][:, None] + np.arange(3)
-        self.levers = levers(world)
+        self.levers = levers(compiled)
         self.steps = round(WATCHED / mjm.opt.timestep)
 
     def look(self, seed: int) -> tuple[Counter, Counter]:
@@ -117,7 +117,7 @@ class Judge:
 
     def _touching(self) -> tuple[np.ndarray, Counter]:
         """Return in which worlds bodies touch that do not carry each other, and which in how many worlds."""
-        d, mjm = self.batch.data, self.world.mjm
+        d, mjm = self.batch.data, self.compiled.mjm
         self._check_room()
         number = int(d.nacon.numpy()[0])
         bodies = np.sort(mjm.geom_bodyid[d.contact.geom.numpy()[:number]], axis=1)
@@ -139,22 +139,22 @@ class Judge:
             raise RuntimeError(f"MuJoCo-Warp lost contacts that it had no room for: {lost.name}.")
 
 
-def supports(world: World) -> dict[str, str]:
+def supports(compiled: CompiledScene) -> dict[str, str]:
     """Return the body that each object stands on; `world` for the floor."""
     found = {}
-    for name, part in world.config.objects.items():
+    for name, part in compiled.config.objects.items():
         if part.support is not None:
             found[name] = "world" if part.support.parent == "floor" else part.support.parent
     return found
 
 
-def levers(world: World) -> dict[int, float]:
+def levers(compiled: CompiledScene) -> dict[int, float]:
     """Return for each joint inside of an object how fast its fastest point is at unit velocity, by address in qvel.
 
     That is 1 for a slide [m/s per m/s]. For a hinge it is the distance from its axis to the farthest corner of what it
     turns, in the model's start pose [m/s per rad/s].
     """
-    mjm, robot = world.mjm, world.config.robot
+    mjm, robot = compiled.mjm, compiled.config.robot
     data = mujoco.MjData(mjm)
     mujoco.mj_kinematics(mjm, data)
     found = {}
@@ -182,9 +182,9 @@ def _corners(mjm: mujoco.MjModel, data: mujoco.MjData, body: int) -> np.ndarray:
 
 def count(task: str, placement: str, options: Options) -> dict[str, Any]:
     """Return the counts for a task and a kind of placement ("fresh" or "uniform")."""
-    world = build_world(scene_of(task, reachable=placement == "fresh"), options.device)
-    drawn = world if placement == "fresh" else layout_sources.unchecked(world)
-    judge = Judge(world, LayoutGenerator(drawn, options.num_envs), options)
+    compiled = compile_scene(scene_of(task, reachable=placement == "fresh"), options.device)
+    drawn = compiled if placement == "fresh" else layout_sources.unchecked(compiled)
+    judge = Judge(compiled, LayoutGenerator(drawn, options.num_envs), options)
     counts, pairs = Counter(), Counter()
     seed = options.seed * 16 * SEED_SPACING
     while counts["layouts"] < options.layouts:

@@ -7,83 +7,65 @@ source: a bank of a single layout still asks for every object in turn.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import warp as wp
 
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
-from sceniris_gym.layout.stored import StoredGenerator
-from sceniris_gym.scene.device import Program
-from sceniris_gym.scene.world import World
+from sceniris_gym.layout.stored import StoredLayouts
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import Program
+from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.tools.tables import make_table, read_table
 
 
-@dataclass(frozen=True)
-class Rows:
-    """Stored layouts as numpy arrays, one row each: `qpos`, `mocap_pos` and `mocap_quat` as in Layouts."""
-
-    qpos: np.ndarray
-    mocap_pos: np.ndarray
-    mocap_quat: np.ndarray
-
-
-def valid_rows(world: World, count: int, seed: int) -> Rows:
+def valid_rows(compiled: CompiledScene, count: int, seed: int) -> LayoutTable:
     """Make `count` valid layouts of the train split: episode 0 of the seeds from `seed` on that have one."""
-    parts: list[tuple[np.ndarray, ...]] = []
+    parts: list[LayoutTable] = []
     found, room = 0, max(count, 64)
-    generator = LayoutGenerator(world, room, seed=seed)
     while found < count:
-        generator.generate()
-        valid = generator.layouts.status.numpy() == Status.VALID
-        parts.append(tuple(array[valid] for array in _arrays(generator.layouts)))
-        found += int(valid.sum())
+        table = make_table(compiled, room, seed)
+        parts.append(table[table.valid])
+        found += len(parts[-1])
         seed += room
-        generator.reseed(seed)
-    qpos, mocap_pos, mocap_quat = (np.concatenate(arrays)[:count] for arrays in zip(*parts, strict=True))
-    return Rows(qpos, mocap_pos, mocap_quat)
+    return LayoutTable.concatenate(parts)[:count]
 
 
-def episodes(world: World, seeds: list[int], number: int, split: str = "train") -> Rows:
+def episodes(compiled: CompiledScene, seeds: list[int], number: int, split: str = "train") -> LayoutTable:
     """Make the first `number` episodes of every seed; row `i * number + e` is episode e of seeds[i]."""
-    generator = LayoutGenerator(world, len(seeds), seed=seeds, split=split)
+    generator = LayoutGenerator(compiled, len(seeds), seed=seeds, split=split)
     parts = []
     for _ in range(number):
         generator.generate()
-        parts.append(_arrays(generator.layouts))
-    stacked = (np.stack(arrays, axis=1) for arrays in zip(*parts, strict=True))
-    return Rows(*(array.reshape(-1, *array.shape[2:]) for array in stacked))
+        parts.append(read_table(generator))
+    by_seed = np.arange(len(seeds) * number).reshape(number, len(seeds)).T.ravel()
+    return LayoutTable.concatenate(parts)[by_seed]
 
 
-def home_rows(world: World, seed: int) -> Rows:
+def home_rows(compiled: CompiledScene, seed: int) -> LayoutTable:
     """Return a single layout, which stands for a scene's one fixed keyframe."""
-    return valid_rows(world, 1, seed)
+    return valid_rows(compiled, 1, seed)
 
 
-def unchecked(world: World) -> World:
-    """Return a World that draws the same candidates, and tests none for collisions.
+def unchecked(compiled: CompiledScene) -> CompiledScene:
+    """Return a CompiledScene that draws the same candidates, and tests none for collisions.
 
     For placement without any check, its scene has no words `reachable`.
     """
     program = Program()
     for name in Program.vars:
-        setattr(program, name, getattr(world.program, name))
-    program.obj_pairnum = wp.zeros_like(world.program.obj_pairnum)
-    program.obj_startnum = wp.zeros_like(world.program.obj_startnum)
-    return replace(world, program=program)
+        setattr(program, name, getattr(compiled.program, name))
+    program.obj_pairnum = wp.zeros_like(compiled.program.obj_pairnum)
+    program.obj_startnum = wp.zeros_like(compiled.program.obj_startnum)
+    return replace(compiled, program=program)
 
 
-def replayed(rows: Rows) -> Callable[[World, int], Any]:
-    """Return a `generator` for SceneVectorEnv: world with seed s gets row s + episode, modulo their number."""
-    return lambda world, num_envs: StoredGenerator(rows, num_envs, device=world.device)
+def replayed(table: LayoutTable) -> Callable[[CompiledScene, int], StoredLayouts]:
+    """Return a `layout_source` for SceneVectorEnv: world with seed s gets row s + episode, modulo their number."""
+    return lambda compiled, num_envs: StoredLayouts(compiled, table, num_envs)
 
 
-def uniform(split: str = "train") -> Callable[[World, int], Any]:
-    """Return a `generator` for SceneVectorEnv that places without checks."""
-    return lambda world, num_envs: LayoutGenerator(unchecked(world), num_envs, split=split)
-
-
-def _arrays(layouts: Any) -> tuple[np.ndarray, ...]:
-    # copies: on a CPU `numpy()` is a view of what the next episode is written to
-    return tuple(array.numpy().copy() for array in (layouts.qpos, layouts.mocap_pos, layouts.mocap_quat))
+def uniform(split: str = "train") -> Callable[[CompiledScene, int], LayoutGenerator]:
+    """Return a `layout_source` for SceneVectorEnv that places without checks."""
+    return lambda compiled, num_envs: LayoutGenerator(unchecked(compiled), num_envs, split=split)

@@ -36,13 +36,13 @@ import numpy as np
 import warp as wp
 from scipy.spatial.transform import Rotation
 
-from sceniris_gym.layout.build import device_name
-from sceniris_gym.reach.arm import Arm
-from sceniris_gym.reach.lookup import Verdict
-from sceniris_gym.reach.map import ReachMap, map_file
+from sceniris_gym.layout.compile import device_name
+from sceniris_gym.reach.arm import SerialArm
+from sceniris_gym.reach.map import ReachMap, default_tier, map_file
 from sceniris_gym.reach.sampled import SampledMap, sampled_map
 from sceniris_gym.reach.solve import POS_TOL, ROT_TOL, solve
-from sceniris_gym.tools.reach import default_tier, find_arm, judge_poses
+from sceniris_gym.reach.tier import Tier, Verdict
+from sceniris_gym.tools.commands.reach import judge_poses, read_arm
 from tests.oracle.exact_ik import ExactIk
 
 # Radius and height [m] of the cylinders of set A: to where the TCP gets at most, with a little room for the Panda.
@@ -88,7 +88,7 @@ def about_z(angle: np.ndarray) -> np.ndarray:
     return Rotation.from_rotvec(np.outer(angle, [0.0, 0.0, 1.0])).as_matrix()
 
 
-def know(name: str, arm: Arm, kind: str, num: int, seed: int, folder: Path) -> Asked:
+def know(name: str, arm: SerialArm, kind: str, num: int, seed: int, folder: Path) -> Asked:
     """Return a set of poses with the truth about them, kept in a file of the folder."""
     path = folder / f"reach_{name}_{arm.hash}_{kind}_{num}_{seed}.npz"
     poses = draw(kind, name, num, seed)
@@ -105,7 +105,7 @@ def know(name: str, arm: Arm, kind: str, num: int, seed: int, folder: Path) -> A
 
 
 def _truth(name: str, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    mjm, _ = find_arm(name)
+    mjm, _ = read_arm(name)
     ik = ExactIk(mjm, name)
     reached, _, exact = ik.reachable(poses)
     free = np.zeros(len(poses), bool)
@@ -160,7 +160,7 @@ def score(accepted: np.ndarray, truth: np.ndarray) -> dict[str, float]:
 
 def by_map(look: Callable[[np.ndarray], np.ndarray], tier: str, asked: Asked, seed: int) -> dict[str, Any]:
     """Judge a map by its look-up, poses (N, 4, 4) to Verdicts (N,), also of poses that were moved."""
-    least = Verdict.YES if tier == "map_strict" else Verdict.MIXED_YES
+    least = Verdict.MIXED_YES if tier == "sampled" else Tier.of(tier).least_verdict
     verdicts = look(asked.poses)
     accepted = verdicts >= least
     mixed = np.isin(verdicts, (Verdict.MIXED_NO, Verdict.MIXED_YES))
@@ -178,7 +178,7 @@ def by_map(look: Callable[[np.ndarray], np.ndarray], tier: str, asked: Asked, se
     }
 
 
-def by_solve(mjm: mujoco.MjModel, arm: Arm, asked: Asked, device: str) -> dict[str, Any]:
+def by_solve(mjm: mujoco.MjModel, arm: SerialArm, asked: Asked, device: str) -> dict[str, Any]:
     """Judge inverse kinematics, and each of its solutions by MuJoCo's forward kinematics."""
     quat = Rotation.from_matrix(asked.poses[:, :3, :3]).as_quat(scalar_first=True)
     flat = np.concatenate([asked.poses[:, :3, 3], quat], axis=1)
@@ -203,7 +203,7 @@ class Subject:
     """An arm and what is built for it; None is what it has not, or what was not asked for."""
 
     mjm: mujoco.MjModel
-    arm: Arm
+    arm: SerialArm
     reach_map: ReachMap | None
     sampled: SampledMap | None
     device: str
@@ -215,7 +215,9 @@ class Subject:
         if tier == "ik" and asked.free is not None:
             # Poses that only the tolerance brings within reach are neither right nor wrong here.
             sure = asked.exact == asked.reached
-            return score(judge_poses(self.mjm, self.arm, None, asked.poses[sure], "ik", self.device), asked.free[sure])
+            return score(
+                judge_poses(self.mjm, self.arm, None, asked.poses[sure], Tier.IK, self.device), asked.free[sure]
+            )
         if tier == "sampled" and self.sampled is not None:
             sampled = self.sampled
             return by_map(lambda poses: np.where(sampled.verdict(poses), Verdict.YES, Verdict.NO), tier, asked, seed)
@@ -242,7 +244,7 @@ def holds(row: dict[str, Any]) -> bool:
 
 def rows(name: str, args: argparse.Namespace) -> Iterator[dict[str, Any]]:
     """Yield the lines about an arm."""
-    mjm, arm = find_arm(name)
+    mjm, arm = read_arm(name)
     path = map_file(name) if args.maps is None else args.maps / f"{name}.reach"
     reach_map = ReachMap.load(path, arm) if path is not None and path.is_file() else None
     if reach_map is None or path is None:
@@ -268,7 +270,7 @@ def rows(name: str, args: argparse.Namespace) -> Iterator[dict[str, Any]]:
         for tier in args.tiers:
             found = subject.judge(tier, asked, args.seed)
             if found is not None:
-                row = about | {"tier": tier, "default": tier == default_tier(reach_map)} | found
+                row = about | {"tier": tier, "default": tier == default_tier(arm, reach_map).word} | found
                 yield row | {"holds": holds(row)}
 
 

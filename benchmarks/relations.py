@@ -20,12 +20,12 @@ from typing import Any
 
 import mujoco
 
-from sceniris_gym.layout.build import build_world
-from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.auditor import Auditor
 from sceniris_gym.tools.audit.language import Kept
-from sceniris_gym.tools.dataset import make_table
-from sceniris_gym.tools.rows import Rows
+from sceniris_gym.tools.tables import make_table
 from tests.layout.related import Shapes, near_middle, related
 
 _FLOOR = {"size": [2.0, 2.0]}
@@ -110,7 +110,7 @@ def _scene(objects: Mapping[str, Any]) -> dict[str, Any]:
     return {"floor": _FLOOR, "objects": dict(objects)}
 
 
-def _judge(mjm: mujoco.MjModel, config: SceneConfig, bodies: Mapping[str, int], rows: Rows) -> list[Kept]:
+def _judge(mjm: mujoco.MjModel, config: SceneConfig, bodies: Mapping[str, int], rows: LayoutTable) -> list[Kept]:
     return Auditor(mjm, config, bodies).judge_language(rows)
 
 
@@ -140,9 +140,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         pending: list[tuple[str, int, Future[list[Kept]]]] = []
         for word, scene in scenes(Shapes(Path(folder))).items():
             if not args.words or word.startswith(tuple(args.words)):
-                world = build_world(SceneConfig.load(scene), args.device, bank_size=8)
-                table = make_table(world, args.layouts, 0)
-                judged = pool.submit(_judge, world.mjm, world.config, world.scene.bodies, table.rows)
+                compiled = compile_scene(SceneConfig.load(scene), args.device, bank_size=8)
+                table = make_table(compiled, args.layouts, 0)
+                judged = pool.submit(_judge, compiled.mjm, compiled.config, compiled.scene.bodies, table)
                 pending.append((word, int(table.valid.sum()), judged))
         for word, fresh, judged in pending:
             kept = judged.result()

@@ -22,7 +22,7 @@ import tyro
 
 from benchmarks import layout_sources
 from benchmarks.task_scenes import SEED_SPACING, make_env, scene_of
-from sceniris_gym.layout.build import build_world
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.tools.files import replacing
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
@@ -77,16 +77,18 @@ def main(options: Options) -> None:
             raise SystemExit(f"{options.out} is about other options than {asked}. Remove it, or give another --out.")
         print(json.dumps(answer))
         return
-    world = build_world(scene_of(options.task, reachable=True), options.device)
+    compiled = compile_scene(scene_of(options.task, reachable=True), options.device)
     per_world = options.rounds + 3  # episodes: the first one, one a turn, and what is left of the last
     seeds = [11 * 16 * SEED_SPACING + i * per_world for i in range(options.num_envs)]
     sources: dict[str, Any] = {
         "fresh": None,
-        "replayed": layout_sources.replayed(layout_sources.episodes(world, seeds, per_world)),
-        "fixed": layout_sources.replayed(layout_sources.home_rows(world, seeds[0])),
+        "replayed": layout_sources.replayed(layout_sources.episodes(compiled, seeds, per_world)),
+        "fixed": layout_sources.replayed(layout_sources.home_rows(compiled, seeds[0])),
     }
     environments = {
-        name: make_env(options.task, options.num_envs, world, generator=source, max_episode_steps=options.episode)
+        name: make_env(
+            options.task, options.num_envs, compiled, layout_source=source, max_episode_steps=options.episode
+        )
         for name, source in sources.items()
     }
     random = torch.Generator().manual_seed(0)

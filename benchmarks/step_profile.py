@@ -20,7 +20,7 @@ import warp as wp
 
 from benchmarks.task_scenes import make_env, scene_of
 from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
-from sceniris_gym.layout.build import build_world
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 
@@ -79,8 +79,8 @@ def tell(what: str, milliseconds: float) -> None:
 
 def main(options: Options) -> None:
     """Time one thing after another."""
-    world = build_world(scene_of(options.task, reachable=True), options.device)
-    envs = make_env(options.task, options.num_envs, world)
+    compiled = compile_scene(scene_of(options.task, reachable=True), options.device)
+    envs = make_env(options.task, options.num_envs, compiled)
     adapter = RslRlVecEnv(envs, seed=0)
     s, task = envs.state, envs.task
     action = 0.3 * torch.randn(envs.action_space.shape, device=envs.device).clamp(-1.0, 1.0)  # type: ignore[arg-type]
@@ -99,36 +99,36 @@ def main(options: Options) -> None:
         tell("reward", clock(envs, options.steps, lambda: task.reward(s, action)))
     if options.variants:
         for name, change in VARIANTS.items():
-            world = build_world(scene_of(options.task, reachable=True), options.device)
-            envs = make_env(options.task, options.num_envs, change(world))
+            compiled = compile_scene(scene_of(options.task, reachable=True), options.device)
+            envs = make_env(options.task, options.num_envs, change(compiled))
             if name == "6 iterations":
                 envs.batch.model.opt.iterations = envs.batch.model.opt.ls_iterations = 6
             envs.reset(seed=0)
             tell(f"physics, {name}", clock(envs, options.steps, envs.batch.step))
 
 
-def dense(world: Any) -> Any:
+def dense(compiled: Any) -> Any:
     """Let the solver work with dense matrices."""
-    world.mjm.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-    return world
+    compiled.mjm.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    return compiled
 
 
-def pyramidal(world: Any) -> Any:
+def pyramidal(compiled: Any) -> Any:
     """Let friction cones be pyramids."""
-    world.mjm.opt.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
-    return world
+    compiled.mjm.opt.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
+    return compiled
 
 
-def without_contacts(world: Any) -> Any:
+def without_contacts(compiled: Any) -> Any:
     """Let nothing collide."""
-    world.mjm.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-    return world
+    compiled.mjm.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    return compiled
 
 
 VARIANTS: dict[str, Callable[[Any], Any]] = {
-    "as it is": lambda world: world,
+    "as it is": lambda compiled: compiled,
     "without contacts": without_contacts,
-    "6 iterations": lambda world: world,
+    "6 iterations": lambda compiled: compiled,
     "dense": dense,
     "pyramidal": pyramidal,
 }

@@ -7,8 +7,8 @@ from typing import Any
 
 import gymnasium
 
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.world import World
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 SEED_SPACING = 1 << 20
@@ -28,8 +28,8 @@ def scene_of(task: str, *, reachable: bool) -> SceneConfig:
     return SceneConfig.load(data)
 
 
-def make_env(task: str, num_envs: int, world: World, **kwargs: Any) -> SceneVectorEnv:
-    """Return the environment of a task on a World."""
-    envs = gymnasium.make_vec(f"sceniris_gym/{task}", num_envs=num_envs, scene=world, **kwargs)
+def make_env(task: str, num_envs: int, compiled: CompiledScene, **kwargs: Any) -> SceneVectorEnv:
+    """Return the environment of a task on a CompiledScene."""
+    envs = gymnasium.make_vec(f"sceniris_gym/{task}", num_envs=num_envs, scene=compiled, **kwargs)
     assert isinstance(envs, SceneVectorEnv)
     return envs

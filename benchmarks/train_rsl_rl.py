@@ -30,7 +30,7 @@ from rsl_rl.runners import OnPolicyRunner
 from benchmarks import layout_sources
 from benchmarks.task_scenes import SEED_SPACING, make_env, scene_of
 from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
-from sceniris_gym.layout.build import build_world
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.tools.files import replacing
 
 EVAL_SEED = 7 * SEED_SPACING
@@ -206,18 +206,18 @@ class Run:
         if self.resumes:
             self._check_same()
         # what is judged does not depend on what is trained on
-        filtered, plain = (build_world(scene_of(options.task, reachable=r), options.device) for r in (True, False))
-        world = filtered if options.reachable and not options.uniform else plain
+        filtered, plain = (compile_scene(scene_of(options.task, reachable=r), options.device) for r in (True, False))
+        compiled = filtered if options.reachable and not options.uniform else plain
         seed = (1 + options.seed) * 16 * SEED_SPACING
         generator = None
         if options.bank:
-            generator = layout_sources.replayed(layout_sources.valid_rows(world, options.bank, seed))
+            generator = layout_sources.replayed(layout_sources.valid_rows(compiled, options.bank, seed))
         elif options.uniform:
             generator = layout_sources.uniform()
-        self.env = RslRlVecEnv(make_env(options.task, options.num_envs, world, generator=generator), seed)
+        self.env = RslRlVecEnv(make_env(options.task, options.num_envs, compiled, layout_source=generator), seed)
         judged = {"valid": (filtered, None), "unfiltered": (plain, layout_sources.uniform("eval"))}
         self.judges = {
-            name: RslRlVecEnv(make_env(options.task, options.num_envs, scene, split="eval", generator=source))
+            name: RslRlVecEnv(make_env(options.task, options.num_envs, scene, split="eval", layout_source=source))
             for name, (scene, source) in judged.items()
         }
         self._warm_up()

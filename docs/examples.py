@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ruamel.yaml import YAML
 
-from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.config.scene import SceneConfig
 
 FOLDER = Path(__file__).parent
 TEXT_KEY = "Scene"

@@ -22,7 +22,7 @@ from PIL.PngImagePlugin import PngInfo
 
 from docs.examples import FOLDER, TEXT_KEY, Example, read_examples
 from docs.seen import Bounds, View
-from sceniris_gym.scene.values import FLOOR, ROBOT
+from sceniris_gym.config.fields import FLOOR, ROBOT
 
 PAGE = FOLDER / "placement.md"
 LAYOUTS = 64

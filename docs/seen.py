@@ -13,14 +13,14 @@ import shapely
 from shapely import affinity
 from shapely.geometry import LineString, MultiPoint, Polygon, box
 
-from sceniris_gym.layout.build import build_world
+from sceniris_gym.config.fields import ROBOT
+from sceniris_gym.config.relations import Relation
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.geometry.resting_poses import heading_of
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.poses import heading_of
-from sceniris_gym.scene.program import PlacedObject
-from sceniris_gym.scene.relations import Relation
-from sceniris_gym.scene.values import ROBOT
+from sceniris_gym.program.plan import PlacedObject
 
 _FAR = 10.0  # m: further than any support reaches
 _UNIT_BOX = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
@@ -63,23 +63,23 @@ class View:
 
     def __init__(self, config: SceneConfig, nworld: int) -> None:
         self.config = config
-        self.world = build_world(config, "cpu", bank_size=16)
-        generator = LayoutGenerator(self.world, nworld)
+        self.compiled = compile_scene(config, "cpu", bank_size=16)
+        generator = LayoutGenerator(self.compiled, nworld)
         generator.generate()
         layouts = generator.layouts
         self._fresh = layouts.status.numpy() == Status.VALID
         self._present = layouts.present.numpy() == 1
         qpos, pos, quat = layouts.qpos.numpy(), layouts.mocap_pos.numpy(), layouts.mocap_quat.numpy()
         self._states = [self._posed(*row) for row in zip(qpos, pos, quat, strict=True)]
-        drawn = [i for name in self.names for i in self.world.scene.joint_configs(name)]
-        adr = self.world.mjm.jnt_qposadr[drawn]
-        qpos[:, adr] = self.world.home_qpos[adr]
+        drawn = [i for name in self.names for i in self.compiled.scene.joint_configs(name)]
+        adr = self.compiled.mjm.jnt_qposadr[drawn]
+        qpos[:, adr] = self.compiled.home_qpos[adr]
         self._with_joints_at_home = [self._posed(*row) for row in zip(qpos, pos, quat, strict=True)]
 
     @property
     def names(self) -> tuple[str, ...]:
         """All objects, and the robot."""
-        return self.world.slots
+        return self.compiled.slots
 
     def is_placed(self, name: str) -> bool:
         """Whether a pose is drawn for it."""
@@ -87,7 +87,7 @@ class View:
 
     def is_point(self, name: str) -> bool:
         """Whether it has no extent."""
-        return not self._geoms(self.world.scene.subtree(name))
+        return not self._geoms(self.compiled.scene.subtree(name))
 
     def is_fresh(self, i: int) -> bool:
         """Whether world i has a fresh layout; else it fell back on the bank."""
@@ -143,14 +143,14 @@ class View:
 
     def bodies(self, name: str) -> list[int]:
         """All bodies of an object."""
-        return self.world.scene.subtree(name)
+        return self.compiled.scene.subtree(name)
 
     def moving_bodies(self, name: str) -> list[int]:
         """The bodies that drawn joints move; of the robot only its hand."""
-        joints = self.world.scene.joint_configs(name)
+        joints = self.compiled.scene.joint_configs(name)
         if name == ROBOT:
-            return [b for b in self.bodies(name) if self.world.mjm.body(b).name.endswith("/hand")]
-        return [int(self.world.mjm.jnt_bodyid[j]) for j in joints]
+            return [b for b in self.bodies(name) if self.compiled.mjm.body(b).name.endswith("/hand")]
+        return [int(self.compiled.mjm.jnt_bodyid[j]) for j in joints]
 
     def supports(self, name: str, i: int = 0) -> list[shapely.Geometry]:
         """The outlines of the surfaces that an object is placed on, or of its box in space, in world i."""
@@ -204,7 +204,7 @@ class View:
         return _moved(whole.difference(hole), anchors[0].pivot, 0.0)
 
     def _plan(self, name: str) -> PlacedObject:
-        return next(o for o in self.world.plan.objects if o.name == name)
+        return next(o for o in self.compiled.plan.objects if o.name == name)
 
     def _on_body(self, body: int, shape: shapely.Geometry, i: int) -> shapely.Geometry:
         return _moved(shape, self._states[i].xpos[body], self._heading(body, i))
@@ -235,7 +235,7 @@ class View:
     @cached_property
     def _corners(self) -> dict[int, np.ndarray]:
         """Corners of every collision geom in its own frame: of a mesh its vertices, else of the box around it."""
-        mjm = self.world.mjm
+        mjm = self.compiled.mjm
         found = {}
         for g in self._geoms(range(1, mjm.nbody)):
             mesh = mjm.geom_dataid[g]
@@ -247,16 +247,16 @@ class View:
         return found
 
     def _geoms(self, bodies: Container[int]) -> list[int]:
-        mjm = self.world.mjm
+        mjm = self.compiled.mjm
         solid = np.flatnonzero(mjm.geom_contype | mjm.geom_conaffinity)
         return [int(g) for g in solid if mjm.geom_bodyid[g] in bodies]
 
     def _posed(self, qpos: np.ndarray, mocap_pos: np.ndarray, mocap_quat: np.ndarray) -> mujoco.MjData:
-        data = mujoco.MjData(self.world.mjm)
+        data = mujoco.MjData(self.compiled.mjm)
         data.qpos[:] = qpos
-        if self.world.mjm.nmocap:
+        if self.compiled.mjm.nmocap:
             data.mocap_pos[:], data.mocap_quat[:] = mocap_pos, mocap_quat
-        mujoco.mj_kinematics(self.world.mjm, data)
+        mujoco.mj_kinematics(self.compiled.mjm, data)
         return data
 
 

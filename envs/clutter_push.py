@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from sceniris_gym.vector.arm import Arm
+from sceniris_gym.vector.arm_controller import ArmController
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
 
@@ -70,7 +70,7 @@ class ClutterPush(Task):
 
     def bind(self, s: State) -> None:
         """Find the arm, and make room for what is remembered between steps."""
-        self.arm = Arm(s)
+        self.arm = ArmController(s)
         self.closed = torch.full((s.num_envs,), -1.0, device=s.device)
         self.last_action = torch.zeros(s.num_envs, 4, device=s.device)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from sceniris_gym.vector.arm import Arm
+from sceniris_gym.vector.arm_controller import ArmController
 from sceniris_gym.vector.bounds import Bounds
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
@@ -72,7 +72,7 @@ class DrawerPick(Task):
 
     def bind(self, s: State) -> None:
         """Find the arm, and make room for what is remembered between steps."""
-        self.arm = Arm(s)
+        self.arm = ArmController(s)
         self.touch = Touch(s, FINGERS, ("banana",))
         self.bounds = Bounds(s, ("banana",))
         self.last_action = torch.zeros(s.num_envs, 8, device=s.device)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from sceniris_gym.vector.arm import Arm
+from sceniris_gym.vector.arm_controller import ArmController
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
 
@@ -52,7 +52,7 @@ class KitchenReset(Task):
 
     def bind(self, s: State) -> None:
         """Find the arm."""
-        self.arm = Arm(s)
+        self.arm = ArmController(s)
 
     def apply(self, s: State, action: Tensor) -> None:
         """Move the joint targets."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from sceniris_gym.vector.arm import Arm
+from sceniris_gym.vector.arm_controller import ArmController
 from sceniris_gym.vector.bounds import Bounds
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
@@ -79,7 +79,7 @@ class TabletopLift(Task):
 
     def bind(self, s: State) -> None:
         """Find the arm and its contacts, and make room for what is remembered between steps."""
-        self.arm = Arm(s)
+        self.arm = ArmController(s)
         self.touch = Touch(s, FINGERS, tuple(GRASP_HEIGHTS))
         self.bounds = Bounds(s, tuple(GRASP_HEIGHTS))
         self.grasp_heights = torch.tensor([[0.0, 0.0, height] for height in GRASP_HEIGHTS.values()], device=s.device)

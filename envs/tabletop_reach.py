@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from sceniris_gym.vector.arm import Arm
+from sceniris_gym.vector.arm_controller import ArmController
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
 
@@ -60,7 +60,7 @@ class TabletopReach(Task):
 
     def bind(self, s: State) -> None:
         """Find the arm, and make room for what is remembered between steps."""
-        self.arm = Arm(s)
+        self.arm = ArmController(s)
         self.over = torch.tensor([[0.0, 0.0, height + OVER] for height in HEIGHTS.values()], device=s.device)
         self.chosen = torch.zeros(s.num_envs, len(OBJECTS), device=s.device)
         self.last_action = torch.zeros(s.num_envs, 7, device=s.device)

@@ -6,7 +6,7 @@ import mujoco_warp as mjw
 import tyro
 import warp as wp
 
-from sceniris_gym import ResetRandomizer, build_world
+from sceniris_gym import ResetRandomizer, compile_scene
 
 SCENE = {
     "model": str(Path(__file__).with_name("bench.xml")),  # its options, names and start pose stay as they are
@@ -26,17 +26,17 @@ def main(nworld: int = 64, steps: int = 1500, device: str | None = None) -> None
         steps: physics steps, of 2 ms each.
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
     """
-    world = build_world(SCENE, device)
-    with wp.ScopedDevice(world.device):
-        model = mjw.put_model(world.mjm)
-        data = mjw.make_data(world.mjm, nworld=nworld, nconmax=64, njmax=256)  # room for each world
-        randomizer = ResetRandomizer(world, model, data, seed=0)
+    compiled = compile_scene(SCENE, device)
+    with wp.ScopedDevice(compiled.device):
+        model = mjw.put_model(compiled.mjm)
+        data = mjw.make_data(compiled.mjm, nworld=nworld, nconmax=64, njmax=256)  # room for each world
+        randomizer = ResetRandomizer(compiled, model, data, seed=0)
         randomizer.reset()  # all worlds; the paddle's actuator holds the drawn position
         with wp.ScopedCapture() as capture:
             mjw.step(model, data)
 
         # views of the simulation: whatever library computes the mask, nothing is copied to the host
-        height = wp.to_torch(data.xpos)[:, world.mjm.body("crate").id, 2]
+        height = wp.to_torch(data.xpos)[:, compiled.mjm.body("crate").id, 2]
         control = wp.to_torch(data.ctrl)
         resets = 0
         for _ in range(steps):

@@ -5,7 +5,7 @@ import torch
 import tyro
 from torch import Tensor
 
-from sceniris_gym import Arm, State, Task
+from sceniris_gym import ArmController, State, Task
 
 
 class TouchOrange(Task):
@@ -15,7 +15,7 @@ class TouchOrange(Task):
 
     def bind(self, s: State) -> None:
         """Find the arm."""
-        self.arm = Arm(s)
+        self.arm = ArmController(s)
 
     def apply(self, s: State, action: Tensor) -> None:
         """Move the targets of the seven joints."""

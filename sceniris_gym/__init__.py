@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from sceniris_gym import registration
 
 if TYPE_CHECKING:
+    from sceniris_gym.config.scene import SceneConfig as SceneConfig
     from sceniris_gym.errors import ArmError as ArmError
     from sceniris_gym.errors import ContactBudgetError as ContactBudgetError
     from sceniris_gym.errors import CycleError as CycleError
@@ -27,21 +28,20 @@ if TYPE_CHECKING:
     from sceniris_gym.errors import ReachWarning as ReachWarning
     from sceniris_gym.errors import SceneFileError as SceneFileError
     from sceniris_gym.errors import SceneKeyError as SceneKeyError
+    from sceniris_gym.errors import SceneMismatchError as SceneMismatchError
     from sceniris_gym.errors import ScenirisError as ScenirisError
     from sceniris_gym.errors import SeedError as SeedError
     from sceniris_gym.errors import TaskError as TaskError
     from sceniris_gym.errors import UnknownNameError as UnknownNameError
-    from sceniris_gym.errors import WorldMismatchError as WorldMismatchError
-    from sceniris_gym.layout.build import build_world as build_world
+    from sceniris_gym.importers.sceniris.reader import read_sceniris as read_sceniris
+    from sceniris_gym.layout.compile import compile_scene as compile_scene
     from sceniris_gym.layout.generate import LayoutGenerator as LayoutGenerator
     from sceniris_gym.layout.layouts import Layouts as Layouts
-    from sceniris_gym.scene.config import SceneConfig as SceneConfig
+    from sceniris_gym.program.compiled import CompiledScene as CompiledScene
     from sceniris_gym.scene.model import SceneModel as SceneModel
     from sceniris_gym.scene.model import build_model as build_model
-    from sceniris_gym.scene.original import read_sceniris as read_sceniris
-    from sceniris_gym.scene.world import World as World
     from sceniris_gym.sim.randomizer import ResetRandomizer as ResetRandomizer
-    from sceniris_gym.vector.arm import Arm as Arm
+    from sceniris_gym.vector.arm_controller import ArmController as ArmController
     from sceniris_gym.vector.state import State as State
     from sceniris_gym.vector.task import Task as Task
     from sceniris_gym.vector.touch import Touch as Touch
@@ -50,19 +50,19 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOME = {  # public name -> the module it lives in
-    "SceneConfig": "scene.config",
+    "SceneConfig": "config.scene",
     "SceneModel": "scene.model",
     "build_model": "scene.model",
-    "read_sceniris": "scene.original",
-    "World": "scene.world",
-    "build_world": "layout.build",
+    "read_sceniris": "importers.sceniris.reader",
+    "CompiledScene": "program.compiled",
+    "compile_scene": "layout.compile",
     "Layouts": "layout.layouts",
     "LayoutGenerator": "layout.generate",
     "ResetRandomizer": "sim.randomizer",
     "SceneVectorEnv": "vector.vector_env",
     "State": "vector.state",
     "Task": "vector.task",
-    "Arm": "vector.arm",
+    "ArmController": "vector.arm_controller",
     "Touch": "vector.touch",
     **dict.fromkeys(
         (
@@ -86,7 +86,7 @@ _HOME = {  # public name -> the module it lives in
             "MaskTypeError",
             "SeedError",
             "TaskError",
-            "WorldMismatchError",
+            "SceneMismatchError",
         ),
         "errors",
     ),

@@ -17,10 +17,11 @@ import tyro
 
 import sceniris_gym
 from sceniris_gym.errors import CountError, NotSupportedError, SceneKeyError, ScenirisError
+from sceniris_gym.reach.tier import Tier, TierWord
 
 if TYPE_CHECKING:
-    from sceniris_gym.scene.config import SceneConfig
-    from sceniris_gym.scene.world import World
+    from sceniris_gym.config.scene import SceneConfig
+    from sceniris_gym.program.compiled import CompiledScene
 
 Scene = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE", help="name of a shipped scene, or a path")]
 Device = Annotated[str | None, tyro.conf.arg(help="cpu, cuda:0, ...; by default cuda:0 if there is one, else cpu")]
@@ -65,7 +66,7 @@ def _stdout_to_stderr() -> Iterator[None]:
 @_command
 def demo(out: Path = Path("demo/layouts.png"), device: Device = None, json: Json = False) -> str:
     """Reset 64 worlds of the Mid scene three times, print the figures and write a picture of 16 worlds."""
-    from sceniris_gym.tools import demo as tool
+    from sceniris_gym.tools.commands import demo as tool
 
     _target(out)
     figures = tool.demo(out, device)
@@ -88,23 +89,24 @@ def generate(
     _at_least(1, n=n, chunk=chunk)
     from tqdm import tqdm
 
-    from sceniris_gym.tools.dataset import make_table, write_dataset
+    from sceniris_gym.tools.commands.generate import write_dataset
+    from sceniris_gym.tools.tables import make_table
 
     _target(out / "layouts.npz")
-    world = _world(scene, changes, device)
+    compiled = _compiled(scene, changes, device)
     with tqdm(total=n, unit="layout", file=sys.stderr) as bar:
-        table = make_table(world, n, seed, split=split, chunk=chunk, progress=bar.update)
-    write_dataset(world, table, out)
+        table = make_table(compiled, n, seed, split=split, chunk=chunk, progress=bar.update)
+    write_dataset(compiled, table, out)
     figures = {
-        "scene": world.config.name,
-        "hash": world.hash,
-        "first_id": world.layout_id(seed, 0, split),
+        "scene": compiled.config.name,
+        "hash": compiled.hash,
+        "first_id": compiled.layout_id(seed, 0, split),
         "layouts": n,
         "valid": float(table.valid.mean()),
         "first_pass_valid": float(table.first_pass_valid.mean()),
         "files": [str(out / "layouts.npz"), str(out / "scene.zip")],
     }
-    made = f"{n} layouts of '{world.config.name}' in {out}, {figures['valid']:.2%} valid"
+    made = f"{n} layouts of '{compiled.config.name}' in {out}, {figures['valid']:.2%} valid"
     return dumps(figures) if json else f"{made}; the first is {figures['first_id']}"
 
 
@@ -122,9 +124,9 @@ def audit(
     """Make layouts and check them again with FCL, MuJoCo C and shapely, which share no code with the generator."""
     _at_least(1, layouts=layouts)
     _at_least(0, rejected=rejected, settled=settled or 0)
-    from sceniris_gym.tools.judge import judge
+    from sceniris_gym.tools.commands.audit import judge
 
-    found = judge(_world(scene, changes, device), layouts, rejected, layouts if settled is None else settled, seed)
+    found = judge(_compiled(scene, changes, device), layouts, rejected, layouts if settled is None else settled, seed)
     return dumps(found) if json else _listing(found)
 
 
@@ -141,7 +143,7 @@ def bench(
 ) -> str:
     """Measure how fast layouts are made and worlds are reset."""
     _at_least(1, num_envs=num_envs)
-    from sceniris_gym.tools import bench as tool
+    from sceniris_gym.tools.commands import bench as tool
     from sceniris_gym.tools.files import check_picture
 
     if picture is not None:
@@ -162,16 +164,16 @@ def replay(
     json: Json = False,
 ) -> str:
     """Make one layout again from its id, and show it as numbers and as a picture."""
-    from sceniris_gym.layout.build import build_world
-    from sceniris_gym.tools import replay as tool
+    from sceniris_gym.layout.compile import compile_scene
+    from sceniris_gym.tools.commands import replay as tool
     from sceniris_gym.tools.render import captioned, save
 
     name = tool.LayoutId.parse(layout)
     picture = _target(out, tool.default_picture(layout))
-    world = build_world(tool.find_scene(name.scene, None if scene is None else _config(scene, changes)), device)
-    table = tool.replay(world, name)
-    found = {"id": layout, **tool.describe(world, table), "picture": str(picture)}
-    save(captioned(world.mjm, table.rows, [layout], device=world.device), picture)
+    compiled = compile_scene(tool.find_scene(name.scene, None if scene is None else _config(scene, changes)), device)
+    table = tool.replay(compiled, name)
+    found = {"id": layout, **tool.describe(compiled, table), "picture": str(picture)}
+    save(captioned(compiled.mjm, table, [layout], device=compiled.device), picture)
     return dumps(found) if json else tool.report(found)
 
 
@@ -187,12 +189,12 @@ def check(
 ) -> str:
     """Say why a scene is hard: how many candidates were rejected, per object and cause."""
     _at_least(1, layouts=layouts)
-    from sceniris_gym.tools import check as tool
+    from sceniris_gym.tools.commands import check as tool
     from sceniris_gym.tools.files import check_picture
 
     if picture is not None:
         check_picture(picture)
-    found = tool.check(_world(scene, changes, device), layouts, seed, picture)
+    found = tool.check(_compiled(scene, changes, device), layouts, seed, picture)
     return dumps(found) if json else tool.report(found)
 
 
@@ -206,9 +208,7 @@ def reach(
     out: Annotated[
         Path | None, tyro.conf.arg(aliases=["-o"], help="the map, the verdicts, or else the picture")
     ] = None,
-    tier: Annotated[
-        Literal["map", "map_strict", "ik", "clear"] | None, tyro.conf.arg(help="by which to judge; the arm's default")
-    ] = None,
+    tier: Annotated[TierWord | None, tyro.conf.arg(help="by which to judge; the arm's default")] = None,
     map_: Annotated[Path | None, tyro.conf.arg(name="map", help="a map file instead of the arm's own")] = None,
     scene: Annotated[str | None, tyro.conf.arg(help="draw how the arm's reach narrows where objects of it lie")] = None,
     height: Annotated[float, tyro.conf.arg(help="of the picture's top view in the base frame [m]")] = 0.1,
@@ -222,13 +222,15 @@ def reach(
     json: Json = False,
 ) -> str:
     """Build, describe and draw the map of what an arm reaches, or judge poses by it."""
-    from sceniris_gym.tools import reach as tool
+    from sceniris_gym.tools.commands import reach as tool
 
     asked = [f"--{word}" for word, value in (("build", build), ("poses", poses), ("scene", scene)) if value]
     if len(asked) > 1:
         raise NotSupportedError(f"reach: {' and '.join(asked)} are separate commands. Give one after the other.")
     if poses is not None:
-        found = tool.judge(arm, map_, poses, _target(out, "reached.npy"), tier, device)
+        found = tool.judge(
+            arm, map_, poses, _target(out, "reached.npy"), None if tier is None else Tier.of(tier), device
+        )
     elif build:
         target = _target(out, tool.default_map(arm))
         found = tool.build(arm, target, device, step=step, tilt_step=radians(tilt_step), seed=seed)
@@ -285,14 +287,14 @@ def _target(out: Path | None, default: str | Path = "") -> Path:
     return path
 
 
-def _world(scene: str, changes: Sequence[str], device: str | None) -> World:
-    from sceniris_gym.layout.build import build_world
+def _compiled(scene: str, changes: Sequence[str], device: str | None) -> CompiledScene:
+    from sceniris_gym.layout.compile import compile_scene
 
-    return build_world(_config(scene, changes), device)
+    return compile_scene(_config(scene, changes), device)
 
 
 def _config(scene: str, changes: Sequence[str]) -> SceneConfig:
-    from sceniris_gym.scene.config import SceneConfig
+    from sceniris_gym.config.scene import SceneConfig
 
     return SceneConfig.load(scene, _overrides(changes))
 

@@ -201,8 +201,8 @@ class MaskTypeError(MaskError, TypeError):
     """A mask of worlds that is not an array of booleans."""
 
 
-class WorldMismatchError(ScenirisError, ValueError):
-    """A model, data or generator that does not belong to the World it is used with."""
+class SceneMismatchError(ScenirisError, ValueError):
+    """A model, data or generator that does not belong to the CompiledScene it is used with."""
 
 
 class SeedError(ScenirisError, ValueError):

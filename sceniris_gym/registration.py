@@ -27,7 +27,7 @@ ENVS = {  # id -> keyword arguments of gymnasium.register
     },
 }
 ENTRY_POINTS = {
-    "entry_point": "sceniris_gym.vector.single:SceneEnv",
+    "entry_point": "sceniris_gym.vector.single_env:SceneEnv",
     "vector_entry_point": "sceniris_gym.vector.vector_env:SceneVectorEnv",
 }
 

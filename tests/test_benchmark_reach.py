@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from benchmarks.reach import BOX, CYLINDERS, Asked, Subject, by_map, draw, holds, know, moved, score
-from sceniris_gym.reach.lookup import Verdict
-from sceniris_gym.tools.reach import find_arm
+from sceniris_gym.reach.tier import Verdict
+from sceniris_gym.tools.commands.reach import read_arm
 
 
 @pytest.mark.parametrize("name", CYLINDERS)
@@ -72,7 +72,7 @@ def test_changes_count_beside_mixed_cells_only_where_neither_is_mixed():
 
 def test_the_truth_is_kept_and_judges_inverse_kinematics(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Each solution holds; a second run reads the file; without a map there is nothing to say of maps."""
-    mjm, arm = find_arm("heron")
+    mjm, arm = read_arm("heron")
     asked = know("heron", arm, "B", 60, 5, tmp_path)
     assert asked.free is not None
     assert 0.1 < asked.reached.mean() < 0.6

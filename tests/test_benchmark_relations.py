@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 
 from benchmarks import relations
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.relations import FRAMES, RELATION_WORDS
+from sceniris_gym.config.relations import FRAMES, RELATION_WORDS
+from sceniris_gym.config.scene import SceneConfig
 from tests.layout.related import Shapes
 
 
@@ -21,7 +21,7 @@ def test_every_word_has_a_scene(tmp_path):
     assert given == {"min", "max", "equal", "tolerance"}
     assert {relation.measure for relation in used} == {"origin", "bounds"}
     assert {relation.side for relation in used} == {None, "left", "right", "front", "back"}
-    assert {thing.turn.kind for thing in things} == {"yaw", "stable", "any", "face_to"}
+    assert {thing.drawn_orientation.kind for thing in things} == {"yaw", "stable", "any", "face_to"}
 
 
 def test_a_line_for_each_word_says_the_worst(capsys):

@@ -17,24 +17,24 @@ pytest.importorskip("rsl_rl")
 
 from benchmarks import curves, honest_resets, layout_sources, reset_cost, task_scenes, train_rsl_rl
 from sceniris_gym.errors import ContactBudgetError
-from sceniris_gym.layout.build import build_world
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.scene.world import World
+from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 
 @pytest.fixture(scope="module")
-def world() -> World:
-    """Return the World of TabletopReach-v0."""
-    return build_world("tabletop_reach", "cpu", bank_size=8)
+def compiled() -> CompiledScene:
+    """Return the CompiledScene of TabletopReach-v0."""
+    return compile_scene("tabletop_reach", "cpu", bank_size=8)
 
 
-def test_a_bank_holds_valid_layouts_and_is_replayed_in_turn(world: World):
+def test_a_bank_holds_valid_layouts_and_is_replayed_in_turn(compiled: CompiledScene):
     """World with seed s gets row s + episode; two rows of one bank are two layouts."""
-    rows = layout_sources.valid_rows(world, 3, seed=100)
-    assert rows.qpos.shape == (3, world.mjm.nq)
+    rows = layout_sources.valid_rows(compiled, 3, seed=100)
+    assert rows.qpos.shape == (3, compiled.mjm.nq)
     assert len(np.unique(rows.qpos, axis=0)) == 3
-    generator = layout_sources.replayed(rows)(world, 2)
+    generator = layout_sources.replayed(rows)(compiled, 2)
     generator.reseed([1, 2])
     for episode in range(4):
         generator.generate()
@@ -42,18 +42,18 @@ def test_a_bank_holds_valid_layouts_and_is_replayed_in_turn(world: World):
         np.testing.assert_array_equal(generator.layouts.qpos.numpy(), expected)
 
 
-def test_replayed_episodes_are_those_that_would_be_made(world: World):
+def test_replayed_episodes_are_those_that_would_be_made(compiled: CompiledScene):
     """Row i * number + e is episode e of seed i, to the bit."""
-    rows = layout_sources.episodes(world, [5, 90], 3)
-    generator = LayoutGenerator(world, 2, seed=[5, 90])
+    rows = layout_sources.episodes(compiled, [5, 90], 3)
+    generator = LayoutGenerator(compiled, 2, seed=[5, 90])
     for episode in range(3):
         generator.generate()
         np.testing.assert_array_equal(generator.layouts.qpos.numpy(), rows.qpos[[episode, 3 + episode]])
 
 
-def test_placement_without_checks_takes_the_first_candidate(world: World):
-    """No candidate collides any more, and objects lie where the first ones were drawn; the World stays as it was."""
-    plain = build_world(task_scenes.scene_of("TabletopReach-v0", reachable=False), "cpu", bank_size=8)
+def test_placement_without_checks_takes_the_first_candidate(compiled: CompiledScene):
+    """No candidate collides any more, and objects lie where the first ones were drawn; the scene stays as it was."""
+    plain = compile_scene(task_scenes.scene_of("TabletopReach-v0", reachable=False), "cpu", bank_size=8)
     generator = layout_sources.uniform()(plain, 64)
     generator.reseed(np.arange(64))
     generator.generate()
@@ -68,26 +68,26 @@ def test_placement_without_checks_takes_the_first_candidate(world: World):
     assert not first.all()
 
 
-def test_bad_resets_are_counted(world: World):
+def test_bad_resets_are_counted(compiled: CompiledScene):
     """None of the generator's, some of those without checks; contacts with the support are no fault."""
     options = honest_resets.Options(num_envs=48, nconmax=64, njmax=256)
-    good, pairs = honest_resets.Judge(world, LayoutGenerator(world, 48), options).look(0)
+    good, pairs = honest_resets.Judge(compiled, LayoutGenerator(compiled, 48), options).look(0)
     assert (good["layouts"], good["either"]) == (48, 0)
     assert not pairs
-    drawn = LayoutGenerator(layout_sources.unchecked(world), 48)
-    bad, pairs = honest_resets.Judge(world, drawn, options).look(0)
+    drawn = LayoutGenerator(layout_sources.unchecked(compiled), 48)
+    bad, pairs = honest_resets.Judge(compiled, drawn, options).look(0)
     assert 2 <= bad["in_contact"] <= bad["either"]
     assert not any("table" in pair for pair in pairs)
-    assert honest_resets.supports(world)["can"] == "table"
+    assert honest_resets.supports(compiled)["can"] == "table"
 
 
-def test_resets_are_not_judged_where_a_contact_was_lost(world: World):
+def test_resets_are_not_judged_where_a_contact_was_lost(compiled: CompiledScene):
     """Neither where pairs, scratch for convex ones or rows do not fit, nor when it happens while they are watched."""
-    drawn = layout_sources.unchecked(world)
+    drawn = layout_sources.unchecked(compiled)
 
     def judge(nconmax: int, njmax: int) -> honest_resets.Judge:
         options = honest_resets.Options(num_envs=48, nconmax=nconmax, njmax=njmax)
-        return honest_resets.Judge(world, LayoutGenerator(drawn, 48), options)
+        return honest_resets.Judge(compiled, LayoutGenerator(drawn, 48), options)
 
     pairs = judge(nconmax=1, njmax=256)
     with pytest.raises(ContactBudgetError, match="nconmax=1 is too small"):
@@ -156,15 +156,17 @@ def test_doors_and_drawers_are_watched_too():
             },
         },
     }
-    world = build_world(scene, "cpu", bank_size=4)
-    dofs = {world.mjm.joint(i).name: int(world.mjm.jnt_dofadr[i]) for i in range(world.mjm.njnt)}
+    compiled = compile_scene(scene, "cpu", bank_size=4)
+    dofs = {compiled.mjm.joint(i).name: int(compiled.mjm.jnt_dofadr[i]) for i in range(compiled.mjm.njnt)}
     options = honest_resets.Options(num_envs=4, nconmax=64, njmax=256)
-    judge = honest_resets.Judge(world, LayoutGenerator(world, 4), options)
+    judge = honest_resets.Judge(compiled, LayoutGenerator(compiled, 4), options)
     assert set(judge.levers) == {dofs[name] for name in ("cabinet/upper", "cabinet/lower", "cupboard/door")}
-    geoms = [g for g in range(world.mjm.ngeom) if world.mjm.body(world.mjm.geom_bodyid[g]).name == "cupboard/door"]
-    width = max(2.0 * world.mjm.geom_aabb[g, 3:].max() for g in geoms)
+    geoms = [
+        g for g in range(compiled.mjm.ngeom) if compiled.mjm.body(compiled.mjm.geom_bodyid[g]).name == "cupboard/door"
+    ]
+    width = max(2.0 * compiled.mjm.geom_aabb[g, 3:].max() for g in geoms)
     assert 0.5 * width < judge.levers[dofs["cupboard/door"]] < 1.5 * width
-    qvel = np.zeros((4, world.mjm.nv))
+    qvel = np.zeros((4, compiled.mjm.nv))
     qvel[0, dofs["cabinet/lower"]] = -1.5
     qvel[1, dofs["cupboard/door"]] = 2.0
     qvel[2, dofs["panda/joint1"]] = 3.0
@@ -252,7 +254,7 @@ def test_what_is_written_is_strict_json():
 
 def test_placement_without_checks_rejects_nothing():
     """Neither for collisions nor for reach."""
-    plain = build_world(task_scenes.scene_of("TabletopReach-v0", reachable=False), "cpu", bank_size=8)
+    plain = compile_scene(task_scenes.scene_of("TabletopReach-v0", reachable=False), "cpu", bank_size=8)
     generator = layout_sources.uniform()(plain, 64)
     generator.generate()
     assert not any(any(causes.values()) for causes in generator.rejection_counts().values())

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from sceniris_gym.errors import MissingExtraError
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.scene.device import Cause
+from sceniris_gym.program.device import Cause
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 try:
@@ -54,7 +54,7 @@ class RslRlVecEnv(VecEnv):
         self.env, self.device, self.num_envs = env, env.device, env.num_envs
         self.num_actions = env.single_action_space.shape[0]
         self.max_episode_length = env.max_episode_steps
-        self.cfg = {"task": type(env.task).__name__, "scene": env.world.config.name, "num_envs": env.num_envs}
+        self.cfg = {"task": type(env.task).__name__, "scene": env.compiled.config.name, "num_envs": env.num_envs}
         self._observation = self._as_tensordict(env.reset(seed=seed)[0])
         self.log: dict[str, Tensor] = {}
         self._means = torch.zeros((), device=env.device)

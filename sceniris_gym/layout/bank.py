@@ -4,8 +4,8 @@ import warp as wp
 
 from sceniris_gym.layout.layouts import LayoutsView, Status
 from sceniris_gym.layout.random import BANK_STREAM, STREAM_BITS, philox
-from sceniris_gym.scene.device import Program
-from sceniris_gym.scene.reach_device import Reach
+from sceniris_gym.program.device import Program
+from sceniris_gym.program.device_reach import Reach
 
 wp.set_module_options({"enable_backward": False})
 
@@ -16,7 +16,7 @@ _BANK_STREAM = wp.constant(wp.uint32(BANK_STREAM))
 
 @wp.func
 def _bank_row(program: Program, layouts: LayoutsView, worldid: int, split: wp.uint32) -> int:
-    """The world's entry of the bank; -1 in a World whose bank is still being made."""
+    """The world's entry of the bank; -1 in a CompiledScene whose bank is still being made."""
     num = program.bank_qpos.shape[0]
     if num == 0:
         return -1

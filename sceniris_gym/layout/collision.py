@@ -14,7 +14,7 @@ from sceniris_gym.layout.blocks import block_any
 from sceniris_gym.layout.convex import least_extent, piece_shape, separated
 from sceniris_gym.layout.transforms import Pose, apply, compose, pose_of, relative
 from sceniris_gym.layout.triangles import triangles_separated
-from sceniris_gym.scene.device import Program
+from sceniris_gym.program.device import Program
 
 # Room for the box pairs of one world. A pass takes at most one pair a lane and leaves one more behind for each, so a
 # block of n lanes needs about n times the depth of both trees; `generate.py` bounds n by that. Shared memory limits how

@@ -7,8 +7,9 @@ proves separation, a point of the Minkowski difference within the margin proves 
 
 import warp as wp
 
+from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.layout.transforms import Pose, apply
-from sceniris_gym.scene.device import PieceType, Program
+from sceniris_gym.program.device import Program
 
 _SPHERE = wp.constant(int(PieceType.SPHERE))
 _CAPSULE = wp.constant(int(PieceType.CAPSULE))

@@ -14,9 +14,9 @@ from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.place import PLACE
 from sceniris_gym.layout.random import SPLITS, USER_SPLITS
 from sceniris_gym.layout.reachability import REACHABILITY
-from sceniris_gym.scene.device import REACH_CAUSES, Cause
-from sceniris_gym.scene.reach_device import Reach
-from sceniris_gym.scene.world import World
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import REACH_CAUSES, Cause
+from sceniris_gym.program.device_reach import Reach
 
 # Lanes for each world: one warp; on an H200 two and four made a sixth and a third fewer layouts of the Mid scene.
 _BLOCK_DIM = 32
@@ -73,7 +73,7 @@ class LayoutGenerator:
     """Makes layouts for a batch of worlds, each a pure function of (scene, split, seed, episode).
 
     Args:
-        world: The scene.
+        compiled: The scene.
         nworld: Number of worlds.
         seed: World i has seed + i; a sequence of length nworld is taken as it is. 64-bit, not negative.
         split: "train", "eval" or "bank": independent streams of the same seeds.
@@ -87,7 +87,7 @@ class LayoutGenerator:
 
     def __init__(
         self,
-        world: World,
+        compiled: CompiledScene,
         nworld: int,
         *,
         seed: int | Sequence[int] | np.ndarray = 0,
@@ -97,20 +97,20 @@ class LayoutGenerator:
     ) -> None:
         if split not in SPLITS:
             raise ValueError(f"LayoutGenerator: unknown split '{split}'. Valid: {', '.join(USER_SPLITS)}.")
-        most = max_block_dim(world)
+        most = max_block_dim(compiled)
         block_dim = min(_BLOCK_DIM, most) if block_dim is None else block_dim
         if not 1 <= block_dim <= most:
             raise ValueError(f"LayoutGenerator: block_dim={block_dim} should be from 1 to {most} for this scene.")
-        self.world = world
+        self.compiled = compiled
         self.split = split
         self.block_dim = block_dim
-        self.layouts = Layouts.create(world, nworld, rejected=rejected)
-        self._seeds = wp.zeros(nworld, dtype=wp.uint64, device=world.device)
-        reaching = world.reaching
+        self.layouts = Layouts.create(compiled, nworld, rejected=rejected)
+        self._seeds = wp.zeros(nworld, dtype=wp.uint64, device=compiled.device)
+        reaching = compiled.reaching
         self._staged = reaching is not None and reaching.staged
         decided_by = "" if reaching is None else "stages" if reaching.staged else "map"
-        self._place = PLACE[world.config.geometry, world.related, decided_by]
-        self._stage = REACHABILITY[world.config.geometry]
+        self._place = PLACE[compiled.config.geometry, compiled.related, decided_by]
+        self._stage = REACHABILITY[compiled.config.geometry]
         self._reach = Reach() if reaching is None else reaching.view
         self.reseed(seed)
 
@@ -123,20 +123,25 @@ class LayoutGenerator:
         """Give the masked worlds new seeds; the next layout they get is that of episode 0.
 
         Args:
-            seed: As in the class, or a uint64 Warp array of length nworld on the World's device.
+            seed: As in the class, or a uint64 Warp array of length nworld on the CompiledScene's device.
             mask: Which worlds, shape (nworld,), bool; all if None.
         """
         if isinstance(seed, wp.array):
             _check_on_device(seed, self.nworld)
-            wp.copy(self._seeds, seed)
+            seeds = seed
         else:
-            self._seeds.assign(as_seeds(seed, self.nworld))
+            seeds = self._seeds
+            seeds.assign(as_seeds(seed, self.nworld))
+        self.launch_reseed(seeds, mask)
+
+    def launch_reseed(self, seeds: wp.array, mask: wp.array | None) -> None:
+        """See `LayoutSource`."""
         wp.launch(
             _reseed,
             dim=self.nworld,
-            inputs=[self._seeds, mask],
+            inputs=[seeds, mask],
             outputs=[self.layouts.seed, self.layouts.episode],
-            device=self.world.device,
+            device=self.compiled.device,
         )
 
     def generate(self, mask: wp.array | None = None) -> None:
@@ -154,7 +159,11 @@ class LayoutGenerator:
             raise MaskError(
                 f"LayoutGenerator.generate: a mask of shape {mask.shape} should have shape ({self.nworld},)."
             )
-        device = self.world.device
+        self.launch_generate(mask)
+
+    def launch_generate(self, mask: wp.array | None) -> None:
+        """See `LayoutSource`."""
+        device = self.compiled.device
         view = self.layouts.view
         if not self._staged:
             wp.launch(_advance, dim=self.nworld, inputs=[mask], outputs=[view.episode], device=device)
@@ -163,7 +172,7 @@ class LayoutGenerator:
         # A place is a world's whole search; only a layout that its arm cannot reach goes on with the next restart.
         rows = [view.episode, view.attempts, view.restart]
         wp.launch(_advance_staged, dim=self.nworld, inputs=[mask], outputs=rows, device=device)
-        for _round in range(self.world.config.restarts + 1):
+        for _round in range(self.compiled.config.restarts + 1):
             self._launch(self._place, mask, view)
             self._launch(self._stage, view)
 
@@ -171,9 +180,9 @@ class LayoutGenerator:
         wp.launch_tiled(
             kernel,
             dim=[self.nworld],
-            inputs=[self.world.program, self._reach, SPLITS[self.split], *last],
+            inputs=[self.compiled.program, self._reach, SPLITS[self.split], *last],
             block_dim=self.block_dim,
-            device=self.world.device,
+            device=self.compiled.device,
         )
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
@@ -187,17 +196,17 @@ def rejection_counts(layouts: Layouts) -> dict[str, dict[str, int]]:
     Causes of reach are among them where anything is to be reachable.
     """
     counts = layouts.rejections.numpy()
-    unused = {Cause.NONE, *(REACH_CAUSES if layouts.world.reaching is None else ())}
+    unused = {Cause.NONE, *(REACH_CAUSES if layouts.compiled.reaching is None else ())}
     causes = [c for c in Cause if c not in unused]
-    return {name: {c.name.lower(): int(counts[i, c]) for c in causes} for i, name in enumerate(layouts.world.placed)}
+    return {name: {c.name.lower(): int(counts[i, c]) for c in causes} for i, name in enumerate(layouts.compiled.placed)}
 
 
-def max_block_dim(world: World) -> int:
+def max_block_dim(compiled: CompiledScene) -> int:
     """The most lanes, as a power of two, for which the stacks of the collision test have room whatever the poses.
 
     A pass leaves at most one box pair behind for each lane and level of both trees.
     """
-    lanes = min(NODE_CAPACITY[world.config.geometry] // (world.depth + 2), LEAF_CAPACITY // 2)
+    lanes = min(NODE_CAPACITY[compiled.config.geometry] // (compiled.depth + 2), LEAF_CAPACITY // 2)
     return 1 << max(lanes.bit_length() - 1, 0)
 
 
@@ -222,18 +231,32 @@ def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
             raise SeedError(f"seed={seed} should be an integer from 0 to 2^64 - 1.")
         with np.errstate(over="ignore"):
             return np.uint64(seed) + np.arange(nworld, dtype=np.uint64)
-    many = isinstance(seed, Sequence) or (isinstance(seed, np.ndarray) and seed.ndim > 0)
-    values = list(seed) if many else None  # type: ignore[arg-type]
-    if values is None or len(values) != nworld:
-        given = "" if values is None else f"{len(values)} of them; "
+    many = isinstance(seed, Sequence) or (isinstance(seed, np.ndarray) and seed.ndim == 1)
+    if not many or len(seed) != nworld:
+        given = f"{len(seed)} of them; " if many else ""
         raise SeedError(
             f"seeds should be one integer, or a sequence of {nworld}, one per world ({given}{type(seed).__name__})."
         )
-    for i, value in enumerate(values):
-        if (
-            isinstance(value, bool | np.bool_)
-            or not isinstance(value, int | np.integer)
-            or not 0 <= int(value) < 1 << 64
-        ):
-            raise SeedError(f"seeds[{i}]={value!r} should be an integer from 0 to 2^64 - 1.")
-    return np.array([int(v) for v in values], dtype=np.uint64)
+    if not isinstance(seed, np.ndarray) or seed.dtype.kind == "O":
+        seed = _as_array(seed)
+    if seed.dtype.kind == "u" or (seed.dtype.kind == "i" and (seed >= 0).all()):
+        return seed.astype(np.uint64)
+    first = next((i for i, value in enumerate(seed.tolist()) if not _is_seed(value)), 0)
+    raise SeedError(f"seeds[{first}]={seed[first]!r} should be an integer from 0 to 2^64 - 1.")
+
+
+def _as_array(seeds: Sequence | np.ndarray) -> np.ndarray:
+    """The seeds as unsigned integers where all of them are integers in range, else as objects."""
+    kinds = set(map(type, seeds))
+    if all(issubclass(kind, int | np.integer) and not issubclass(kind, bool) for kind in kinds):
+        try:
+            signed = np.fromiter(seeds, dtype=object, count=len(seeds))
+            if (signed >= 0).all():
+                return signed.astype(np.uint64)
+        except OverflowError:
+            pass
+    return np.fromiter(seeds, dtype=object, count=len(seeds))
+
+
+def _is_seed(value: object) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool | np.bool_) and 0 <= int(value) < 1 << 64

@@ -1,20 +1,18 @@
 """Grasps on the device: where the TCP is to be, and which of them the arm's map lets through."""
 
-import math
-
 import warp as wp
 
+from sceniris_gym.grasping.grasps import MOST_RISING
 from sceniris_gym.layout.blocks import block_any
 from sceniris_gym.layout.transforms import Pose, apply, pose_of, quat_mat, relative
+from sceniris_gym.program.device import Program
+from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.reach.lookup import map_verdict
 from sceniris_gym.reach.quaternions import mul_quat
-from sceniris_gym.scene.device import Program
-from sceniris_gym.scene.reach_device import Reach
 
 wp.set_module_options({"enable_backward": False})
 
-# A grasp comes from below if its approach rises by more than 10 degrees.
-_RISING = wp.constant(math.sin(math.radians(10.0)))
+_RISING = wp.constant(MOST_RISING)
 _NO_GRASP = wp.constant(1 << 30)
 
 

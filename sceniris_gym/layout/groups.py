@@ -6,14 +6,14 @@
 import warp as wp
 
 from sceniris_gym.layout.random import GROUP_STREAM, STREAM_BITS, uniforms
-from sceniris_gym.scene.device import Program
-from sceniris_gym.scene.limits import WAITING_COLUMNS, WAITING_FROM, WAITING_SPACING
+from sceniris_gym.program.device import Program
+from sceniris_gym.scene.parking import PARKING_COLUMNS, PARKING_FROM, PARKING_SPACING
 
 _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
 _GROUP_STREAM = wp.constant(wp.uint32(GROUP_STREAM))
-_FAR = wp.constant(WAITING_FROM)
-_SPACING = wp.constant(WAITING_SPACING)
-_COLUMNS = wp.constant(WAITING_COLUMNS)
+_FAR = wp.constant(PARKING_FROM)
+_SPACING = wp.constant(PARKING_SPACING)
+_COLUMNS = wp.constant(PARKING_COLUMNS)
 
 
 @wp.func
@@ -40,6 +40,6 @@ def draw_groups(program: Program, seed: wp.uint64, episode: int, split: wp.uint3
 
 
 @wp.func
-def waiting_place(slot: int) -> wp.vec3:
+def parking_place(slot: int) -> wp.vec3:
     """Where an absent object's pivot lies [m], world frame, on the ground plane."""
     return wp.vec3(_FAR + _SPACING * float(slot % _COLUMNS), _FAR + _SPACING * float(slot // _COLUMNS), 0.0)

@@ -4,8 +4,8 @@ import warp as wp
 
 from sceniris_gym.layout.random import uniforms
 from sceniris_gym.layout.transforms import axis_angle_quat
+from sceniris_gym.program.device import Program
 from sceniris_gym.reach.quaternions import mul_quat, rot_vec_quat
-from sceniris_gym.scene.device import Program
 
 # The first draw of a trial is the pose's; joints follow, four numbers a draw.
 _FIRST_DRAW = wp.constant(2)

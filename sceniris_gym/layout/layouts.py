@@ -6,23 +6,23 @@ from enum import IntEnum
 import numpy as np
 import warp as wp
 
+from sceniris_gym.config.limits import MAX_ANCHORS, MAX_RELATIONS
 from sceniris_gym.layout.relations import Sight
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import Cause
+from sceniris_gym.program.reach import Reaching
 from sceniris_gym.reach.arm import MAX_JOINTS
-from sceniris_gym.scene.device import Cause
-from sceniris_gym.scene.limits import MAX_ANCHORS, MAX_RELATIONS
-from sceniris_gym.scene.reaching import Reaching
-from sceniris_gym.scene.world import World
 
 
 class Status(IntEnum):
     """What a row holds."""
 
     NONE = 0
-    """Nothing yet, or (while a World is being built) no valid layout was found."""
+    """Nothing yet, or (while a CompiledScene is being built) no valid layout was found."""
     VALID = 1
     """A fresh layout that passed every test."""
     FALLBACK = 2
-    """Attempts and restarts ran out: an entry of the World's bank of valid layouts."""
+    """Attempts and restarts ran out: an entry of the CompiledScene's bank of valid layouts."""
 
 
 @wp.struct
@@ -65,10 +65,10 @@ class LayoutsView:
 
 @dataclass(frozen=True)
 class Layouts:
-    """Layouts of `nworld` worlds: Warp arrays on the World's device, of which only the content ever changes.
+    """Layouts of `nworld` worlds: Warp arrays on the CompiledScene's device, of which only the content ever changes.
 
     Attributes:
-        world: The scene that the rows belong to.
+        compiled: The scene that the rows belong to.
         view: The arrays as device code takes them.
         seed: 64-bit seed of each world, shape (nworld,), uint64.
         episode: Episode of the current row, -1 before the first, shape (nworld,), int32.
@@ -79,55 +79,55 @@ class Layouts:
         attempts: Candidates drawn for the row, all objects and restarts together, shape (nworld,), int32.
         first_pass_valid: 1 where no restart was needed, shape (nworld,), int32.
         present: 1 where an object is there, 0 where its group left it out, shape (nworld, nslot), slots in the order of
-            `World.slots`.
+            `CompiledScene.slots`.
         grasp: The accepted grasp of each object that is to be reachable, its place among the object's grasps in
-            `World.reaching`; -1 where the object is absent; shape (nworld, nreach), objects in placement order.
+            `CompiledScene.reaching`; -1 where the object is absent; shape (nworld, nreach), objects in placement order.
         grasp_qpos: The arm's joints [rad, m] in that grasp, shape (nworld, nreach, MAX_JOINTS); nan behind the arm's
             joints, and everywhere where only the arm's map was asked.
         pregrasp_qpos: The same for the pre-grasp, shape (nworld, nreach, MAX_JOINTS); nan for tiers below `clear`.
         rejections: Running count of rejected candidates, shape (nobject, ncause), objects in placement order.
     """
 
-    world: World
+    compiled: CompiledScene
     view: LayoutsView
 
     @classmethod
-    def create(cls, world: World, nworld: int, *, rejected: int = 0) -> "Layouts":
+    def create(cls, compiled: CompiledScene, nworld: int, *, rejected: int = 0) -> "Layouts":
         """Room for `nworld` layouts, and for a record of the first `rejected` candidates that collided."""
-        device = world.device
-        mjm = world.mjm
+        device = compiled.device
+        mjm = compiled.mjm
         nmocap = max(mjm.nmocap, 1)
         mocap_pos, mocap_quat = np.zeros((nmocap, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (nmocap, 1))
         mocap = np.flatnonzero(mjm.body_mocapid >= 0)
         mocap_pos[mjm.body_mocapid[mocap]] = mjm.body_pos[mocap]  # where those stay that are never placed
         mocap_quat[mjm.body_mocapid[mocap]] = mjm.body_quat[mocap]
-        nslot = len(world.home_place)
+        nslot = len(compiled.home_place)
         view = LayoutsView()
         with wp.ScopedDevice(device):
             view.seed = wp.zeros(nworld, dtype=wp.uint64)
             view.episode = wp.full(nworld, -1, dtype=int)
-            view.qpos = wp.array(np.tile(world.home_qpos, (nworld, 1)), dtype=float, shape=(nworld, mjm.nq))
+            view.qpos = wp.array(np.tile(compiled.home_qpos, (nworld, 1)), dtype=float, shape=(nworld, mjm.nq))
             view.mocap_pos = wp.array(np.tile(mocap_pos, (nworld, 1, 1)), dtype=wp.vec3)
             view.mocap_quat = wp.array(np.tile(mocap_quat, (nworld, 1, 1)), dtype=wp.quat)
             view.status = wp.zeros(nworld, dtype=int)
             view.attempts = wp.zeros(nworld, dtype=int)
             view.first_pass_valid = wp.zeros(nworld, dtype=int)
-            view.rejections = wp.zeros((max(len(world.placed), 1), len(Cause)), dtype=int)
+            view.rejections = wp.zeros((max(len(compiled.placed), 1), len(Cause)), dtype=int)
             view.present = wp.ones((nworld, nslot), dtype=int)
-            view.place = wp.array(np.tile(world.home_place, (nworld, 1, 1)), dtype=wp.vec4, shape=(nworld, nslot))
-            view.bounds = wp.array(np.tile(world.home_bounds, (nworld, 1, 1)), dtype=wp.vec4, shape=(nworld, nslot))
-            nreach = 0 if world.reaching is None else len(world.reaching.columns)
+            view.place = wp.array(np.tile(compiled.home_place, (nworld, 1, 1)), dtype=wp.vec4, shape=(nworld, nslot))
+            view.bounds = wp.array(np.tile(compiled.home_bounds, (nworld, 1, 1)), dtype=wp.vec4, shape=(nworld, nslot))
+            nreach = 0 if compiled.reaching is None else len(compiled.reaching.targets)
             view.variant = wp.zeros((nworld, nreach), dtype=int)
             view.grasp = wp.full((nworld, nreach), -1, dtype=int)
             view.grasp_qpos = wp.full((nworld, nreach, MAX_JOINTS), wp.nan, dtype=float)
             view.pregrasp_qpos = wp.full((nworld, nreach, MAX_JOINTS), wp.nan, dtype=float)
-            related = nworld if world.related else 0
+            related = nworld if compiled.related else 0
             view.sights = wp.zeros((related, MAX_RELATIONS), dtype=Sight)
             view.hulls = wp.zeros((related, MAX_RELATIONS * MAX_ANCHORS), dtype=wp.vec2)
             view.drawn = wp.zeros(related, dtype=wp.vec3)
-            view.body_pos = wp.array(np.tile(world.home_xpos, (nworld, 1, 1)), dtype=wp.vec3)
-            view.body_quat = wp.array(np.tile(world.home_xquat, (nworld, 1, 1)), dtype=wp.vec4)
-            staged = nworld if world.reaching is not None and world.reaching.staged else 0
+            view.body_pos = wp.array(np.tile(compiled.home_xpos, (nworld, 1, 1)), dtype=wp.vec3)
+            view.body_quat = wp.array(np.tile(compiled.home_xquat, (nworld, 1, 1)), dtype=wp.vec4)
+            staged = nworld if compiled.reaching is not None and compiled.reaching.staged else 0
             view.restart = wp.full(staged, -1, dtype=int)
             view.arm_qpos = wp.zeros((staged, mjm.nq), dtype=float)
             view.arm_pos = wp.zeros((staged, mjm.nbody), dtype=wp.vec3)
@@ -137,7 +137,7 @@ class Layouts:
             view.rejected_qpos = wp.zeros((rejected, mjm.nq), dtype=float)
             view.rejected_mocap_pos = wp.zeros((rejected, nmocap), dtype=wp.vec3)
             view.rejected_mocap_quat = wp.zeros((rejected, nmocap), dtype=wp.quat)
-        return cls(world, view)
+        return cls(compiled, view)
 
     @property
     def nworld(self) -> int:
@@ -147,7 +147,7 @@ class Layouts:
     @property
     def reaching(self) -> Reaching | None:
         """What the arm is to reach, and by which grasps; None if it is nothing."""
-        return self.world.reaching
+        return self.compiled.reaching
 
     @property
     def seed(self) -> wp.array:

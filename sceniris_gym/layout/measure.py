@@ -8,11 +8,11 @@ import warp as wp
 from sceniris_gym.layout.blocks import block_sync
 from sceniris_gym.layout.collision import lowest
 from sceniris_gym.layout.kinematics import pose_bodies
-from sceniris_gym.layout.orientations import Turn
+from sceniris_gym.layout.orientations import DrawnVariant
 from sceniris_gym.layout.transforms import quat_mat, unit_circle
-from sceniris_gym.scene.device import Measure, Program, TurnType
+from sceniris_gym.program.device import Measure, OrientationType, Program
 
-_ANY = wp.constant(int(TurnType.ANY))
+_ANY = wp.constant(int(OrientationType.ANY))
 _WHOLE = wp.constant(int(Measure.WHOLE))
 
 
@@ -21,11 +21,11 @@ def measure(
     program: Program,
     obj: int,
     lane: int,
-    turn: Turn,
+    turn: DrawnVariant,
     qpos: wp.array(dtype=float),
     body_pos: wp.array(dtype=wp.vec3),
     body_quat: wp.array(dtype=wp.vec4),
-) -> Turn:
+) -> DrawnVariant:
     """The turn with the lowest point, and if need be the bounds, in the drawn joint state and orientation.
 
     The bodies are left posed at the origin with heading 0. The pivot stays the centre of the bounds in the home state
@@ -56,7 +56,7 @@ def measure(
         for axis in range(2):
             low[axis] = wp.tile_extract(wp.tile_min(wp.tile(low[axis])), 0)
             high[axis] = -wp.tile_extract(wp.tile_min(wp.tile(high[axis])), 0)
-            if program.obj_turn[obj] == _ANY:
+            if program.obj_orientation[obj] == _ANY:
                 bottom[axis] = 0.5 * (low[axis] + high[axis])
         turn.bounds = wp.vec4(low[0] - bottom[0], low[1] - bottom[1], high[0] - bottom[0], high[1] - bottom[1])
     bottom[2] = low[2]

@@ -11,17 +11,17 @@ import warp as wp
 
 from sceniris_gym.layout.placed import turned
 from sceniris_gym.layout.transforms import quat_mat, quat_z, unit_circle
+from sceniris_gym.program.device import OrientationType, Program
 from sceniris_gym.reach.quaternions import mul_quat
-from sceniris_gym.scene.device import Program, TurnType
 
-_ANY = wp.constant(int(TurnType.ANY))
+_ANY = wp.constant(int(OrientationType.ANY))
 # An x axis points straight up or down if its shadow is shorter than this; see `scene.poses`.
 _UPRIGHT = wp.constant(1.0e-3)
 _TWO_PI = wp.constant(2.0 * math.pi)
 
 
 @wp.struct
-class Turn:
+class DrawnVariant:
     """A drawn orientation of heading 0, the yaw that goes with it [rad], and what they make of the object's bounds.
 
     `variant` is the pose of the program that it was drawn from. `pivot` is in the root's frame [m]. `bounds` is (low x,
@@ -55,9 +55,9 @@ def _any_quat(u: wp.vec4) -> wp.vec4:
 
 
 @wp.func
-def draw_turn(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> Turn:
+def draw_turn(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> DrawnVariant:
     """Draw an orientation from two draws of four uniform numbers (of `u` the first only)."""
-    t = Turn()
+    t = DrawnVariant()
     variant = program.obj_variantadr[obj]
     last = variant + program.obj_variantnum[obj] - 1
     while variant < last and w[3] >= program.variant_cdf[variant]:
@@ -67,7 +67,7 @@ def draw_turn(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> Turn:
     t.pivot = program.variant_pivot[variant]
     t.bounds = program.variant_bounds[variant]
     t.yaw = program.obj_yaw[obj][0] + u[0] * (program.obj_yaw[obj][1] - program.obj_yaw[obj][0])
-    if program.obj_turn[obj] == _ANY:
+    if program.obj_orientation[obj] == _ANY:
         quat = _any_quat(w)
         t.yaw = heading_of(quat)
         t.quat = mul_quat(quat_z(-t.yaw), quat)

@@ -13,18 +13,18 @@ from sceniris_gym.layout.bank import fall_back, fall_back_reaching
 from sceniris_gym.layout.blocks import block_any, block_sync
 from sceniris_gym.layout.collision import LEAF_CAPACITY, NODE_CAPACITY, collides_physics, collides_visual
 from sceniris_gym.layout.grasps import first_on_map
-from sceniris_gym.layout.groups import draw_groups, waiting_place
+from sceniris_gym.layout.groups import draw_groups, parking_place
 from sceniris_gym.layout.kinematics import draw_joints, pose_bodies
 from sceniris_gym.layout.layouts import LayoutsView, Status
 from sceniris_gym.layout.measure import measure, see
-from sceniris_gym.layout.orientations import Turn, draw_turn, facing
+from sceniris_gym.layout.orientations import DrawnVariant, draw_turn, facing
 from sceniris_gym.layout.points import draw_in_triangle, draw_related, draw_triangle, draw_unrelated
 from sceniris_gym.layout.random import STREAM_BITS, uniforms
 from sceniris_gym.layout.regions import overhangs, roof_physics, roof_visual
 from sceniris_gym.layout.transforms import apply, pose_of, quat_mat, quat_z
+from sceniris_gym.program.device import Cause, Measure, ObjectKind, OrientationType, Program, Roof
+from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.reach.quaternions import mul_quat
-from sceniris_gym.scene.device import Cause, Measure, ObjectKind, Program, Roof, TurnType
-from sceniris_gym.scene.reach_device import Reach
 
 wp.set_module_options({"enable_backward": False})
 
@@ -36,8 +36,8 @@ _GEOMETRY = {"physics": (collides_physics, roof_physics), "visual": (collides_vi
 
 _STATIC = wp.constant(int(ObjectKind.STATIC))
 _FREE = wp.constant(int(ObjectKind.FREE))
-_ANY = wp.constant(int(TurnType.ANY))
-_FACE_TO = wp.constant(int(TurnType.FACE_TO))
+_ANY = wp.constant(int(OrientationType.ANY))
+_FACE_TO = wp.constant(int(OrientationType.FACE_TO))
 _WHOLE = wp.constant(int(Measure.WHOLE))
 _EITHER = wp.constant(int(Roof.EITHER))
 _COVERED = wp.constant(int(Roof.COVERED))
@@ -56,7 +56,7 @@ _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
 class Candidate:
     """A drawn pose: the point of the support under its pivot [m], its heading [rad], the body under it (-1: none)."""
 
-    turn: Turn
+    turn: DrawnVariant
     heading: float
     point: wp.vec3
     gap: float
@@ -124,7 +124,7 @@ def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
         c.surface = int(-1)
         c.ground = program.obj_ground[obj]
         w = wp.vec4(0.0)
-        if program.obj_turn[obj] == _ANY or program.obj_variantnum[obj] > 1:
+        if program.obj_orientation[obj] == _ANY or program.obj_variantnum[obj] > 1:
             w = uniforms(seed, episode, stream, trial, 1)
         c.turn = draw_turn(program, obj, u, w)
         if program.obj_measured[obj] != 0:
@@ -139,7 +139,7 @@ def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
                 frame = pose_of(body_pos[c.ground], body_quat[c.ground])
                 c.gap = program.obj_gap[obj]
             support_heading = wp.atan2(frame.rot[1, 0], frame.rot[0, 0])
-            if program.obj_turn[obj] != _ANY:
+            if program.obj_orientation[obj] != _ANY:
                 c.heading += support_heading
             if program.obj_cutnum[obj] > 0:
                 spot = draw_spot(program, layouts, worldid, lane, obj, c.turn, frame, support_heading, stream, trial)
@@ -156,7 +156,7 @@ def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
                 at = draw_in_triangle(program, tri, u[2], u[3])
                 c.surface = program.tri_surface[tri]
                 c.point = apply(frame, wp.vec3(at[0], at[1], program.surface_height[c.surface]))
-        if program.obj_turn[obj] == _FACE_TO:
+        if program.obj_orientation[obj] == _FACE_TO:
             target = program.obj_target[obj]
             if layouts.present[worldid, target] != 0:
                 at = wp.vec2(place[target][0], place[target][1])
@@ -200,7 +200,7 @@ def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
         c.turn.quat = program.variant_quat[variant]
         c.turn.pivot = program.variant_pivot[variant]
         c.turn.bounds = program.variant_bounds[variant]
-        c.point = waiting_place(program.obj_slot[obj])
+        c.point = parking_place(program.obj_slot[obj])
         c.gap = program.obj_gap[obj]
         _pose_object(program, layouts, worldid, obj, c)
 

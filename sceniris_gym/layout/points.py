@@ -8,25 +8,25 @@ total), so the choice does not depend on how many lanes share the work.
 
 import warp as wp
 
+from sceniris_gym.config.limits import MAX_ANCHORS, MAX_CORNERS
 from sceniris_gym.layout.blocks import block_sync
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.orientations import Turn, facing
+from sceniris_gym.layout.orientations import DrawnVariant, facing
 from sceniris_gym.layout.placed import Placed
 from sceniris_gym.layout.polygons import area, clip, draw_in_polygon, set_triangle
 from sceniris_gym.layout.random import uniforms
 from sceniris_gym.layout.regions import outline_distance
 from sceniris_gym.layout.relations import holds, look, piece_side, side_num
 from sceniris_gym.layout.transforms import Pose, apply
-from sceniris_gym.scene.device import Cause, Program, TurnType
-from sceniris_gym.scene.limits import MAX_ANCHORS, MAX_CORNERS
+from sceniris_gym.program.device import Cause, OrientationType, Program
 
 _MAX_ANCHORS = wp.constant(MAX_ANCHORS)
 _MAX_CORNERS = wp.constant(MAX_CORNERS)
 _NONE = wp.constant(int(Cause.NONE))
 _EMPTY = wp.constant(int(Cause.EMPTY))
 _REGION = wp.constant(int(Cause.REGION))
-_ANY = wp.constant(int(TurnType.ANY))
-_FACE_TO = wp.constant(int(TurnType.FACE_TO))
+_ANY = wp.constant(int(OrientationType.ANY))
+_FACE_TO = wp.constant(int(OrientationType.FACE_TO))
 # Draws of a trial from here on belong to the region: a block of them for each redraw, one number for each piece.
 _FIRST_DRAW = wp.constant(1 << 16)
 _DRAWS = wp.constant(1 << 20)
@@ -159,7 +159,7 @@ def draw_related(
     worldid: int,
     lane: int,
     obj: int,
-    turn: Turn,
+    turn: DrawnVariant,
     frame: Pose,
     support_heading: float,
     stream: wp.uint32,
@@ -179,7 +179,7 @@ def draw_related(
     episode = layouts.episode[worldid]
     own = Placed()
     own.heading = turn.yaw
-    if program.obj_turn[obj] != _ANY:
+    if program.obj_orientation[obj] != _ANY:
         own.heading += support_heading
     own.low = wp.vec2(turn.bounds[0], turn.bounds[1])
     own.high = wp.vec2(turn.bounds[2], turn.bounds[3])
@@ -213,7 +213,7 @@ def draw_related(
                 num = _cut(program, layouts, worldid, obj, turn.variant, index, frame, polygon)
             own.at = draw_in_polygon(polygon, num, u[0], u[1], u[2])
             target = program.obj_target[obj]
-            if program.obj_turn[obj] == _FACE_TO and layouts.present[worldid, target] != 0:
+            if program.obj_orientation[obj] == _FACE_TO and layouts.present[worldid, target] != 0:
                 at = layouts.place[worldid, target]
                 own.heading = turn.yaw + facing(own.at, wp.vec2(at[0], at[1]))
             held = int(1)
@@ -244,7 +244,7 @@ def draw_unrelated(
     worldid: int,
     lane: int,
     obj: int,
-    turn: Turn,
+    turn: DrawnVariant,
     frame: Pose,
     support_heading: float,
     stream: wp.uint32,

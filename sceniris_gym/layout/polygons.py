@@ -5,7 +5,7 @@ A polygon is a lane's own array of `MAX_CORNERS` corners [m], counter-clockwise,
 
 import warp as wp
 
-from sceniris_gym.scene.limits import MAX_CORNERS
+from sceniris_gym.config.limits import MAX_CORNERS
 
 _MAX_CORNERS = wp.constant(MAX_CORNERS)
 

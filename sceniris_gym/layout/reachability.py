@@ -17,12 +17,13 @@ from sceniris_gym.layout.grasps import lets_through
 from sceniris_gym.layout.kinematics import pose_body
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.random import REACH_STREAM, STREAM_BITS, uniforms
+from sceniris_gym.program.device import Cause, Program
+from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.reach.lookup import witness
 from sceniris_gym.reach.quaternions import mul_quat, neg_quat, rot_vec_quat, z_axis
 from sceniris_gym.reach.solve import ITERATIONS, ArmView, accepted, refine, turns_freely, vec8
-from sceniris_gym.scene.device import Cause, Program
-from sceniris_gym.scene.reach_device import Reach, Tier
+from sceniris_gym.reach.tier import Tier
 
 wp.set_module_options({"enable_backward": False})
 

@@ -6,7 +6,7 @@ from sceniris_gym.layout.blocks import block_any
 from sceniris_gym.layout.collision import piece_pose
 from sceniris_gym.layout.convex import piece_shape, segment_shape, separated
 from sceniris_gym.layout.transforms import Pose, compose, pose_of, relative
-from sceniris_gym.scene.device import Program
+from sceniris_gym.program.device import Program
 
 _SHADOW = wp.constant(wp.vec3(1.0, 1.0, 0.0))
 _SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))

@@ -9,11 +9,11 @@ import math
 
 import warp as wp
 
+from sceniris_gym.config.limits import MAX_ANCHORS
 from sceniris_gym.layout.placed import Placed, bounds_distance, bounds_extent, bounds_offset, bounds_radius, turned
 from sceniris_gym.layout.polygons import HalfPlane, convex_hull, cross2, half_plane
 from sceniris_gym.layout.transforms import unit_circle
-from sceniris_gym.scene.device import FRAME_SUPPORT, FRAME_WORLD, Program, RelationType
-from sceniris_gym.scene.limits import MAX_ANCHORS
+from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, Program, RelationType
 
 _SECTOR = wp.constant(int(RelationType.SECTOR))
 _BETWEEN = wp.constant(int(RelationType.BETWEEN))

@@ -1,74 +1,27 @@
-"""A generator that serves stored layouts: for tests, and for evaluation on a fixed set."""
+"""`StoredLayouts`: a source that serves stored layouts, for tests and for evaluation on a fixed set."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import warp as wp
 
+from sceniris_gym.layout.generate import as_seeds
+from sceniris_gym.layout.layouts import Layouts, Status
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.reach.arm import MAX_JOINTS
+from sceniris_gym.scene.layout_table import LayoutTable
+
 wp.set_module_options({"enable_backward": False})
 
-VALID = 1
-
-
-@dataclass(frozen=True)
-class ServedLayouts:
-    """The rows served last, one per world, under the names of Layouts.
-
-    Attributes:
-        seed: seed of each world, shape (nworld,), uint64
-        episode: episode of each world, -1 before the first, shape (nworld,), int32
-        qpos: joint positions [m, rad], shape (nworld, nq)
-        mocap_pos: positions of mocap bodies [m], world frame, shape (nworld, nmocap)
-        mocap_quat: their orientations, wxyz inside wp.quat, shape (nworld, nmocap)
-        status: 1 (valid) once a world has been served, 0 before, shape (nworld,), int32
-        reaching: None, as grasps are not stored
-    """
-
-    seed: wp.array
-    episode: wp.array
-    qpos: wp.array
-    mocap_pos: wp.array
-    mocap_quat: wp.array
-    status: wp.array
-    reaching: None = None
-
-
-@wp.kernel
-def _serve(
-    # Stored in:
-    stored_qpos: wp.array2d[float],
-    stored_mocap_pos: wp.array2d[wp.vec3],
-    stored_mocap_quat: wp.array2d[wp.quat],
-    # In:
-    mask: wp.array[wp.bool],
-    seed: wp.array[wp.uint64],
-    # Layouts out:
-    episode_out: wp.array[int],
-    qpos_out: wp.array2d[float],
-    mocap_pos_out: wp.array2d[wp.vec3],
-    mocap_quat_out: wp.array2d[wp.quat],
-    status_out: wp.array[int],
-):
-    worldid = wp.tid()
-    if not mask[worldid]:
-        return
-    episode = episode_out[worldid] + 1
-    row = int((seed[worldid] + wp.uint64(episode)) % wp.uint64(stored_qpos.shape[0]))
-    for i in range(stored_qpos.shape[1]):
-        qpos_out[worldid, i] = stored_qpos[row, i]
-    for i in range(stored_mocap_pos.shape[1]):
-        mocap_pos_out[worldid, i] = stored_mocap_pos[row, i]
-        mocap_quat_out[worldid, i] = stored_mocap_quat[row, i]
-    episode_out[worldid] = episode
-    status_out[worldid] = VALID
+_VALID = wp.constant(int(Status.VALID))
 
 
 @wp.kernel
 def _reseed(
+    # In:
     mask: wp.array[wp.bool],
     seed_in: wp.array[wp.uint64],
+    # Layouts out:
     seed_out: wp.array[wp.uint64],
     episode_out: wp.array[int],
 ):
@@ -78,38 +31,88 @@ def _reseed(
         episode_out[worldid] = -1
 
 
-class StoredGenerator:
-    """Serves row `(seed + episode) mod nrow` of stored layouts, with the interface of LayoutGenerator.
+@wp.kernel
+def _serve(
+    # Stored in:
+    qpos_in: wp.array2d[float],
+    mocap_pos_in: wp.array2d[wp.vec3],
+    mocap_quat_in: wp.array2d[wp.quat],
+    present_in: wp.array2d[int],
+    grasp_in: wp.array2d[int],
+    grasp_qpos_in: wp.array3d[float],
+    pregrasp_qpos_in: wp.array3d[float],
+    # In:
+    mask: wp.array[wp.bool],
+    seed: wp.array[wp.uint64],
+    # Layouts out:
+    episode_out: wp.array[int],
+    qpos_out: wp.array2d[float],
+    mocap_pos_out: wp.array2d[wp.vec3],
+    mocap_quat_out: wp.array2d[wp.quat],
+    present_out: wp.array2d[int],
+    grasp_out: wp.array2d[int],
+    grasp_qpos_out: wp.array3d[float],
+    pregrasp_qpos_out: wp.array3d[float],
+    status_out: wp.array[int],
+):
+    worldid = wp.tid()
+    if not mask[worldid]:
+        return
+    episode = episode_out[worldid] + 1
+    row = int((seed[worldid] + wp.uint64(episode)) % wp.uint64(qpos_in.shape[0]))
+    for i in range(qpos_in.shape[1]):
+        qpos_out[worldid, i] = qpos_in[row, i]
+    for i in range(mocap_pos_in.shape[1]):
+        mocap_pos_out[worldid, i] = mocap_pos_in[row, i]
+        mocap_quat_out[worldid, i] = mocap_quat_in[row, i]
+    for i in range(present_in.shape[1]):
+        present_out[worldid, i] = present_in[row, i]
+    for i in range(grasp_in.shape[1]):
+        grasp_out[worldid, i] = grasp_in[row, i]
+        for j in range(grasp_qpos_in.shape[2]):
+            grasp_qpos_out[worldid, i, j] = grasp_qpos_in[row, i, j]
+            pregrasp_qpos_out[worldid, i, j] = pregrasp_qpos_in[row, i, j]
+    episode_out[worldid] = episode
+    status_out[worldid] = _VALID
+
+
+class StoredLayouts:
+    """Serves row `(seed + episode) mod nrow` of a table; a `LayoutSource`, as `LayoutGenerator` is.
 
     Args:
-        rows: has `qpos` (nrow, nq), `mocap_pos` (nrow, nmocap, 3) and `mocap_quat` (nrow, nmocap, 4) wxyz as numpy
-            arrays
-        nworld: number of worlds
-        seed: seed of world 0, world i has seed + i; or one seed per world
-        device: Warp device; None is Warp's current one
+        compiled: The scene that the layouts are of.
+        table: The layouts. Of states alone (`LayoutTable.from_states`) nothing is known of grasps.
+        nworld: Number of worlds.
+        seed: World i has seed + i; a sequence of length nworld is taken as it is. 64-bit, not negative.
+
+    Attributes:
+        layouts: The rows served last, status VALID once a world has got one.
+
+    Raises:
+        SeedError: A seed that is not a 64-bit integer, or a wrong number of them.
+        ValueError: A table without rows, or of another scene.
     """
 
-    def __init__(self, rows: Any, nworld: int, *, seed: int | Sequence[int] = 0, device: str | None = None) -> None:
-        self.device = wp.get_device(device)
-        seeds = [seed + i for i in range(nworld)] if isinstance(seed, int) else seed
-        with wp.ScopedDevice(self.device):
-            self._qpos = wp.array(rows.qpos, dtype=float, ndim=2)
-            self._mocap_pos = wp.array(rows.mocap_pos, dtype=wp.vec3, ndim=2)
-            self._mocap_quat = wp.array(rows.mocap_quat, dtype=wp.quat, ndim=2)
-            self._all = wp.ones(nworld, dtype=wp.bool)
-            self.layouts = ServedLayouts(
-                seed=wp.array(np.asarray(seeds, np.uint64), dtype=wp.uint64),
-                episode=wp.full(nworld, -1, dtype=int),
-                qpos=wp.zeros((nworld, self._qpos.shape[1]), dtype=float),
-                mocap_pos=wp.zeros((nworld, self._mocap_pos.shape[1]), dtype=wp.vec3),
-                mocap_quat=wp.zeros((nworld, self._mocap_pos.shape[1]), dtype=wp.quat),
-                status=wp.zeros(nworld, dtype=int),
-            )
+    def __init__(
+        self, compiled: CompiledScene, table: LayoutTable, nworld: int, *, seed: int | Sequence[int] | np.ndarray = 0
+    ) -> None:
+        self.layouts = Layouts.create(compiled, nworld)
+        _check_table(compiled, table)
+        self.device = compiled.device
+        self._stored = _on_device(table, self.device)
+        self._all = wp.ones(nworld, dtype=wp.bool, device=self.device)
+        self.reseed(seed)
 
-    def reseed(self, seeds: Any, mask: wp.array | None = None) -> None:
-        """Give the masked worlds (None: all) new seeds, shape (nworld,); their next layouts are of episode 0."""
-        if not isinstance(seeds, wp.array):
-            seeds = wp.array(np.asarray(seeds, np.uint64), dtype=wp.uint64, device=self.device)
+    def reseed(self, seed: int | Sequence[int] | np.ndarray, mask: wp.array | None = None) -> None:
+        """Give the masked worlds (None: all) new seeds, as in the class; their next layouts are of episode 0."""
+        self.launch_reseed(wp.array(as_seeds(seed, self.layouts.nworld), dtype=wp.uint64, device=self.device), mask)
+
+    def generate(self) -> None:
+        """Serve the next row to all worlds."""
+        self.launch_generate(None)
+
+    def launch_reseed(self, seeds: wp.array, mask: wp.array | None) -> None:
+        """See `LayoutSource`."""
         wp.launch(
             _reseed,
             dim=seeds.shape[0],
@@ -118,18 +121,60 @@ class StoredGenerator:
             device=self.device,
         )
 
-    def generate(self, mask: wp.array | None = None) -> None:
-        """Serve the next row to the masked worlds (None: all). No allocation and no host synchronisation."""
+    def launch_generate(self, mask: wp.array | None) -> None:
+        """Serve the next row to the masked worlds; see `LayoutSource`."""
         out = self.layouts
-        mask = self._all if mask is None else mask
         wp.launch(
             _serve,
-            dim=out.episode.shape[0],
-            inputs=[self._qpos, self._mocap_pos, self._mocap_quat, mask, out.seed],
-            outputs=[out.episode, out.qpos, out.mocap_pos, out.mocap_quat, out.status],
+            dim=out.nworld,
+            inputs=[*self._stored, self._all if mask is None else mask, out.seed],
+            outputs=[
+                out.episode,
+                out.qpos,
+                out.mocap_pos,
+                out.mocap_quat,
+                out.present,
+                out.grasp,
+                out.grasp_qpos,
+                out.pregrasp_qpos,
+                out.status,
+            ],
             device=self.device,
         )
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return no counts: stored layouts are not searched for."""
         return {}
+
+
+def _check_table(compiled: CompiledScene, table: LayoutTable) -> None:
+    mjm = compiled.mjm
+    wanted = {"qpos": (mjm.nq,), "mocap_pos": (mjm.nmocap, 3), "present": (len(compiled.slots),)}
+    for name, shape in wanted.items():
+        found = getattr(table, name).shape
+        if len(table) == 0 or found[1:] != shape:
+            raise ValueError(
+                f"StoredLayouts: table.{name} has shape {found} and should have shape {('nrow', *shape)} with one row "
+                "or more. Store layouts of the same scene."
+            )
+
+
+def _on_device(table: LayoutTable, device: str) -> list[wp.array]:
+    """The columns that are served, joints of grasps as wide as Layouts have them."""
+
+    def wide(qpos: np.ndarray) -> np.ndarray:
+        nrow, nreach, njoint = qpos.shape
+        padded = np.full((nrow, nreach, MAX_JOINTS), np.nan, np.float32)
+        padded[:, :, :njoint] = qpos
+        return padded
+
+    with wp.ScopedDevice(device):
+        return [
+            wp.array(table.qpos, dtype=float, ndim=2),
+            wp.array(table.mocap_pos, dtype=wp.vec3, ndim=2),
+            wp.array(table.mocap_quat, dtype=wp.quat, ndim=2),
+            wp.array(table.present, dtype=int, ndim=2),
+            wp.array(table.grasp, dtype=int, ndim=2),
+            wp.array(wide(table.grasp_qpos), dtype=float, ndim=3),
+            wp.array(wide(table.pregrasp_qpos), dtype=float, ndim=3),
+        ]

@@ -26,7 +26,7 @@ _ANGLE_TOL = 1e-4  # [rad]
 
 
 @dataclass(frozen=True, eq=False)
-class Arm:
+class SerialArm:
     """The kinematics of a serial arm, in its base body's frame. Joints are ordered from base to tip.
 
     The pose of the TCP at joints q is the product of `link[i]` and the motion of joint i for all i, and then `link[n]`.
@@ -62,7 +62,7 @@ class Arm:
     home: np.ndarray
 
     @classmethod
-    def from_model(cls, mjm: mujoco.MjModel, base: str, tcp: str = TCP) -> Arm:
+    def from_model(cls, mjm: mujoco.MjModel, base: str, tcp: str = TCP) -> SerialArm:
         """Read the arm between the body `base` and the site `tcp`.
 
         Raises:

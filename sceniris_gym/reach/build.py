@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from sceniris_gym.errors import ArmError, MapError
-from sceniris_gym.reach.arm import Arm
+from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.checkpoint import Checkpoint
 from sceniris_gym.reach.forward import tcp_axes
 from sceniris_gym.reach.labels import ALL_TURNS, Labeller, rotate
@@ -94,7 +94,7 @@ class Lattice:
         return np.stack(found, axis=1)
 
 
-class Surface:
+class LabelledGrid:
     """Labels of a lattice's corners, and their distances from the surface that bounds what is reached.
 
     Attributes:
@@ -213,7 +213,7 @@ _CODES = _code_table()
 
 
 def build_map(
-    arm: Arm,
+    arm: SerialArm,
     device: str,
     *,
     step: float | None = None,
@@ -252,8 +252,8 @@ def build_map(
     labeller = Labeller(arm, device, starts=STARTS + _NEAR_STARTS, seed=seed)
     batch = 1 << (18 if device.startswith("cuda") else 12)
     checkpoint = Checkpoint(state, f"{arm.hash} {grid.shape} {grid.step.tolist()} {seed}")
-    surfaces = [Surface("grid", grid, labeller, len(arm.joints), batch)]
-    surfaces += [Surface(f"pole{i}", pole, labeller, len(arm.joints), batch) for i, pole in enumerate(poles)]
+    surfaces = [LabelledGrid("grid", grid, labeller, len(arm.joints), batch)]
+    surfaces += [LabelledGrid(f"pole{i}", pole, labeller, len(arm.joints), batch) for i, pole in enumerate(poles)]
     for surface in surfaces:
         surface.solve(checkpoint, progress)
     first = surfaces[0]
@@ -298,7 +298,7 @@ def lattices(height: float, radius: float, step: float, tilt_step: float) -> tup
     return grid, (up, down)
 
 
-def reach_ball(arm: Arm, device: str, seed: int = 0, num: int = 4096) -> tuple[float, float]:
+def reach_ball(arm: SerialArm, device: str, seed: int = 0, num: int = 4096) -> tuple[float, float]:
     """Height [m] on the first axis, where the second joint is, and the largest distance [m] of the TCP from there.
 
     The farthest of many random poses are improved by small random changes; 1 cm is added to what is found.
@@ -337,7 +337,7 @@ def pack_rows(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return rows, pack(np.concatenate([np.zeros(0, np.uint8), *kept]))
 
 
-def turn_error(surface: Surface) -> float:
+def turn_error(surface: LabelledGrid) -> float:
     """Share of the reachable poses at which the majority of turns decides wrong, as far as corners show it.
 
     A corner of a pole's table counts by its radius, as the ring does on which its poses are.

@@ -3,7 +3,7 @@
 import numpy as np
 import warp as wp
 
-from sceniris_gym.reach.arm import Arm
+from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.quaternions import z_axis
 from sceniris_gym.reach.solve import ArmView, arm_view, as_vec8, forward, vec8
 
@@ -24,7 +24,7 @@ def _forward(
     approach[i] = z_axis(q)
 
 
-def tcp_axes(arm: Arm, joints: np.ndarray, device: str) -> tuple[np.ndarray, np.ndarray]:
+def tcp_axes(arm: SerialArm, joints: np.ndarray, device: str) -> tuple[np.ndarray, np.ndarray]:
     """Return TCP positions [m] and unit approach axes in the base frame, each (N, 3), of joints (N, njoint)."""
     with wp.ScopedDevice(device):
         pos, approach = wp.zeros(len(joints), dtype=wp.vec3), wp.zeros(len(joints), dtype=wp.vec3)

@@ -11,7 +11,7 @@ import pytorch_kinematics as pk
 import torch
 from pytorch_kinematics.frame import Frame, Joint, Link
 
-from sceniris_gym.reach.arm import Arm
+from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.solve import POS_TOL, ROT_TOL
 
 # A radian of error counts as much as this many metres: about half the size of an arm's links.
@@ -32,7 +32,7 @@ class Chain:
         dtype: Of all that is computed.
     """
 
-    def __init__(self, arm: Arm, device: str = "cpu", dtype: torch.dtype = torch.float64) -> None:
+    def __init__(self, arm: SerialArm, device: str = "cpu", dtype: torch.dtype = torch.float64) -> None:
         self.arm, self.device, self.dtype = arm, device, dtype
         self.lower, self.upper, self._ref = (self._tensor(values) for values in (arm.lower, arm.upper, arm.ref))
         self._slide = self._tensor(arm.slide).bool()
@@ -144,7 +144,7 @@ class Chain:
         return torch.as_tensor(values, dtype=self.dtype, device=self.device)
 
 
-def _tree(arm: Arm) -> pk.Chain:
+def _tree(arm: SerialArm) -> pk.Chain:
     """Return the arm as frames of pytorch-kinematics: a fixed base, a frame for each joint, and the TCP, fixed."""
     root = tip = Frame("base", link=Link("base"), joint=Joint("base"))
     for i, name in enumerate([*arm.joints, "tcp"]):

@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from sceniris_gym.reach.arm import Arm
-from sceniris_gym.reach.lookup import Turn, turned
+from sceniris_gym.reach.arm import SerialArm
+from sceniris_gym.reach.lookup import JointTurn, turned
 from sceniris_gym.reach.solve import ITERATIONS, ArmView, arm_view, as_vec8, refine, vec8
 
 wp.set_module_options({"enable_backward": False})
@@ -26,7 +26,7 @@ _vec4l = wp.types.vector(length=4, dtype=wp.uint64)
 
 
 @wp.func
-def _covered(turn: Turn, angle: float) -> wp.uint64:
+def _covered(turn: JointTurn, angle: float) -> wp.uint64:
     """Which turns, a bit each, a joint at `angle` makes within its limits."""
     bits = wp.uint64(0)
     for i in range(TURNS):
@@ -47,8 +47,8 @@ def _ones(bits: wp.uint64) -> int:
 @wp.kernel
 def _label(
     arm: ArmView,
-    base: Turn,
-    wrist: Turn,
+    base: JointTurn,
+    wrist: JointTurn,
     axis_xy: wp.vec2,
     coords: wp.array(dtype=wp.vec4),
     warm: wp.array2d(dtype=vec8),
@@ -114,7 +114,7 @@ class Labeller:
 
     def __init__(
         self,
-        arm: Arm,
+        arm: SerialArm,
         device: str,
         *,
         starts: int,
@@ -176,21 +176,21 @@ class Labeller:
         return turns.numpy(), joints.numpy()
 
 
-def base_turn(arm: Arm) -> Turn:
+def base_turn(arm: SerialArm) -> JointTurn:
     """The first joint as a Turn: its sign is positive if its axis points up."""
     along = rotate(arm.axis[0], arm.link_quat[0])
     return _turn(arm, 0, along[2])
 
 
-def wrist_turn(arm: Arm) -> Turn:
+def wrist_turn(arm: SerialArm) -> JointTurn:
     """The last joint as a Turn: its sign is positive if its axis is that of the approach."""
     approach = rotate(np.array([0.0, 0.0, 1.0]), arm.link_quat[-1])
     return _turn(arm, len(arm.joints) - 1, float(approach @ arm.axis[-1]))
 
 
-def _turn(arm: Arm, joint: int, sign: float) -> Turn:
+def _turn(arm: SerialArm, joint: int, sign: float) -> JointTurn:
     free = arm.free_base if joint == 0 else arm.free_wrist
-    turn = Turn()
+    turn = JointTurn()
     turn.lower, turn.upper = (-np.pi, 2.0 * np.pi) if free else (float(arm.lower[joint]), float(arm.upper[joint]))
     turn.sign = 1.0 if sign > 0.0 else -1.0
     return turn

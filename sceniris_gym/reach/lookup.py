@@ -8,23 +8,14 @@ the approach axis points along +x.
 """
 
 import math
-from enum import IntEnum
 
 import warp as wp
 
+from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.reach.quaternions import mul_quat, neg_quat, z_axis
-from sceniris_gym.reach.solve import MAX_JOINTS, vec8
+from sceniris_gym.reach.solve import vec8
 
 wp.set_module_options({"enable_backward": False})
-
-
-class Verdict(IntEnum):
-    """What a map says of a pose. NO and YES: all corners of its cell agree. MIXED: decided between them."""
-
-    NO = 0
-    MIXED_NO = 1
-    MIXED_YES = 2
-    YES = 3
 
 
 POLE_TILT = math.radians(0.1)
@@ -45,7 +36,7 @@ vec8h = wp.types.vector(length=MAX_JOINTS, dtype=wp.float16)
 
 
 @wp.struct
-class Turn:
+class JointTurn:
     """The first or last joint of an arm: `q = angle * sign` plus any full turns has to be within limits [rad]."""
 
     lower: float
@@ -91,12 +82,12 @@ class MapView:
     wit_joints: wp.array(dtype=vec8h)
     home: vec8
     njoint: int
-    base: Turn
-    wrist: Turn
+    base: JointTurn
+    wrist: JointTurn
 
 
 @wp.func
-def turned(turn: Turn, angle: float) -> float:
+def turned(turn: JointTurn, angle: float) -> float:
     """The least angle [rad] that is `angle` up to full turns and not below the lower limit."""
     return angle + _TURN * wp.ceil((turn.lower - angle) / _TURN - 1.0e-6)
 

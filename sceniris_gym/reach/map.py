@@ -22,10 +22,11 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import MapError
-from sceniris_gym.reach.arm import Arm
+from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.labels import base_turn, wrist_turn
 from sceniris_gym.reach.lookup import MapView, look_up, vec8h
 from sceniris_gym.reach.solve import as_vec8, vec8
+from sceniris_gym.reach.tier import Tier
 
 SUFFIX = ".reach"
 """Of map files."""
@@ -65,7 +66,7 @@ class ReachMap:
         seed: of the starts from which the map was solved.
     """
 
-    arm: Arm
+    arm: SerialArm
     step: float
     tilt_step: float
     z_low: float
@@ -115,7 +116,7 @@ class ReachMap:
         np.savez_compressed(file, format=np.array(_FORMAT), arm=np.array(self.arm.hash), **numbers, **arrays)
 
     @classmethod
-    def load(cls, path: Path, arm: Arm, advice: str | None = None) -> ReachMap:
+    def load(cls, path: Path, arm: SerialArm, advice: str | None = None) -> ReachMap:
         """Read the map of an arm.
 
         Args:
@@ -236,7 +237,7 @@ def map_file(asset: str) -> Path | None:
     return path if path.is_file() else None
 
 
-def why_not_map(arm: Arm, reach_map: ReachMap | None) -> str | None:
+def why_not_map(arm: SerialArm, reach_map: ReachMap | None) -> str | None:
     """Return why no map, or this one, is right about an arm, so that joints have to be looked for; or None."""
     if arm.no_map is not None:
         return arm.no_map
@@ -246,6 +247,11 @@ def why_not_map(arm: Arm, reach_map: ReachMap | None) -> str | None:
             f"reaches, all together or straight up or down, its map is wrong about {reach_map.turn_error:.1%}"
         )
     return None
+
+
+def default_tier(arm: SerialArm, reach_map: ReachMap | None) -> Tier:
+    """Return the tier that decides where none is named: `map` where the map is right about the arm, else `ik`."""
+    return Tier.MAP if reach_map is not None and why_not_map(arm, reach_map) is None else Tier.IK
 
 
 def build_command(asset: str) -> str:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sceniris_gym.reach.arm import Arm
+from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.build import reach_ball
 from sceniris_gym.reach.forward import tcp_axes
 from sceniris_gym.reach.solve import random_joints
@@ -32,7 +32,7 @@ class SampledMap:
         hit: which cells were hit, 4D, bool.
     """
 
-    arm: Arm
+    arm: SerialArm
     low: np.ndarray
     step: np.ndarray
     hit: np.ndarray
@@ -51,7 +51,7 @@ class SampledMap:
 
 
 def sampled_map(
-    arm: Arm,
+    arm: SerialArm,
     device: str,
     *,
     samples: int = 20_000_000,

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
-from sceniris_gym.reach.arm import MAX_JOINTS, Arm
+from sceniris_gym.reach.arm import MAX_JOINTS, SerialArm
 from sceniris_gym.reach.quaternions import mul_quat, neg_quat, rot_vec_quat, rotation_vector, turn_z, z_axis
 
 wp.set_module_options({"enable_backward": False})
@@ -72,7 +72,7 @@ class IkResult:
     rot_err: float
 
 
-def arm_view(arm: Arm, device: str) -> ArmView:
+def arm_view(arm: SerialArm, device: str) -> ArmView:
     """Take an arm to a device. Limits are rounded inwards, so that what holds in float32 holds exactly."""
     n = len(arm.joints)
     pos, quat = _along_z(arm)
@@ -89,7 +89,7 @@ def arm_view(arm: Arm, device: str) -> ArmView:
     return view
 
 
-def _along_z(arm: Arm) -> tuple[np.ndarray, np.ndarray]:
+def _along_z(arm: SerialArm) -> tuple[np.ndarray, np.ndarray]:
     """Links between joint frames whose z axis is the joint's; each joint's `ref` is moved into the link behind it."""
     n = len(arm.joints)
     pos, quat = np.zeros((n + 1, 3)), np.zeros((n + 1, 4))
@@ -291,7 +291,7 @@ def _solve(
     ok[i] = accepted(best)
 
 
-def random_joints(arm: Arm, num: int, seed: int = 0) -> np.ndarray:
+def random_joints(arm: SerialArm, num: int, seed: int = 0) -> np.ndarray:
     """Return joints drawn uniformly within limits (-pi to pi where there are none), shape (num, njoint)."""
     lower = np.where(np.isfinite(arm.lower), arm.lower, -np.pi)
     upper = np.where(np.isfinite(arm.upper), arm.upper, np.pi)
@@ -306,7 +306,7 @@ def as_vec8(joints: np.ndarray) -> np.ndarray:
 
 
 def solve(
-    arm: Arm,
+    arm: SerialArm,
     poses: np.ndarray,
     device: str = "cpu",
     *,

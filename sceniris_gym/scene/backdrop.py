@@ -5,8 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from sceniris_gym.scene.config import Floor
-from sceniris_gym.scene.values import FLOOR
+from sceniris_gym.config.fields import FLOOR
+from sceniris_gym.config.scene import Floor
 
 OVERVIEW = "overview"
 

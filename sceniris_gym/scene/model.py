@@ -9,12 +9,13 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from sceniris_gym.config.fields import FLOOR, ROBOT
+from sceniris_gym.config.objects import JointConfig
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import MeshError, NotSupportedError, SceneFileError, SceneKeyError, UnknownNameError
 from sceniris_gym.reach.map import map_file
-from sceniris_gym.scene import backdrop, compose
-from sceniris_gym.scene.config import JointConfig, SceneConfig
-from sceniris_gym.scene.values import FLOOR, ROBOT
-from sceniris_gym.scene.waiting import add_waiting_ground, has_waiting_ground
+from sceniris_gym.scene import assemble, backdrop
+from sceniris_gym.scene.parking import add_parking_ground, has_parking_ground
 
 HOME = "home"
 
@@ -103,7 +104,7 @@ class SceneModel:
 
     def _prefix(self, name: str) -> str:
         robot = self.config.robot
-        return compose.asset_name(robot.asset) if name == ROBOT and robot is not None else name
+        return assemble.asset_name(robot.asset) if name == ROBOT and robot is not None else name
 
     def _check_joint(self, joint: int, config: JointConfig, where: str) -> None:
         name = self.mjm.joint(joint).name
@@ -144,11 +145,11 @@ def build_model(config: SceneConfig) -> SceneModel:
         UnknownNameError: an asset, body, joint or keyframe that does not exist.
         SceneKeyError: an object that cannot be of its kind; joint values outside of the joint's limits.
     """
-    spec, homes = _compose(config)
+    spec, homes = _assemble(config)
     try:
-        mjm = compose.compile_spec(spec, config.where)
+        mjm = assemble.compile_spec(spec, config.where)
     except (MeshError, SceneFileError):
-        compose.check_assets(config)  # names the asset, if it is one
+        assemble.check_assets(config)  # names the asset, if it is one
         raise
     home_qpos, home_ctrl = _home(mjm, homes)
     if config.floor is not None:
@@ -158,16 +159,16 @@ def build_model(config: SceneConfig) -> SceneModel:
     if spec.camera(backdrop.OVERVIEW) is None:
         facing = None if config.robot is None else float(np.radians(config.robot.yaw))
         backdrop.add_camera(spec, center, extent, facing)
-    if config.groups and not has_waiting_ground(mjm, len(config.objects), config.where):
+    if config.groups and not has_parking_ground(mjm, len(config.objects), config.where):
         spec.stat.center, spec.stat.extent = mjm.stat.center, mjm.stat.extent  # of the scene without its waiting ground
-        add_waiting_ground(spec, len(config.objects))
+        add_parking_ground(spec, len(config.objects))
     if spec.key(HOME) is None:
         spec.add_key(name=HOME, qpos=home_qpos, ctrl=home_ctrl)
-    mjm = compose.compile_spec(spec, config.where)
+    mjm = assemble.compile_spec(spec, config.where)
 
     bodies = {name: mjm.body(name).id for name in config.objects}
     if config.robot is not None:
-        bodies[ROBOT] = mjm.body(compose.asset_name(config.robot.asset)).id
+        bodies[ROBOT] = mjm.body(assemble.asset_name(config.robot.asset)).id
     scene = SceneModel(config, spec, mjm, bodies, home_qpos, home_ctrl, _hash(config, spec))
     for name, part in config.objects.items():
         if part.support is not None:
@@ -177,9 +178,9 @@ def build_model(config: SceneConfig) -> SceneModel:
     return scene
 
 
-def _compose(config: SceneConfig) -> tuple[mujoco.MjSpec, list[compose.Home]]:
+def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, list[assemble.Home]]:
     if config.model is not None:
-        spec = compose.load_mjcf(config.model, f"{config.where}: model")
+        spec = assemble.load_mjcf(config.model, f"{config.where}: model")
     else:
         spec = mujoco.MjSpec()
         backdrop.set_options(spec)
@@ -190,23 +191,23 @@ def _compose(config: SceneConfig) -> tuple[mujoco.MjSpec, list[compose.Home]]:
     if not spec.lights:
         backdrop.add_light(spec)
     if config.robot is not None:
-        if compose.asset_name(config.robot.asset) in config.objects:
+        if assemble.asset_name(config.robot.asset) in config.objects:
             raise SceneKeyError(
-                f"{config.where}: objects.{compose.asset_name(config.robot.asset)}: the name of the robot's asset is "
+                f"{config.where}: objects.{assemble.asset_name(config.robot.asset)}: the name of the robot's asset is "
                 "taken by the robot. Give the object another name."
             )
-        homes.append(compose.attach_robot(spec, config.robot, config.where))
+        homes.append(assemble.attach_robot(spec, config.robot, config.where))
     for name, part in config.objects.items():
         if part.asset is None and (part.kind != "marker" or spec.body(name) is not None):
-            compose.adopt_body(spec, name, part, config.where)
+            assemble.adopt_body(spec, name, part, config.where)
         elif spec.body(name) is not None:
             raise SceneKeyError(f"{config.where}: objects.{name}: the model has a body of this name already.")
         else:
-            homes.append(compose.attach_object(spec, name, part, config.where))
+            homes.append(assemble.attach_object(spec, name, part, config.where))
     return spec, homes
 
 
-def _home(mjm: mujoco.MjModel, homes: list[compose.Home]) -> tuple[np.ndarray, np.ndarray]:
+def _home(mjm: mujoco.MjModel, homes: list[assemble.Home]) -> tuple[np.ndarray, np.ndarray]:
     has_home = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, HOME) >= 0
     qpos = mjm.key(HOME).qpos.copy() if has_home else mjm.qpos0.copy()
     ctrl = mjm.key(HOME).ctrl.copy() if has_home else np.zeros(mjm.nu)

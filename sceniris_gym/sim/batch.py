@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING
 
 import mujoco
 import mujoco_warp as mjw
@@ -11,10 +10,8 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import ContactBudgetError, UnknownNameError
+from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.sequence import LaunchSequence
-
-if TYPE_CHECKING:
-    from sceniris_gym.scene.model import SceneModel
 
 NEEDS: dict[str, tuple[Callable[[mjw.Model, mjw.Data], None], ...]] = {
     "kinematics": (mjw.kinematics,),

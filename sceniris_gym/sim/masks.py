@@ -21,13 +21,18 @@ def as_mask(mask: Any, nworld: int, device: wp.Device, name: str = "mask") -> wp
         MaskTypeError: not one of these arrays, or not of booleans
         MaskError: wrong shape
     """
+    check_mask(mask, nworld, name)
+    return _to_device(mask, wp.bool, device)
+
+
+def check_mask(mask: Any, nworld: int, name: str = "mask") -> None:
+    """Refuse what is not a mask of worlds, without waiting for a device; see `as_mask` for arguments and errors."""
     if _kind(mask) is None:
         raise MaskTypeError(f"{name} must be a boolean numpy array, torch tensor or Warp array, got {type(mask)}.")
     if str(mask.dtype) not in ("bool", "torch.bool") and mask.dtype is not wp.bool:
         raise MaskTypeError(f"{name} must hold booleans, got {mask.dtype}. A comparison such as `x > 0` gives them.")
     if tuple(mask.shape) != (nworld,):
         raise MaskError(f"{name} must have shape ({nworld},), one element per world, got {tuple(mask.shape)}.")
-    return _to_device(mask, wp.bool, device)
 
 
 def as_rows(rows: Any, nrow: int, nworld: int, device: wp.Device) -> wp.array:

@@ -1,15 +1,12 @@
 """Layouts into simulation data: a masked write of positions, mocap poses, activations and controls."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import mujoco
 import mujoco_warp as mjw
 import numpy as np
 import warp as wp
-
-if TYPE_CHECKING:
-    from sceniris_gym.layout.layouts import Layouts
 
 wp.set_module_options({"enable_backward": False})
 
@@ -20,6 +17,20 @@ CTRL_HOLDS = tuple(
 ACT_HOLDS = (*CTRL_HOLDS, int(mujoco.mjtDyn.mjDYN_INTEGRATOR))
 JOINT_TRANSMISSIONS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
+
+
+class Poses(NamedTuple):
+    """Where things are in layouts, on the device.
+
+    Attributes:
+        qpos: joint positions [m, rad], quaternions wxyz, shape (nrow, nq)
+        mocap_pos: positions of mocap bodies [m], world frame, shape (nrow, nmocap)
+        mocap_quat: their orientations, wxyz inside `wp.quat`, shape (nrow, nmocap)
+    """
+
+    qpos: wp.array
+    mocap_pos: wp.array
+    mocap_quat: wp.array
 
 
 @dataclass(frozen=True)
@@ -115,15 +126,15 @@ def mask_of_rows(rows: wp.array, nrow: int, mask_out: wp.array) -> None:
     wp.launch(_mask_of_rows, dim=rows.shape[0], inputs=[rows, nrow], outputs=[mask_out], device=rows.device)
 
 
-def write_state(m: mjw.Model, d: mjw.Data, rest: RestMap, layouts: "Layouts", rows: wp.array) -> None:
-    """Write rows of `layouts` into qpos, mocap poses, ctrl and act; worlds without a row stay as they are.
+def write_state(m: mjw.Model, d: mjw.Data, rest: RestMap, poses: Poses, rows: wp.array) -> None:
+    """Write rows of `poses` into qpos, mocap poses, ctrl and act; worlds without a row stay as they are.
 
     Args:
         m: model of the worlds
         d: data of the worlds
         rest: controls and activations at rest
-        layouts: the poses; only `qpos`, `mocap_pos` and `mocap_quat` are read
-        rows: row of `layouts` for every world, -1 for none, shape (nworld,), int32
+        poses: what is written
+        rows: row of `poses` for every world, -1 for none, shape (nworld,), int32
     """
     wp.launch(
         _write_state,
@@ -140,9 +151,9 @@ def write_state(m: mjw.Model, d: mjw.Data, rest: RestMap, layouts: "Layouts", ro
             rest.lower,
             rest.upper,
             rows,
-            layouts.qpos,
-            layouts.mocap_pos,
-            layouts.mocap_quat,
+            poses.qpos,
+            poses.mocap_pos,
+            poses.mocap_quat,
         ],
         outputs=[d.qpos, d.mocap_pos, d.mocap_quat, d.ctrl, d.act],
         device=d.qpos.device,

@@ -15,20 +15,18 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from sceniris_gym.config.fields import ROBOT
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError
-from sceniris_gym.layout.build import build_world
+from sceniris_gym.grasping.grasps import MOST_RISING
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.reach.lookup import Verdict
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.reach_device import Tier
-from sceniris_gym.scene.values import ROBOT
-from sceniris_gym.scene.world import World
-from sceniris_gym.tools.dataset import LayoutTable, read_table
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.render import save
+from sceniris_gym.tools.tables import read_table
 
 _REASONS = ("unreachable", "no_ik", "blocked")
-_LEAST = {Tier.MAP: Verdict.MIXED_YES, Tier.MAP_STRICT: Verdict.YES}  # the others go on where a map is not sure
-_RISING = np.sin(np.radians(10.0))  # a grasp of what stands on something does not come from further below
 _SCALE = 320  # pixels a metre, as far as a panel is no larger than _PANEL
 _PANEL = 620
 _GAP, _STRIP = 12, 26
@@ -70,11 +68,11 @@ class Narrowing:
         }
 
 
-def narrow(world: World, layouts: int, seed: int, path: Path | None = None) -> dict:
+def narrow(compiled: CompiledScene, layouts: int, seed: int, path: Path | None = None) -> dict:
     """Return what the commands tell: `narrowing`, and `picture` where one was drawn; nothing without `reachable`.
 
     Args:
-        world: the scene.
+        compiled: the scene.
         layouts: how many to make with `reachable`, and how many without.
         seed: seed of the first one.
         path: where the picture goes, None for none.
@@ -82,42 +80,42 @@ def narrow(world: World, layouts: int, seed: int, path: Path | None = None) -> d
     Raises:
         SceneKeyError: a picture is asked for of a scene in which nothing is to be reachable.
     """
-    if world.reaching is None:
+    if compiled.reaching is None:
         if path is not None:
             raise SceneKeyError(
-                f"{world.config.where}: --picture shows what 'reachable' does, and no object has it. "
+                f"{compiled.config.where}: --picture shows what 'reachable' does, and no object has it. "
                 "Add it, as in --set objects.apple.reachable=map, or leave out --picture."
             )
         return {}
-    found = narrowing(world, layouts, seed)
+    found = narrowing(compiled, layouts, seed)
     if path is None:
         return {"narrowing": found.figures()}
-    save(picture(found, world.config.name), path)
+    save(picture(found, compiled.config.name), path)
     return {"narrowing": found.figures(), "picture": str(path)}
 
 
-def narrowing(world: World, layouts: int, seed: int) -> Narrowing:
+def narrowing(compiled: CompiledScene, layouts: int, seed: int) -> Narrowing:
     """Make layouts of a scene as it is, and of the same scene without `reachable`.
 
     Args:
-        world: the scene.
+        compiled: the scene.
         layouts: how many of each.
         seed: seed of the first one.
     """
-    names = () if world.reaching is None else world.reaching.names
+    names = () if compiled.reaching is None else compiled.reaching.names
     changes = {f"objects.{name}.reachable": False for name in names}
-    plain = build_world(SceneConfig.load(world.config, changes), world.device) if names else world
+    plain = compile_scene(SceneConfig.load(compiled.config, changes), compiled.device) if names else compiled
     tables, counts = [], []
-    for each in (plain, world):
+    for each in (plain, compiled):
         generator = LayoutGenerator(each, layouts, seed=seed)
         generator.generate()
         tables.append(read_table(generator))
         counts.append(generator.rejection_counts())
-    before, after = ({name: _positions(world, table, name) for name in names} for table in tables)
-    base = world.plan.place[world.slots.index(ROBOT)][[0, 1, 3]] if ROBOT in world.slots else np.zeros(3)
-    lower, upper = _frame(world, [*before.values(), *after.values(), base[None, :2]])
-    passed = _staged(world, tables[1], counts[1])
-    kept = {name: passed[name] * _on_map(world, plain, tables[0], name) for name in names}
+    before, after = ({name: _positions(compiled, table, name) for name in names} for table in tables)
+    base = compiled.plan.place[compiled.slots.index(ROBOT)][[0, 1, 3]] if ROBOT in compiled.slots else np.zeros(3)
+    lower, upper = _frame(compiled, [*before.values(), *after.values(), base[None, :2]])
+    passed = _staged(compiled, tables[1], counts[1])
+    kept = {name: passed[name] * _on_map(compiled, plain, tables[0], name) for name in names}
     return Narrowing(before, after, kept, counts[1], base, lower, upper)
 
 
@@ -154,10 +152,10 @@ def _draw_base(draw: ImageDraw.ImageDraw, origin: np.ndarray, scale: float, base
     draw.line((x, y, *tip), fill=_ARM, width=3)
 
 
-def _positions(world: World, table: LayoutTable, name: str) -> np.ndarray:
+def _positions(compiled: CompiledScene, table: LayoutTable, name: str) -> np.ndarray:
     """Positions of an object's root [m] in the layouts in which it is present, shape (n, 2)."""
-    mjm, body = world.mjm, world.scene.bodies[name]
-    there = table.present[:, world.slots.index(name)] & table.valid
+    mjm, body = compiled.mjm, compiled.scene.bodies[name]
+    there = table.present[:, compiled.slots.index(name)] & table.valid
     mocap = int(mjm.body_mocapid[body])
     if mocap >= 0:
         return table.mocap_pos[there, mocap, :2]
@@ -167,45 +165,46 @@ def _positions(world: World, table: LayoutTable, name: str) -> np.ndarray:
     return table.qpos[there, adr : adr + 2]
 
 
-def _on_map(world: World, plain: World, table: LayoutTable, name: str) -> float:
+def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, name: str) -> float:
     """Share of the layouts of `plain` with an object of which the arm's map lets a grasp of it through."""
-    reaching = world.reaching
+    reaching = compiled.reaching
     assert reaching is not None
-    column = reaching.columns[reaching.names.index(name)]
-    placed = world.plan.objects[column.number]
-    grasps = [np.concatenate([g.pos, g.quat]) for g in column.grasps.grasps]
+    target = reaching.targets[reaching.names.index(name)]
+    placed = compiled.plan.objects[target.number]
+    grasps = [np.concatenate([g.pos, g.quat]) for g in target.grasp_set.grasps]
     ups = np.array([_matrix(np.zeros(3), v.quat)[2, :3] for v in placed.variants])  # world's z in the root's frame
     rows = np.flatnonzero(table.present[:, plain.slots.index(name)] & table.valid)
     poses, of = [], []
     data = mujoco.MjData(plain.mjm)
     for row in rows.tolist():
-        table.rows.put(data, row)
+        table.put(data, row)
         mujoco.mj_kinematics(plain.mjm, data)
         root = _frame_of(data, plain.scene.bodies[name])
-        first, number = column.grasps.spans[int((ups @ root[2, :3]).argmax())]
+        first, number = target.grasp_set.spans[int((ups @ root[2, :3]).argmax())]
         base = np.linalg.inv(_frame_of(data, reaching.arm.base_body))
         for k in range(first, first + number):
-            tcp = _frame_of(data, column.grasps.grasps[k].body) @ _matrix(grasps[k][:3], grasps[k][3:])
-            if placed.ground is None or tcp[2, 2] <= _RISING:
+            tcp = _frame_of(data, target.grasp_set.grasps[k].body) @ _matrix(grasps[k][:3], grasps[k][3:])
+            if placed.ground is None or tcp[2, 2] <= MOST_RISING:
                 poses.append(base @ tcp)
                 of.append(row)
     through = np.array(of, int)
     if reaching.map is not None and poses:
-        least = _LEAST.get(column.tier, Verdict.MIXED_NO)
-        through = through[reaching.map.verdict(np.stack(poses), world.device) >= least]
+        through = through[reaching.map.verdict(np.stack(poses), compiled.device) >= target.tier.least_verdict]
     return len(np.unique(through)) / max(len(rows), 1)
 
 
-def _staged(world: World, table: LayoutTable, rejections: Mapping[str, Mapping[str, int]]) -> dict[str, float]:
+def _staged(
+    compiled: CompiledScene, table: LayoutTable, rejections: Mapping[str, Mapping[str, int]]
+) -> dict[str, float]:
     """Share of the finished layouts that passed `ik` or `clear`, by object; stages go from the first to the last.
 
     A layout that failed at a later object had passed at the earlier ones.
     """
-    assert world.reaching is not None
+    assert compiled.reaching is not None
     shares, later = {}, 0
-    for name in reversed(world.reaching.names):
+    for name in reversed(compiled.reaching.names):
         failed = rejections[name]["no_ik"] + rejections[name]["blocked"]
-        passed = later + int((table.present[:, world.slots.index(name)] & table.valid).sum())
+        passed = later + int((table.present[:, compiled.slots.index(name)] & table.valid).sum())
         shares[name] = passed / max(passed + failed, 1)
         later += failed
     return shares
@@ -223,10 +222,10 @@ def _matrix(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
     return frame
 
 
-def _frame(world: World, points: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def _frame(compiled: CompiledScene, points: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """The least rectangle around points and the floor, and a margin."""
     every = np.concatenate(points)
-    if world.config.floor is not None:
-        half = 0.5 * np.array(world.config.floor.size)
+    if compiled.config.floor is not None:
+        half = 0.5 * np.array(compiled.config.floor.size)
         every = np.concatenate([every, [-half, half]])
     return every.min(axis=0) - 0.05, every.max(axis=0) + 0.05

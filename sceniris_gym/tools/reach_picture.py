@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from sceniris_gym.reach.lookup import Verdict
 from sceniris_gym.reach.map import ReachMap
+from sceniris_gym.reach.tier import Verdict
 
 _PIXELS = 240  # of a panel's side
 _DIRECTIONS = 100

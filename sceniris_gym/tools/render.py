@@ -16,11 +16,11 @@ import numpy as np
 import warp as wp
 from PIL import Image, ImageDraw, ImageFont
 
+from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.errors import UnknownNameError
-from sceniris_gym.scene.compose import MARK_GROUP
-from sceniris_gym.scene.values import FLOOR
+from sceniris_gym.scene.assemble import MARK_GROUP
+from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.files import replacing
-from sceniris_gym.tools.rows import Rows
 
 CAMERA = "overview"
 SIZE = (480, 360)  # pixels
@@ -33,7 +33,9 @@ _GAP, _STRIP = 6, 22  # pixels between tiles, and below each for its caption
 _INK, _PAPER = (40, 44, 50), (255, 255, 255)
 
 
-def render(mjm: mujoco.MjModel, rows: Rows, *, size: tuple[int, int] = SIZE, device: str | None = None) -> np.ndarray:
+def render(
+    mjm: mujoco.MjModel, rows: LayoutTable, *, size: tuple[int, int] = SIZE, device: str | None = None
+) -> np.ndarray:
     """Render each row with the same camera, which is placed so that it just sees everything in all of them.
 
     Args:
@@ -96,7 +98,9 @@ def contact_sheet(pictures: np.ndarray, captions: Sequence[str], *, columns: int
     return sheet
 
 
-def captioned(mjm: mujoco.MjModel, rows: Rows, captions: Sequence[str], *, device: str | None = None) -> Image.Image:
+def captioned(
+    mjm: mujoco.MjModel, rows: LayoutTable, captions: Sequence[str], *, device: str | None = None
+) -> Image.Image:
     """Render rows as one contact sheet, or a single row larger."""
     size = SIZE if len(rows) > 1 else (2 * SIZE[0], 2 * SIZE[1])
     return contact_sheet(render(mjm, rows, size=size, device=device), captions, columns=min(4, len(rows)))
@@ -146,7 +150,7 @@ def _with_apron(mjm: mujoco.MjModel) -> mujoco.MjModel:
     return wide
 
 
-def _poses(mjm: mujoco.MjModel, rows: Rows) -> dict[str, np.ndarray]:
+def _poses(mjm: mujoco.MjModel, rows: LayoutTable) -> dict[str, np.ndarray]:
     """Return what the ray caster reads of a simulation's state, by its name there, each with a leading nrow."""
     data = mujoco.MjData(mjm)
     names = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")

@@ -13,12 +13,12 @@ import warp as wp
 from gymnasium import Space
 from torch import Tensor
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import MaskError, UnknownNameError
-from sceniris_gym.layout.build import build_world
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import as_seeds
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.world import World
-from sceniris_gym.sim.masks import as_mask
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.sim.masks import check_mask
 from sceniris_gym.vector.task import Task
 
 RESET_MASK = "reset_mask"  # the option of Gymnasium's own vector environments
@@ -35,18 +35,20 @@ def as_task(task: Task | type[Task] | str) -> Task:
     return made
 
 
-def as_world(scene: Any, overrides: Mapping[str, Any] | None, device: str | None) -> World:
-    """Return a World for one, or for all that SceneConfig.load takes; None for a device is cuda:0 if there is one.
+def as_compiled_scene(scene: Any, overrides: Mapping[str, Any] | None, device: str | None) -> CompiledScene:
+    """Return a CompiledScene as it is, or compile what SceneConfig.load takes; device None is cuda:0 if there is one.
 
     Raises:
-        ValueError: a World with overrides, or on another device than the one asked for
-        ScenirisError: see build_world
+        ValueError: a CompiledScene with overrides, or on another device than the one asked for
+        ScenirisError: see compile_scene
     """
-    if isinstance(scene, World):
+    if isinstance(scene, CompiledScene):
         if overrides or (device is not None and wp.get_device(device) != wp.get_device(scene.device)):
-            raise ValueError("A World is finished: give its scene file to change it with overrides or another device.")
+            raise ValueError(
+                "A CompiledScene is finished: give its scene file to change it with overrides or another device."
+            )
         return scene
-    return build_world(SceneConfig.load(scene, dict(overrides or {})), device)
+    return compile_scene(SceneConfig.load(scene, dict(overrides or {})), device)
 
 
 def as_count(value: Any, name: str) -> int:
@@ -91,14 +93,18 @@ def as_reset_seeds(seed: Any, num_envs: int, *, first: bool) -> tuple[np.ndarray
     if seed is None:
         return None
     given = np.ones(num_envs, bool)
-    if isinstance(seed, list | tuple):
-        seeds = as_seeds([fresh_seed() if one is None else one for one in seed], num_envs)
-        return seeds, given if first else np.array([one is not None for one in seed])
+    if isinstance(seed, list | tuple) and None in seed:
+        wanted = np.fromiter(seed, dtype=object, count=len(seed))
+        missing = (wanted == np.array(None)).astype(bool)
+        wanted[missing] = fresh_seeds(int(missing.sum()))
+        return as_seeds(wanted, num_envs), given if first else ~missing
     return as_seeds(seed, num_envs), given
 
 
-def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int, device: wp.Device) -> wp.array | None:
+def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int, device: torch.device) -> Tensor | None:
     """Return `options["reset_mask"]` on the device, or None where all worlds are meant. The options stay as they are.
+
+    This is the only check of a reset mask: what comes after it takes the mask as it is.
 
     Raises:
         UnknownNameError: another option
@@ -113,8 +119,10 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int, device: wp.D
     if given is None:
         return None
     name = f"options['{RESET_MASK}']"
-    mask = as_mask(given, num_envs, device, name)
-    if not mask.numpy().any():
+    check_mask(given, num_envs, name)
+    mask = wp.to_torch(given) if isinstance(given, wp.array) else torch.as_tensor(given)
+    mask = mask.detach().to(device)
+    if not mask.any():
         raise MaskError(f"{name} must be true for at least one world; leave it out to reset all of them.")
     return mask
 
@@ -133,6 +141,11 @@ def as_action(actions: Any, space: Space, device: torch.device) -> Tensor:
     return action.nan_to_num(nan=0.0).clamp(-1.0, 1.0)
 
 
+def fresh_seeds(count: int) -> np.ndarray:
+    """Draw seeds from the operating system, shape (count,), uint64: 62 bits, so that seed + i is a positive int64."""
+    return np.random.SeedSequence().generate_state(count, np.uint64) >> np.uint64(2)
+
+
 def fresh_seed() -> int:
-    """Draw a seed from the operating system: 62 bits, so that seed + i stays a positive int64."""
-    return int(np.random.SeedSequence().generate_state(1, np.uint64)[0] >> np.uint64(2))
+    """Draw one seed as `fresh_seeds` does."""
+    return int(fresh_seeds(1)[0])

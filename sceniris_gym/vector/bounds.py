@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from sceniris_gym.errors import NotSupportedError
-from sceniris_gym.scene.pieces import extract_pieces
+from sceniris_gym.geometry.pieces import extract_pieces
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.state import State, find_body
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -12,12 +11,14 @@ import warp as wp
 from torch import Tensor
 
 from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.program.reach import ReachTarget
 from sceniris_gym.scene.model import subtree
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.vector import rotations
-from sceniris_gym.vector.draws import draw_uniform, task_stream
-from sceniris_gym.vector.frames import BaseFrame
-from sceniris_gym.vector.joints import JointWriter
+from sceniris_gym.vector.base_frame import BaseFrame
+from sceniris_gym.vector.joint_writer import JointWriter
+from sceniris_gym.vector.task_random import draw_uniform, task_stream
 
 FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 SCALAR = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
@@ -32,7 +33,7 @@ class State:
 
     Args:
         batch: the worlds
-        layouts: has `seed` (nworld,) uint64, `episode` (nworld,) int32 and `status` (nworld,) int32
+        layouts: the layouts of the worlds
         split: the split that the layouts are of
 
     Attributes:
@@ -47,7 +48,7 @@ class State:
         layout_status: 0 nothing yet, 1 valid, 2 from the bank, shape (num_envs,), int32
     """
 
-    def __init__(self, batch: Batch, layouts: Any, split: str = "train") -> None:
+    def __init__(self, batch: Batch, layouts: Layouts, split: str = "train") -> None:
         self.num_envs, self.scene, self.mjm = batch.nworld, batch.scene, batch.scene.mjm
         self.data, self._layouts, self._split = batch.data, layouts, split
         self._batch = batch
@@ -137,8 +138,8 @@ class State:
         Position [m] and orientation (wxyz), +z the approach and +y the closing axis; it goes where the object goes.
         nan where the object is absent.
         """
-        column = self._column(name, "grasp")
-        body, pos, quat = self._grasps(column)
+        column, target = self._target(name, "grasp")
+        body, pos, quat = self._grasps(target)
         chosen = self._layout_grasp[:, column]
         i = chosen.clamp(min=0).long()
         rows = torch.arange(self.num_envs, device=self.device)
@@ -215,26 +216,28 @@ class State:
         draw_uniform(layouts.seed, layouts.episode, self._elapsed, number, low, high, wp.from_torch(values))
         return values
 
-    def _column(self, name: str, method: str) -> int:
-        names = () if self._layouts.reaching is None else self._layouts.reaching.names
-        if name not in names:
-            raise self._unknown("reachable object", name, method, names)
-        return names.index(name)
+    def _target(self, name: str, method: str) -> tuple[int, ReachTarget]:
+        """Return a reachable object and its column in the layouts' grasps."""
+        targets = () if self._layouts.reaching is None else self._layouts.reaching.targets
+        for column, target in enumerate(targets):
+            if target.name == name:
+                return column, target
+        raise self._unknown("reachable object", name, method, [target.name for target in targets])
 
     def _solved(self, array: str, name: str) -> Tensor:
-        column = self._column(name, array)
+        column, _ = self._target(name, array)
         return self._layout_joints[array][:, column].clone()
 
-    def _grasps(self, column: int) -> tuple[Tensor, Tensor, Tensor]:
+    def _grasps(self, target: ReachTarget) -> tuple[Tensor, Tensor, Tensor]:
         """Return body ids, positions and orientations (wxyz) of the grasps of a reachable object."""
-        if column not in self._grasp_tables:
-            grasps = self._layouts.reaching.columns[column].grasps.grasps
-            self._grasp_tables[column] = (
+        if target.number not in self._grasp_tables:
+            grasps = target.grasp_set.grasps
+            self._grasp_tables[target.number] = (
                 torch.tensor([g.body for g in grasps], device=self.device),
                 torch.tensor(np.array([g.pos for g in grasps]), dtype=torch.float32, device=self.device),
                 torch.tensor(np.array([g.quat for g in grasps]), dtype=torch.float32, device=self.device),
             )
-        return self._grasp_tables[column]
+        return self._grasp_tables[target.number]
 
     def _index(self, numbers: list) -> Tensor:
         return torch.tensor(numbers, device=self.device)

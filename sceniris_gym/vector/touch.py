@@ -29,9 +29,9 @@ class Touch:
         self._shape = (s.num_envs, len(first), len(second))
         self._first, self._second = _places(s, first), _places(s, second)
         contact = s.data.contact
-        self._geom, self._world = wp.to_torch(contact.geom), wp.to_torch(contact.worldid)
+        self._geom, self._compiled = wp.to_torch(contact.geom), wp.to_torch(contact.worldid)
         self._number = wp.to_torch(s.data.nacon)
-        self._index = torch.arange(len(self._world), device=s.device)
+        self._index = torch.arange(len(self._compiled), device=s.device)
 
     def __call__(self, s: State) -> Tensor:
         """Return what touches, shape (num_envs, len(first), len(second)), bool."""
@@ -42,7 +42,7 @@ class Touch:
         for a, b in ((one, other), (other, one)):
             first, second = self._first[a], self._second[b]
             counts = (self._index < self._number) & (first >= 0) & (second >= 0)
-            place = (self._world.long() * firsts + first) * seconds + second
+            place = (self._compiled.long() * firsts + first) * seconds + second
             # contacts that do not count go where nobody looks
             touched.index_fill_(0, torch.where(counts, place, size), True)
         return touched[:size].view(self._shape) & (s.elapsed > 0)[:, None, None]

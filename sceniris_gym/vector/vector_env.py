@@ -16,27 +16,28 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.world import World
+from sceniris_gym.layout.source import LayoutSource
+from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
-from sceniris_gym.sim.frames import FrameCamera
+from sceniris_gym.sim.pictures import FrameCamera
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector import spaces
 from sceniris_gym.vector.arguments import (
     as_action,
+    as_compiled_scene,
     as_count,
     as_reset_mask,
     as_reset_seeds,
     as_size,
     as_task,
-    as_world,
     fresh_seed,
 )
-from sceniris_gym.vector.forms import check_observation, check_outcome
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.statistics import EpisodeStatistics
 from sceniris_gym.vector.task import Task
+from sceniris_gym.vector.task_checks import check_observation, check_outcome
 
 OUTPUTS = ("torch", "numpy")
 
@@ -66,7 +67,7 @@ class SceneVectorEnv(VectorEnv):
     Args:
         task: a Task, its class, or "module:Class"
         num_envs: number of worlds
-        scene: a scene in place of the task's: a name, path, mapping, SceneConfig or World
+        scene: a scene in place of the task's: a name, path, mapping, SceneConfig or CompiledScene
         overrides: parts of the scene to replace, by dotted keys: {"objects.apple.clearance": 0.01}
         device: "cpu" or "cuda:0"; None is cuda:0 if there is one, else cpu
         max_episode_steps: control steps after which an episode is truncated; None is never
@@ -79,13 +80,13 @@ class SceneVectorEnv(VectorEnv):
             videos expect it
         render_size: width and height of a picture [pixels]
         render_camera: name of the camera
-        generator: makes the layouts, `generator(world, num_envs)`; None is a LayoutGenerator
+        layout_source: makes the LayoutSource, `layout_source(compiled, num_envs)`; None is a LayoutGenerator
         nconmax: contacts per world (default_budget)
         njmax: constraint rows per world (default_budget)
         graph: record steps and resets into graphs and replay them
 
     Raises:
-        ScenirisError: the scene cannot be used; see build_world
+        ScenirisError: the scene cannot be used; see compile_scene
         TaskError: (here, or in the first step) a method of the task returns what it should not
         ContactBudgetError: (first reset) more contacts than there is room for
     """
@@ -97,7 +98,7 @@ class SceneVectorEnv(VectorEnv):
         task: Task | type[Task] | str,
         num_envs: int = 1,
         *,
-        scene: str | Path | Mapping | SceneConfig | World | None = None,
+        scene: str | Path | Mapping | SceneConfig | CompiledScene | None = None,
         overrides: Mapping[str, Any] | None = None,
         device: str | None = None,
         max_episode_steps: int | None = None,
@@ -109,7 +110,7 @@ class SceneVectorEnv(VectorEnv):
         render_envs: int | None = None,
         render_size: tuple[int, int] = (320, 240),
         render_camera: str = "overview",
-        generator: Callable[[World, int], Any] | None = None,
+        layout_source: Callable[[CompiledScene, int], LayoutSource] | None = None,
         nconmax: int | None = None,
         njmax: int | None = None,
         graph: bool = True,
@@ -127,12 +128,12 @@ class SceneVectorEnv(VectorEnv):
         self.render_envs = num_envs if render_envs is None else min(as_count(render_envs, "render_envs"), num_envs)
         self.render_size, self.render_camera = as_size(render_size, "render_size"), render_camera
 
-        self.world = as_world(self.task.scene if scene is None else scene, overrides, device)
+        self.compiled = as_compiled_scene(self.task.scene if scene is None else scene, overrides, device)
         needs, substeps = self.task.needs, self.task.substeps
         self.batch = Batch(
-            self.world.scene,
+            self.compiled.scene,
             num_envs,
-            self.world.device,
+            self.compiled.device,
             nconmax=nconmax,
             njmax=njmax,
             needs=needs,
@@ -140,10 +141,10 @@ class SceneVectorEnv(VectorEnv):
             graph=graph,
         )
         self.randomizer = ResetRandomizer(
-            self.world,
+            self.compiled,
             self.batch.model,
             self.batch.data,
-            generator=generator(self.world, num_envs) if generator else None,
+            layout_source=layout_source(self.compiled, num_envs) if layout_source else None,
             split=split,
             needs=needs,
             graph=graph,
@@ -166,11 +167,12 @@ class SceneVectorEnv(VectorEnv):
             flat = spaces.flatten(observation)
         self.observation_names = spaces.names_of(observation)
         self.single_observation_space = spaces.observation_space(flat)
-        self.single_action_space = spaces.action_space(self.task.action_size or self.world.mjm.nu)
+        self.single_action_space = spaces.action_space(self.task.action_size or self.compiled.mjm.nu)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._kept = None if copy else (flat, {group: torch.empty_like(t) for group, t in flat.items()})
         self._autoreset = torch.zeros(num_envs, dtype=torch.bool, device=self.device)
+        self._reset_mask = wp.to_torch(self.randomizer.mask)
         self._camera: FrameCamera | None = None
         self._ready = self._stepped = False
         self._np_random, self._np_random_seed = seeding.np_random(fresh_seed())
@@ -195,7 +197,7 @@ class SceneVectorEnv(VectorEnv):
             ResetNeeded: the first reset has a mask
         """
         self._check_open()
-        mask = as_reset_mask(options, self.num_envs, self.batch.device)
+        mask = as_reset_mask(options, self.num_envs, self.device)
         if not self._ready and mask is not None:
             raise gymnasium.error.ResetNeeded("The first reset() must be of all worlds; leave out the reset_mask.")
         if seed is None and not self._ready:
@@ -203,12 +205,12 @@ class SceneVectorEnv(VectorEnv):
             seed = fresh_seed() if self.np_random_seed == -1 else self.np_random_seed
         seeds = as_reset_seeds(seed, self.num_envs, first=not self._ready)
         with self._on_torch_stream():
-            masked = torch.ones_like(self._autoreset) if mask is None else wp.to_torch(mask)
+            masked = torch.ones_like(self._autoreset) if mask is None else mask
             if seeds is not None:
                 numbers, given = seeds
                 if mask is not None:
-                    given &= mask.numpy()
-                self.randomizer.reseed(numbers, torch.as_tensor(given, device=self.device))
+                    given &= mask.cpu().numpy()
+                self._reseed_worlds(numbers, given)
                 if mask is None and isinstance(seed, int | np.integer):
                     self._np_random, self._np_random_seed = seeding.np_random(int(numbers[0]))
                 elif given.any():
@@ -250,7 +252,7 @@ class SceneVectorEnv(VectorEnv):
             return None
         if self._camera is None:
             width, height = self.render_size
-            model, mjm = self.batch.model, self.world.mjm
+            model, mjm = self.batch.model, self.compiled.mjm
             self._camera = FrameCamera(mjm, model, self.render_envs, width, height, self.render_camera)
         with self._on_torch_stream():
             return tuple(self._camera.take(self.batch.data))
@@ -294,8 +296,15 @@ class SceneVectorEnv(VectorEnv):
         returned = (self._observe(0), reward, terminated, truncated, info)
         return tuple(self._returned(value) for value in returned)  # type: ignore[return-value]
 
+    def _reseed_worlds(self, seeds: np.ndarray, mask: np.ndarray) -> None:
+        device = self.batch.device
+        arrays = wp.array(seeds, dtype=wp.uint64, device=device), wp.array(mask, dtype=wp.bool, device=device)
+        self.randomizer.layout_source.launch_reseed(*arrays)
+
     def _reset_worlds(self, mask: Tensor) -> None:
-        self.randomizer.reset(mask)
+        """Reset the worlds of a mask on the device that has been checked, or was made here."""
+        self._reset_mask.copy_(mask)
+        self.randomizer.launch_reset()
         self.state.elapsed.masked_fill_(mask, 0)
         self.statistics.start(mask)
         self.task.on_reset(self.state, mask)

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 import torch
 
-from sceniris_gym.scene.world import World
+from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.vector_env import SceneVectorEnv
-from tests.vector.conftest import Reach, reach_world
+from tests.vector.conftest import Reach, reach_scene
 
 pytest.importorskip("rsl_rl")
 
@@ -18,13 +18,13 @@ from rsl_rl.runners import OnPolicyRunner
 
 from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
 
-__all__ = ["reach_world"]
+__all__ = ["reach_scene"]
 
 
 @pytest.fixture
-def env(reach_world: World) -> RslRlVecEnv:
+def env(reach_scene: CompiledScene) -> RslRlVecEnv:
     """Return four worlds of the small reaching task, with episodes of five steps."""
-    return RslRlVecEnv(SceneVectorEnv(Reach, 4, scene=reach_world, max_episode_steps=5), seed=3)
+    return RslRlVecEnv(SceneVectorEnv(Reach, 4, scene=reach_scene, max_episode_steps=5), seed=3)
 
 
 def config() -> dict[str, Any]:
@@ -115,11 +115,11 @@ def test_the_log_says_how_episodes_and_resets_went(env):
     assert all(value.shape == () for value in log.values())
 
 
-def test_the_log_does_not_depend_on_who_reads_the_statistics(reach_world: World):
+def test_the_log_does_not_depend_on_who_reads_the_statistics(reach_scene: CompiledScene):
     """Read and cleared after every step, or never: the same log, step by step."""
     logs = []
     for read in (False, True):
-        envs = RslRlVecEnv(SceneVectorEnv(Reach, 4, scene=reach_world, max_episode_steps=5), seed=3)
+        envs = RslRlVecEnv(SceneVectorEnv(Reach, 4, scene=reach_scene, max_episode_steps=5), seed=3)
         envs.episode_length_buf = torch.tensor([0, 1, 2, 3])
         generator = torch.Generator().manual_seed(0)
         kept = []
@@ -133,14 +133,14 @@ def test_the_log_does_not_depend_on_who_reads_the_statistics(reach_world: World)
     assert len({log["Episode/effort"] for log in logs[0]}) > 5
 
 
-def test_environments_of_another_kind_are_refused(reach_world):
+def test_environments_of_another_kind_are_refused(reach_scene):
     """Without SAME_STEP, torch, copies or an end of episodes the contract cannot be kept."""
     wrongs: list[dict[str, Any]] = [{"autoreset_mode": "NextStep"}, {"output": "numpy"}, {"copy": False}]
     for wrong in wrongs:
         with pytest.raises(ValueError, match="SAME_STEP, output='torch' and copy=True"):
-            RslRlVecEnv(SceneVectorEnv(Reach, 2, scene=reach_world, max_episode_steps=5, **wrong))
+            RslRlVecEnv(SceneVectorEnv(Reach, 2, scene=reach_scene, max_episode_steps=5, **wrong))
     with pytest.raises(ValueError, match="max_episode_steps"):
-        RslRlVecEnv(SceneVectorEnv(Reach, 2, scene=reach_world))
+        RslRlVecEnv(SceneVectorEnv(Reach, 2, scene=reach_scene))
 
 
 def test_the_runner_trains_saves_and_goes_on(env, tmp_path: Path):

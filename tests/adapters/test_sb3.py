@@ -15,15 +15,15 @@ import numpy as np
 import pytest
 import torch
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import MissingExtraError, UnknownNameError
-from sceniris_gym.layout.build import build_world
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.world import World
-from sceniris_gym.vector.single import SceneEnv
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.vector.single_env import SceneEnv
 from sceniris_gym.vector.vector_env import SceneVectorEnv
-from tests.vector.conftest import SCENE, Reach, make_env, reach_world
+from tests.vector.conftest import SCENE, Reach, make_env, reach_scene
 
-__all__ = ["make_env", "reach_world"]
+__all__ = ["make_env", "reach_scene"]
 
 pytest.importorskip("stable_baselines3")
 from stable_baselines3 import PPO, SAC
@@ -58,10 +58,10 @@ def make(make_env: Callable) -> Callable[..., SB3VecEnv]:
     return made
 
 
-def test_it_steps_as_stable_baselines_own_vector_environment(make, reach_world: World):
+def test_it_steps_as_stable_baselines_own_vector_environment(make, reach_scene: CompiledScene):
     """Observations, rewards, dones and the infos of finished worlds are those of DummyVecEnv around single worlds."""
     ours = make()
-    one = [lambda: Monitor(PolicyGroup(SceneEnv(Reach, scene=reach_world, max_episode_steps=MAX_STEPS)))] * 3
+    one = [lambda: Monitor(PolicyGroup(SceneEnv(Reach, scene=reach_scene, max_episode_steps=MAX_STEPS)))] * 3
     own = DummyVecEnv(one)  # type: ignore[arg-type]
     assert ours.observation_space == own.observation_space
     assert ours.action_space == own.action_space
@@ -179,10 +179,10 @@ def test_attributes_and_methods_are_those_of_the_environment_and_its_task(make):
 
 
 @pytest.mark.parametrize("indices", [3, -4, [0, 3], [-4]], ids=str)
-def test_indices_are_those_of_a_list_as_in_stable_baselines_own(make, reach_world: World, indices: Any):
+def test_indices_are_those_of_a_list_as_in_stable_baselines_own(make, reach_scene: CompiledScene, indices: Any):
     """Negative ones count from the end, and those beyond either end are refused before anything is done."""
     ours = make()
-    own = DummyVecEnv([lambda: PolicyGroup(SceneEnv(Reach, scene=reach_world))] * 3)  # type: ignore[arg-type]
+    own = DummyVecEnv([lambda: PolicyGroup(SceneEnv(Reach, scene=reach_scene))] * 3)  # type: ignore[arg-type]
     for envs in (ours, own):
         assert len(envs.get_attr("num_envs" if envs is ours else "spec", indices=[-1, -3, 2])) == 3
         for call in (
@@ -225,7 +225,7 @@ def test_pictures_are_tiled_and_recorded(make, tmp_path: Path):
         assert make(2).get_images() == [None, None]
 
 
-def test_wrong_environments_are_refused(make_env, reach_world: World):
+def test_wrong_environments_are_refused(make_env, reach_scene: CompiledScene):
     """Other autoreset, output, buffers and groups say what would be right."""
     for wrong in ({"autoreset_mode": "NextStep"}, {"output": "numpy"}, {"copy": False}):
         with pytest.raises(ValueError, match="SAME_STEP, output='torch' and copy=True"):
@@ -233,7 +233,7 @@ def test_wrong_environments_are_refused(make_env, reach_world: World):
     with pytest.raises(UnknownNameError, match=r"unknown observation group 'actor'.*critic, policy"):
         SB3VecEnv(make_env(1), group="actor")
     with pytest.raises(TypeError, match=r"gymnasium\.make_vec"):
-        SB3VecEnv(SceneEnv(Reach, scene=reach_world))  # pyright: ignore[reportArgumentType]
+        SB3VecEnv(SceneEnv(Reach, scene=reach_scene))  # pyright: ignore[reportArgumentType]
 
 
 def test_the_library_that_is_missing_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch):
@@ -368,8 +368,8 @@ def test_ppo_gets_better_at_reaching_on_a_cpu(one_thread):
 @pytest.mark.cuda
 def test_worlds_on_a_gpu_are_seen_in_numpy():
     """The border is crossed for observations, rewards, dones and infos; PPO steps on it."""
-    world = build_world(SceneConfig.load(SCENE), "cuda:0", bank_size=8)
-    envs = SB3VecEnv(SceneVectorEnv(Reach, 4, scene=world, max_episode_steps=MAX_STEPS))
+    compiled = compile_scene(SceneConfig.load(SCENE), "cuda:0", bank_size=8)
+    envs = SB3VecEnv(SceneVectorEnv(Reach, 4, scene=compiled, max_episode_steps=MAX_STEPS))
     envs.reset()
     envs.set_options({"reset_mask": torch.tensor([True, False, True, False], device="cuda")})
     assert isinstance(envs.reset(), np.ndarray)

@@ -5,18 +5,18 @@ from __future__ import annotations
 import pytest
 import torch
 
-from sceniris_gym.scene.world import World
+from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.vector_env import SceneVectorEnv
-from tests.vector.conftest import Reach, reach_world
+from tests.vector.conftest import Reach, reach_scene
 
-__all__ = ["reach_world"]
+__all__ = ["reach_scene"]
 
 
 @pytest.mark.parametrize("output", ["torch", "numpy"])
-def test_torchrl_steps_and_resets_in_part(reach_world: World, output: str):
+def test_torchrl_steps_and_resets_in_part(reach_scene: CompiledScene, output: str):
     """TorchRL resets finished worlds itself, with a mask, when autoreset is disabled."""
     gym = pytest.importorskip("torchrl.envs.libs.gym")
-    envs = SceneVectorEnv(Reach, 3, scene=reach_world, max_episode_steps=3, autoreset_mode="Disabled", output=output)
+    envs = SceneVectorEnv(Reach, 3, scene=reach_scene, max_episode_steps=3, autoreset_mode="Disabled", output=output)
     wrapped = gym.GymWrapper(envs, device="cpu")
     wrapped.set_seed(0)
     rollout = wrapped.rollout(7, lambda td: td.set("action", torch.zeros(3, 5)), break_when_any_done=False)
@@ -26,10 +26,10 @@ def test_torchrl_steps_and_resets_in_part(reach_world: World, output: str):
     assert torch.isfinite(rollout["next", "critic"]).all()
 
 
-def test_skrl_steps_with_a_state_for_the_critic(reach_world: World):
+def test_skrl_steps_with_a_state_for_the_critic(reach_scene: CompiledScene):
     """Skrl's wrapper for batched simulators takes the group `policy` as observation and `critic` as state."""
     skrl = pytest.importorskip("skrl.envs.wrappers.torch")
-    envs = SceneVectorEnv(Reach, 3, scene=reach_world, max_episode_steps=3)
+    envs = SceneVectorEnv(Reach, 3, scene=reach_scene, max_episode_steps=3)
     wrapped = skrl.wrap_env(envs, wrapper="isaaclab", verbose=False)
     observation, _ = wrapped.reset()
     assert observation.shape == (3, 19)
@@ -40,10 +40,10 @@ def test_skrl_steps_with_a_state_for_the_critic(reach_world: World):
     assert wrapped.state().shape == (3, 28)
 
 
-def test_skrl_takes_numpy_too(reach_world: World):
+def test_skrl_takes_numpy_too(reach_scene: CompiledScene):
     """Skrl's wrapper for Gymnasium lays the groups side by side."""
     skrl = pytest.importorskip("skrl.envs.wrappers.torch")
-    envs = SceneVectorEnv(Reach, 3, scene=reach_world, max_episode_steps=3, output="numpy")
+    envs = SceneVectorEnv(Reach, 3, scene=reach_scene, max_episode_steps=3, output="numpy")
     wrapped = skrl.wrap_env(envs, wrapper="gymnasium", verbose=False)
     wrapped.reset()
     for _ in range(4):

@@ -9,12 +9,12 @@ import gymnasium
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
+from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.registration import ENTRY_POINTS
-from sceniris_gym.scene.world import World
-from sceniris_gym.vector.single import SceneEnv
-from tests.vector.conftest import SCENE, Reach, make_env, reach_world
+from sceniris_gym.vector.single_env import SceneEnv
+from tests.vector.conftest import SCENE, Reach, make_env, reach_scene
 
-__all__ = ["make_env", "reach_world"]
+__all__ = ["make_env", "reach_scene"]
 
 ENV_ID = "tests/SmallReach-v0"
 MAX_STEPS = 5
@@ -36,11 +36,11 @@ def env_id() -> Iterator[str]:
 
 
 @pytest.fixture
-def make_own(reach_world: World) -> Callable[..., SyncVectorEnv]:
+def make_own(reach_scene: CompiledScene) -> Callable[..., SyncVectorEnv]:
     """Return a function that makes Gymnasium's own vector environment of one-world views."""
 
     def make(num_envs: int, autoreset_mode: AutoresetMode, **kwargs: Any) -> SyncVectorEnv:
-        one = [lambda: SceneEnv(Reach, scene=reach_world, **kwargs)] * num_envs
+        one = [lambda: SceneEnv(Reach, scene=reach_scene, **kwargs)] * num_envs
         return SyncVectorEnv(one, autoreset_mode=autoreset_mode)
 
     return make

@@ -15,7 +15,7 @@ from gymnasium.utils.env_match import check_environments_match
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from sceniris_gym.registration import ENVS
-from sceniris_gym.vector.single import SceneEnv
+from sceniris_gym.vector.single_env import SceneEnv
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.conformance.conftest import MAX_STEPS
 

@@ -11,11 +11,12 @@ from PIL import Image
 
 from docs.examples import FOLDER, TEXT_KEY, Example, read_examples
 from docs.seen import View
-from sceniris_gym.scene.config import Floor, JointConfig, ObjectConfig, RegionConfig, RobotConfig, SceneConfig
-from sceniris_gym.scene.device import Cause
-from sceniris_gym.scene.groups import GroupConfig
-from sceniris_gym.scene.orientations import Orientation, Stable
-from sceniris_gym.scene.relations import Distance, Relation
+from sceniris_gym.config.groups import GroupConfig
+from sceniris_gym.config.objects import JointConfig, ObjectConfig, RegionConfig
+from sceniris_gym.config.orientation import Orientation, Stable
+from sceniris_gym.config.relations import Distance, Relation
+from sceniris_gym.config.scene import Floor, RobotConfig, SceneConfig
+from sceniris_gym.program.device import Cause
 
 PAGE = FOLDER / "placement.md"
 EXAMPLES = read_examples(PAGE)

@@ -12,7 +12,7 @@ WAYPOINTS = 10
 
 
 @dataclass(frozen=True)
-class Arm:
+class ScriptedArm:
     """Addresses of the Panda in a scene."""
 
     model: mujoco.MjModel
@@ -24,7 +24,7 @@ class Arm:
     bodies: frozenset[int]
 
     @classmethod
-    def of(cls, model: mujoco.MjModel) -> Arm:
+    def of(cls, model: mujoco.MjModel) -> ScriptedArm:
         """Find the arm by its names."""
         joints = [model.joint(f"panda/joint{i}").id for i in range(1, 8)]
         fingers = [model.joint(f"panda/finger_joint{i}").qposadr[0] for i in (1, 2)]
@@ -40,7 +40,7 @@ class Arm:
         )
 
 
-def solve(arm: Arm, data: mujoco.MjData, pos: np.ndarray, rotation: np.ndarray, start: np.ndarray) -> bool:
+def solve(arm: ScriptedArm, data: mujoco.MjData, pos: np.ndarray, rotation: np.ndarray, start: np.ndarray) -> bool:
     """Bring the tool to a pose by damped least squares, from the joint angles `start`; leave the result in `data`.
 
     The step is dq = J^T (J J^T + lambda I)^-1 e (Wampler 1986), cut off at 0.3 rad and at the joint limits.
@@ -63,7 +63,7 @@ def solve(arm: Arm, data: mujoco.MjData, pos: np.ndarray, rotation: np.ndarray, 
     return False
 
 
-def touches(arm: Arm, data: mujoco.MjData, ignore: int) -> bool:
+def touches(arm: ScriptedArm, data: mujoco.MjData, ignore: int) -> bool:
     """Return whether the arm touches anything but the body `ignore`, by more than 0.5 mm."""
     mujoco.mj_kinematics(arm.model, data)
     mujoco.mj_comPos(arm.model, data)
@@ -91,7 +91,7 @@ def grasp_rotations(yaw: float) -> list[np.ndarray]:
     return found
 
 
-def descent(arm: Arm, data: mujoco.MjData, body: str, site: str) -> np.ndarray | None:
+def descent(arm: ScriptedArm, data: mujoco.MjData, body: str, site: str) -> np.ndarray | None:
     """Find joint angles that lead straight down to a grasp of `site`, shape (WAYPOINTS, 7); None where there are none.
 
     `data` holds the layout. The open hand touches nothing but `body` on its way; only the way is tested that the tool's

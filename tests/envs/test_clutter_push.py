@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import torch
 
-from sceniris_gym.layout.build import build_world
-from sceniris_gym.scene.world import World
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.envs.stated import check_stated, values
 
@@ -21,22 +21,22 @@ ClutterPush = module.ClutterPush
 
 
 @pytest.fixture(scope="module")
-def world() -> World:
-    """Return the World of the task, built once."""
-    return build_world("clutter_push", "cpu", bank_size=8)
+def compiled() -> CompiledScene:
+    """Return the CompiledScene of the task, built once."""
+    return compile_scene("clutter_push", "cpu", bank_size=8)
 
 
-def test_the_docstring_lists_what_is_observed(world):
+def test_the_docstring_lists_what_is_observed(compiled):
     """Names, shapes and sizes."""
-    envs = gymnasium.make_vec(ENV_ID, num_envs=1, scene=world)
+    envs = gymnasium.make_vec(ENV_ID, num_envs=1, scene=compiled)
     assert isinstance(envs, SceneVectorEnv)
     assert envs.max_episode_steps == 250
     check_stated(ClutterPush, envs, [("object_velocities", (4, 6))])
 
 
-def test_a_push_begins_behind_the_tin(world):
+def test_a_push_begins_behind_the_tin(compiled):
     """On the line from the mark through the tin, 6 cm on, 2 cm over the table."""
-    envs = SceneVectorEnv(ClutterPush, 8, scene=world)
+    envs = SceneVectorEnv(ClutterPush, 8, scene=compiled)
     observation, _ = envs.reset(seed=1)
     way, tin = values(envs, observation, "tcp_to_behind"), values(envs, observation, "tcp_to_tin")
     goal = values(envs, observation, "tin_to_goal")
@@ -47,9 +47,9 @@ def test_a_push_begins_behind_the_tin(world):
     torch.testing.assert_close(cosine, torch.full((8,), -1.0))
 
 
-def test_the_can_is_in_the_way(world):
+def test_the_can_is_in_the_way(compiled):
     """Its middle is within 5 cm of the straight line from the tin to the mark, in nearly all worlds beside the tin."""
-    envs = SceneVectorEnv(ClutterPush, 64, scene=world)
+    envs = SceneVectorEnv(ClutterPush, 64, scene=compiled)
     envs.reset(seed=40)
     tin, goal, can = envs.state.poses(("tin", "goal", "can"))[:, :, :2].unbind(dim=1)
     way = goal - tin
@@ -58,9 +58,9 @@ def test_the_can_is_in_the_way(world):
     assert (envs.state.layout_status == 1).float().mean() >= 0.98
 
 
-def test_the_mark_is_seen(world):
+def test_the_mark_is_seen(compiled):
     """In every picture some green is where the mark is, and none without it."""
-    envs = SceneVectorEnv(ClutterPush, 4, scene=world, render_mode="rgb_array", render_size=(160, 120))
+    envs = SceneVectorEnv(ClutterPush, 4, scene=compiled, render_mode="rgb_array", render_size=(160, 120))
     envs.reset(seed=41)
     green = []
     for height in (0.0, -1.0):
@@ -75,9 +75,9 @@ def test_the_mark_is_seen(world):
     assert green[1].max() == 0
 
 
-def test_terms_of_the_reward(world):
+def test_terms_of_the_reward(compiled):
     """A tin on the mark, and clutter that moves."""
-    envs = SceneVectorEnv(ClutterPush, 2, scene=world, autoreset_mode="Disabled")
+    envs = SceneVectorEnv(ClutterPush, 2, scene=compiled, autoreset_mode="Disabled")
     envs.reset(seed=3)
     task: Any = envs.task
     s, d = envs.state, envs.batch.data
@@ -88,7 +88,7 @@ def test_terms_of_the_reward(world):
     assert (terms["disturbing"] == 0).all()
     assert (terms["reaching"] > 0).all()
     qpos, qvel = d.qpos.numpy(), d.qvel.numpy()
-    tin, can = world.mjm.joint("tin/free"), world.mjm.joint("can/free")
+    tin, can = compiled.mjm.joint("tin/free"), compiled.mjm.joint("can/free")
     qpos[0, tin.qposadr[0] : tin.qposadr[0] + 2] = d.mocap_pos.numpy()[0, 0, :2] + [0.02, 0.0]
     qvel[1, can.dofadr[0] : can.dofadr[0] + 3] = [0.0, 0.5, 0.0]
     d.qpos.assign(qpos)

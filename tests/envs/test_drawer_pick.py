@@ -16,11 +16,11 @@ from gymnasium.utils.env_checker import check_env
 
 import sceniris_gym
 from sceniris_gym.errors import UnknownNameError
-from sceniris_gym.layout.build import build_world
-from sceniris_gym.scene.world import World
-from sceniris_gym.vector.arm import JOINT_STEP
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.vector.arm_controller import JOINT_STEP
 from sceniris_gym.vector.vector_env import SceneVectorEnv
-from tests.envs.reaching import Arm, descent
+from tests.envs.reaching import ScriptedArm, descent
 
 ENV_ID = "sceniris_gym/DrawerPick-v0"
 drawer_pick = importlib.import_module("sceniris_gym.envs.drawer_pick")
@@ -28,17 +28,17 @@ DrawerPick = drawer_pick.DrawerPick
 
 
 @pytest.fixture(scope="session")
-def world() -> World:
-    """Return the World of the task, built once."""
-    return build_world("drawer_pick", "cpu", bank_size=8)
+def compiled() -> CompiledScene:
+    """Return the CompiledScene of the task, built once."""
+    return compile_scene("drawer_pick", "cpu", bank_size=8)
 
 
 def host_data(envs: SceneVectorEnv, world: int) -> mujoco.MjData:
     """Return plain MuJoCo's data for the state of one world."""
-    d, data = envs.batch.data, mujoco.MjData(envs.world.mjm)
+    d, data = envs.batch.data, mujoco.MjData(envs.compiled.mjm)
     data.qpos[:] = d.qpos.numpy()[world]
     data.mocap_pos[:], data.mocap_quat[:] = d.mocap_pos.numpy()[world], d.mocap_quat.numpy()[world]
-    mujoco.mj_kinematics(envs.world.mjm, data)
+    mujoco.mj_kinematics(envs.compiled.mjm, data)
     return data
 
 
@@ -48,11 +48,13 @@ def test_a_scene_without_the_arm_is_refused():
         SceneVectorEnv(DrawerPick, 1, scene="mid", device="cpu")
 
 
-def test_it_is_made_by_id_by_module_and_by_spec(world):
+def test_it_is_made_by_id_by_module_and_by_spec(compiled):
     """make_vec takes the id, the id with its module, and the spec of what was made, pickled in between."""
     assert sceniris_gym.__version__
-    first = gymnasium.make_vec(ENV_ID, num_envs=2, scene=world)
-    again = gymnasium.make_vec(f"sceniris_gym:{ENV_ID}", num_envs=2, scene=world, max_episode_steps=7, output="numpy")
+    first = gymnasium.make_vec(ENV_ID, num_envs=2, scene=compiled)
+    again = gymnasium.make_vec(
+        f"sceniris_gym:{ENV_ID}", num_envs=2, scene=compiled, max_episode_steps=7, output="numpy"
+    )
     assert isinstance(first, SceneVectorEnv)
     assert isinstance(again, SceneVectorEnv)
     assert (first.max_episode_steps, again.max_episode_steps) == (200, 7)
@@ -68,12 +70,12 @@ def test_it_is_made_by_id_by_module_and_by_spec(world):
 
 
 @pytest.mark.filterwarnings("ignore:.*A Box observation space")
-def test_one_world_of_it_passes_gymnasiums_checker(world):
+def test_one_world_of_it_passes_gymnasiums_checker(compiled):
     """gymnasium.make gives a plain environment whose observations are those of world 0 of the batch."""
     env = gymnasium.make(ENV_ID, device="cpu", render_mode="rgb_array", render_size=(32, 24))
     check_env(env.unwrapped, skip_render_check=True)
     observation, info = env.reset(seed=5)
-    batch, _ = SceneVectorEnv(DrawerPick, 3, scene=world).reset(seed=5)
+    batch, _ = SceneVectorEnv(DrawerPick, 3, scene=compiled).reset(seed=5)
     np.testing.assert_array_equal(observation["policy"], batch["policy"][0].numpy())
     assert (info["layout_seed"], info["layout_episode"]) == (5, 0)
     _, reward, terminated, truncated, _ = env.step(np.zeros(8, np.float32))
@@ -93,11 +95,11 @@ def test_the_scene_can_be_changed_by_overrides():
     np.testing.assert_allclose(envs.state.qpos("cabinet/upper").numpy(), 0.2, atol=1e-6)
 
 
-def test_the_docstring_lists_what_is_observed(world):
+def test_the_docstring_lists_what_is_observed(compiled):
     """Names and sizes in the table of the class are those of the observation."""
     assert DrawerPick.__doc__ is not None
     table = re.findall(r"^\s+\| (\w+) \| (\d+) \|", DrawerPick.__doc__, flags=re.MULTILINE)
-    envs = SceneVectorEnv(DrawerPick, 1, scene=world)
+    envs = SceneVectorEnv(DrawerPick, 1, scene=compiled)
     names = envs.observation_names
     assert [(name, (int(size),)) for name, size in table] == names["policy"]
     assert names["critic"] == [
@@ -112,9 +114,9 @@ def test_the_docstring_lists_what_is_observed(world):
         assert re.search(rf"[Gg]roup `{group}`, {size} numbers", DrawerPick.__doc__)
 
 
-def test_poses_are_in_the_robots_base_frame(world):
+def test_poses_are_in_the_robots_base_frame(compiled):
     """Tool, banana and drawer as seen from the base, against plain MuJoCo."""
-    envs = SceneVectorEnv(DrawerPick, 3, scene=world)
+    envs = SceneVectorEnv(DrawerPick, 3, scene=compiled)
     observation, _ = envs.reset(seed=2)
     first = 0
     for name, shape in envs.observation_names["policy"]:
@@ -136,9 +138,9 @@ def test_poses_are_in_the_robots_base_frame(world):
                 np.testing.assert_allclose(seen.reshape(3, 3), base.T @ matrix.reshape(3, 3), atol=1e-5)
 
 
-def test_nothing_moves_until_the_agent_does(world):
+def test_nothing_moves_until_the_agent_does(compiled):
     """With zero actions the arm holds the sampled pose, and the banana only settles in the drawer."""
-    envs = SceneVectorEnv(DrawerPick, 4, scene=world)
+    envs = SceneVectorEnv(DrawerPick, 4, scene=compiled)
     envs.reset(seed=0)
     s = envs.state
     arm, banana = s.qpos("panda")[:, :7].clone(), s.pose("banana").clone()
@@ -153,20 +155,20 @@ def test_nothing_moves_until_the_agent_does(world):
     torch.testing.assert_close(s.pose("banana")[:, :3], banana[:, :3], rtol=0, atol=5e-3)
 
 
-def test_the_banana_is_within_reach_from_above(world):
+def test_the_banana_is_within_reach_from_above(compiled):
     """In nearly all layouts the open hand goes straight down to the banana and touches nothing else."""
-    envs = SceneVectorEnv(DrawerPick, 30, scene=world)
+    envs = SceneVectorEnv(DrawerPick, 30, scene=compiled)
     envs.reset(seed=300)
-    arm = Arm.of(world.mjm)
+    arm = ScriptedArm.of(compiled.mjm)
     ways = [descent(arm, host_data(envs, i), "banana", "banana/grasp") for i in range(30)]
     assert sum(way is not None for way in ways) >= 28
 
 
-def test_the_camera_sees_the_banana_over_the_face_of_the_drawer(world):
+def test_the_camera_sees_the_banana_over_the_face_of_the_drawer(compiled):
     """From `overview`, at least half of the rays to the banana's surface meet the banana first, whatever the layout."""
-    envs = SceneVectorEnv(DrawerPick, 30, scene=world)
+    envs = SceneVectorEnv(DrawerPick, 30, scene=compiled)
     envs.reset(seed=300)
-    mjm = world.mjm
+    mjm = compiled.mjm
     (geom,) = [g for g in range(mjm.ngeom) if mjm.geom_bodyid[g] == mjm.body("banana").id and mjm.geom_group[g] == 2]
     start, count = mjm.mesh_vertadr[mjm.geom_dataid[geom]], mjm.mesh_vertnum[mjm.geom_dataid[geom]]
     corners = 0.95 * mjm.mesh_vert[start : start + count : 12].astype(float)  # within the surface
@@ -183,11 +185,11 @@ def test_the_camera_sees_the_banana_over_the_face_of_the_drawer(world):
     assert min(seen) > 0.5, np.round(seen, 2)
 
 
-def test_a_script_lifts_the_banana_out(world):
+def test_a_script_lifts_the_banana_out(compiled):
     """Down, close, up: success where the script knows a way, with the reward growing on it."""
-    envs = SceneVectorEnv(DrawerPick, 4, scene=world, autoreset_mode="Disabled")
+    envs = SceneVectorEnv(DrawerPick, 4, scene=compiled, autoreset_mode="Disabled")
     envs.reset(seed=0)
-    arm = Arm.of(world.mjm)
+    arm = ScriptedArm.of(compiled.mjm)
     found = (descent(arm, host_data(envs, i), "banana", "banana/grasp") for i in range(4))
     ways = [way for way in found if way is not None]
     assert len(ways) == 4
@@ -222,11 +224,11 @@ def test_a_script_lifts_the_banana_out(world):
     assert (torch.stack(successes).sum(dim=0)[info["success"]] < 100).all()
 
 
-def test_a_banana_that_is_thrown_out_is_no_success(world):
+def test_a_banana_that_is_thrown_out_is_no_success(compiled):
     """It must be held by both fingers, and for half a second."""
-    envs = SceneVectorEnv(DrawerPick, 2, scene=world, autoreset_mode="Disabled")
+    envs = SceneVectorEnv(DrawerPick, 2, scene=compiled, autoreset_mode="Disabled")
     envs.reset(seed=1)
-    qpos, address = envs.batch.data.qpos.numpy(), world.mjm.joint("banana/free").qposadr[0]
+    qpos, address = envs.batch.data.qpos.numpy(), compiled.mjm.joint("banana/free").qposadr[0]
     qpos[:, address + 2] = 0.8
     envs.batch.data.qpos.assign(qpos)
     task: Any = envs.task
@@ -242,16 +244,16 @@ def put_banana(envs: SceneVectorEnv, monkeypatch: pytest.MonkeyPatch, height: fl
     """Put the banana's origin at a height [m], turned by `quat` (wxyz), and say that both fingers touch it."""
     task: Any = envs.task
     monkeypatch.setattr(task, "touching", lambda s: torch.ones(s.num_envs, 2))
-    qpos, address = envs.batch.data.qpos.numpy(), envs.world.mjm.joint("banana/free").qposadr[0]
+    qpos, address = envs.batch.data.qpos.numpy(), envs.compiled.mjm.joint("banana/free").qposadr[0]
     qpos[:, address + 2 : address + 7] = [height, *quat]
     envs.batch.data.qpos.assign(qpos)
     envs.batch.update()
     return task
 
 
-def test_a_banana_is_out_when_its_lowest_point_is(world, monkeypatch):
+def test_a_banana_is_out_when_its_lowest_point_is(compiled, monkeypatch):
     """On end, its lowest point is more than 7 cm below its origin; lying, it is the origin."""
-    envs = SceneVectorEnv(DrawerPick, 2, scene=world)
+    envs = SceneVectorEnv(DrawerPick, 2, scene=compiled)
     envs.reset(seed=1)
     half = 0.5**0.5
     lying, on_end, upside_down = [1.0, 0.0, 0.0, 0.0], [half, 0.0, half, 0.0], [0.0, 1.0, 0.0, 0.0]
@@ -263,9 +265,9 @@ def test_a_banana_is_out_when_its_lowest_point_is(world, monkeypatch):
         assert (terms["lifting"] > 0.0999).tolist() == [out, out]
 
 
-def test_success_takes_half_a_second(world, monkeypatch):
+def test_success_takes_half_a_second(compiled, monkeypatch):
     """From the first moment that it is out to the last are 0.5 s: 25 steps, 26 moments, in which `held` goes to 1."""
-    envs = SceneVectorEnv(DrawerPick, 2, scene=world)
+    envs = SceneVectorEnv(DrawerPick, 2, scene=compiled)
     envs.reset(seed=1)
     task = put_banana(envs, monkeypatch, 0.6, [1.0, 0.0, 0.0, 0.0])
     for steps in range(26):

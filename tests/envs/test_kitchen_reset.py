@@ -8,8 +8,8 @@ import gymnasium
 import pytest
 import torch
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.registration import ENVS
-from sceniris_gym.scene.config import SceneConfig
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.envs.stated import check_stated
 

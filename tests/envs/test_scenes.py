@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
-from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.model import SceneModel, build_model
 
 

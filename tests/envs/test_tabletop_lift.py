@@ -12,9 +12,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from sceniris_gym.layout.build import build_world
-from sceniris_gym.scene.world import World
-from sceniris_gym.vector.arm import TOOL_STEP, TURN_STEP
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.vector.arm_controller import TOOL_STEP, TURN_STEP
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.envs.stated import check_stated, values
 
@@ -24,9 +24,9 @@ TabletopLift = module.TabletopLift
 
 
 @pytest.fixture(scope="module")
-def world() -> World:
-    """Return the World of the task, built once."""
-    return build_world("tabletop_lift", "cpu", bank_size=8)
+def compiled() -> CompiledScene:
+    """Return the CompiledScene of the task, built once."""
+    return compile_scene("tabletop_lift", "cpu", bank_size=8)
 
 
 def scripted(envs: SceneVectorEnv, observation: dict, closed: Tensor) -> Tensor:
@@ -46,33 +46,33 @@ def scripted(envs: SceneVectorEnv, observation: dict, closed: Tensor) -> Tensor:
     return torch.cat([moved, torch.where(closed > 0, -1.0, 1.0)[:, None]], dim=1)
 
 
-def test_the_docstring_lists_what_is_observed(world):
+def test_the_docstring_lists_what_is_observed(compiled):
     """Names, shapes and sizes."""
-    envs = gymnasium.make_vec(ENV_ID, num_envs=1, scene=world)
+    envs = gymnasium.make_vec(ENV_ID, num_envs=1, scene=compiled)
     assert isinstance(envs, SceneVectorEnv)
     assert envs.max_episode_steps == 150
     check_stated(TabletopLift, envs, [("object_velocities", (5, 6))])
 
 
-def test_the_turn_to_a_grasp_is_that_between_tool_and_object(world):
+def test_the_turn_to_a_grasp_is_that_between_tool_and_object(compiled):
     """Twice the angle, so that half a turn of the gripper makes no difference."""
-    envs = SceneVectorEnv(TabletopLift, 8, scene=world)
+    envs = SceneVectorEnv(TabletopLift, 8, scene=compiled)
     observation, _ = envs.reset(seed=2)
     task: Any = envs.task
     cos, sin = values(envs, observation, "turn_to_grasp").unbind(dim=1)
     for i, name in enumerate(tuple(module.GRASP_HEIGHTS)[j] for j in task.chosen.argmax(dim=1).tolist()):
-        data = mujoco.MjData(world.mjm)
+        data = mujoco.MjData(compiled.mjm)
         data.qpos[:] = envs.batch.data.qpos.numpy()[i]
-        mujoco.mj_kinematics(world.mjm, data)
+        mujoco.mj_kinematics(compiled.mjm, data)
         along, tool = data.body(name).xmat.reshape(3, 3)[:2, 0], data.site("panda/tcp").xmat.reshape(3, 3)[:2, 0]
         turn = 2.0 * (math.atan2(along[1], along[0]) - math.atan2(tool[1], tool[0]))
         assert (float(cos[i]), float(sin[i])) == pytest.approx((math.cos(turn), math.sin(turn)), abs=1e-4)
 
 
 @pytest.mark.slow
-def test_a_script_lifts(world):
+def test_a_script_lifts(compiled):
     """All chosen objects are lifted; the terms of the reward come one after the other, and success last."""
-    envs = SceneVectorEnv(TabletopLift, 6, scene=world, autoreset_mode="Disabled")
+    envs = SceneVectorEnv(TabletopLift, 6, scene=compiled, autoreset_mode="Disabled")
     observation, _ = envs.reset(seed=3)
     task: Any = envs.task
     assert set(task.chosen.argmax(dim=1).tolist()) == {0, 1, 2}
@@ -111,7 +111,7 @@ def put_can(envs: SceneVectorEnv, monkeypatch: pytest.MonkeyPatch, lying: str, l
     task.chosen.copy_(torch.tensor([0.0, 1.0, 0.0]).expand_as(task.chosen))
     monkeypatch.setattr(task, "touching", lambda s: torch.ones(s.num_envs, 2))
     quat, origin = CAN_POSES[lying]
-    qpos, address = envs.batch.data.qpos.numpy(), envs.world.mjm.joint("can/free").qposadr[0]
+    qpos, address = envs.batch.data.qpos.numpy(), envs.compiled.mjm.joint("can/free").qposadr[0]
     qpos[:, address + 2] = 0.4 + origin + lifted  # the table is 0.4 m high
     qpos[:, address + 3 : address + 7] = quat
     envs.batch.data.qpos.assign(qpos)
@@ -120,9 +120,9 @@ def put_can(envs: SceneVectorEnv, monkeypatch: pytest.MonkeyPatch, lying: str, l
 
 
 @pytest.mark.parametrize("lying", CAN_POSES)
-def test_what_is_lifted_is_the_lowest_point(world, monkeypatch, lying):
+def test_what_is_lifted_is_the_lowest_point(compiled, monkeypatch, lying):
     """A can that lies on the table in any way is not up, and one that is 10 cm higher is."""
-    envs = SceneVectorEnv(TabletopLift, 2, scene=world)
+    envs = SceneVectorEnv(TabletopLift, 2, scene=compiled)
     envs.reset(seed=6)
     for lifted, up in ((0.0, False), (0.095, False), (0.105, True)):
         task = put_can(envs, monkeypatch, lying, lifted)
@@ -133,9 +133,9 @@ def test_what_is_lifted_is_the_lowest_point(world, monkeypatch, lying):
         torch.testing.assert_close(terms["lifting"], torch.full((2,), 0.8 * min(lifted, 0.1)), rtol=0, atol=1e-3)
 
 
-def test_success_takes_half_a_second(world, monkeypatch):
+def test_success_takes_half_a_second(compiled, monkeypatch):
     """From the first moment that it is up to the last are 0.5 s: 25 steps, 26 moments, in which `held` goes to 1."""
-    envs = SceneVectorEnv(TabletopLift, 2, scene=world)
+    envs = SceneVectorEnv(TabletopLift, 2, scene=compiled)
     envs.reset(seed=6)
     task = put_can(envs, monkeypatch, "upright", 0.12)
     for steps in range(26):
@@ -147,15 +147,15 @@ def test_success_takes_half_a_second(world, monkeypatch):
     assert (task.observe(envs.state)["policy"]["held"] == 1.0).all()
 
 
-def test_an_object_that_is_dropped_is_not_held_any_more(world):
+def test_an_object_that_is_dropped_is_not_held_any_more(compiled):
     """What was held is counted afresh, and an episode ends where the chosen object has left the table."""
-    envs = SceneVectorEnv(TabletopLift, 2, scene=world, autoreset_mode="Disabled")
+    envs = SceneVectorEnv(TabletopLift, 2, scene=compiled, autoreset_mode="Disabled")
     envs.reset(seed=5)
     task: Any = envs.task
     task.held.fill_(40.0)
     qpos = envs.batch.data.qpos.numpy()
     name = tuple(module.GRASP_HEIGHTS)[int(task.chosen[0].argmax())]
-    address = world.mjm.joint(f"{name}/free").qposadr[0]
+    address = compiled.mjm.joint(f"{name}/free").qposadr[0]
     qpos[0, address : address + 3] = [0.0, 0.9, 0.2]
     envs.batch.data.qpos.assign(qpos)
     assert task.success(envs.state).all()
@@ -165,12 +165,12 @@ def test_an_object_that_is_dropped_is_not_held_any_more(world):
     assert (task.held == 0).all()
 
 
-def test_other_objects_that_move_cost_something(world):
+def test_other_objects_that_move_cost_something(compiled):
     """Half their speeds, and not that of the chosen one."""
-    envs = SceneVectorEnv(TabletopLift, 2, scene=world)
+    envs = SceneVectorEnv(TabletopLift, 2, scene=compiled)
     envs.reset(seed=5)
     task: Any = envs.task
-    mjm = world.mjm
+    mjm = compiled.mjm
     chosen = [tuple(module.GRASP_HEIGHTS)[i] for i in task.chosen.argmax(dim=1).tolist()]
     qvel = envs.batch.data.qvel.numpy()
     for world_id, name in enumerate((chosen[0], "tin")):

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 import torch
 
-from sceniris_gym.layout.build import build_world
-from sceniris_gym.scene.world import World
-from sceniris_gym.vector.arm import JOINT_STEP
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.vector.arm_controller import JOINT_STEP
 from sceniris_gym.vector.vector_env import SceneVectorEnv
-from tests.envs.reaching import Arm
+from tests.envs.reaching import ScriptedArm
 from tests.envs.stated import check_stated, values
 
 ENV_ID = "sceniris_gym/TabletopReach-v0"
@@ -24,22 +24,22 @@ TabletopReach = module.TabletopReach
 
 
 @pytest.fixture(scope="module")
-def world() -> World:
-    """Return the World of the task, built once."""
-    return build_world("tabletop_reach", "cpu", bank_size=8)
+def compiled() -> CompiledScene:
+    """Return the CompiledScene of the task, built once."""
+    return compile_scene("tabletop_reach", "cpu", bank_size=8)
 
 
-def test_the_docstring_lists_what_is_observed(world):
+def test_the_docstring_lists_what_is_observed(compiled):
     """Names, shapes and sizes."""
-    envs = gymnasium.make_vec(ENV_ID, num_envs=1, scene=world)
+    envs = gymnasium.make_vec(ENV_ID, num_envs=1, scene=compiled)
     assert isinstance(envs, SceneVectorEnv)
     assert envs.max_episode_steps == 100
     check_stated(TabletopReach, envs, [("object_velocities", (5, 3))])
 
 
-def test_heights_are_those_of_the_assets(world):
+def test_heights_are_those_of_the_assets(compiled):
     """The highest vertex of what is seen of an object, over its underside."""
-    mjm = world.mjm
+    mjm = compiled.mjm
     data = mujoco.MjData(mjm)
     mujoco.mj_kinematics(mjm, data)
     for name, height in module.HEIGHTS.items():
@@ -53,9 +53,9 @@ def test_heights_are_those_of_the_assets(world):
         assert max(tops) == pytest.approx(height, abs=1.5e-3)
 
 
-def test_every_object_is_chosen_now_and_then_and_the_target_is_over_it(world):
+def test_every_object_is_chosen_now_and_then_and_the_target_is_over_it(compiled):
     """The target is 5 cm over the top of the chosen one, as the tool sees it; masked resets leave others alone."""
-    envs = SceneVectorEnv(TabletopReach, 64, scene=world)
+    envs = SceneVectorEnv(TabletopReach, 64, scene=compiled)
     observation, _ = envs.reset(seed=1)
     chosen = values(envs, observation, "chosen")
     assert (chosen.sum(dim=1) == 1).all()
@@ -71,9 +71,9 @@ def test_every_object_is_chosen_now_and_then_and_the_target_is_over_it(world):
     assert not torch.equal(again[:32], chosen[:32])
 
 
-def test_terms_of_the_reward(world):
+def test_terms_of_the_reward(compiled):
     """Nearness and haste are told apart, and disturbing is what objects do, not the arm."""
-    envs = SceneVectorEnv(TabletopReach, 2, scene=world, autoreset_mode="Disabled")
+    envs = SceneVectorEnv(TabletopReach, 2, scene=compiled, autoreset_mode="Disabled")
     envs.reset(seed=3)
     task: Any = envs.task
     s, idle = envs.state, torch.zeros(2, 7)
@@ -84,14 +84,14 @@ def test_terms_of_the_reward(world):
     assert (terms["effort"] == 0).all()
     torch.testing.assert_close(task.reward(s, torch.ones(2, 7))["effort"], torch.full((2,), -0.002))
     assert (terms["disturbing"] == 0).all()
-    dof = world.mjm.joint("can/free").dofadr[0]
+    dof = compiled.mjm.joint("can/free").dofadr[0]
     qvel = envs.batch.data.qvel.numpy()
     qvel[:, dof : dof + 3] = [[0.3, 0.0, 0.4], [0.0, 3.0, 0.0]]
     envs.batch.data.qvel.assign(qvel)
     torch.testing.assert_close(task.reward(s, idle)["disturbing"], torch.tensor([-0.01, -0.02]))
 
 
-def solve_point(arm: Arm, data: mujoco.MjData, pos: np.ndarray) -> bool:
+def solve_point(arm: ScriptedArm, data: mujoco.MjData, pos: np.ndarray) -> bool:
     """Bring the tool to a point, however it is turned, by damped least squares; leave the result in `data`."""
     jacobian = np.zeros((3, arm.model.nv))
     for _ in range(100):
@@ -107,12 +107,12 @@ def solve_point(arm: Arm, data: mujoco.MjData, pos: np.ndarray) -> bool:
     return False
 
 
-def test_a_script_reaches(world):
+def test_a_script_reaches(compiled):
     """Joint angles from plain MuJoCo, driven to: success to the last step, and more reward on the way."""
-    envs = SceneVectorEnv(TabletopReach, 12, scene=world, autoreset_mode="Disabled")
+    envs = SceneVectorEnv(TabletopReach, 12, scene=compiled, autoreset_mode="Disabled")
     observation, _ = envs.reset(seed=10)
-    mjm = world.mjm
-    arm, goals = Arm.of(mjm), []
+    mjm = compiled.mjm
+    arm, goals = ScriptedArm.of(mjm), []
     target = values(envs, observation, "tcp_to_target").double().numpy()
     for i in range(12):
         data = mujoco.MjData(mjm)

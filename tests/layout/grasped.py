@@ -9,10 +9,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from sceniris_gym.grasping.grasps import Grasp
 from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.layout.reachability import OPENING_MARGIN, PREGRASP_DISTANCE
-from sceniris_gym.scene.grasps import Grasp
-from sceniris_gym.scene.world import World
+from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import write_mjcf
 
 FINGER = '<joint name="{0}" type="slide" axis="0 {1} 0" range="0 0.04"/>'
@@ -73,47 +73,47 @@ class Taken:
     others: list[str]
 
 
-def states(world: World, layouts: Layouts, which: str) -> Iterator[tuple[mujoco.MjData, str]]:
+def states(compiled: CompiledScene, layouts: Layouts, which: str) -> Iterator[tuple[mujoco.MjData, str]]:
     """All accepted grasps ("grasp_qpos") or pre-grasps ("pregrasp_qpos") of rows that hold a layout.
 
     Yields:
         The model in that state, gripper opened and posed by MuJoCo C (one MjData, reused), and the object's name.
     """
-    for data, name, _grasp in _grasped(world, layouts, which):
+    for data, name, _grasp in _grasped(compiled, layouts, which):
         yield data, name
 
 
-def taken(world: World, layouts: Layouts, which: str) -> Iterator[Taken]:
+def taken(compiled: CompiledScene, layouts: Layouts, which: str) -> Iterator[Taken]:
     """What MuJoCo C says of these states."""
     back = PREGRASP_DISTANCE if which == "pregrasp_qpos" else 0.0
-    for data, name, grasp in _grasped(world, layouts, which):
-        yield _taken(world, data, name, grasp, back)
+    for data, name, grasp in _grasped(compiled, layouts, which):
+        yield _taken(compiled, data, name, grasp, back)
 
 
-def _grasped(world: World, layouts: Layouts, which: str) -> Iterator[tuple[mujoco.MjData, str, Grasp]]:
+def _grasped(compiled: CompiledScene, layouts: Layouts, which: str) -> Iterator[tuple[mujoco.MjData, str, Grasp]]:
     names = ("qpos", "mocap_pos", "mocap_quat", "status", "grasp", which)
     rows = {name: getattr(layouts, name).numpy() for name in names}
-    data, reaching = mujoco.MjData(world.mjm), world.reaching
+    data, reaching = mujoco.MjData(compiled.mjm), compiled.reaching
     assert reaching is not None
     gripper = reaching.gripper
     for i in np.flatnonzero(rows["status"] != Status.NONE):
-        for c, column in enumerate(reaching.columns):
+        for c, column in enumerate(reaching.targets):
             if rows["grasp"][i, c] < 0:
                 continue
-            grasp = column.grasps.grasps[rows["grasp"][i, c]]
+            grasp = column.grasp_set.grasps[rows["grasp"][i, c]]
             data.qpos[:] = rows["qpos"][i]
-            if world.mjm.nmocap:
+            if compiled.mjm.nmocap:
                 data.mocap_pos[:], data.mocap_quat[:] = rows["mocap_pos"][i], rows["mocap_quat"][i]
             data.qpos[reaching.arm.qposadr] = rows[which][i, c, : len(reaching.arm.joints)]
             gap = min(grasp.opening + OPENING_MARGIN, gripper.opening)
             share = (gap - gripper.closed) / (gripper.opening - gripper.closed)
             data.qpos[gripper.qposadr] = gripper.closed_qpos + share * (gripper.open_qpos - gripper.closed_qpos)
-            mujoco.mj_kinematics(world.mjm, data)
+            mujoco.mj_kinematics(compiled.mjm, data)
             yield data, column.name, grasp
 
 
-def _taken(world: World, data: mujoco.MjData, name: str, grasp: Grasp, back: float) -> Taken:
-    reaching, mjm = world.reaching, world.mjm
+def _taken(compiled: CompiledScene, data: mujoco.MjData, name: str, grasp: Grasp, back: float) -> Taken:
+    reaching, mjm = compiled.reaching, compiled.mjm
     assert reaching is not None
     arm = reaching.arm
     q = data.qpos[arm.qposadr]
@@ -125,7 +125,7 @@ def _taken(world: World, data: mujoco.MjData, name: str, grasp: Grasp, back: flo
     at = data.xpos[grasp.body] + body @ grasp.pos - back * asked[:, 2]
     turn = np.zeros(4)
     mujoco.mju_mat2Quat(turn, (asked.T @ data.site_xmat[arm.tcp_site].reshape(3, 3)).ravel())
-    robot, own = set(world.scene.subtree("robot")), set(world.scene.subtree(name))
+    robot, own = set(compiled.scene.subtree("robot")), set(compiled.scene.subtree(name))
     pairs = [{int(b) for b in mjm.geom_bodyid[c.geom]} for c in data.contact if c.dist <= 0.0]
     return Taken(
         name=name,

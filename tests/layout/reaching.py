@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from sceniris_gym.reach.arm import Arm
+from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.map import ReachMap
 
 # The TCP points straight down and is anywhere in a ring around the first axis, at any height of an interval [m].
@@ -72,7 +72,7 @@ def crane_map(asset: str, *, turn_error: float = 0.0, step: float = 0.01, upward
         upwards: whether it is the map of a crane whose hand points up.
     """
     path = Path(asset)
-    arm = Arm.from_model(mujoco.MjModel.from_xml_path(asset), path.stem)
+    arm = SerialArm.from_model(mujoco.MjModel.from_xml_path(asset), path.stem)
     z = -0.1 + step * np.arange(round(0.7 / step))
     r = step * np.arange(round(0.8 / step))
     inside = np.minimum(

@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from sceniris_gym.scene.world import World
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.auditor import Auditor
 from sceniris_gym.tools.audit.language import Kept
-from sceniris_gym.tools.dataset import LayoutTable, make_table
-from tests.layout.scenes import box_mjcf, cpu_world, write_mjcf
+from sceniris_gym.tools.tables import make_table
+from tests.layout.scenes import box_mjcf, compile_on_cpu, write_mjcf
 
 FLOOR = {"size": [2.0, 2.0]}
 GENTLE = 0.03  # half width [m] of the box that keeps anchors near the middle
@@ -87,21 +88,21 @@ def related(asset: str | None, *relations: Mapping[str, Any], **words: Any) -> d
     return {"asset": asset, "on": "floor", "relations": list(relations), **words}
 
 
-def scene(objects: Mapping[str, Any], **words: Any) -> World:
-    """The World of these objects on a floor of 2 m x 2 m."""
-    return cpu_world({"floor": FLOOR, "objects": dict(objects), **words}, bank_size=8)
+def scene(objects: Mapping[str, Any], **words: Any) -> CompiledScene:
+    """The CompiledScene of these objects on a floor of 2 m x 2 m."""
+    return compile_on_cpu({"floor": FLOOR, "objects": dict(objects), **words}, bank_size=8)
 
 
-def table_of(world: World, n: int, seed: int = 0) -> LayoutTable:
+def table_of(compiled: CompiledScene, n: int, seed: int = 0) -> LayoutTable:
     """Make layouts; at least nine of ten are valid."""
-    table = make_table(world, n, seed)
+    table = make_table(compiled, n, seed)
     assert table.valid.mean() >= 0.9
     return table
 
 
-def judged(world: World, table: LayoutTable) -> list[Kept]:
+def judged(compiled: CompiledScene, table: LayoutTable) -> list[Kept]:
     """What the audit says of the relations, orientations and groups of the layouts."""
-    return Auditor(world.mjm, world.config, world.scene.bodies).judge_language(table.rows)
+    return Auditor(compiled.mjm, compiled.config, compiled.scene.bodies).judge_language(table)
 
 
 def _make_airy(path: str) -> None:

@@ -10,11 +10,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from sceniris_gym.layout.build import build_world
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.world import World
+from sceniris_gym.program.compiled import CompiledScene
 
 FLOOR = {"size": [1.0, 1.0]}
 ANYWHERE = [[-0.2, -0.2, 0.2], [0.2, 0.2, 0.6]]
@@ -38,9 +38,11 @@ class Rows:
         return Rows(*(a[index] for a in (self.qpos, self.mocap_pos, self.mocap_quat, self.status, self.attempts)))
 
 
-def cpu_world(scene: Mapping[str, Any] | str, overrides: Mapping[str, Any] | None = None, **options: Any) -> World:
-    """Build a scene's World on the CPU."""
-    return build_world(SceneConfig.load(scene, overrides), "cpu", **options)
+def compile_on_cpu(
+    scene: Mapping[str, Any] | str, overrides: Mapping[str, Any] | None = None, **options: Any
+) -> CompiledScene:
+    """Build a scene's CompiledScene on the CPU."""
+    return compile_scene(SceneConfig.load(scene, overrides), "cpu", **options)
 
 
 def read(layouts: Layouts) -> Rows:
@@ -49,21 +51,21 @@ def read(layouts: Layouts) -> Rows:
     return Rows(*(a.numpy().copy() for a in arrays))
 
 
-def make(world: World, nworld: int, **options: Any) -> Rows:
+def make(compiled: CompiledScene, nworld: int, **options: Any) -> Rows:
     """Make the layouts of one episode."""
-    generator = LayoutGenerator(world, nworld, **options)
+    generator = LayoutGenerator(compiled, nworld, **options)
     generator.generate()
     return read(generator.layouts)
 
 
-def posed(world: World, rows: Rows) -> Iterator[mujoco.MjData]:
+def posed(compiled: CompiledScene, rows: Rows) -> Iterator[mujoco.MjData]:
     """The model in the state of each row, posed by MuJoCo C; one MjData, reused."""
-    data = mujoco.MjData(world.mjm)
+    data = mujoco.MjData(compiled.mjm)
     for i in range(len(rows.qpos)):
         data.qpos[:] = rows.qpos[i]
-        if world.mjm.nmocap:
+        if compiled.mjm.nmocap:
             data.mocap_pos[:], data.mocap_quat[:] = rows.mocap_pos[i], rows.mocap_quat[i]
-        mujoco.mj_kinematics(world.mjm, data)
+        mujoco.mj_kinematics(compiled.mjm, data)
         yield data
 
 

@@ -1,4 +1,4 @@
-"""`build_world`: what a World holds, and what cannot be supported, each with its own error and reason."""
+"""`compile_scene`: what a CompiledScene holds, and what cannot be supported, each with its own error and reason."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import warp as wp
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import (
     CycleError,
     ErodedSupportError,
@@ -21,12 +22,11 @@ from sceniris_gym.errors import (
     ScenirisError,
     UnknownNameError,
 )
-from sceniris_gym.layout.build import build_world
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.device import Program
+from sceniris_gym.program.device import Program
 from sceniris_gym.scene.model import build_model
-from tests.layout.scenes import ANYWHERE, FLOOR, box_mjcf, cpu_world, make, valid, write_mjcf
+from tests.layout.scenes import ANYWHERE, FLOOR, box_mjcf, compile_on_cpu, make, valid, write_mjcf
 
 TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
@@ -50,7 +50,7 @@ def _mesh(folder: Path, text: str) -> str:
 def _refused(scene: dict, error: type[ScenirisError], *words: str) -> ScenirisError:
     """Build a scene that must fail with an error whose message has all the words."""
     with pytest.raises(error) as caught:
-        cpu_world(scene)
+        compile_on_cpu(scene)
     assert type(caught.value) is error
     assert all(word in str(caught.value) for word in words), str(caught.value)
     return caught.value
@@ -61,32 +61,32 @@ def test_every_way_to_name_a_scene_gives_the_same_world(tmp_path: Path):
     path = tmp_path / "mine.yaml"
     path.write_text("base: mid\n")
     config = SceneConfig.load("mid")
-    worlds = [build_world(scene, "cpu") for scene in ("mid", path, {"base": "mid"}, config, build_model(config))]
+    worlds = [compile_scene(scene, "cpu") for scene in ("mid", path, {"base": "mid"}, config, build_model(config))]
     first = worlds[0]
-    for world in worlds:
-        assert world.hash == first.hash
-        assert (world.program.bank_qpos.numpy() == first.program.bank_qpos.numpy()).all()
-        assert world.object_names == world.placed == ("cabinet", "apple", "banana")
-        assert world.device == "cpu"
-        assert world.bank_size == 64
+    for compiled in worlds:
+        assert compiled.hash == first.hash
+        assert (compiled.program.bank_qpos.numpy() == first.program.bank_qpos.numpy()).all()
+        assert compiled.object_names == compiled.placed == ("cabinet", "apple", "banana")
+        assert compiled.device == "cpu"
+        assert compiled.bank_size == 64
 
 
 def test_a_world_is_frozen():
     """Nothing of it can be set again."""
-    world = cpu_world("mid", bank_size=3)
-    assert world.bank_size == 3
+    compiled = compile_on_cpu("mid", bank_size=3)
+    assert compiled.bank_size == 3
     with pytest.raises(FrozenInstanceError):
-        world.device = "cuda:0"  # type: ignore[misc]
+        compiled.device = "cuda:0"  # type: ignore[misc]
 
 
 @pytest.mark.parametrize("scene", ["mid", {"objects": {}}], ids=["mid", "nothing"])
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
 def test_every_field_of_the_device_program_is_set(scene: str | dict, geometry: str):
     """Arrays that nobody filled would be null pointers in a kernel; float arrays hold numbers only."""
-    world = cpu_world(scene, {"geometry": geometry})
+    compiled = compile_on_cpu(scene, {"geometry": geometry})
     for name, field in Program.vars.items():
         if isinstance(field.type, wp.array):
-            values = getattr(world.program, name)
+            values = getattr(compiled.program, name)
             assert values is not None, name
             assert values.dtype == field.type.dtype, name
             assert values.ndim == field.type.ndim, name
@@ -97,13 +97,13 @@ def test_every_field_of_the_device_program_is_set(scene: str | dict, geometry: s
 def test_a_bank_without_room_is_refused(size: int):
     """An exhausted world needs something to fall back on."""
     with pytest.raises(ValueError, match="bank_size"):
-        cpu_world("mid", bank_size=size)
+        compile_on_cpu("mid", bank_size=size)
 
 
 def test_an_unknown_device_is_refused_with_those_there_are():
     """Before the scene is looked at."""
     with pytest.raises(UnknownNameError, match=r"unknown device 'cuda:99'.*cpu"):
-        build_world("mid", "cuda:99")
+        compile_scene("mid", "cuda:99")
 
 
 def test_relations_that_cut_a_region_too_finely_are_refused(crate: dict):
@@ -122,9 +122,9 @@ def test_object_names_are_in_the_order_of_the_file_and_placed_in_that_of_placeme
         "wall": {"asset": "cabinet", "kind": "static", "joints": {"upper": {"value": 0.1}}},
     }
     robot = {"asset": "panda", "base": [3, 0, 0], "joints": {"*": {"noise": 0.01}}}
-    world = cpu_world({"floor": {"size": [4, 4]}, "objects": objects, "robot": robot})
-    assert world.object_names == ("apple", "table", "goal", "wall")
-    assert world.placed == ("robot", "wall", "table", "apple", "goal")
+    compiled = compile_on_cpu({"floor": {"size": [4, 4]}, "objects": objects, "robot": robot})
+    assert compiled.object_names == ("apple", "table", "goal", "wall")
+    assert compiled.placed == ("robot", "wall", "table", "apple", "goal")
 
 
 @pytest.mark.parametrize("robot", [None, {"asset": "panda"}, {"asset": "panda", "joints": {"*": {"noise": 0.1}}}])
@@ -132,11 +132,11 @@ def test_object_names_are_in_the_order_of_the_file_and_placed_in_that_of_placeme
 def test_a_scene_without_objects_is_a_scene(robot: dict | None, geometry: str):
     """Nothing, a robot at rest, and a robot with drawn joints: valid at the first attempt."""
     scene = {"floor": FLOOR, "objects": {}, "geometry": geometry, **({"robot": robot} if robot else {})}
-    world = cpu_world(scene)
-    rows = make(world, 30)
+    compiled = compile_on_cpu(scene)
+    rows = make(compiled, 30)
     assert (rows.status == Status.VALID).all()
     if robot is None or "joints" not in robot:
-        assert (rows.qpos == world.home_qpos).all()
+        assert (rows.qpos == compiled.home_qpos).all()
         assert (rows.attempts == 0).all()
 
 
@@ -217,7 +217,7 @@ def test_an_open_mesh_is_refused_where_it_is_seen_and_is_a_hull_where_it_collide
     scene = {"floor": FLOOR, "objects": {"thing": {"asset": asset, "on": "floor"}}}
     says = ("objects.thing.asset: mesh of geom 'thing/shell'", "open", "geometry: physics")
     _refused({**scene, "geometry": "visual"}, MeshError, *says)
-    assert (make(cpu_world(scene), 10).status == Status.VALID).all()
+    assert (make(compile_on_cpu(scene), 10).status == Status.VALID).all()
 
 
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
@@ -246,7 +246,7 @@ def test_a_mesh_that_is_inside_out_is_turned(tmp_path: Path):
             "region": {"box": [[0.02, 0.02, 0.02], [2.0, 0.2, 0.2]]},
         },
     }
-    x = valid(make(cpu_world({"geometry": "visual", "objects": objects}), 300)).qpos[:, :3]
+    x = valid(make(compile_on_cpu({"geometry": "visual", "objects": objects}), 300)).qpos[:, :3]
     assert x.sum(axis=1).min() > 0.98
 
 
@@ -295,11 +295,11 @@ def test_a_support_that_leans_carries_nothing(tmp_path: Path, crate: dict):
     _refused(scene("wall", {}), NotSupportedError, "objects.crate.on", "'rack/wall' leans by 90 degrees")
     leans = "Its support 'rack/lid' leans by more than 0.1 degree in most of the states that were drawn"
     _refused(scene("lid", {"lid": {"range": [0.2, 0.5]}}), InfeasibleSceneError, "'crate'", "empty", leans)
-    shut = make(cpu_world(scene("lid", {"lid": {"choice": [0.0, 1.0]}})), 50)
-    lid = cpu_world(scene("lid", {"lid": {"choice": [0.0, 1.0]}})).mjm.joint("rack/lid").qposadr[0]
+    shut = make(compile_on_cpu(scene("lid", {"lid": {"choice": [0.0, 1.0]}})), 50)
+    lid = compile_on_cpu(scene("lid", {"lid": {"choice": [0.0, 1.0]}})).mjm.joint("rack/lid").qposadr[0]
     assert np.all(shut.qpos[:, lid] == 0.0)
     for part, joints in (("lid", {}), ("lid", {"lid": {"value": 0.0}}), ("flat", {"swing": {"fraction": [0, 1]}})):
-        rows = make(cpu_world(scene(part, joints)), 50)
+        rows = make(compile_on_cpu(scene(part, joints)), 50)
         np.testing.assert_allclose(rows.qpos[:, -5], 0.01 + 0.0005 + 0.3 + 0.005 + 0.0005, atol=1e-5)
 
 
@@ -315,8 +315,8 @@ def test_planes_stand_still(tmp_path: Path, crate: dict, geometry: str):
         "crate": {**crate, "on": "ground"},
         "fallen": {**crate, "on": None, "region": {"box": [[0.5, 0.5, -0.2], [0.8, 0.8, 0.2]]}},
     }
-    world = cpu_world({"geometry": geometry, "objects": objects})
-    rows = valid(make(world, 300))
+    compiled = compile_on_cpu({"geometry": geometry, "objects": objects})
+    rows = valid(make(compiled, 300))
     np.testing.assert_allclose(rows.qpos[:, 2], 0.1005, atol=1e-6)
     assert 0.001 <= rows.qpos[:, 9].min() < 0.01
 
@@ -328,8 +328,8 @@ def test_a_robot_that_stands_on_a_plane_of_its_own_keeps_others_off_it(tmp_path:
     robot = {"asset": write_mjcf(tmp_path, "bot", body, '<keyframe><key name="home" qpos="0"/></keyframe>')}
     robot["joints"] = {"turn": {"fraction": [0, 1]}}  # type: ignore[assignment]
     stone = {"asset": crate["asset"], "region": {"box": [[0.3, 0.3, -0.3], [0.5, 0.5, 0.3]]}}
-    world = cpu_world({"robot": robot, "objects": {"stone": stone}})
-    rows = valid(make(world, 300))
+    compiled = compile_on_cpu({"robot": robot, "objects": {"stone": stone}})
+    rows = valid(make(compiled, 300))
     assert len(rows.qpos) > 290
     assert 0.001 <= rows.qpos[:, 3].min() < 0.01
 
@@ -346,6 +346,6 @@ def test_a_height_field_is_refused(tmp_path: Path, crate: dict):
 def test_a_robot_with_drawn_joints_is_feasible_as_it_is_shipped(geometry: str):
     """Links that touch or overlap as they are built do not count against the arm."""
     robot = {"asset": "panda", "joints": {"*": {"noise": 0.05}}}
-    rows = make(cpu_world({"floor": FLOOR, "robot": robot, "geometry": geometry}), 100)
+    rows = make(compile_on_cpu({"floor": FLOOR, "robot": robot, "geometry": geometry}), 100)
     assert (rows.status == Status.VALID).all()
     assert rows.attempts.mean() < 1.1

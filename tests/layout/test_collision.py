@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sceniris_gym.layout.build import build_world
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.device import Cause
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import Cause
 from sceniris_gym.scene.model import build_model
-from sceniris_gym.scene.world import World
-from tests.layout.scenes import FLOOR, Rows, box_mjcf, cpu_world, make, posed, read, valid, write_mjcf
+from tests.layout.scenes import FLOOR, Rows, box_mjcf, compile_on_cpu, make, posed, read, valid, write_mjcf
 from tests.oracle.solids import Solids
 
 ROUND = {
@@ -29,7 +29,7 @@ ROUND = {
 }
 
 
-def _pairs_world(pairs: list[tuple[dict, dict, float]], geometry: str, clearance: float, tilt: bool) -> World:
+def _compile_pairs(pairs: list[tuple[dict, dict, float]], geometry: str, clearance: float, tilt: bool) -> CompiledScene:
     """A world of pairs, 1.5 m apart: the first of each at its station, the second anywhere within a reach [m] of it.
 
     `tilt` turns every free body by a rotation of its own, about which the yaw is then drawn.
@@ -48,25 +48,27 @@ def _pairs_world(pairs: list[tuple[dict, dict, float]], geometry: str, clearance
                 scene.spec.body(name).quat = np.roll(Rotation.random(rng=rng).as_quat(), 1)
         mjm = scene.spec.compile()
         scene = replace(scene, mjm=mjm, home_qpos=mjm.qpos0.copy())
-    return build_world(scene, "cpu")
+    return compile_scene(scene, "cpu")
 
 
-def _judged(world: World, npair: int, nworld: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def _judged(compiled: CompiledScene, npair: int, nworld: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """FCL's distances [m] of all accepted and of all rejected candidates, of the second of each pair to the first."""
-    generator = LayoutGenerator(world, nworld, seed=seed, rejected=50 * nworld)
+    generator = LayoutGenerator(compiled, nworld, seed=seed, rejected=50 * nworld)
     generator.generate()
-    solids = Solids(world.mjm, world.config.geometry)
+    solids = Solids(compiled.mjm, compiled.config.geometry)
     sides = [[solids.geoms(f"{side}_{i}") for side in ("first", "second")] for i in range(npair)]
-    accepted = [solids.distance(data, *side) for data in posed(world, valid(read(generator.layouts))) for side in sides]
+    accepted = [
+        solids.distance(data, *side) for data in posed(compiled, valid(read(generator.layouts))) for side in sides
+    ]
     view = generator.layouts.view
     count = int(view.rejected_count.numpy()[0])
     assert 0 < count <= 50 * nworld
     poses = (view.rejected_qpos, view.rejected_mocap_pos, view.rejected_mocap_quat)
     rows = Rows(*[a.numpy()[:count] for a in poses], *[np.zeros(count)] * 2)
-    named = [world.placed[k] for k in view.rejected_object.numpy()[:count]]
+    named = [compiled.placed[k] for k in view.rejected_object.numpy()[:count]]
     rejected = [
         solids.distance(data, *sides[int(name.split("_")[1])])
-        for name, data in zip(named, posed(world, rows), strict=True)
+        for name, data in zip(named, posed(compiled, rows), strict=True)
     ]
     assert len(accepted) > 20
     return np.array(accepted), np.array(rejected)
@@ -77,8 +79,8 @@ def _judged(world: World, npair: int, nworld: int, seed: int) -> tuple[np.ndarra
 def test_assets_are_kept_apart_exactly_as_fcl_says(geometry: str, clearance: float):
     """Tilted and turned kitchenware and fruit around each other: no miss, and no false alarm beyond 10 um."""
     pairs = [("mug", "apple", 0.1), ("bowl", "banana", 0.15), ("can", "orange", 0.1), ("banana", "mug", 0.15)]
-    world = _pairs_world([({"asset": a}, {"asset": b}, r) for a, b, r in pairs], geometry, clearance, tilt=True)
-    accepted, rejected = _judged(world, len(pairs), nworld=25, seed=4)
+    compiled = _compile_pairs([({"asset": a}, {"asset": b}, r) for a, b, r in pairs], geometry, clearance, tilt=True)
+    accepted, rejected = _judged(compiled, len(pairs), nworld=25, seed=4)
     assert accepted.min() >= clearance
     assert accepted.min() < clearance + 0.02
     assert rejected.max() <= clearance + 1e-5
@@ -88,8 +90,8 @@ def test_assets_are_kept_apart_exactly_as_fcl_says(geometry: str, clearance: flo
 def test_an_articulated_object_is_tested_in_its_drawn_joint_state(geometry: str):
     """A can around a cabinet with drawers at any opening: FCL sees the drawers where they were drawn."""
     drawers = {"asset": "cabinet", "kind": "fixture", "joints": {"*": {"fraction": [0, 1]}}}
-    world = _pairs_world([(drawers, {"asset": "can"}, 0.5)], geometry, 0.001, tilt=False)
-    accepted, rejected = _judged(world, 1, nworld=120, seed=5)
+    compiled = _compile_pairs([(drawers, {"asset": "can"}, 0.5)], geometry, 0.001, tilt=False)
+    accepted, rejected = _judged(compiled, 1, nworld=120, seed=5)
     assert accepted.min() >= 0.001
     assert rejected.max() <= 0.001 + 1e-5
 
@@ -115,12 +117,12 @@ def test_what_stands_before_a_drawer_is_judged_by_its_opening_and_not_by_its_def
             "crate": {"asset": crate, "on": "floor", "region": {"box": [[-0.1, -0.3], [0.1, -0.28]]}},
         },
     }
-    world = cpu_world(scene)
-    rows = make(world, 200)
-    upper = LayoutGenerator(world, 200, rejected=200)
+    compiled = compile_on_cpu(scene)
+    rows = make(compiled, 200)
+    upper = LayoutGenerator(compiled, 200, rejected=200)
     upper.generate()
     rejected = upper.layouts.view.rejected_qpos.numpy()[: int(upper.layouts.view.rejected_count.numpy()[0])]
-    adr = world.mjm.joint("cabinet/upper").qposadr[0]
+    adr = compiled.mjm.joint("cabinet/upper").qposadr[0]
     assert np.allclose(valid(rows).qpos[:, adr], 0.0)
     assert np.allclose(rejected[:, adr], 0.25)
     assert min(len(rejected), len(valid(rows).qpos)) > 60
@@ -130,15 +132,15 @@ def test_an_arm_is_an_obstacle_in_its_drawn_state():
     """Cans around the robot's elbow and hand keep clear of every link of it, and are not turned away without reason."""
     robot = {"asset": "panda", "joints": {"*": {"noise": 0.2}}}
     objects = {"can": {"asset": "can", "region": {"box": [[0.2, -0.15, 0.4], [0.65, 0.15, 0.75]]}, "clearance": 0.002}}
-    world = cpu_world({"robot": robot, "objects": objects, "attempts": 30, "restarts": 0})
-    generator = LayoutGenerator(world, 150, seed=6, rejected=1000)
+    compiled = compile_on_cpu({"robot": robot, "objects": objects, "attempts": 30, "restarts": 0})
+    generator = LayoutGenerator(compiled, 150, seed=6, rejected=1000)
     generator.generate()
-    view, solids = generator.layouts.view, Solids(world.mjm, "physics")
+    view, solids = generator.layouts.view, Solids(compiled.mjm, "physics")
     arm, can = solids.geoms("panda"), solids.geoms("can")
-    accepted = [solids.distance(data, arm, can) for data in posed(world, valid(read(generator.layouts)))]
+    accepted = [solids.distance(data, arm, can) for data in posed(compiled, valid(read(generator.layouts)))]
     mine = np.flatnonzero(view.rejected_object.numpy()[: int(view.rejected_count.numpy()[0])] == 1)
     rows = Rows(view.rejected_qpos.numpy()[mine], *[np.zeros((len(mine), 1))] * 4)
-    rejected = [solids.distance(data, arm, can) for data in posed(world, rows)]
+    rejected = [solids.distance(data, arm, can) for data in posed(compiled, rows)]
     assert len(accepted) > 100
     assert len(rejected) > 20
     assert min(accepted) >= 0.002
@@ -150,18 +152,18 @@ def test_true_primitives_are_kept_apart_to_a_tenth_of_a_millimetre(tmp_path: Pat
     """Round primitives in all orientations; both FCL and MuJoCo C are good to 0.1 mm there."""
     assets = {name: {"asset": write_mjcf(tmp_path, name, geom)} for name, geom in ROUND.items()}
     pairs = [(assets[name], assets[other], 0.12) for name in ROUND]
-    world = _pairs_world(pairs, "physics", 0.002, tilt=True)
-    accepted, rejected = _judged(world, len(pairs), nworld=30, seed=7)
+    compiled = _compile_pairs(pairs, "physics", 0.002, tilt=True)
+    accepted, rejected = _judged(compiled, len(pairs), nworld=30, seed=7)
     assert accepted.min() >= 0.002 - 1e-4
     assert rejected.max() <= 0.002 + 1e-4
 
 
 def _collisions(scene: Mapping, name: str, nworld: int = 200) -> tuple[int, int]:
     """How many of `nworld` single candidates of an object collide, and how many worlds come out valid."""
-    world = cpu_world({"attempts": 1, "restarts": 0, **scene}, bank_size=1)
-    generator = LayoutGenerator(world, nworld)
+    compiled = compile_on_cpu({"attempts": 1, "restarts": 0, **scene}, bank_size=1)
+    generator = LayoutGenerator(compiled, nworld)
     generator.generate()
-    count = generator.layouts.rejections.numpy()[world.placed.index(name), Cause.COLLISION]
+    count = generator.layouts.rejections.numpy()[compiled.placed.index(name), Cause.COLLISION]
     return int(count), int((generator.layouts.status.numpy() == Status.VALID).sum())
 
 
@@ -185,8 +187,8 @@ def test_what_is_wholly_inside_a_solid_collides(tmp_path: Path, geometry: str, s
         ({"asset": asset, "region": {"box": [[0, 0, -0.4], [1, 0, -0.4]]}}, {"asset": "apple", **still}),
     ):
         objects = {"apple": apple, "rock": rock}
-        world = cpu_world({"geometry": geometry, "objects": objects}, bank_size=1)
-        x = valid(make(world, 300)).qpos[:, 0]
+        compiled = compile_on_cpu({"geometry": geometry, "objects": objects}, bank_size=1)
+        x = valid(make(compiled, 300)).qpos[:, 0]
         assert len(x) > 200
         assert x.min() > 0.3
 
@@ -214,8 +216,8 @@ def _two_boxes(tmp_path: Path, first: str, second: str, rest: str = "", kinds: t
     parts["a"]["orientation"] = "fixed"
     if kinds[0] != "static":
         parts["b"] |= {"region": {"box": [[0, 0, 0], [0, 0, 0]]}, "orientation": "fixed"}
-    world = cpu_world({"model": tmp_path / "own.xml", "objects": parts})
-    rows = valid(make(world, 100))
+    compiled = compile_on_cpu({"model": tmp_path / "own.xml", "objects": parts})
+    rows = valid(make(compiled, 100))
     x = rows.qpos[:, -7] if kinds[1] == "free" else rows.mocap_pos[:, -1, 0]
     return bool((x < 0.1).any())
 
@@ -286,8 +288,8 @@ def test_the_larger_of_two_clearances_holds(tmp_path: Path, geometry: str):
                 "clearance": second,
             },
         }
-        world = cpu_world({"geometry": geometry, "objects": objects})
-        x = valid(make(world, 500)).qpos[:, 7]
+        compiled = compile_on_cpu({"geometry": geometry, "objects": objects})
+        x = valid(make(compiled, 500)).qpos[:, 7]
         assert x.min() >= 0.13 - 1e-6
         assert x.min() < 0.131
 
@@ -302,8 +304,8 @@ def test_a_support_is_exempt_from_clearance_but_not_from_touch(tmp_path: Path, g
         "bench": {"asset": table, "kind": "static"},
         "brick": {"asset": can, "on": "bench", "orientation": "fixed", "clearance": 0.05},
     }
-    world = cpu_world({"geometry": geometry, "objects": objects})
-    at = np.abs(valid(make(world, 2000)).qpos[:, :2]).max(axis=1)
+    compiled = compile_on_cpu({"geometry": geometry, "objects": objects})
+    at = np.abs(valid(make(compiled, 2000)).qpos[:, :2]).max(axis=1)
     assert 0.039 <= at.min() < 0.041
     lower = {**objects, "brick": {**objects["brick"], "gap": 0.0}}
     hits, _ = _collisions(
@@ -318,11 +320,11 @@ def test_the_floor_is_met_by_no_part_of_a_robot_or_an_open_drawer(tmp_path: Path
     body = """<geom type="box" size=".05 .05 .05" pos="0 0 .05"/><body name="flap" pos=".06 0 .05">
       <joint name="flap" type="slide" axis="0 0 1" range="-.3 0"/><geom type="box" size=".005 .05 .05"/></body>"""
     words = {"asset": write_mjcf(tmp_path, "box", body), "on": "floor", "joints": {"flap": {"fraction": [0, 1]}}}
-    world = cpu_world({"floor": FLOOR, "geometry": geometry, "objects": {"box": words}})
-    rows = make(world, 100)
+    compiled = compile_on_cpu({"floor": FLOOR, "geometry": geometry, "objects": {"box": words}})
+    rows = make(compiled, 100)
     assert (rows.attempts == 1).all()
-    solids = Solids(world.mjm, geometry)
-    lowest = np.array([solids.lowest(data, solids.geoms("box")) for data in posed(world, rows)])
+    solids = Solids(compiled.mjm, geometry)
+    lowest = np.array([solids.lowest(data, solids.geoms("box")) for data in posed(compiled, rows)])
     np.testing.assert_allclose(lowest, 0.0005, atol=2e-6)
 
 
@@ -334,8 +336,10 @@ def test_a_model_s_own_walls_and_loose_bodies_are_obstacles(tmp_path: Path):
       <body name="toy"><freejoint/><geom type="box" size=".02 .02 .02"/></body></worldbody>
       <keyframe><key name="home" qpos="-.3 0 0 1 0 0 0 0 0 0 1 0 0 0"/></keyframe></mujoco>""")
     region = {"box": [[-0.5, -0.5, 0], [0.5, 0.5, 0]]}
-    world = cpu_world({"model": tmp_path / "own.xml", "objects": {"toy": {"region": region, "orientation": "fixed"}}})
-    rows = valid(make(world, 3000))
+    compiled = compile_on_cpu(
+        {"model": tmp_path / "own.xml", "objects": {"toy": {"region": region, "orientation": "fixed"}}}
+    )
+    rows = valid(make(compiled, 3000))
     x, y = rows.qpos[:, 7:9].T
     assert y.max() < 0.43
     assert y.max() > 0.42
@@ -354,13 +358,13 @@ def test_a_door_hinged_inside_its_frame_is_no_collision_of_its_own(tmp_path: Pat
     asset = write_mjcf(tmp_path, "cupboard", body)
     joints = {"door": {"range": [0.0, 170.0 * np.pi / 180 - 1e-6]}, "post": {"value": 0.2}}
     cupboard = {"asset": asset, "kind": "fixture", "on": "floor", "joints": joints}
-    world = cpu_world({"floor": FLOOR, "objects": {"cupboard": cupboard}, "attempts": 50})
-    generator = LayoutGenerator(world, 300)
+    compiled = compile_on_cpu({"floor": FLOOR, "objects": {"cupboard": cupboard}, "attempts": 50})
+    generator = LayoutGenerator(compiled, 300)
     generator.generate()
     rows = valid(read(generator.layouts))
     assert len(rows.qpos) > 290
-    solids = Solids(world.mjm, "physics")
+    solids = Solids(compiled.mjm, "physics")
     door, post = solids.geoms("cupboard/door"), solids.geoms("cupboard/post")
-    apart = np.array([solids.distance(data, door, post) for data in posed(world, rows)])
+    apart = np.array([solids.distance(data, door, post) for data in posed(compiled, rows)])
     assert apart.min() > 0.0
     assert generator.rejection_counts()["cupboard"]["collision"] > 50

@@ -7,9 +7,10 @@ import trimesh
 import warp as wp
 from scipy.spatial.transform import Rotation
 
+from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.layout.convex import piece_shape, separated
 from sceniris_gym.layout.transforms import Pose
-from sceniris_gym.scene.device import PieceType, Program, fill_struct
+from sceniris_gym.program.device import Program, fill_struct
 
 wp.set_module_options({"enable_backward": False})
 

@@ -1,17 +1,17 @@
-"""What is written about the arrays of a batch or of a World is true: every name, in the order of the fields."""
+"""What is written about the arrays of a batch or of a CompiledScene is true: every name, in the order of the fields."""
 
 import dataclasses
 import re
 
 import pytest
 
+from sceniris_gym.geometry.box_tree import BoxTree
+from sceniris_gym.geometry.pieces import Piece
+from sceniris_gym.geometry.supports import SupportSurface
 from sceniris_gym.layout.layouts import Layouts, LayoutsView
-from sceniris_gym.scene.boxes import BoxTree
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.plan import PlacedObject, Plan
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.scene.pieces import Piece
-from sceniris_gym.scene.program import PlacedObject, Plan
-from sceniris_gym.scene.supports import Surface
-from sceniris_gym.scene.world import World
 
 
 def _documented(cls: type) -> list[str]:
@@ -21,7 +21,7 @@ def _documented(cls: type) -> list[str]:
     return [name.strip() for line in listed for name in line.split(",")]
 
 
-@pytest.mark.parametrize("cls", [BoxTree, Piece, PlacedObject, Plan, SceneModel, Surface, World])
+@pytest.mark.parametrize("cls", [BoxTree, Piece, PlacedObject, Plan, SceneModel, SupportSurface, CompiledScene])
 def test_a_docstring_lists_the_fields_in_their_order(cls: type):
     """All of them, and no other."""
     assert _documented(cls) == [field.name for field in dataclasses.fields(cls)]
@@ -32,7 +32,7 @@ def test_layouts_are_documented_in_the_order_of_the_view():
     public = [name for name, value in vars(Layouts).items() if isinstance(value, property)]
     public = [name for name in public if name not in ("nworld", "reaching")]
     assert [name for name in LayoutsView.vars if name in public] == public
-    assert _documented(Layouts) == ["world", "view", *public]
+    assert _documented(Layouts) == ["compiled", "view", *public]
     for name in public:
         line = re.search(rf"^ {{8}}{name}: (.*(?:\n {{12}}.*)*)", Layouts.__doc__ or "", re.MULTILINE)
         assert line is not None

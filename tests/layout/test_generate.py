@@ -14,36 +14,40 @@ from scipy import stats
 from sceniris_gym.errors import SeedError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.scene.device import REACH_CAUSES, Cause
-from sceniris_gym.scene.world import World
-from tests.layout.scenes import FLOOR, Rows, box_mjcf, cpu_world, make, posed, read, write_mjcf
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import REACH_CAUSES, Cause
+from tests.layout.scenes import FLOOR, Rows, box_mjcf, compile_on_cpu, make, posed, read, write_mjcf
 from tests.oracle.solids import Solids
 
 
 @pytest.fixture(scope="module", params=["physics", "visual"])
-def mid(request) -> World:
+def mid(request) -> CompiledScene:
     """The shipped scene `mid`, with both kinds of geometry."""
-    return cpu_world("mid", {"geometry": request.param})
+    return compile_on_cpu("mid", {"geometry": request.param})
 
 
 @pytest.fixture(scope="module")
-def hard(tmp_path_factory) -> World:
+def hard(tmp_path_factory) -> CompiledScene:
     """A tray that is so full that one attempt and no restart fail most of the time."""
     folder = tmp_path_factory.mktemp("hard")
     crate = box_mjcf(folder, "crate", 0.1, 0.1, 0.05)
     objects = {f"crate_{i}": {"asset": crate, "on": "floor", "orientation": "fixed"} for i in range(3)}
-    return cpu_world({"floor": {"size": [0.4, 0.4]}, "attempts": 1, "restarts": 0, "objects": objects}, bank_size=16)
+    return compile_on_cpu(
+        {"floor": {"size": [0.4, 0.4]}, "attempts": 1, "restarts": 0, "objects": objects}, bank_size=16
+    )
 
 
 def _mask(values: list[bool] | np.ndarray) -> wp.array:
     return wp.array(np.asarray(values, bool), dtype=bool, device="cpu")
 
 
-def _by_id(world: World, seeds: list[int], episodes: int, split: str = "train") -> dict[tuple[int, int], bytes]:
+def _by_id(
+    compiled: CompiledScene, seeds: list[int], episodes: int, split: str = "train"
+) -> dict[tuple[int, int], bytes]:
     """The bits of the layouts of some seeds and episodes, each seed in a batch of its own."""
     found = {}
     for seed in seeds:
-        generator = LayoutGenerator(world, 1, seed=seed, split=split)
+        generator = LayoutGenerator(compiled, 1, seed=seed, split=split)
         for episode in range(episodes):
             generator.generate()
             found[seed, episode] = read(generator.layouts).bits()
@@ -56,7 +60,7 @@ def _rows(generator: LayoutGenerator) -> dict[tuple[int, int], bytes]:
     return {key: rows[i : i + 1].bits() for i, key in enumerate(ids)}
 
 
-def test_a_layout_is_the_same_in_any_batch(mid: World):
+def test_a_layout_is_the_same_in_any_batch(mid: CompiledScene):
     """Alone, among others, under masks and in another order of resets: the same bits for a seed and an episode."""
     expected = _by_id(mid, list(range(40, 52)), 4)
     generator = LayoutGenerator(mid, 12, seed=40)
@@ -73,8 +77,8 @@ def test_a_layout_is_the_same_in_any_batch(mid: World):
     assert all(expected[k] == v for k, v in _rows(backwards).items())
 
 
-def test_generators_do_not_influence_each_other(mid: World):
-    """Two generators over one World take turns."""
+def test_generators_do_not_influence_each_other(mid: CompiledScene):
+    """Two generators over one CompiledScene take turns."""
     expected = _by_id(mid, [5, 6], 3)
     first, second = LayoutGenerator(mid, 2, seed=5), LayoutGenerator(mid, 300, seed=5)
     for _ in range(3):
@@ -84,7 +88,7 @@ def test_generators_do_not_influence_each_other(mid: World):
         assert all(_rows(second)[k] == v for k, v in _rows(first).items())
 
 
-def test_nothing_of_an_earlier_episode_is_left_in_a_later_one(mid: World):
+def test_nothing_of_an_earlier_episode_is_left_in_a_later_one(mid: CompiledScene):
     """A world that has made many layouts makes the next one as a fresh world does."""
     generator = LayoutGenerator(mid, 3, seed=1)
     for _ in range(5):
@@ -94,13 +98,13 @@ def test_nothing_of_an_earlier_episode_is_left_in_a_later_one(mid: World):
     assert _rows(generator) == _rows_of(mid, 77, 3)
 
 
-def _rows_of(world: World, seed: int, nworld: int) -> dict[tuple[int, int], bytes]:
-    generator = LayoutGenerator(world, nworld, seed=seed)
+def _rows_of(compiled: CompiledScene, seed: int, nworld: int) -> dict[tuple[int, int], bytes]:
+    generator = LayoutGenerator(compiled, nworld, seed=seed)
     generator.generate()
     return _rows(generator)
 
 
-def test_what_the_mask_leaves_out_does_not_change_by_a_bit(mid: World):
+def test_what_the_mask_leaves_out_does_not_change_by_a_bit(mid: CompiledScene):
     """Every array of the batch, working space included; an all-false mask changes nothing at all."""
     generator = LayoutGenerator(mid, 8, seed=3)
     generator.generate()
@@ -119,13 +123,13 @@ def test_what_the_mask_leaves_out_does_not_change_by_a_bit(mid: World):
     assert (view.episode.numpy() == mask).all()
 
 
-def test_splits_seeds_and_episodes_all_differ(mid: World):
+def test_splits_seeds_and_episodes_all_differ(mid: CompiledScene):
     """No two layouts of two splits, twenty seeds and two episodes are equal."""
     train, held = (_by_id(mid, list(range(20)), 2, split) for split in ("train", "eval"))
     assert len(set(train.values()) | set(held.values())) == 80
 
 
-def test_high_bits_of_a_seed_count(mid: World):
+def test_high_bits_of_a_seed_count(mid: CompiledScene):
     """Seeds that agree in their low 32 bits give different layouts, and the largest seed is one."""
     seeds = [7, 7 + (1 << 32), 7 + (1 << 63), (1 << 64) - 1]
     generator = LayoutGenerator(mid, 4, seed=seeds)
@@ -136,11 +140,11 @@ def test_high_bits_of_a_seed_count(mid: World):
 
 def test_seeds_wrap_around():
     """Seed + i is taken modulo 2^64."""
-    generator = LayoutGenerator(cpu_world({"objects": {}}), 3, seed=(1 << 64) - 2)
+    generator = LayoutGenerator(compile_on_cpu({"objects": {}}), 3, seed=(1 << 64) - 2)
     assert generator.layouts.seed.numpy().tolist() == [(1 << 64) - 2, (1 << 64) - 1, 0]
 
 
-def test_reseeding_starts_the_masked_worlds_at_episode_zero(mid: World):
+def test_reseeding_starts_the_masked_worlds_at_episode_zero(mid: CompiledScene):
     """The others keep their seeds and go on; seeds on the device and on the host mean the same."""
     generator = LayoutGenerator(mid, 4, seed=10)
     for _ in range(2):
@@ -165,10 +169,10 @@ def test_reseeding_starts_the_masked_worlds_at_episode_zero(mid: World):
 )
 def test_a_wrong_seed_is_refused(seed):
     """Negative, too large, no integer, or not one for each world: in the constructor and in `reseed`."""
-    world = cpu_world({"objects": {}})
+    compiled = compile_on_cpu({"objects": {}})
     with pytest.raises(SeedError, match="seed"):
-        LayoutGenerator(world, 3, seed=seed)
-    generator = LayoutGenerator(world, 3, seed=8)
+        LayoutGenerator(compiled, 3, seed=seed)
+    generator = LayoutGenerator(compiled, 3, seed=8)
     with pytest.raises(SeedError, match="seed"):
         generator.reseed(seed)
     assert generator.layouts.seed.numpy().tolist() == [8, 9, 10]
@@ -177,20 +181,20 @@ def test_a_wrong_seed_is_refused(seed):
 @pytest.mark.parametrize("dtype", [wp.int32, wp.int64, wp.float32])
 def test_device_seeds_of_a_wrong_kind_are_refused(dtype):
     """A Warp array of another type or length is no set of seeds."""
-    generator = LayoutGenerator(cpu_world({"objects": {}}), 3)
+    generator = LayoutGenerator(compile_on_cpu({"objects": {}}), 3)
     with pytest.raises(SeedError, match="uint64"):
         generator.reseed(wp.zeros(3, dtype=dtype, device="cpu"))
     with pytest.raises(SeedError, match="3"):
         generator.reseed(wp.zeros(2, dtype=wp.uint64, device="cpu"))
 
 
-def test_an_unknown_split_is_refused(mid: World):
+def test_an_unknown_split_is_refused(mid: CompiledScene):
     """The message lists the valid ones."""
     with pytest.raises(ValueError, match="train, eval"):
         LayoutGenerator(mid, 1, split="test")
 
 
-def test_an_exhausted_world_takes_an_entry_of_the_bank(hard: World):
+def test_an_exhausted_world_takes_an_entry_of_the_bank(hard: CompiledScene):
     """Row Philox(seed, episode) of the bank, marked as such; which one depends on nothing else."""
     bank = [row.tobytes() for row in hard.program.bank_qpos.numpy()]
     generator = LayoutGenerator(hard, 400, seed=0)
@@ -210,7 +214,7 @@ def test_an_exhausted_world_takes_an_entry_of_the_bank(hard: World):
         assert _rows(alone)[seed, 0] == expected[seed, 0]
 
 
-def test_bank_entries_are_valid_layouts(hard: World):
+def test_bank_entries_are_valid_layouts(hard: CompiledScene):
     """They keep every clearance, by FCL, and they differ."""
     qpos = hard.program.bank_qpos.numpy()
     solids = Solids(hard.mjm, "physics")
@@ -222,7 +226,7 @@ def test_bank_entries_are_valid_layouts(hard: World):
     assert len({row.tobytes() for row in qpos}) == 16
 
 
-def test_a_failed_world_does_not_touch_its_neighbours(hard: World):
+def test_a_failed_world_does_not_touch_its_neighbours(hard: CompiledScene):
     """Beside worlds that fall back, and with the same seeds alone, valid worlds are bit for bit the same."""
     generator = LayoutGenerator(hard, 60, seed=900)
     generator.generate()
@@ -236,7 +240,7 @@ def test_a_failed_world_does_not_touch_its_neighbours(hard: World):
     assert (alone.layouts.status.numpy() == Status.VALID).all()
 
 
-def test_every_object_is_in_every_row(hard: World):
+def test_every_object_is_in_every_row(hard: CompiledScene):
     """Nothing is switched off or parked anywhere when placement fails: all crates lie on the floor."""
     rows = make(hard, 200)
     for i in range(3):
@@ -253,8 +257,8 @@ def test_rejections_and_attempts_add_up(restarts: int, tmp_path: Path):
     objects = {"cabinet": {"asset": "cabinet", "kind": "fixture", "on": "floor", "joints": {"*": {"fraction": [0, 1]}}}}
     objects |= {f"crate_{i}": words for i in range(4)} | {"apple": {"asset": "apple", "on": "cabinet/lower_drawer"}}
     scene = {"floor": {"size": [0.8, 0.8]}, "attempts": 4, "restarts": restarts, "objects": objects}
-    world = cpu_world(scene)
-    generator = LayoutGenerator(world, 300, seed=4)
+    compiled = compile_on_cpu(scene)
+    generator = LayoutGenerator(compiled, 300, seed=4)
     attempts = np.zeros(300, int)
     for _ in range(2):
         generator.generate()
@@ -271,8 +275,8 @@ def test_rejections_and_attempts_add_up(restarts: int, tmp_path: Path):
     else:
         assert (status == Status.VALID).sum() > first.sum()
     named = generator.rejection_counts()
-    assert list(named) == list(world.placed)
-    for i, name in enumerate(world.placed):
+    assert list(named) == list(compiled.placed)
+    for i, name in enumerate(compiled.placed):
         causes = [c for c in Cause if c is not Cause.NONE and c not in REACH_CAUSES]
         assert named[name] == {c.name.lower(): counts[i, c] for c in causes}
     assert counts[:, Cause.NONE].sum() == 0
@@ -280,11 +284,11 @@ def test_rejections_and_attempts_add_up(restarts: int, tmp_path: Path):
     assert attempts.sum() - counts.sum() >= 6 * (status == Status.VALID).sum()
 
 
-def test_each_world_accounts_for_its_attempts(hard: World, mid: World):
+def test_each_world_accounts_for_its_attempts(hard: CompiledScene, mid: CompiledScene):
     """One acceptance for each object that was placed; a world that fails has one object with no attempt left."""
-    for world in (hard, mid):
-        most, total = world.config.attempts, 0
-        generator = LayoutGenerator(world, 1, seed=0)
+    for compiled in (hard, mid):
+        most, total = compiled.config.attempts, 0
+        generator = LayoutGenerator(compiled, 1, seed=0)
         for _ in range(100):
             before = generator.layouts.rejections.numpy().sum(axis=1)
             generator.generate()
@@ -293,15 +297,15 @@ def test_each_world_accounts_for_its_attempts(hard: World, mid: World):
             if generator.layouts.first_pass_valid.numpy()[0]:
                 total += 1
                 assert (rejected < most).all()
-                assert attempts == len(world.placed) + rejected.sum()
-            elif world.config.restarts == 0:
+                assert attempts == len(compiled.placed) + rejected.sum()
+            elif compiled.config.restarts == 0:
                 failed = int(np.flatnonzero(rejected)[-1])
                 assert rejected[failed] == most
                 assert attempts == failed + rejected.sum()
         assert total > 10
 
 
-def test_the_record_of_rejected_candidates_is_bounded_and_changes_no_layout(mid: World):
+def test_the_record_of_rejected_candidates_is_bounded_and_changes_no_layout(mid: CompiledScene):
     """Room for ten: the count runs on, the rows do not, and the layouts are those without a record."""
     generator = LayoutGenerator(mid, 200, seed=6, rejected=10)
     generator.generate()
@@ -315,13 +319,13 @@ def test_the_streams_of_objects_follow_their_place_in_the_file(tmp_path: Path):
     """A change of a later object leaves the draws of an earlier one alone."""
     crate = box_mjcf(tmp_path, "crate", 0.05, 0.05, 0.05)
     one = {"asset": crate, "on": "floor"}
-    alone = make(cpu_world({"floor": FLOOR, "objects": {"a": one}}), 50)
-    both = make(cpu_world({"floor": FLOOR, "objects": {"a": one, "b": {**one, "gap": 0.3}}}), 50)
+    alone = make(compile_on_cpu({"floor": FLOOR, "objects": {"a": one}}), 50)
+    both = make(compile_on_cpu({"floor": FLOOR, "objects": {"a": one, "b": {**one, "gap": 0.3}}}), 50)
     assert (alone.qpos[:, :7] == both.qpos[:, :7]).all()
     assert not np.allclose(both.qpos[:, :2], both.qpos[:, 7:9])
 
 
-def test_generation_runs_in_a_captured_graph(mid: World):
+def test_generation_runs_in_a_captured_graph(mid: CompiledScene):
     """Captured once and replayed, it makes the layouts of one episode after the other."""
     expected = _by_id(mid, [21, 22], 3)
     generator = LayoutGenerator(mid, 2, seed=21)
@@ -338,11 +342,11 @@ def test_generation_runs_in_a_captured_graph(mid: World):
 # Poses
 
 
-def _one(scene: Mapping, nworld: int = 400) -> tuple[World, Rows]:
-    world = cpu_world(scene)
-    rows = make(world, nworld, seed=13)
+def _one(scene: Mapping, nworld: int = 400) -> tuple[CompiledScene, Rows]:
+    compiled = compile_on_cpu(scene)
+    rows = make(compiled, nworld, seed=13)
     assert (rows.status == Status.VALID).all()
-    return world, rows
+    return compiled, rows
 
 
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
@@ -355,9 +359,9 @@ def test_the_lowest_point_stands_at_the_gap_over_the_surface(asset: str, geometr
         "table": {"asset": "table", "kind": "static"},
         asset: {"asset": asset, "kind": kind, "on": "table", "gap": 0.002, "joints": joints},
     }
-    world, rows = _one({"geometry": geometry, "attempts": 40, "objects": objects}, 40)
-    solids = Solids(world.mjm, geometry)
-    lowest = [solids.lowest(data, solids.geoms(asset)) for data in posed(world, rows)]
+    compiled, rows = _one({"geometry": geometry, "attempts": 40, "objects": objects}, 40)
+    solids = Solids(compiled.mjm, geometry)
+    lowest = [solids.lowest(data, solids.geoms(asset)) for data in posed(compiled, rows)]
     np.testing.assert_allclose(lowest, 0.4 + 0.002, atol=3e-6)
 
 
@@ -367,9 +371,9 @@ def test_the_lowest_point_of_what_unfolds_downwards_stands_on_the_surface(tmp_pa
     leg += ' size=".005 .005 .08" pos="0 0 -.06"/></body>'
     body = '<geom type="box" size=".1 .02 .005" pos="0 0 .1"/>' + leg.format("l", -0.08) + leg.format("r", 0.08)
     stool = {"asset": write_mjcf(tmp_path, "stool", body), "on": "floor", "joints": {"*": {"fraction": [0, 1]}}}
-    world, rows = _one({"floor": FLOOR, "attempts": 50, "objects": {"stool": stool}}, 100)
-    solids = Solids(world.mjm, "physics")
-    lowest = [solids.lowest(data, solids.geoms("stool")) for data in posed(world, rows)]
+    compiled, rows = _one({"floor": FLOOR, "attempts": 50, "objects": {"stool": stool}}, 100)
+    solids = Solids(compiled.mjm, "physics")
+    lowest = [solids.lowest(data, solids.geoms("stool")) for data in posed(compiled, rows)]
     np.testing.assert_allclose(lowest, 0.0005, atol=2e-6)
     assert np.ptp(rows.qpos[:, 2]) > 0.01
 
@@ -384,9 +388,9 @@ def test_what_stands_on_what_stands_rises_with_it(tmp_path: Path):
         "tray": {"asset": box_mjcf(tmp_path, "tray", 0.2, 0.1, 0.02), "on": "lift/platform", "gap": 0.002},
         "lift": {**lift, "joints": {"lift": {"fraction": [0, 1]}}, "gap": 0.001},
     }
-    world, rows = _one({"floor": FLOOR, "objects": objects}, 200)
-    assert world.placed == ("lift", "tray", "crate")
-    at = {joint: int(world.mjm.joint(joint).qposadr[0]) for joint in ("lift/lift", "tray/free", "crate/free")}
+    compiled, rows = _one({"floor": FLOOR, "objects": objects}, 200)
+    assert compiled.placed == ("lift", "tray", "crate")
+    at = {joint: int(compiled.mjm.joint(joint).qposadr[0]) for joint in ("lift/lift", "tray/free", "crate/free")}
     platform = 0.001 + 0.2 + rows.qpos[:, at["lift/lift"]] + 0.01
     tray, crate = rows.qpos[:, at["tray/free"] :][:, :7], rows.qpos[:, at["crate/free"] :][:, :7]
     np.testing.assert_allclose(tray[:, 2], platform + 0.002, atol=1e-6)
@@ -411,9 +415,9 @@ def test_the_pivot_is_the_bottom_centre_of_the_bounds(tmp_path: Path):
     (tmp_path / "lying.xml").write_text("""<mujoco><worldbody><body name="lying" quat=".707106781 .707106781 0 0">
       <geom type="box" size=".05 .02 .1" pos=".3 -.2 .4"/></body></worldbody></mujoco>""")
     words = {"asset": str(tmp_path / "lying.xml"), "on": "floor", "region": {"box": [[-0.01, 0.1], [0.01, 0.12]]}}
-    world, rows = _one({"floor": FLOOR, "objects": {"lying": words}})
-    solids = Solids(world.mjm, "physics")
-    centres = np.array([solids.points(data, solids.geoms("lying")[0]).mean(0) for data in posed(world, rows)])
+    compiled, rows = _one({"floor": FLOOR, "objects": {"lying": words}})
+    solids = Solids(compiled.mjm, "physics")
+    centres = np.array([solids.points(data, solids.geoms("lying")[0]).mean(0) for data in posed(compiled, rows)])
     assert (np.abs(centres[:, 0]) <= 0.01 + 1e-6).all()
     assert (np.abs(centres[:, 1] - 0.11) <= 0.01 + 1e-6).all()
     np.testing.assert_allclose(centres[:, 2], 0.02 + 0.0005, atol=2e-6)  # lying: its y half extent is up
@@ -426,8 +430,8 @@ def test_a_fixture_that_is_not_placed_stays_where_its_model_has_it(tmp_path: Pat
     bodies += f'<body name="lamp" mocap="true" pos="0 .4 1" euler="90 0 0">{box}</body>'
     (tmp_path / "room.xml").write_text(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
     objects = {"post": {"kind": "fixture"}, "apple": {"asset": "apple", "on": "floor"}}
-    world, rows = _one({"model": str(tmp_path / "room.xml"), "floor": FLOOR, "objects": objects})
-    for data in posed(world, rows):
+    compiled, rows = _one({"model": str(tmp_path / "room.xml"), "floor": FLOOR, "objects": objects})
+    for data in posed(compiled, rows):
         for name, at in (("post", [0.3, -0.2, 0.11]), ("lamp", [0.0, 0.4, 1.0])):
             np.testing.assert_allclose(data.body(name).xpos, at, atol=1e-6)
         np.testing.assert_allclose(data.body("post").xmat[[0, 3]], [np.sqrt(0.75), 0.5], atol=1e-6)
@@ -468,11 +472,11 @@ def test_orientations_keep_the_tilt_that_the_asset_has(tmp_path: Path):
       <geom type="box" size=".05 .02 .03"/></body></worldbody></mujoco>""")
     words = {"asset": str(tmp_path / "tilted.xml"), "on": "floor", "clearance": 0.0}
     objects = {"a": {**words, "orientation": "fixed"}, "b": words}
-    world, rows = _one({"floor": {"size": [2, 2]}, "objects": objects})
-    solids = Solids(world.mjm, "physics")
+    compiled, rows = _one({"floor": {"size": [2, 2]}, "objects": objects})
+    solids = Solids(compiled.mjm, "physics")
     up = np.empty(9)
-    mujoco.mju_quat2Mat(up, world.mjm.body_quat[world.mjm.body("a").id])
-    for data in posed(world, rows):
+    mujoco.mju_quat2Mat(up, compiled.mjm.body_quat[compiled.mjm.body("a").id])
+    for data in posed(compiled, rows):
         # the world's vertical in the body's frame does not depend on the yaw
         for name in objects:
             np.testing.assert_allclose(data.body(name).xmat[6:], up[6:], atol=1e-6)
@@ -522,8 +526,8 @@ def test_joints_are_uniform_in_their_interval(tmp_path: Path, name: str):
     """All forms that name an interval, of slides and hinges, with limits and without."""
     joints, joint, (low, high) = FORMS[name]
     gadget = {"asset": write_mjcf(tmp_path, "gadget", GADGET), "kind": "fixture", "on": "floor", "joints": joints}
-    world, rows = _one({"floor": FLOOR, "objects": {"gadget": gadget}}, 1000)
-    q = rows.qpos[:, world.mjm.joint(f"gadget/{joint}").qposadr[0]]
+    compiled, rows = _one({"floor": FLOOR, "objects": {"gadget": gadget}}, 1000)
+    q = rows.qpos[:, compiled.mjm.joint(f"gadget/{joint}").qposadr[0]]
     assert low - 1e-6 <= q.min() <= q.max() <= high + 1e-6
     assert stats.kstest(q, "uniform", args=(low, high - low)).pvalue > 0.001
 
@@ -546,8 +550,8 @@ def test_joints_are_drawn_independently_of_each_other_and_of_the_pose():
     cabinet = {"asset": "cabinet", "kind": "fixture", "on": "floor", "joints": {"*": {"fraction": [0, 1]}}}
     cabinet["region"] = {"box": [[0.0, 1.0], [0.3, 1.3]]}
     robot = {"asset": "panda", "joints": {"joint*": {"noise": 0.05}}}
-    world, rows = _one({"floor": {"size": [4, 4]}, "robot": robot, "objects": {"cabinet": cabinet}}, 2000)
-    joints = [i for i in range(world.mjm.nq) if np.ptp(rows.qpos[:, i]) > 0]
+    compiled, rows = _one({"floor": {"size": [4, 4]}, "robot": robot, "objects": {"cabinet": cabinet}}, 2000)
+    joints = [i for i in range(compiled.mjm.nq) if np.ptp(rows.qpos[:, i]) > 0]
     assert len(joints) == 9
     columns = np.column_stack([rows.qpos[:, joints], rows.mocap_pos[:, 0, :2], _yaw(rows.mocap_quat[:, 0])])
     assert np.abs(np.corrcoef(columns.T) - np.eye(12))[:9].max() < 0.09
@@ -556,7 +560,7 @@ def test_joints_are_drawn_independently_of_each_other_and_of_the_pose():
 def test_what_no_object_names_stays_at_home_bit_for_bit():
     """Fingers of an arm whose other joints are drawn, and controls of nothing else."""
     robot = {"asset": "panda", "joints": {"joint*": {"noise": 0.1}}}
-    world, rows = _one({"robot": robot}, 20)
-    still = [i for i in range(world.mjm.nq) if not world.mjm.joint(i).name.startswith("panda/joint")]
+    compiled, rows = _one({"robot": robot}, 20)
+    still = [i for i in range(compiled.mjm.nq) if not compiled.mjm.joint(i).name.startswith("panda/joint")]
     assert len(still) == 2
-    assert (rows.qpos[:, still] == world.home_qpos[still]).all()
+    assert (rows.qpos[:, still] == compiled.home_qpos[still]).all()

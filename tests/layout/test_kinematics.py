@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.layout.generate import LayoutGenerator
-from tests.layout.scenes import ANYWHERE, cpu_world, posed, read, write_mjcf
+from tests.layout.scenes import ANYWHERE, compile_on_cpu, posed, read, write_mjcf
 
 LINKAGE = """
 <geom type="box" size=".02 .02 .02"/>
@@ -27,11 +27,11 @@ LINKAGE = """
 """
 
 
-def _largest_error(world, rows, generator) -> float:
+def _largest_error(compiled, rows, generator) -> float:
     """Largest difference [m, or of unit quaternions up to sign] between the device's body poses and MuJoCo's."""
     pos, quat = generator.layouts.view.body_pos.numpy(), generator.layouts.view.body_quat.numpy()
     worst = 0.0
-    for i, data in enumerate(posed(world, rows)):
+    for i, data in enumerate(posed(compiled, rows)):
         sign = np.sign((quat[i] * data.xquat).sum(1))[:, None]
         worst = max(worst, np.abs(pos[i] - data.xpos).max(), np.abs(sign * quat[i] - data.xquat).max())
     return worst
@@ -42,18 +42,18 @@ def test_body_poses_are_those_of_mujoco_for_a_linkage_of_all_joints(tmp_path: Pa
     """Several joints a body, anchors off the origin, axes of any length, reference positions, turned bodies."""
     asset = write_mjcf(tmp_path, "linkage", LINKAGE)
     words = {"asset": asset, "kind": kind, "region": {"box": ANYWHERE}, "joints": {"*": {"fraction": [0, 1]}}}
-    world = cpu_world({"objects": {"linkage": words}, "attempts": 40})
-    generator = LayoutGenerator(world, 64, seed=1)
+    compiled = compile_on_cpu({"objects": {"linkage": words}, "attempts": 40})
+    generator = LayoutGenerator(compiled, 64, seed=1)
     generator.generate()
     rows = read(generator.layouts)
     assert (rows.status == 1).all()
     assert np.ptp(rows.qpos[:, -6:], axis=0).min() > 0.05
-    assert _largest_error(world, rows, generator) < 1e-5
+    assert _largest_error(compiled, rows, generator) < 1e-5
 
 
 def test_body_poses_are_those_of_mujoco_for_the_cabinet_and_the_arm():
     """A fixture with drawers, and a robot on a turned and raised base, in drawn joint states."""
-    world = cpu_world(
+    compiled = compile_on_cpu(
         {
             "floor": {"size": [1, 1]},
             "robot": {"asset": "panda", "base": [-0.8, 0.1, 0.3], "yaw": 70, "joints": {"*": {"noise": 0.4}}},
@@ -69,10 +69,10 @@ def test_body_poses_are_those_of_mujoco_for_the_cabinet_and_the_arm():
             "attempts": 50,
         }
     )
-    generator = LayoutGenerator(world, 64, seed=2)
+    generator = LayoutGenerator(compiled, 64, seed=2)
     generator.generate()
     rows = read(generator.layouts)
-    assert _largest_error(world, rows[rows.status == 1], generator) < 1e-5
+    assert _largest_error(compiled, rows[rows.status == 1], generator) < 1e-5
 
 
 @pytest.mark.parametrize("kind", ["static", "free"])
@@ -87,14 +87,14 @@ def test_what_stays_where_the_model_has_it_is_posed_as_mujoco_poses_it(tmp_path:
     </worldbody><keyframe><key name="home" qpos="{home}.4"/></keyframe></mujoco>"""
     (tmp_path / "own.xml").write_text(text)
     lamp = {"kind": kind, "joints": {"hinge": {"fraction": [0, 1]}}}
-    world = cpu_world({"model": tmp_path / "own.xml", "objects": {"lamp": lamp}})
-    generator = LayoutGenerator(world, 16)
+    compiled = compile_on_cpu({"model": tmp_path / "own.xml", "objects": {"lamp": lamp}})
+    generator = LayoutGenerator(compiled, 16)
     generator.generate()
     rows = read(generator.layouts)
     assert np.ptp(rows.qpos[:, -1]) > 0.5
     if kind == "free":
-        np.testing.assert_allclose(rows.qpos[:, :7], np.tile(world.scene.home_qpos[:7], (16, 1)), atol=1e-7)
-    assert _largest_error(world, rows, generator) < 1e-5
+        np.testing.assert_allclose(rows.qpos[:, :7], np.tile(compiled.scene.home_qpos[:7], (16, 1)), atol=1e-7)
+    assert _largest_error(compiled, rows, generator) < 1e-5
 
 
 def test_a_ball_joint_below_a_placed_object_keeps_its_start_pose(tmp_path: Path):
@@ -103,22 +103,24 @@ def test_a_ball_joint_below_a_placed_object_keeps_its_start_pose(tmp_path: Path)
       <joint name="ball" type="ball" pos="0 0 .02"/><geom type="box" size=".03 .01 .01"/></body>"""
     key = '<keyframe><key name="home" qpos=".6 .0 .64 -.48"/></keyframe>'
     asset = write_mjcf(tmp_path, "pendulum", body, key)
-    world = cpu_world({"objects": {"pendulum": {"asset": asset, "kind": "fixture", "region": {"box": ANYWHERE}}}})
-    generator = LayoutGenerator(world, 8)
+    compiled = compile_on_cpu(
+        {"objects": {"pendulum": {"asset": asset, "kind": "fixture", "region": {"box": ANYWHERE}}}}
+    )
+    generator = LayoutGenerator(compiled, 8)
     generator.generate()
-    assert _largest_error(world, read(generator.layouts), generator) < 1e-5
+    assert _largest_error(compiled, read(generator.layouts), generator) < 1e-5
 
 
 def test_the_arm_s_drawn_joints_stay_within_its_limits():
     """Noise larger than the way to a limit is cut off there."""
-    world = cpu_world({"robot": {"asset": "panda", "joints": {"*": {"noise": 1.0}}}, "attempts": 100})
-    generator = LayoutGenerator(world, 200)
+    compiled = compile_on_cpu({"robot": {"asset": "panda", "joints": {"*": {"noise": 1.0}}}, "attempts": 100})
+    generator = LayoutGenerator(compiled, 200)
     generator.generate()
     qpos = generator.layouts.qpos.numpy()
-    low, high = world.mjm.jnt_range.T
+    low, high = compiled.mjm.jnt_range.T
     assert (qpos >= low.astype(np.float32)).all()
     assert (qpos <= high.astype(np.float32)).all()
-    home = world.scene.home_qpos
+    home = compiled.scene.home_qpos
     assert (np.abs(qpos - home) <= 1.0 + 1e-6).all()
     cut = (home - 1.0 < low) | (home + 1.0 > high)
     assert 0 < cut.sum() < len(cut)

@@ -9,12 +9,12 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from sceniris_gym.scene.poses import matrix
-from sceniris_gym.scene.world import World
+from sceniris_gym.geometry.resting_poses import matrix
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.auditor import Auditor
 from sceniris_gym.tools.audit.geometry import poses_of
 from sceniris_gym.tools.audit.outlines import Outline
-from sceniris_gym.tools.dataset import LayoutTable
 from tests.layout.related import Shapes, judged, near_middle, related, scene, table_of
 
 N = 2000
@@ -26,20 +26,20 @@ def shapes(tmp_path_factory) -> Shapes:
     return Shapes(tmp_path_factory.mktemp("shapes"), airy=True)
 
 
-def drawn(objects: dict[str, Any], n: int = N, **words: Any) -> tuple[World, LayoutTable, dict[str, Outline]]:
+def drawn(objects: dict[str, Any], n: int = N, **words: Any) -> tuple[CompiledScene, LayoutTable, dict[str, Outline]]:
     """Make layouts in which the audit finds nothing broken; also return what objects look like from above."""
-    world = scene(objects, **words)
-    table = table_of(world, n)
-    broken = [k for k in judged(world, table) if k.broken]
+    compiled = scene(objects, **words)
+    table = table_of(compiled, n)
+    broken = [k for k in judged(compiled, table) if k.broken]
     assert not broken, broken
-    outlines = Auditor(world.mjm, world.config, world.scene.bodies).outlines
-    poses = poses_of(world.mjm, table.rows)
-    return world, table, {name: outlines.outline(name, poses) for name in objects}
+    outlines = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies).outlines
+    poses = poses_of(compiled.mjm, table)
+    return compiled, table, {name: outlines.outline(name, poses) for name in objects}
 
 
-def rotations(world: World, table: LayoutTable, name: str) -> Rotation:
+def rotations(compiled: CompiledScene, table: LayoutTable, name: str) -> Rotation:
     """The orientations of a free object."""
-    adr = world.mjm.joint(f"{name}/free").qposadr[0]
+    adr = compiled.mjm.joint(f"{name}/free").qposadr[0]
     return Rotation.from_quat(table.qpos[:, adr + 3 : adr + 7], scalar_first=True)
 
 
@@ -57,8 +57,8 @@ def test_a_yaw_is_uniform_in_its_interval(yaw: list[float], shapes: Shapes):
 @pytest.mark.parametrize("where", [{"on": "floor"}, {"region": {"box": [[-0.5, -0.5, 0.5], [0.5, 0.5, 1.0]]}}], ids=str)
 def test_any_is_uniform_over_all_rotations(where: dict, shapes: Shapes):
     """Angles to fixed rotations have the density (1 - cos) / pi, and every axis points anywhere."""
-    world, table, _ = drawn({"thing": {"asset": shapes.odd, "orientation": "any", **where}}, 4000)
-    turned = rotations(world, table, "thing")
+    compiled, table, _ = drawn({"thing": {"asset": shapes.odd, "orientation": "any", **where}}, 4000)
+    turned = rotations(compiled, table, "thing")
     for fixed in ([0, 0, 0], [1, 0, 0], [0, 2, 0], [1, -1, 2]):
         angle = (Rotation.from_rotvec(fixed) * turned).magnitude()
         assert stats.kstest((angle - np.sin(angle)) / np.pi, "uniform").pvalue > 0.001
@@ -76,10 +76,10 @@ def test_any_is_uniform_over_all_rotations(where: dict, shapes: Shapes):
 def test_stable_poses_are_drawn_by_their_probabilities(asset: str, geometry: str, shapes: Shapes):
     """Each drawn orientation is one of them, turned about the vertical by any angle."""
     thing = {"asset": getattr(shapes, asset, asset), "on": "floor", "orientation": "stable"}
-    world, table, seen = drawn({"thing": thing}, 4000, geometry=geometry)
-    poses = world.plan.objects[0].variants
+    compiled, table, seen = drawn({"thing": thing}, 4000, geometry=geometry)
+    poses = compiled.plan.objects[0].variants
     ups = np.array([matrix(p.quat)[2] for p in poses])
-    cosines = rotations(world, table, "thing").as_matrix()[:, 2] @ ups.T
+    cosines = rotations(compiled, table, "thing").as_matrix()[:, 2] @ ups.T
     assert cosines.max(1).min() > 1 - 1e-6
     probabilities = np.array([p.probability for p in poses])
     counts = np.bincount(cosines.argmax(1), minlength=len(poses))
@@ -96,8 +96,8 @@ def test_a_stable_pose_keeps_its_yaw_whatever_is_up(shapes: Shapes):
     """An L that stands on an end, with its x axis straight up, has a heading too, which relations see."""
     lies = {"asset": shapes.odd, "on": "floor", "orientation": {"stable": {"yaw": [-30, 80]}}}
     beside = {"beside": "a", "side": "right"}
-    world, table, _ = drawn({"a": lies, "thing": related(shapes.odd, beside, orientation="stable")})
-    upright = np.abs(rotations(world, table, "a").as_matrix()[:, 2, 0]) > 0.999
+    compiled, table, _ = drawn({"a": lies, "thing": related(shapes.odd, beside, orientation="stable")})
+    upright = np.abs(rotations(compiled, table, "a").as_matrix()[:, 2, 0]) > 0.999
     assert upright.sum() > 50
 
 
@@ -132,8 +132,8 @@ def test_the_footprint_counts_in_the_drawn_orientation(turn: Any, ratio: float, 
     """An L on a small slab: at ratio 1 its whole shadow lies on it, whatever way it lies."""
     slab = {"asset": shapes.lid, "kind": "fixture", "on": "floor", "region": {"box": [[-0.5, -0.5], [0.5, 0.5]]}}
     thing = {"asset": shapes.odd, "on": "slab/lid", "orientation": turn, "ratio_on_support": ratio}
-    world = scene({"slab": slab, "thing": thing}, attempts=40)
-    table = table_of(world, 500)
-    report = Auditor(world.mjm, world.config, world.scene.bodies).judge(table.rows)
+    compiled = scene({"slab": slab, "thing": thing}, attempts=40)
+    table = table_of(compiled, 500)
+    report = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies).judge(table)
     assert not report.misplaced
     assert not report.relation_violations

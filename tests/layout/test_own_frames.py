@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.layout.related import judged, table_of
-from tests.layout.scenes import box_mjcf, cpu_world, make, posed, valid, write_mjcf
+from tests.layout.scenes import box_mjcf, compile_on_cpu, make, posed, valid, write_mjcf
 
 # A desk of 0.4 m (x) by 0.2 m (y) whose own x axis points to the world's back: its front, -y, is to the world's right.
 DESK = '<geom type="box" size=".2 .1 .05" pos="0 0 .05"/>'
@@ -50,15 +50,15 @@ def test_sides_are_those_of_the_body_itself(anchor: str, tmp_path: Path):
     objects: dict[str, Any] = {side: _at(side) for side in SIDES}
     block = {"asset": box_mjcf(tmp_path, "block", 0.1, 0.06, 0.04), "on": "floor", "orientation": "fixed"}
     objects["block"] = {**block, "relations": [{"beside": "desk", "side": "front", "gap": 0.05}]}
-    world = cpu_world(_scene(tmp_path, *ANCHORS[anchor], objects), bank_size=4)
-    table = table_of(world, 8)
-    for data in posed(world, valid(make(world, 8))):
+    compiled = compile_on_cpu(_scene(tmp_path, *ANCHORS[anchor], objects), bank_size=4)
+    table = table_of(compiled, 8)
+    for data in posed(compiled, valid(make(compiled, 8))):
         assert data.body("desk").xmat[[0, 3]] == pytest.approx([0.0, 1.0], abs=1e-5)
         for side, at in SIDES.items():
             assert data.body(side).xpos[:2] == pytest.approx(at, abs=0.02), side
         assert data.body("block").xpos[0] == pytest.approx(0.1 + 0.05 + 0.05, abs=2e-4)
         assert abs(data.body("block").xpos[1]) < 0.2 - 0.03 + 2e-4
-    assert [k for k in judged(world, table) if k.broken] == []
+    assert [k for k in judged(compiled, table) if k.broken] == []
 
 
 @pytest.mark.parametrize("frame", ["anchor", "support", "table"])
@@ -68,7 +68,7 @@ def test_the_frame_of_a_support_is_that_of_the_object(frame: str, tmp_path: Path
     (tmp_path / "table.xml").write_text(f"<mujoco><worldbody>{table}</worldbody></mujoco>")
     relation = {"right_of": "table", "angle": 2, "frame": frame, "distance": {"equal": 0.4, "tolerance": 0.001}}
     objects = {"table": {"kind": "static"}, "mark": {"kind": "marker", "on": "table", "relations": [relation]}}
-    rows = make(cpu_world({"model": str(tmp_path / "table.xml"), "objects": objects}, bank_size=4), 8)
+    rows = make(compile_on_cpu({"model": str(tmp_path / "table.xml"), "objects": objects}, bank_size=4), 8)
     np.testing.assert_allclose(rows.mocap_pos[:, 0, :2], np.tile([0.0, 0.4], (8, 1)), atol=0.02)
 
 
@@ -88,12 +88,12 @@ def test_an_asset_that_is_turned_is_drawn_by_its_own_axes(orientation: Any, righ
     here = {"box": [[-1e-4, -1e-4], [1e-4, 1e-4]]}
     mark = {"kind": "marker", "region": {"box": [[0.6, 0.0, 0.0], [0.6, 0.0, 0.0]]}}
     body = '<body name="desk" euler="0 0 90"><geom type="box" size=".3 .2 .02" pos="0 0 .02"/></body>'
-    world = cpu_world(_scene(tmp_path, body, {**desk, "region": here}, False, {"mark": mark}), bank_size=4)
-    table = table_of(world, 8)
-    for data in posed(world, valid(make(world, 8))):
+    compiled = compile_on_cpu(_scene(tmp_path, body, {**desk, "region": here}, False, {"mark": mark}), bank_size=4)
+    table = table_of(compiled, 8)
+    for data in posed(compiled, valid(make(compiled, 8))):
         if abs(data.body("desk").xmat[8]) > 0.99:
             assert data.body("desk").xmat[[0, 3]] == pytest.approx(right, abs=1e-3)
-    assert [k for k in judged(world, table) if k.broken] == []
+    assert [k for k in judged(compiled, table) if k.broken] == []
 
 
 def test_a_robot_is_where_its_base_is(tmp_path: Path):
@@ -105,9 +105,9 @@ def test_a_robot_is_where_its_base_is(tmp_path: Path):
     beside = [{"beside": "robot", "side": "right", "gap": 0.05}]
     block = {"asset": box_mjcf(tmp_path, "block", 0.1, 0.1, 0.04), "on": "floor", "orientation": "fixed"}
     objects = {"mark": {"kind": "marker", "on": "floor", "relations": near}, "block": {**block, "relations": beside}}
-    world = cpu_world({"floor": {"size": [3.0, 3.0]}, "robot": robot, "objects": objects}, bank_size=4)
-    table = table_of(world, 8)
-    for data in posed(world, valid(make(world, 8))):
+    compiled = compile_on_cpu({"floor": {"size": [3.0, 3.0]}, "robot": robot, "objects": objects}, bank_size=4)
+    table = table_of(compiled, 8)
+    for data in posed(compiled, valid(make(compiled, 8))):
         assert data.body("mark").xpos[:2] == pytest.approx((0.6, -0.2), abs=0.02)
         assert data.body("block").xpos[:2] == pytest.approx((0.1, -0.2 + 0.65 + 0.05 + 0.05), abs=2e-4)
-    assert [k for k in judged(world, table) if k.broken] == []
+    assert [k for k in judged(compiled, table) if k.broken] == []

@@ -7,8 +7,8 @@ import pytest
 import shapely
 import warp as wp
 
+from sceniris_gym.config.limits import MAX_ANCHORS, MAX_CORNERS
 from sceniris_gym.layout.polygons import area, clip, convex_hull, draw_in_polygon, half_plane, set_triangle
-from sceniris_gym.scene.limits import MAX_ANCHORS, MAX_CORNERS
 
 wp.set_module_options({"enable_backward": False})
 

@@ -11,17 +11,17 @@ import pytest
 import warp as wp
 from scipy import stats
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import GraspError, InfeasibleSceneError, MapError, ReachWarning, UnknownNameError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.plan import build_plan
+from sceniris_gym.program.reach import build_reaching
+from sceniris_gym.reach.tier import Tier
 from sceniris_gym.scene.model import build_model
-from sceniris_gym.scene.program import build_plan
-from sceniris_gym.scene.reach_device import Tier
-from sceniris_gym.scene.reaching import build_reaching
-from sceniris_gym.scene.world import World
 from tests.layout.reaching import HEIGHT, RADIUS, crane_map, crane_mjcf, crane_scene
-from tests.layout.scenes import box_mjcf, cpu_world, read, write_mjcf
+from tests.layout.scenes import box_mjcf, compile_on_cpu, read, write_mjcf
 
 SITE = '<site name="grasp_{0}" pos="0 0 {1}" quat="0 1 0 0"/>'
 
@@ -47,16 +47,16 @@ def cube(folder: Path) -> str:
 
 
 @pytest.fixture(scope="module")
-def ring(crane: str, cube: str) -> World:
+def ring(crane: str, cube: str) -> CompiledScene:
     """The crane, and a cube anywhere on the floor where it reaches."""
-    return cpu_world(crane_scene(crane, cube), bank_size=8)
+    return compile_on_cpu(crane_scene(crane, cube), bank_size=8)
 
 
-def tcps(world: World, generator: LayoutGenerator, name: str = "thing") -> np.ndarray:
+def tcps(compiled: CompiledScene, generator: LayoutGenerator, name: str = "thing") -> np.ndarray:
     """Poses of the accepted grasps in the frame of the arm's base by MuJoCo C, (nworld, 4, 4); nan where none is."""
-    layouts, mjm, data = generator.layouts, world.mjm, mujoco.MjData(world.mjm)
-    assert world.reaching is not None
-    column = world.reaching.names.index(name)
+    layouts, mjm, data = generator.layouts, compiled.mjm, mujoco.MjData(compiled.mjm)
+    assert compiled.reaching is not None
+    column = compiled.reaching.names.index(name)
     grasp, poses = layouts.grasp.numpy()[:, column], np.full((generator.nworld, 4, 4), np.nan)
     for i, qpos in enumerate(layouts.qpos.numpy()):
         data.qpos[:] = qpos
@@ -64,8 +64,8 @@ def tcps(world: World, generator: LayoutGenerator, name: str = "thing") -> np.nd
             data.mocap_pos[:], data.mocap_quat[:] = layouts.mocap_pos.numpy()[i], layouts.mocap_quat.numpy()[i]
         mujoco.mj_kinematics(mjm, data)
         if grasp[i] >= 0:
-            g = world.reaching.columns[column].grasps.grasps[grasp[i]]
-            body, base = _frame(data, g.body), _frame(data, world.scene.bodies["robot"])
+            g = compiled.reaching.targets[column].grasp_set.grasps[grasp[i]]
+            body, base = _frame(data, g.body), _frame(data, compiled.scene.bodies["robot"])
             own, mat = np.eye(4), np.zeros(9)
             mujoco.mju_quat2Mat(mat, g.quat)
             own[:3, :3], own[:3, 3] = mat.reshape(3, 3), g.pos
@@ -87,7 +87,7 @@ def reached(poses: np.ndarray, slack: float = 1e-4) -> np.ndarray:
     return down & near & (z > HEIGHT[0] - slack) & (z < HEIGHT[1] + slack)
 
 
-def test_everything_accepted_is_reached_and_everything_reached_is_accepted(ring: World):
+def test_everything_accepted_is_reached_and_everything_reached_is_accepted(ring: CompiledScene):
     """Off the origin and turned: the grasps fill the ring of the crane evenly, to its edges and nothing else."""
     generator = LayoutGenerator(ring, 3000)
     generator.generate()
@@ -100,7 +100,7 @@ def test_everything_accepted_is_reached_and_everything_reached_is_accepted(ring:
     assert stats.kstest(np.arctan2(poses[:, 1, 3], poses[:, 0, 3]), "uniform", (-np.pi, 2 * np.pi)).pvalue > 1e-3
 
 
-def test_rejections_are_counted(ring: World):
+def test_rejections_are_counted(ring: CompiledScene):
     """All candidates that were rejected were out of reach, as often as the ring is smaller than the floor."""
     generator = LayoutGenerator(ring, 3000, seed=7)
     generator.generate()
@@ -112,9 +112,9 @@ def test_rejections_are_counted(ring: World):
 
 def test_a_scene_without_reach_counts_none(cube: str):
     """The causes of reach are named only where something is to be reachable."""
-    world = cpu_world({"floor": {"size": [1.0, 1.0]}, "objects": {"thing": {"asset": cube, "on": "floor"}}})
-    assert world.reaching is None
-    generator = LayoutGenerator(world, 4)
+    compiled = compile_on_cpu({"floor": {"size": [1.0, 1.0]}, "objects": {"thing": {"asset": cube, "on": "floor"}}})
+    assert compiled.reaching is None
+    generator = LayoutGenerator(compiled, 4)
     assert not {"unreachable", "no_ik", "blocked"} & set(generator.rejection_counts()["thing"])
     assert generator.layouts.grasp.shape == (4, 0)
 
@@ -123,11 +123,11 @@ def test_a_layout_and_its_grasp_are_the_same_in_any_batch(folder: Path, crane: s
     """Alone, in another order and under a mask: the same bits, the grasp's among them."""
     sites = SITE.format("high", 0.6) + SITE.format("low", 0.02)
     thing = write_mjcf(folder, "two_sites", '<geom type="box" size="0.02 0.02 0.02" pos="0 0 0.02"/>' + sites)
-    world = cpu_world(crane_scene(crane, thing), bank_size=4)
-    many = LayoutGenerator(world, 20, seed=30)
+    compiled = compile_on_cpu(crane_scene(crane, thing), bank_size=4)
+    many = LayoutGenerator(compiled, 20, seed=30)
     many.generate()
     rows, grasps = read(many.layouts), many.layouts.grasp.numpy().copy()
-    back = LayoutGenerator(world, 20, seed=list(range(49, 29, -1)))
+    back = LayoutGenerator(compiled, 20, seed=list(range(49, 29, -1)))
     mask = wp.array(np.arange(20) % 2 == 0, dtype=bool, device="cpu")
     back.generate(mask)
     for i in range(0, 20, 2):
@@ -141,11 +141,11 @@ def test_the_first_grasp_that_is_reached_is_taken(folder: Path, crane: str):
     both = write_mjcf(folder, "both", box + SITE.format("a", 0.03) + SITE.format("b", 0.02))
     second = write_mjcf(folder, "second", box + SITE.format("a", HEIGHT[1] + 0.01) + SITE.format("b", 0.02))
     for asset, expected in ((both, 0), (second, 1)):
-        world = cpu_world(crane_scene(crane, asset), bank_size=4)
-        generator = LayoutGenerator(world, 50)
+        compiled = compile_on_cpu(crane_scene(crane, asset), bank_size=4)
+        generator = LayoutGenerator(compiled, 50)
         generator.generate()
         assert (generator.layouts.grasp.numpy() == expected).all()
-        assert reached(tcps(world, generator)).all()
+        assert reached(tcps(compiled, generator)).all()
         assert np.isnan(generator.layouts.grasp_qpos.numpy()).all()
 
 
@@ -156,24 +156,24 @@ def test_a_handle_is_reached_where_its_drawer_is(folder: Path, crane: str):
     drawer = f'<body name="drawer" pos="0 0 0.05">{slide}{box}{SITE.format("handle", 0.02)}</body>'
     asset = write_mjcf(folder, "chest", box + drawer)
     words = {"kind": "fixture", "joints": {"slide": {"fraction": [0.0, 1.0]}}}
-    world = cpu_world(crane_scene(crane, asset, **words), bank_size=4)
-    generator = LayoutGenerator(world, 300)
+    compiled = compile_on_cpu(crane_scene(crane, asset, **words), bank_size=4)
+    generator = LayoutGenerator(compiled, 300)
     generator.generate()
-    drawn = generator.layouts.qpos.numpy()[:, world.mjm.jnt_qposadr[world.mjm.joint("thing/slide").id]]
+    drawn = generator.layouts.qpos.numpy()[:, compiled.mjm.jnt_qposadr[compiled.mjm.joint("thing/slide").id]]
     assert drawn.min() < 0.05
     assert drawn.max() > 0.25
-    assert reached(tcps(world, generator)).all()
+    assert reached(tcps(compiled, generator)).all()
 
 
-def test_strict_takes_less_than_the_majority(crane: str, cube: str, ring: World):
+def test_strict_takes_less_than_the_majority(crane: str, cube: str, ring: CompiledScene):
     """`map_strict` stays a cell away from the edges of the ring."""
-    world = cpu_world(crane_scene(crane, cube, reachable="map_strict"), bank_size=4)
-    generator = LayoutGenerator(world, 2000)
+    compiled = compile_on_cpu(crane_scene(crane, cube, reachable="map_strict"), bank_size=4)
+    generator = LayoutGenerator(compiled, 2000)
     generator.generate()
-    r = np.hypot(*tcps(world, generator)[:, :2, 3].T)
+    r = np.hypot(*tcps(compiled, generator)[:, :2, 3].T)
     assert RADIUS[0] + 0.005 <= r.min() < RADIUS[0] + 0.01
     assert RADIUS[1] - 0.01 < r.max() <= RADIUS[1] - 0.005
-    assert [c.tier for w in (ring, world) for c in w.reaching.columns] == [Tier.MAP, Tier.MAP_STRICT]  # type: ignore[union-attr]
+    assert [c.tier for w in (ring, compiled) for c in w.reaching.targets] == [Tier.MAP, Tier.MAP_STRICT]  # type: ignore[union-attr]
 
 
 def test_nothing_is_taken_from_below(folder: Path, cube: str):
@@ -182,14 +182,14 @@ def test_nothing_is_taken_from_below(folder: Path, cube: str):
     crane_map(asset, upwards=True)
     rising = write_mjcf(folder, "rising", '<geom type="sphere" size="0.02" pos="0 0 0.02"/><site name="grasp_up"/>')
     with pytest.raises(InfeasibleSceneError, match=r"because of unreachable.*Bring it nearer to the robot"):
-        cpu_world(crane_scene(asset, rising), bank_size=1)
+        compile_on_cpu(crane_scene(asset, rising), bank_size=1)
     scene = crane_scene(asset, rising)
     del scene["objects"]["thing"]["on"]
     scene["objects"]["thing"]["region"] = {"box": [[-0.5, -0.5, 0.1], [0.5, 0.5, 0.3]]}
-    world = cpu_world(scene, bank_size=4)
-    generator = LayoutGenerator(world, 100)
+    compiled = compile_on_cpu(scene, bank_size=4)
+    generator = LayoutGenerator(compiled, 100)
     generator.generate()
-    assert (tcps(world, generator)[:, 2, 2] > 0.99).all()
+    assert (tcps(compiled, generator)[:, 2, 2] > 0.99).all()
 
 
 def test_absent_objects_have_no_grasp_and_the_bank_has_one(crane: str, cube: str):
@@ -197,16 +197,16 @@ def test_absent_objects_have_no_grasp_and_the_bank_has_one(crane: str, cube: str
     scene = crane_scene(crane, cube)
     scene["objects"]["other"] = dict(scene["objects"]["thing"])
     scene |= {"groups": {"one": {"of": ["thing", "other"], "count": 1}}, "attempts": 1, "restarts": 0}
-    world = cpu_world(scene, bank_size=16)
-    generator = LayoutGenerator(world, 300)
+    compiled = compile_on_cpu(scene, bank_size=16)
+    generator = LayoutGenerator(compiled, 300)
     generator.generate()
     status, grasp = generator.layouts.status.numpy(), generator.layouts.grasp.numpy()
     present = generator.layouts.present.numpy()[:, :2]
     assert {int(s) for s in status} == {Status.VALID, Status.FALLBACK}
     assert ((grasp >= 0) == (present != 0)).all()
     for name in ("thing", "other"):
-        poses = tcps(world, generator, name)
-        there = present[:, world.slots.index(name)] != 0
+        poses = tcps(compiled, generator, name)
+        there = present[:, compiled.slots.index(name)] != 0
         assert reached(poses[there]).all()
 
 
@@ -231,7 +231,7 @@ def test_an_arm_without_a_map_is_told_how_to_build_one(folder: Path, cube: str):
             MapError, match=r"objects\.thing\.reachable: .*'sceniris-gym reach .*--build -o .*unmapped\.reach'"
         ):
             reaching(crane_scene(asset, cube, reachable=tier))
-    assert reaching(crane_scene(asset, cube, reachable="ik")).columns[0].tier == Tier.IK
+    assert reaching(crane_scene(asset, cube, reachable="ik")).targets[0].tier == Tier.IK
 
 
 def test_a_map_of_another_arm_is_refused(folder: Path, cube: str):
@@ -258,9 +258,9 @@ def test_an_arm_that_a_map_does_not_fit_goes_through_ik(folder: Path, cube: str,
     if not form:
         crane_map(asset, turn_error=0.2)
     with pytest.warns(ReachWarning, match=f"objects.thing.reachable: .*{says}.*, so 'ik' decides"):
-        assert reaching(crane_scene(asset, cube)).columns[0].tier == Tier.IK
-    assert reaching(crane_scene(asset, cube, reachable=True)).columns[0].tier == Tier.IK
-    assert reaching(crane_scene(asset, cube, reachable="clear")).columns[0].tier == Tier.CLEAR
+        assert reaching(crane_scene(asset, cube)).targets[0].tier == Tier.IK
+    assert reaching(crane_scene(asset, cube, reachable=True)).targets[0].tier == Tier.IK
+    assert reaching(crane_scene(asset, cube, reachable="clear")).targets[0].tier == Tier.CLEAR
 
 
 def test_a_robot_without_a_tcp_is_refused(folder: Path, cube: str):
@@ -276,7 +276,7 @@ def test_what_is_wider_than_the_gripper_fails_before_anything_is_made(folder: Pa
     """The message names the scene's key."""
     wide = box_mjcf(folder, "wide", 0.1, 0.1, 0.1)
     with pytest.raises(GraspError, match=r"objects\.thing\.reachable: .* 0\.1 m wide"):
-        cpu_world(crane_scene(crane, wide))
+        compile_on_cpu(crane_scene(crane, wide))
 
 
 def reaching(scene: dict[str, Any]) -> Any:

@@ -6,19 +6,19 @@ import mujoco
 import numpy as np
 import pytest
 
+from sceniris_gym.config.loader import shipped
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.scene.files import shipped
-from sceniris_gym.scene.world import World
-from tests.layout.scenes import cpu_world
+from sceniris_gym.program.compiled import CompiledScene
+from tests.layout.scenes import compile_on_cpu
 from tests.oracle.exact_ik import ExactIk
 
 N = 150
 
 
-def scene(robot: str, **words: object) -> World:
+def scene(robot: str, **words: object) -> CompiledScene:
     """An arm that is turned, and a mug that lies anywhere on the floor around it. Nothing is tried twice."""
-    return cpu_world(
+    return compile_on_cpu(
         {
             "floor": {"size": [2.2, 2.2]},
             "robot": {"asset": robot, "base": [0.1, 0.2, 0.0], "yaw": 130.0},
@@ -30,9 +30,9 @@ def scene(robot: str, **words: object) -> World:
     )
 
 
-def grasp_poses(world: World, plain: World, qpos: np.ndarray) -> np.ndarray:
+def grasp_poses(compiled: CompiledScene, plain: CompiledScene, qpos: np.ndarray) -> np.ndarray:
     """All grasps of the mug in each layout, in the frame of the arm's base by MuJoCo C, (nworld, ngrasp, 4, 4)."""
-    assert world.reaching is not None
+    assert compiled.reaching is not None
     mjm, data = plain.mjm, mujoco.MjData(plain.mjm)
     found = []
     for row in qpos:
@@ -40,7 +40,7 @@ def grasp_poses(world: World, plain: World, qpos: np.ndarray) -> np.ndarray:
         mujoco.mj_kinematics(mjm, data)
         base = _matrix(data.xpos[plain.scene.bodies["robot"]], data.xquat[plain.scene.bodies["robot"]])
         mug = _matrix(data.xpos[plain.scene.bodies["mug"]], data.xquat[plain.scene.bodies["mug"]])
-        grasps = world.reaching.columns[0].grasps.grasps
+        grasps = compiled.reaching.targets[0].grasp_set.grasps
         found.append([np.linalg.inv(base) @ mug @ _matrix(g.pos, g.quat) for g in grasps])
     return np.array(found)
 
@@ -56,7 +56,7 @@ def _matrix(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
 def test_a_mug_is_accepted_where_any_of_its_grasps_is_reached(robot: str, tier: str):
     """The first candidate of each world, with the word and without: the same pose, accepted where the truth says so."""
     asked, plain = scene(robot, reachable=tier), scene(robot)
-    generators = [LayoutGenerator(world, N, seed=100) for world in (asked, plain)]
+    generators = [LayoutGenerator(compiled, N, seed=100) for compiled in (asked, plain)]
     for generator in generators:
         generator.generate()
     there = generators[1].layouts.status.numpy() == Status.VALID  # and not on the arm's foot

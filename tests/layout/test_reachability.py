@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 import warp as wp
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import InfeasibleSceneError
-from sceniris_gym.layout.build import build_world
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.layout.reachability import SAME_BRANCH
+from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.reach.solve import POS_TOL, ROT_TOL
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.world import World
 from tests.layout.grasped import arm_mjcf, states, taken
-from tests.layout.scenes import box_mjcf, cpu_world, read
+from tests.layout.scenes import box_mjcf, compile_on_cpu, read
 from tests.oracle.solids import Solids
 
 FLOOR = {"size": [1.5, 1.5]}
@@ -32,7 +32,7 @@ def scene(folder: Path, objects: Mapping[str, Any], robot: str | None = None, **
     return {"floor": FLOOR, "robot": {"asset": arm, "yaw": 30.0}, "objects": dict(objects), **words}
 
 
-def cluttered(folder: Path, tier: str, device: str = "cpu", **words: Any) -> World:
+def cluttered(folder: Path, tier: str, device: str = "cpu", **words: Any) -> CompiledScene:
     """A block and a can to reach among posts and a case, anywhere on a floor that is larger than the arm's reach."""
     post = box_mjcf(folder, "post", 0.08, 0.08, 0.4)
     bar = box_mjcf(folder, "bar", 0.12, 0.05, 0.04)
@@ -43,11 +43,11 @@ def cluttered(folder: Path, tier: str, device: str = "cpu", **words: Any) -> Wor
         **{f"post_{i}": {"asset": post, "on": "floor"} for i in range(4)},
         "can": {"asset": "can", "on": "floor", "reachable": tier},
     }
-    return build_world(SceneConfig.load(scene(folder, objects, **words)), device, bank_size=8)
+    return compile_scene(SceneConfig.load(scene(folder, objects, **words)), device, bank_size=8)
 
 
 @pytest.fixture(scope="module", params=["ik", "clear"])
-def world(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> World:
+def compiled(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
     """The cluttered scene for both tiers."""
     return cluttered(tmp_path_factory.mktemp(request.param), request.param)
 
@@ -59,34 +59,34 @@ def bits(layouts: Layouts) -> list[bytes]:
     return [rows[i : i + 1].bits() + b"".join(a[i].tobytes() for a in own) for i in range(layouts.nworld)]
 
 
-def is_clear(world: World) -> bool:
+def is_clear(compiled: CompiledScene) -> bool:
     """Whether a world is that of the tier `clear`."""
-    return world.config.objects["can"].reachable == "clear"
+    return compiled.config.objects["can"].reachable == "clear"
 
 
-def test_accepted_joints_hold_by_mujoco(world: World):
+def test_accepted_joints_hold_by_mujoco(compiled: CompiledScene):
     """Within limits, at the grasp to 1 mm and 0.5 degrees, and clear of the robot itself: without exception."""
-    generator = LayoutGenerator(world, 300, seed=3)
+    generator = LayoutGenerator(compiled, 300, seed=3)
     generator.generate()
-    found = list(taken(world, generator.layouts, "grasp_qpos"))
+    found = list(taken(compiled, generator.layouts, "grasp_qpos"))
     assert len(found) == 600
     assert max(t.far for t in found) <= POS_TOL
     assert max(t.turned for t in found) <= ROT_TOL
     assert all(t.within for t in found)
     assert not any(t.itself for t in found)
     # among the posts the arm would hit something now and then
-    assert any(t.others for t in found) != is_clear(world)
+    assert any(t.others for t in found) != is_clear(compiled)
 
 
-def test_pre_grasps_of_clear_hold_by_mujoco(world: World):
+def test_pre_grasps_of_clear_hold_by_mujoco(compiled: CompiledScene):
     """8 cm back along the approach, without contact, joints close to those of the grasp; nan for other tiers."""
-    generator = LayoutGenerator(world, 300, seed=4)
+    generator = LayoutGenerator(compiled, 300, seed=4)
     generator.generate()
     layouts = generator.layouts
-    if not is_clear(world):
+    if not is_clear(compiled):
         assert np.isnan(layouts.pregrasp_qpos.numpy()).all()
         return
-    found = list(taken(world, layouts, "pregrasp_qpos"))
+    found = list(taken(compiled, layouts, "pregrasp_qpos"))
     assert len(found) == 600
     assert max(t.far for t in found) <= POS_TOL
     assert max(t.turned for t in found) <= ROT_TOL
@@ -96,28 +96,28 @@ def test_pre_grasps_of_clear_hold_by_mujoco(world: World):
     assert np.isnan(change[:, :, 6:]).all()
 
 
-def test_rejected_grasps_start_anew_and_are_counted(world: World):
+def test_rejected_grasps_start_anew_and_are_counted(compiled: CompiledScene):
     """What is placed out of the arm's reach costs a restart, and is counted for the object and its cause."""
-    generator = LayoutGenerator(world, 200, seed=5)
+    generator = LayoutGenerator(compiled, 200, seed=5)
     generator.generate()
     counts = generator.rejection_counts()
     assert counts["bar"]["no_ik"] > 20
     assert counts["post_0"]["no_ik"] == 0
-    assert (counts["bar"]["blocked"] + counts["can"]["blocked"] > 0) == is_clear(world)
+    assert (counts["bar"]["blocked"] + counts["can"]["blocked"] > 0) == is_clear(compiled)
     first = generator.layouts.first_pass_valid.numpy()
     assert 0.0 < first.mean() < 0.9
     assert (generator.layouts.attempts.numpy()[first == 1] < 100).all()
 
 
-def test_a_layout_is_the_same_in_any_batch(world: World):
+def test_a_layout_is_the_same_in_any_batch(compiled: CompiledScene):
     """Alone, among others, under a mask and in a later round: the same bits for a seed and an episode."""
     expected = {}
     for seed in range(6):
-        generator = LayoutGenerator(world, 1, seed=seed)
+        generator = LayoutGenerator(compiled, 1, seed=seed)
         for episode in range(3):
             generator.generate()
             expected[seed, episode] = bits(generator.layouts)[0]
-    many = LayoutGenerator(world, 6)
+    many = LayoutGenerator(compiled, 6)
     rng = np.random.default_rng(0)
     for _ in range(6):
         mask = wp.array(rng.random(6) < 0.5, dtype=bool, device="cpu")
@@ -135,19 +135,19 @@ def test_a_layout_is_the_same_in_any_batch(world: World):
 @pytest.mark.parametrize("tier", ["ik", "clear"])
 def test_the_number_of_lanes_changes_no_bit(tmp_path: Path, tier: str):
     """Lanes race through grasps and starts, and the first of them that passes is the one that is kept."""
-    world = cluttered(tmp_path, tier, device="cuda:0")
+    compiled = cluttered(tmp_path, tier, device="cuda:0")
     rows = []
     for lanes in (1, 8, 32, 64):
-        generator = LayoutGenerator(world, 256, seed=6, block_dim=lanes)
+        generator = LayoutGenerator(compiled, 256, seed=6, block_dim=lanes)
         for _ in range(2):
             generator.generate()
         rows.append(bits(generator.layouts))
     assert rows[1:] == rows[:1] * 3
 
 
-def test_generation_runs_in_a_captured_graph(world: World):
+def test_generation_runs_in_a_captured_graph(compiled: CompiledScene):
     """All rounds are in the graph; replayed, it makes one episode after the other."""
-    plain, captured = LayoutGenerator(world, 20, seed=7), LayoutGenerator(world, 20, seed=7)
+    plain, captured = LayoutGenerator(compiled, 20, seed=7), LayoutGenerator(compiled, 20, seed=7)
     with wp.ScopedCapture(device="cpu") as capture:
         captured.generate()
     captured.reseed(7)
@@ -159,14 +159,14 @@ def test_generation_runs_in_a_captured_graph(world: World):
 
 def test_an_exhausted_world_takes_grasps_from_the_bank(tmp_path: Path):
     """Out of restarts in the last stage, a world gets an entry of the bank whose grasps hold in it."""
-    world = cluttered(tmp_path, "clear", restarts=0)
-    generator = LayoutGenerator(world, 100, seed=8)
+    compiled = cluttered(tmp_path, "clear", restarts=0)
+    generator = LayoutGenerator(compiled, 100, seed=8)
     generator.generate()
     fallen = generator.layouts.status.numpy() == Status.FALLBACK
     assert 10 < fallen.sum() < 90
     assert not generator.layouts.first_pass_valid.numpy()[fallen].any()
     for which in ("grasp_qpos", "pregrasp_qpos"):
-        found = list(taken(world, generator.layouts, which))
+        found = list(taken(compiled, generator.layouts, which))
         assert len(found) == 200
         assert max(t.far for t in found) <= POS_TOL
         assert not any(t.itself or t.others for t in found)
@@ -177,8 +177,8 @@ def test_what_is_absent_has_no_grasp(tmp_path: Path):
     bar = box_mjcf(tmp_path, "bar", 0.12, 0.05, 0.04)
     thing = {"asset": bar, "on": "floor", "region": IN_FRONT, "reachable": "clear"}
     groups = {"some": {"of": ["one", "two"], "count": [0, 2]}}
-    world = cpu_world(scene(tmp_path, {"one": thing, "two": thing}, groups=groups))
-    generator = LayoutGenerator(world, 50, seed=9)
+    compiled = compile_on_cpu(scene(tmp_path, {"one": thing, "two": thing}, groups=groups))
+    generator = LayoutGenerator(compiled, 50, seed=9)
     for _ in range(2):
         generator.generate()
         layouts = generator.layouts
@@ -195,7 +195,7 @@ def test_what_is_out_of_reach_is_refused(tmp_path: Path):
     far = {"asset": bar, "on": "floor", "region": {"box": [[-0.7, -0.7], [-0.66, 0.7]]}, "reachable": "ik"}
     near = {"asset": "can", "on": "floor", "region": IN_FRONT}
     with pytest.raises(InfeasibleSceneError, match="no_ik") as info:
-        cpu_world(scene(tmp_path, {"far": far, "near": near}, robot=None, restarts=1), {"robot.base": [0.4, 0, 0]})
+        compile_on_cpu(scene(tmp_path, {"far": far, "near": near}, robot=None, restarts=1), {"robot.base": [0.4, 0, 0]})
     assert info.value.name == "far"
 
 
@@ -209,10 +209,10 @@ def test_a_lid_over_the_object_blocks_the_arm(tmp_path: Path):
     }
     words = scene(tmp_path, objects, restarts=1)
     words["objects"]["lid"]["orientation"] = "fixed"
-    assert cpu_world(words).bank_size > 0
+    assert compile_on_cpu(words).bank_size > 0
     words["objects"]["bar"]["reachable"] = "clear"
     with pytest.raises(InfeasibleSceneError, match="blocked"):
-        cpu_world(words)
+        compile_on_cpu(words)
 
 
 def test_an_arm_that_would_hit_itself_has_no_joints(tmp_path: Path):
@@ -223,22 +223,22 @@ def test_an_arm_that_would_hit_itself_has_no_joints(tmp_path: Path):
         for x, y, turn in ((1, 0, 0), (0, 1, 90), (-1, 0, 0), (0, -1, 90))
     )
     objects = {"bar": {"asset": bar, "on": "floor", "region": IN_FRONT, "reachable": "ik"}}
-    assert cpu_world(scene(tmp_path, objects, restarts=1)).bank_size > 0
+    assert compile_on_cpu(scene(tmp_path, objects, restarts=1)).bank_size > 0
     with pytest.raises(InfeasibleSceneError, match="no_ik"):
-        cpu_world(scene(tmp_path, objects, robot=arm_mjcf(tmp_path, walls, "walled"), restarts=1))
+        compile_on_cpu(scene(tmp_path, objects, robot=arm_mjcf(tmp_path, walls, "walled"), restarts=1))
 
 
 @pytest.mark.slow
 def test_what_is_drawn_is_kept_clear_of(tmp_path: Path):
     """With `geometry: visual` a grasp and its pre-grasp are clear of the meshes that are drawn, by FCL."""
-    world = cluttered(tmp_path, "clear", geometry="visual")
-    solids = Solids(world.mjm, "visual")
-    generator = LayoutGenerator(world, 40, seed=10)
+    compiled = cluttered(tmp_path, "clear", geometry="visual")
+    solids = Solids(compiled.mjm, "visual")
+    generator = LayoutGenerator(compiled, 40, seed=10)
     generator.generate()
     robot = solids.geoms("picker")
-    parts = {name: solids.geoms(name) for name in world.object_names}
+    parts = {name: solids.geoms(name) for name in compiled.object_names}
     for which in ("grasp_qpos", "pregrasp_qpos"):
-        for data, name in states(world, generator.layouts, which):
+        for data, name in states(compiled, generator.layouts, which):
             others = [g for other, geoms in parts.items() if other != name for g in geoms]
             assert solids.distance(data, robot, others) > 0.0
 
@@ -249,7 +249,7 @@ def test_only_stages_cost_more_than_one_launch(tmp_path: Path, monkeypatch: pyte
     bar = box_mjcf(tmp_path, "bar", 0.12, 0.05, 0.04)
     words = {"asset": bar, "on": "floor", "region": IN_FRONT, "reachable": tier}
     objects = {"bar": {k: v for k, v in words.items() if v is not None}}
-    generator = LayoutGenerator(cpu_world(scene(tmp_path, objects, restarts=2)), 4)
+    generator = LayoutGenerator(compile_on_cpu(scene(tmp_path, objects, restarts=2)), 4)
     launched = []
     monkeypatch.setattr(wp, "launch_tiled", lambda kernel, **words: launched.append(kernel.key))
     generator.generate()

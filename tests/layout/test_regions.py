@@ -12,13 +12,13 @@ from scipy import stats
 from shapely.geometry import MultiPoint, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.program.compiled import upload_scene
 from sceniris_gym.scene.model import build_model
-from sceniris_gym.scene.world import load_world
-from tests.layout.scenes import FLOOR, Rows, cpu_world, make, posed, read, write_mjcf
+from tests.layout.scenes import FLOOR, Rows, compile_on_cpu, make, posed, read, write_mjcf
 from tests.oracle.solids import Solids
 
 # An L of two tiles and a frame of four around a hole, 6 cm high.
@@ -64,10 +64,10 @@ def _uniformity(points: np.ndarray, region: BaseGeometry, n: int = 8) -> float:
 
 def _points(scene: dict, nworld: int = 4000, seed: int = 11) -> np.ndarray:
     """Where a goal without a body is drawn, shape (nworld, 3)."""
-    world = cpu_world(scene)
-    rows = make(world, nworld, seed=seed)
+    compiled = compile_on_cpu(scene)
+    rows = make(compiled, nworld, seed=seed)
     assert (rows.status == Status.VALID).all()
-    return rows.mocap_pos[:, int(world.mjm.body("goal").mocapid[0])]
+    return rows.mocap_pos[:, int(compiled.mjm.body("goal").mocapid[0])]
 
 
 REGIONS = {
@@ -111,12 +111,12 @@ def test_points_are_uniform_in_the_frame_of_a_turned_support(tmp_path: Path):
         "slab": {"asset": _tiles(tmp_path), "kind": "fixture", "on": "floor"},
         "goal": {"kind": "marker", "on": "slab", "region": words},
     }
-    world = cpu_world({"floor": FLOOR, "objects": objects})
-    rows = make(world, 4000, seed=12)
-    slab, goal = (int(world.mjm.body(n).mocapid[0]) for n in ("slab", "goal"))
+    compiled = compile_on_cpu({"floor": FLOOR, "objects": objects})
+    rows = make(compiled, 4000, seed=12)
+    slab, goal = (int(compiled.mjm.body(n).mocapid[0]) for n in ("slab", "goal"))
     local = []
-    for data in posed(world, rows):
-        body = world.mjm.body("slab").id
+    for data in posed(compiled, rows):
+        body = compiled.mjm.body("slab").id
         local.append(data.xmat[body].reshape(3, 3).T @ (data.mocap_pos[goal] - data.xpos[body]))
     assert _uniformity(np.array(local)[:, :2], expected) > 0.001
     assert np.ptp(rows.mocap_quat[:, slab, 0]) > 0.9
@@ -144,7 +144,7 @@ def test_the_support_is_eroded_by_the_ratio_times_half_the_shorter_edge(tmp_path
         "slab": {"asset": _tiles(tmp_path), "kind": "static"},
         "brick": {"asset": brick, "on": "slab", "ratio_on_support": ratio},
     }
-    points = make(cpu_world({"objects": objects}), 4000).qpos[:, :2]
+    points = make(compile_on_cpu({"objects": objects}), 4000).qpos[:, :2]
     left = SHAPE.buffer(-0.04 * ratio)
     assert _uniformity(points, left) > 0.001
     reach = shapely.distance(SHAPE.boundary, shapely.points(points)).min()
@@ -160,15 +160,15 @@ def test_at_ratio_one_the_whole_footprint_lies_on_the_support(tmp_path: Path, as
         asset: {"asset": asset, "on": "slab", "ratio_on_support": 1.0},
     }
     config = {"floor": FLOOR, "geometry": geometry, "attempts": 1, "restarts": 0, "objects": objects}
-    world = load_world(
+    compiled = upload_scene(
         build_model(SceneConfig.load(config)), "cpu"
     )  # without a bank: a refused candidate is left there
-    generator = LayoutGenerator(world, 300, seed=3)
+    generator = LayoutGenerator(compiled, 300, seed=3)
     generator.generate()
-    rows, solids = read(generator.layouts), Solids(world.mjm, geometry)
+    rows, solids = read(generator.layouts), Solids(compiled.mjm, geometry)
     outside = []
-    for data in posed(world, rows):
-        body = world.mjm.body("slab").id
+    for data in posed(compiled, rows):
+        body = compiled.mjm.body("slab").id
         frame = data.xmat[body].reshape(3, 3)
         points = [(solids.points(data, g) - data.xpos[body]) @ frame for g in solids.geoms(asset)]
         footprint = MultiPoint(np.concatenate(points)[:, :2]).convex_hull
@@ -187,16 +187,16 @@ def _drawer(word: str, opening: float, geometry: str, **others) -> dict:
     return {"floor": FLOOR, "geometry": geometry, "objects": {"cabinet": cabinet, "goal": goal}, **others}
 
 
-def _covered(world, rows: Rows, geometry: str) -> np.ndarray:
+def _covered(compiled, rows: Rows, geometry: str) -> np.ndarray:
     """MuJoCo C's rays straight up from the goals: is any part of the cabinet above?"""
     groups = np.zeros(6, np.uint8)
     groups[3 if geometry == "physics" else 2] = 1
-    goal, geom = int(world.mjm.body("goal").mocapid[0]), np.zeros(1, np.int32)
+    goal, geom = int(compiled.mjm.body("goal").mocapid[0]), np.zeros(1, np.int32)
     up = np.array([0.0, 0.0, 1.0])
     return np.array(
         [
-            mujoco.mj_ray(world.mjm, data, data.mocap_pos[goal].copy(), up, groups, 1, -1, geom) >= 0.0
-            for data in posed(world, rows)
+            mujoco.mj_ray(compiled.mjm, data, data.mocap_pos[goal].copy(), up, groups, 1, -1, geom) >= 0.0
+            for data in posed(compiled, rows)
         ]
     )
 
@@ -207,15 +207,15 @@ def test_the_roof_over_a_drawer_is_decided_by_its_opening(opening: float, geomet
     """`on` draws open points, `inside` covered ones, `in` both; single refusals of `inside` are right as well."""
     rows = {}
     for word in ("on", "inside", "in"):
-        world = cpu_world(_drawer(word, opening, geometry, attempts=100))
-        rows[word] = make(world, 300, seed=5)
+        compiled = compile_on_cpu(_drawer(word, opening, geometry, attempts=100))
+        rows[word] = make(compiled, 300, seed=5)
         assert (rows[word].status == Status.VALID).all()
-    world = cpu_world(_drawer("in", opening, geometry))
-    covered = {word: _covered(world, rows[word], geometry) for word in rows}
+    compiled = compile_on_cpu(_drawer("in", opening, geometry))
+    covered = {word: _covered(compiled, rows[word], geometry) for word in rows}
     assert not covered["on"].any()
     assert covered["inside"].all()
     assert 0.05 < covered["in"].mean() < 0.95
-    once = make(cpu_world(_drawer("inside", opening, geometry, attempts=1, restarts=0)), 300, seed=5)
+    once = make(compile_on_cpu(_drawer("inside", opening, geometry, attempts=1, restarts=0)), 300, seed=5)
     assert ((once.status == Status.VALID) == covered["in"]).all()
 
 
@@ -223,7 +223,7 @@ def test_the_roof_over_a_drawer_is_decided_by_its_opening(opening: float, geomet
 def test_a_shut_drawer_has_no_open_sky(geometry: str):
     """What cannot be placed under it is named, with the roof as the cause."""
     with pytest.raises(InfeasibleSceneError, match="'goal' could not be placed, mostly because of roof"):
-        cpu_world(_drawer("on", 0.0, geometry))
+        compile_on_cpu(_drawer("on", 0.0, geometry))
 
 
 @pytest.mark.parametrize("geometry", ["physics", "visual"])

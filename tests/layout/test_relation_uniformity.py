@@ -12,7 +12,7 @@ from scipy import stats
 from sceniris_gym.tools.audit.auditor import Auditor
 from sceniris_gym.tools.audit.geometry import poses_of
 from sceniris_gym.tools.audit.relations import support_headings
-from sceniris_gym.tools.dataset import make_table
+from sceniris_gym.tools.tables import make_table
 from tests.layout.related import Shapes, scene
 from tests.oracle.regions import region
 from tests.oracle.uniformity import spread_p_value, turned_back
@@ -36,17 +36,17 @@ class Drawn:
     """
 
     def __init__(self, objects: dict[str, Any], seed: int = 1) -> None:
-        self.world = scene(objects)
-        table = make_table(self.world, N, seed)
+        self.compiled = scene(objects)
+        table = make_table(self.compiled, N, seed)
         assert table.valid.all()
-        outlines = Auditor(self.world.mjm, self.world.config, self.world.scene.bodies).outlines
-        self.poses = poses_of(self.world.mjm, table.rows)
+        outlines = Auditor(self.compiled.mjm, self.compiled.config, self.compiled.scene.bodies).outlines
+        self.poses = poses_of(self.compiled.mjm, table)
         self.seen = {name: outlines.outline(name, self.poses) for name in objects}
-        self.under = support_headings(self.world.config, self.poses, self.world.mjm)
+        self.under = support_headings(self.compiled.config, self.poses, self.compiled.mjm)
 
     def surface(self, body: str, corners: list[tuple[float, float]]) -> np.ndarray:
         """A polygon [m] of a body's own frame in each layout, seen from above, shape (N,)."""
-        i = self.world.mjm.body(body).id
+        i = self.compiled.mjm.body(body).id
         flat = np.array(corners) @ self.poses.xmat[:, i, :2, :2].transpose(0, 2, 1) + self.poses.xpos[:, i, None, :2]
         return np.asarray(shapely.polygons(flat))
 
@@ -56,7 +56,7 @@ class Drawn:
         Returns:
             The probabilities of such a spread, seen in the world and in the frame of the first anchor.
         """
-        relations = self.world.config.objects[name].relations
+        relations = self.compiled.config.objects[name].relations
         areas = np.full(N, support)
         for r in relations:
             areas = shapely.intersection(

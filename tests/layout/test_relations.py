@@ -12,7 +12,7 @@ from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.tools.audit.auditor import Auditor
-from sceniris_gym.tools.dataset import make_table
+from sceniris_gym.tools.tables import make_table
 from tests.layout.related import Shapes, judged, near_middle, related, scene, table_of
 
 N = 1000
@@ -27,8 +27,8 @@ def shapes(tmp_path_factory) -> Shapes:
 
 def relations_hold(objects: dict[str, Any], words: int, n: int = N) -> None:
     """Make layouts; `words` measures of the object `q` apply to all of them, and nothing that is measured is broken."""
-    world = scene(objects)
-    kept = judged(world, table_of(world, n))
+    compiled = scene(objects)
+    kept = judged(compiled, table_of(compiled, n))
     broken = [k for k in kept if k.broken]
     assert not broken, broken
     mine = [k for k in kept if k.name == "q" and k.word not in ("yaw", "upright", "present")]
@@ -100,8 +100,8 @@ def test_bounds_of_what_stays_where_it_is_follow_its_joints(kind: str, relation:
         return
     robot = {"asset": shapes.drawer, "base": [0.1, -0.2, 0.0], "yaw": 30, "joints": joints}
     to_robot = {word: "robot" if anchor == "a" else anchor for word, anchor in relation.items()}
-    world = scene({"q": related(shapes.cube, to_robot)}, robot=robot)
-    assert not [k for k in judged(world, table_of(world, N)) if k.broken]
+    compiled = scene({"q": related(shapes.cube, to_robot)}, robot=robot)
+    assert not [k for k in judged(compiled, table_of(compiled, N)) if k.broken]
 
 
 def test_beside_something_as_wide_as_itself_is_one_place(shapes: Shapes):
@@ -118,9 +118,9 @@ def test_beside_something_as_wide_as_itself_is_one_place(shapes: Shapes):
 def test_directions_turn_with_the_robot(yaw: float, shapes: Shapes):
     """To the right of a robot that is turned by its `yaw` is where its base's x axis points."""
     thing = related(None, {"right_of": "robot", "angle": 10, "distance": {"min": 0.2}}, kind="marker")
-    world = scene({"q": thing}, robot={"asset": shapes.drawer, "base": [0.1, -0.2, 0.0], "yaw": yaw})
-    table = table_of(world, 200)
-    assert not [k for k in judged(world, table) if k.broken]
+    compiled = scene({"q": thing}, robot={"asset": shapes.drawer, "base": [0.1, -0.2, 0.0], "yaw": yaw})
+    table = table_of(compiled, 200)
+    assert not [k for k in judged(compiled, table) if k.broken]
     x, y = (table.mocap_pos[:, 0, :2] - [0.1, -0.2]).T
     off = np.arctan2(y, x) - np.radians(yaw)
     assert np.abs(np.arctan2(np.sin(off), np.cos(off))).max() < np.radians(12)
@@ -169,8 +169,8 @@ def test_between_anchors_that_are_drawn_anywhere_holds(shapes: Shapes):
 def test_between_three_on_a_line_is_the_strip_from_end_to_end(shapes: Shapes):
     """Points reach both ends and both sides of the strip, and nothing beyond."""
     posts = _posts(shapes, BETWEEN["three on a line"])
-    world = scene({**posts, "q": related(None, {"between": list(posts), "width": 0.2}, kind="marker")})
-    at = table_of(world, 4000).mocap_pos[:, -1, :2]
+    compiled = scene({**posts, "q": related(None, {"between": list(posts), "width": 0.2}, kind="marker")})
+    at = table_of(compiled, 4000).mocap_pos[:, -1, :2]
     along = np.array([0.5, 0.3]) / np.hypot(0.5, 0.3)
     t, u = at @ along, at @ [-along[1], along[0]]
     assert [t.min(), t.max()] == pytest.approx([-np.hypot(0.5, 0.3), np.hypot(0.5, 0.3)], abs=0.005)
@@ -184,9 +184,9 @@ def test_between_anchors_at_one_place_is_a_square(apart: float, shapes: Shapes):
         name: {"kind": "marker", "region": {"box": [[0.1 + x, 0.2, 0.1], [0.1 + x, 0.2, 0.1]]}}
         for name, x in (("a", 0.0), ("b", apart))
     }
-    world = scene({**goals, "q": related(None, {"between": ["a", "b"], "width": 0.3}, kind="marker")})
-    table = table_of(world, 2000)
-    assert not [k for k in judged(world, table) if k.broken]
+    compiled = scene({**goals, "q": related(None, {"between": ["a", "b"], "width": 0.3}, kind="marker")})
+    table = table_of(compiled, 2000)
+    assert not [k for k in judged(compiled, table) if k.broken]
     off = table.mocap_pos[:, -1, :2] - [0.1, 0.2]
     for part in off.T:
         assert stats.kstest(part / 0.3 + 0.5, "uniform").pvalue > 0.001
@@ -210,8 +210,8 @@ def test_relations_and_supports_hold_at_the_corner_of_the_largest_floor(name: st
         "case": {**case, "region": {"box": [[96.0, 96.0], [100.0, 100.0]]}},
         "cube": {"asset": shapes.cube, "in": "case/drawer"},
     }
-    world = scene(objects, floor={"size": [200.0, 200.0]})
-    report = Auditor(world.mjm, world.config, world.scene.bodies).judge(table_of(world, 500).rows)
+    compiled = scene(objects, floor={"size": [200.0, 200.0]})
+    report = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies).judge(table_of(compiled, 500))
     assert not report.relation_violations
     assert not report.conflicts
     assert not report.misplaced
@@ -258,22 +258,22 @@ def test_relations_hold_on_a_lid_that_is_shut(shapes: Shapes):
     chest = near_middle(shapes.lid, joints={"hinge": {"choice": [0.0, -1.0]}})
     cube = {"asset": shapes.cube, "on": "chest/lid"}
     objects = {"chest": chest, "a": cube, "q": {**cube, "relations": [{"right_of": "a", "frame": "support"}]}}
-    world = scene(objects)
-    generator = LayoutGenerator(world, 400)
+    compiled = scene(objects)
+    generator = LayoutGenerator(compiled, 400)
     generator.generate()
     assert (generator.layouts.status.numpy() == Status.VALID).mean() > 0.95
-    assert (generator.layouts.qpos.numpy()[:, world.mjm.joint("chest/hinge").qposadr[0]] == 0.0).all()
+    assert (generator.layouts.qpos.numpy()[:, compiled.mjm.joint("chest/hinge").qposadr[0]] == 0.0).all()
     assert generator.rejection_counts()["a"]["empty"] > 100
-    assert not [k for k in judged(world, make_table(world, 400, 0)) if k.broken]
+    assert not [k for k in judged(compiled, make_table(compiled, 400, 0)) if k.broken]
 
 
 def test_a_region_crops_what_relations_leave(shapes: Shapes):
     """A polygon on the floor, with a direction."""
     crop = {"polygon": [[-0.5, -0.5], [0.9, 0.0], [0.0, 0.9]]}
     objects = {"a": near_middle(shapes.odd), "q": related(None, {"right_of": "a"}, kind="marker", region=crop)}
-    world = scene(objects)
-    table = table_of(world, N)
-    assert not [k for k in judged(world, table) if k.broken]
+    compiled = scene(objects)
+    table = table_of(compiled, N)
+    assert not [k for k in judged(compiled, table) if k.broken]
     x, y = table.mocap_pos[:, -1, :2].T
     sides = [(1.4 * (y + 0.5) - 0.5 * (x + 0.5)), -(0.9 * (x - 0.9) + 0.9 * y), (1.4 * (x + 0.5) - 0.5 * (y + 0.5))]
     assert np.min(sides) > -1e-5
@@ -315,13 +315,13 @@ def test_an_empty_region_is_a_cause_of_its_own(shapes: Shapes):
     """A wedge that leaves the floor in some worlds: those are made anew, and nothing is put at the origin."""
     others = {"a": {"asset": shapes.cube, "kind": "fixture", "on": "floor"}}
     far = related(shapes.cube, {"right_of": "a", "frame": "world", "distance": {"min": 1.5}, "angle": 20})
-    world = scene({**others, "q": far})
-    generator = LayoutGenerator(world, 500)
+    compiled = scene({**others, "q": far})
+    generator = LayoutGenerator(compiled, 500)
     generator.generate()
     assert generator.rejection_counts()["q"]["empty"] > 500
-    table = make_table(world, 500, 0)
+    table = make_table(compiled, 500, 0)
     assert table.valid.mean() > 0.05
-    assert not [k for k in judged(world, table) if k.broken]  # those of the bank keep their relations too
+    assert not [k for k in judged(compiled, table) if k.broken]  # those of the bank keep their relations too
 
 
 def test_a_region_that_is_always_empty_is_infeasible(shapes: Shapes):

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from sceniris_gym.scene.relations import Relation
+from sceniris_gym.config.relations import Relation
 from sceniris_gym.tools.audit.outlines import Outline
 
 _SEGMENTS = 32  # of a quarter circle

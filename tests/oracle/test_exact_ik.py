@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sceniris_gym.reach.arm import Arm
+from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.solve import solve
 from tests.oracle.exact_ik import POS_TOL, ROT_TOL, ExactIk
 
@@ -80,7 +80,7 @@ def test_no_search_finds_what_is_denied(truth: tuple[mujoco.MjModel, ExactIk]):
     ok, _, _ = ik.reachable(poses)
     denied = poses[~ok]
     quat = Rotation.from_matrix(denied[:, :3, :3]).as_quat(scalar_first=True)
-    arm = Arm.from_model(mjm, ik.name)
+    arm = SerialArm.from_model(mjm, ik.name)
     _, found = solve(arm, np.concatenate([denied[:, :3, 3], quat], axis=1), restarts=200, iterations=25)
     assert not found.any()
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from sceniris_gym.reach.arm import Arm
+from sceniris_gym.reach.arm import SerialArm
 
 ASSETS = Path(__file__).parents[2] / "assets"
 INERTIA = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
@@ -101,7 +101,7 @@ MODELS: dict[str, Callable[[], tuple[mujoco.MjModel, str]]] = {
 """Makers of models, each with the name of its base body; the TCP is the site 'tcp'."""
 
 
-def tcp_poses(mjm: mujoco.MjModel, arm: Arm, joints: np.ndarray) -> np.ndarray:
+def tcp_poses(mjm: mujoco.MjModel, arm: SerialArm, joints: np.ndarray) -> np.ndarray:
     """Return MuJoCo's poses of the TCP in the base's frame at joints (N, n), shape (N, 4, 4)."""
     data = mujoco.MjData(mjm)
     poses = np.tile(np.eye(4), (len(joints), 1, 1))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.reach import build
-from sceniris_gym.reach.arm import Arm
+from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.map import ReachMap
 from tests.reach.arms import hinge, link, model, site, slide
 
@@ -18,7 +18,7 @@ BOX = np.array([[0.1, 0.5], [-0.3, 0.2], [0.2, 0.6]])  # of its slides along x, 
 TILT = np.array([-1.2, 2.3])  # [rad]
 
 
-def gantry(base: str | None = None, wrist: str | None = None) -> tuple[mujoco.MjModel, Arm]:
+def gantry(base: str | None = None, wrist: str | None = None) -> tuple[mujoco.MjModel, SerialArm]:
     """Return an arm that turns, slides along three axes, tilts, and rolls, and so reaches what `gantry_reaches` says.
 
     Args:
@@ -30,7 +30,7 @@ def gantry(base: str | None = None, wrist: str | None = None) -> tuple[mujoco.Mj
         slide(axis, f"{low} {high}") for axis, (low, high) in zip(("1 0 0", "0 1 0", "0 0 1"), BOX, strict=True)
     )
     mjm = model(chain=link(hinge("0 0 1", base) + link(rails + hand)))
-    return mjm, Arm.from_model(mjm, "base")
+    return mjm, SerialArm.from_model(mjm, "base")
 
 
 def gantry_reaches(coords: np.ndarray) -> np.ndarray:
@@ -61,7 +61,11 @@ def ball(coords: np.ndarray) -> np.ndarray:
 
 
 def map_of(
-    shape: Callable[[np.ndarray], np.ndarray], monkeypatch: pytest.MonkeyPatch, arm: Arm, step: float, tilt_step: float
+    shape: Callable[[np.ndarray], np.ndarray],
+    monkeypatch: pytest.MonkeyPatch,
+    arm: SerialArm,
+    step: float,
+    tilt_step: float,
 ) -> ReachMap:
     """Build a map whose labels come from a known shape, without inverse kinematics."""
 

@@ -8,11 +8,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sceniris_gym.errors import ArmError, UnknownNameError
-from sceniris_gym.reach.arm import Arm
+from sceniris_gym.reach.arm import SerialArm
 from tests.reach.arms import ASSETS, INERTIA, MODELS, hinge, link, model, site, slide, tcp_poses
 
 
-def forward(arm: Arm, q: np.ndarray) -> np.ndarray:
+def forward(arm: SerialArm, q: np.ndarray) -> np.ndarray:
     """Multiply the transforms as the Arm's docstring says, shape (4, 4)."""
     pose = np.eye(4)
     for i in range(len(arm.joints) + 1):
@@ -30,7 +30,7 @@ def forward(arm: Arm, q: np.ndarray) -> np.ndarray:
     return pose
 
 
-def drawn(arm: Arm, num: int) -> np.ndarray:
+def drawn(arm: SerialArm, num: int) -> np.ndarray:
     """Draw joints within limits."""
     lower, upper = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
     return np.random.default_rng(7).uniform(lower, upper, (num, len(arm.joints)))
@@ -40,7 +40,7 @@ def drawn(arm: Arm, num: int) -> np.ndarray:
 def test_the_chain_is_that_of_mujoco(name: str):
     """Its product of transforms is the TCP's pose in the base's frame, wherever the base stands."""
     mjm, base = MODELS[name]()
-    arm = Arm.from_model(mjm, base)
+    arm = SerialArm.from_model(mjm, base)
     joints = drawn(arm, 50)
     assert np.abs(np.array([forward(arm, q) for q in joints]) - tcp_poses(mjm, arm, joints)).max() < 1e-12
 
@@ -49,7 +49,7 @@ def test_the_chain_is_that_of_mujoco(name: str):
 def test_arms_of_the_assets_fit_a_map(name: str):
     """Upright, the TCP on the last joint's axis, fingers left out, home as in the keyframe."""
     mjm, base = MODELS[name]()
-    arm = Arm.from_model(mjm, base)
+    arm = SerialArm.from_model(mjm, base)
     n = 7 if name == "panda" else 6
     assert arm.joints == tuple(f"joint{i}" for i in range(1, n + 1))
     assert arm.vertical
@@ -63,7 +63,7 @@ def test_arms_of_the_assets_fit_a_map(name: str):
 def test_limits_come_from_the_model():
     """Of hinges and slides; a hinge without has none."""
     mjm, base = MODELS["endless"]()
-    arm = Arm.from_model(mjm, base)
+    arm = SerialArm.from_model(mjm, base)
     np.testing.assert_array_equal(arm.lower, [-np.inf, -2.5, 0.0, -np.inf])
     np.testing.assert_array_equal(arm.upper, [np.inf, 2.5, 0.3, np.inf])
     np.testing.assert_array_equal(arm.slide, [False, False, True, False])
@@ -74,18 +74,20 @@ def test_limits_come_from_the_model():
 
 def test_home_without_a_keyframe_is_the_reference_within_limits():
     """`qpos0`, clamped."""
-    arm = Arm.from_model(model(chain=link(hinge(range="-2 -1", ref="0.5") + link(hinge(ref="0.3") + site()))), "base")
+    arm = SerialArm.from_model(
+        model(chain=link(hinge(range="-2 -1", ref="0.5") + link(hinge(ref="0.3") + site()))), "base"
+    )
     np.testing.assert_array_equal(arm.ref, [0.5, 0.3])
     np.testing.assert_array_equal(arm.home, [-1.0, 0.3])
 
 
 def test_the_hash_names_kinematics_alone():
     """It survives being attached under other names and moved; a link, a limit or the TCP changes it."""
-    alone = Arm.from_model(mujoco.MjModel.from_xml_path(str(ASSETS / "panda.xml")), "panda")
+    alone = SerialArm.from_model(mujoco.MjModel.from_xml_path(str(ASSETS / "panda.xml")), "panda")
     spec = mujoco.MjSpec()
     frame = spec.worldbody.add_frame(pos=[0.3, -1.0, 0.8], quat=[0.3, 0.1, 0.0, 0.9])
     spec.attach(mujoco.MjSpec.from_file(str(ASSETS / "panda.xml")), prefix="robot/", frame=frame)
-    attached = Arm.from_model(spec.compile(), "robot/panda", "robot/tcp")
+    attached = SerialArm.from_model(spec.compile(), "robot/panda", "robot/tcp")
     assert attached.hash == alone.hash
     assert len(alone.hash) == 16
     changes = {
@@ -96,13 +98,13 @@ def test_the_hash_names_kinematics_alone():
     for change in changes.values():
         mjm, base = MODELS["panda"]()
         change(mjm)
-        assert Arm.from_model(mjm, base).hash != alone.hash
+        assert SerialArm.from_model(mjm, base).hash != alone.hash
 
 
 def test_a_first_joint_beside_the_base_is_upright_too():
     """Its axis meets the base's plane somewhere else."""
     mjm = model(chain=link(hinge("0 0 -1", pos="0.05 0 0") + link(hinge("0 1 0") + site()), pos="0.1 0.2 0.3"))
-    arm = Arm.from_model(mjm, "base")
+    arm = SerialArm.from_model(mjm, "base")
     assert arm.vertical
     np.testing.assert_allclose(arm.axis_xy, [0.15, 0.2], atol=1e-12)
 
@@ -119,7 +121,7 @@ def test_a_first_joint_beside_the_base_is_upright_too():
 )
 def test_arms_without_symmetry_say_why_no_map_fits(chain: str, why: str):
     """They can be used, but not with a map."""
-    arm = Arm.from_model(model(chain=chain), "base")
+    arm = SerialArm.from_model(model(chain=chain), "base")
     assert arm.no_map is not None
     assert why in arm.no_map
     assert not (arm.vertical and arm.tcp_on_axis)
@@ -152,7 +154,7 @@ TWO = link(hinge(name="a") + link(hinge("0 1 0", name="b") + site(), name="hand"
 def test_what_is_no_arm_is_refused(mjm, why: str):
     """Each with its reason, and the name of what is wrong."""
     with pytest.raises(ArmError, match=why):
-        Arm.from_model(mjm(), "base")
+        SerialArm.from_model(mjm(), "base")
 
 
 def test_a_site_elsewhere_is_refused():
@@ -161,7 +163,7 @@ def test_a_site_elsewhere_is_refused():
     with pytest.raises(
         ArmError, match=r"arm 'aside' is not serial: the site 'tcp' is not on it or below it\. Put the site into"
     ):
-        Arm.from_model(model(chain=other + '<body name="aside"/>'), "aside")
+        SerialArm.from_model(model(chain=other + '<body name="aside"/>'), "aside")
 
 
 def test_constraints_between_fingers_are_none_of_the_arm():
@@ -169,13 +171,13 @@ def test_constraints_between_fingers_are_none_of_the_arm():
     fingers = link(slide(name="f"), name="left") + link(slide(name="g"), name="right")
     chain = link(hinge() + link(hinge("0 1 0") + site() + fingers, name="hand"))
     extra = "<equality><joint joint1='f' joint2='g'/><connect body1='left' body2='right' anchor='0 0 0'/></equality>"
-    assert len(Arm.from_model(model(chain=chain, extra=extra), "base").joints) == 2
+    assert len(SerialArm.from_model(model(chain=chain, extra=extra), "base").joints) == 2
 
 
 def test_unknown_names_are_told_with_the_nearest_ones():
     """Bodies and sites."""
     mjm = model(chain=TWO)
     with pytest.raises(UnknownNameError, match=r"unknown body 'bas'\. Did you mean 'base'"):
-        Arm.from_model(mjm, "bas")
+        SerialArm.from_model(mjm, "bas")
     with pytest.raises(UnknownNameError, match=r"arm 'base': unknown site 'tpc'\. Did you mean 'tcp'"):
-        Arm.from_model(mjm, "base", "tpc")
+        SerialArm.from_model(mjm, "base", "tpc")

@@ -12,10 +12,10 @@ import pytest
 
 from sceniris_gym.errors import ArmError, MapError
 from sceniris_gym.reach import checkpoint
-from sceniris_gym.reach.arm import Arm
+from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.build import build_map, reach_ball, turn_error
-from sceniris_gym.reach.lookup import Verdict
 from sceniris_gym.reach.map import ReachMap
+from sceniris_gym.reach.tier import Verdict
 from tests.reach.arms import ASSETS, hinge, link, model, site, tcp_poses
 from tests.reach.shapes import gantry, gantry_depths, gantry_reaches, poses, turn
 
@@ -108,7 +108,7 @@ def test_what_turns_decide_straight_down_counts_alone():
 )
 def test_an_arm_is_limited_by_what_it_reaches_from_above(name: str, degrees: tuple[float, float] | None, limited: bool):
     """Heron's verdicts on poses straight down depend on turns, also with more of them; a Panda finds another way."""
-    arm = Arm.from_model(mujoco.MjModel.from_xml_path(str(ASSETS / f"{name}.xml")), name)
+    arm = SerialArm.from_model(mujoco.MjModel.from_xml_path(str(ASSETS / f"{name}.xml")), name)
     if degrees is not None:
         lower, upper = arm.lower.copy(), arm.upper.copy()
         upper[[0, -1]] = np.radians(degrees)
@@ -160,7 +160,7 @@ def test_an_arm_that_no_map_fits_is_refused():
     """The message says why, and what to do."""
     leaning = model(chain=link(hinge("0 0.1 1") + link(hinge("0 0 1") + site())))
     with pytest.raises(ArmError, match=r"can have no reachability map: the first joint .* `reachable: ik`"):
-        build_map(Arm.from_model(leaning, "base"), "cpu")
+        build_map(SerialArm.from_model(leaning, "base"), "cpu")
 
 
 @pytest.mark.parametrize(
@@ -177,7 +177,7 @@ def test_nothing_is_reached_outside_of_the_ball(name: str):
     """The ball about the second joint holds the TCP at 20,000 random joints, and is not much too large."""
     tall = link(hinge("0 1 0", pos="0 0 0.1") + link(hinge("1 0 0") + site(), pos="0 0.1 0.5"), pos="0 0.2 0.3")
     mjm = gantry()[0] if name == "gantry" else model(chain=link(hinge("0 0 1") + tall, pos="0.3 0 0.2"))
-    arm = Arm.from_model(mjm, "base")
+    arm = SerialArm.from_model(mjm, "base")
     height, radius = reach_ball(arm, "cpu")
     draws = np.random.default_rng(5)
     joints = draws.uniform(np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi), (20_000, len(arm.joints)))

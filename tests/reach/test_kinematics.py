@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from sceniris_gym.reach.arm import Arm
+from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.kinematics import Chain
 from sceniris_gym.reach.solve import POS_TOL, ROT_TOL
 from tests.reach.arms import MODELS, tcp_poses
@@ -24,15 +24,15 @@ def _one_thread():
 
 
 @pytest.fixture(scope="module", params=MODELS)
-def model_and_arm(request: pytest.FixtureRequest) -> tuple[mujoco.MjModel, Arm]:
+def model_and_arm(request: pytest.FixtureRequest) -> tuple[mujoco.MjModel, SerialArm]:
     """Return a model and its arm."""
     mjm, base = MODELS[request.param]()
-    return mjm, Arm.from_model(mjm, base)
+    return mjm, SerialArm.from_model(mjm, base)
 
 
 @pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-12), (torch.float32, 1e-6)])
 def test_forward_kinematics_are_those_of_mujoco(
-    model_and_arm: tuple[mujoco.MjModel, Arm], dtype: torch.dtype, tolerance: float
+    model_and_arm: tuple[mujoco.MjModel, SerialArm], dtype: torch.dtype, tolerance: float
 ):
     """Positions [m] and rotation matrices agree at random joints; a float32 chain is good to a micrometre too."""
     mjm, arm = model_and_arm
@@ -41,7 +41,7 @@ def test_forward_kinematics_are_those_of_mujoco(
     assert np.abs(chain.fk(joints).numpy() - tcp_poses(mjm, arm, joints.double().numpy())).max() < tolerance
 
 
-def test_solutions_hold_in_mujoco(model_and_arm: tuple[mujoco.MjModel, Arm]):
+def test_solutions_hold_in_mujoco(model_and_arm: tuple[mujoco.MjModel, SerialArm]):
     """What inverse kinematics accepts stands at the asked pose and within limits; nothing reachable is missed."""
     mjm, arm = model_and_arm
     chain = Chain(arm)
@@ -55,7 +55,7 @@ def test_solutions_hold_in_mujoco(model_and_arm: tuple[mujoco.MjModel, Arm]):
     assert (turn.diagonal(dim1=1, dim2=2).sum(1) > 1.0 + 2.0 * np.cos(ROT_TOL)).all()
 
 
-def test_poses_out_of_reach_are_refused(model_and_arm: tuple[mujoco.MjModel, Arm]):
+def test_poses_out_of_reach_are_refused(model_and_arm: tuple[mujoco.MjModel, SerialArm]):
     """Ten metres away there is no solution, and the joints that come back are within limits still."""
     _, arm = model_and_arm
     chain = Chain(arm)
@@ -69,7 +69,7 @@ def test_poses_out_of_reach_are_refused(model_and_arm: tuple[mujoco.MjModel, Arm
 def test_hinges_without_limits_come_back_within_half_a_turn():
     """A hinge that may turn for ever does not."""
     mjm, base = MODELS["endless"]()
-    chain = Chain(Arm.from_model(mjm, base))
+    chain = Chain(SerialArm.from_model(mjm, base))
     assert not torch.isfinite(chain.lower).all()
     wanted = chain.fk(chain.random_joints(50, seed=5))
     joints, _ = chain.ik(wanted, seeds=torch.full((1, len(chain.lower)), 20.0, dtype=torch.float64))
@@ -79,7 +79,7 @@ def test_hinges_without_limits_come_back_within_half_a_turn():
 def test_given_seeds_are_started_from():
     """The solution next to a seed is found."""
     mjm, base = MODELS["panda"]()
-    chain = Chain(Arm.from_model(mjm, base))
+    chain = Chain(SerialArm.from_model(mjm, base))
     joints = chain.random_joints(20, seed=6)
     for q in joints:
         found, ok = chain.ik(chain.fk(q[None]), seeds=q[None] + 0.01)
@@ -91,7 +91,7 @@ def test_given_seeds_are_started_from():
 def test_a_gpu_gives_what_the_cpu_gives():
     """Forward kinematics to 1e-12 m; the same poses are reached."""
     mjm, base = MODELS["panda"]()
-    arm = Arm.from_model(mjm, base)
+    arm = SerialArm.from_model(mjm, base)
     near, far = Chain(arm), Chain(arm, "cuda:0")
     joints = near.random_joints(200, seed=7)
     assert (far.fk(joints).cpu() - near.fk(joints)).abs().max() < 1e-12

@@ -9,25 +9,25 @@ import numpy as np
 import pytest
 
 from sceniris_gym.errors import MapError
-from sceniris_gym.reach.arm import Arm
+from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.map import CODE_VALUES, ReachMap, map_file, pack
 from tests.reach.shapes import ball, gantry, map_of, poses, random_axes
 
 
 @pytest.fixture(scope="module")
-def arm() -> Arm:
+def arm() -> SerialArm:
     """An arm for which a map can be."""
     return gantry()[1]
 
 
 @pytest.fixture(scope="module")
-def shell(arm: Arm) -> ReachMap:
+def shell(arm: SerialArm) -> ReachMap:
     """A map of `shapes.ball`."""
     with pytest.MonkeyPatch.context() as monkeypatch:
         return map_of(ball, monkeypatch, arm, 0.15, math.radians(15))
 
 
-def test_a_saved_map_comes_back_whole(shell: ReachMap, arm: Arm, tmp_path: Path):
+def test_a_saved_map_comes_back_whole(shell: ReachMap, arm: SerialArm, tmp_path: Path):
     """Every field, and so every verdict; saving again writes the same bytes."""
     shell.save(tmp_path / "a.reach")
     again = ReachMap.load(tmp_path / "a.reach", arm)
@@ -49,14 +49,14 @@ def test_a_map_of_another_arm_is_refused(shell: ReachMap, tmp_path: Path):
         ReachMap.load(tmp_path / "a.reach", gantry("-2 2")[1])
 
 
-def test_a_missing_map_says_how_it_is_built(arm: Arm, tmp_path: Path):
+def test_a_missing_map_says_how_it_is_built(arm: SerialArm, tmp_path: Path):
     """There is no foreign traceback."""
     with pytest.raises(MapError, match=r"no such reachability map.*sceniris-gym reach base --build"):
         ReachMap.load(tmp_path / "none.reach", arm)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.5, 0.98])
-def test_a_file_that_was_cut_off_is_refused(shell: ReachMap, arm: Arm, tmp_path: Path, share: float):
+def test_a_file_that_was_cut_off_is_refused(shell: ReachMap, arm: SerialArm, tmp_path: Path, share: float):
     """Wherever it ends."""
     shell.save(tmp_path / "a.reach")
     whole = (tmp_path / "a.reach").read_bytes()
@@ -65,7 +65,7 @@ def test_a_file_that_was_cut_off_is_refused(shell: ReachMap, arm: Arm, tmp_path:
         ReachMap.load(tmp_path / "a.reach", arm)
 
 
-def test_a_damaged_file_is_refused(shell: ReachMap, arm: Arm, tmp_path: Path):
+def test_a_damaged_file_is_refused(shell: ReachMap, arm: SerialArm, tmp_path: Path):
     """A changed byte in the middle of the codes, where the archive's checksum sees it; text; another archive."""
     path = tmp_path / "a.reach"
     shell.save(path)
@@ -82,14 +82,14 @@ def test_a_damaged_file_is_refused(shell: ReachMap, arm: Arm, tmp_path: Path):
         ReachMap.load(path.with_suffix(".npz"), arm)
 
 
-def test_an_array_is_no_map(arm: Arm, tmp_path: Path):
+def test_an_array_is_no_map(arm: SerialArm, tmp_path: Path):
     """A .npy file, as that of poses is, is not taken for an archive."""
     np.save(tmp_path / "poses.npy", np.zeros((3, 4, 4)))
     with pytest.raises(MapError, match=r"not a reachability map, or a damaged one \(a single array\)"):
         ReachMap.load(tmp_path / "poses.npy", arm)
 
 
-def test_the_advice_is_what_the_caller_says(arm: Arm, tmp_path: Path):
+def test_the_advice_is_what_the_caller_says(arm: SerialArm, tmp_path: Path):
     """Who asks knows which command is right."""
     with pytest.raises(MapError, match=r"no such reachability map\. Do this\.$"):
         ReachMap.load(tmp_path / "none.reach", arm, "Do this.")
@@ -122,7 +122,7 @@ _FAULTS: dict[str, tuple[str, Callable[[np.ndarray], np.ndarray]]] = {
 
 
 @pytest.mark.parametrize("fault", _FAULTS)
-def test_a_map_that_would_lead_look_ups_astray_is_refused(shell: ReachMap, arm: Arm, tmp_path: Path, fault: str):
+def test_a_map_that_would_lead_look_ups_astray_is_refused(shell: ReachMap, arm: SerialArm, tmp_path: Path, fault: str):
     """A whole archive with the arm's hash, of which one field has another type, shape or range."""
     path, (name, change) = tmp_path / "a.reach", _FAULTS[fault]
     shell.save(path)
@@ -134,7 +134,7 @@ def test_a_map_that_would_lead_look_ups_astray_is_refused(shell: ReachMap, arm: 
         ReachMap.load(path, arm)
 
 
-def test_a_damaged_file_is_closed(shell: ReachMap, arm: Arm, tmp_path: Path, recwarn: pytest.WarningsRecorder):
+def test_a_damaged_file_is_closed(shell: ReachMap, arm: SerialArm, tmp_path: Path, recwarn: pytest.WarningsRecorder):
     """No handle stays open behind the error."""
     path = tmp_path / "a.reach"
     shell.save(path)
@@ -154,7 +154,7 @@ def test_a_pose_without_numbers_is_not_reached(shell: ReachMap):
     assert shell.verdict(made, "cpu").tolist() == [0] * 5
 
 
-def test_a_file_of_another_format_is_refused(shell: ReachMap, arm: Arm, tmp_path: Path):
+def test_a_file_of_another_format_is_refused(shell: ReachMap, arm: SerialArm, tmp_path: Path):
     """Both formats are named."""
     path = tmp_path / "a.reach"
     shell.save(path)

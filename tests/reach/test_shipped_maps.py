@@ -4,9 +4,9 @@ import mujoco
 import pytest
 
 from benchmarks.reach import ACCURACY, CYLINDERS, FALSE, draw
-from sceniris_gym.reach.arm import Arm
-from sceniris_gym.reach.lookup import Verdict
+from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.map import ReachMap, map_path
+from sceniris_gym.reach.tier import Verdict
 from tests.oracle.exact_ik import ExactIk
 from tests.reach.arms import ASSETS
 
@@ -21,7 +21,7 @@ def test_a_shipped_map_is_right(name: str, kind: str):
     Heron's map is limited: it is not its default, and straight down some of what it accepts is out of reach.
     """
     mjm = mujoco.MjModel.from_xml_path(str(ASSETS / f"{name}.xml"))
-    shipped = ReachMap.load(map_path(name), Arm.from_model(mjm, name))
+    shipped = ReachMap.load(map_path(name), SerialArm.from_model(mjm, name))
     poses = draw(kind, name, N, 7)
     truth = ExactIk(mjm, name).reachable(poses)[0]
     verdict = shipped.verdict(poses, "cpu")
@@ -37,7 +37,7 @@ def test_a_shipped_map_is_right(name: str, kind: str):
 def test_a_map_that_is_shifted_would_be_seen():
     """One whose codes moved up by two steps differs on more poses than the bounds allow."""
     mjm = mujoco.MjModel.from_xml_path(str(ASSETS / "ur5e.xml"))
-    arm = Arm.from_model(mjm, "ur5e")
+    arm = SerialArm.from_model(mjm, "ur5e")
     whole = ReachMap.load(map_path("ur5e"), arm)
     poses = draw("B", "ur5e", N, 7)
     shifted = poses.copy()

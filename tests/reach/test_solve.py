@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sceniris_gym.reach.arm import Arm
+from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.solve import POS_TOL, ROT_TOL, arm_view, as_vec8, forward, random_joints, solve, vec8
 
 PANDA = Path(__file__).parents[2] / "assets" / "panda.xml"
@@ -67,13 +67,13 @@ MODELS = {
 
 
 @pytest.fixture(scope="module", params=MODELS)
-def arm(request: pytest.FixtureRequest) -> tuple[mujoco.MjModel, Arm]:
+def arm(request: pytest.FixtureRequest) -> tuple[mujoco.MjModel, SerialArm]:
     """Return a model and its arm."""
     mjm = MODELS[request.param]()
-    return mjm, Arm.from_model(mjm, request.param, "tcp")
+    return mjm, SerialArm.from_model(mjm, request.param, "tcp")
 
 
-def poses(mjm: mujoco.MjModel, arm: Arm, joints: np.ndarray) -> np.ndarray:
+def poses(mjm: mujoco.MjModel, arm: SerialArm, joints: np.ndarray) -> np.ndarray:
     """Return the TCP's poses by MuJoCo, shape (N, 7). The base stands at the origin."""
     data = mujoco.MjData(mjm)
     site = mjm.site("tcp").id
@@ -101,7 +101,7 @@ def run_forward(view: Any, joints: wp.array(dtype=vec8), pos: wp.array(dtype=wp.
     quat[i] = turn
 
 
-def test_forward_kinematics_are_those_of_mujoco(arm: tuple[mujoco.MjModel, Arm]):
+def test_forward_kinematics_are_those_of_mujoco(arm: tuple[mujoco.MjModel, SerialArm]):
     """Poses on the device agree with mj_kinematics to the rounding of float32."""
     mjm, own = arm
     joints = random_joints(own, 200, seed=1)
@@ -112,7 +112,7 @@ def test_forward_kinematics_are_those_of_mujoco(arm: tuple[mujoco.MjModel, Arm])
     assert turned.max() < 2e-6
 
 
-def test_every_pose_of_random_joints_is_found_and_true(arm: tuple[mujoco.MjModel, Arm]):
+def test_every_pose_of_random_joints_is_found_and_true(arm: tuple[mujoco.MjModel, SerialArm]):
     """Of 3,000 reachable poses all get joints: exactly within limits, and at the pose by MuJoCo's own account."""
     mjm, own = arm
     asked = poses(mjm, own, random_joints(own, 3000, seed=2))
@@ -127,7 +127,7 @@ def test_every_pose_of_random_joints_is_found_and_true(arm: tuple[mujoco.MjModel
 
 
 @pytest.mark.cuda
-def test_a_gpu_finds_them_too(arm: tuple[mujoco.MjModel, Arm]):
+def test_a_gpu_finds_them_too(arm: tuple[mujoco.MjModel, SerialArm]):
     """The same poses, solved on a GPU, hold by MuJoCo's account."""
     mjm, own = arm
     asked = poses(mjm, own, random_joints(own, 3000, seed=2))
@@ -139,7 +139,7 @@ def test_a_gpu_finds_them_too(arm: tuple[mujoco.MjModel, Arm]):
     assert turned[ok].max() <= ROT_TOL
 
 
-def test_poses_at_the_limits_are_found(arm: tuple[mujoco.MjModel, Arm]):
+def test_poses_at_the_limits_are_found(arm: tuple[mujoco.MjModel, SerialArm]):
     """Joints that must stand at their limits to reach a pose are put there, and no further."""
     mjm, own = arm
     rng = np.random.default_rng(3)
@@ -152,7 +152,7 @@ def test_poses_at_the_limits_are_found(arm: tuple[mujoco.MjModel, Arm]):
     assert ((found >= own.lower) & (found <= own.upper)).all()
 
 
-def test_what_is_out_of_reach_is_not_found(arm: tuple[mujoco.MjModel, Arm]):
+def test_what_is_out_of_reach_is_not_found(arm: tuple[mujoco.MjModel, SerialArm]):
     """Poses far away are refused, and the joints that come back for them are within limits all the same."""
     mjm, own = arm
     asked = poses(mjm, own, random_joints(own, 50, seed=4))
@@ -162,7 +162,7 @@ def test_what_is_out_of_reach_is_not_found(arm: tuple[mujoco.MjModel, Arm]):
     assert ((joints >= own.lower) & (joints <= own.upper)).all()
 
 
-def test_given_starts_are_used(arm: tuple[mujoco.MjModel, Arm]):
+def test_given_starts_are_used(arm: tuple[mujoco.MjModel, SerialArm]):
     """A start that is a solution comes back as it was given."""
     mjm, own = arm
     joints = random_joints(own, 1, seed=5)
@@ -174,7 +174,7 @@ def test_given_starts_are_used(arm: tuple[mujoco.MjModel, Arm]):
 def test_hinges_without_limits_come_back_within_half_a_turn():
     """Joints that turn freely are wrapped to [-pi, pi]."""
     mjm = MODELS["scara"]()
-    own = Arm.from_model(mjm, "scara", "tcp")
+    own = SerialArm.from_model(mjm, "scara", "tcp")
     joints = random_joints(own, 100, seed=6)
     found, ok = solve(own, poses(mjm, own, joints), starts=joints[:1] + [0.0, 0.0, 0.0, 40.0])
     assert ok.any()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sceniris_gym.scene.boxes import BoxTree, build_tree
+from sceniris_gym.geometry.box_tree import BoxTree, build_tree
 
 
 def _leaves(n: int, kind: str) -> tuple[np.ndarray, np.ndarray]:

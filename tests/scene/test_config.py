@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sceniris_gym.config.objects import JointConfig, ObjectConfig, SupportConfig
+from sceniris_gym.config.scene import Floor, SceneConfig
 from sceniris_gym.errors import (
     CycleError,
     NoSupportError,
@@ -18,7 +20,6 @@ from sceniris_gym.errors import (
     ScenirisError,
     UnknownNameError,
 )
-from sceniris_gym.scene.config import Floor, JointConfig, ObjectConfig, SceneConfig, SupportConfig
 
 SMALL = {
     "floor": {"size": [1.0, 2.0]},

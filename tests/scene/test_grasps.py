@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 import trimesh
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import GraspError
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.grasps import Graspable, Grasps, section
-from sceniris_gym.scene.gripper import Gripper
+from sceniris_gym.grasping.grasps import Graspable, GraspSet, section
+from sceniris_gym.grasping.gripper import Gripper
+from sceniris_gym.program.plan import Plan, build_plan
+from sceniris_gym.program.reach import robot_arm
 from sceniris_gym.scene.model import SceneModel, build_model
-from sceniris_gym.scene.program import Plan, build_plan
-from sceniris_gym.scene.reaching import find_arm
 from tests.layout.scenes import box_mjcf, write_mjcf
 
 PADS = {"panda": ("left_pad", "right_pad"), "ur5e": ("left_pad", "right_pad"), "heron": ("left_pad", "right_pad")}
@@ -30,14 +30,14 @@ class Scene:
         config = {"floor": {"size": [2.0, 2.0]}, "robot": {"asset": robot}, "objects": {"thing": thing}}
         self.scene: SceneModel = build_model(SceneConfig.load(config))
         self.plan: Plan = build_plan(self.scene)
-        self.gripper = Gripper.from_model(self.scene.mjm, find_arm(self.scene), self.scene.home_qpos, self.plan.pieces)
+        self.gripper = Gripper.from_model(self.scene.mjm, robot_arm(self.scene), self.scene.home_qpos, self.plan.pieces)
         self.thing = Graspable(self.scene, "thing", self.plan.pieces, self.plan.home)
 
-    def grasps(self) -> Grasps:
+    def grasp_set(self) -> GraspSet:
         """The grasps of the object."""
         placed = next(o for o in self.plan.objects if o.name == "thing")
         assert placed.config is not None
-        return self.thing.grasps(placed.variants, placed.config.turn.kind == "any", self.gripper)
+        return self.thing.grasp_set(placed.variants, placed.config.drawn_orientation.kind == "any", self.gripper)
 
 
 def rotation(quat: np.ndarray) -> np.ndarray:
@@ -76,14 +76,14 @@ def test_a_tool_without_fingers_takes_things_of_any_width(tmp_path: Path):
     s = Scene(box_mjcf(tmp_path, "crate", 0.6, 0.6, 0.2), arm)
     assert s.gripper.opening == 1000.0
     assert len(s.gripper.qposadr) == 0
-    found = s.grasps().grasps
+    found = s.grasp_set().grasps
     assert len(found) == 32
     assert max(g.opening for g in found) >= 0.6
 
 
 def test_a_bar_is_taken_across_from_above(bar: Scene):
     """Straight down and tilted, the fingers close on the two long sides; along the bar it is too wide."""
-    grasps = bar.grasps().grasps
+    grasps = bar.grasp_set().grasps
     words = ("top", "tilt 15", "tilt 30", "tilt 45")
     assert {g.name for g in grasps} >= {f"{word} {yaw}" for word in words for yaw in (0, 180)}
     assert not {g.name for g in grasps} & {f"{word} {yaw}" for word in words for yaw in (90, 270)}
@@ -102,14 +102,14 @@ def test_a_bar_is_taken_across_from_above(bar: Scene):
 
 def test_across_a_corner_the_gap_is_that_of_the_part_between_the_fingers(bar: Scene):
     """At 45 degrees a bar of width w is w / cos(45) + 2 b wide between fingers that are 2 b wide."""
-    found = {g.name: g.opening for g in bar.grasps().grasps}
+    found = {g.name: g.opening for g in bar.grasp_set().grasps}
     assert found["top 45"] == pytest.approx(0.04 * np.sqrt(2.0) + 2.0 * bar.gripper.half_width, abs=1e-6)
 
 
 def test_only_what_is_taller_than_wide_is_taken_from_the_side(tmp_path: Path):
     """A post of 9 cm has side grasps, level and at half its height; one of 4 cm has none."""
-    tall = Scene(box_mjcf(tmp_path, "tall", 0.05, 0.05, 0.09)).grasps().grasps
-    low = Scene(box_mjcf(tmp_path, "low", 0.05, 0.05, 0.04)).grasps().grasps
+    tall = Scene(box_mjcf(tmp_path, "tall", 0.05, 0.05, 0.09)).grasp_set().grasps
+    low = Scene(box_mjcf(tmp_path, "low", 0.05, 0.05, 0.04)).grasp_set().grasps
     sides = [g for g in tall if g.name.startswith("side")]
     assert len(sides) == 8
     assert all(abs(rotation(g.quat)[2, 2]) < 1e-9 and g.pos[2] == pytest.approx(0.045) for g in sides)
@@ -119,7 +119,7 @@ def test_only_what_is_taller_than_wide_is_taken_from_the_side(tmp_path: Path):
 def test_the_palm_does_not_reach_what_is_grasped(tmp_path: Path):
     """However tall or deep, the TCP is no deeper in an object than the palm allows."""
     s = Scene(box_mjcf(tmp_path, "post", 0.12, 0.05, 0.3))
-    for g in s.grasps().grasps:
+    for g in s.grasp_set().grasps:
         down = -rotation(g.quat)[2, 2]
         if g.name.startswith("top"):
             assert 0.3 - g.pos[2] < s.gripper.depth * down
@@ -131,7 +131,7 @@ def test_the_palm_does_not_reach_what_is_grasped(tmp_path: Path):
 def test_fingertips_stay_above_the_support(tmp_path: Path, height: float):
     """The lowest corner of the fingers of every grasp of something flat is above the plane it stands on."""
     s = Scene(box_mjcf(tmp_path, "flat", 0.2, 0.03, height))
-    found = s.grasps().grasps
+    found = s.grasp_set().grasps
     assert found
     for g in found:
         corners = [[x, 0.0, s.gripper.tip] for x in (-s.gripper.half_width, s.gripper.half_width)]
@@ -197,7 +197,7 @@ def test_sites_of_an_asset_take_the_place_of_made_grasps(tmp_path: Path):
     lid = f'<body name="lid" pos="0 0 0.1">{lid}</body>'
     asset = write_mjcf(tmp_path, "tray", wall.format(y=-0.06) + wall.format(y=0.06) + rim + lid)
     s = Scene(asset)
-    found = s.grasps()
+    found = s.grasp_set()
     assert [g.name for g in found.grasps] == ["grasp_rim", "grasp_lid", "grasp_rim rolled", "grasp_lid rolled"]
     assert [g.body for g in found.grasps] == 2 * [s.scene.bodies["thing"], s.scene.mjm.body("thing/lid").id]
     assert [g.opening for g in found.grasps] == pytest.approx(2 * [0.008, 0.02])
@@ -213,18 +213,18 @@ def test_what_is_wider_than_the_gripper_opens_is_refused(tmp_path: Path):
     with pytest.raises(
         GraspError, match=r"objects\.thing\.reachable: .*0\.09 m wide.* opens 0\.08 m.*grasp_"
     ) as caught:
-        s.grasps()
+        s.grasp_set()
     assert caught.value.needed == pytest.approx(0.09)
     assert caught.value.opening == pytest.approx(0.08)
     wider = Scene(box_mjcf(tmp_path, "cube", 0.09, 0.09, 0.09), "ur5e")
-    assert wider.grasps().grasps
+    assert wider.grasp_set().grasps
 
 
 def test_every_stable_pose_has_grasps_of_its_own(tmp_path: Path):
     """A flat box that may lie or stand: from above in each pose, and none where it is too wide."""
     s = Scene(box_mjcf(tmp_path, "flat", 0.2, 0.15, 0.05), orientation="stable")
     placed = next(o for o in s.plan.objects if o.name == "thing")
-    found = s.grasps()
+    found = s.grasp_set()
     assert len(found.spans) == len(placed.variants)
     nums = []
     for variant, (first, num) in zip(placed.variants, found.spans, strict=True):
@@ -238,12 +238,12 @@ def test_every_stable_pose_has_grasps_of_its_own(tmp_path: Path):
 def test_any_orientation_has_grasps_from_all_sides(tmp_path: Path):
     """With `orientation: any` each axis of the object may be up."""
     s = Scene(box_mjcf(tmp_path, "cube", 0.05, 0.05, 0.05), orientation="any")
-    approaches = {tuple(np.round(rotation(g.quat)[:, 2]).astype(int)) for g in s.grasps().grasps}
+    approaches = {tuple(np.round(rotation(g.quat)[:, 2]).astype(int)) for g in s.grasp_set().grasps}
     assert approaches == {(0, 0, 1), (0, 0, -1), (0, 1, 0), (0, -1, 0), (1, 0, 0), (-1, 0, 0)}
 
 
 def test_a_point_is_approached_without_a_width():
     """A marker without an asset."""
-    grasps = Scene(None, kind="marker").grasps().grasps
+    grasps = Scene(None, kind="marker").grasp_set().grasps
     assert len(grasps) == 32
     assert all(g.opening == 0.0 and np.allclose(g.pos, 0.0) for g in grasps)

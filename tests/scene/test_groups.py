@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
+from sceniris_gym.config.groups import GroupConfig
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, ScenirisError, UnknownNameError
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.groups import GroupConfig
 
 SCENE = {
     "floor": {"size": [2.0, 2.0]},

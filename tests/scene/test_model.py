@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import (
     MeshError,
     NotSupportedError,
@@ -20,9 +21,8 @@ from sceniris_gym.errors import (
     ScenirisError,
     UnknownNameError,
 )
-from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.geometry.pieces import extract_pieces
 from sceniris_gym.scene.model import SceneModel, build_model
-from sceniris_gym.scene.pieces import extract_pieces
 
 TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 

@@ -14,12 +14,13 @@ import numpy as np
 import pytest
 
 from sceniris_gym import read_sceniris
+from sceniris_gym.config.objects import JointConfig, SupportConfig
+from sceniris_gym.config.orientation import DrawnOrientation
+from sceniris_gym.config.relations import Relation
+from sceniris_gym.config.scene import RobotConfig, SceneConfig
 from sceniris_gym.errors import CycleError, KeysLeftOutWarning, SceneKeyError, ScenirisError, UnknownNameError
-from sceniris_gym.scene.config import JointConfig, RobotConfig, SceneConfig, SupportConfig
+from sceniris_gym.program.plan import build_plan
 from sceniris_gym.scene.model import build_model
-from sceniris_gym.scene.orientations import Turn
-from sceniris_gym.scene.program import build_plan
-from sceniris_gym.scene.relations import Relation
 
 QUARTER_TURN = np.array([[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 UPSIDE_DOWN = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -219,21 +220,21 @@ def test_several_anchors_are_between(keys: dict):
 @pytest.mark.parametrize(
     ("rotation", "turn"),
     [
-        (None, Turn("yaw")),
-        ({"type": "uniform_z"}, Turn("yaw")),
-        ({"type": "uniform_z", "lower": -90, "upper": 0.0}, Turn("yaw", (-math.pi / 2, 0.0))),
-        ({"type": "constant"}, Turn("yaw", (0.0, 0.0))),
-        ({"type": "constant", "orientation": 90.0}, Turn("yaw", (math.pi / 2, math.pi / 2))),
-        ({"type": "constant", "orientation": QUARTER_TURN}, Turn("yaw", (math.pi / 2, math.pi / 2))),
-        ({"type": "stable"}, Turn("stable")),
-        ({"type": "stable", "z_rotation": False}, Turn("stable", (0.0, 0.0))),
-        ({"type": "face_to", "face_to_object_id": "drawer"}, Turn("face_to", (0.0, 0.0), "drawer")),
+        (None, DrawnOrientation("yaw")),
+        ({"type": "uniform_z"}, DrawnOrientation("yaw")),
+        ({"type": "uniform_z", "lower": -90, "upper": 0.0}, DrawnOrientation("yaw", (-math.pi / 2, 0.0))),
+        ({"type": "constant"}, DrawnOrientation("yaw", (0.0, 0.0))),
+        ({"type": "constant", "orientation": 90.0}, DrawnOrientation("yaw", (math.pi / 2, math.pi / 2))),
+        ({"type": "constant", "orientation": QUARTER_TURN}, DrawnOrientation("yaw", (math.pi / 2, math.pi / 2))),
+        ({"type": "stable"}, DrawnOrientation("stable")),
+        ({"type": "stable", "z_rotation": False}, DrawnOrientation("stable", (0.0, 0.0))),
+        ({"type": "face_to", "face_to_object_id": "drawer"}, DrawnOrientation("face_to", (0.0, 0.0), "drawer")),
     ],
 )
-def test_a_rotation_becomes_an_orientation(rotation: dict | None, turn: Turn):
+def test_a_rotation_becomes_an_orientation(rotation: dict | None, turn: DrawnOrientation):
     """All types of rotation; angles are degrees."""
     config, left_out = read(mug(rotation=rotation))
-    found = config.objects["mug"].turn
+    found = config.objects["mug"].drawn_orientation
     assert left_out == []
     assert (found.kind, found.target) == (turn.kind, turn.target)
     assert found.yaw == pytest.approx(turn.yaw)

@@ -8,11 +8,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from sceniris_gym.scene.colliders import Colliders, collect_colliders
-from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.geometry.colliders import Colliders, collect_colliders
+from sceniris_gym.program.pairs import arm_pairs
+from sceniris_gym.program.plan import Plan, build_plan
 from sceniris_gym.scene.model import SceneModel, build_model
-from sceniris_gym.scene.pairs import arm_pairs
-from sceniris_gym.scene.program import Plan, build_plan
 from tests.layout.scenes import box_mjcf
 
 

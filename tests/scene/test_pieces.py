@@ -8,10 +8,9 @@ import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.device import PieceType
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces, hull_vertices
 from sceniris_gym.scene.model import build_model
-from sceniris_gym.scene.pieces import Piece, extract_pieces, hull_vertices
 
 WORKSHOP = """
 <mujoco>

@@ -8,11 +8,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError
-from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.geometry.resting_poses import STABLE_TILT, Variant, heading_of, matrix, of_heading_zero
+from sceniris_gym.program.plan import build_plan
 from sceniris_gym.scene.model import SceneModel, build_model
-from sceniris_gym.scene.poses import STABLE_TILT, Variant, heading_of, matrix, of_heading_zero
-from sceniris_gym.scene.program import build_plan
 from tests.layout.scenes import box_mjcf, write_mjcf
 
 FREE = ("apple", "banana", "block", "book", "bottle", "bowl", "brick", "can", "cereal_box")

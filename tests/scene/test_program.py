@@ -8,12 +8,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from sceniris_gym.scene.colliders import Colliders
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.device import ObjectKind
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.geometry.colliders import Colliders
+from sceniris_gym.program.device import ObjectKind
+from sceniris_gym.program.pairs import collider_pairs
+from sceniris_gym.program.plan import Plan, build_plan, placement_order
 from sceniris_gym.scene.model import SceneModel, build_model
-from sceniris_gym.scene.pairs import collider_pairs
-from sceniris_gym.scene.program import Plan, build_plan, placement_order
 
 BOX = (
     '<mujoco><worldbody><body name="box"><geom type="box" size=".05 .02 .1" pos=".3 0 .4"/></body></worldbody></mujoco>'

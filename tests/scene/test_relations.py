@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
+from sceniris_gym.config.orientation import DrawnOrientation, Orientation
+from sceniris_gym.config.relations import Relation
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import CycleError, SceneKeyError, ScenirisError, UnknownNameError
-from sceniris_gym.scene.config import SceneConfig
 from sceniris_gym.scene.model import build_model
-from sceniris_gym.scene.orientations import Orientation, Turn
-from sceniris_gym.scene.relations import Relation
 
 RIGHT, BACK, LEFT, FRONT = 0.0, math.pi / 2, math.pi, -math.pi / 2
 SCENE = {
@@ -138,32 +138,35 @@ def test_the_robot_may_be_an_anchor_and_a_frame():
 @pytest.mark.parametrize(
     ("orientation", "turn"),
     [
-        (None, Turn("yaw", (-math.pi, math.pi))),
-        ("fixed", Turn("yaw", (0.0, 0.0))),
-        ({"yaw": [-90, 45]}, Turn("yaw", (-math.pi / 2, math.pi / 4))),
-        ("any", Turn("any", (-math.pi, math.pi))),
-        ("stable", Turn("stable", (-math.pi, math.pi))),
-        ({"stable": {}}, Turn("stable", (-math.pi, math.pi))),
-        ({"stable": {"yaw": "free"}}, Turn("stable", (-math.pi, math.pi))),
-        ({"stable": {"yaw": [0, 90]}}, Turn("stable", (0.0, math.pi / 2))),
-        ({"face_to": "mug"}, Turn("face_to", (0.0, 0.0), "mug")),
-        ({"face_to": "mug", "yaw": [-90, 90]}, Turn("face_to", (-math.pi / 2, math.pi / 2), "mug")),
+        (None, DrawnOrientation("yaw", (-math.pi, math.pi))),
+        ("fixed", DrawnOrientation("yaw", (0.0, 0.0))),
+        ({"yaw": [-90, 45]}, DrawnOrientation("yaw", (-math.pi / 2, math.pi / 4))),
+        ("any", DrawnOrientation("any", (-math.pi, math.pi))),
+        ("stable", DrawnOrientation("stable", (-math.pi, math.pi))),
+        ({"stable": {}}, DrawnOrientation("stable", (-math.pi, math.pi))),
+        ({"stable": {"yaw": "free"}}, DrawnOrientation("stable", (-math.pi, math.pi))),
+        ({"stable": {"yaw": [0, 90]}}, DrawnOrientation("stable", (0.0, math.pi / 2))),
+        ({"face_to": "mug"}, DrawnOrientation("face_to", (0.0, 0.0), "mug")),
+        ({"face_to": "mug", "yaw": [-90, 90]}, DrawnOrientation("face_to", (-math.pi / 2, math.pi / 2), "mug")),
     ],
 )
-def test_an_orientation_is_a_turn(orientation: Any, turn: Turn):
+def test_an_orientation_is_a_turn(orientation: Any, turn: DrawnOrientation):
     """Every form of it; angles are degrees in files and radians here."""
     apple = SceneConfig.load(SCENE, {"objects.apple.orientation": orientation}).objects["apple"]
-    assert (apple.turn.kind, apple.turn.target) == (turn.kind, turn.target)
-    assert apple.turn.yaw == pytest.approx(turn.yaw)
-    assert apple.yaw == apple.turn.yaw
+    assert (apple.drawn_orientation.kind, apple.drawn_orientation.target) == (turn.kind, turn.target)
+    assert apple.drawn_orientation.yaw == pytest.approx(turn.yaw)
+    assert apple.yaw == apple.drawn_orientation.yaw
 
 
 def test_a_form_of_orientation_replaces_the_base_s():
     """A yaw of the base is no offset of the child's face_to."""
     base = SceneConfig.load(SCENE, {"objects.apple.orientation": {"yaw": [-10, 10]}})
     child = SceneConfig.load(base, {"objects.apple.orientation": {"face_to": "mug"}})
-    assert child.objects["apple"].turn == Turn("face_to", (0.0, 0.0), "mug")
-    assert SceneConfig.load(child, {"objects.apple.orientation.stable": {}}).objects["apple"].turn.kind == "stable"
+    assert child.objects["apple"].drawn_orientation == DrawnOrientation("face_to", (0.0, 0.0), "mug")
+    assert (
+        SceneConfig.load(child, {"objects.apple.orientation.stable": {}}).objects["apple"].drawn_orientation.kind
+        == "stable"
+    )
 
 
 def test_what_an_object_needs_is_placed_before_it():

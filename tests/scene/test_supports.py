@@ -9,18 +9,27 @@ import shapely
 from shapely.geometry import MultiPolygon, Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
+from sceniris_gym.config.objects import RegionConfig
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ErodedSupportError
-from sceniris_gym.scene.config import RegionConfig, SceneConfig
+from sceniris_gym.geometry.pieces import extract_pieces
+from sceniris_gym.geometry.supports import (
+    SupportSurface,
+    areas,
+    crop,
+    edges,
+    floor_surface,
+    level_surfaces,
+    triangulate,
+)
 from sceniris_gym.scene.model import build_model
-from sceniris_gym.scene.pieces import extract_pieces
-from sceniris_gym.scene.supports import Surface, areas, crop, edges, floor_surface, level_surfaces, triangulate
 
 TABLE = """<geom type="box" size=".4 .3 .01" pos="0 0 .39"/>
   <geom type="box" size=".02 .02 .19" pos=".35 .25 .19"/><geom type="box" size=".02 .02 .19" pos="-.35 .25 .19"/>
   <geom type="box" size=".02 .02 .19" pos=".35 -.25 .19"/><geom type="box" size=".02 .02 .19" pos="-.35 -.25 .19"/>"""
 
 
-def _surfaces(geoms: str, open_above: bool = True, geometry: str = "physics") -> list[Surface]:
+def _surfaces(geoms: str, open_above: bool = True, geometry: str = "physics") -> list[SupportSurface]:
     mjm = mujoco.MjModel.from_xml_string(f'<mujoco><worldbody><body name="b">{geoms}</body></worldbody></mujoco>')
     return level_surfaces(1, extract_pieces(mjm, geometry), open_above=open_above)
 
@@ -154,8 +163,8 @@ def _several(*shapes: BaseGeometry) -> MultiPolygon:
     return MultiPolygon([s for s in shapes if isinstance(s, Polygon)])
 
 
-def _surface(*shapes: Polygon) -> Surface:
-    return Surface(1, 0.1, MultiPolygon(shapes), MultiPolygon(shapes))
+def _surface(*shapes: Polygon) -> SupportSurface:
+    return SupportSurface(1, 0.1, MultiPolygon(shapes), MultiPolygon(shapes))
 
 
 @pytest.mark.parametrize(

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.model import build_model
 from sceniris_gym.sim.batch import Batch
-from sceniris_gym.sim.frames import FrameCamera
+from sceniris_gym.sim.pictures import FrameCamera
 
 
 def test_worlds_without_mocap_bodies_have_pictures():

@@ -1,6 +1,6 @@
 """The randomizer: masked resets that leave the other worlds alone, and stored layouts put back."""
 
-from types import SimpleNamespace
+from dataclasses import replace
 
 import mujoco
 import mujoco_warp as mjw
@@ -9,10 +9,10 @@ import pytest
 import torch
 import warp as wp
 
-from sceniris_gym.errors import ContactBudgetError, MaskError, MaskTypeError, WorldMismatchError
-from sceniris_gym.layout.build import build_world
+from sceniris_gym.errors import ContactBudgetError, MaskError, MaskTypeError, SceneMismatchError
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.stored import StoredGenerator
+from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from tests.sim.conftest import SMALL_ARM
 
@@ -43,7 +43,7 @@ def test_a_reset_writes_the_rows_of_the_generator(make_randomizer, rows):
     np.testing.assert_array_equal(d.mocap_quat.numpy(), rows.mocap_quat[expected])
     np.testing.assert_array_equal(randomizer.layouts.episode.numpy(), [1, 0, 0, 1])
 
-    mjm = randomizer.world.mjm
+    mjm = randomizer.compiled.mjm
     mjd = mujoco.MjData(mjm)
     for world, row in enumerate(expected):
         mjd.qpos[:], mjd.mocap_pos[:], mjd.mocap_quat[:] = rows.qpos[row], rows.mocap_pos[row], rows.mocap_quat[row]
@@ -211,36 +211,35 @@ def test_wrong_rows_say_what_is_wrong(make_randomizer, rows, which, error, match
         make_randomizer(2).write(rows, which)
 
 
-def test_what_does_not_belong_to_the_world_is_refused(make_randomizer, small_world, rows):
+def test_what_does_not_belong_to_the_world_is_refused(make_randomizer, small_scene, rows):
     """Model, data, generator and stored layouts of another scene or size are named in the error."""
     randomizer = make_randomizer(2)
     other = mujoco.MjModel.from_xml_string("<mujoco><worldbody><body mocap='true'/></worldbody></mujoco>")
-    generator = StoredGenerator(rows, 2, device="cpu")
-    with pytest.raises(WorldMismatchError, match=r"model\.nq is 0, but 12"):
-        ResetRandomizer(small_world, mjw.put_model(other), mjw.make_data(other, 2), generator=generator)
-    with pytest.raises(WorldMismatchError, match="data has nq=0 and nmocap=1"):
-        ResetRandomizer(small_world, randomizer.model, mjw.make_data(other, 2), generator=generator)
-    three = StoredGenerator(rows, 3, device="cpu")
-    with pytest.raises(WorldMismatchError, match="layouts for 3 worlds, but data has 2"):
-        ResetRandomizer(small_world, randomizer.model, randomizer.data, generator=three)
-    short = SimpleNamespace(qpos=rows.qpos[:, :5], mocap_pos=rows.mocap_pos, mocap_quat=rows.mocap_quat)
-    with pytest.raises(WorldMismatchError, match=r"layouts\.qpos has shape \(7, 5\)"):
+    stored = StoredLayouts(small_scene, rows, 2)
+    with pytest.raises(SceneMismatchError, match=r"model\.nq is 0, but 12"):
+        ResetRandomizer(small_scene, mjw.put_model(other), mjw.make_data(other, 2), layout_source=stored)
+    with pytest.raises(SceneMismatchError, match="data has nq=0 and nmocap=1"):
+        ResetRandomizer(small_scene, randomizer.model, mjw.make_data(other, 2), layout_source=stored)
+    three = StoredLayouts(small_scene, rows, 3)
+    with pytest.raises(SceneMismatchError, match="layouts for 3 worlds, but data has 2"):
+        ResetRandomizer(small_scene, randomizer.model, randomizer.data, layout_source=three)
+    short = replace(rows, qpos=rows.qpos[:, :5])
+    with pytest.raises(SceneMismatchError, match=r"layouts\.qpos has shape \(7, 5\)"):
         randomizer.write(short, [0, 1])
 
 
-def test_contacts_are_current_where_a_task_needs_them(make_randomizer, small_world, rows):
+def test_contacts_are_current_where_a_task_needs_them(make_randomizer, small_scene, rows):
     """With needs=["contacts"] the block that was just put on the floor is in contact, as plain MuJoCo finds it."""
-    low = SimpleNamespace(**vars(rows))
-    low.qpos = rows.qpos.copy()
+    low = replace(rows, qpos=rows.qpos.copy())
     low.qpos[:, 3] = 0.0299
     randomizer = make_randomizer(3, needs=["contacts"])
     randomizer.write(low, [0, 1, 2])
     count = int(randomizer.data.nacon.numpy()[0])
-    data = mujoco.MjData(small_world.mjm)
+    data = mujoco.MjData(small_scene.mjm)
     for world in range(3):
         data.qpos[:], data.mocap_pos[:] = low.qpos[world], low.mocap_pos[world]
         data.mocap_quat[:] = low.mocap_quat[world]
-        mujoco.mj_fwdPosition(small_world.mjm, data)
+        mujoco.mj_fwdPosition(small_scene.mjm, data)
         assert (randomizer.data.contact.worldid.numpy()[:count] == world).sum() == data.ncon > 0
 
 
@@ -262,11 +261,11 @@ def test_it_makes_its_own_layouts_of_a_scene():
         "floor": {"size": [1.6, 1.6]},
         "objects": {"block": {"on": "floor", "region": {"box": [[-0.3, -0.6], [0.3, 0.6]]}}},
     }
-    world = build_world(scene, "cpu", bank_size=4)
+    compiled = compile_scene(scene, "cpu", bank_size=4)
     with wp.ScopedDevice("cpu"):
-        model, data = mjw.put_model(world.mjm), mjw.make_data(world.mjm, 3)
-    randomizer = ResetRandomizer(world, model, data, seed=5, split="eval")
-    twin = LayoutGenerator(world, 3, seed=5, split="eval")
+        model, data = mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, 3)
+    randomizer = ResetRandomizer(compiled, model, data, seed=5, split="eval")
+    twin = LayoutGenerator(compiled, 3, seed=5, split="eval")
     for _ in range(2):
         randomizer.reset()
         twin.generate()

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.tools.rows import Rows
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.scene.layout_table import LayoutTable
 
 MODEL = """
 <mujoco>
@@ -66,7 +66,7 @@ def bodies(mjm: mujoco.MjModel) -> dict[str, int]:
     return {name: mjm.body(name).id for name in OBJECTS}
 
 
-def layout(mjm: mujoco.MjModel, nrow: int = 1, **poses: tuple[float, float, float, float]) -> Rows:
+def layout(mjm: mujoco.MjModel, nrow: int = 1, **poses: tuple[float, float, float, float]) -> LayoutTable:
     """Return equal rows in which objects stand at (x, y, z, yaw) [m, rad], each by default at a place of its own."""
     at = {
         "shelf": (0.0, 0.0, GAP, 0.0),
@@ -83,12 +83,14 @@ def layout(mjm: mujoco.MjModel, nrow: int = 1, **poses: tuple[float, float, floa
         else:
             adr = mjm.jnt_qposadr[mjm.joint(f"{name}/free").id]
             qpos[adr : adr + 3], qpos[adr + 3 : adr + 7] = (x, y, z), quat
-    return Rows(*(np.repeat(a[None], nrow, axis=0) for a in (qpos, mocap_pos, mocap_quat)))
+    states = (np.repeat(a[None], nrow, axis=0) for a in (qpos, mocap_pos, mocap_quat))
+    return LayoutTable.from_states(*states, present=np.ones((nrow, len(OBJECTS)), bool))
 
 
-def with_row(rows: Rows, i: int, other: Rows) -> Rows:
+def with_row(rows: LayoutTable, i: int, other: LayoutTable) -> LayoutTable:
     """Return rows of which row `i` is replaced by the first of `other`."""
-    changed = Rows(rows.qpos.copy(), rows.mocap_pos.copy(), rows.mocap_quat.copy())
+    states = (rows.qpos.copy(), rows.mocap_pos.copy(), rows.mocap_quat.copy())
+    changed = LayoutTable.from_states(*states, present=rows.present)
     changed.qpos[i], changed.mocap_pos[i], changed.mocap_quat[i] = (
         other.qpos[0],
         other.mocap_pos[0],

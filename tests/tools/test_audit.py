@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.auditor import Auditor
-from sceniris_gym.tools.rows import Rows
 from tests.tools.scenes import GAP, MODEL, OBJECTS, bodies, layout, small_config, small_model, with_row
 
 MJM = small_model()
@@ -20,7 +20,7 @@ def auditor(geometry: str = "physics", **changes: dict[str, Any]) -> Auditor:
     return Auditor(MJM, small_config(geometry, changes), bodies(MJM))
 
 
-def causes(rows: Rows, **changes: dict[str, Any]) -> list[tuple[int, str, str]]:
+def causes(rows: LayoutTable, **changes: dict[str, Any]) -> list[tuple[int, str, str]]:
     """Return what is misplaced in rows, as (row, object, cause)."""
     return [(m.row, m.name, m.cause) for m in auditor("physics", **changes).judge(rows).misplaced]
 

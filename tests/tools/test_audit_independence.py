@@ -6,23 +6,26 @@ import sys
 # What the audit and the generator have in common: the words of a scene file and the numbers that they stand for, which
 # tests/scene/test_relations.py holds to literal ones. Where things are each of them works out by itself.
 READING = {
-    "config",  # SceneConfig and its parts: who stands where, and on what
+    "scene",  # SceneConfig
+    "objects",  # who stands where, and on what
     "relations",  # a relation's anchors, heading, half-angle and distances
-    "orientations",  # the Turn that an orientation means
+    "orientation",  # the DrawnOrientation that an orientation means
     "groups",
-    "values",
-    "part",  # mistakes in a scene file, and files
-    "complaints",
-    "references",
-    "files",
+    "fields",
+    "section",  # mistakes in a scene file, and files
+    "messages",
+    "validation",
+    "loader",
     "limits",
 }
 
 
 def test_the_audit_imports_nothing_that_makes_layouts():
-    """In a fresh process the whole audit is imported: of scene/ the reading alone, of reach/ nothing."""
+    """In a fresh process the whole audit is imported: config/, the names of tiers, and the table that holds layouts."""
     program = "import sys; from sceniris_gym.tools.audit import auditor, reach; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
     own = [name.removeprefix("sceniris_gym.").split(".") for name in loaded if name.startswith("sceniris_gym.")]
-    assert {path[0] for path in own} == {"errors", "registration", "scene", "tools"}
-    assert {path[1] for path in own if path[0] == "scene" and len(path) > 1} == READING
+    assert {path[0] for path in own} == {"errors", "registration", "config", "reach", "scene", "tools"}
+    assert {path[1] for path in own if path[0] == "config" and len(path) > 1} == READING
+    assert {path[1] for path in own if path[0] == "reach" and len(path) > 1} == {"tier"}
+    assert {path[1] for path in own if path[0] == "scene" and len(path) > 1} == {"layout_table"}

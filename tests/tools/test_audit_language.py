@@ -8,16 +8,16 @@ import mujoco
 import numpy as np
 import pytest
 
-from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.auditor import Auditor
 from sceniris_gym.tools.audit.language import Kept
-from sceniris_gym.tools.rows import Rows
 from tests.tools.scenes import GAP, OBJECTS, bodies, layout, small_model
 
 MJM = small_model()
 
 
-def kept(rows: Rows, groups: dict | None = None, **changes: dict[str, Any]) -> dict[tuple[str, str], Kept]:
+def kept(rows: LayoutTable, groups: dict | None = None, **changes: dict[str, Any]) -> dict[tuple[str, str], Kept]:
     """Return what the audit says of rows, by object and word, where words of objects are changed."""
     objects = {name: {**part, **changes.get(name, {})} for name, part in OBJECTS.items()}
     config = SceneConfig.load({"floor": {"size": [2.0, 2.0]}, "objects": objects, "groups": groups or {}})
@@ -78,6 +78,12 @@ def test_each_side_is_where_it_should_be(side: str, at_yaw_0: tuple, at_yaw_90: 
             assert np.degrees(found["rad"]) == pytest.approx(off, abs=1e-3)
 
 
+def at_home(mjm: mujoco.MjModel) -> LayoutTable:
+    """Return one row: a model of two bodies as it is written, the second a mocap body."""
+    states = mjm.qpos0[None], mjm.body_pos[None, 2:], mjm.body_quat[None, 2:]
+    return LayoutTable.from_states(*states, present=np.ones((1, 2), bool))
+
+
 @pytest.mark.parametrize("joint", ["", "<freejoint/>"])
 def test_a_body_that_its_model_has_turned_has_its_sides_turned(joint: str):
     """A desk turned by 90 degrees, which looks to the right; a mark is seen from its own axes."""
@@ -85,7 +91,9 @@ def test_a_body_that_its_model_has_turned_has_its_sides_turned(joint: str):
     mjm = mujoco.MjModel.from_xml_string(
         f'<mujoco><worldbody>{desk}<body name="mark" mocap="true" pos="0.5 0 0"/></worldbody></mujoco>'
     )
-    rows = Rows(mjm.qpos0[None], mjm.body_pos[None, 2:], mjm.body_quat[None, 2:])
+    rows = LayoutTable.from_states(
+        mjm.qpos0[None], mjm.body_pos[None, 2:], mjm.body_quat[None, 2:], np.ones((1, 2), bool)
+    )
     for side, off in (("front", -1.0), ("back", 179.0), ("left", 89.0), ("right", 89.0)):
         mark = {"kind": "marker", "on": "floor", "relations": [{f"{side}_of": "desk", "angle": 1}]}
         desk = {"asset": "desk", "kind": "free" if joint else "static"}
@@ -101,7 +109,9 @@ def test_a_robot_is_seen_where_its_base_is():
         f'<mujoco><worldbody><body name="arm" pos=".1 0 0">{arm}</body>'
         '<body name="mark" mocap="true" pos=".1 -.4 0"/></worldbody></mujoco>'
     )
-    rows = Rows(mjm.qpos0[None], mjm.body_pos[None, 2:], mjm.body_quat[None, 2:])
+    rows = LayoutTable.from_states(
+        mjm.qpos0[None], mjm.body_pos[None, 2:], mjm.body_quat[None, 2:], np.ones((1, 2), bool)
+    )
     for measure, distance in (("origin", 0.4), ("bounds", 0.35)):
         relation = {"front_of": "robot", "angle": 1, "distance": {"max": 0.3}, "measure": measure}
         mark = {"kind": "marker", "on": "floor", "relations": [relation]}
@@ -193,7 +203,7 @@ def test_groups_count_who_is_there():
     for row, place in enumerate((here, far, far, here)):
         rows.qpos[row] = layout(MJM, crate=place).qpos[0]
     present = np.array([[1, 1, 1, 1], [1, 1, 1, 0], [1, 1, 1, 1], [1, 1, 0, 0]], bool)
-    found = kept(Rows(rows.qpos, rows.mocap_pos, rows.mocap_quat, present), groups)
+    found = kept(LayoutTable.from_states(rows.qpos, rows.mocap_pos, rows.mocap_quat, present), groups)
     assert (found["some", "count objects"].broken, found["some", "count objects"].checked) == (3, 4)
     assert found["crate", "present objects"].broken == 2
     assert found["can", "present objects"].broken == 1
@@ -206,7 +216,7 @@ def test_absent_objects_are_judged_by_nothing_else():
     config = {"floor": {"size": [1.0, 1.0]}, "objects": OBJECTS, "groups": {"some": {"of": ["crate"], "count": [0, 1]}}}
     auditor = Auditor(MJM, SceneConfig.load(config), bodies(MJM))
     present = np.array([[1, 1, 1, 1], [1, 1, 1, 0]], bool)
-    report = auditor.judge(Rows(rows.qpos, rows.mocap_pos, rows.mocap_quat, present))
+    report = auditor.judge(LayoutTable.from_states(rows.qpos, rows.mocap_pos, rows.mocap_quat, present))
     assert {c.row for c in report.conflicts} == {0}
     assert {(m.row, m.name) for m in report.misplaced} == {(0, "crate"), (0, "can"), (1, "can")}
     assert report.relation_violations == 1

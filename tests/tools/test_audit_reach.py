@@ -8,46 +8,47 @@ import mujoco
 import numpy as np
 import pytest
 
-from sceniris_gym.scene.world import World
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.reach import ReachAudit
-from sceniris_gym.tools.dataset import LayoutTable, make_table
-from sceniris_gym.tools.judge import judge, judge_reach, reach_claims
+from sceniris_gym.tools.commands.audit import judge, judge_reach, reach_claims
+from sceniris_gym.tools.tables import make_table
 from tests.layout.reaching import RADIUS, crane_map, crane_mjcf, crane_scene
-from tests.layout.scenes import box_mjcf, cpu_world
+from tests.layout.scenes import box_mjcf, compile_on_cpu
 
 N = 30
 
 
 @pytest.fixture(scope="module")
-def world(tmp_path_factory: pytest.TempPathFactory) -> World:
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
     """A crane, a cube that it reaches clear of all else, and one that only its map was asked for."""
     folder = tmp_path_factory.mktemp("crane")
     asset, cube = crane_mjcf(folder), box_mjcf(folder, "cube", 0.04, 0.04, 0.04)
     crane_map(asset)
     scene = crane_scene(asset, cube, reachable="clear")
     scene["objects"]["other"] = {"asset": cube, "on": "floor", "reachable": "map"}
-    return cpu_world(scene, bank_size=4)
+    return compile_on_cpu(scene, bank_size=4)
 
 
 @pytest.fixture(scope="module")
-def table(world: World) -> LayoutTable:
+def table(compiled: CompiledScene) -> LayoutTable:
     """Layouts of it."""
-    return make_table(world, N, 11)
+    return make_table(compiled, N, 11)
 
 
-def causes(world: World, table: LayoutTable) -> set[tuple[int, str, str]]:
+def causes(compiled: CompiledScene, table: LayoutTable) -> set[tuple[int, str, str]]:
     """What the audit says of a table."""
-    return {(u.row, u.name, u.cause) for u in judge_reach(world, table, reach_claims(world, table))}
+    return {(u.row, u.name, u.cause) for u in judge_reach(compiled, table, reach_claims(compiled, table))}
 
 
-def test_what_was_made_is_reached(world: World, table: LayoutTable):
+def test_what_was_made_is_reached(compiled: CompiledScene, table: LayoutTable):
     """No complaint about fresh layouts, here or in what `audit` answers."""
-    assert causes(world, table) == set()
-    found = judge(world, N, 0, 0, 11)
+    assert causes(compiled, table) == set()
+    found = judge(compiled, N, 0, 0, 11)
     assert (found["reach_claims"], found["unreached"]) == (2 * N, 0)
 
 
-def test_every_fault_is_named(world: World, table: LayoutTable):
+def test_every_fault_is_named(compiled: CompiledScene, table: LayoutTable):
     """One row each, from no grasp at all to a cube that stands too near the crane."""
     grasp_pose, qpos, before = table.grasp_pose.copy(), table.grasp_qpos.copy(), table.pregrasp_qpos.copy()
     grasp_pose[0, 0] = np.nan
@@ -57,12 +58,12 @@ def test_every_fault_is_named(world: World, table: LayoutTable):
     qpos[4, 0, 0] += np.radians(1.0)
     before[5, 0, 2] -= 0.002
     moved = table.qpos.copy()
-    adr = world.mjm.jnt_qposadr[world.mjm.joint("other/free").id]
+    adr = compiled.mjm.jnt_qposadr[compiled.mjm.joint("other/free").id]
     shift = np.array([0.35, -0.1]) - moved[6, adr : adr + 2]  # within the ring of the crane
     moved[6, adr : adr + 2] += shift
     grasp_pose[6, 1, :2] += shift
     wrong = replace(table, qpos=moved, grasp_pose=grasp_pose, grasp_qpos=qpos, pregrasp_qpos=before)
-    assert causes(world, wrong) == {
+    assert causes(compiled, wrong) == {
         (0, "thing", "no grasp"),
         (1, "thing", "off the object"),
         (2, "thing", "no joints"),
@@ -81,24 +82,24 @@ def test_an_arm_that_hits_something_is_not_clear(tmp_path_factory: pytest.TempPa
     for tier, expected in (("clear", "hits something"), ("ik", None)):
         scene = crane_scene(asset, cube, reachable=tier)
         scene["objects"]["other"] = {"asset": cube, "on": "floor"}
-        world = cpu_world(scene, bank_size=4)
-        table = make_table(world, 5, 0)
-        assert causes(world, table) == set()
+        compiled = compile_on_cpu(scene, bank_size=4)
+        table = make_table(compiled, 5, 0)
+        assert causes(compiled, table) == set()
         moved = table.qpos.copy()
-        adr, other = (world.mjm.jnt_qposadr[world.mjm.joint(f"{name}/free").id] for name in ("thing", "other"))
+        adr, other = (compiled.mjm.jnt_qposadr[compiled.mjm.joint(f"{name}/free").id] for name in ("thing", "other"))
         moved[2, other : other + 3] = moved[2, adr : adr + 3] + [0.0, 0.0, 0.05]
         wrong = replace(table, qpos=moved)
-        assert causes(world, wrong) == ({(2, "thing", expected)} if expected else set())
+        assert causes(compiled, wrong) == ({(2, "thing", expected)} if expected else set())
 
 
-def test_hits_of_the_arm_with_itself_are_seen(world: World, table: LayoutTable):
+def test_hits_of_the_arm_with_itself_are_seen(compiled: CompiledScene, table: LayoutTable):
     """The same claims, of a model in which the crane's fingers are as wide as its hand is far."""
-    spec = world.scene.spec.copy()
+    spec = compiled.scene.spec.copy()
     for name in ("left", "right"):
         (pad,) = spec.body(f"crane/{name}").geoms
         pad.size, pad.contype, pad.conaffinity = [0.01, 0.2, 0.02], 1, 1
     mjm: mujoco.MjModel = spec.compile()
-    audit = ReachAudit(mjm, world.scene.bodies["robot"], world.scene.bodies)
-    claims = reach_claims(world, table)[:1]
+    audit = ReachAudit(mjm, compiled.scene.bodies["robot"], compiled.scene.bodies)
+    claims = reach_claims(compiled, table)[:1]
     present = {"thing": np.ones(N, bool)}
-    assert {u.cause for u in audit.judge(table.rows, claims, present)} == {"hits itself"}
+    assert {u.cause for u in audit.judge(table, claims, present)} == {"hits itself"}

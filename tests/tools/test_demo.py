@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from sceniris_gym import cli
-from sceniris_gym.tools.demo import report
+from sceniris_gym.tools.commands.demo import report
 
 
 @pytest.mark.slow

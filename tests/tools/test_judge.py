@@ -2,9 +2,9 @@
 
 import pytest
 
-from sceniris_gym.layout.build import build_world
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.tools.judge import judge, rejected_candidates
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.tools.commands.audit import judge, rejected_candidates
 
 BUSY = {
     "floor": {"size": [2.0, 2.0]},
@@ -33,8 +33,8 @@ BUSY = {
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
 def test_no_fault_is_found_in_a_scene_of_every_word(geometry: str):
     """Robot, table, shelf, drawers, regions and roofs: nothing collides, is misplaced, or rejected for nothing."""
-    world = build_world(SceneConfig.load(BUSY, {"geometry": geometry}), "cpu")
-    found = judge(world, layouts=120, rejected=120, settled=0, seed=3)
+    compiled = compile_scene(SceneConfig.load(BUSY, {"geometry": geometry}), "cpu")
+    found = judge(compiled, layouts=120, rejected=120, settled=0, seed=3)
     assert found["valid"] > 100
     assert found["rejected"] == 120
     for fault in ("missed_collisions", "false_alarms", "misplaced"):
@@ -43,7 +43,9 @@ def test_no_fault_is_found_in_a_scene_of_every_word(geometry: str):
 
 def test_a_scene_that_rejects_nothing_gives_no_candidates():
     """One object alone on a floor never collides."""
-    world = build_world({"floor": {"size": [1.0, 1.0]}, "objects": {"can": {"asset": "can", "on": "floor"}}}, "cpu")
-    rows, names = rejected_candidates(world, 5, 0)
+    compiled = compile_scene(
+        {"floor": {"size": [1.0, 1.0]}, "objects": {"can": {"asset": "can", "on": "floor"}}}, "cpu"
+    )
+    rows, names = rejected_candidates(compiled, 5, 0)
     assert len(rows) == 0
     assert names == []

@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 from sceniris_gym import cli
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import (
     ArmError,
     MapError,
@@ -20,10 +21,10 @@ from sceniris_gym.errors import (
     SceneKeyError,
     UnknownNameError,
 )
-from sceniris_gym.reach.arm import Arm
+from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.sampled import canonical
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.tools import reach
+from sceniris_gym.reach.tier import Tier
+from sceniris_gym.tools.commands import reach
 from tests.layout.reaching import crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf
 from tests.reach.arms import hinge, link, model, site, tcp_poses
@@ -113,10 +114,10 @@ def test_an_arm_that_hits_itself_is_not_there():
     """Two links of a planar arm: stretched out it reaches, folded up its tip is in its base."""
     tip = link(hinge("0 0 1", "-3 3") + '<geom size="0.04" pos="0.3 0 0"/>' + site("0.3 0 0"), pos="0.3 0 0")
     mjm = model(chain='<geom size="0.1"/>' + link(hinge("0 0 1") + tip))
-    arm = Arm.from_model(mjm, "base")
+    arm = SerialArm.from_model(mjm, "base")
     joints = np.array([[0.3, 0.4], [0.3, 2.9], [-1.0, -2.9], [1.0, -1.5]])
     assert reach.hits_itself(mjm, arm, joints).tolist() == [False, True, True, False]
-    kept = reach.judge_poses(mjm, arm, None, tcp_poses(mjm, arm, joints), "ik", "cpu")
+    kept = reach.judge_poses(mjm, arm, None, tcp_poses(mjm, arm, joints), Tier.IK, "cpu")
     assert kept.tolist() == [True, False, False, True]
 
 
@@ -133,13 +134,13 @@ def test_without_a_map_poses_are_solved(tmp_path: Path, capfd: pytest.CaptureFix
     assert found["default_tier"] == "ik"
     assert "degrees off the z axis" in found["why_ik"]
     with pytest.raises(MapError, match=r"can have no map: .* Use --tier ik"):
-        reach.judge(str(path), None, tmp_path / "poses.npy", tmp_path / "out.npy", "map", "cpu")
+        reach.judge(str(path), None, tmp_path / "poses.npy", tmp_path / "out.npy", Tier.of("map"), "cpu")
 
 
 def test_clear_needs_a_layout(arm: Path, tmp_path: Path):
     """Poses alone have none."""
     with pytest.raises(NotSupportedError, match="poses alone have none"):
-        reach.judge(str(arm), None, asked(tmp_path, random_poses(2)), tmp_path / "out.npy", "clear", "cpu")
+        reach.judge(str(arm), None, asked(tmp_path, random_poses(2)), tmp_path / "out.npy", Tier.of("clear"), "cpu")
 
 
 @pytest.mark.parametrize(
@@ -178,9 +179,9 @@ def test_a_scene_must_be_one_of_the_arm(tmp_path: Path):
 def test_what_is_no_arm_is_refused():
     """A name that is not shipped, and an asset without a TCP."""
     with pytest.raises(UnknownNameError, match=r"unknown arm 'pandas'\. Did you mean 'panda'"):
-        reach.find_arm("pandas")
+        reach.read_arm("pandas")
     with pytest.raises((UnknownNameError, ArmError), match="tcp"):
-        reach.find_arm("mug")
+        reach.read_arm("mug")
 
 
 def test_an_mjcf_that_has_no_arm_is_refused(tmp_path: Path):
@@ -188,10 +189,10 @@ def test_an_mjcf_that_has_no_arm_is_refused(tmp_path: Path):
     path = tmp_path / "none.xml"
     path.write_text("<mujoco><worldbody><geom size='0.1'/></worldbody></mujoco>")
     with pytest.raises(ArmError, match=r"none\.xml' has no body\. Give it a named body"):
-        reach.find_arm(str(path))
+        reach.read_arm(str(path))
     path.write_text("<mujoco><worldbody><body><geom size='0.1'/><site name='tcp'/></body></worldbody></mujoco>")
     with pytest.raises(ArmError, match=r"has a first body without a name\. Give it"):
-        reach.find_arm(str(path))
+        reach.read_arm(str(path))
 
 
 @pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
@@ -208,7 +209,7 @@ def test_the_advice_never_overwrites_another_arms_map(arm: Path, tmp_path: Path,
     poses_file, out = asked(tmp_path, random_poses(2)), tmp_path / "out.npy"
     panda = reach.map_path("panda")
     with pytest.raises(MapError, match=r"links, limits or TCP are others\. Leave out --map") as told:
-        reach.judge(str(arm), panda, poses_file, out, "map", "cpu")
+        reach.judge(str(arm), panda, poses_file, out, Tier.of("map"), "cpu")
     assert "--build" not in str(told.value)
     mjm, _ = gantry()
     new = tmp_path / "new.xml"
@@ -216,11 +217,11 @@ def test_the_advice_never_overwrites_another_arms_map(arm: Path, tmp_path: Path,
     build = f"sceniris-gym reach {new} --build -o {new.with_suffix('.reach')}"
     for path in (panda, poses_file, None):
         with pytest.raises(MapError) as told:
-            reach.judge(str(new), path, poses_file, out, "map", "cpu")
+            reach.judge(str(new), path, poses_file, out, Tier.of("map"), "cpu")
         assert str(told.value).endswith(f"{build}.")
     new.with_suffix(".reach").write_text("damaged")
     with pytest.raises(MapError, match="not a reachability map, or a damaged one") as told:
-        reach.judge(str(new), None, poses_file, out, "map", "cpu")
+        reach.judge(str(new), None, poses_file, out, Tier.of("map"), "cpu")
     assert str(told.value).endswith(f"Build it again: {build}.")
 
 
@@ -286,10 +287,10 @@ def test_a_map_that_depends_on_turns_is_used_with_a_warning(tmp_path: Path):
     poses_file, out = asked(tmp_path, down), tmp_path / "out.npy"
     for tier in ("map", "map_strict"):
         with pytest.warns(ReachWarning, match=rf"heron --tier {tier}: .*its map is wrong about 2\.4%"):
-            reach.judge("heron", None, poses_file, out, tier, "cpu")
+            reach.judge("heron", None, poses_file, out, Tier.of(tier), "cpu")
     with warnings.catch_warnings():
         warnings.simplefilter("error", ReachWarning)
         found = reach.judge("heron", None, poses_file, out, None, "cpu")
-        reach.judge("panda", None, poses_file, out, "map", "cpu")
+        reach.judge("panda", None, poses_file, out, Tier.of("map"), "cpu")
     assert found["tier"] == "ik"
     assert "does not know" in found["why_ik"]

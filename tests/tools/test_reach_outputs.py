@@ -13,37 +13,38 @@ from ruamel.yaml import YAML
 
 from sceniris_gym.cli import main
 from sceniris_gym.errors import SceneKeyError
-from sceniris_gym.scene.world import World
-from sceniris_gym.tools import replay
-from sceniris_gym.tools.dataset import make_table, write_dataset
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.tools.commands import replay
+from sceniris_gym.tools.commands.generate import write_dataset
 from sceniris_gym.tools.narrowing import narrow, narrowing
+from sceniris_gym.tools.tables import make_table
 from tests.layout.reaching import RADIUS, crane_map, crane_mjcf, crane_scene
-from tests.layout.scenes import box_mjcf, cpu_world
+from tests.layout.scenes import box_mjcf, compile_on_cpu
 
 FLOOR = 4.0  # area of the crane's floor [m2]
 
 
 @pytest.fixture(scope="module")
-def world(tmp_path_factory: pytest.TempPathFactory) -> World:
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
     """A crane that is to reach a cube, with another one that may lie anywhere."""
     folder = tmp_path_factory.mktemp("crane")
     asset, cube = crane_mjcf(folder), box_mjcf(folder, "cube", 0.04, 0.04, 0.04)
     crane_map(asset)
     scene = crane_scene(asset, cube)
     scene["objects"]["other"] = {"asset": cube, "on": "floor"}
-    return cpu_world(scene, bank_size=4)
+    return compile_on_cpu(scene, bank_size=4)
 
 
-def test_a_data_set_says_where_the_tcp_takes_each_reachable_object(world: World, tmp_path: Path):
+def test_a_data_set_says_where_the_tcp_takes_each_reachable_object(compiled: CompiledScene, tmp_path: Path):
     """Index, pose in the world and joints by object; the cube is taken at its middle, straight from above."""
-    table = make_table(world, 40, 3)
-    write_dataset(world, table, tmp_path)
+    table = make_table(compiled, 40, 3)
+    write_dataset(compiled, table, tmp_path)
     stored = np.load(tmp_path / "layouts.npz")
     assert stored["reachable_names"].tolist() == ["thing"]
     assert stored["grasp"].shape == (40, 1)
     assert stored["grasp_qpos"].shape == stored["pregrasp_qpos"].shape == (40, 1, 4)
     assert np.isnan(stored["grasp_qpos"]).all()
-    adr = world.mjm.jnt_qposadr[world.mjm.joint("thing/free").id]
+    adr = compiled.mjm.jnt_qposadr[compiled.mjm.joint("thing/free").id]
     assert np.allclose(stored["grasp_pose"][:, 0, :3], stored["qpos"][:, adr : adr + 3] + [0.0, 0.0, 0.02], atol=1e-5)
     for quat in stored["grasp_pose"][:, 0, 3:]:
         turned = np.zeros(3)
@@ -51,10 +52,10 @@ def test_a_data_set_says_where_the_tcp_takes_each_reachable_object(world: World,
         assert np.allclose(turned, [0.0, 0.0, -1.0], atol=1e-5)
 
 
-def test_a_replay_names_the_grasp(world: World):
+def test_a_replay_names_the_grasp(compiled: CompiledScene):
     """In numbers and in the report; joints are null where none were solved for."""
-    table = make_table(world, 1, 0)
-    found = replay.describe(world, table)
+    table = make_table(compiled, 1, 0)
+    found = replay.describe(compiled, table)
     grasp = found["objects"]["thing"]["grasp"]
     assert grasp["name"] == "top 0"
     assert grasp["pos"] == pytest.approx(table.grasp_pose[0, 0, :3].tolist())
@@ -64,9 +65,9 @@ def test_a_replay_names_the_grasp(world: World):
 
 
 @pytest.mark.parametrize("layouts", [200, 1000, 5000])
-def test_narrowing_is_the_share_that_is_left_however_many_are_looked_at(world: World, layouts: int):
+def test_narrowing_is_the_share_that_is_left_however_many_are_looked_at(compiled: CompiledScene, layouts: int):
     """The crane's ring of the floor, within four standard deviations of chance."""
-    figures = narrowing(world, layouts, 0).figures()
+    figures = narrowing(compiled, layouts, 0).figures()
     assert set(figures) == {"thing"}
     share = np.pi * (RADIUS[1] ** 2 - RADIUS[0] ** 2) / FLOOR
     assert figures["thing"]["candidates"] > 0.9 * layouts
@@ -77,7 +78,7 @@ def test_narrowing_is_the_share_that_is_left_however_many_are_looked_at(world: W
 def test_narrowing_counts_what_later_stages_refuse(tmp_path: Path):
     """A crane that does not turn all around reaches a part of its ring alone, which `ik` finds without a map."""
     asset, cube = crane_mjcf(tmp_path, turn=1.0), box_mjcf(tmp_path, "cube", 0.04, 0.04, 0.04)
-    found = narrowing(cpu_world(crane_scene(asset, cube, reachable="ik"), bank_size=4), 400, 0)
+    found = narrowing(compile_on_cpu(crane_scene(asset, cube, reachable="ik"), bank_size=4), 400, 0)
     share = np.pi * (RADIUS[1] ** 2 - RADIUS[0] ** 2) / FLOOR * (1.0 / np.pi)
     assert found.figures()["thing"]["kept"] == pytest.approx(share, abs=4 * np.sqrt(share * (1 - share) / 400))
 
@@ -85,7 +86,7 @@ def test_narrowing_counts_what_later_stages_refuse(tmp_path: Path):
 def test_a_picture_needs_something_to_reach(tmp_path: Path):
     """Without `reachable` there is nothing to say, and a picture of it is refused."""
     cube = box_mjcf(tmp_path, "cube", 0.04, 0.04, 0.04)
-    plain = cpu_world({"floor": {"size": [1.0, 1.0]}, "objects": {"thing": {"asset": cube, "on": "floor"}}})
+    plain = compile_on_cpu({"floor": {"size": [1.0, 1.0]}, "objects": {"thing": {"asset": cube, "on": "floor"}}})
     assert narrow(plain, 8, 0) == {}
     with pytest.raises(SceneKeyError, match="no object has it"):
         narrow(plain, 8, 0, tmp_path / "x.png")

@@ -5,28 +5,28 @@ import pytest
 import torch
 
 from sceniris_gym.errors import LayoutIdError
-from sceniris_gym.layout.build import build_world
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.tools.dataset import read_table
-from sceniris_gym.tools.replay import LayoutId, find_scene, replay
+from sceniris_gym.tools.commands.replay import LayoutId, find_scene, replay
+from sceniris_gym.tools.tables import read_table
 
 
 @pytest.mark.parametrize("split", ["train", "eval"])
 def test_an_id_makes_the_same_layout_again(split: str):
     """World 5 of 8 in its third episode, and the same from its id alone."""
-    world = build_world("mid", "cpu")
-    generator = LayoutGenerator(world, 8, seed=2**63, split=split)
+    compiled = compile_scene("mid", "cpu")
+    generator = LayoutGenerator(compiled, 8, seed=2**63, split=split)
     for _ in range(3):
         generator.generate()
     table = read_table(generator)
-    again = replay(world, LayoutId.parse(world.layout_id(2**63 + 5, 2, split)))
+    again = replay(compiled, LayoutId.parse(compiled.layout_id(2**63 + 5, 2, split)))
     for name in ("qpos", "mocap_pos", "mocap_quat", "status", "attempts", "seed", "episode"):
         assert np.array_equal(getattr(again, name)[0], getattr(table, name)[5]), name
 
 
 def test_a_shipped_scene_is_found_by_its_hash():
     """The hash of a shipped scene is enough."""
-    assert find_scene(build_world("mid", "cpu").hash).config.name == "mid"
+    assert find_scene(compile_scene("mid", "cpu").hash).config.name == "mid"
 
 
 @pytest.mark.parametrize(
@@ -42,9 +42,9 @@ def test_other_texts_are_no_ids(text: str):
 
 def test_an_id_is_read_as_it_is_written():
     """Of numbers, and of what an environment's info gives: tensors, with seeds in two's complement."""
-    world = build_world("mid", "cpu")
-    assert LayoutId.parse(world.layout_id(42, 7, "eval")) == LayoutId(world.hash, "eval", 42, 7)
-    assert world.layout_id(42, 7) == f"{world.hash}:train:42:7"
+    compiled = compile_scene("mid", "cpu")
+    assert LayoutId.parse(compiled.layout_id(42, 7, "eval")) == LayoutId(compiled.hash, "eval", 42, 7)
+    assert compiled.layout_id(42, 7) == f"{compiled.hash}:train:42:7"
     seed, episode = torch.tensor([5, -1]), torch.tensor([0, 3], dtype=torch.int32)
-    assert world.layout_id(seed[1], episode[1]) == world.layout_id(2**64 - 1, 3)
-    assert world.layout_id(np.uint64(2**64 - 1), np.int32(3)) == world.layout_id(2**64 - 1, 3)
+    assert compiled.layout_id(seed[1], episode[1]) == compiled.layout_id(2**64 - 1, 3)
+    assert compiled.layout_id(np.uint64(2**64 - 1), np.int32(3)) == compiled.layout_id(2**64 - 1, 3)

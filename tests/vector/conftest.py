@@ -10,9 +10,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from sceniris_gym.layout.build import build_world
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.world import World
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -72,16 +72,16 @@ class Reach(Task):
 
 
 @pytest.fixture(scope="session")
-def reach_world() -> World:
-    """Return the World of the reaching task, built once."""
-    return build_world(SceneConfig.load(SCENE), "cpu", bank_size=8)
+def reach_scene() -> CompiledScene:
+    """Return the CompiledScene of the reaching task, built once."""
+    return compile_scene(SceneConfig.load(SCENE), "cpu", bank_size=8)
 
 
 @pytest.fixture
-def make_env(reach_world: World) -> Callable[..., SceneVectorEnv]:
+def make_env(reach_scene: CompiledScene) -> Callable[..., SceneVectorEnv]:
     """Return a function that makes environments of the reaching task."""
 
     def make(num_envs: int = 3, **kwargs: Any) -> SceneVectorEnv:
-        return SceneVectorEnv(Reach, num_envs, scene=reach_world, **kwargs)
+        return SceneVectorEnv(Reach, num_envs, scene=reach_scene, **kwargs)
 
     return make

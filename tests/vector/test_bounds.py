@@ -8,11 +8,11 @@ import pytest
 import torch
 
 from sceniris_gym.errors import NotSupportedError, UnknownNameError
-from sceniris_gym.layout.build import build_world
-from sceniris_gym.scene.world import World
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.bounds import Bounds
 from sceniris_gym.vector.vector_env import SceneVectorEnv
-from tests.vector.test_arm import Drive
+from tests.vector.test_arm_controller import Drive
 
 NAMES = ("can", "banana", "block")
 
@@ -29,14 +29,14 @@ SCENE = {
 
 
 @pytest.fixture(scope="module")
-def world() -> World:
-    """Return a World with three things, built once."""
-    return build_world(SCENE, "cpu", bank_size=8)
+def compiled() -> CompiledScene:
+    """Return a CompiledScene with three things, built once."""
+    return compile_scene(SCENE, "cpu", bank_size=8)
 
 
 def lowest_points(envs: SceneVectorEnv) -> np.ndarray:
     """Return how high over the base the lowest vertex of each body is [m], by plain MuJoCo; shape (num_envs, 3)."""
-    mjm, found = envs.world.mjm, np.zeros((envs.num_envs, len(NAMES)))
+    mjm, found = envs.compiled.mjm, np.zeros((envs.num_envs, len(NAMES)))
     data = mujoco.MjData(mjm)
     for i, qpos in enumerate(envs.batch.data.qpos.numpy()):
         data.qpos[:] = qpos
@@ -52,15 +52,15 @@ def lowest_points(envs: SceneVectorEnv) -> np.ndarray:
     return found
 
 
-def test_the_lowest_corner_is_not_above_the_lowest_point(world):
+def test_the_lowest_corner_is_not_above_the_lowest_point(compiled):
     """Turned at random it is at most 4 cm below it, with a block at most 4 mm; standing it is the origin."""
-    envs = SceneVectorEnv(Drive, 64, scene=world)
+    envs = SceneVectorEnv(Drive, 64, scene=compiled)
     envs.reset(seed=0)
     s, bounds = envs.state, Bounds(envs.state, NAMES)
     torch.testing.assert_close(bounds.lowest(s.poses(NAMES)), s.poses(NAMES)[:, :, 2], rtol=0, atol=1e-6)
     qpos, rng = envs.batch.data.qpos.numpy(), np.random.default_rng(0)
     for name in NAMES:
-        address = world.mjm.joint(f"{name}/free").qposadr[0]
+        address = compiled.mjm.joint(f"{name}/free").qposadr[0]
         quat = rng.normal(size=(64, 4))
         qpos[:, address : address + 3] = rng.uniform(-0.5, 0.5, (64, 3))
         qpos[:, address + 3 : address + 7] = quat / np.linalg.norm(quat, axis=1, keepdims=True)
@@ -71,9 +71,9 @@ def test_the_lowest_corner_is_not_above_the_lowest_point(world):
     assert (below.max(axis=0) < [0.02, 0.04, 0.004]).all()
 
 
-def test_bodies_without_bounds_are_refused(world):
+def test_bodies_without_bounds_are_refused(compiled):
     """A name that the scene does not have, and a body of which nothing collides."""
-    envs = SceneVectorEnv(Drive, 1, scene=world)
+    envs = SceneVectorEnv(Drive, 1, scene=compiled)
     with pytest.raises(UnknownNameError, match=r"Bounds: unknown body 'cat'.*can"):
         Bounds(envs.state, ("cat",))
     with pytest.raises(NotSupportedError, match="body 'goal' has no geom that collides"):

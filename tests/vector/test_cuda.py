@@ -6,9 +6,9 @@ import pytest
 import torch
 import warp as wp
 
-from sceniris_gym.layout.build import build_world
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.world import World
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.task import Task
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.vector.conftest import SCENE, Reach
@@ -17,15 +17,15 @@ pytestmark = pytest.mark.cuda
 
 
 @pytest.fixture(scope="module")
-def cuda_world() -> World:
-    """Return the World of the reaching task on the GPU."""
-    return build_world(SceneConfig.load(SCENE), "cuda:0", bank_size=8)
+def cuda_scene() -> CompiledScene:
+    """Return the CompiledScene of the reaching task on the GPU."""
+    return compile_scene(SceneConfig.load(SCENE), "cuda:0", bank_size=8)
 
 
-def test_reset_states_have_the_same_bits_with_and_without_graphs(cuda_world):
+def test_reset_states_have_the_same_bits_with_and_without_graphs(cuda_scene):
     """Recorded or not, 3 or 5 worlds: the same seed is the same observation."""
-    envs = SceneVectorEnv(Reach, 3, scene=cuda_world)
-    other = SceneVectorEnv(Reach, 5, scene=cuda_world, graph=False)
+    envs = SceneVectorEnv(Reach, 3, scene=cuda_scene)
+    other = SceneVectorEnv(Reach, 5, scene=cuda_scene, graph=False)
     for _ in range(2):
         first, _ = envs.reset(seed=[7, 8, 9])
         second, _ = other.reset(seed=[1, 9, 2, 7, 8])
@@ -34,9 +34,9 @@ def test_reset_states_have_the_same_bits_with_and_without_graphs(cuda_world):
         assert torch.equal(first[group], second[group][[3, 4, 1]])
 
 
-def test_other_worlds_keep_their_bits(cuda_world):
+def test_other_worlds_keep_their_bits(cuda_scene):
     """A masked reset leaves state and observation of the other worlds as they are, with the mask on the GPU."""
-    envs = SceneVectorEnv(Reach, 4, scene=cuda_world, autoreset_mode="Disabled")
+    envs = SceneVectorEnv(Reach, 4, scene=cuda_scene, autoreset_mode="Disabled")
     envs.reset(seed=0)
     for _ in range(5):
         before, *_ = envs.step(torch.full((4, 5), 0.2, device="cuda"))
@@ -48,9 +48,9 @@ def test_other_worlds_keep_their_bits(cuda_world):
     assert not torch.equal(after["critic"], before["critic"])
 
 
-def test_a_whole_step_can_be_captured_with_torch(cuda_world):
+def test_a_whole_step_can_be_captured_with_torch(cuda_scene):
     """Task, physics, autoreset and layouts replay as one CUDA graph, and episodes advance in it."""
-    envs = SceneVectorEnv(Reach, 4, scene=cuda_world, max_episode_steps=3)
+    envs = SceneVectorEnv(Reach, 4, scene=cuda_scene, max_episode_steps=3)
     envs.reset(seed=0)
     action = torch.zeros(4, 5, device="cuda")
     for _ in range(3):  # compiles and loads all that the capture needs
@@ -77,9 +77,9 @@ class Hold(Reach):
 
 
 @pytest.mark.parametrize("mode", ["SameStep", "NextStep", "Disabled"])
-def test_torch_waits_for_nothing_in_a_step(cuda_world, mode):
+def test_torch_waits_for_nothing_in_a_step(cuda_scene, mode):
     """With actions on the GPU, through ends of episodes, and with statistics that are not read."""
-    envs = SceneVectorEnv(Hold, 4, scene=cuda_world, max_episode_steps=3, autoreset_mode=mode)
+    envs = SceneVectorEnv(Hold, 4, scene=cuda_scene, max_episode_steps=3, autoreset_mode=mode)
     envs.reset(seed=0)
     action = torch.zeros(4, 5, device="cuda")
     envs.step(action)  # makes tables that the host has to fill

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from sceniris_gym.errors import TaskError
-from sceniris_gym.scene.world import World
+from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.vector.conftest import Reach
 
@@ -40,11 +40,11 @@ def task(method: str, value: Any) -> Reach:
     ],
 )
 def test_an_observation_of_another_form_is_refused_when_the_environment_is_made(
-    reach_world: World, observation: Any, got: str
+    reach_scene: CompiledScene, observation: Any, got: str
 ):
     """Groups of named tensors with a row for each world, and none of them empty."""
     with pytest.raises(TaskError) as caught:
-        SceneVectorEnv(task("observe", observation), 3, scene=reach_world)
+        SceneVectorEnv(task("observe", observation), 3, scene=reach_scene)
     assert str(caught.value).startswith(f"Reach.observe {got}, ")
     assert OBSERVATION in str(caught.value)
 
@@ -62,10 +62,10 @@ def test_an_observation_of_another_form_is_refused_when_the_environment_is_made(
     ],
 )
 def test_an_outcome_of_another_form_is_refused_in_the_first_step(
-    reach_world: World, method: str, value: Any, got: str, form: str
+    reach_scene: CompiledScene, method: str, value: Any, got: str, form: str
 ):
     """Named terms of the reward, and flags, with an entry for each world."""
-    envs = SceneVectorEnv(task(method, value), 3, scene=reach_world)
+    envs = SceneVectorEnv(task(method, value), 3, scene=reach_scene)
     envs.reset(seed=0)
     with pytest.raises(TaskError) as caught:
         envs.step(torch.zeros(3, 5))
@@ -73,9 +73,9 @@ def test_an_outcome_of_another_form_is_refused_in_the_first_step(
 
 
 @pytest.mark.parametrize("name", ["episodes", "length", "return", "success"])
-def test_a_term_of_the_reward_is_not_named_like_a_statistic(reach_world: World, name: str):
+def test_a_term_of_the_reward_is_not_named_like_a_statistic(reach_scene: CompiledScene, name: str):
     """It would take the statistic's place in a log."""
-    envs = SceneVectorEnv(task("reward", {"near": EACH, name: EACH}), 3, scene=reach_world)
+    envs = SceneVectorEnv(task("reward", {"near": EACH, name: EACH}), 3, scene=reach_scene)
     envs.reset(seed=0)
     with pytest.raises(TaskError, match=f"^Reach.reward returned a term named '{name}', .*such as '{name}_reward'"):
         envs.step(torch.zeros(3, 5))

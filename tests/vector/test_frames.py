@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import torch
 
-from sceniris_gym.vector.frames import BaseFrame
+from sceniris_gym.vector.base_frame import BaseFrame
 
 MJCF = """
 <mujoco>

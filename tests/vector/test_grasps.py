@@ -10,18 +10,18 @@ import pytest
 import torch
 
 from sceniris_gym.errors import UnknownNameError
-from sceniris_gym.scene.world import World
+from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector.state import State
 from tests.layout.reaching import crane_map, crane_mjcf, crane_scene
-from tests.layout.scenes import box_mjcf, cpu_world
+from tests.layout.scenes import box_mjcf, compile_on_cpu
 
 NWORLD = 6
 
 
 @pytest.fixture(scope="module")
-def worlds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, World]:
+def worlds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, CompiledScene]:
     """A crane that is to reach a cube, by its map and clear of all else; another cube is there or not."""
     folder = tmp_path_factory.mktemp("crane")
     asset, cube = crane_mjcf(folder), box_mjcf(folder, "cube", 0.04, 0.04, 0.04)
@@ -31,14 +31,14 @@ def worlds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, World]:
         scene = crane_scene(asset, cube, reachable=tier)
         scene["objects"]["other"] = {"asset": cube, "on": "floor", "reachable": "map"}
         scene["groups"] = {"some": {"of": ["other"], "count": [0, 1]}}
-        found[tier] = cpu_world(scene, bank_size=4)
+        found[tier] = compile_on_cpu(scene, bank_size=4)
     return found
 
 
-def seen(world: World) -> tuple[State, Batch]:
+def seen(compiled: CompiledScene) -> tuple[State, Batch]:
     """What a task sees after a reset."""
-    batch = Batch(world.scene, NWORLD, "cpu")
-    randomizer = ResetRandomizer(world, batch.model, batch.data, seed=5)
+    batch = Batch(compiled.scene, NWORLD, "cpu")
+    randomizer = ResetRandomizer(compiled, batch.model, batch.data, seed=5)
     randomizer.reset()
     return State(batch, randomizer.layouts), batch
 
@@ -51,7 +51,7 @@ def pose_of(quat: np.ndarray, pos: np.ndarray) -> np.ndarray:
     return frame
 
 
-def test_a_grasp_is_where_its_object_is(worlds: dict[str, World]):
+def test_a_grasp_is_where_its_object_is(worlds: dict[str, CompiledScene]):
     """In the robot's base frame, at the cube's middle and from above; absent objects have none."""
     s, _ = seen(worlds["map"])
     grasp, thing = s.grasp("thing"), s.pose("thing")
@@ -66,17 +66,17 @@ def test_a_grasp_is_where_its_object_is(worlds: dict[str, World]):
     assert s.grasp_qpos("thing").isnan().all()
 
 
-def test_the_arm_stands_in_the_grasp_in_the_joints_that_are_given(worlds: dict[str, World]):
+def test_the_arm_stands_in_the_grasp_in_the_joints_that_are_given(worlds: dict[str, CompiledScene]):
     """MuJoCo C puts the TCP of those joints into the grasp, and 8 cm back along it before."""
-    world = worlds["clear"]
-    s, batch = seen(world)
-    assert world.reaching is not None
-    mjm, data = world.mjm, mujoco.MjData(world.mjm)
-    base = world.scene.bodies["robot"]
+    compiled = worlds["clear"]
+    s, batch = seen(compiled)
+    assert compiled.reaching is not None
+    mjm, data = compiled.mjm, mujoco.MjData(compiled.mjm)
+    base = compiled.scene.bodies["robot"]
     for qpos, back in ((s.grasp_qpos("thing"), 0.0), (s.pregrasp_qpos("thing"), 0.08)):
         for i in range(NWORLD):
             data.qpos[:] = batch.data.qpos.numpy()[i]
-            data.qpos[world.reaching.arm.qposadr] = qpos[i].numpy()
+            data.qpos[compiled.reaching.arm.qposadr] = qpos[i].numpy()
             mujoco.mj_kinematics(mjm, data)
             tcp = pose_of(_quat(data.site("crane/tcp").xmat), data.site("crane/tcp").xpos)
             stands = np.linalg.inv(pose_of(data.xquat[base], data.xpos[base])) @ tcp
@@ -87,7 +87,7 @@ def test_the_arm_stands_in_the_grasp_in_the_joints_that_are_given(worlds: dict[s
             assert np.trace(stands[:3, :3].T @ wanted[:3, :3]) > 1.0 + 2.0 * np.cos(np.radians(0.5))
 
 
-def test_a_task_starts_before_the_grasp(worlds: dict[str, World]):
+def test_a_task_starts_before_the_grasp(worlds: dict[str, CompiledScene]):
     """The arm of masked worlds stands at rest in its pre-grasp, as seen by the task at once; the others stay."""
     s, _ = seen(worlds["clear"])
     mask = torch.arange(NWORLD) % 2 == 0
@@ -105,13 +105,13 @@ def test_a_task_starts_before_the_grasp(worlds: dict[str, World]):
     assert (s.qvel("crane") == 0.0).all()
 
 
-def test_only_reachable_objects_have_grasps(worlds: dict[str, World], tmp_path: Path):
+def test_only_reachable_objects_have_grasps(worlds: dict[str, CompiledScene], tmp_path: Path):
     """The message names those that have; in a scene without any it names none."""
     s, _ = seen(worlds["map"])
     with pytest.raises(UnknownNameError, match=r"State\.grasp: unknown reachable object 'crane'.*Valid: other, thing"):
         s.grasp("crane")
     cube = box_mjcf(tmp_path, "cube", 0.04, 0.04, 0.04)
-    plain = cpu_world({"floor": {"size": [1.0, 1.0]}, "objects": {"thing": {"asset": cube, "on": "floor"}}})
+    plain = compile_on_cpu({"floor": {"size": [1.0, 1.0]}, "objects": {"thing": {"asset": cube, "on": "floor"}}})
     with pytest.raises(UnknownNameError, match=r"State\.grasp_qpos: .*Valid: none"):
         seen(plain)[0].grasp_qpos("thing")
 

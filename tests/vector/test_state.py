@@ -13,10 +13,10 @@ from sceniris_gym.vector import rotations
 
 def oracle(envs, world: int) -> mujoco.MjData:
     """Return plain MuJoCo's data for the state of one world."""
-    d, data = envs.batch.data, mujoco.MjData(envs.world.mjm)
+    d, data = envs.batch.data, mujoco.MjData(envs.compiled.mjm)
     data.qpos[:], data.qvel[:] = d.qpos.numpy()[world], d.qvel.numpy()[world]
     data.mocap_pos[:], data.mocap_quat[:] = d.mocap_pos.numpy()[world], d.mocap_quat.numpy()[world]
-    mujoco.mj_forward(envs.world.mjm, data)
+    mujoco.mj_forward(envs.compiled.mjm, data)
     return data
 
 
@@ -53,8 +53,8 @@ def test_the_velocity_of_a_free_object_is_that_of_mujoco(moving):
     """Linear and angular velocity of the body's origin, in the axes of the world (there is no robot)."""
     for world in range(2):
         data, velocity = oracle(moving, world), np.zeros(6)
-        body = moving.world.mjm.body("block").id
-        mujoco.mj_objectVelocity(moving.world.mjm, data, mujoco.mjtObj.mjOBJ_XBODY, body, velocity, 0)
+        body = moving.compiled.mjm.body("block").id
+        mujoco.mj_objectVelocity(moving.compiled.mjm, data, mujoco.mjtObj.mjOBJ_XBODY, body, velocity, 0)
         ours = moving.state.velocity("block")[world].numpy()
         np.testing.assert_allclose(ours, [*velocity[3:], *velocity[:3]], atol=1e-5)
 
@@ -68,7 +68,7 @@ def test_joints_are_found_by_object_and_by_name(moving):
     np.testing.assert_array_equal(s.qvel("arm").numpy(), moving.batch.data.qvel.numpy()[:, 7:11])
     assert s.dt == pytest.approx(0.01)
     s.ctrl[:, s.actuator("arm/lift")] = 0.3
-    assert (moving.batch.data.ctrl.numpy()[:, moving.world.mjm.actuator("arm/lift").id] == np.float32(0.3)).all()
+    assert (moving.batch.data.ctrl.numpy()[:, moving.compiled.mjm.actuator("arm/lift").id] == np.float32(0.3)).all()
 
 
 @pytest.mark.parametrize(

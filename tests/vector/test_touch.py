@@ -8,10 +8,10 @@ import pytest
 import torch
 
 from sceniris_gym.errors import UnknownNameError
-from sceniris_gym.layout.build import build_world
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.vector.touch import Touch
 from sceniris_gym.vector.vector_env import SceneVectorEnv
-from tests.vector.test_arm import Drive
+from tests.vector.test_arm_controller import Drive
 
 SCENE = {
     "floor": {"size": [2.0, 2.0]},
@@ -25,7 +25,7 @@ SCENE = {
 
 def test_contacts_of_the_last_step_are_told_by_world_and_body():
     """Both things stand on the floor; in one world the block was put against the can."""
-    envs = SceneVectorEnv(Drive, 3, scene=build_world(SCENE, "cpu", bank_size=8), autoreset_mode="Disabled")
+    envs = SceneVectorEnv(Drive, 3, scene=compile_scene(SCENE, "cpu", bank_size=8), autoreset_mode="Disabled")
     task: Any = envs.task
     task.move = lambda s, action: None
     envs.reset(seed=0)
@@ -35,7 +35,7 @@ def test_contacts_of_the_last_step_are_told_by_world_and_body():
         envs.step(torch.zeros(3, 8))
     standing = torch.tensor([[True, False], [True, False], [False, False]])
     assert torch.equal(touch(envs.state), standing.expand(3, 3, 2))
-    block, can = (envs.world.mjm.joint(f"{name}/free").qposadr[0] for name in ("block", "can"))
+    block, can = (envs.compiled.mjm.joint(f"{name}/free").qposadr[0] for name in ("block", "can"))
     qpos = envs.batch.data.qpos.numpy()
     qpos[1, block : block + 3] = qpos[1, can : can + 3] + [0.05, 0.0, 0.0]
     envs.batch.data.qpos.assign(qpos)

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
-from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.collisions import CollisionAudit, Conflict, FalseAlarm
 from sceniris_gym.tools.audit.geometry import home_of, pose_of, poses_of, solids_of
 from sceniris_gym.tools.audit.language import Kept, LanguageAudit
@@ -17,7 +18,6 @@ from sceniris_gym.tools.audit.pairs import Tree
 from sceniris_gym.tools.audit.physics import FAST, STILL, Penetration, deepest, settle
 from sceniris_gym.tools.audit.presence import presence
 from sceniris_gym.tools.audit.standing import Misplaced, StandingAudit, hulls_of
-from sceniris_gym.tools.rows import Rows
 
 CHUNK = 500  # rows whose poses are held at once
 
@@ -95,7 +95,7 @@ class Auditor:
         self.config = config
         self.free = {name: bodies[name] for name, part in placed.items() if part.kind == "free"}
 
-    def judge(self, rows: Rows, *, settled: int = 0) -> Report:
+    def judge(self, rows: LayoutTable, *, settled: int = 0) -> Report:
         """Check layouts. Absent objects are judged by their groups alone, and by what MuJoCo makes of them.
 
         Args:
@@ -133,14 +133,14 @@ class Auditor:
             top_speed=float(max(v.max() for v in motion.speed.values())),
         )
 
-    def judge_language(self, rows: Rows) -> list[Kept]:
+    def judge_language(self, rows: LayoutTable) -> list[Kept]:
         """Check relations, orientations and groups alone, which is quick."""
         kept: list[Kept] = []
         for start, some in rows.chunks(CHUNK):
             kept = self.language.add(kept, start, poses_of(self.mjm, some), presence(self.config, some))
         return kept
 
-    def judge_rejected(self, rows: Rows, candidate: Sequence[str], order: Sequence[str]) -> list[FalseAlarm]:
+    def judge_rejected(self, rows: LayoutTable, candidate: Sequence[str], order: Sequence[str]) -> list[FalseAlarm]:
         """Check candidates that were rejected for collision.
 
         Args:

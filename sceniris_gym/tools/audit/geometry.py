@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from sceniris_gym.errors import NotSupportedError
-from sceniris_gym.tools.rows import Rows
+from sceniris_gym.scene.layout_table import LayoutTable
 
 _BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
 _VISIBLE_GROUPS = (0, 1, 2)
@@ -86,7 +86,7 @@ class Poses:
     xmat: np.ndarray
 
 
-def poses_of(mjm: mujoco.MjModel, rows: Rows) -> Poses:
+def poses_of(mjm: mujoco.MjModel, rows: LayoutTable) -> Poses:
     """Return the poses of all geoms and bodies in each row, by MuJoCo C's forward kinematics."""
     data = mujoco.MjData(mjm)
     n = len(rows)

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from sceniris_gym.scene.config import SceneConfig
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.tools.audit import presence
 from sceniris_gym.tools.audit.geometry import Poses
+from sceniris_gym.tools.audit.orientations import TurnAudit
 from sceniris_gym.tools.audit.outlines import Outlines
 from sceniris_gym.tools.audit.relations import RelationAudit, support_headings
-from sceniris_gym.tools.audit.turns import TurnAudit
 
 TOLERANCES = {"m": 1e-4, "rad": 1e-3, "objects": 0.0}
 

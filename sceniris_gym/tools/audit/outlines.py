@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.values import ROBOT
+from sceniris_gym.config.fields import ROBOT
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.tools.audit.geometry import Form, Poses, Solid
 from sceniris_gym.tools.audit.pairs import Tree
 
@@ -92,7 +92,7 @@ class Outlines:
             return Outline(at, heading, low, high)
         middle = (low + high) / 2
         part = self.config.objects.get(name)
-        if part is None or part.turn.kind != "any":
+        if part is None or part.drawn_orientation.kind != "any":
             ends = [[self._least_at_home(name, poses, sign * axes[:, k]) for k in range(2)] for sign in (1, -1)]
             middle = (np.stack(ends[0], 1) - np.stack(ends[1], 1)) / 2
         pivot = at + np.einsum("nk,nkj->nj", middle, axes)

@@ -10,8 +10,8 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 
+from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.pairs import Tree
-from sceniris_gym.tools.rows import Rows
 
 SETTLE_SECONDS = 0.5
 STILL = 0.01  # m; a free object that moves more did not rest
@@ -50,7 +50,7 @@ class Settling:
     speed: dict[str, np.ndarray]
 
 
-def deepest(tree: Tree, rows: Rows) -> Penetration:
+def deepest(tree: Tree, rows: LayoutTable) -> Penetration:
     """Return the deepest contact that MuJoCo's collision pass finds in any row, in or between any objects."""
     mjm = tree.mjm
     data = mujoco.MjData(mjm)
@@ -71,7 +71,9 @@ def deepest(tree: Tree, rows: Rows) -> Penetration:
     return Penetration(float(depth[row]), row, (first, second))
 
 
-def settle(mjm: mujoco.MjModel, bodies: Mapping[str, int], rows: Rows, seconds: float = SETTLE_SECONDS) -> Settling:
+def settle(
+    mjm: mujoco.MjModel, bodies: Mapping[str, int], rows: LayoutTable, seconds: float = SETTLE_SECONDS
+) -> Settling:
     """Step each row for some time with its actuators holding the pose it starts in.
 
     Args:
@@ -100,7 +102,7 @@ def settle(mjm: mujoco.MjModel, bodies: Mapping[str, int], rows: Rows, seconds: 
     )
 
 
-def _start(mjm: mujoco.MjModel, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
+def _start(mjm: mujoco.MjModel, rows: LayoutTable) -> tuple[np.ndarray, np.ndarray]:
     """Return the states (nrow, nstate) and the controls with mocap poses (nrow, ngiven) in which rows start."""
     data = mujoco.MjData(mjm)
     full = mujoco.mjtState.mjSTATE_FULLPHYSICS

@@ -6,19 +6,17 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from sceniris_gym.scene.config import SceneConfig
-from sceniris_gym.scene.values import ROBOT
+from sceniris_gym.config.fields import ROBOT
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.outlines import Outline
-from sceniris_gym.tools.rows import Rows
 
 FAR = 38.0  # m; along both axes, what takes part in a scene with groups is nearer to the origin than that
 
 
-def presence(config: SceneConfig, rows: Rows) -> dict[str, np.ndarray]:
+def presence(config: SceneConfig, rows: LayoutTable) -> dict[str, np.ndarray]:
     """Return object name (and "robot") -> rows in which it is there, shape (nrow,)."""
     names = [*config.objects, *([ROBOT] if config.robot is not None else [])]
-    if rows.present is None:
-        return {name: np.ones(len(rows), bool) for name in names}
     return {name: rows.present[:, i].astype(bool) for i, name in enumerate(names)}
 
 

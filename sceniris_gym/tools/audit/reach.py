@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from sceniris_gym.tools.rows import Rows
+from sceniris_gym.reach.tier import Tier
+from sceniris_gym.scene.layout_table import LayoutTable
 
 POSITION = 1e-3  # m
 ROTATION = np.radians(0.5)
@@ -32,7 +33,7 @@ class Claim:
 
     Attributes:
         name: the object.
-        tier: "map", "map_strict", "ik" or "clear".
+        tier: how thoroughly that was proven.
         pose: TCP in the world frame, position [m] and orientation (w, x, y, z), shape (nrow, 7).
         qpos: joints of the arm in the grasp [rad or m], from its base on, shape (nrow, njoint).
         pregrasp_qpos: the same before the grasp.
@@ -41,7 +42,7 @@ class Claim:
     """
 
     name: str
-    tier: str
+    tier: Tier
     pose: np.ndarray
     qpos: np.ndarray
     pregrasp_qpos: np.ndarray
@@ -78,7 +79,7 @@ class ReachAudit:
         self._of = {name: _inside(mjm, body) for name, body in bodies.items()}
         self._robot = _inside(mjm, root)
 
-    def judge(self, rows: Rows, claims: Sequence[Claim], present: dict[str, np.ndarray]) -> list[Unreached]:
+    def judge(self, rows: LayoutTable, claims: Sequence[Claim], present: dict[str, np.ndarray]) -> list[Unreached]:
         """Check the claims about layouts.
 
         Args:
@@ -94,7 +95,7 @@ class ReachAudit:
                 cause = self._wrong(claim, row)
                 if cause is not None:
                     found.append(Unreached(row, claim.name, cause))
-                elif claim.tier in ("map", "map_strict") and not self._solvable(_matrix(claim.pose[row])):
+                elif claim.tier.needs_map and not self._solvable(_matrix(claim.pose[row])):
                     found.append(Unreached(row, claim.name, "no joints found"))
         return found
 
@@ -105,11 +106,11 @@ class ReachAudit:
             return "no grasp"
         if self._distance(claim.name, pose[:3]) > _OFF:
             return "off the object"
-        if claim.tier in ("map", "map_strict"):
+        if claim.tier.needs_map:
             return None
         self.data.qpos[claim.finger_adr] = claim.fingers[row]
         cause = self._wrong_joints(claim, claim.qpos[row], _matrix(pose))
-        if cause is None and claim.tier == "clear":
+        if cause is None and claim.tier == Tier.CLEAR:
             before = _matrix(pose)
             before[:3, 3] -= BACK * before[:3, 2]
             cause = self._wrong_joints(claim, claim.pregrasp_qpos[row], before)
@@ -134,7 +135,7 @@ class ReachAudit:
                 continue
             if mine == 2:
                 return "hits itself"
-            if claim.tier == "clear" and not {first, second} & self._of[claim.name]:
+            if claim.tier == Tier.CLEAR and not {first, second} & self._of[claim.name]:
                 return "hits something"
         return None
 

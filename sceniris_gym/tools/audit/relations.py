@@ -8,9 +8,10 @@ import mujoco
 import numpy as np
 import shapely
 
-from sceniris_gym.scene.config import ObjectConfig, SceneConfig
-from sceniris_gym.scene.relations import Relation
-from sceniris_gym.scene.values import FLOOR
+from sceniris_gym.config.fields import FLOOR
+from sceniris_gym.config.objects import ObjectConfig
+from sceniris_gym.config.relations import Relation
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.tools.audit.geometry import Poses
 from sceniris_gym.tools.audit.outlines import Outline
 

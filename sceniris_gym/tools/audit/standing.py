@@ -8,15 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from sceniris_gym.scene.config import ObjectConfig, SceneConfig
-from sceniris_gym.scene.values import FLOOR
+from sceniris_gym.config.fields import FLOOR
+from sceniris_gym.config.objects import ObjectConfig
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.tools.audit.geometry import Form, Poses, Solid
 from sceniris_gym.tools.audit.outlines import Outlines
 from sceniris_gym.tools.audit.pairs import Tree
 from sceniris_gym.tools.audit.supports import (
     EDGE_TOLERANCE,
     HEIGHT_TOLERANCE,
-    Surface,
+    LevelSurface,
     footprint_points,
     hit_above,
     inside,
@@ -83,7 +84,7 @@ class StandingAudit:
         self._surface = {s.geom: surface_of(s) for s in solids if s.form is not Form.HALFSPACE}
         self._home = home
         self.hulls = hulls_of(tree, solids, {name: self.bodies[name] for name in self.placed}, home)
-        self._levels: dict[tuple, list[Surface]] = {}
+        self._levels: dict[tuple, list[LevelSurface]] = {}
 
     def check(self, poses: Poses) -> tuple[list[Misplaced], dict[str, np.ndarray]]:
         """Judge all placed objects in all rows.
@@ -148,12 +149,12 @@ class StandingAudit:
 
     def _surfaces(
         self, parent: str, body: int, poses: Poses, *, open_above: bool
-    ) -> list[tuple[np.ndarray, list[Surface]]]:
+    ) -> list[tuple[np.ndarray, list[LevelSurface]]]:
         """Return the level surfaces of a body, for each group of rows in which the same direction of it is up."""
         if parent == FLOOR:
             assert self.config.floor is not None
             x, y = (extent / 2 for extent in self.config.floor.size)
-            return [(np.arange(len(poses.xpos)), [Surface(0.0, shapely.box(-x, -y, x, y))])]
+            return [(np.arange(len(poses.xpos)), [LevelSurface(0.0, shapely.box(-x, -y, x, y))])]
         ups, index = _directions(poses.xmat[:, body, 2])
         groups = []
         for k, up in enumerate(ups):

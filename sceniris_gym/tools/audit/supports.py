@@ -19,7 +19,7 @@ _ABOVE = 5e-4  # m; how far above a surface things are looked for that stand on 
 
 
 @dataclass(frozen=True)
-class Surface:
+class LevelSurface:
     """A level surface of a body.
 
     Attributes:
@@ -56,7 +56,7 @@ def upright_frame(up: np.ndarray) -> np.ndarray:
     return np.stack([x, np.cross(up, x), up])
 
 
-def level_surfaces(parts: list[np.ndarray], up: np.ndarray, *, open_above: bool) -> list[Surface]:
+def level_surfaces(parts: list[np.ndarray], up: np.ndarray, *, open_above: bool) -> list[LevelSurface]:
     """Return the level surfaces of a body, joined where they have one height.
 
     What another part of the same body stands on is no surface, nor, with `open_above`, what one hangs over.
@@ -82,7 +82,7 @@ def level_surfaces(parts: list[np.ndarray], up: np.ndarray, *, open_above: bool)
         area = shapely.union_all(shapely.polygons(level[group][:, :, :2])).difference(shapely.union_all(taken))
         wide = [part for part in shapely.get_parts(area) if not part.buffer(-NARROW / 2).is_empty]
         if wide:
-            surfaces.append(Surface(height, shapely.union_all(wide)))
+            surfaces.append(LevelSurface(height, shapely.union_all(wide)))
     return surfaces
 
 

@@ -1,0 +1,104 @@
+"""The kinds of values a scene file holds: numbers, intervals, points and names, each with its own complaint."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import Annotated, Any
+
+import shapely
+from pydantic import AfterValidator, AllowInfNan, BeforeValidator, Field, Strict
+from pydantic_core import PydanticCustomError
+
+from sceniris_gym.config.messages import ADVICE
+from sceniris_gym.errors import did_you_mean
+from sceniris_gym.reach.tier import TIERS
+
+MOST_FAR = 100.0
+"""How far from the world's origin things are placed [m], along each axis: single precision is 8 um there."""
+FLOOR = "floor"
+ROBOT = "robot"
+
+
+def wrong(advice: str, word: str = "", valid: Iterable[str] = ()) -> PydanticCustomError:
+    """Return the error of a value; `advice` says what it should be and begins with "should".
+
+    Args:
+        advice: what the value should be.
+        word: the word that was found, where it is one that may be misspelt.
+        valid: the words that it could have been.
+    """
+    context = {"advice": advice, "hint": did_you_mean(word, valid)}
+    return PydanticCustomError(ADVICE, "{advice}", context)  # type: ignore[arg-type]
+
+
+def listed(value: Any) -> Any:
+    """Return NumPy's arrays as lists and the rest as it is: any sequence is a list then, but no set and no text."""
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def _ascending(interval: tuple[float, float]) -> tuple[float, float]:
+    if interval[0] > interval[1]:
+        raise wrong("should be [low, high] with low <= high")
+    return interval
+
+
+def _not_zero(direction: tuple[float, float]) -> tuple[float, float]:
+    if max(map(abs, direction)) < 1e-9:
+        raise wrong("should be a direction [x, y] that is not [0, 0]")
+    return direction
+
+
+def _over_the_skin(gap: float) -> float:
+    if gap < 2e-5:
+        raise wrong("should be at least 0.00002 m: nearer to its support an object counts as touching it, by rounding")
+    return gap
+
+
+def _corners(box: tuple[tuple[float, ...], tuple[float, ...]]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    low, high = box
+    if len(low) != len(high) or len(low) not in (2, 3) or any(a > b for a, b in zip(low, high, strict=False)):
+        raise wrong("should be [[x, y], [x, y]] or [[x, y, z], [x, y, z]], the low corner first")
+    return box
+
+
+def _simple(polygon: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    if len(polygon) < 3 or not (shape := shapely.Polygon(polygon)).is_valid or shape.area <= 0.0:
+        raise wrong("should be at least three corners [x, y] of a polygon whose edges do not cross")
+    return polygon
+
+
+def _tier(value: Any) -> Any:
+    if not isinstance(value, bool) and value not in TIERS:
+        raise wrong(f"should be true, false, or one of {', '.join(TIERS)}", str(value), TIERS)
+    return value
+
+
+def _object_name(name: str) -> str:
+    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", name):
+        raise wrong("should be a name of letters, digits, '_' and '-'")
+    if name in (FLOOR, ROBOT, "world", "anchor", "support"):
+        raise wrong("should be another name: this one is taken by the scene itself")
+    return name
+
+
+Number = Annotated[float, Strict(), AllowInfNan(False)]
+Fraction = Annotated[Number, Field(ge=0.0, le=1.0)]
+Positive = Annotated[Number, Field(gt=0.0)]
+NotNegative = Annotated[Number, Field(ge=0.0)]
+Gap = Annotated[Number, AfterValidator(_over_the_skin)]
+Interval = Annotated[tuple[Number, Number], BeforeValidator(listed), AfterValidator(_ascending)]
+Point2 = Annotated[tuple[Number, Number], BeforeValidator(listed)]
+Direction2 = Annotated[Point2, AfterValidator(_not_zero)]
+FractionPoint2 = Annotated[tuple[Fraction, Fraction], BeforeValidator(listed)]
+Point3 = Annotated[tuple[Number, Number, Number], BeforeValidator(listed)]
+Corner = Annotated[tuple[Number, ...], BeforeValidator(listed)]
+FractionInterval = Annotated[tuple[Fraction, Fraction], BeforeValidator(listed), AfterValidator(_ascending)]
+Choice = Annotated[tuple[Number, ...], BeforeValidator(listed), Field(min_length=1)]
+_Extent = Annotated[Positive, Field(le=2.0 * MOST_FAR)]
+Extents2 = Annotated[tuple[_Extent, _Extent], BeforeValidator(listed)]
+Box = Annotated[tuple[Corner, Corner], BeforeValidator(listed), AfterValidator(_corners)]
+FractionBox = Annotated[tuple[FractionPoint2, FractionPoint2], BeforeValidator(listed), AfterValidator(_corners)]
+Polygon = Annotated[tuple[Point2, ...], BeforeValidator(listed), AfterValidator(_simple)]
+Reachable = Annotated[bool | str, BeforeValidator(_tier)]
+ObjectName = Annotated[str, AfterValidator(_object_name)]

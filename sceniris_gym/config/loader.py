@@ -1,0 +1,179 @@
+"""Scene files: finding, reading and merging them, before anything in them is judged."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.constructor import DuplicateKeyError
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+
+from sceniris_gym.errors import CycleError, SceneFileError, SceneKeyError, UnknownNameError
+
+SHIPPED_NAME = re.compile(r"[A-Za-z0-9_-]+")  # anything else, such as 'my/scene.yaml', is a path
+
+# Keys of which a scene gives one at most. A later one replaces an earlier one when scenes are merged.
+SUPPORT_WORDS = ("on", "inside", "in")
+REGION_FORMS = ("box", "fraction", "polygon")
+JOINT_FORMS = ("fraction", "range", "choice", "value", "noise")
+ORIENTATION_FORMS = ("yaw", "any", "stable", "face_to")
+
+
+@dataclass(frozen=True)
+class RawScene:
+    """A scene as it was written: `data` with its bases merged in, and where it came from, for messages."""
+
+    data: dict
+    where: str
+    name: str
+
+
+def shipped(package: str, suffix: str) -> dict[str, Path]:
+    """Return the files ending in `suffix` that are shipped in a sub-package, by their stems."""
+    folder = Path(str(resources.files(f"sceniris_gym.{package}")))
+    return {path.stem: path for path in sorted(folder.glob(f"*{suffix}"))}
+
+
+def read_scene(scene: str | Path | Mapping) -> RawScene:
+    """Read a scene and merge it into its bases.
+
+    Args:
+        scene: the name of a shipped scene, the path of a YAML file, or a mapping of the same form. Relative paths in
+            a file are relative to its folder, those in a mapping to the working directory.
+    """
+    if isinstance(scene, Mapping):
+        return _with_base(dict(scene), where="scene", name="scene", folder=Path.cwd(), seen=())
+    return _read_file(_find(scene, where="scene", folder=Path.cwd()), seen=())
+
+
+def merge(base: Mapping, child: Mapping, path: tuple[str, ...] = ()) -> dict:
+    """Return `base` with the keys of `child` laid over it, mapping by mapping.
+
+    A key of a group of which only one may be given (as `on` and `in`) drops the other keys of its group.
+    """
+    merged = dict(base)
+    group = _one_of(path)
+    if any(key in child for key in group):
+        merged = {key: value for key, value in merged.items() if key not in group}
+    for key, value in child.items():
+        below = merged.get(key)
+        both = isinstance(value, Mapping) and isinstance(below, Mapping)
+        merged[key] = merge(below, value, (*path, str(key))) if both else value  # type: ignore[arg-type]
+    return merged
+
+
+def override(scene: Mapping, overrides: Mapping[str, Any], where: str) -> dict:
+    """Return a scene with overrides laid over it, one after the other, by dotted keys: `objects.apple.clearance`.
+
+    Dotted keys reach into objects and groups that there are; a new one is given as a whole.
+    """
+    changed = dict(scene)
+    for dotted, value in overrides.items():
+        keys = dotted.split(".") if isinstance(dotted, str) else []
+        if not (keys and all(keys)):
+            raise SceneKeyError(f"overrides: {dotted!r} should be a dotted key such as 'objects.apple.clearance'.")
+        if len(keys) > 2 and keys[0] in ("objects", "groups"):
+            _check_there(changed.get(keys[0]) or {}, keys, where)
+        nested = value
+        for key in reversed(keys):
+            nested = {key: nested}
+        changed = merge(changed, nested)
+    return changed
+
+
+def _check_there(parts: Any, keys: list[str], where: str) -> None:
+    if isinstance(parts, Mapping) and keys[1] not in parts:
+        raise UnknownNameError(keys[0].removesuffix("s"), keys[1], f"{where}: overrides: {'.'.join(keys)}", parts)
+
+
+def _one_of(path: tuple[str, ...]) -> tuple[str, ...]:
+    match path:
+        case ("objects", _):
+            return SUPPORT_WORDS
+        case ("objects", _, "region"):
+            return REGION_FORMS
+        case ("objects", _, "orientation"):
+            return ORIENTATION_FORMS
+        case ("objects", _, "joints", _) | ("robot", "joints", _):
+            return JOINT_FORMS
+    return ()
+
+
+def _find(scene: str | Path, where: str, folder: Path) -> Path:
+    if isinstance(scene, str) and SHIPPED_NAME.fullmatch(scene):
+        scenes = shipped("envs", ".yaml")
+        if scene not in scenes:
+            raise UnknownNameError("shipped scene", scene, where, scenes)
+        return scenes[scene]
+    path = folder / Path(scene).expanduser()
+    if not path.is_file():
+        raise SceneFileError(
+            f"{where}: there is no scene file '{path}'. Give the path of a YAML file, or the name of a shipped scene: "
+            f"{', '.join(shipped('envs', '.yaml'))}."
+        )
+    return path
+
+
+def _read_file(path: Path, seen: tuple[Path, ...]) -> RawScene:
+    path = path.resolve()
+    if path in seen:
+        circle = [str(p) for p in seen[seen.index(path) :]]
+        raise CycleError(str(seen[0]), circle, "scenes are the base of each other")
+    data = _read_yaml(path)
+    return _with_base(data, where=str(path), name=path.stem, folder=path.parent, seen=(*seen, path))
+
+
+def _with_base(data: dict, where: str, name: str, folder: Path, seen: tuple[Path, ...]) -> RawScene:
+    data = _resolve_paths(data, folder)
+    base = data.pop("base", None)
+    if base is None:
+        return RawScene(data, where, name)
+    if not isinstance(base, str | Path):
+        raise SceneKeyError(f"{where}: base: {base!r} should be the name of a shipped scene or the path of a file.")
+    below = _read_file(_find(base, where=f"{where}: base", folder=folder), seen)
+    return RawScene(merge(below.data, data), f"{where} (base: {below.where})", name)
+
+
+def _read_yaml(path: Path) -> dict:
+    yaml = YAML(typ="safe", pure=True)  # the pure loader reads YAML 1.2, in which `on` is a word
+    try:
+        data = yaml.load(path.read_text(encoding="utf-8"))
+    except DuplicateKeyError as error:
+        line = f":{error.problem_mark.line + 1}" if error.problem_mark else ""
+        problem = str(error.problem).split(" with value")[0]
+        raise SceneFileError(f"{path}{line}: {problem}: every key may be given once.") from None
+    except MarkedYAMLError as error:
+        line = f":{error.problem_mark.line + 1}" if error.problem_mark else ""
+        raise SceneFileError(f"{path}{line}: this is not YAML: {error.problem or error.context}.") from None
+    except (YAMLError, UnicodeDecodeError) as error:
+        raise SceneFileError(f"{path}: this is not YAML: {str(error).splitlines()[0]}.") from None
+    except RecursionError:
+        raise SceneFileError(f"{path}: lists or mappings are nested too deeply for a scene.") from None
+    except OSError as error:
+        raise SceneFileError(f"{path}: the file cannot be read: {error.strerror}.") from None
+    if not isinstance(data, dict):
+        found = "nothing" if data is None else f"a {type(data).__name__}"
+        raise SceneFileError(f"{path}: a scene is a mapping of keys such as 'floor' and 'objects'; found {found}.")
+    return data
+
+
+def _resolve_paths(data: dict, folder: Path) -> dict:
+    """Make the paths in a scene absolute, so that they keep their meaning after merging."""
+
+    def resolved(part: Any, key: str, names: bool) -> Any:
+        value = part.get(key) if isinstance(part, Mapping) else None
+        if not isinstance(value, str | Path) or (names and SHIPPED_NAME.fullmatch(str(value))):
+            return part
+        return {**part, key: str(folder / Path(value).expanduser())}
+
+    data = dict(resolved(data, "model", names=False))
+    if isinstance(data.get("robot"), Mapping):
+        data["robot"] = resolved(data["robot"], "asset", names=True)
+    if isinstance(data.get("objects"), Mapping):
+        data["objects"] = {name: resolved(part, "asset", names=True) for name, part in data["objects"].items()}
+    return data

@@ -1,0 +1,173 @@
+"""One object of a scene: `ObjectConfig`, and where it is placed.
+
+Lengths are metres. Angles are degrees in files; `ObjectConfig.drawn_orientation`, the attributes of relations and the
+joints' ranges are radians.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from pydantic import ConfigDict, Field, model_validator
+
+from sceniris_gym.config.fields import (
+    FLOOR,
+    MOST_FAR,
+    Box,
+    Choice,
+    Fraction,
+    FractionBox,
+    FractionInterval,
+    Gap,
+    Interval,
+    NotNegative,
+    Number,
+    Polygon,
+    Reachable,
+    wrong,
+)
+from sceniris_gym.config.limits import MAX_RELATIONS
+from sceniris_gym.config.loader import JOINT_FORMS, REGION_FORMS, SUPPORT_WORDS
+from sceniris_gym.config.orientation import DrawnOrientation, Orientation
+from sceniris_gym.config.relations import RELATION_WORDS, Relation
+from sceniris_gym.config.section import Section, check_one_of
+
+
+class JointConfig(Section):
+    """How one joint is drawn at a reset; exactly one of the words is given.
+
+    `fraction` [low, high] of the joint's limits, `range` [low, high] in m or rad, `choice` of values and `value` in
+    m or rad, and `noise` n: uniform in [home - n, home + n], cut off at the limits.
+    """
+
+    fraction: FractionInterval | None = None
+    range: Interval | None = None
+    choice: Choice | None = None
+    value: Number | None = None
+    noise: NotNegative | None = None
+
+    @model_validator(mode="after")
+    def _exactly_one(self) -> JointConfig:
+        return check_one_of(self, JOINT_FORMS)
+
+
+class RegionConfig(Section):
+    """A crop of the support, in its body frame (the world's for the floor); exactly one of the words is given.
+
+    `box` ((x, y), (x, y)) [m], or ((x, y, z), (x, y, z)) in the world without a support; `fraction` ((x, y), (x, y))
+    of the support's bounds; `polygon` ((x, y), ...) [m].
+    """
+
+    box: Box | None = None
+    fraction: FractionBox | None = None
+    polygon: Polygon | None = None
+
+    @model_validator(mode="after")
+    def _exactly_one(self) -> RegionConfig:
+        if self.is_3d and max(abs(x) for corner in self.box or () for x in corner) > MOST_FAR:
+            raise wrong(
+                f"should have its box within {MOST_FAR:g} m of the world's origin: rounding grows with distance"
+            )
+        return check_one_of(self, REGION_FORMS)
+
+    @property
+    def is_3d(self) -> bool:
+        """Whether this is a box in space rather than a crop of a support."""
+        return self.box is not None and len(self.box[0]) == 3
+
+
+@dataclass(frozen=True)
+class SupportConfig:
+    """What an object is placed on: `word` is 'on', 'inside' or 'in'; `parent` is 'floor', 'object' or 'object/body'."""
+
+    word: Literal["on", "inside", "in"]
+    parent: str
+
+
+class ObjectConfig(Section):
+    """One object of the scene; the words are explained in the scene language."""
+
+    model_config = ConfigDict(populate_by_name=True)
+    misplaced = dict.fromkeys(RELATION_WORDS, "should stand in 'relations', as in relations: [{near: mug, ...}]")
+    asset: str | None = None
+    kind: Literal["free", "fixture", "static", "marker"] = "free"
+    on: str | None = None
+    inside: str | None = None
+    in_: str | None = Field(default=None, alias="in")
+    ratio_on_support: Fraction = 0.0
+    region: RegionConfig | None = None
+    relations: Annotated[tuple[Relation, ...], Field(max_length=MAX_RELATIONS)] = ()
+    orientation: Orientation | None = None
+    joints: dict[str, JointConfig] = Field(default_factory=dict)
+    clearance: NotNegative = 0.001
+    gap: Gap = 0.0005
+    reachable: Reachable = False
+    by: Literal["robot"] = "robot"
+
+    @property
+    def support(self) -> SupportConfig | None:
+        """The support that the scene names, or None."""
+        words: tuple[tuple[Literal["on", "inside", "in"], str | None], ...]
+        words = (("on", self.on), ("inside", self.inside), ("in", self.in_))
+        return next((SupportConfig(word, parent) for word, parent in words if parent is not None), None)
+
+    @property
+    def drawn_orientation(self) -> DrawnOrientation:
+        """How the orientation is drawn: any yaw by default."""
+        return DrawnOrientation("yaw") if self.orientation is None else self.orientation.drawn
+
+    @property
+    def yaw(self) -> tuple[float, float]:
+        """Interval [rad] from which the turn about the vertical is drawn; see `DrawnOrientation`."""
+        return self.drawn_orientation.yaw
+
+    @property
+    def is_placed(self) -> bool:
+        """Whether a reset draws a pose for it; else it stays where the model has it."""
+        return self.kind != "static" and (self.support is not None or self.region is not None)
+
+    @property
+    def references(self) -> list[tuple[str, str]]:
+        """The objects that its relations and orientation name: (key path inside of the object, name)."""
+        found = []
+        for i, relation in enumerate(self.relations):
+            word = "of" if relation.word == "direction" else relation.word
+            found += [(f"relations.{i}.{word}", anchor) for anchor in relation.anchors]
+            found += [(f"relations.{i}.frame", relation.frame_object)] if relation.frame_object else []
+        target = self.drawn_orientation.target
+        return found + ([("orientation.face_to", target)] if target is not None else [])
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """The objects that are placed before it ('robot' for the robot): its support, then all that it refers to."""
+        owner = [] if self.support is None else [self.support.parent.split("/")[0]]
+        names = [*owner, *(name for _, name in self.references)]
+        return tuple(dict.fromkeys(name for name in names if name != FLOOR))
+
+    @model_validator(mode="after")
+    def _agrees_with_itself(self) -> ObjectConfig:
+        words = [word for word in SUPPORT_WORDS if getattr(self, "in_" if word == "in" else word) is not None]
+        if len(words) > 1:
+            raise wrong(f"should have one of {', '.join(SUPPORT_WORDS)}, and has {' and '.join(words)}")
+        if self.kind == "static" and (
+            words or self.region or self.orientation or self.ratio_on_support or self.relations
+        ):
+            raise wrong("should have no support, region, relations or orientation: it stays where the model has it")
+        if words and self.region is not None and self.region.is_3d:
+            raise wrong("should have a region in two dimensions: a 3D box is for an object without a support")
+        if not words and self.region is not None and not self.region.is_3d:
+            raise wrong("should name its support ('on', 'inside' or 'in'), or have a region that is a 3D box")
+        if not words and self.ratio_on_support > 0.0:
+            raise wrong("should have a 'ratio_on_support' only with a support ('on', 'inside' or 'in')")
+        if not words and self.relations and self.region is None:
+            raise wrong(
+                "should name its support ('on', 'inside' or 'in') or have a region that is a 3D box: it has relations"
+            )
+        if self.reachable and not self.is_placed:
+            raise wrong("should be placed ('on', 'inside', 'in' or a 3D region) to be 'reachable'")
+        if "by" in self.model_fields_set and not self.reachable:
+            raise wrong("should say what is 'reachable' by the robot, or leave out 'by'")
+        if not words and any(relation.frame == "support" for relation in self.relations):
+            raise wrong("should name its support ('on', 'inside' or 'in'), which is the frame of one of its relations")
+        return self

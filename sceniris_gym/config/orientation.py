@@ -1,0 +1,94 @@
+"""How an object is turned: `Orientation`, as it is written, and `DrawnOrientation`, what it means."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, model_validator
+
+from sceniris_gym.config.fields import Interval, wrong
+from sceniris_gym.config.loader import ORIENTATION_FORMS
+from sceniris_gym.config.section import Section
+
+_WORDS = ("fixed", "any", "stable")
+
+
+@dataclass(frozen=True)
+class DrawnOrientation:
+    """How an orientation is drawn.
+
+    Attributes:
+        kind: 'yaw': upright, turned about the vertical; 'stable': in a stable pose, drawn by its probability, then
+            turned about the vertical; 'any': uniform in SO(3); 'face_to': upright, its front (-y) towards `target`.
+        yaw: Interval [rad] from which the turn about the vertical is drawn; for 'face_to' what is added to it.
+        target: The object to be faced, for 'face_to'.
+    """
+
+    kind: Literal["yaw", "stable", "any", "face_to"]
+    yaw: tuple[float, float] = (-math.pi, math.pi)
+    target: str | None = None
+
+
+def _all_around(value: Any) -> Any:
+    if isinstance(value, str) and value != "free":
+        raise wrong("should be 'free' or [low, high] in degrees", value, ("free",))
+    return (-180.0, 180.0) if isinstance(value, str) else value
+
+
+class Stable(Section):
+    """A stable pose, and its `yaw` about the vertical: 'free' or [low, high] in degrees."""
+
+    yaw: Annotated[Interval, BeforeValidator(_all_around)] = (-180.0, 180.0)
+
+
+class Orientation(Section):
+    """How an object is turned: one of the forms below.
+
+    `fixed`; {yaw: [low, high]} in degrees about the support's normal; `any`; `stable` or {stable: {yaw: [low, high]}};
+    {face_to: object}, which may have a `yaw` [low, high] in degrees that is added.
+    """
+
+    yaw: Interval | None = None
+    any: Literal[True] | None = None
+    stable: Stable | None = None
+    face_to: str | None = None
+
+    @property
+    def drawn(self) -> DrawnOrientation:
+        """What this means."""
+        if self.any is not None:
+            return DrawnOrientation("any")
+        if self.stable is not None:
+            return DrawnOrientation("stable", _radians(self.stable.yaw))
+        if self.face_to is not None:
+            return DrawnOrientation("face_to", _radians(self.yaw or (0.0, 0.0)), self.face_to)
+        assert self.yaw is not None
+        return DrawnOrientation("yaw", _radians(self.yaw))
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_word(cls, data: Any) -> Any:
+        if not isinstance(data, str):
+            return data
+        if data not in _WORDS:
+            raise wrong(
+                "should be 'fixed', 'any', 'stable', or a mapping such as {yaw: [low, high]} in degrees, "
+                "{stable: {yaw: [low, high]}} or {face_to: object}",
+                data,
+                _WORDS,
+            )
+        return {"fixed": {"yaw": (0.0, 0.0)}, "any": {"any": True}, "stable": {"stable": {}}}[data]
+
+    @model_validator(mode="after")
+    def _exactly_one(self) -> Orientation:
+        given = self.given(ORIENTATION_FORMS)
+        if len(given) != 1 and given != ["yaw", "face_to"]:
+            has = " and ".join(given) if given else "none"
+            raise wrong(f"should have one of {', '.join(ORIENTATION_FORMS)} (which may have a yaw), and has {has}")
+        return self
+
+
+def _radians(interval: tuple[float, float]) -> tuple[float, float]:
+    return (math.radians(interval[0]), math.radians(interval[1]))

@@ -1,0 +1,203 @@
+"""Where an object is to be, seen from others: `Relation`, one entry of an object's `relations`.
+
+Directions are seen from above, x to the right and y to the back, so that the front is -y.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field, model_validator
+
+from sceniris_gym.config.fields import Direction2, NotNegative, Number, Positive, wrong
+from sceniris_gym.config.limits import MAX_ANCHORS
+from sceniris_gym.config.section import Section, check_one_of
+
+HEADINGS = {"right": 0.0, "back": 0.5 * math.pi, "left": math.pi, "front": -0.5 * math.pi}
+"""Heading [rad] of each side, from x towards y."""
+SIDES = {f"{side}_of": side for side in ("front", "back", "left", "right")}
+"""The words that are a direction by themselves, and their sides."""
+FRAMES = ("anchor", "support", "world")
+"""Frames of a relation that are no object."""
+RELATION_WORDS = (*SIDES, "direction", "near", "between", "beside")
+"""Words of which a relation has exactly one."""
+
+# Which words an option goes with.
+_DIRECTED = (*SIDES, "direction")
+_OPTIONS = {
+    "of": ("direction",),
+    "angle": _DIRECTED,
+    "frame": (*_DIRECTED, "beside"),
+    "distance": (*_DIRECTED, "near"),
+    "measure": (*_DIRECTED, "near"),
+    "width": ("between",),
+    "side": ("beside",),
+    "gap": ("beside",),
+}
+
+
+# A band is drawn from slices that hold it, of which it must fill enough: below this [m] redraws get many, and rounding
+# is some of it.
+_LEAST_TOLERANCE = 1.0e-4
+_THIN_BAND = "a thinner band is too little of what it is drawn from"
+
+
+def _wide_enough(tolerance: float) -> float:
+    if tolerance < _LEAST_TOLERANCE:
+        raise wrong(f"should be at least {_LEAST_TOLERANCE:g} m; {_THIN_BAND}")
+    return tolerance
+
+
+class Distance(Section):
+    """How far away [m]: from `min` to `max`, or `equal` within `tolerance` (0.01)."""
+
+    min: NotNegative | None = None
+    max: NotNegative | None = None
+    equal: NotNegative | None = None
+    tolerance: Annotated[NotNegative, AfterValidator(_wide_enough)] | None = None
+
+    @property
+    def low(self) -> float:
+        """The least distance [m]."""
+        return max(0.0, self.equal - self._band) if self.equal is not None else self.min or 0.0
+
+    @property
+    def high(self) -> float:
+        """The greatest distance [m]; infinity if there is none."""
+        if self.equal is not None:
+            return self.equal + self._band
+        return math.inf if self.max is None else self.max
+
+    @property
+    def _band(self) -> float:
+        return 0.01 if self.tolerance is None else self.tolerance
+
+    @model_validator(mode="after")
+    def _is_one_band(self) -> Distance:
+        if not self.given(("min", "max", "equal")):
+            raise wrong("should have 'min', 'max' or both, or 'equal'")
+        if self.equal is not None and (others := self.given(("min", "max"))):
+            raise wrong(f"should have 'equal' or {' and '.join(map(repr, others))}, not both")
+        if self.equal is None and self.tolerance is not None:
+            raise wrong("should have a 'tolerance' only with 'equal'")
+        if self.equal is None and self.low < self.high < self.low + 2.0 * _LEAST_TOLERANCE - 1e-9:
+            raise wrong(f"should have its 'max' at least {2.0 * _LEAST_TOLERANCE:g} m above its 'min'; {_THIN_BAND}")
+        if self.high <= self.low:
+            raise wrong("should have a 'min' below its 'max', and a 'max' above 0")
+        return self
+
+
+class Relation(Section):
+    """One relation of an object to others; exactly one of the words is given.
+
+    `front_of`, `back_of`, `left_of`, `right_of` an object; `direction` [x, y] `of` an object; `near` an object;
+    `between` objects; `beside` an object. The options are explained in the scene language.
+
+    Attributes of the relation, whatever the word:
+        kind: 'direction', 'near', 'between' or 'beside'.
+        anchors: Names of the objects it is seen from.
+        heading: Heading of its direction in its frame [rad], from x towards y; 0 for 'near' and 'between'.
+        half_angle: How far from that heading the object may lie [rad]; pi for all but 'direction'.
+        frame: Whose heading turns the direction: 'anchor', 'support', 'world' or the name of an object.
+        low, high: Distance interval [m]; (0, inf) without a distance.
+        bounds: Whether the distance is one between bounds rather than between origins.
+        width: Width of the strip around a line of anchors [m]; None for the shorter edge of the object's footprint.
+        gap: Gap between the bounds of objects that are beside each other [m].
+    """
+
+    front_of: str | None = None
+    back_of: str | None = None
+    left_of: str | None = None
+    right_of: str | None = None
+    direction: Direction2 | None = None
+    near: str | None = None
+    between: Annotated[tuple[str, ...], Field(min_length=2, max_length=MAX_ANCHORS)] | None = None
+    beside: str | None = None
+    of: str | None = None
+    angle: Annotated[Number, Field(gt=0.0, le=180.0)] | None = None
+    frame: str = "anchor"
+    distance: Distance | None = None
+    measure: Literal["origin", "bounds"] = "origin"
+    width: Positive | None = None
+    side: Literal["left", "right", "front", "back"] | None = None
+    gap: NotNegative = 0.01
+
+    @property
+    def word(self) -> str:
+        """The word of `RELATION_WORDS` that is given."""
+        return self.given(RELATION_WORDS)[0]
+
+    @property
+    def kind(self) -> Literal["direction", "near", "between", "beside"]:
+        """What kind of region the relation makes."""
+        if self.near is not None:
+            return "near"
+        if self.between is not None:
+            return "between"
+        return "beside" if self.beside is not None else "direction"
+
+    @property
+    def anchors(self) -> tuple[str, ...]:
+        """Names of the objects that the relation is seen from."""
+        if self.between is not None:
+            return self.between
+        return (getattr(self, "of" if self.direction is not None else self.word),)
+
+    @property
+    def heading(self) -> float:
+        """Heading of the direction in its frame [rad], from x towards y; 0 for what has no direction."""
+        if self.direction is not None:
+            return math.atan2(self.direction[1], self.direction[0])
+        side = self.side or SIDES.get(self.word)
+        return 0.0 if side is None else HEADINGS[side]
+
+    @property
+    def half_angle(self) -> float:
+        """Greatest angle between the heading and the direction from the anchor to the object [rad]."""
+        if self.kind != "direction":
+            return math.pi
+        return math.radians(90.0 if self.angle is None else self.angle)
+
+    @property
+    def low(self) -> float:
+        """The least distance [m]."""
+        return 0.0 if self.distance is None else self.distance.low
+
+    @property
+    def high(self) -> float:
+        """The greatest distance [m]; infinity if there is none."""
+        return math.inf if self.distance is None else self.distance.high
+
+    @property
+    def bounds(self) -> bool:
+        """Whether the distance is one between bounds rather than between origins."""
+        return self.measure == "bounds"
+
+    @property
+    def frame_object(self) -> str | None:
+        """The object that is named as the frame, or None."""
+        return None if self.frame in FRAMES else self.frame
+
+    @model_validator(mode="after")
+    def _agrees_with_itself(self) -> Relation:
+        word = check_one_of(self, RELATION_WORDS).word
+        for option, words in _OPTIONS.items():
+            if option in self.model_fields_set and getattr(self, option) is not None and word not in words:
+                raise wrong(f"should have '{option}' only with {_listing(words)}, not with '{word}'")
+        if self.direction is not None and self.of is None:
+            raise wrong("should name the object that 'direction' is seen from, with 'of'")
+        if self.beside is not None and self.side is None:
+            raise wrong("should have a 'side' with 'beside': left, right, front or back")
+        if self.near is not None and self.high == math.inf:
+            raise wrong("should have a 'distance' with 'max' or 'equal' with 'near'")
+        if self.distance is None and "measure" in self.model_fields_set:
+            raise wrong("should have a 'distance' with 'measure'")
+        if self.between is not None and len(set(self.between)) < len(self.between):
+            raise wrong("should name every object of 'between' once")
+        return self
+
+
+def _listing(words: tuple[str, ...]) -> str:
+    *others, last = (f"'{word}'" for word in words)
+    return f"{', '.join(others)} or {last}" if others else last

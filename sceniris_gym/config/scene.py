@@ -1,0 +1,113 @@
+"""A whole scene as it is written: SceneConfig, from YAML, a dict or Python."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, PrivateAttr, Strict, model_validator
+
+from sceniris_gym.config.fields import Extents2, Number, ObjectName, Point3
+from sceniris_gym.config.groups import GroupConfig
+from sceniris_gym.config.loader import override, read_scene
+from sceniris_gym.config.messages import reading, where_now
+from sceniris_gym.config.objects import JointConfig, ObjectConfig
+from sceniris_gym.config.section import Section
+from sceniris_gym.config.validation import SceneNames, check_names
+
+
+class Floor(Section):
+    """The ground workspace: a rectangle around the world's origin, `size` = (x, y) full extents [m]."""
+
+    size: Extents2
+
+
+class RobotConfig(Section):
+    """The robot: an asset at `base` (x, y, z) [m], turned by `yaw` [degrees], started from `keyframe`."""
+
+    asset: str
+    base: Point3 = (0.0, 0.0, 0.0)
+    yaw: Number = 0.0
+    keyframe: str = "home"
+    joints: dict[str, JointConfig] = Field(default_factory=dict)
+
+
+class SceneConfig(Section):
+    """A whole scene, validated. Made by `SceneConfig.load` from a file, a name or a dict, or directly in Python.
+
+    Raises:
+        SceneKeyError: a key or a value is wrong.
+        UnknownNameError: a support, or an object that another refers to, that is not in the scene.
+        CycleError: objects that are placed relative to each other.
+    """
+
+    name: str = "scene"
+    floor: Floor | None = None
+    robot: RobotConfig | None = None
+    objects: dict[ObjectName, ObjectConfig] = Field(default_factory=dict)
+    groups: dict[ObjectName, GroupConfig] = Field(default_factory=dict)
+    geometry: Literal["physics", "visual"] = "physics"
+    attempts: Annotated[int, Strict(), Field(ge=1, le=10_000)] = 10
+    restarts: Annotated[int, Strict(), Field(ge=0, le=10_000)] = 8
+    model: Path | None = None
+    _where: str = PrivateAttr("SceneConfig")
+
+    @classmethod
+    def load(cls, scene: str | Path | Mapping | SceneConfig, overrides: Mapping[str, Any] | None = None) -> SceneConfig:
+        """Read and validate a scene.
+
+        Args:
+            scene: the name of a shipped scene, the path of a YAML file, a mapping of the same form, or a SceneConfig.
+            overrides: parts to replace, by dotted keys: `{"objects.apple.clearance": 0.01}`. A new object is given as a
+                whole: `{"objects.pear": {...}}`.
+
+        Raises:
+            SceneFileError: the file is missing, or is not YAML, or gives a key twice.
+            ScenirisError: as in the class.
+        """
+        if isinstance(scene, SceneConfig):
+            if not overrides:
+                return scene
+            data, where, name = scene.model_dump(by_alias=True, exclude_unset=True), scene.where, scene.name
+        else:
+            raw = read_scene(scene)
+            data, where, name = raw.data, raw.where, raw.name
+        if overrides:
+            data = override(data, overrides, where)
+        with reading(where):
+            config = cls.model_validate({"name": name, **data})
+        config._where = where
+        return config
+
+    @property
+    def where(self) -> str:
+        """The file this scene was read from, for messages."""
+        return self._where
+
+    def canonical(self) -> str:
+        """Return all that shapes the layouts, defaults included, as JSON that is equal for equal scenes.
+
+        Names of files are left out: what counts is what is in them.
+        """
+        parts = {"name", "model"}
+        data = self.model_dump(mode="json", by_alias=True, exclude=parts)
+        for part in (*data["objects"].values(), *filter(None, [data["robot"]])):
+            part.pop("asset")
+        for part in data["objects"].values():
+            if not part["reachable"]:
+                del part["reachable"], part["by"]
+        return json.dumps(data, separators=(",", ":"))
+
+    @model_validator(mode="after")
+    def _names_are_known(self) -> SceneConfig:
+        names = SceneNames(
+            self.objects,
+            self.groups,
+            has_floor=self.floor is not None,
+            has_robot=self.robot is not None,
+            has_model=self.model is not None,
+        )
+        check_names(names, where_now.get() or type(self).__name__)
+        return self

@@ -1,0 +1,157 @@
+"""Names in a scene: that what an object refers to is there, can be referred to, and can be placed before it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from sceniris_gym.config.fields import FLOOR, ROBOT
+from sceniris_gym.config.groups import GroupConfig
+from sceniris_gym.config.objects import ObjectConfig
+from sceniris_gym.config.relations import FRAMES
+from sceniris_gym.errors import CycleError, NoSupportError, SceneKeyError, UnknownNameError
+
+
+@dataclass(frozen=True)
+class SceneNames:
+    """What there is in a scene for names to refer to.
+
+    Attributes:
+        objects: The objects by name.
+        groups: The groups by name.
+        has_floor, has_robot, has_model: Whether the scene has a floor, a robot, a model of its own.
+    """
+
+    objects: Mapping[str, ObjectConfig]
+    groups: Mapping[str, GroupConfig]
+    has_floor: bool
+    has_robot: bool
+    has_model: bool
+
+
+def check_names(scene: SceneNames, where: str) -> None:
+    """Check all names of objects in a scene; errors begin with `where`.
+
+    Raises:
+        SceneKeyError: an object without an asset, or a reference that cannot be held in every world.
+        UnknownNameError: a name that is not in the scene.
+        NoSupportError: an object that is placed on a marker.
+        CycleError: objects that are placed relative to each other.
+    """
+    for name, part in scene.objects.items():
+        _check_body(scene, name, part, where)
+        if part.support is not None:
+            _check_parent(scene, f"{where}: objects.{name}.{part.support.word}", name, part.support.parent)
+        if part.reachable and not scene.has_robot:
+            raise SceneKeyError(
+                f"{where}: objects.{name}.reachable: there is no robot that could reach it. Add a robot, as "
+                "in 'robot: {asset: panda}', or leave it out."
+            )
+        for path, other in part.references:
+            _check_reference(scene, f"{where}: objects.{name}.{path}", name, other)
+    _check_groups(scene, where)
+    _check_cycles(scene, where)
+
+
+def _check_body(scene: SceneNames, name: str, part: ObjectConfig, where: str) -> None:
+    """Check what an object without an asset of its own needs."""
+    if part.asset is not None or scene.has_model:
+        return
+    if part.kind != "marker":
+        raise SceneKeyError(
+            f"{where}: objects.{name}.asset: is missing. Name an asset, or give the scene a 'model' with a "
+            f"body '{name}'; only a marker needs none."
+        )
+    if part.drawn_orientation.kind == "stable":
+        raise SceneKeyError(
+            f"{where}: objects.{name}.orientation: a marker without an asset is a point and has no stable pose. "
+            "Give it an asset or another orientation."
+        )
+    for i, relation in enumerate(part.relations):
+        if relation.kind == "between" and relation.width is None:
+            raise SceneKeyError(
+                f"{where}: objects.{name}.relations.{i}.width: is missing. A marker without an asset is a point and "
+                "has no width of its own."
+            )
+
+
+def _check_parent(scene: SceneNames, where: str, name: str, parent: str) -> None:
+    owner = parent.split("/")[0]
+    others = [other for other, part in scene.objects.items() if other != name and part.kind != "marker"]
+    if parent == FLOOR and not scene.has_floor:
+        raise UnknownNameError(
+            "support", parent, f"{where}: the scene has no floor (add 'floor: {{size: [x, y]}}')", others
+        )
+    if parent != FLOOR and owner not in scene.objects:
+        raise UnknownNameError("support", parent, where, [*([FLOOR] if scene.has_floor else []), *others])
+    if parent != FLOOR and scene.objects[owner].kind == "marker":
+        raise NoSupportError(f"{where}: '{parent}' is a marker and has no surface. Name a support of another kind.")
+
+
+def _check_reference(scene: SceneNames, where: str, name: str, other: str) -> None:
+    known = [*scene.objects, *([ROBOT] if scene.has_robot else [])]
+    if other not in known:
+        is_frame = where.endswith(".frame")
+        valid = [*(FRAMES if is_frame else ()), *(n for n in known if n != name)]
+        raise UnknownNameError("frame" if is_frame else "object", other, where, valid)
+    if other == name:
+        raise SceneKeyError(f"{where}: '{other}' should be another object than the one that is placed.")
+
+
+def _check_groups(scene: SceneNames, where: str) -> None:
+    group_of: dict[str, str] = {}
+    for group, part in scene.groups.items():
+        path = f"{where}: groups.{group}.of"
+        for name in part.of:
+            if name not in scene.objects:
+                raise UnknownNameError("object", name, path, scene.objects)
+            if name in group_of:
+                raise SceneKeyError(
+                    f"{path}: '{name}' is in the group '{group_of[name]}' too. An object is in one group at most."
+                )
+            if not scene.objects[name].is_placed:
+                raise SceneKeyError(
+                    f"{path}: '{name}' stays where the model has it and cannot be absent. Give it a support or a 3D "
+                    "region, or take it out of the group."
+                )
+            group_of[name] = group
+    absent = {name: group for name, group in group_of.items() if not scene.groups[group].always_whole}
+    for name, part in scene.objects.items():
+        _check_absent(scene, name, part, absent, where)
+
+
+def _check_absent(scene: SceneNames, name: str, part: ObjectConfig, absent: dict[str, str], where: str) -> None:
+    """Check that an object can be placed whatever members of groups are absent."""
+    support = part.support
+    owner = support.parent.split("/")[0] if support is not None else FLOOR
+    if support is not None and owner in absent:
+        raise SceneKeyError(
+            f"{where}: objects.{name}.{support.word}: '{owner}' may be absent, as it is in the group "
+            f"'{absent[owner]}'. Nothing stands on such an object: name another support."
+        )
+    for path, other in part.references:
+        if other in absent and scene.groups[absent[other]].missing == "refuse":
+            raise SceneKeyError(
+                f"{where}: objects.{name}.{path}: '{other}' may be absent, as it is in the group '{absent[other]}'. "
+                "Name another object, or write 'missing: drop' in the group: the reference is then left out where "
+                "the object is absent."
+            )
+
+
+def _check_cycles(scene: SceneNames, where: str) -> None:
+    needs: dict[str, tuple[str, ...]] = {name: part.needs for name, part in scene.objects.items()}
+    ends: set[str] = set()  # objects from which no chain leads into a cycle
+    for name in needs:
+        if (circle := _circle([name], needs, ends)) is not None:
+            raise CycleError(where, circle, "objects are placed relative to each other")
+
+
+def _circle(chain: list[str], needs: Mapping[str, tuple[str, ...]], ends: set[str]) -> list[str] | None:
+    """Return the first circle on a way from the end of `chain`, or None."""
+    for other in needs.get(chain[-1], ()):
+        if other in chain:
+            return chain[chain.index(other) :]
+        if other not in ends and (circle := _circle([*chain, other], needs, ends)) is not None:
+            return circle
+    ends.add(chain[-1])
+    return None

@@ -1,0 +1,108 @@
+"""Colliders: the pieces of each body below one tree of boxes, as numpy and (for meshes) on the device."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import warp as wp
+
+from sceniris_gym.geometry.box_tree import build_tree
+from sceniris_gym.geometry.pieces import Piece, PieceType
+from sceniris_gym.geometry.ragged import ranges
+
+# Boxes are grown by this much [m] so that rounding to float32 cannot lose a leaf.
+_GROW = 1.0e-6
+
+
+@dataclass
+class Colliders:
+    """Colliders and their box trees, an entry of each list for each; `keep` holds the device meshes they point to."""
+
+    body: list[int] = field(default_factory=list)
+    root: list[int] = field(default_factory=list)
+    plane: list[int] = field(default_factory=list)
+    mesh: list[int] = field(default_factory=list)
+    points: list[np.ndarray] = field(default_factory=list)
+    center: list[np.ndarray] = field(default_factory=list)
+    half: list[np.ndarray] = field(default_factory=list)
+    child: list[np.ndarray] = field(default_factory=list)
+    faces: list[np.ndarray] = field(default_factory=list)
+    depth: list[int] = field(default_factory=list)
+    keep: list = field(default_factory=list)
+    nodes: int = 0
+    leaves: int = 0
+
+
+def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> Colliders:
+    """One collider for each body's solid pieces, and one for each plane; leaves are numbered as `pieces`."""
+    c = Colliders()
+    by_body: dict[int, list[int]] = {}
+    for i, p in enumerate(pieces):
+        by_body.setdefault(p.body, []).append(i)
+    for body, ids in by_body.items():
+        for i in [i for i in ids if pieces[i].type == PieceType.PLANE]:
+            _add_tree(c, body, np.zeros((1, 3)), np.zeros((1, 3)), plane=i, mesh=0)
+            c.points.append(np.zeros((0, 3)))
+        solid = [i for i in ids if pieces[i].type != PieceType.PLANE]
+        if not solid:
+            continue
+        if visual:
+            meshes = [pieces[i].mesh for i in solid]
+            triangles = np.concatenate([m.triangles for m in meshes if m is not None])
+            mesh = wp.Mesh(
+                points=wp.array(triangles.reshape(-1, 3), dtype=wp.vec3, device=device),
+                indices=wp.array(np.arange(3 * len(triangles)), dtype=int, device=device),
+                support_winding_number=True,
+            )
+            c.keep.append(mesh)
+            _add_tree(c, body, triangles.min(axis=1), triangles.max(axis=1), plane=-1, mesh=mesh.id)
+            c.faces.append(triangles)
+            parts = [part for m in meshes if m is not None for part in m.split(only_watertight=False)]
+            c.points.append(np.array([part.vertices[0] for part in parts]))
+        else:
+            bounds = [pieces[i].bounds() for i in solid]
+            lower, upper = np.array([b[0] for b in bounds]), np.array([b[1] for b in bounds])
+            _add_tree(c, body, lower, upper, plane=-1, mesh=0, first=solid[0])
+            c.points.append(np.zeros((0, 3)))
+    return c
+
+
+def _add_tree(
+    c: Colliders, body: int, lower: np.ndarray, upper: np.ndarray, *, plane: int, mesh: int, first: int | None = None
+) -> None:
+    """Append a collider. Its leaves are numbered from `first`, or after all faces so far."""
+    tree = build_tree(lower - _GROW, upper + _GROW)
+    leaf = c.leaves if first is None else first
+    c.body.append(body)
+    c.root.append(c.nodes)
+    c.plane.append(plane)
+    c.mesh.append(mesh)
+    c.center.append(tree.center)
+    c.half.append(tree.half)
+    c.child.append(np.where(tree.child < 0, ~(~tree.child + leaf), tree.child + c.nodes))
+    c.depth.append(tree.depth)
+    c.nodes += len(tree.child)
+    if first is None and plane < 0:
+        c.leaves += len(lower)
+
+
+def collider_arrays(c: Colliders) -> dict[str, np.ndarray]:
+    """Fields of `device.Program` that hold colliders, boxes and faces."""
+    faces = np.concatenate([*c.faces, np.zeros((0, 3, 3))])
+    points, adr, num = ranges(c.points)
+    return {
+        "collider_body": np.array(c.body, int),
+        "collider_root": np.array(c.root, int),
+        "collider_plane": np.array(c.plane, int),
+        "collider_mesh": np.array(c.mesh, np.uint64),
+        "collider_pointadr": adr,
+        "collider_pointnum": num,
+        "node_center": np.concatenate([*c.center, np.zeros((0, 3))]),
+        "node_half": np.concatenate([*c.half, np.zeros((0, 3))]),
+        "node_child": np.concatenate([*c.child, np.zeros(0, int)]),
+        "face_a": faces[:, 0],
+        "face_b": faces[:, 1],
+        "face_c": faces[:, 2],
+        "point": np.reshape(points, (-1, 3)),
+    }

@@ -1,0 +1,238 @@
+"""Geoms become pieces: what an object is made of, as physics collides it or as the eye sees it.
+
+`geometry: physics` takes the geoms that MuJoCo collides, meshes as their convex hulls. `geometry: visual` takes the
+visible geoms (groups 0 to 2) as closed triangle meshes. Either way a piece has a convex form, which stands for it where
+only extents and shadows matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+
+import mujoco
+import numpy as np
+import trimesh
+
+from sceniris_gym.errors import MeshError, NotSupportedError
+
+
+class PieceType(IntEnum):
+    """Kinds of convex pieces. All are centred at their frame; SEGMENT serves tests only and is never an obstacle."""
+
+    SPHERE = 0
+    CAPSULE = 1
+    BOX = 2
+    CYLINDER = 3
+    ELLIPSOID = 4
+    HULL = 5
+    PLANE = 6
+    SEGMENT = 7
+
+
+_TYPES = {
+    mujoco.mjtGeom.mjGEOM_PLANE: PieceType.PLANE,
+    mujoco.mjtGeom.mjGEOM_SPHERE: PieceType.SPHERE,
+    mujoco.mjtGeom.mjGEOM_CAPSULE: PieceType.CAPSULE,
+    mujoco.mjtGeom.mjGEOM_ELLIPSOID: PieceType.ELLIPSOID,
+    mujoco.mjtGeom.mjGEOM_CYLINDER: PieceType.CYLINDER,
+    mujoco.mjtGeom.mjGEOM_BOX: PieceType.BOX,
+    mujoco.mjtGeom.mjGEOM_MESH: PieceType.HULL,
+}
+_VISIBLE_GROUPS = range(3)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One geom.
+
+    Attributes:
+        geom: Its id in the MjModel.
+        body: Id of its body.
+        type: Its convex form.
+        pos: Centre of that form [m] in the body's frame, shape (3,).
+        quat: Orientation of that form in the body's frame, wxyz.
+        size: MuJoCo's sizes [m] of a primitive, shape (3,).
+        vertices: Vertices [m] of a hull in the piece's frame, shape (n, 3); empty for primitives.
+        mesh: Its closed surface in the body's frame (a plane has none). Round primitives are tessellated; with
+            `geometry: physics` only their flat faces and outlines are taken from it.
+        contype, conaffinity: MuJoCo's contact bits; all set where geometry is visual.
+    """
+
+    geom: int
+    body: int
+    type: PieceType
+    pos: np.ndarray
+    quat: np.ndarray
+    size: np.ndarray
+    vertices: np.ndarray
+    mesh: trimesh.Trimesh | None
+    contype: int
+    conaffinity: int
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least box of the convex form in the body's frame: lower and upper corner [m]."""
+        return self.extents(np.eye(3))
+
+    def extents(self, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Least and greatest extent [m] of the convex form along the rows of `axes`, given in the body's frame."""
+        local = axes @ _matrix(self.quat)
+        middle = axes @ self.pos
+        if self.type == PieceType.HULL:
+            heights = self.vertices @ local.T
+            return middle + heights.min(axis=0), middle + heights.max(axis=0)
+        sx, sy, sz = self.size
+        if self.type == PieceType.SPHERE:
+            half = np.full(len(axes), sx)
+        elif self.type == PieceType.CAPSULE:
+            half = sx + sy * np.abs(local[:, 2])
+        elif self.type == PieceType.CYLINDER:
+            half = sx * np.hypot(local[:, 0], local[:, 1]) + sy * np.abs(local[:, 2])
+        elif self.type == PieceType.ELLIPSOID:
+            half = np.linalg.norm(local * [sx, sy, sz], axis=1)
+        else:
+            half = np.abs(local) @ [sx, sy, sz]
+        return middle - half, middle + half
+
+
+def extract_pieces(
+    mjm: mujoco.MjModel, geometry: str, bodies: set[int] | None = None, where: Mapping[int, str] | None = None
+) -> list[Piece]:
+    """All pieces of a model, in the order of its geoms.
+
+    Args:
+        mjm: The model.
+        geometry: "physics" or "visual".
+        bodies: Those whose pieces are wanted; all by default.
+        where: What errors begin with, by the body that they are about.
+
+    Raises:
+        MeshError: a mesh that is open or has no faces.
+        NotSupportedError: a height field or a signed distance field.
+    """
+    pieces = []
+    for geom in range(mjm.ngeom):
+        if bodies is not None and int(mjm.geom_bodyid[geom]) not in bodies:
+            continue
+        collides = bool(mjm.geom_contype[geom] | mjm.geom_conaffinity[geom])
+        visible = mjm.geom_group[geom] in _VISIBLE_GROUPS and mjm.geom_rgba[geom][3] > 0.0
+        plane = mjm.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
+        if collides if geometry == "physics" or plane else visible:
+            try:
+                pieces.append(_piece(mjm, geom, geometry))
+            except (MeshError, NotSupportedError) as error:
+                place = (where or {}).get(int(mjm.geom_bodyid[geom]))
+                raise type(error)(f"{place}: {error}" if place else str(error)) from None
+    return pieces
+
+
+def _piece(mjm: mujoco.MjModel, geom: int, geometry: str) -> Piece:
+    kind = mujoco.mjtGeom(int(mjm.geom_type[geom]))
+    if kind not in _TYPES:
+        raise NotSupportedError(
+            f"geom '{_geom_name(mjm, geom)}': a {kind.name[len('mjGEOM_') :].lower()} cannot be an obstacle. "
+            "Use primitives or meshes, or turn its collisions off (contype=0, conaffinity=0)."
+        )
+    pos, quat = mjm.geom_pos[geom].copy(), mjm.geom_quat[geom].copy()
+    vertices = np.zeros((0, 3))
+    mesh = None
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        data = int(mjm.geom_dataid[geom])
+        mesh = _surface(mjm, data, geom) if geometry == "visual" else None
+        vertices = hull_vertices(mjm, data, _geom_name(mjm, geom))
+        middle = vertices.mean(axis=0)
+        pos = pos + _matrix(quat) @ middle
+        vertices = vertices - middle
+        if mesh is None:
+            mesh = trimesh.convex.convex_hull(vertices + middle)
+        mesh.apply_transform(_transform(mjm.geom_pos[geom], quat))
+    elif kind != mujoco.mjtGeom.mjGEOM_PLANE:
+        mesh = _primitive(kind, mjm.geom_size[geom])
+        mesh.apply_transform(_transform(pos, quat))
+    every = (1 << 31) - 1
+    visual = geometry == "visual"
+    return Piece(
+        geom=geom,
+        body=int(mjm.geom_bodyid[geom]),
+        type=_TYPES[kind],
+        pos=pos,
+        quat=quat,
+        size=mjm.geom_size[geom].copy(),
+        vertices=vertices,
+        mesh=mesh,
+        contype=every if visual else int(mjm.geom_contype[geom]),
+        conaffinity=every if visual else int(mjm.geom_conaffinity[geom]),
+    )
+
+
+def hull_vertices(mjm: mujoco.MjModel, mesh: int, name: str) -> np.ndarray:
+    """Vertices [m] of the convex hull that MuJoCo collides for a mesh, in the geom's frame, shape (n, 3).
+
+    MuJoCo keeps the hull's vertex ids in `mesh_graph` (numvert, numface, numvert edge addresses, numvert ids, ...), for
+    meshes that a collision geom uses.
+    """
+    adr, num = mjm.mesh_vertadr[mesh], mjm.mesh_vertnum[mesh]
+    vertices = mjm.mesh_vert[adr : adr + num].astype(float)
+    graph = mjm.mesh_graphadr[mesh]
+    if graph >= 0:
+        count = mjm.mesh_graph[graph]
+        return vertices[mjm.mesh_graph[graph + 2 + count : graph + 2 + 2 * count]]
+    try:
+        return np.asarray(trimesh.convex.convex_hull(vertices).vertices)
+    except ValueError as error:  # qhull's complaint about flat input
+        raise MeshError(f"mesh of geom '{name}': has no volume. Give it at least four points off one plane.") from error
+
+
+def _surface(mjm: mujoco.MjModel, mesh: int, geom: int) -> trimesh.Trimesh:
+    """The triangles of a mesh in the geom's frame; they must close."""
+    name = _geom_name(mjm, geom)
+    if mjm.mesh_facenum[mesh] == 0:
+        raise MeshError(f"mesh of geom '{name}': has no faces. `geometry: visual` needs a closed surface.")
+    vert, face = mjm.mesh_vertadr[mesh], mjm.mesh_faceadr[mesh]
+    surface = trimesh.Trimesh(
+        mjm.mesh_vert[vert : vert + mjm.mesh_vertnum[mesh]].astype(float),
+        mjm.mesh_face[face : face + mjm.mesh_facenum[mesh]],
+        process=False,
+    )
+    surface.merge_vertices(merge_tex=True, merge_norm=True)
+    if not surface.is_watertight:
+        raise MeshError(
+            f"mesh of geom '{name}': is open, so it has no inside. Close it, or use `geometry: physics`, which takes "
+            "convex hulls."
+        )
+    if surface.volume < 0.0:
+        surface.invert()
+    return surface
+
+
+def _primitive(kind: mujoco.mjtGeom, size: np.ndarray) -> trimesh.Trimesh:
+    if kind == mujoco.mjtGeom.mjGEOM_BOX:
+        return trimesh.creation.box(2.0 * size)
+    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        return trimesh.creation.cylinder(size[0], 2.0 * size[1], sections=64)
+    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        capsule = trimesh.creation.capsule(2.0 * size[1], size[0], count=[32, 32])
+        capsule.apply_translation(-capsule.bounds.mean(axis=0))
+        return capsule
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    ball.apply_scale(size if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID else np.full(3, size[0]))
+    return ball
+
+
+def _geom_name(mjm: mujoco.MjModel, geom: int) -> str:
+    body = mjm.body(int(mjm.geom_bodyid[geom])).name
+    return mjm.geom(geom).name or f"{geom} of body {body}"
+
+
+def _matrix(quat: np.ndarray) -> np.ndarray:
+    mat = np.empty(9)
+    mujoco.mju_quat2Mat(mat, np.asarray(quat, float))
+    return mat.reshape(3, 3)
+
+
+def _transform(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, :3] = _matrix(quat)
+    matrix[:3, 3] = pos
+    return matrix

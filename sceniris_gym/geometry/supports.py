@@ -1,0 +1,199 @@
+"""Surfaces that carry things: level faces of a body as polygons, and the region of them that an object may use."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import reduce
+
+import numpy as np
+import shapely
+import trimesh
+from shapely.geometry import MultiPoint, MultiPolygon, Polygon, box
+
+from sceniris_gym.config.objects import RegionConfig
+from sceniris_gym.errors import ErodedSupportError
+from sceniris_gym.geometry.pieces import Piece
+
+# A face carries if it is level to 1 degree; faces of one level may differ by 0.2 mm.
+_LEVEL = np.cos(np.radians(1.0))
+_STEP = 2.0e-4
+# What stands on a surface is looked for this far above it [m].
+_ABOVE = 5.0e-4
+# A strip narrower than 2 cm (a rim, the edge of a wall, a handle) carries nothing.
+_HALF_WIDTH = 0.01
+# Segments of a quarter circle where an erosion goes around a corner: 4 cm of it are right to 3 um.
+_ARC = 64
+
+
+@dataclass(frozen=True)
+class SupportSurface:
+    """A level part of a body's surface.
+
+    Attributes:
+        body: Id of the body (0: the world, for the floor).
+        height: Its z [m] in the body's frame.
+        outline: All of it [m], xy in the body's frame.
+        region: The part of it that an object's pivot may lie on.
+    """
+
+    body: int
+    height: float
+    outline: MultiPolygon
+    region: MultiPolygon
+
+
+def level_surfaces(body: int, pieces: list[Piece], *, open_above: bool) -> list[SupportSurface]:
+    """Level surfaces of one body from its pieces, lowest first.
+
+    Where a piece of the same body stands on a surface, that part is taken away; with `open_above` also where one hangs
+    over it, since the two never move against each other. Strips narrower than 2 cm are left out.
+    """
+    meshes = [p.mesh for p in pieces if p.mesh is not None]
+    surfaces = []
+    for height, flat in _levels(meshes):
+        over = [_shadow(m, height + _ABOVE) if open_above else _section(m, height + _ABOVE) for m in meshes]
+        outline = _parts(flat.difference(shapely.union_all([o for o in over if o is not None])))
+        wide = _without_strips(outline)
+        if not wide.is_empty:
+            surfaces.append(SupportSurface(body, height, wide, wide))
+    return surfaces
+
+
+def floor_surface(size: tuple[float, float]) -> SupportSurface:
+    """The ground workspace: a rectangle of `size` [m] around the world's origin."""
+    x, y = 0.5 * size[0], 0.5 * size[1]
+    ground = MultiPolygon([box(-x, -y, x, y)])
+    return SupportSurface(0, 0.0, ground, ground)
+
+
+def shadow_of_box(region: RegionConfig) -> SupportSurface:
+    """A box in space seen from above, as relations cut it."""
+    assert region.box is not None
+    (x0, y0, *_), (x1, y1, *_) = region.box
+    seen = MultiPolygon([box(x0, y0, x1, y1)])
+    return SupportSurface(0, 0.0, seen, seen)
+
+
+def crop(
+    surfaces: list[SupportSurface], region: RegionConfig | None, erosions: Sequence[float], where: str
+) -> list[list[SupportSurface]]:
+    """The surfaces with their regions eroded by each of `erosions` [m] and cropped to `region`.
+
+    Returns:
+        For each erosion the surfaces of which something is left; equal erosions share one list.
+
+    Raises:
+        ErodedSupportError: of none is anything left.
+    """
+    keep = _crop_shape(surfaces, region)
+    rounded = [round(erosion, 7) for erosion in erosions]  # poses that differ by rounding only are as one
+    kept = {erosion: _kept(surfaces, keep, erosion) for erosion in set(rounded)}
+    if not any(kept.values()):
+        erosion = min(rounded)
+        x0, y0, x1, y1 = shapely.union_all([s.outline for s in surfaces]).bounds
+        said = f"an erosion of {erosion:.4g} m" if erosion > 0.0 else ""
+        said += " and " if said and region is not None else ""
+        said += "its region" if region is not None else ""
+        raise ErodedSupportError(
+            f"{where}: {said} leaves nothing of the support, whose surface spans [{x0:.4g}, {x1:.4g}] x [{y0:.4g}, "
+            f"{y1:.4g}] m. Use a smaller ratio_on_support, a region that meets the surface, or a larger support."
+        )
+    return [kept[erosion] for erosion in rounded]
+
+
+def _kept(surfaces: list[SupportSurface], keep: Polygon | None, erosion: float) -> list[SupportSurface]:
+    kept = []
+    for s in surfaces:
+        left = s.outline.buffer(-erosion, quad_segs=_ARC) if erosion > 0.0 else s.outline
+        left = _parts(left.intersection(keep) if keep is not None else left)
+        if not left.is_empty:
+            kept.append(SupportSurface(s.body, s.height, s.outline, left))
+    return kept
+
+
+def triangulate(region: MultiPolygon) -> np.ndarray:
+    """The region as triangles [m], shape (n, 3, 2): constrained Delaunay, so nothing is lost or added."""
+    triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(region))
+    corners = np.reshape([np.asarray(t.exterior.coords)[:3, :2] for t in triangles], (-1, 3, 2))
+    return corners[areas(corners) > 0.0]
+
+
+def areas(triangles: np.ndarray) -> np.ndarray:
+    """Areas [m^2] of plane triangles, shape (n, 3, 2)."""
+    u, v = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    return 0.5 * np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+
+
+def edges(outline: MultiPolygon) -> np.ndarray:
+    """The sides of an outline and its holes [m], shape (n, 2, 2)."""
+    rings = [ring for p in outline.geoms for ring in (p.exterior, *p.interiors)]
+    sides = [np.stack([c[:-1], c[1:]], axis=1) for c in (np.asarray(r.coords)[:, :2] for r in rings)]
+    return np.concatenate(sides)
+
+
+def _crop_shape(surfaces: list[SupportSurface], region: RegionConfig | None) -> Polygon | None:
+    if region is None:
+        return None
+    if region.polygon is not None:
+        return Polygon(region.polygon)
+    if region.box is not None:
+        (x0, y0), (x1, y1) = (corner[:2] for corner in region.box)
+        return box(x0, y0, x1, y1)
+    assert region.fraction is not None
+    low, high = np.asarray(shapely.union_all([s.outline for s in surfaces]).bounds).reshape(2, 2)
+    (x0, y0), (x1, y1) = (low + np.asarray(f) * (high - low) for f in region.fraction)
+    return box(x0, y0, x1, y1)
+
+
+def _without_strips(outline: MultiPolygon) -> MultiPolygon:
+    """The outline where it is wide enough: shrunk until strips are gone and grown again, 10 um beyond its old edges."""
+    core = outline.buffer(-_HALF_WIDTH, join_style="mitre")
+    return _parts(outline.intersection(core.buffer(_HALF_WIDTH + 1e-5, join_style="mitre")))
+
+
+def _levels(meshes: list[trimesh.Trimesh]) -> list[tuple[float, MultiPolygon]]:
+    """Heights of level faces and what lies at each, lowest first."""
+    flat = [m.triangles[m.face_normals[:, 2] > _LEVEL] for m in meshes]
+    triangles = np.concatenate(flat) if flat else np.zeros((0, 3, 3))
+    if not len(triangles):
+        return []
+    heights = triangles[:, :, 2].max(axis=1)
+    order = np.argsort(heights, kind="stable")
+    cuts = np.flatnonzero(np.diff(heights[order]) > _STEP) + 1
+    levels = []
+    for group in np.split(order, cuts):
+        faces = np.asarray(shapely.polygons(triangles[group][:, :, :2]))
+        merged = shapely.union_all(faces[shapely.area(faces) > 0.0])
+        # faces of neighbouring geoms meet only to rounding: close gaps of up to 2 um
+        merged = merged.buffer(1e-6, join_style="mitre").buffer(-1e-6, join_style="mitre")
+        levels.append((float(heights[group].max()), _parts(merged)))
+    return [(z, area) for z, area in levels if not area.is_empty]
+
+
+def _section(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
+    """What a horizontal plane cuts out of a closed mesh."""
+    if not mesh.bounds[0, 2] < z < mesh.bounds[1, 2]:
+        return None
+    cut = mesh.section([0.0, 0.0, 1.0], [0.0, 0.0, z])
+    if cut is None:
+        return None
+    planar, _ = cut.to_2D(to_2D=np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -z], [0, 0, 0, 1.0]]))
+    rings = [p for p in planar.polygons_closed if p is not None]
+    return reduce(shapely.symmetric_difference, rings, Polygon())  # rings inside of rings are holes
+
+
+def _shadow(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
+    """The shadow of all of a mesh that is above z."""
+    if mesh.bounds[1, 2] <= z:
+        return None
+    above = mesh.slice_plane([0.0, 0.0, z], [0.0, 0.0, 1.0]) if mesh.bounds[0, 2] < z else mesh
+    if mesh.is_convex:
+        return MultiPoint(above.vertices[:, :2]).convex_hull
+    faces = np.asarray(shapely.polygons(above.triangles[:, :, :2]))
+    return shapely.union_all(faces[shapely.area(faces) > 1e-12])
+
+
+def _parts(geometry: shapely.Geometry) -> MultiPolygon:
+    """The areas of any geometry, without lines and points."""
+    return MultiPolygon([g for g in shapely.get_parts(geometry) if isinstance(g, Polygon) and g.area > 0.0])

@@ -1,0 +1,301 @@
+"""Grasps of an object: the poses of the TCP that an arm is asked to reach.
+
+A grasp is a frame midway between the fingertips, +z the approach axis, +y the closing axis. An asset names its own as
+sites `grasp_*`; a gripper of two fingers takes each of them half a turn about its approach just as well. Without any,
+they are made from the object's geometry for every pose it may be drawn in: from above with 8 yaws, the same tilted by
+15, 30 and 45 degrees, and from the side where the object is taller than wide. Whatever would need a wider gap than the
+gripper has is left out.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.errors import GraspError
+from sceniris_gym.geometry.pieces import Piece
+from sceniris_gym.geometry.resting_poses import Variant, matrix
+from sceniris_gym.grasping.gripper import Gripper
+from sceniris_gym.scene.model import SceneModel
+
+PREFIX = "grasp_"
+YAWS = 8
+TILTS = (0.0, 15.0, 30.0, 45.0)  # degrees from the vertical
+_SIDE = 90.0
+MOST_RISING = math.sin(math.radians(10.0))
+"""Most that the approach axis of a grasp may rise, as its z component: 10 degrees. What rises more comes from below,
+through what the object stands on."""
+# Fingertips stay this far above the plane that the object stands on, and off the palm [m].
+_ABOVE = 0.002
+# A rotation for each axis of an object that may point up: +z, -z, +x, -x, +y, -y.
+_UPS = ((1, 0, 0, 0), (0, 1, 0, 0), (1, 0, -1, 0), (1, 0, 1, 0), (1, 1, 0, 0), (1, -1, 0, 0))
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """A pose of the TCP in the frame of one of the object's bodies.
+
+    Attributes:
+        name: The site's name, with " rolled" behind it half a turn about the approach; or "top", "tilt 15", ... or
+            "side" with the yaw in degrees.
+        body: Id of the body.
+        pos: Position [m] in the body's frame, shape (3,).
+        quat: Orientation, wxyz.
+        opening: Gap [m] that the fingers need to go around what is between them.
+    """
+
+    name: str
+    body: int
+    pos: np.ndarray
+    quat: np.ndarray
+    opening: float
+
+
+@dataclass(frozen=True)
+class GraspSet:
+    """All grasps of an object, and which of them belong to which of the poses it is drawn from.
+
+    Attributes:
+        grasps: In the order in which they are tried.
+        spans: (first, number) for each variant of the object.
+    """
+
+    grasps: tuple[Grasp, ...]
+    spans: tuple[tuple[int, int], ...]
+
+
+class Graspable:
+    """An object at home, as triangles in its root's frame.
+
+    Args:
+        scene: The scene.
+        name: The object.
+        pieces: All obstacles.
+        home: The model at its start pose.
+    """
+
+    def __init__(self, scene: SceneModel, name: str, pieces: list[Piece], home: mujoco.MjData) -> None:
+        self.name, self.scene = name, scene
+        self.bodies = scene.subtree(name)
+        self.root = self.bodies[0]
+        self._home = home
+        meshes = [
+            self._to_root(p.body, p.mesh.vertices)[p.mesh.faces]
+            for p in pieces
+            if p.body in self.bodies and p.mesh is not None
+        ]
+        self.triangles = np.concatenate([np.zeros((0, 3, 3)), *meshes])
+        self.center = self._to_root(-1, home.subtree_com[self.root][None])[0]
+
+    def grasp_set(self, variants: list[Variant], any_turn: bool, gripper: Gripper) -> GraspSet:
+        """The grasps that fit the gripper: the asset's own, or those made from its geometry.
+
+        Args:
+            variants: Poses that the object's orientation is drawn from.
+            any_turn: Whether any orientation may be drawn, in which each side may be up.
+            gripper: What is to grasp it.
+
+        Of a stable pose in which the gripper cannot take the object there are none, and it is never accepted.
+
+        Raises:
+            GraspError: all of them need a wider gap than the gripper has.
+        """
+        own = self._sites(gripper)
+        groups = [own] if own else [self._made(v, any_turn, gripper) for v in variants]
+        kept = [[g for g in group if g.opening <= gripper.opening] for group in groups]
+        if not any(kept):
+            every = [g.opening for group in groups for g in group]
+            raise GraspError(
+                f"{self.scene.config.where}: objects.{self.name}", min(every, default=None), gripper.opening
+            )
+        if own:
+            return GraspSet(tuple(kept[0]), ((0, len(kept[0])),) * len(variants))
+        first = np.cumsum([0, *(len(group) for group in kept)])
+        spans = tuple((int(a), len(group)) for a, group in zip(first, kept, strict=False))
+        return GraspSet(tuple(g for group in kept for g in group), spans)
+
+    def _sites(self, gripper: Gripper) -> list[Grasp]:
+        mjm, found = self.scene.mjm, []
+        for i in range(mjm.nsite):
+            name = mjm.site(i).name.rsplit("/", 1)[-1]
+            body = int(mjm.site_bodyid[i])
+            if body not in self.bodies or not name.startswith(PREFIX):
+                continue
+            pos = self._to_root(body, mjm.site_pos[i][None])[0]
+            axes = self._turn(body) @ matrix(mjm.site_quat[i])
+            between = section(self.triangles, pos, axes, gripper)
+            opening = 0.0 if between is None else 2.0 * max(abs(between[0]), abs(between[1]))
+            found.append(Grasp(name, body, mjm.site_pos[i].copy(), mjm.site_quat[i].copy(), opening))
+        return found + [_rolled(g) for g in found]
+
+    def _made(self, variant: Variant, any_turn: bool, gripper: Gripper) -> list[Grasp]:
+        if any_turn:
+            ups = [matrix(np.array(up) / np.linalg.norm(up)) for up in _UPS]
+            return [g for up in ups for g in self._from_above(up, (0.0,), gripper)]
+        turn = matrix(variant.quat)
+        found = self._from_above(turn, TILTS, gripper)
+        low, high = _extents(self.triangles @ turn.T)
+        if high[2] - low[2] > max(high[:2] - low[:2]):
+            found += self._from_above(turn, (_SIDE,), gripper)
+        return found
+
+    def _from_above(self, turn: np.ndarray, tilts: tuple[float, ...], gripper: Gripper) -> list[Grasp]:
+        """Grasps of the object turned by `turn` (3, 3), for each tilt of the approach from straight down [degrees]."""
+        found = []
+        for tilt in tilts:
+            for yaw in np.arange(YAWS) * 360.0 / YAWS:
+                axes = turn.T @ tcp_axes(yaw, tilt)
+                made = self._at_center(turn, axes, tilt, gripper)
+                if made is not None:
+                    word = "top" if tilt == 0.0 else "side" if tilt == _SIDE else f"tilt {tilt:g}"
+                    found.append(Grasp(f"{word} {yaw:g}", self.root, made[0], _quat(axes), made[1]))
+        return found
+
+    def _at_center(
+        self, turn: np.ndarray, axes: np.ndarray, tilt: float, gripper: Gripper
+    ) -> tuple[np.ndarray, float] | None:
+        """Where a grasp with these axes takes the object, and the gap that it needs; None if it closes on nothing."""
+        if not len(self.triangles):
+            return np.zeros(3), 0.0
+        low, high = _extents(self.triangles @ turn.T)
+        at = turn @ self.center
+        deepest = gripper.depth - _ABOVE
+        if tilt == _SIDE:
+            at[2] = max(0.5 * (low[2] + high[2]), low[2] + gripper.half_width + _ABOVE)
+            near, far = _ahead(self.triangles, turn.T @ at, axes, gripper)
+            at += (turn @ axes[:, 2]) * (near + min(0.5 * (far - near), deepest))
+        else:
+            slope = np.radians(tilt)
+            fingers = gripper.tip * np.cos(slope) + gripper.half_width * np.sin(slope) + _ABOVE
+            at[2] = max(high[2] - min(0.5 * (high[2] - low[2]), deepest), low[2] + fingers)
+        pos = turn.T @ at
+        between = section(self.triangles, pos, axes, gripper)
+        if between is None:
+            return None
+        return pos + axes[:, 1] * 0.5 * (between[0] + between[1]), between[1] - between[0]
+
+    def _turn(self, body: int) -> np.ndarray:
+        back = self._home.xmat[self.root].reshape(3, 3).T
+        return back if body < 0 else back @ self._home.xmat[body].reshape(3, 3)
+
+    def _to_root(self, body: int, points: np.ndarray) -> np.ndarray:
+        """Points (n, 3) of a body's frame (-1: the world's) in the root's."""
+        at = np.zeros(3) if body < 0 else self._home.xpos[body]
+        back = self._home.xmat[self.root].reshape(3, 3).T
+        return points @ self._turn(body).T + back @ (at - self._home.xpos[self.root])
+
+
+def _rolled(grasp: Grasp) -> Grasp:
+    quat = np.empty(4)
+    mujoco.mju_mulQuat(quat, grasp.quat, np.array([0.0, 0.0, 0.0, 1.0]))
+    return replace(grasp, name=f"{grasp.name} rolled", quat=quat)
+
+
+def tcp_axes(yaw: float, tilt: float) -> np.ndarray:
+    """Axes of a TCP as columns (3, 3): straight down, tilted about the closing axis, then turned about the vertical.
+
+    Args:
+        yaw: of the closing axis from y, in degrees.
+        tilt: of the approach axis from straight down, in degrees; 90 is level.
+    """
+    s, c = np.sin(np.radians(tilt)), np.cos(np.radians(tilt))
+    down = np.array([[-c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, -c]])
+    s, c = np.sin(np.radians(yaw)), np.cos(np.radians(yaw))
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ down
+
+
+def section(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, gripper: Gripper) -> tuple[float, float] | None:
+    """What the fingers of a TCP stand around: least and greatest extent [m] along the closing axis from the TCP on.
+
+    The part of the solid is looked at that lies in the fingers' width and before their tips. Where a finger fits
+    between two parts of it, the part counts in which the TCP is, or that is nearest to it.
+
+    Args:
+        triangles: Closed surfaces [m], shape (n, 3, 3).
+        pos: Position of the TCP in their frame [m], shape (3,).
+        axes: Its axes in that frame as columns, shape (3, 3).
+        gripper: What grasps.
+
+    Returns:
+        None where nothing is between the fingers, or what is there is farther off than they open.
+    """
+    spans = _clipped(triangles, pos, axes, gripper.half_width, gripper.tip)[1]
+    if not len(spans):
+        return None
+    spans = spans[np.argsort(spans[:, 0], kind="stable")]
+    high = np.maximum.accumulate(spans[:, 1])
+    starts = np.concatenate([[True], spans[1:, 0] > high[:-1] + gripper.thickness])
+    low = spans[starts, 0]
+    high = high[np.concatenate([np.flatnonzero(starts)[1:] - 1, [len(spans) - 1]])]
+    off = np.maximum(np.maximum(low, -high), 0.0)
+    best = int(np.argmin(off))
+    return (float(low[best]), float(high[best])) if off[best] < 0.5 * gripper.opening else None
+
+
+def _ahead(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, gripper: Gripper) -> tuple[float, float]:
+    """Where the solid begins and ends along the approach axis [m] from the TCP on, in the fingers' width."""
+    spans = _clipped(triangles, pos, axes, gripper.half_width, np.inf)[2]
+    return (float(spans[:, 0].min()), float(spans[:, 1].max())) if len(spans) else (0.0, 0.0)
+
+
+def _clipped(
+    triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, half_width: float, tip: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Extents (n, 2) along each axis of a TCP of those triangles that reach into |x| <= half_width and z <= tip.
+
+    The corners of a clipped triangle are its own, where its edges meet the three planes, and where its plane meets the
+    two lines in which those planes meet.
+    """
+    local = (triangles - pos) @ axes
+    low, high = local.min(axis=1), local.max(axis=1)
+    local = local[(low[:, 0] <= half_width) & (high[:, 0] >= -half_width) & (low[:, 2] <= tip)]
+    points = [local]
+    for axis, value in ((0, -half_width), (0, half_width), (2, tip)):
+        if np.isfinite(value):
+            points.append(_crossings(local, axis, value))
+    if np.isfinite(tip):
+        points += [_pierced(local, x, tip) for x in (-half_width, half_width)]
+    corners = np.concatenate(points, axis=1)
+    slack = 1e-9
+    inside = (np.abs(corners[..., 0]) <= half_width + slack) & (corners[..., 2] <= tip + slack)
+    kept = inside.any(axis=1)
+    corners, inside = corners[kept], inside[kept]
+    low = np.where(inside[..., None], corners, np.inf).min(axis=1)
+    high = np.where(inside[..., None], corners, -np.inf).max(axis=1)
+    spans = np.stack([low, high], axis=-1)
+    return spans[:, 0], spans[:, 1], spans[:, 2]
+
+
+def _crossings(triangles: np.ndarray, axis: int, value: float) -> np.ndarray:
+    """Where the edges of triangles meet the plane of one coordinate, shape (n, 3, 3); nan where they do not."""
+    other = np.roll(triangles, -1, axis=1)
+    a, b = triangles[..., axis] - value, other[..., axis] - value
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = np.where(a * b < 0.0, a / (a - b), np.nan)
+    return triangles + t[..., None] * (other - triangles)
+
+
+def _pierced(triangles: np.ndarray, x: float, z: float) -> np.ndarray:
+    """Where triangles meet the line of two coordinates, shape (n, 1, 3); nan where they do not."""
+    a, u, v = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    dx, dz = x - a[:, 0], z - a[:, 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        det = u[:, 0] * v[:, 2] - v[:, 0] * u[:, 2]
+        s, t = (dx * v[:, 2] - v[:, 0] * dz) / det, (u[:, 0] * dz - dx * u[:, 2]) / det
+        hit = (s >= 0.0) & (t >= 0.0) & (s + t <= 1.0)
+        at = a + s[:, None] * u + t[:, None] * v
+    return np.where(hit[:, None], at, np.nan)[:, None]
+
+
+def _extents(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    points = triangles.reshape(-1, 3) if len(triangles) else np.zeros((1, 3))
+    return points.min(axis=0), points.max(axis=0)
+
+
+def _quat(axes: np.ndarray) -> np.ndarray:
+    quat = np.empty(4)
+    mujoco.mju_mat2Quat(quat, axes.ravel())
+    return quat

@@ -1,0 +1,149 @@
+"""The gripper of an arm, from its geometry: how wide it opens, and how far its fingers reach.
+
+Fingers are moved by the joints beyond the TCP's chain. All is measured in the frame of the TCP: +z is the approach
+axis, +y the closing axis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.geometry.pieces import Piece, PieceType
+from sceniris_gym.reach.arm import SerialArm
+from sceniris_gym.scene.model import subtree
+
+# Fingers that are not there take no room; what such a tool touches may be of any width.
+_NO_LIMIT = 1.0e3
+# How deep a grasp may be where nothing stands behind the TCP [m].
+_DEEP = 0.1
+
+
+@dataclass(frozen=True)
+class Gripper:
+    """A gripper in the frame of its TCP; lengths in metres.
+
+    Attributes:
+        opening: Widest gap between the fingers; 1000 for a tool without fingers.
+        closed: Least gap.
+        tip: How far the fingers reach beyond the TCP.
+        depth: How far the TCP is before the palm.
+        half_width: Half the width of the fingers at the TCP, across the closing axis.
+        thickness: Of a finger at the TCP, along the closing axis.
+        qposadr: Where the fingers' joints are in qpos.
+        open_qpos: Their positions with the widest gap [m or rad].
+        closed_qpos: Their positions with the least gap.
+    """
+
+    opening: float
+    closed: float
+    tip: float
+    depth: float
+    half_width: float
+    thickness: float
+    qposadr: np.ndarray
+    open_qpos: np.ndarray
+    closed_qpos: np.ndarray
+
+    @classmethod
+    def from_model(cls, mjm: mujoco.MjModel, arm: SerialArm, home_qpos: np.ndarray, pieces: list[Piece]) -> Gripper:
+        """Measure the gripper of an arm.
+
+        Args:
+            mjm: The model.
+            arm: The arm in it.
+            home_qpos: A pose of the model, shape (nq,); the fingers are measured at the limits of their joints.
+            pieces: Obstacles of the model.
+        """
+        hand = carried(mjm, arm)
+        own = [p for p in pieces if p.body in hand and p.type != PieceType.PLANE]
+        joints = _finger_joints(mjm, hand, arm)
+        adr = mjm.jnt_qposadr[joints].astype(int)
+        if not joints or not own:
+            nothing = np.zeros(0)
+            return cls(_NO_LIMIT, 0.0, 0.0, _DEEP, 0.01, 0.0, np.zeros(0, int), nothing, nothing)
+        data = mujoco.MjData(mjm)
+        data.qpos[:] = home_qpos
+        limits = mjm.jnt_range[joints]
+        outer = [_outer(mjm, data, arm, joint, own) for joint in joints]
+        rows = np.arange(len(joints))
+        wide, narrow = limits[rows, outer], limits[rows, 1 - np.array(outer)]
+        low, high, opening = _fingers(mjm, data, arm, own, adr, wide)
+        _, _, closed = _fingers(mjm, data, arm, own, adr, narrow)
+        at = (low[:, 2] <= 0.0) & (high[:, 2] >= 0.0)
+        between = ~at & (high[:, 2] < 0.0) & (low[:, 1] < 0.5 * opening) & (high[:, 1] > -0.5 * opening)
+        return cls(
+            opening=opening,
+            closed=closed,
+            tip=float(high[at, 2].max(initial=0.0)),
+            depth=float(-high[between, 2].max(initial=-_DEEP)),
+            half_width=float(np.abs([low[at, 0], high[at, 0]]).max(initial=0.0)),
+            thickness=float((high[at, 1] - low[at, 1]).max(initial=0.0)),
+            qposadr=adr,
+            open_qpos=wide,
+            closed_qpos=narrow,
+        )
+
+
+def carried(mjm: mujoco.MjModel, arm: SerialArm) -> set[int]:
+    """The bodies that the arm's last joint carries: hand and fingers, its own body among them."""
+    moved = {int(mjm.jnt_bodyid[j]) for j in range(mjm.njnt) if mjm.jnt_qposadr[j] in arm.qposadr}
+    root = int(mjm.site_bodyid[arm.tcp_site])
+    while root not in moved:
+        root = int(mjm.body_parentid[root])
+    return set(subtree(mjm, root))
+
+
+def _finger_joints(mjm: mujoco.MjModel, hand: set[int], arm: SerialArm) -> list[int]:
+    scalar = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
+    return [
+        j
+        for j in range(mjm.njnt)
+        if int(mjm.jnt_bodyid[j]) in hand
+        and mjm.jnt_qposadr[j] not in arm.qposadr
+        and int(mjm.jnt_type[j]) in scalar
+        and mjm.jnt_limited[j]
+    ]
+
+
+def _outer(mjm: mujoco.MjModel, data: mujoco.MjData, arm: SerialArm, joint: int, pieces: list[Piece]) -> int:
+    """Which limit of a finger's joint (0 the lower, 1 the upper) has what it moves farther from the approach axis."""
+    below = subtree(mjm, int(mjm.jnt_bodyid[joint]))
+    moved = [p for p in pieces if p.body in below]
+    adr = int(mjm.jnt_qposadr[joint])
+    home = float(data.qpos[adr])
+    off = []
+    for value in mjm.jnt_range[joint]:
+        data.qpos[adr] = value
+        low, high = _boxes(mjm, data, arm, moved)
+        off.append(float(np.abs(low[:, 1] + high[:, 1]).sum()))
+    data.qpos[adr] = home
+    return int(off[1] > off[0])
+
+
+def _fingers(
+    mjm: mujoco.MjModel, data: mujoco.MjData, arm: SerialArm, pieces: list[Piece], adr: np.ndarray, qpos: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Boxes of all pieces in the TCP's frame, and the gap between those that stand beside the TCP."""
+    data.qpos[adr] = qpos
+    low, high = _boxes(mjm, data, arm, pieces)
+    at = (low[:, 2] <= 0.0) & (high[:, 2] >= 0.0)
+    left = at & (low[:, 1] + high[:, 1] > 0.0)
+    right = at & (low[:, 1] + high[:, 1] <= 0.0)
+    gap = low[left, 1].min(initial=_NO_LIMIT) - high[right, 1].max(initial=-_NO_LIMIT)
+    return low, high, float(np.clip(gap, 0.0, _NO_LIMIT))
+
+
+def _boxes(
+    mjm: mujoco.MjModel, data: mujoco.MjData, arm: SerialArm, pieces: list[Piece]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest corner [m] of each piece in the TCP's frame, shapes (npiece, 3)."""
+    mujoco.mj_kinematics(mjm, data)
+    axes = data.site_xmat[arm.tcp_site].reshape(3, 3).T
+    at = data.site_xpos[arm.tcp_site]
+    found = [p.extents(axes @ data.xmat[p.body].reshape(3, 3)) for p in pieces]
+    shift = np.reshape([axes @ (data.xpos[p.body] - at) for p in pieces], (-1, 3))
+    low, high = (np.reshape([f[k] for f in found], (-1, 3)) + shift for k in range(2))
+    return low, high

@@ -1,0 +1,171 @@
+"""The mappings of a configuration for the original package, read key by key: `Section`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from sceniris_gym.errors import SceneKeyError, UnknownNameError
+
+_SHAPES = {(): "a number", (2,): "[x, y]", (3,): "[x, y, z]", (2, 2): "[[min x, min y], [max x, max y]]"}
+
+
+CONFIGURATION = "original configuration"
+"""What errors call the whole."""
+
+
+@dataclass
+class Notes:
+    """What is to be told of a configuration.
+
+    Attributes:
+        left_out: Dotted paths of keys that are not carried over.
+        changed: What keys mean here and there, by their dotted paths, where that is not the same.
+        origins: Dotted path of a part of the scene -> that of the key which it was made from.
+        advice: How more of it could be carried over, sentences.
+    """
+
+    left_out: list[str] = field(default_factory=list)
+    changed: dict[str, str] = field(default_factory=dict)
+    origins: dict[str, str] = field(default_factory=dict)
+    advice: list[str] = field(default_factory=list)
+
+    def advise(self, sentence: str) -> None:
+        """Give a piece of advice, once."""
+        if sentence not in self.advice:
+            self.advice.append(sentence)
+
+
+class KeyReader:
+    """One mapping of the configuration. What is not taken from it is left out; None is the same as no key.
+
+    Args:
+        data: The mapping.
+        path: Its dotted path in the configuration, empty for the whole.
+        notes: Where it goes what is left out or changed.
+    """
+
+    def __init__(self, data: Any, path: str, notes: Notes) -> None:
+        self.path, self.notes = path, notes
+        if not isinstance(data, Mapping):
+            raise self.wrong("", f"{_short(data)} should be a mapping of keys to values")
+        self._rest = {str(key): value for key, value in data.items() if value is not None}
+
+    def at(self, key: str) -> str:
+        """Return the dotted path of a key."""
+        return ".".join(filter(None, (self.path, key)))
+
+    def wrong(self, key: str, advice: str) -> SceneKeyError:
+        """Return the error of a key; `advice` says what was wrong and what would be right."""
+        return SceneKeyError(f"{CONFIGURATION}: {self.at(key) or 'cfg'}: {advice}.")
+
+    def known(self, key: str, kind: str, name: Any, valid: Iterable[str], own: str | None = None) -> str:
+        """Return a name that was found at `key`; `own` is the object that the key belongs to, which is no advice.
+
+        Raises:
+            UnknownNameError: it is none of the valid names.
+        """
+        valid = list(valid)
+        if name not in valid:
+            others = [other for other in valid if other != own]
+            raise UnknownNameError(kind, str(name), f"{CONFIGURATION}: {self.at(key)}", others)
+        return name
+
+    def take(self, key: str, default: Any = None) -> Any:
+        """Return the value of a key, whatever it is."""
+        return self._rest.pop(key, default)
+
+    def value(self, key: str) -> Any:
+        """Return the value of a key, or None, and leave it there to be taken."""
+        return self._rest.get(key)
+
+    def array(self, key: str, default: Any, shape: tuple[int, ...]) -> np.ndarray:
+        """Return the value of a key as an array of floats.
+
+        Raises:
+            SceneKeyError: it is no array of finite numbers of this shape.
+        """
+        return self.checked(key, self.take(key, default), shape)
+
+    def number(self, key: str, default: float) -> float:
+        """Return the value of a key as a number."""
+        return float(self.array(key, default, ()))
+
+    def checked(self, key: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
+        """Return a value that was found at `key` as an array of floats, as `array` does."""
+        array = _numbers(value)
+        if array is None or array.shape != shape:
+            raise self.wrong(key, f"{_short(value)} should be {_SHAPES[shape]}")
+        return array
+
+    def rotation(self, key: str, value: Any) -> np.ndarray:
+        """Return the rotation, shape (3, 3), of a transform that was found at `key`.
+
+        Raises:
+            SceneKeyError: it is no matrix of 4 x 4 or 3 x 3 numbers.
+        """
+        array = _numbers(value)
+        if array is None or array.shape not in ((4, 4), (3, 3)):
+            raise self.wrong(key, f"{_short(value)} should be a matrix of 4 x 4 or 3 x 3 numbers")
+        return array[:3, :3]
+
+    def values(self, key: str) -> list:
+        """Return the value of a key as a list, empty if there is none."""
+        value = self.take(key, ())
+        if isinstance(value, str | bytes) or not isinstance(value, Sequence | np.ndarray):
+            raise self.wrong(key, f"{_short(value)} should be a list")
+        return list(value)
+
+    def section(self, key: str) -> KeyReader:
+        """Return the mapping at a key, an empty one if there is none."""
+        return KeyReader(self.take(key, {}), self.at(key), self.notes)
+
+    def sections(self, key: str) -> list[KeyReader]:
+        """Return the mappings in the list at a key."""
+        return [KeyReader(data, self.at(f"{key}.{i}"), self.notes) for i, data in enumerate(self.values(key))]
+
+    def everything(self) -> dict[str, Any]:
+        """Return all that was not taken yet, and take it."""
+        rest, self._rest = self._rest, {}
+        return rest
+
+    def ignore(self, *keys: str) -> None:
+        """Forget keys that have no effect in the original either."""
+        for key in keys:
+            self._rest.pop(key, None)
+
+    def leave_out(self, key: str = "") -> None:
+        """Say that a key, or the whole mapping, is left out."""
+        self.notes.left_out.append(self.at(key))
+        self._rest.pop(key, None)
+
+    def change(self, key: str, meaning: str) -> None:
+        """Say that a key is carried over with another meaning, here and in the original, or with another value."""
+        self.notes.changed[self.at(key)] = meaning
+
+    def made(self, part: str, key: str) -> None:
+        """Remember that a part of the scene, by its dotted path, is made from a key, so that errors name that."""
+        self.notes.origins[part] = self.at(key)
+
+    def finish(self) -> None:
+        """Leave out all keys that were not taken."""
+        for key in list(self._rest):
+            self.leave_out(key)
+
+
+def _numbers(value: Any) -> np.ndarray | None:
+    try:
+        array = np.asarray(value)
+    except ValueError:  # lists of different lengths
+        return None
+    if array.dtype.kind not in "iuf" or not np.isfinite(array).all():
+        return None
+    return array.astype(float)
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "..."

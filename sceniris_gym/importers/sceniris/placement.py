@@ -1,0 +1,86 @@
+"""Where an object of a configuration for the original package is: on its parent, or at a fixed position."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from sceniris_gym.config.fields import FLOOR, MOST_FAR
+from sceniris_gym.importers.sceniris.keys import KeyReader
+from sceniris_gym.importers.sceniris.relations import Views, note_origins, read_relation
+
+_PLANE = "_plane"  # the original's name of its ground
+_SUPPORT_WORDS = {"top": "on", "inside": "inside", "in": "inside"}
+_HALF_EDGE = 1e-4  # m, of the square on the floor that stands for a fixed position
+
+
+def needed_floor(objects: Mapping[str, KeyReader]) -> np.ndarray:
+    """Return the least size of a floor [m] that holds all fixed positions on it, shape (2,)."""
+    size = np.zeros(2)
+    for part in objects.values():
+        point = fixed_point(part)
+        if point is not None and point[2] == 0.0:
+            size = np.maximum(size, 2.0 * (np.abs(point[:2]) + _HALF_EDGE))
+            if (size > 2.0 * MOST_FAR).any():
+                raise part.wrong("fixed_world_positions", f"should be within {MOST_FAR:g} m of the world's origin")
+    return size
+
+
+def fixed_point(keys: KeyReader) -> np.ndarray | None:
+    """Return the fixed position of an object, shape (3,), if it has one and only one; leave it there to be taken."""
+    fixed = keys.value("fixed_world_positions")
+    if not isinstance(fixed, Sequence | np.ndarray) or len(fixed) != 1:
+        return None
+    return keys.checked("fixed_world_positions", fixed[0], (3,))
+
+
+def fixed_place(keys: KeyReader, point: np.ndarray) -> dict:
+    """Return the words for a fixed position [m], shape (3,): a point in the air, or a tiny square on the floor."""
+    keys.ignore("fixed_world_positions")
+    keys.ignore("parent_id", "relation_to_parent", "ratio_on_support", "position", "constraints")
+    keys.made(f"{keys.path}.region", "fixed_world_positions")
+    if point[2] != 0.0:
+        return {"region": {"box": (point, point)}}
+    return {"on": FLOOR, "region": {"box": (point[:2] - _HALF_EDGE, point[:2] + _HALF_EDGE)}}
+
+
+def place(keys: KeyReader, views: Views, limits: np.ndarray | None) -> dict:
+    """Return the words for a place on a parent; `limits` [m], shape (2, 2), is the part of the floor to keep to."""
+    parent = str(keys.take("parent_id", _PLANE))
+    keys.known("parent_id", "object", parent.split("/")[0], [_PLANE, *views.objects], views.own)
+    parent = FLOOR if parent == _PLANE else parent
+    relation = keys.take("relation_to_parent", "top")
+    keys.known("relation_to_parent", "relation to a parent", relation, _SUPPORT_WORDS)
+    position = keys.section("position")
+    is_cropped = position.value("xy_limit") is not None
+    limit = position.array("xy_limit", [[0.0, 0.0], [1.0, 1.0]], (2, 2))
+    crop = np.sort(limit.clip(0.0, 1.0), axis=0)
+    if (crop != limit).any():
+        position.change("xy_limit", f"{crop.tolist()} here, the low corner first and cut off at the support's bounds")
+    position.finish()
+    region: dict | None = {"fraction": crop} if is_cropped else None
+    if parent == FLOOR and limits is not None:
+        region = {"box": limits[0] + crop * (limits[1] - limits[0])}
+    relations: list[dict] = []
+    for constraint in keys.sections("constraints"):
+        if (found := read_relation(constraint, views)) is not None:
+            note_origins(constraint, f"{keys.path}.relations.{len(relations)}", found)
+            relations.append(found)
+    keys.made(f"{keys.path}.{_SUPPORT_WORDS[relation]}", "parent_id")
+    keys.made(f"{keys.path}.region", "position.xy_limit")
+    keys.made(f"{keys.path}.relations", "constraints")
+    return {
+        _SUPPORT_WORDS[relation]: parent,
+        "ratio_on_support": _ratio(keys),
+        "region": region,
+        "relations": relations,
+    }
+
+
+def _ratio(keys: KeyReader) -> float:
+    ratio = keys.number("ratio_on_support", 0.0)
+    whole = min(max(ratio, 0.0), 1.0)
+    if whole != ratio:
+        keys.change("ratio_on_support", f"{ratio:g} is cut off to {whole:g}, here as there")
+    return whole

@@ -1,0 +1,266 @@
+"""Configurations written for the original Sceniris package, read as scenes of this one: `read_sceniris`."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sceniris_gym.config.loader import SHIPPED_NAME
+from sceniris_gym.config.messages import reading
+from sceniris_gym.config.scene import RobotConfig, SceneConfig
+from sceniris_gym.errors import KeysLeftOutWarning, ScenirisError, UnknownNameError
+from sceniris_gym.importers.sceniris.errors import in_its_keys, origin
+from sceniris_gym.importers.sceniris.keys import CONFIGURATION, KeyReader, Notes
+from sceniris_gym.importers.sceniris.placement import fixed_place, fixed_point, needed_floor, place
+from sceniris_gym.importers.sceniris.relations import Views
+from sceniris_gym.reach.tier import TIERS
+from sceniris_gym.scene.assemble import names_in
+
+_ROBOT_VIEWS = ("robot_centric_axis_transforms", "robot_centric_frame_transforms")
+
+
+def read_sceniris(
+    cfg: Mapping[str, Any],
+    assets: Mapping[str, str] | None = None,
+    *,
+    robot: str | Mapping[str, Any] | None = None,
+    tier: str = "map",
+) -> SceneConfig:
+    """Read a configuration of the original package, the dict that its `Scene.gen_from_cfg` takes.
+
+    These keys are read, with the original's defaults:
+
+    - `env`: `env_size` (1.0) or `workspace_limits`, which make the floor, and `robot_centric_axis_transforms`, turned
+      views of the world that relations may name.
+    - `objects`, a list or a mapping by id: `id`, `asset_path`, `parent_id` (the ground), `relation_to_parent` ('top'
+      is `on`, 'inside' and 'in' are `inside`), `ratio_on_support` (0), `position.xy_limit` (fractions of the
+      support's bounds, which cut it off), `constraints`, and `fixed_world_positions` if there is only one, which
+      overrules those five: in the air that point, at z = 0 a square of 0.2 mm on the floor around it. Where it lies
+      beyond the workspace the floor is made larger, and what is on the floor without such a position keeps to the
+      workspace.
+    - `reachable`, if there is a `robot`.
+    - `rotation`, in degrees: 'uniform_z' with `lower` and `upper`, 'constant' with an `orientation` about z, 'stable'
+      with `z_rotation`, 'face_to' with `face_to_object_id`.
+    - `joint_states`: `joint_ids`, and `min` (0) and `max` (1) as fractions of the joint's limits, one pair for a joint.
+    - `constraints`, all of which hold: `anchor_object_ids`; `direction` (a side, an axis or [x, y]) within
+      `direction_tolerance_angle` (90), in the frame `relation_axis_transform`: the *support's* by default, or 'world',
+      an object (where the original knows anchors only), a robot's view, or a rotation matrix on top of the support's;
+      `distance` with `distance_type` ('equal') and `distance_relax` (0.01); `distance_start_bbox`, which measures
+      between the bounds of both objects here, and from the anchor's hull to the other's origin in the original.
+      'middle' as a direction or type of distance, and several anchors without a direction, are `between`, which for two
+      of them is a strip here and a rectangle in the original.
+
+    Objects that have joint states or a fixed position, or that others stand on, become fixtures; the others are free.
+    Joints and parts ('drawer/upper') must have these names in the assets, which are looked into where there are such
+    MJCF files. A key that has no effect in the original has none here.
+
+    Args:
+        cfg: The configuration; it is not changed.
+        assets: Assets by the id of the object, shipped names or MJCF files, in place of its `asset_path`.
+        robot: The scene's robot, which configurations do not have: an asset, or a mapping as in a scene file.
+        tier: How thoroughly that robot is to reach what is `reachable`: 'map', 'map_strict', 'ik' or 'clear'.
+
+    Returns:
+        The scene.
+
+    Raises:
+        ScenirisError: A key is missing, or a value or a name is wrong.
+
+    Warns:
+        KeysLeftOutWarning: Some keys cannot be carried over, or not with their meaning or value: a
+            `ratio_on_support` beyond 0 to 1 is cut off, and so is an `xy_limit`, whose corners may also be in another
+            order. It names them all; an `asset_path` among them is one that is kept, but is no MJCF file.
+    """
+    notes = Notes()
+    keys = KeyReader(cfg, "", notes)
+    env, objects = keys.section("env"), _objects_by_id(keys)
+    views = Views(
+        objects, {robot: turn for key in _ROBOT_VIEWS for robot, turn in env.section(key).everything().items()}
+    )
+    limits = env.array("workspace_limits", None, (2, 2)) if env.value("workspace_limits") is not None else None
+    edge = env.number("env_size", 1.0)
+    size = np.array([edge, edge]) if limits is None else 2.0 * np.abs(limits).max(axis=0)
+    env.made("floor.size", "env_size" if limits is None else "workspace_limits")
+    env.finish()
+    needed = needed_floor(objects)
+    if (size > 0.0).all() and (size < needed).any():
+        limits = 0.5 * np.array([-size, size]) if limits is None else limits
+        size = np.maximum(size, needed)
+    for name in assets or {}:
+        if name not in objects:
+            raise UnknownNameError("object", name, "read_sceniris: assets", objects)
+    parents = {str(part.value("parent_id")).split("/")[0] for part in objects.values()}
+    reach = None if robot is None else _known_tier(tier)
+    scene = {
+        "floor": {"size": size},
+        "robot": _checked_robot(robot),
+        "objects": {
+            name: _object(part, replace(views, own=name), limits, (assets or {}).get(name), name in parents, reach)
+            for name, part in objects.items()
+        },
+    }
+    keys.finish()
+    try:
+        config = SceneConfig.load(scene)
+    except ScenirisError as error:
+        raise in_its_keys(error, notes.origins) from None
+    _check_parts(config, notes.origins)
+    if notes.left_out or notes.changed:
+        warnings.warn(KeysLeftOutWarning(notes.left_out, notes.changed, notes.advice), stacklevel=2)
+    return config
+
+
+def _checked_robot(robot: str | Mapping[str, Any] | None) -> dict[str, Any] | None:
+    if robot is None:
+        return None
+    words: Any = {"asset": robot} if isinstance(robot, str) else robot
+    with reading("read_sceniris: robot"):
+        RobotConfig.model_validate(words)
+    return dict(words)
+
+
+def _known_tier(tier: str) -> str:
+    if tier not in TIERS:
+        raise UnknownNameError("tier", str(tier), "read_sceniris: tier", TIERS)
+    return tier
+
+
+def _check_parts(config: SceneConfig, origins: Mapping[str, str]) -> None:
+    """Check the names of joints and of parts of objects, where there is an asset that has them."""
+    inside = {
+        name: names_in(part.asset, f"{CONFIGURATION}: {origin(f'objects.{name}.asset', origins)}")
+        for name, part in config.objects.items()
+        if part.asset is not None and (SHIPPED_NAME.fullmatch(part.asset) or _is_mjcf(part.asset))
+    }
+    for name, part in config.objects.items():
+        for joint in part.joints if name in inside else ():
+            if joint not in (joints := inside[name].joints):
+                where = origin(f"objects.{name}.joints.{joint}", origins)
+                raise UnknownNameError("joint", joint, f"{CONFIGURATION}: {where}", joints)
+        owner, _, body = part.support.parent.partition("/") if part.support is not None else ("", "", "")
+        if body and owner in inside and body not in (bodies := inside[owner].bodies):
+            where = f"{CONFIGURATION}: objects.{name}.parent_id"
+            raise UnknownNameError("body", f"{owner}/{body}", where, [f"{owner}/{b}" for b in bodies])
+
+
+def _is_mjcf(asset: str) -> bool:
+    return asset.endswith(".xml") and Path(asset).is_file()
+
+
+def _objects_by_id(keys: KeyReader) -> dict[str, KeyReader]:
+    """Return the objects by their ids; in messages they are named by these, whatever form the configuration has."""
+    data = keys.value("objects")
+    if data is None:
+        raise keys.wrong("objects", "is missing. It is a list of mappings, each with an 'id'")
+    if isinstance(data, Mapping):
+        listed = keys.section("objects")
+        return {str(name): listed.section(str(name)) for name in data}
+    objects = {}
+    for part in keys.sections("objects"):
+        name = part.value("id")
+        if not isinstance(name, str):
+            raise part.wrong("id", f"{name!r} should be the name of the object")
+        if name in objects:
+            raise part.wrong("id", f"'{name}' should be another name than that of an object before it")
+        part.path = f"objects.{name}"
+        objects[name] = part
+    return objects
+
+
+def _object(
+    keys: KeyReader, views: Views, limits: np.ndarray | None, asset: str | None, is_parent: bool, tier: str | None
+) -> dict:
+    keys.ignore("id")
+    joints, fixed = _joints(keys), fixed_point(keys)
+    words = {
+        "asset": _asset(keys, asset),
+        "kind": "fixture" if joints or is_parent or fixed is not None else "free",
+        "joints": joints,
+        **(place(keys, views, limits) if fixed is None else fixed_place(keys, fixed)),
+        **_rotation(keys, views),
+        **_reachable(keys, tier),
+    }
+    keys.finish()
+    return words
+
+
+def _reachable(keys: KeyReader, tier: str | None) -> dict:
+    """Return whether the robot is to reach an object; `tier` is how thoroughly, None without a robot."""
+    wanted = keys.value("reachable")
+    if wanted is True and tier is None:
+        keys.leave_out("reachable")
+        keys.notes.advise("'reachable' is carried over if read_sceniris is given the 'robot'.")
+    elif isinstance(wanted, bool):
+        keys.ignore("reachable")
+        return {"reachable": tier} if wanted else {}
+    return {}
+
+
+def _asset(keys: KeyReader, asset: str | None) -> str:
+    keys.made(f"{keys.path}.asset", "asset_path")
+    path = keys.take("asset_path")
+    if asset is not None:
+        return asset
+    if path is None:
+        raise keys.wrong("asset_path", "is missing. Name an MJCF file or a shipped asset, or give it in 'assets'")
+    if not SHIPPED_NAME.fullmatch(str(path)) and not str(path).endswith(".xml"):
+        keys.leave_out("asset_path")
+    return str(path)
+
+
+def _joints(keys: KeyReader) -> dict:
+    joints: dict[str, dict] = {}
+    for state in keys.sections("joint_states"):
+        fraction = (state.number("min", 0.0), state.number("max", 1.0))
+        for joint in map(str, state.values("joint_ids")):
+            if joints.get(joint, {}).get("fraction", fraction) != fraction:
+                raise state.wrong("joint_ids", f"'{joint}' has other limits in an entry before it. Name it once")
+            joints[joint] = {"fraction": fraction}
+            state.made(f"{keys.path}.joints.{joint}", "joint_ids")
+            state.made(f"{keys.path}.joints.{joint}.fraction", "")
+        if state.value("distribution") == "uniform":
+            state.ignore("distribution")
+        state.finish()
+    return joints
+
+
+def _rotation(keys: KeyReader, views: Views) -> dict:
+    keys.made(f"{keys.path}.orientation", "rotation")
+    keys.made(f"{keys.path}.orientation.face_to", "rotation.face_to_object_id")
+    rotation = keys.section("rotation")
+    kind = rotation.take("type")
+    if kind == "uniform_z":
+        orientation: Any = {"yaw": (rotation.number("lower", -180.0), rotation.number("upper", 180.0))}
+    elif kind == "stable":
+        orientation = {"stable": {} if rotation.take("z_rotation", True) else {"yaw": (0.0, 0.0)}}
+    elif kind == "face_to":
+        target = rotation.take("face_to_object_id")
+        orientation = {"face_to": rotation.known("face_to_object_id", "object", target, views.objects, views.own)}
+    elif kind == "constant":
+        orientation = _constant(rotation)
+    else:
+        if kind is not None:
+            rotation.leave_out("type")
+        orientation = None
+    rotation.finish()
+    return {"orientation": orientation}
+
+
+def _constant(rotation: KeyReader) -> Any:
+    """Return the orientation of a constant rotation; one that is not about z stays as the asset has it."""
+    value = rotation.value("orientation")
+    if np.ndim(value) < 2:
+        angle = rotation.number("orientation", 0.0)
+        return {"yaw": (angle, angle)}
+    matrix = rotation.rotation("orientation", value)
+    if matrix[2, 2] < 1.0 - 1e-6:
+        return "fixed"  # and the key is left out
+    rotation.ignore("orientation")
+    angle = math.degrees(math.atan2(matrix[1, 0], matrix[0, 0]))
+    return {"yaw": (angle, angle)}

@@ -1,0 +1,43 @@
+"""`LayoutSource`: what a randomizer asks of that which makes its layouts."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import warp as wp
+
+from sceniris_gym.layout.layouts import Layouts
+
+
+class LayoutSource(Protocol):
+    """Makes the layouts of a batch of worlds: fresh ones (`LayoutGenerator`), or stored ones (`StoredLayouts`).
+
+    The two launches run on the device alone: no allocation, no host synchronisation, so that they can be part of a
+    captured graph. They check nothing; who calls them has.
+    """
+
+    @property
+    def layouts(self) -> Layouts:
+        """The latest layout of each world; the same arrays for ever."""
+        ...
+
+    def launch_reseed(self, seeds: wp.array, mask: wp.array | None) -> None:
+        """Give the masked worlds new seeds; the next layout that they get is that of episode 0.
+
+        Args:
+            seeds: Seeds on the device, shape (nworld,), uint64.
+            mask: Which worlds, shape (nworld,), bool; all if None.
+        """
+        ...
+
+    def launch_generate(self, mask: wp.array | None) -> None:
+        """Advance the masked worlds by one episode and put its layouts into `layouts`.
+
+        Args:
+            mask: Which worlds, shape (nworld,), bool; all if None.
+        """
+        ...
+
+    def rejection_counts(self) -> dict[str, dict[str, int]]:
+        """How many candidates were rejected so far, by object and cause. Synchronises with the device."""
+        ...

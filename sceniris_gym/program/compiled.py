@@ -1,0 +1,136 @@
+"""The CompiledScene: a scene with everything a reset needs on its device, pre-cached and frozen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import SupportsInt
+
+import mujoco
+import numpy as np
+import warp as wp
+
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.geometry.colliders import collect_colliders, collider_arrays
+from sceniris_gym.program.device import Program, fill_struct
+from sceniris_gym.program.pack import pack_program
+from sceniris_gym.program.plan import Plan, build_plan
+from sceniris_gym.program.reach import Reaching, build_reaching
+from sceniris_gym.scene.model import SceneModel
+
+# Lanes of a warp, the least that a GPU gives to a world.
+_WARP = 32
+
+
+@dataclass(frozen=True)
+class CompiledScene:
+    """A frozen scene on one device; it has no batch dimension.
+
+    Attributes:
+        scene: The model and its names.
+        device: Warp's name of the device, e.g. "cuda:0".
+        placed: Names in placement order: objects whose pose or joints are drawn, and "robot" if its joints are.
+        plan: The placement program on the host.
+        program: The same on the device.
+        reaching: What the arm is to reach, None if it is nothing.
+        home_qpos: Start pose, shape (nq,).
+        home_place, home_bounds: Where each slot of `slots` stands at the start, as relations see it; see `Plan`.
+        home_xpos, home_xquat: Poses of all bodies at the start, shapes (nbody, 3) and (nbody, 4) wxyz.
+        depth: Levels of the deepest pair of box trees, which bounds the stack of the collision test.
+        keep: Device arrays and meshes that `program` points to.
+    """
+
+    scene: SceneModel
+    device: str
+    placed: tuple[str, ...]
+    plan: Plan
+    program: Program
+    reaching: Reaching | None
+    home_qpos: np.ndarray
+    home_place: np.ndarray
+    home_bounds: np.ndarray
+    home_xpos: np.ndarray
+    home_xquat: np.ndarray
+    depth: int
+    keep: tuple = field(repr=False)
+
+    @property
+    def config(self) -> SceneConfig:
+        """The scene as it was written."""
+        return self.scene.config
+
+    @property
+    def mjm(self) -> mujoco.MjModel:
+        """The compiled model."""
+        return self.scene.mjm
+
+    @property
+    def hash(self) -> str:
+        """Names the scene in layout ids."""
+        return self.scene.hash
+
+    def layout_id(self, seed: SupportsInt, episode: SupportsInt, split: str = "train") -> str:
+        """Return `scenehash:split:seed:episode`, which names a layout of this scene and which `replay` makes again.
+
+        Args:
+            seed: 64 bits, as a number of any library; negative ones are read as two's complement.
+            episode: Number of resets before the one that made the layout, since the world got its seed.
+            split: "train" or "eval".
+        """
+        return f"{self.hash}:{split}:{int(seed) % 2**64}:{int(episode)}"
+
+    @property
+    def object_names(self) -> tuple[str, ...]:
+        """Names of all objects of the scene file, in its order."""
+        return tuple(self.config.objects)
+
+    @property
+    def slots(self) -> tuple[str, ...]:
+        """Columns of `Layouts.present`: all objects of the scene file in its order, then "robot" if there is one."""
+        return self.plan.slots
+
+    @property
+    def related(self) -> bool:
+        """Whether any object's region differs between worlds."""
+        return bool(self.program.obj_cutnum.numpy().any())
+
+    @property
+    def bank_size(self) -> int:
+        """Number of valid layouts in the bank."""
+        return int(self.program.bank_qpos.shape[0])
+
+
+def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
+    """Take a scene to a device. The CompiledScene's bank is empty; `layout.compile_scene` fills it."""
+    plan = build_plan(scene)
+    colliders = collect_colliders(plan.pieces, scene.config.geometry == "visual", device)
+    lanes = _WARP if wp.get_device(device).is_cuda else 1
+    arrays = pack_program(scene, plan, colliders, lanes) | collider_arrays(colliders)
+    mocap = max(scene.mjm.nmocap, 1)
+    arrays |= {
+        "bank_present": np.zeros((0, len(plan.slots))),
+        "bank_qpos": np.zeros((0, scene.mjm.nq)),
+        "bank_mocap_pos": np.zeros((0, mocap, 3)),
+        "bank_mocap_quat": np.zeros((0, mocap, 4)),
+    }
+    program = Program()
+    program.nobject = len(plan.objects)
+    program.ngroup = len(scene.config.groups)
+    program.attempts = scene.config.attempts
+    program.restarts = scene.config.restarts
+    fill_struct(Program, program, arrays, device)
+    depth = sum(sorted(colliders.depth)[-2:])
+    return CompiledScene(
+        scene=scene,
+        device=device,
+        placed=tuple(o.name for o in plan.objects),
+        plan=plan,
+        program=program,
+        reaching=build_reaching(scene, plan, device),
+        home_qpos=scene.home_qpos.astype(np.float32),
+        home_place=plan.place.astype(np.float32),
+        home_bounds=plan.bounds.astype(np.float32),
+        home_xpos=plan.home.xpos.astype(np.float32),
+        home_xquat=plan.home.xquat.astype(np.float32),
+        depth=depth,
+        keep=tuple(colliders.keep),
+    )

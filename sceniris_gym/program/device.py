@@ -1,0 +1,230 @@
+"""What device code sees of a scene: flat arrays, the same for every world, never written after `compile_scene`.
+
+Poses are (pos [m], quat wxyz) of a frame in its parent's; angles are in radians. Ranges of a list are (adr, num) pairs
+as in MuJoCo. A *collider* is what is tested as a whole: all pieces of one body below one root of boxes, or one plane.
+"""
+
+from collections.abc import Mapping
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+
+class ObjectKind(IntEnum):
+    """How an object's pose gets into the simulation."""
+
+    STATIC = 0
+    FREE = 1
+    FIXTURE = 2
+    MARKER = 3
+
+
+class Roof(IntEnum):
+    """What must be true above the drawn point: `in` takes either, `on` open sky, `inside` a cover."""
+
+    EITHER = 0
+    OPEN = 1
+    COVERED = 2
+
+
+class Cause(IntEnum):
+    """Why a candidate was rejected."""
+
+    NONE = 0
+    ROOF = 1
+    FOOTPRINT = 2
+    COLLISION = 3
+    EMPTY = 4
+    REGION = 5
+    UNREACHABLE = 6
+    NO_IK = 7
+    BLOCKED = 8
+
+
+REACH_CAUSES = (Cause.UNREACHABLE, Cause.NO_IK, Cause.BLOCKED)
+"""Why the arm does not get there: by its map, by its joints, or by what is in the way."""
+
+
+class RelationType(IntEnum):
+    """Shapes of regions that relations give."""
+
+    SECTOR = 0
+    BETWEEN = 1
+    BESIDE = 2
+
+
+class OrientationType(IntEnum):
+    """How an orientation is drawn: a yaw about one of the object's poses, all of SO(3), or towards another object."""
+
+    YAW = 0
+    ANY = 1
+    FACE_TO = 2
+
+
+class Measure(IntEnum):
+    """What of an object depends on what is drawn: nothing, its lowest point, or its bounds as well."""
+
+    NOTHING = 0
+    LOWEST = 1
+    WHOLE = 2
+
+
+# What turns a relation's direction, where it is not the heading of an object.
+FRAME_SUPPORT = -1
+FRAME_WORLD = -2
+
+
+@wp.struct
+class Program:
+    """The placement program of a scene. Objects are listed in placement order."""
+
+    nobject: int
+    ngroup: int
+    attempts: int
+    restarts: int
+    # Bodies and joints: what forward kinematics needs, as in mjModel.
+    body_parent: wp.array(dtype=int)
+    body_pos: wp.array(dtype=wp.vec3)
+    body_quat: wp.array(dtype=wp.vec4)
+    body_jntadr: wp.array(dtype=int)
+    body_jntnum: wp.array(dtype=int)
+    jnt_slide: wp.array(dtype=int)
+    jnt_pos: wp.array(dtype=wp.vec3)
+    jnt_axis: wp.array(dtype=wp.vec3)
+    jnt_qposadr: wp.array(dtype=int)
+    jnt_qpos0: wp.array(dtype=float)
+    # Draws of joint positions: uniform in [lo, hi], or one of a list of values.
+    draw_qposadr: wp.array(dtype=int)
+    draw_range: wp.array(dtype=wp.vec2)
+    draw_choiceadr: wp.array(dtype=int)
+    draw_choicenum: wp.array(dtype=int)
+    choice: wp.array(dtype=float)
+    # Objects.
+    obj_stream: wp.array(dtype=int)
+    obj_kind: wp.array(dtype=int)
+    obj_body: wp.array(dtype=int)
+    obj_adr: wp.array(dtype=int)  # of its qpos (free) or its mocap body (fixture, marker)
+    obj_slot: wp.array(dtype=int)  # where relations and groups find it: its place in the scene file
+    obj_orientation: wp.array(dtype=int)
+    obj_target: wp.array(dtype=int)  # slot of what it faces
+    obj_yaw: wp.array(dtype=wp.vec2)
+    obj_variantadr: wp.array(dtype=int)
+    obj_variantnum: wp.array(dtype=int)
+    obj_measured: wp.array(dtype=int)
+    obj_ground: wp.array(dtype=int)  # body that carries it, or -1
+    obj_gap: wp.array(dtype=float)
+    obj_box_lower: wp.array(dtype=wp.vec3)
+    obj_box_upper: wp.array(dtype=wp.vec3)
+    obj_roof: wp.array(dtype=int)
+    obj_footprint: wp.array(dtype=int)
+    obj_drawadr: wp.array(dtype=int)
+    obj_drawnum: wp.array(dtype=int)
+    obj_bodyadr: wp.array(dtype=int)
+    obj_bodynum: wp.array(dtype=int)
+    obj_pieceadr: wp.array(dtype=int)
+    obj_piecenum: wp.array(dtype=int)
+    obj_shadowadr: wp.array(dtype=int)
+    obj_shadownum: wp.array(dtype=int)
+    obj_roofadr: wp.array(dtype=int)
+    obj_roofnum: wp.array(dtype=int)
+    obj_cutnum: wp.array(dtype=int)  # pieces that relations cut a triangle into; 0: the same region in every world
+    obj_erosion: wp.array(dtype=float)  # distance from the outline, in shares of the drawn bounds' shorter edge
+    obj_insists: wp.array(dtype=int)  # 1: its own bounds or turn may open a region that was empty
+    obj_reladr: wp.array(dtype=int)
+    obj_relnum: wp.array(dtype=int)
+    # Lists of pairs: behind those of objects come the robot against itself, then against all but each column of
+    # `Reach`, then its hand against the same.
+    obj_pairadr: wp.array(dtype=int)
+    obj_pairnum: wp.array(dtype=int)
+    obj_startadr: wp.array(dtype=int)
+    obj_startnum: wp.array(dtype=int)
+    body_list: wp.array(dtype=int)
+    piece_list: wp.array(dtype=int)
+    shadow_list: wp.array(dtype=int)  # pieces whose shadows must lie on the support
+    roof_list: wp.array(dtype=int)  # pieces (physics) or colliders (visual)
+    # Poses that an orientation is drawn from, at heading 0: pivot in the root's frame, bounds around it in xy.
+    variant_quat: wp.array(dtype=wp.vec4)
+    variant_pivot: wp.array(dtype=wp.vec3)
+    variant_bounds: wp.array(dtype=wp.vec4)
+    variant_cdf: wp.array(dtype=float)
+    variant_triadr: wp.array(dtype=int)  # of its region
+    variant_trinum: wp.array(dtype=int)
+    # Relations. Directions and half angles in rad; distances in m, 1e30 for none.
+    rel_type: wp.array(dtype=int)
+    rel_anchoradr: wp.array(dtype=int)
+    rel_anchornum: wp.array(dtype=int)
+    rel_anchor: wp.array(dtype=int)  # slots
+    rel_frame: wp.array(dtype=int)  # slot, or one of FRAME_*
+    rel_heading: wp.array(dtype=float)
+    rel_half_angle: wp.array(dtype=float)
+    rel_low: wp.array(dtype=float)
+    rel_high: wp.array(dtype=float)
+    rel_bounds: wp.array(dtype=int)
+    rel_width: wp.array(dtype=float)  # negative: the shorter edge of the object's own bounds
+    rel_gap: wp.array(dtype=float)
+    rel_piecenum: wp.array(dtype=int)
+    # Groups: their members' slots and how many of them are present.
+    group_adr: wp.array(dtype=int)
+    group_num: wp.array(dtype=int)
+    group_slot: wp.array(dtype=int)
+    group_low: wp.array(dtype=int)
+    group_high: wp.array(dtype=int)
+    # Support regions, triangulated; `tri_cdf` is the share of the region's area up to and with a triangle.
+    tri_surface: wp.array(dtype=int)
+    tri_a: wp.array(dtype=wp.vec2)
+    tri_b: wp.array(dtype=wp.vec2)
+    tri_c: wp.array(dtype=wp.vec2)
+    tri_cdf: wp.array(dtype=float)
+    surface_height: wp.array(dtype=float)
+    surface_edgeadr: wp.array(dtype=int)
+    surface_edgenum: wp.array(dtype=int)
+    edge_a: wp.array(dtype=wp.vec2)
+    edge_b: wp.array(dtype=wp.vec2)
+    # Convex pieces: their frame in the body's, and for hulls their vertices in the piece's frame.
+    piece_type: wp.array(dtype=int)
+    piece_body: wp.array(dtype=int)
+    piece_pos: wp.array(dtype=wp.vec3)
+    piece_quat: wp.array(dtype=wp.vec4)
+    piece_size: wp.array(dtype=wp.vec3)
+    piece_vertadr: wp.array(dtype=int)
+    piece_vertnum: wp.array(dtype=int)
+    piece_contype: wp.array(dtype=int)
+    piece_conaffinity: wp.array(dtype=int)
+    vert: wp.array(dtype=wp.vec3)
+    # Colliders: a binary tree of boxes in the body's frame. `node_child` is the left child (the right one follows it),
+    # or ~leaf: a piece (physics) or a face (visual).
+    collider_body: wp.array(dtype=int)
+    collider_root: wp.array(dtype=int)
+    collider_plane: wp.array(dtype=int)  # piece of a plane, else -1
+    collider_mesh: wp.array(dtype=wp.uint64)
+    collider_pointadr: wp.array(dtype=int)
+    collider_pointnum: wp.array(dtype=int)
+    node_center: wp.array(dtype=wp.vec3)
+    node_half: wp.array(dtype=wp.vec3)
+    node_child: wp.array(dtype=int)
+    face_a: wp.array(dtype=wp.vec3)
+    face_b: wp.array(dtype=wp.vec3)
+    face_c: wp.array(dtype=wp.vec3)
+    point: wp.array(dtype=wp.vec3)  # one of each closed component, for containment
+    pair_a: wp.array(dtype=int)
+    pair_b: wp.array(dtype=int)
+    pair_margin: wp.array(dtype=float)
+    start: wp.array(dtype=wp.vec3i)  # (pair, node of a, node of b) that the collision test begins with
+    # What a world holds before anything is drawn, and the bank of valid layouts.
+    home_qpos: wp.array(dtype=float)
+    home_place: wp.array(dtype=wp.vec4)
+    home_bounds: wp.array(dtype=wp.vec4)
+    bank_present: wp.array2d(dtype=int)
+    bank_qpos: wp.array2d(dtype=float)
+    bank_mocap_pos: wp.array2d(dtype=wp.vec3)
+    bank_mocap_quat: wp.array2d(dtype=wp.vec4)
+
+
+def fill_struct(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], device: str) -> None:
+    """Set array fields of a struct's instance from numpy arrays, in the types that its fields are declared with."""
+    for name, values in arrays.items():
+        field = declared.vars[name].type
+        values = np.ascontiguousarray(values)
+        setattr(instance, name, wp.array(values, dtype=field.dtype, ndim=field.ndim, device=device))

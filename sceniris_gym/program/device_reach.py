@@ -1,0 +1,52 @@
+"""What device code sees of `reachable`: the arm, its map, and the grasps of the objects that it is asked to reach.
+
+A *column* is one such object; columns are in placement order. Grasps are frames of the TCP, +z the approach axis and
++y the closing axis, in the frame of one of the object's bodies.
+"""
+
+import warp as wp
+
+from sceniris_gym.reach.lookup import MapView
+from sceniris_gym.reach.solve import ArmView
+
+
+@wp.struct
+class Reach:
+    """The arm of a scene and what it is to reach; never written after `compile_scene`."""
+
+    base_body: int
+    arm_qposadr: wp.array(dtype=int)  # of the joints of `arm`
+    arm_body: wp.array(dtype=int)  # all bodies of the robot but its root, parents before children
+    hand_body: wp.array(dtype=int)  # those that the arm's last joint carries, its own first
+    hand_pos: wp.vec3  # pose of that first one in the TCP's frame
+    hand_quat: wp.vec4
+    mapped: int  # 0: there is no map, and placing lets all candidates through
+    map: MapView
+    arm: ArmView
+    # Of objects in placement order, and of the variants of `Program`:
+    obj_reach: wp.array(dtype=int)  # column, or -1
+    variant_graspadr: wp.array(dtype=int)
+    variant_graspnum: wp.array(dtype=int)
+    # Of columns:
+    reach_obj: wp.array(dtype=int)
+    reach_slot: wp.array(dtype=int)
+    reach_tier: wp.array(dtype=int)
+    reach_least: wp.array(dtype=int)  # the least Verdict of the map that placing lets through
+    reach_below: wp.array(dtype=int)  # 1: it stands on something, so grasps from below are not asked for
+    reach_graspadr: wp.array(dtype=int)
+    reach_graspnum: wp.array(dtype=int)
+    # Of grasps:
+    grasp_body: wp.array(dtype=int)
+    grasp_pos: wp.array(dtype=wp.vec3)
+    grasp_quat: wp.array(dtype=wp.vec4)
+    grasp_opening: wp.array(dtype=float)
+    # The gripper's joints where its gap is least and widest; in between they are interpolated.
+    grip_qposadr: wp.array(dtype=int)
+    grip_closed: wp.array(dtype=float)
+    grip_open: wp.array(dtype=float)
+    gap_closed: float
+    gap_open: float
+    # The bank of valid layouts, as in `Program`; rows by columns.
+    bank_grasp: wp.array2d(dtype=int)
+    bank_grasp_qpos: wp.array3d(dtype=float)
+    bank_pregrasp_qpos: wp.array3d(dtype=float)

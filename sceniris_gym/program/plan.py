@@ -1,0 +1,298 @@
+"""A scene becomes a placement program: who is placed when, where, and in which poses.
+
+The result is plain numpy; `arrays.py` flattens it into the fields of `device.Program`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.config.fields import FLOOR, ROBOT
+from sceniris_gym.config.objects import JointConfig, ObjectConfig
+from sceniris_gym.errors import CycleError, NoSupportError, NotSupportedError, SceneKeyError
+from sceniris_gym.geometry import supports
+from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
+from sceniris_gym.geometry.resting_poses import HomeShape, Variant, heading_of, matrix, of_heading_zero
+from sceniris_gym.geometry.supports import SupportSurface
+from sceniris_gym.program.device import ObjectKind, Roof
+from sceniris_gym.scene.model import SceneModel
+
+_KINDS = {"free": ObjectKind.FREE, "fixture": ObjectKind.FIXTURE, "marker": ObjectKind.MARKER}
+_ROOFS = {"in": Roof.EITHER, "on": Roof.OPEN, "inside": Roof.COVERED}
+UPRIGHT = float(np.cos(np.radians(0.1)))
+"""Least z component of a support's z axis: 0.1 degree is 0.1 mm under an object of 8 cm, a fifth of the default gap."""
+
+
+@dataclass(frozen=True)
+class JointRange:
+    """How one joint position is drawn: uniform in [low, high], or one of `choice` if there are any [m or rad]."""
+
+    qposadr: int
+    low: float
+    high: float
+    choice: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class PlacedObject:
+    """One step of the program.
+
+    Attributes:
+        name: The object's name ("robot" for the robot).
+        stream: Its random stream, from its place in the scene file.
+        kind: How its pose is written; STATIC for what only draws joint positions.
+        bodies: Its bodies, the root first, parents before children.
+        draws: What is drawn for its joints.
+        footprint: What must lie on the support as a whole, with `ratio_on_support` 1: the hull of all pieces as one
+            more piece; None for a single piece, or where joints are drawn, whose footprint is that of each piece.
+        variants: Poses that its orientation is drawn from; empty for STATIC.
+        ground: Body that carries it; None in a box in space or for STATIC.
+        tilts: Whether that body may lean in the states it is drawn in.
+        surfaces: Surfaces and regions that it may stand on, a list for each variant; for relations in space the box
+            seen from above. Variants with the same regions share one list.
+        erosion: How far its pivot keeps from their outlines, in shares of the shorter edge of the drawn bounds, where
+            that is not the same in all draws of a variant; else 0, and the regions have it.
+        config: Its words in the scene file; None for the robot.
+    """
+
+    name: str
+    stream: int
+    kind: ObjectKind
+    bodies: list[int]
+    draws: list[JointRange]
+    footprint: Piece | None
+    variants: list[Variant]
+    ground: int | None
+    tilts: bool
+    surfaces: list[list[SupportSurface]]
+    erosion: float
+    config: ObjectConfig | None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The placement program on the host.
+
+    Attributes:
+        objects: In placement order.
+        pieces: All obstacles, sorted by body, planes before what is solid.
+        slots: Names as relations and groups find them: all objects as in the scene file, then the robot.
+        place: Where each of them stands at home: pivot [m] (of the robot its base) and heading [rad], shape (nslot, 4).
+        bounds: Their bounds around the pivot [m] in that heading: low x, low y, high x, high y, shape (nslot, 4).
+        home: MjData at the start pose.
+    """
+
+    objects: list[PlacedObject]
+    pieces: list[Piece]
+    slots: tuple[str, ...]
+    place: np.ndarray
+    bounds: np.ndarray
+    home: mujoco.MjData
+
+
+def placement_order(scene: SceneModel) -> list[str]:
+    """Names in the order of placement: what only draws joints, then what others refer to before them, as in the file.
+
+    Raises:
+        CycleError: objects that refer to each other.
+    """
+    config = scene.config
+    moving = [n for n, part in config.objects.items() if part.is_placed]
+    still = [ROBOT] if config.robot is not None else []
+    still += [n for n in config.objects if n not in moving]
+    order = [n for n in still if scene.joint_configs(n)]
+    pending = list(moving)
+    while pending:
+        ready = [n for n in pending if not set(config.objects[n].needs) & set(pending)]
+        if not ready:
+            raise CycleError(config.where, pending, "objects refer to each other")
+        order.append(ready[0])
+        pending.remove(ready[0])
+    return order
+
+
+def build_plan(scene: SceneModel) -> Plan:
+    """Work out the whole program.
+
+    Raises:
+        NoSupportError: a parent without any level surface.
+        ErodedSupportError: nothing is left of a support after its erosion and region.
+        MeshError, NotSupportedError: a geom that cannot be an obstacle, or a support that leans.
+    """
+    home = mujoco.MjData(scene.mjm)
+    home.qpos[:] = scene.home_qpos
+    mujoco.mj_kinematics(scene.mjm, home)
+    mujoco.mj_comPos(scene.mjm, home)
+    pieces = sorted(_pieces(scene), key=lambda p: (p.body, p.type != PieceType.PLANE, p.geom))
+    objects = [_placed_object(scene, name, pieces, home) for name in placement_order(scene)]
+    slots = (*scene.config.objects, *([ROBOT] if scene.config.robot is not None else []))
+    standing = [_standing(scene, name, pieces, home) for name in slots]
+    place = np.reshape([s[0] for s in standing], (-1, 4))
+    bounds = np.reshape([s[1] for s in standing], (-1, 4))
+    return Plan(objects, pieces, slots, place, bounds, home)
+
+
+def roof_rule(config: ObjectConfig | None) -> Roof:
+    """What must be above the point that an object is placed on."""
+    if config is None or config.support is None or config.support.parent == FLOOR:
+        return Roof.EITHER
+    return _ROOFS[config.support.word]
+
+
+def _pieces(scene: SceneModel) -> list[Piece]:
+    """All pieces; errors name the key of the asset that they come from."""
+    where = dict.fromkeys(range(scene.mjm.nbody), scene.config.where)
+    for name in scene.bodies:
+        key = ROBOT if name == ROBOT else f"objects.{name}"
+        is_own = name != ROBOT and scene.config.objects[name].asset is None
+        where |= dict.fromkeys(scene.subtree(name), f"{where[0]}: {key}{'' if is_own else '.asset'}")
+    return extract_pieces(scene.mjm, scene.config.geometry, where=where)
+
+
+def _standing(scene: SceneModel, name: str, pieces: list[Piece], home: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
+    """Where an object stands at home, as relations see it: (pivot, heading) and bounds."""
+    root = scene.bodies[name]
+    shape = HomeShape(home, root, [p for p in pieces if p.body in scene.subtree(name) and p.type != PieceType.PLANE])
+    mat = home.xmat[root].reshape(3, 3)
+    variant, heading = shape.variant(of_heading_zero(mat)), heading_of(mat)
+    if name == ROBOT:  # is where its base is, wherever its arm reaches
+        to_middle = (matrix(variant.quat) @ variant.pivot)[:2]
+        return np.array([*home.xpos[root], heading]), variant.bounds + np.tile(to_middle, 2)
+    return np.array([*home.xpos[root] + mat @ variant.pivot, heading]), variant.bounds
+
+
+def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujoco.MjData) -> PlacedObject:
+    config = None if name == ROBOT else scene.config.objects[name]
+    bodies = scene.subtree(name)
+    quat = of_heading_zero(matrix(scene.mjm.body_quat[bodies[0]]))
+    stream = 0 if config is None else 1 + list(scene.config.objects).index(name)
+    draws = _draws(scene, name)
+    if config is None or not config.is_placed:
+        return PlacedObject(name, stream, ObjectKind.STATIC, bodies, draws, None, [], None, False, [], 0.0, config)
+    own = [p for p in pieces if p.body in bodies]
+    if any(p.type == PieceType.PLANE for p in own):
+        raise NotSupportedError(
+            f"{scene.config.where}: objects.{name}: a plane is endless and cannot be part of what is placed. Use a box."
+        )
+    shape = HomeShape(home, bodies[0], own)
+    poses = _stable_poses(scene, name, own, home) if config.drawn_orientation.kind == "stable" else [(quat, 1.0)]
+    variants = [shape.variant(*pose) for pose in poses]
+    moves = any(d.choice or not d.low == d.high == home.qpos[d.qposadr] for d in draws)
+    varies = config.ratio_on_support > 0.0 and bool(own) and (moves or config.drawn_orientation.kind == "any")
+    rigid = HomeShape(home, bodies[0], [p for p in own if p.body == bodies[0]]) if varies else shape
+    if config.drawn_orientation.kind == "any":
+        edges = [2.0 * rigid.inner_radius()]
+    else:
+        edges = [rigid.variant(v.quat).short_edge for v in variants]
+    ground, surfaces = _surfaces(scene, name, config, pieces, home, edges)
+    return PlacedObject(
+        name=name,
+        stream=stream,
+        kind=_KINDS[config.kind],
+        bodies=bodies,
+        draws=draws,
+        footprint=shape.hull(bodies[0]) if len(own) > 1 and not draws and config.ratio_on_support == 1.0 else None,
+        variants=variants,
+        ground=ground,
+        tilts=ground is not None and _tilts(scene, config, ground),
+        surfaces=surfaces,
+        erosion=0.5 * config.ratio_on_support if varies else 0.0,
+        config=config,
+    )
+
+
+def _stable_poses(
+    scene: SceneModel, name: str, own: list[Piece], home: mujoco.MjData
+) -> list[tuple[np.ndarray, float]]:
+    """Stable poses and their probabilities of the object as it is simulated, also where what is seen keeps apart."""
+    where, bodies = f"{scene.config.where}: objects.{name}.orientation", scene.subtree(name)
+    pieces = extract_pieces(scene.mjm, "physics", set(bodies)) or own
+    if not pieces:
+        raise SceneKeyError(
+            f"{where}: it has no collision geometry and so no stable pose. Give it geoms that collide, or another "
+            "orientation."
+        )
+    return HomeShape(home, bodies[0], pieces).stable(where)
+
+
+def _draws(scene: SceneModel, name: str) -> list[JointRange]:
+    return [_draw(scene, joint, words) for joint, words in scene.joint_configs(name).items()]
+
+
+def _draw(scene: SceneModel, joint: int, words: JointConfig) -> JointRange:
+    mjm = scene.mjm
+    adr = int(mjm.jnt_qposadr[joint])
+    low, high = mjm.jnt_range[joint] if mjm.jnt_limited[joint] else (-np.inf, np.inf)
+    if words.choice is not None:
+        return JointRange(adr, 0.0, 0.0, tuple(words.choice))
+    if words.fraction is not None:
+        a, b = words.fraction
+        return JointRange(adr, low + a * (high - low), low + b * (high - low))
+    if words.range is not None:
+        return JointRange(adr, *words.range)
+    if words.value is not None:
+        return JointRange(adr, words.value, words.value)
+    assert words.noise is not None
+    start = scene.home_qpos[adr]
+    return JointRange(adr, max(start - words.noise, low), min(start + words.noise, high))
+
+
+def _surfaces(
+    scene: SceneModel, name: str, config: ObjectConfig, pieces: list[Piece], home: mujoco.MjData, edges: list[float]
+) -> tuple[int | None, list[list[SupportSurface]]]:
+    """The body that carries an object, and for each variant the surfaces on it; `edges`: their least shorter edges."""
+    support = config.support
+    if support is None:
+        assert config.region is not None
+        return None, [[supports.shadow_of_box(config.region)] if config.relations else []] * len(edges)
+    where = f"{scene.config.where}: objects.{name}.{support.word}"
+    body = scene.support_body(support.parent, where)
+    if support.parent == FLOOR:
+        assert scene.config.floor is not None
+        if support.word == "inside":
+            raise SceneKeyError(f"{where}: the floor has no roof. Write 'on: floor'.")
+        found = [supports.floor_surface(scene.config.floor.size)]
+    else:
+        _check_upright(support.parent, home.xmat[body][8], where)
+        own = [p for p in pieces if p.body == body]
+        found = supports.level_surfaces(body, own, open_above=support.word == "on")
+    if not found:
+        raise NoSupportError(
+            f"{where}: '{support.parent}' has no level surface of 2 cm or more in width"
+            f"{' that is open above' if support.word == 'on' else ''}. Valid: a body with a flat top or floor."
+        )
+    half = 0.5 * config.ratio_on_support
+    return body, supports.crop(found, config.region, [half * edge for edge in edges], where)
+
+
+def _check_upright(parent: str, up: float, where: str) -> None:
+    """Surfaces are level in their body's frame, so that frame must stand upright at home."""
+    if up < UPRIGHT:
+        lean = np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
+        raise NotSupportedError(
+            f"{where}: the z axis of '{parent}' leans by {lean:.3g} degrees at home, and things are placed on level "
+            "surfaces only. Give the support a body whose z axis points up."
+        )
+
+
+def _tilts(scene: SceneModel, config: ObjectConfig, ground: int) -> bool:
+    """Whether a support may lean: a joint above it turns about an axis that is not vertical, or its object may lie."""
+    assert config.support is not None
+    owner = config.support.parent.split("/")[0]
+    if owner == FLOOR:
+        return False
+    if scene.config.objects[owner].drawn_orientation.kind in ("stable", "any"):
+        return True
+    mjm, chain = scene.mjm, [ground]
+    while chain[-1] != scene.bodies[owner]:
+        chain.append(int(mjm.body_parentid[chain[-1]]))
+    drawn = scene.joint_configs(owner)
+    return any(
+        mjm.jnt_bodyid[j] in chain
+        and mjm.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE
+        and abs(mjm.jnt_axis[j][2]) < UPRIGHT
+        for j in drawn
+    )

@@ -1,0 +1,212 @@
+"""What of a scene the arm is to reach: `reachable` on the host, and the arrays of `device_reach.Reach`."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+import warp as wp
+
+from sceniris_gym.config.fields import ROBOT
+from sceniris_gym.errors import ArmError, MapError, ReachWarning, UnknownNameError
+from sceniris_gym.geometry.ragged import ranges
+from sceniris_gym.grasping.grasps import Graspable, GraspSet
+from sceniris_gym.grasping.gripper import Gripper, carried
+from sceniris_gym.program.device import fill_struct
+from sceniris_gym.program.device_reach import Reach
+from sceniris_gym.program.plan import PlacedObject, Plan
+from sceniris_gym.reach.arm import MAX_JOINTS, TCP, SerialArm
+from sceniris_gym.reach.lookup import MapView
+from sceniris_gym.reach.map import ReachMap, build_command, default_tier, map_file, why_not_map
+from sceniris_gym.reach.solve import arm_view
+from sceniris_gym.reach.tier import Tier
+from sceniris_gym.scene.assemble import asset_name
+from sceniris_gym.scene.model import SceneModel
+
+
+@dataclass(frozen=True)
+class ReachTarget:
+    """An object that is to be reachable.
+
+    Attributes:
+        name: The object.
+        number: Its place in placement order.
+        tier: How thoroughly.
+        grasp_set: By which grasps.
+    """
+
+    name: str
+    number: int
+    tier: Tier
+    grasp_set: GraspSet
+
+
+@dataclass(frozen=True)
+class Reaching:
+    """All that a scene's arm is to reach.
+
+    Attributes:
+        arm: The arm.
+        gripper: Its gripper.
+        map: The arm's map, None where there is none.
+        targets: The objects, in placement order.
+        view: The same as device code takes it.
+    """
+
+    arm: SerialArm
+    gripper: Gripper
+    map: ReachMap | None
+    targets: tuple[ReachTarget, ...]
+    view: Reach = field(repr=False)
+
+    @property
+    def staged(self) -> bool:
+        """Whether any tier is decided after placing."""
+        return not all(target.tier.needs_map for target in self.targets)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the objects, in the order of the columns of `Layouts.grasp`."""
+        return tuple(target.name for target in self.targets)
+
+
+def build_reaching(scene: SceneModel, plan: Plan, device: str) -> Reaching | None:
+    """Find the arm of a scene, its map and the grasps of all that it is to reach; None if that is nothing.
+
+    Raises:
+        ArmError: the robot is not a serial arm.
+        UnknownNameError: it has no site `tcp`.
+        MapError: a tier needs the arm's map, and there is none, or one of another arm.
+        GraspError: an object that the gripper cannot take.
+    """
+    wanted = [i for i, o in enumerate(plan.objects) if o.config is not None and o.config.reachable]
+    if not wanted:
+        return None
+    robot = scene.config.robot
+    assert robot is not None
+    arm = robot_arm(scene)
+    gripper = Gripper.from_model(scene.mjm, arm, scene.home_qpos, plan.pieces)
+    reach_map = _load_map(arm, robot.asset, scene.config.where)
+    targets = []
+    for i, tier in zip(wanted, _tiers(scene, [plan.objects[i].name for i in wanted], arm, reach_map), strict=True):
+        o = plan.objects[i]
+        assert o.config is not None
+        shape = Graspable(scene, o.name, plan.pieces, plan.home)
+        targets.append(
+            ReachTarget(o.name, i, tier, shape.grasp_set(o.variants, o.config.drawn_orientation.kind == "any", gripper))
+        )
+    view = Reach()
+    view.base_body = scene.bodies[ROBOT]
+    view.mapped = int(reach_map is not None)
+    view.map = MapView() if reach_map is None else reach_map.view(device)
+    view.arm = arm_view(arm, device)
+    view.gap_closed, view.gap_open = gripper.closed, gripper.opening
+    hand = sorted(carried(scene.mjm, arm))
+    view.hand_pos, view.hand_quat = _in_tcp(plan.home, arm, hand[0])
+    arrays = _arrays(plan, targets, gripper) | {
+        "arm_qposadr": arm.qposadr,
+        "arm_body": np.array(scene.subtree(ROBOT)[1:], int),
+        "hand_body": np.array(hand, int),
+    }
+    fill_struct(Reach, view, arrays, device)
+    return Reaching(arm, gripper, reach_map, tuple(targets), view)
+
+
+def robot_arm(scene: SceneModel) -> SerialArm:
+    """The arm of a scene's robot: from its root body to its site `tcp`.
+
+    Raises:
+        ArmError: that is no serial arm.
+        UnknownNameError: the robot has no site `tcp`.
+    """
+    robot = scene.config.robot
+    assert robot is not None
+    name, where = asset_name(robot.asset), f"{scene.config.where}: robot.asset"
+    try:
+        return SerialArm.from_model(scene.mjm, name, f"{name}/{TCP}")
+    except ArmError as error:
+        raise ArmError(f"{where}: {error}") from None
+    except UnknownNameError as error:
+        raise UnknownNameError(error.kind, error.name, f"{where}: {error.where}", error.valid) from None
+
+
+def _load_map(arm: SerialArm, asset: str, where: str) -> ReachMap | None:
+    path = map_file(asset)
+    if path is None:
+        return None
+    try:
+        return ReachMap.load(path, arm, f"Build it again: {build_command(asset)}.")
+    except MapError as error:
+        raise MapError(f"{where}: robot.asset: {error}") from None
+
+
+def _tiers(scene: SceneModel, names: list[str], arm: SerialArm, reach_map: ReachMap | None) -> list[Tier]:
+    """The tiers that decide: what was asked for, or `ik` where the arm's map would not be right."""
+    robot, where = scene.config.robot, scene.config.where
+    assert robot is not None
+    words = {name: scene.config.objects[name].reachable for name in names}
+    by_map = [name for name, word in words.items() if word is True or Tier.of(str(word)).needs_map]
+    why = why_not_map(arm, reach_map)
+    if by_map and why is None and reach_map is None:
+        raise MapError(
+            f"{where}: objects.{by_map[0]}.reachable: there is no map of the arm '{robot.asset}'. Build it with "
+            f"'{build_command(robot.asset)}', or ask for 'ik', which needs none."
+        )
+    asked = [f"objects.{name}.reachable" for name in by_map if words[name] is not True]
+    if why is not None and asked:
+        warnings.warn(f"{where}: {', '.join(asked)}: {why}, so 'ik' decides.", ReachWarning, stacklevel=2)
+    default = default_tier(arm, reach_map)
+    return [default if word is True or (name in by_map and why) else Tier.of(str(word)) for name, word in words.items()]
+
+
+def _in_tcp(home: mujoco.MjData, arm: SerialArm, body: int) -> tuple[wp.vec3, wp.vec4]:
+    """The pose of a body that moves with the TCP, in the TCP's frame."""
+    turn, quat = np.zeros(4), np.zeros(4)
+    mujoco.mju_mat2Quat(turn, home.site_xmat[arm.tcp_site])
+    mujoco.mju_negQuat(turn, turn.copy())
+    mujoco.mju_mulQuat(quat, turn, home.xquat[body])
+    pos = home.site_xmat[arm.tcp_site].reshape(3, 3).T @ (home.xpos[body] - home.site_xpos[arm.tcp_site])
+    return wp.vec3(*pos), wp.vec4(*quat)
+
+
+def _arrays(plan: Plan, targets: list[ReachTarget], gripper: Gripper) -> dict[str, np.ndarray]:
+    grasps, adr, num = ranges(t.grasp_set.grasps for t in targets)
+    objects = [plan.objects[t.number] for t in targets]
+    numbers = np.full(len(plan.objects), -1)
+    numbers[[t.number for t in targets]] = np.arange(len(targets))
+    spans = np.concatenate([np.zeros((0, 2), int), *_spans(plan.objects, targets, adr)])
+    rows = len(targets)
+    return {
+        "obj_reach": numbers,
+        "variant_graspadr": spans[:, 0],
+        "variant_graspnum": spans[:, 1],
+        "reach_obj": np.array([t.number for t in targets], int),
+        "reach_slot": np.array([plan.slots.index(t.name) for t in targets], int),
+        "reach_tier": np.array([t.tier for t in targets], int),
+        "reach_least": np.array([t.tier.least_verdict for t in targets], int),
+        "reach_below": np.array([o.ground is not None for o in objects], int),
+        "reach_graspadr": adr,
+        "reach_graspnum": num,
+        "grasp_body": np.array([g.body for g in grasps], int),
+        "grasp_pos": np.reshape([g.pos for g in grasps], (-1, 3)),
+        "grasp_quat": np.reshape([g.quat for g in grasps], (-1, 4)),
+        "grasp_opening": np.array([g.opening for g in grasps], float),
+        "grip_qposadr": gripper.qposadr,
+        "grip_closed": gripper.closed_qpos,
+        "grip_open": gripper.open_qpos,
+        "bank_grasp": np.zeros((0, rows)),
+        "bank_grasp_qpos": np.zeros((0, rows, MAX_JOINTS)),
+        "bank_pregrasp_qpos": np.zeros((0, rows, MAX_JOINTS)),
+    }
+
+
+def _spans(objects: list[PlacedObject], targets: list[ReachTarget], adr: np.ndarray) -> list[np.ndarray]:
+    """(address, number) of the grasps of every variant of every object; none for what need not be reachable."""
+    wanted = {t.number: (t.grasp_set.spans, int(first)) for t, first in zip(targets, adr, strict=True)}
+    none = np.zeros(2, int)
+    return [
+        np.array(wanted[i][0]) + [wanted[i][1], 0] if i in wanted else np.tile(none, (len(o.variants), 1))
+        for i, o in enumerate(objects)
+    ]

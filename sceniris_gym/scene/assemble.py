@@ -1,0 +1,271 @@
+"""Assets into one MuJoCo specification: each object's root body gets the object's name, all inside it `name/...`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+
+from sceniris_gym.config.loader import SHIPPED_NAME, shipped
+from sceniris_gym.config.objects import ObjectConfig
+from sceniris_gym.config.scene import RobotConfig, SceneConfig
+from sceniris_gym.errors import MeshError, SceneFileError, SceneKeyError, UnknownNameError
+
+_FREE = mujoco.mjtJoint.mjJNT_FREE
+_BODIES = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_XBODY)
+
+MARK_GROUP = 4
+"""Group of geoms that show where a marker is: they are in pictures, but no part of what is placed."""
+
+
+@dataclass(frozen=True)
+class Home:
+    """A start pose: joint positions by joint name and controls by actuator name."""
+
+    qpos: dict[str, list[float]]
+    ctrl: dict[str, float]
+
+
+def asset_name(asset: str) -> str:
+    """Return the name of an asset, which prefixes what is inside of a robot: 'panda' for 'my/panda.xml'."""
+    return Path(asset).stem
+
+
+def load_mjcf(path: Path, where: str) -> mujoco.MjSpec:
+    """Read an MJCF file, with the files it refers to held in `MjSpec.assets`, so that the scene can leave this machine.
+
+    Raises:
+        SceneFileError: the file, or one that it refers to, is missing, or MuJoCo cannot read it.
+    """
+    if not path.is_file():
+        raise SceneFileError(f"{where}: there is no file '{path}'. Give the path of an MJCF file.")
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise SceneFileError(f"{where}: MuJoCo cannot read '{path}': {error}") from None
+    for folder, file in _referred(spec):
+        source = path.parent / folder / file
+        if not source.is_file():
+            raise SceneFileError(f"{where}: '{path}' refers to '{source}', which does not exist.")
+        spec.assets[file] = source.read_bytes()
+    return spec
+
+
+def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str) -> Home:
+    """Attach the asset of an object as the kind of body it is to be, and return its start pose."""
+    if config.asset is None:
+        marker = spec.worldbody.add_body(name=name, mocap=True)
+        marker.add_site(name=f"{name}/site", size=[0.02, 0.0, 0.0], rgba=[0.1, 0.8, 0.2, 0.6])
+        marker.add_geom(  # the ray caster of pictures knows no sites
+            name=f"{name}/mark",
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            size=[0.04, 0.001, 0.0],
+            rgba=[0.1, 0.8, 0.2, 1.0],
+            contype=0,
+            conaffinity=0,
+            group=MARK_GROUP,
+            mass=0.0,
+        )
+        return Home({}, {})
+    child = _load_asset(config.asset, f"{where}: objects.{name}.asset")
+    home = _take_home(child, name, keyframe=None, where=f"{where}: objects.{name}.asset")
+    root = _attach(spec, child, name, spec.worldbody.add_frame(), f"{where}: objects.{name}.asset")
+    _make_kind(spec, root, name, config.kind, f"{where}: objects.{name}.kind")
+    return home
+
+
+def attach_robot(spec: mujoco.MjSpec, config: RobotConfig, where: str) -> Home:
+    """Attach the robot at its base and return the start pose of its keyframe."""
+    where = f"{where}: robot.asset"
+    name, half = asset_name(config.asset), math.radians(config.yaw) / 2.0
+    child = _load_asset(config.asset, where)
+    home = _take_home(child, name, config.keyframe, where)
+    frame = spec.worldbody.add_frame(pos=config.base, quat=[math.cos(half), 0.0, 0.0, math.sin(half)])
+    _attach(spec, child, name, frame, where)
+    return home
+
+
+def check_assets(config: SceneConfig) -> None:
+    """Compile the assets of a scene one by one.
+
+    Raises:
+        MeshError, SceneFileError: of the first that cannot be compiled; names its key.
+    """
+    if config.robot is not None:
+        alone = mujoco.MjSpec()
+        attach_robot(alone, config.robot, config.where)
+        compile_spec(alone, f"{config.where}: robot.asset")
+    for name, part in config.objects.items():
+        if part.asset is not None:
+            alone = mujoco.MjSpec()
+            attach_object(alone, name, part, config.where)
+            compile_spec(alone, f"{config.where}: objects.{name}.asset")
+
+
+def adopt_body(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str) -> None:
+    """Take a body of the user's own model for an object; a fixture or a marker becomes a mocap body.
+
+    Raises:
+        UnknownNameError: the model has no such body.
+        SceneKeyError: the body cannot be of the object's kind.
+    """
+    body = spec.body(name)
+    if body is None or name == "world":
+        names = [b.name for b in spec.bodies if b.name and b.name != "world"]
+        raise UnknownNameError("body of the model", name, f"{where}: objects.{name}", names)
+    where = f"{where}: objects.{name}.kind"
+    if body.parent.name != "world":
+        raise SceneKeyError(f"{where}: body '{name}' should be a child of the world, not of '{body.parent.name}'.")
+    joints = list(body.joints)
+    if config.kind == "free":
+        if [joint.type for joint in joints] != [_FREE]:
+            raise SceneKeyError(f"{where}: body '{name}' should have a freejoint and no other joint to be 'free'.")
+    elif config.kind == "static":
+        if any(joint.type == _FREE for joint in joints):
+            raise SceneKeyError(f"{where}: body '{name}' has a freejoint; its kind should be 'free'.")
+    elif joints:
+        raise SceneKeyError(f"{where}: body '{name}' should have no joint of its own to be a '{config.kind}'.")
+    else:
+        _make_kind(spec, body, name, config.kind, where)
+
+
+@dataclass(frozen=True)
+class Names:
+    """Names inside of an asset: of its joints but for a free one, and of the bodies below its root."""
+
+    joints: tuple[str, ...]
+    bodies: tuple[str, ...]
+
+
+def names_in(asset: str, where: str) -> Names:
+    """Return the names inside of an asset, a shipped one or an MJCF file.
+
+    Raises:
+        UnknownNameError: there is no such shipped asset.
+        SceneFileError: the file is missing, or MuJoCo cannot read it.
+    """
+    spec = _load_asset(asset, where)
+    joints = [joint.name or f"joint{i}" for i, joint in enumerate(spec.joints) if joint.type != _FREE]
+    bodies = [body.name for body in spec.bodies if body.name != "world" and body.parent.name != "world"]
+    return Names(tuple(joints), tuple(bodies))
+
+
+def _referred(spec: mujoco.MjSpec) -> Iterator[tuple[str, str]]:
+    for element in (*spec.meshes, *spec.hfields, *spec.skins):
+        if element.file:
+            yield spec.meshdir, element.file
+    for texture in spec.textures:
+        for file in (texture.file, *texture.cubefiles):
+            if file:
+                yield spec.texturedir, file
+
+
+def _load_asset(asset: str, where: str) -> mujoco.MjSpec:
+    if not SHIPPED_NAME.fullmatch(asset):
+        return load_mjcf(Path(asset), where)
+    assets = shipped("assets", ".xml")
+    if asset not in assets:
+        raise UnknownNameError("asset", asset, where, assets)
+    return load_mjcf(assets[asset], where)
+
+
+def _take_home(child: mujoco.MjSpec, name: str, keyframe: str | None, where: str) -> Home:
+    """Take the start pose out of an asset: the named keyframe, or 'home' where there is one.
+
+    The asset's keyframes are deleted, as they would become keyframes of the scene.
+    """
+    for kind, elements in (("joint", child.joints), ("actuator", child.actuators)):
+        for i, element in enumerate(elements):
+            element.name = element.name or f"{kind}{i}"
+    keys = {key.name: key for key in child.keys}
+    if keyframe is not None and keyframe not in keys:
+        raise UnknownNameError("keyframe", keyframe, where, keys)
+    home = Home({}, {})
+    if (wanted := keyframe or "home") in keys:
+        model = compile_spec(child, where)
+        key = model.key(wanted)
+        for joint in (model.joint(i) for i in range(model.njnt)):
+            if joint.type[0] != _FREE:
+                adr = model.jnt_qposadr[joint.id]
+                home.qpos[f"{name}/{joint.name}"] = key.qpos[adr : adr + len(joint.qpos0)].tolist()
+        for i in range(model.nu):
+            home.ctrl[f"{name}/{model.actuator(i).name}"] = float(key.ctrl[i])
+    for key in keys.values():
+        child.delete(key)
+    return home
+
+
+def _attach(spec: mujoco.MjSpec, child: mujoco.MjSpec, name: str, frame: mujoco.MjsFrame, where: str) -> mujoco.MjsBody:
+    world = child.worldbody
+    roots = [body.name for body in world.bodies if body.parent.name == "world"]
+    if len(roots) != 1 or not roots[0]:
+        raise SceneKeyError(
+            f"{where}: an asset should have one body, with a name, below its worldbody; found {roots or 'none'}."
+        )
+    for element in (*world.geoms, *world.sites, *world.cameras, *world.lights):
+        child.delete(element)  # a floor or a light that is there to look at the asset alone
+    child.option, child.visual = spec.option, spec.visual  # the scene's hold; equal ones make no complaint
+    spec.attach(child, prefix=f"{name}/", frame=frame)
+    root = spec.body(f"{name}/{roots[0]}")
+    _rename(spec, root, name)
+    return root
+
+
+def _rename(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str) -> None:
+    """Rename a body and all references to it, which MuJoCo keeps as names."""
+    old, body.name = body.name, name
+    for exclude in spec.excludes:
+        exclude.bodyname1 = name if exclude.bodyname1 == old else exclude.bodyname1
+        exclude.bodyname2 = name if exclude.bodyname2 == old else exclude.bodyname2
+    for equality in spec.equalities:
+        if equality.objtype in _BODIES:
+            equality.name1 = name if equality.name1 == old else equality.name1
+            equality.name2 = name if equality.name2 == old else equality.name2
+    for sensor in spec.sensors:
+        sensor.objname = name if sensor.objtype in _BODIES and sensor.objname == old else sensor.objname
+        sensor.refname = name if sensor.reftype in _BODIES and sensor.refname == old else sensor.refname
+    for eye in (*spec.cameras, *spec.lights):
+        eye.targetbody = name if eye.targetbody == old else eye.targetbody
+    for actuator in spec.actuators:
+        if actuator.trntype == mujoco.mjtTrn.mjTRN_BODY and actuator.target == old:
+            actuator.target = name
+
+
+def _make_kind(spec: mujoco.MjSpec, root: mujoco.MjsBody, name: str, kind: str, where: str) -> None:
+    joints = list(root.joints)
+    if kind == "free":
+        others = [joint.name for joint in joints if joint.type != _FREE]
+        if others:
+            raise SceneKeyError(
+                f"{where}: a 'free' object should have a freejoint or no joint at its root; '{name}' has {others}. "
+                "Make it a 'fixture' or 'static', or move the joint to a child body."
+            )
+        (joints[0] if joints else root.add_freejoint()).name = f"{name}/free"
+        return
+    for joint in joints:
+        if kind != "static" or joint.type == _FREE:
+            spec.delete(joint)
+    if kind in ("fixture", "marker"):
+        root.mocap = True  # moved per world by mocap_pos; moving body_pos would leave static geoms behind
+    if kind == "marker":
+        for geom in root.find_all("geom"):
+            geom.contype = geom.conaffinity = 0
+
+
+def compile_spec(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
+    """Compile a specification.
+
+    Raises:
+        MeshError: a mesh is too small or too flat to have a volume.
+        SceneFileError: MuJoCo finds something else wrong.
+    """
+    try:
+        return spec.compile()
+    except ValueError as error:
+        text = " ".join(str(error).removeprefix("Error: ").split())
+        if "vertices" in text:
+            raise MeshError(f"{where}: MuJoCo cannot use a mesh: {text}. Give it a closed surface.") from None
+        raise SceneFileError(f"{where}: MuJoCo cannot compile this: {text}") from None

@@ -1,0 +1,99 @@
+"""Layouts on the host: one table for what is made, stored, written to files, judged and drawn.
+
+It knows MuJoCo's states alone, so that those who judge layouts share no code with those who make them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+
+import mujoco
+import numpy as np
+
+
+@dataclass(frozen=True)
+class LayoutTable:
+    """Layouts and how they were made, one row each.
+
+    Attributes:
+        qpos: Joint positions [m, rad], quaternions wxyz, shape (nrow, nq).
+        mocap_pos: Positions of the mocap bodies [m], world frame, shape (nrow, nmocap, 3).
+        mocap_quat: Orientations of the mocap bodies, wxyz, shape (nrow, nmocap, 4).
+        present: Which objects are there and not left out by their groups, shape (nrow, nslot), bool: the objects in the
+            order of the scene file, then the robot if there is one.
+        valid: Whether the layout is freshly made and valid, not one of the bank, shape (nrow,), bool.
+        first_pass_valid: Whether it was valid without a restart, shape (nrow,), bool.
+        attempts: Candidates drawn for it, shape (nrow,), int32.
+        status: Codes of `layout.layouts.Status`, shape (nrow,), int32.
+        seed: Seed of the world, shape (nrow,), uint64.
+        episode: Episode of the world, -1 where it is unknown, shape (nrow,), int32.
+        grasp: The accepted grasp of each reachable object, its place among the object's grasps, -1 where the object is
+            absent, shape (nrow, nreach), int32.
+        grasp_pose: Its TCP in the world frame, position [m] and orientation (wxyz), nan where there is none, shape
+            (nrow, nreach, 7), float32.
+        grasp_qpos: The arm's joints [rad or m] in that grasp, nan where only the arm's map was asked, shape (nrow,
+            nreach, njoint), float32.
+        pregrasp_qpos: The same before the grasp, nan for tiers below `clear`.
+    """
+
+    qpos: np.ndarray
+    mocap_pos: np.ndarray
+    mocap_quat: np.ndarray
+    present: np.ndarray
+    valid: np.ndarray
+    first_pass_valid: np.ndarray
+    attempts: np.ndarray
+    status: np.ndarray
+    seed: np.ndarray
+    episode: np.ndarray
+    grasp: np.ndarray
+    grasp_pose: np.ndarray
+    grasp_qpos: np.ndarray
+    pregrasp_qpos: np.ndarray
+
+    @classmethod
+    def from_states(
+        cls, qpos: np.ndarray, mocap_pos: np.ndarray, mocap_quat: np.ndarray, present: np.ndarray
+    ) -> LayoutTable:
+        """Return a table of states that nothing is known of but where things are; see the class for the arguments."""
+        nrow = len(qpos)
+        no, zero, nothing = np.zeros(nrow, bool), np.zeros(nrow, np.int32), np.zeros((nrow, 0, 0), np.float32)
+        return cls(
+            qpos,
+            mocap_pos,
+            mocap_quat,
+            present,
+            valid=no,
+            first_pass_valid=no,
+            attempts=zero,
+            status=zero,
+            seed=np.zeros(nrow, np.uint64),
+            episode=np.full(nrow, -1, np.int32),
+            grasp=np.zeros((nrow, 0), np.int32),
+            grasp_pose=np.zeros((nrow, 0, 7), np.float32),
+            grasp_qpos=nothing,
+            pregrasp_qpos=nothing,
+        )
+
+    @classmethod
+    def concatenate(cls, tables: Sequence[LayoutTable]) -> LayoutTable:
+        """Return the rows of all tables, at least one, as one table."""
+        return cls(**{f.name: np.concatenate([getattr(t, f.name) for t in tables]) for f in fields(cls)})
+
+    def __len__(self) -> int:
+        return len(self.qpos)
+
+    def __getitem__(self, index: slice | np.ndarray) -> LayoutTable:
+        return LayoutTable(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
+
+    def chunks(self, size: int) -> Iterator[tuple[int, LayoutTable]]:
+        """Yield the first row index and the rows of each chunk of at most `size` rows."""
+        for start in range(0, len(self), size):
+            yield start, self[slice(start, start + size)]
+
+    def put(self, data: mujoco.MjData, i: int) -> None:
+        """Write row `i` into `data`; nothing is computed from it yet."""
+        data.qpos[:] = self.qpos[i]
+        data.mocap_pos[:] = self.mocap_pos[i]
+        data.mocap_quat[:] = self.mocap_quat[i]

@@ -1,0 +1,69 @@
+"""Where absent members of groups are parked: on a square lattice far away, which nothing that is placed may reach.
+
+Absent objects are laid down without a test against anything, and what was placed before them was not tested against
+them. That is right as long as nothing gets there and all of them lie in places of their own, which
+`program/parking_check.py` sees to.
+"""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.errors import SceneKeyError
+
+PARKING_FROM = 40.0
+"""First corner [m] of the square lattice, far from every scene, on which absent members of groups wait."""
+PARKING_SPACING = 2.0
+"""Distance [m] of neighbours on that lattice."""
+PARKING_COLUMNS = 8
+"""Places in one row of that lattice."""
+
+LEVEL = 1.0e-3
+"""What rises above the ground by less [m] counts as part of it."""
+
+
+def add_parking_ground(spec: mujoco.MjSpec, nslot: int) -> None:
+    """Add a slab far away for the absent among `nslot` objects to lie on."""
+    low, high = _corners(nslot)
+    middle, half = 0.5 * (low + high), 0.5 * (high - low) + 1.0
+    spec.worldbody.add_geom(
+        name="parking_ground",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=[*middle, -0.05],
+        size=[*half, 0.05],
+        group=3,
+    )
+
+
+def has_parking_ground(mjm: mujoco.MjModel, nslot: int, where: str) -> bool:
+    """Whether a plane of the model is the ground on which absent objects lie, at z = 0.
+
+    Raises:
+        SceneKeyError: a plane that they would lie under.
+    """
+    data = mujoco.MjData(mjm)
+    mujoco.mj_kinematics(mjm, data)
+    low, high = _corners(nslot)
+    corners = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
+    found = False
+    for geom in np.flatnonzero(mjm.geom_type == mujoco.mjtGeom.mjGEOM_PLANE):
+        over = (corners - data.geom_xpos[geom]) @ data.geom_xmat[geom].reshape(3, 3)[:, 2]
+        if not mjm.geom_contype[geom] | mjm.geom_conaffinity[geom]:
+            continue
+        if over.min() < -LEVEL:
+            raise SceneKeyError(
+                f"{where}: groups: the plane '{mjm.geom(geom).name or geom}' lies above the ground (z = 0) at "
+                f"({PARKING_FROM:g}, {PARKING_FROM:g}) m, where absent objects are parked. Lower it, or use a box."
+            )
+        found = found or over.max() < LEVEL
+    return found
+
+
+def _corners(nslot: int) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper corner [m] of the rectangle in which objects are parked, with half a place around them."""
+    rows = max(PARKING_COLUMNS, math.ceil(nslot / PARKING_COLUMNS))
+    low = np.full(2, PARKING_FROM - 0.5 * PARKING_SPACING)
+    return low, low + PARKING_SPACING * np.array([PARKING_COLUMNS, rows])

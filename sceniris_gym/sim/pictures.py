@@ -1,0 +1,70 @@
+"""Pictures of the first worlds of a batch, by MuJoCo-Warp's ray caster: no window, no GL, CPU or GPU."""
+
+from __future__ import annotations
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import warp as wp
+
+from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.scene.assemble import MARK_GROUP
+
+VISIBLE_GROUPS = (0, 1, 2, MARK_GROUP)
+"""Groups of geoms that are in pictures: those that MuJoCo's viewer shows, and marks."""
+
+BACKGROUND = (0.93, 0.95, 0.97, 1.0)
+
+
+class FrameCamera:
+    """Takes pictures of the first worlds of a batch. It has data of its own and leaves the batch as it is.
+
+    Args:
+        mjm: the scene
+        model: the same on the device
+        nworld: how many worlds are taken
+        width: of a picture [pixels]
+        height: of a picture [pixels]
+        camera: name of the camera
+
+    Raises:
+        UnknownNameError: the scene has no such camera
+    """
+
+    def __init__(
+        self, mjm: mujoco.MjModel, model: mjw.Model, nworld: int, width: int, height: int, camera: str = "overview"
+    ) -> None:
+        cameras = [mjm.camera(i).name for i in range(mjm.ncam)]
+        if camera not in cameras:
+            raise UnknownNameError("camera", camera, "FrameCamera", filter(None, cameras))
+        self.model, self.nworld, self.width, self.height = model, nworld, width, height
+        self.device: wp.Device = model.qpos0.device
+        with wp.ScopedDevice(self.device):
+            self.data = mjw.make_data(mjm, nworld, nconmax=1, njmax=1)
+            self.context = mjw.create_render_context(
+                mjm,
+                nworld,
+                cam_res=(width, height),
+                render_rgb=True,
+                render_depth=False,
+                render_seg=False,
+                cam_active=[camera],
+                enabled_geom_groups=list(VISIBLE_GROUPS),
+                use_shadows=True,
+                background_color=BACKGROUND,
+            )
+
+    def take(self, source: mjw.Data) -> np.ndarray:
+        """Return pictures of the first worlds of `source`, (nworld, height, width, 3) uint8. Waits for the device."""
+        m, d = self.model, self.data
+        with wp.ScopedDevice(self.device):
+            wp.copy(d.qpos, source.qpos[: self.nworld])
+            if m.nmocap:  # an empty array cannot be sliced
+                wp.copy(d.mocap_pos, source.mocap_pos[: self.nworld])
+                wp.copy(d.mocap_quat, source.mocap_quat[: self.nworld])
+            for stage in (mjw.kinematics, mjw.com_pos, mjw.camlight):  # a tracking camera follows centres of mass
+                stage(m, d)
+            mjw.refit_bvh(m, d, self.context)
+            mjw.render(m, d, self.context)
+        packed = self.context.rgb_data.numpy().reshape(self.nworld, self.height, self.width)
+        return np.stack([(packed >> shift) & 0xFF for shift in (16, 8, 0)], axis=-1).astype(np.uint8)

@@ -1,0 +1,123 @@
+"""Makes layouts of a scene and lets the audit judge them, together with candidates that were rejected."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from sceniris_gym.config.fields import ROBOT
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.reachability import OPENING_MARGIN
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.tools.audit.auditor import Auditor
+from sceniris_gym.tools.audit.reach import Claim, ReachAudit, Unreached
+from sceniris_gym.tools.tables import make_table
+
+_WORLDS = 1024  # that are reset again and again until enough candidates were rejected
+_EPISODES = 1000  # after which a scene is taken to reject hardly anything
+
+
+def rejected_candidates(compiled: CompiledScene, n: int, seed: int) -> tuple[LayoutTable, list[str]]:
+    """Make layouts until n candidates were rejected for collision.
+
+    Returns:
+        The layouts in which the rejected objects stand at their candidate poses, and the names of these objects; fewer
+        than n where the scene rejects hardly anything.
+    """
+    generator = LayoutGenerator(compiled, _WORLDS, seed=seed, rejected=n)
+    view, nmocap = generator.layouts.view, compiled.mjm.nmocap
+    count = 0
+    for _ in range(_EPISODES):
+        generator.generate()
+        count = min(int(view.rejected_count.numpy()[0]), n)
+        if count == n:
+            break
+    qpos, pos, quat = (
+        a.numpy()[:count] for a in (view.rejected_qpos, view.rejected_mocap_pos, view.rejected_mocap_quat)
+    )
+    names = [compiled.placed[i] for i in view.rejected_object.numpy()[:count]]
+    present = np.ones((count, len(compiled.slots)), bool)
+    return LayoutTable.from_states(qpos, pos[:, :nmocap], quat[:, :nmocap], present), names
+
+
+def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
+    """What a table says about how its reachable objects are reached: the gripper opened by 1 cm more than it needs."""
+    if compiled.reaching is None:
+        return []
+    gripper, claims = compiled.reaching.gripper, []
+    for k, target in enumerate(compiled.reaching.targets):
+        needed = np.array([g.opening for g in target.grasp_set.grasps])[np.maximum(table.grasp[:, k], 0)]
+        gap = np.minimum(needed + OPENING_MARGIN, gripper.opening)
+        share = np.clip((gap - gripper.closed) / max(gripper.opening - gripper.closed, 1e-6), 0.0, 1.0)
+        claims.append(
+            Claim(
+                name=target.name,
+                tier=target.tier,
+                pose=table.grasp_pose[:, k],
+                qpos=table.grasp_qpos[:, k],
+                pregrasp_qpos=table.pregrasp_qpos[:, k],
+                fingers=gripper.closed_qpos + share[:, None] * (gripper.open_qpos - gripper.closed_qpos),
+                finger_adr=gripper.qposadr,
+            )
+        )
+    return claims
+
+
+def judge_reach(compiled: CompiledScene, table: LayoutTable, claims: list[Claim]) -> list[Unreached]:
+    """Let the audit judge what a table says about reach."""
+    if not claims:
+        return []
+    audit = ReachAudit(compiled.mjm, compiled.scene.bodies[ROBOT], compiled.scene.bodies)
+    present = {claim.name: table.present[:, compiled.slots.index(claim.name)] for claim in claims}
+    return audit.judge(table, claims, present)
+
+
+def judge(compiled: CompiledScene, layouts: int, rejected: int, settled: int, seed: int) -> dict:
+    """Make layouts and rejected candidates, and return what the audit finds as plain numbers and names.
+
+    Args:
+        compiled: the scene.
+        layouts: how many layouts.
+        rejected: how many rejected candidates.
+        settled: how many of the layouts are stepped for half a second.
+        seed: seed of the first layout.
+    """
+    auditor = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies)
+    table = make_table(compiled, layouts, seed)
+    report = auditor.judge(table, settled=settled)
+    claims = reach_claims(compiled, table)
+    unreached = judge_reach(compiled, table, claims)
+    rows, names = rejected_candidates(compiled, rejected, seed) if rejected else (table[slice(0, 0)], [])
+    alarms = auditor.judge_rejected(rows, names, compiled.placed)
+    return {
+        "scene": compiled.config.name,
+        "hash": compiled.hash,
+        "geometry": compiled.config.geometry,
+        "device": compiled.device,
+        "seed": seed,
+        "layouts": report.layouts,
+        "valid": int(table.valid.sum()),
+        "missed_collisions": report.colliding,
+        "missed_pairs": dict(Counter(" ".join(c.owners) for c in report.conflicts)),
+        "rejected": len(rows),
+        "false_alarms": len(alarms),
+        "false_alarm_pairs": dict(Counter(" ".join(a.owners or ()) for a in alarms)),
+        "deepest_penetration_m": report.penetration.depth,
+        "deepest_pair": " ".join(report.penetration.owners or ()),
+        "misplaced": len({m.row for m in report.misplaced}),
+        "misplaced_by": dict(Counter(f"{m.name} {m.cause}" for m in report.misplaced)),
+        "relation_violations": report.relation_violations,
+        "relations_by": {f"{k.name} {k.word}": k.broken for k in report.kept if k.broken},
+        "relation_worst_m": max((k.worst for k in report.kept if k.unit == "m"), default=0.0),
+        "relation_worst_rad": max((k.worst for k in report.kept if k.unit == "rad"), default=0.0),
+        "reach_claims": int(sum(np.isfinite(claim.pose[:, 0]).sum() for claim in claims)),
+        "unreached": len(unreached),
+        "unreached_by": dict(Counter(f"{u.name} {u.cause}" for u in unreached)),
+        "settled": report.settled,
+        "moved": report.moved,
+        "moved_share": sum(report.moved.values()) / max(report.settled * len(report.moved), 1),
+        "fast": report.fast,
+        "top_speed_m_s": report.top_speed,
+    }

@@ -1,0 +1,38 @@
+"""What the `generate` command does: a data set of layouts with the model they belong to."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.tools.files import replacing
+
+_OF_REACH = ("grasp", "grasp_pose", "grasp_qpos", "pregrasp_qpos")
+
+
+def write_dataset(compiled: CompiledScene, table: LayoutTable, folder: Path) -> None:
+    """Write `layouts.npz` and `scene.zip`, which stock MuJoCo opens; neither is ever there half written.
+
+    Grasps are in it where anything is to be reachable.
+
+    Args:
+        compiled: the scene.
+        table: its layouts.
+        folder: where to; made if it is not there.
+    """
+    columns: dict[str, Any] = {f.name: getattr(table, f.name) for f in fields(LayoutTable)}
+    columns["object_names"] = np.array(compiled.object_names)
+    if compiled.reaching is None:
+        columns = {name: column for name, column in columns.items() if name not in _OF_REACH}
+    else:
+        columns["reachable_names"] = np.array(compiled.reaching.names)
+    with replacing(folder / "scene.zip") as scene, replacing(folder / "layouts.npz") as layouts:
+        with scene.open("wb") as file:
+            compiled.scene.spec.to_zip(file)
+        with layouts.open("wb") as file:
+            np.savez(file, **columns)

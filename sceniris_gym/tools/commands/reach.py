@@ -1,0 +1,322 @@
+"""What the `reach` command does: build an arm's map, judge poses, and draw what the arm reaches."""
+
+from __future__ import annotations
+
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.config.loader import SHIPPED_NAME, shipped
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import (
+    ArmError,
+    MapError,
+    NotSupportedError,
+    PosesError,
+    ReachWarning,
+    SceneKeyError,
+    UnknownNameError,
+)
+from sceniris_gym.layout.compile import compile_scene, device_name
+from sceniris_gym.reach.arm import TCP, SerialArm
+from sceniris_gym.reach.build import TILT_STEP, build_map
+from sceniris_gym.reach.map import SUFFIX, ReachMap, build_command, default_tier, map_file, map_path, why_not_map
+from sceniris_gym.reach.solve import solve
+from sceniris_gym.reach.tier import Tier
+from sceniris_gym.scene.assemble import compile_spec, load_mjcf
+from sceniris_gym.tools.files import check_picture, check_writable, replacing
+from sceniris_gym.tools.narrowing import narrow
+from sceniris_gym.tools.reach_picture import draw
+from sceniris_gym.tools.render import save
+
+_ROUNDS = 8  # of solving again for poses of which the joints found so far make the arm hit itself
+
+
+def read_arm(name: str) -> tuple[mujoco.MjModel, SerialArm]:
+    """Read an arm: a shipped asset, or the path of an MJCF file with one root body and a site 'tcp'.
+
+    Raises:
+        UnknownNameError: there is no such asset, or it has no site 'tcp'.
+        SceneFileError: the file is missing, or is no MJCF.
+        ArmError: it is not a serial arm, or the file has no body with a name.
+    """
+    assets = shipped("assets", ".xml")
+    if SHIPPED_NAME.fullmatch(name) and name not in assets:
+        raise UnknownNameError("arm", name, "reach", _shipped_arms())
+    mjm = compile_spec(load_mjcf(assets.get(name, Path(name)), "reach"), "reach")
+    if mjm.nbody < 2 or not mjm.body(1).name:
+        has = "no body" if mjm.nbody < 2 else "a first body without a name"
+        raise ArmError(f"reach: '{name}' has {has}. Give it a named body that the arm stands on, first in <worldbody>.")
+    return mjm, SerialArm.from_model(mjm, mjm.body(1).name, TCP)
+
+
+def _shipped_arms() -> list[str]:
+    """Assets with the name of a TCP in them."""
+    return [name for name, path in shipped("assets", ".xml").items() if f'<site name="{TCP}"' in path.read_text()]
+
+
+def build(
+    name: str,
+    out: Path,
+    device: str | None = None,
+    *,
+    step: float | None = None,
+    tilt_step: float = TILT_STEP,
+    seed: int = 0,
+) -> dict[str, Any]:
+    """Build the map of an arm into a file, with bars of progress on stderr, and describe it.
+
+    What is done is kept in a file beside `out` until the map is written, and a later build goes on from there.
+    """
+    check_writable(out)
+    _, arm = read_arm(name)
+    state = out.with_name(f".{out.name}.state")
+    start = time.perf_counter()
+    chosen = device_name(device, "reach")
+    built = build_map(arm, chosen, step=step, tilt_step=tilt_step, seed=seed, state=state, progress=_bars())
+    with replacing(out) as temporary:
+        built.save(temporary)
+    state.unlink(missing_ok=True)
+    figures = {"seconds": round(time.perf_counter() - start, 1), "file": str(out), "file_bytes": out.stat().st_size}
+    if out.resolve() != map_path(name).resolve():
+        figures["used_with"] = f"--map {out}"
+    return describe(arm, built) | figures
+
+
+def default_map(name: str) -> Path:
+    """Where a map goes if no place is named: beside an own MJCF; a shipped arm's not over the installed one."""
+    return map_path(name) if name.endswith(".xml") else Path(f"{name}{SUFFIX}")
+
+
+def judge(
+    name: str, path: Path | None, poses: Path, out: Path, tier: Tier | None = None, device: str | None = None
+) -> dict[str, Any]:
+    """Judge the TCP poses of a file, shape (N, 4, 4), write verdicts, shape (N,), bool, and say how many are reached.
+
+    Without a tier it is the arm's default one.
+    """
+    check_writable(out)
+    mjm, arm = read_arm(name)
+    asked = read_poses(poses)
+    by_map = tier is not None and tier.needs_map
+    needed = path is not None or by_map
+    reach_map = find_map(name, arm, path) if needed or _has_map(name, arm) else None
+    used = default_tier(arm, reach_map) if tier is None else tier
+    if tier is not None and by_map and reach_map is not None and reach_map.limited:
+        warnings.warn(f"reach {name} --tier {tier.word}: {why_ik(name, arm, reach_map)}.", ReachWarning, stacklevel=2)
+    verdicts = judge_poses(mjm, arm, reach_map, asked, used, device_name(device, "reach"))
+    with replacing(out) as temporary, temporary.open("wb") as file:
+        np.save(file, verdicts)
+    found = {"arm": arm.name, "tier": used.word, "poses": len(asked), "reached": int(verdicts.sum()), "file": str(out)}
+    why = None if tier is not None else why_ik(name, arm, reach_map)
+    return found if why is None else found | {"why_ik": why}
+
+
+def show(name: str, path: Path | None, out: Path, height: float, device: str | None = None) -> dict[str, Any]:
+    """Describe an arm and its map, and draw the map. An arm that can have none is described without a picture.
+
+    Raises:
+        MapError: there is no such map, or `height` is above or below it.
+    """
+    _, arm = read_arm(name)
+    if path is None and not _has_map(name, arm):
+        return describe(arm, None) | {"why_ik": why_ik(name, arm, None)}
+    check_picture(out)
+    reach_map = find_map(name, arm, path)
+    low, high = reach_map.z_low, reach_map.z_low + reach_map.step * (reach_map.nz - 1)
+    if not low <= height <= high:  # NaN, too
+        raise MapError(f"reach {name} --height {height:g}: its map is from {low:.2f} to {high:.2f} m.")
+    save(draw(reach_map, height, device_name(device, "reach")), out)
+    why = why_ik(name, arm, reach_map)
+    return describe(arm, reach_map) | ({} if why is None else {"why_ik": why}) | {"picture": str(out)}
+
+
+def narrowed(
+    name: str, config: SceneConfig, out: Path, device: str | None = None, *, layouts: int = 1024, seed: int = 0
+) -> dict[str, Any]:
+    """Say how much `reachable` narrows where the objects of a scene of the arm lie, and draw it from above.
+
+    Raises:
+        SceneKeyError: the scene has another robot or none, or nothing in it is to be reachable.
+    """
+    if config.robot is None or not _same(name, config.robot.asset):
+        has = "no robot" if config.robot is None else f"the robot '{config.robot.asset}'"
+        raise SceneKeyError(f"reach {name} --scene {config.where}: this scene has {has}. Name a scene with '{name}'.")
+    check_picture(out)
+    compiled = compile_scene(config, device)
+    if compiled.reaching is None:
+        raise SceneKeyError(
+            f"reach {name} --scene {config.where}: no object of this scene is to be reachable. "
+            "Ask for one, as in --set objects.apple.reachable=map."
+        )
+    return narrow(compiled, layouts, seed, out)
+
+
+def _same(name: str, asset: str) -> bool:
+    """Do both name the same shipped arm, or the same file?"""
+    return name == asset or (name.endswith(".xml") and Path(name).resolve() == Path(asset).resolve())
+
+
+def why_ik(name: str, arm: SerialArm, reach_map: ReachMap | None) -> str | None:
+    """Why an arm's poses are solved one by one when no tier is named; None if its map is used."""
+    if reach_map is None and arm.no_map is None:
+        return f"there is no map of it yet: {build_command(name)}"
+    return why_not_map(arm, reach_map)
+
+
+def _has_map(name: str, arm: SerialArm) -> bool:
+    return arm.no_map is None and map_file(name) is not None
+
+
+def find_map(name: str, arm: SerialArm, path: Path | None) -> ReachMap:
+    """Load a map: from `path`, else the one that belongs to the arm.
+
+    Raises:
+        MapError: there is none, or it does not fit.
+    """
+    if arm.no_map is not None:
+        raise MapError(f"reach: {name} can have no map: {arm.no_map}. Use --tier ik.")
+    own = map_file(name)
+    if path is not None:
+        another = (
+            f"Build one: {build_command(name)}." if own is None else "Leave out --map: this arm has one of its own."
+        )
+        return ReachMap.load(path, arm, another)
+    if own is None:
+        raise MapError(f"reach: {name}: {why_ik(name, arm, None)}.")
+    return ReachMap.load(own, arm, f"Build it again: {build_command(name)}.")
+
+
+def describe(arm: SerialArm, reach_map: ReachMap | None) -> dict[str, Any]:
+    """Return what is to know about an arm and its map, by name."""
+    found: dict[str, Any] = {
+        "arm": arm.name,
+        "hash": arm.hash,
+        "joints": len(arm.joints),
+        "full_turn_of_base": arm.free_base,
+        "full_turn_of_wrist": arm.free_wrist,
+    }
+    if reach_map is None:
+        return found | {"map": None, "default_tier": default_tier(arm, None).word}
+    memory, witnesses = reach_map.nbytes
+    return found | {
+        "step_m": reach_map.step,
+        "tilt_step_degrees": float(np.degrees(reach_map.tilt_step)),
+        "map_bytes": memory,
+        "witness_bytes": witnesses,
+        "turn_error": reach_map.turn_error,
+        "default_tier": default_tier(arm, reach_map).word,
+    }
+
+
+def read_poses(path: Path) -> np.ndarray:
+    """Read TCP poses in the arm's base frame from a .npy file, shape (N, 4, 4).
+
+    Raises:
+        PosesError: the file is missing or holds something else.
+    """
+    form = "should be a .npy file with an array of shape (N, 4, 4): rigid TCP poses in the arm's base frame"
+    if not path.is_file():
+        raise PosesError(f"--poses {path}: there is no such file. It {form}.")
+    try:
+        poses = np.load(path, allow_pickle=False)
+    except (ValueError, OSError, EOFError) as error:
+        raise PosesError(f"--poses {path}: NumPy cannot read it ({error}). It {form}.") from error
+    if (
+        not isinstance(poses, np.ndarray)
+        or poses.ndim != 3
+        or poses.shape[1:] != (4, 4)
+        or poses.dtype.kind not in "fiu"
+    ):
+        got = f"{poses.dtype} of shape {poses.shape}" if isinstance(poses, np.ndarray) else "an archive"
+        raise PosesError(f"--poses {path}: holds {got}. It {form}.")
+    poses = poses.astype(np.float64)
+    turns = poses[:, :3, :3]
+    with np.errstate(invalid="ignore"):  # NaN compares as false
+        rigid = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) < 1e-3
+        rigid &= (np.linalg.det(turns) > 0.0) & (np.abs(poses[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-6)
+    rigid &= np.isfinite(poses[:, :3, 3]).all(axis=1)
+    if not rigid.all():
+        raise PosesError(f"--poses {path}: pose {np.argmin(rigid)} is not a rotation and a position. It {form}.")
+    return poses
+
+
+def judge_poses(
+    mjm: mujoco.MjModel, arm: SerialArm, reach_map: ReachMap | None, poses: np.ndarray, tier: Tier, device: str
+) -> np.ndarray:
+    """Say which TCP poses in the base frame an arm reaches, shape (N,), bool.
+
+    Raises:
+        NotSupportedError: tier `clear`, which is about a layout.
+    """
+    if tier == Tier.CLEAR:
+        raise NotSupportedError(
+            "reach --tier clear: this tier asks whether the arm hits a layout, and poses alone have none. "
+            "Use `reachable: clear` in a scene, or --tier ik here."
+        )
+    if tier == Tier.IK:
+        return _solvable(mjm, arm, poses, device)
+    if reach_map is None:
+        raise MapError(
+            f"reach --tier {tier.word}: '{arm.name}' has no map. Use --tier ik, or build the map with --build."
+        )
+    return reach_map.verdict(poses, device) >= tier.least_verdict
+
+
+def _solvable(mjm: mujoco.MjModel, arm: SerialArm, poses: np.ndarray, device: str) -> np.ndarray:
+    """Which poses have joints within limits at which the arm does not hit itself, shape (N,), bool."""
+    reached = np.zeros(len(poses), bool)
+    left = np.arange(len(poses))
+    flat = np.zeros((len(poses), 7))
+    flat[:, :3] = poses[:, :3, 3]
+    for pose, turn in zip(flat, poses, strict=True):
+        mujoco.mju_mat2Quat(pose[3:], turn[:3, :3].ravel())
+    for seed in range(_ROUNDS):
+        joints, ok = solve(arm, flat[left], device, seed=seed)
+        left, joints = left[ok], joints[ok]  # what all starts missed stays missed
+        hits = hits_itself(mjm, arm, joints)
+        reached[left[~hits]] = True
+        left = left[hits]
+        if not len(left):
+            break
+    return reached
+
+
+def hits_itself(mjm: mujoco.MjModel, arm: SerialArm, joints: np.ndarray) -> np.ndarray:
+    """At which joints of shape (N, njoint) MuJoCo reports contacts of the arm alone, shape (N,), bool."""
+    data = mujoco.MjData(mjm)
+    if mjm.nkey:
+        mujoco.mj_resetDataKeyframe(mjm, data, 0)
+    hits = np.zeros(len(joints), bool)
+    for i, q in enumerate(joints):
+        data.qpos[arm.qposadr] = q
+        mujoco.mj_kinematics(mjm, data)
+        mujoco.mj_comPos(mjm, data)
+        mujoco.mj_collision(mjm, data)
+        hits[i] = bool((data.contact.dist[: data.ncon] < 0.0).any())
+    return hits
+
+
+def _bars() -> Callable[[str, int, int], None]:
+    """Return a progress callback that shows one bar after the other."""
+    from tqdm import tqdm
+
+    bars: dict[str, Any] = {}
+
+    def show(what: str, done: int, total: int) -> None:
+        if what not in bars:
+            for bar in bars.values():
+                bar.close()
+            bars.clear()
+            bars[what] = tqdm(total=total, desc=what, file=sys.stderr, unit_scale=True)
+        bars[what].update(done - bars[what].n)
+        if done == total:
+            bars[what].close()
+
+    return show

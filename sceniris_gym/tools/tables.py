@@ -1,0 +1,106 @@
+"""Layouts of a generator as a table on the host, also of more worlds than are made at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import warp as wp
+
+from sceniris_gym.layout.generate import LayoutGenerator, as_seeds
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.layout_table import LayoutTable
+
+CHUNK = 4096  # worlds that are made at once
+
+
+def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTable:
+    """Copy the first `nrow` layouts (None: all) of a generator to the host."""
+    layouts, nmocap = generator.layouts, generator.compiled.mjm.nmocap
+
+    def read(array: wp.array) -> np.ndarray:
+        return array.numpy()[:nrow].copy()  # on a CPU `numpy()` is a view of what the next reset overwrites
+
+    status, grasp = read(layouts.status), read(layouts.grasp)
+    njoint = 0 if layouts.reaching is None else len(layouts.reaching.arm.joints)
+    states = LayoutTable.from_states(
+        read(layouts.qpos),
+        read(layouts.mocap_pos)[:, :nmocap],
+        read(layouts.mocap_quat)[:, :nmocap],
+        read(layouts.present) != 0,
+    )
+    return replace(
+        states,
+        valid=status == Status.VALID,
+        first_pass_valid=read(layouts.first_pass_valid) != 0,
+        attempts=read(layouts.attempts),
+        status=status,
+        seed=read(layouts.seed),
+        episode=read(layouts.episode),
+        grasp=grasp,
+        grasp_pose=grasp_poses(generator.compiled, states, grasp),
+        grasp_qpos=read(layouts.grasp_qpos)[:, :, :njoint],
+        pregrasp_qpos=read(layouts.pregrasp_qpos)[:, :, :njoint],
+    )
+
+
+def grasp_poses(compiled: CompiledScene, table: LayoutTable, grasp: np.ndarray) -> np.ndarray:
+    """Return the TCP poses (x, y, z, w, x, y, z) of grasps in the world frame, shape (nrow, nreach, 7), float32.
+
+    Args:
+        compiled: the scene.
+        table: the layouts.
+        grasp: the grasp of each reachable object, -1 for none, shape (nrow, nreach).
+    """
+    poses = np.full((*grasp.shape, 7), np.nan, np.float32)
+    if compiled.reaching is None:
+        return poses
+    data = mujoco.MjData(compiled.mjm)
+    for i in range(len(table)):
+        table.put(data, i)
+        mujoco.mj_kinematics(compiled.mjm, data)
+        for k, target in enumerate(compiled.reaching.targets):
+            if grasp[i, k] >= 0:
+                g = target.grasp_set.grasps[grasp[i, k]]
+                pos, quat = np.empty(3), np.empty(4)
+                mujoco.mju_mulPose(pos, quat, data.xpos[g.body], data.xquat[g.body], g.pos, g.quat)
+                poses[i, k] = *pos, *quat
+    return poses
+
+
+def make_table(
+    compiled: CompiledScene,
+    n: int,
+    seed: int,
+    *,
+    split: str = "train",
+    chunk: int = CHUNK,
+    progress: Callable[[int], object] = lambda _: None,
+) -> LayoutTable:
+    """Make n layouts: row i is episode 0 of seed + i, whatever n and the size of the chunks are.
+
+    Args:
+        compiled: the scene.
+        n: number of layouts.
+        seed: seed of the first row.
+        split: "train" or "eval".
+        chunk: how many are made at once.
+        progress: called with the number of layouts made since the last call.
+
+    Raises:
+        SeedError: the seed is not a 64-bit integer.
+    """
+    seeds = as_seeds(seed, n)
+    generator = LayoutGenerator(compiled, min(chunk, n), split=split)
+    wanted = np.arange(generator.nworld)
+    tables = []
+    for start in range(0, n, chunk):
+        count = min(chunk, n - start)
+        generator.reseed(np.resize(seeds[start : start + count], generator.nworld))
+        generator.generate(wp.array(wanted < count, dtype=bool, device=compiled.device))
+        tables.append(read_table(generator, count))
+        progress(count)
+    return LayoutTable.concatenate(tables)
