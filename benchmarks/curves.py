@@ -1,10 +1,10 @@
-"""The table and the picture of a folder of trainings, as benchmarks/evidence.sh makes it.
+"""Table and picture for a folder of training runs, as made by benchmarks/evidence.sh.
 
     python -m benchmarks.curves results --picture demo/training.png
 
-Prints what is reached on layouts that were not trained on: for every kind of run the mean and the range over the seeds
-that are there, from the last evaluation of each; and when an evaluation first reached 95% (Reach) or 80% (Lift), over
-the seeds that did. A run that has not been judged yet is left out.
+Prints the success on layouts that were not trained on: for each kind of run the mean and the range over the available
+seeds, from the last evaluation of each; and when an evaluation first reached 95% (Reach) or 80% (Lift), over the seeds
+that did. A run that has not been evaluated yet is left out.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Annotated, Any
 import tyro
 
 ASKED = {"TabletopReach-v0": 0.95, "TabletopLift-v0": 0.8}
-"""Success on valid layouts that is asked for."""
+"""Target success on valid layouts."""
 
 COLORS = {"TabletopReach-v0": "tab:blue", "TabletopLift-v0": "tab:orange"}
 
@@ -30,17 +30,17 @@ COMPARED = {
     "uniform": "fresh,\nno\nchecks",
     "unreachable": "fresh,\nno\nreach",
 }
-"""Kinds of runs that are compared, and their names in the picture."""
+"""Kinds of runs that are compared, and their labels in the picture."""
 
 KINDS = ("reach", "lift", *COMPARED)
 
 JUDGED = ("valid", "unfiltered")
-"""The layouts that policies are judged on."""
+"""The layouts on which policies are evaluated."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """A training: its folder's name without the seed, its options, and its evaluations in order."""
+    """A training run: its folder's name without the seed, its options, and its evaluations in order."""
 
     kind: str
     options: dict[str, Any]
@@ -48,18 +48,18 @@ class Run:
 
     @property
     def task(self) -> str:
-        """What was trained."""
+        """The task that was trained."""
         return self.options["task"]
 
     @property
     def reached(self) -> dict[str, Any] | None:
-        """The first evaluation with what is asked for, if there is one."""
+        """The first evaluation that reached the target, if any."""
         good = (line for line in self.evaluations if line["valid"]["success"] >= ASKED.get(self.task, 1.0))
         return next(good, None)
 
 
 def read(folder: Path) -> dict[str, list[Run]]:
-    """Return the runs in a folder that have been judged at least once, by their kind: known ones first, in order."""
+    """Return the runs in a folder that have been evaluated at least once, by kind: known kinds first, in order."""
     kinds: dict[str, list[Run]] = {}
     for log in sorted(folder.glob("*/log.jsonl")):
         lines = [json.loads(line) for line in log.read_text().splitlines()]
@@ -73,7 +73,7 @@ def read(folder: Path) -> dict[str, list[Run]]:
 
 
 def spread(values: list[float], form: str = "{:.1%}") -> str:
-    """Return mean and range in words; the mean alone where they read the same."""
+    """Return mean and range as text; only the mean if both ends look the same."""
     mean, low, high = (form.format(v) for v in (sum(values) / len(values), min(values), max(values)))
     return mean if low == high else f"{mean} ({low} to {high})"
 
@@ -94,7 +94,7 @@ def table(kinds: dict[str, list[Run]]) -> str:
 
 
 def draw(kinds: dict[str, list[Run]], picture: Path) -> None:
-    """Draw success against wall-clock and steps for `reach` and `lift`, and beside it what the others came to."""
+    """Draw success against wall-clock time and steps for `reach` and `lift`, and the results of the other runs."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -121,7 +121,7 @@ def draw(kinds: dict[str, list[Run]], picture: Path) -> None:
 
 
 def draw_curves(panel: Any, runs: list[Run], key: str, scale: float) -> None:
-    """Draw success on valid layouts, a thin line for each seed, and a dashed one at what is asked for."""
+    """Draw success on valid layouts, a thin line for each seed, and a dashed line at the target."""
     for i, run in enumerate(runs):
         color = COLORS.get(run.task, "tab:gray")
         x = [0.0, *(scale * line[key] for line in run.evaluations)]
@@ -134,7 +134,7 @@ def draw_curves(panel: Any, runs: list[Run], key: str, scale: float) -> None:
 
 
 def draw_comparison(panel: Any, kinds: dict[str, list[Run]]) -> None:
-    """Draw bars of the mean of what every kind came to, with a point for each seed."""
+    """Draw the mean success of every kind as bars, with a point for each seed."""
     for name, color, shift in zip(JUDGED, ("tab:blue", "tab:gray"), (-0.2, 0.2), strict=True):
         for i, runs in enumerate(kinds.values()):
             shares = [run.evaluations[-1][name]["success"] for run in runs]
@@ -149,7 +149,7 @@ def draw_comparison(panel: Any, kinds: dict[str, list[Run]]) -> None:
 
 
 def main(folder: Annotated[Path, tyro.conf.Positional], picture: Path | None = None) -> None:
-    """Print the table, and draw the picture where one is wanted."""
+    """Print the table, and draw the picture if asked."""
     kinds = read(folder)
     print(table(kinds))
     if picture is not None:

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# All trainings of RESULTS.md, one at a time on each GPU: benchmarks/evidence.sh FOLDER [STEPS [SEEDS]]. Run again, it goes
-# on where it was stopped. STEPS are the millions of control steps of the comparisons (10), SEEDS their seeds ("0 1 2").
+# All training runs of RESULTS.md, one at a time on each GPU: benchmarks/evidence.sh FOLDER [STEPS [SEEDS]]. Run again,
+# it resumes where it was stopped. STEPS is the number of control steps of the comparisons in millions (10), SEEDS are
+# their seeds ("0 1 2").
 set -euo pipefail
 export out=${1:?a folder for the results}
 steps=${2:-10}
@@ -17,7 +18,7 @@ train() { # folder, then options
 }
 export -f train
 
-# compiles everything once, so that the others find it in the cache
+# compile everything once, so that the other runs find it in the cache
 train warm_reach TabletopReach-v0 --minutes 0.01
 train warm_lift TabletopLift-v0 --minutes 0.01
 

@@ -1,11 +1,12 @@
-"""Count resets that begin in contact with something else than the support, or that explode.
+"""Count resets that start in contact with anything but the support, or that explode.
 
     python -m benchmarks.honest_resets --layouts 100000 --out results/honest.jsonl
 
-For every task: layouts as the generator makes them, and beside them uniform placement without checks. A reset explodes
-when an object, or a point of a door or drawer, is faster than 1 m/s within 0.1 s while the arm is held where it starts.
-Contacts and motion are those of MuJoCo-Warp; a contact that it had no room for is an error. A line of JSON per task and
-kind of placement; those that are in the file already are left out, and answers with other options are refused.
+For every task, this compares layouts from the generator with uniform placement without checks. A reset explodes when an
+object, or a point of a door or drawer, is faster than 1 m/s within 0.1 s while the arm is held in its start pose.
+Contacts and motion are those of MuJoCo-Warp; a contact that it had no room for is an error. The output is one line of
+JSON per task and kind of placement. Lines that are already in the file are not measured again; a file that was made
+with other options is refused.
 """
 
 from __future__ import annotations
@@ -35,13 +36,13 @@ from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 
 FASTEST = 1.0
-"""Speed of an object from which a reset counts as exploded [m/s]."""
+"""Speed of an object above which a reset counts as exploded [m/s]."""
 
 WATCHED = 0.1
-"""For how long it is watched [s]."""
+"""How long a reset is watched [s]."""
 
 LOST = mjw.OverflowType.HFIELD | mjw.OverflowType.EPA_HORIZON | mjw.OverflowType.NJMAX_NNZ
-"""Overflows that lose a contact, or what it does, beside those that `Batch.check_budget` knows."""
+"""Overflows that lose a contact or its effect, in addition to those that `Batch.check_budget` reports."""
 
 
 @dataclass(frozen=True)
@@ -49,14 +50,14 @@ class Options:
     """What to count.
 
     Attributes:
-        layouts: how many of each kind, rounded up to whole batches
+        layouts: number of each kind, rounded up to whole batches
         num_envs: worlds in a batch
-        tasks: ids without their namespace; all of this package when empty
-        out: file for the answers
+        tasks: ids without their namespace; all tasks of this package if empty
+        out: file for the results
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one
         nconmax: room for contacts of each world
         njmax: room for constraint rows of each world
-        seed: number of the experiment; the seeds of layouts begin at 16 * 2^20 times it
+        seed: number of the experiment; its layout seeds start at 16 * 2^20 times this number
     """
 
     layouts: int = 100_000
@@ -70,7 +71,7 @@ class Options:
 
 
 class Judge:
-    """Looks at resets of one CompiledScene with MuJoCo-Warp."""
+    """Checks resets of one CompiledScene with MuJoCo-Warp."""
 
     def __init__(self, compiled: CompiledScene, generator: Any, options: Options) -> None:
         self.compiled, mjm = compiled, compiled.mjm
@@ -85,10 +86,10 @@ class Judge:
         self.steps = round(WATCHED / mjm.opt.timestep)
 
     def look(self, seed: int) -> tuple[Counter, Counter]:
-        """Reset all worlds; count what became of them, and which pairs of bodies touched in how many worlds.
+        """Reset all worlds; count the outcomes, and in how many worlds each pair of bodies touched.
 
         Raises:
-            ContactBudgetError: there was no room for a contact or its constraint rows; names the option to raise
+            ContactBudgetError: there was no room for a contact or its constraint rows; names the option to increase
             RuntimeError: a contact was lost in another way
         """
         self.randomizer.reseed(np.uint64(seed) + np.arange(self.batch.nworld, dtype=np.uint64))
@@ -110,13 +111,13 @@ class Judge:
         ), pairs
 
     def speeds(self, qvel: np.ndarray) -> np.ndarray:
-        """Return the greatest speed in each world for velocities (nworld, nv) [m/s]; infinity for what is no number."""
+        """Return the greatest speed in each world for velocities (nworld, nv) [m/s]; infinity for NaN."""
         free = np.linalg.norm(qvel[:, self.velocities], axis=2)
         jointed = np.abs(qvel[:, list(self.levers)]) * list(self.levers.values())
         return np.nan_to_num(np.hstack([free, jointed]).max(axis=1, initial=0.0), nan=np.inf)
 
     def _touching(self) -> tuple[np.ndarray, Counter]:
-        """Return in which worlds bodies touch that do not carry each other, and which in how many worlds."""
+        """Return in which worlds bodies touch that do not carry each other, and the number of worlds for each pair."""
         d, mjm = self.batch.data, self.compiled.mjm
         self._check_room()
         number = int(d.nacon.numpy()[0])
@@ -132,7 +133,7 @@ class Judge:
         return in_contact, pairs
 
     def _check_room(self) -> None:
-        """Look for contacts in the present state, and complain about any that was lost now or since the reset."""
+        """Check the contacts of the current state, and raise if any was lost now or since the reset."""
         self.batch.check_budget()
         lost = mjw.OverflowType(int(np.bitwise_or.reduce(self.batch.data.overflow.numpy()))) & LOST
         if lost:
@@ -149,10 +150,10 @@ def supports(compiled: CompiledScene) -> dict[str, str]:
 
 
 def levers(compiled: CompiledScene) -> dict[int, float]:
-    """Return for each joint inside of an object how fast its fastest point is at unit velocity, by address in qvel.
+    """Return for each joint of an object how fast its fastest point is at unit velocity, by address in qvel.
 
-    That is 1 for a slide [m/s per m/s]. For a hinge it is the distance from its axis to the farthest corner of what it
-    turns, in the model's start pose [m/s per rad/s].
+    That is 1 for a slide [m/s per m/s]. For a hinge it is the distance from its axis to the farthest corner of the
+    geoms that it rotates, in the model's start pose [m/s per rad/s].
     """
     mjm, robot = compiled.mjm, compiled.config.robot
     data = mujoco.MjData(mjm)
@@ -171,7 +172,7 @@ def levers(compiled: CompiledScene) -> dict[int, float]:
 
 
 def _corners(mjm: mujoco.MjModel, data: mujoco.MjData, body: int) -> np.ndarray:
-    """Return the corners of the boxes around the geoms of a body and of all below it [m], world frame, shape (n, 3)."""
+    """Return the corners of the boxes around the geoms of a body and its descendants [m], world frame, shape (n, 3)."""
     signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
     boxes = []
     for geom in np.flatnonzero(np.isin(mjm.geom_bodyid, subtree(mjm, body))):
@@ -197,12 +198,12 @@ def count(task: str, placement: str, options: Options) -> dict[str, Any]:
 
 
 def asked_of(options: Options) -> dict[str, int]:
-    """Return the options that an answer depends on; too little room is an error, so that is none of them."""
+    """Return the options that a result depends on; room for contacts is not one, since too little of it is an error."""
     return {name: getattr(options, name) for name in ("layouts", "num_envs", "seed")}
 
 
 def answers(file: Path) -> list[dict[str, Any]]:
-    """Return what is in a file of answers, and cut off a line that was being written when a run was stopped."""
+    """Return the lines of a file of results; a line that was cut off when a run was stopped is removed."""
     text = file.read_text() if file.exists() else ""
     whole = text[: text.rfind("\n") + 1]
     if whole != text:
@@ -211,10 +212,10 @@ def answers(file: Path) -> list[dict[str, Any]]:
 
 
 def main(options: Options) -> None:
-    """Count what is not in the file yet.
+    """Count everything that is not in the file yet.
 
     Raises:
-        SystemExit: the file has answers to another question
+        SystemExit: the file has results for other options
     """
     options.out.parent.mkdir(parents=True, exist_ok=True)
     asked = asked_of(options)

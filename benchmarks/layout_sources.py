@@ -1,7 +1,7 @@
-"""Where the layouts of an experiment come from: made fresh, replayed from a bank, or placed without any check.
+"""Sources of layouts for experiments: generated fresh, replayed from a bank, or placed without any check.
 
-What a task draws beside the layout, such as which object it chooses, is drawn afresh in every episode whatever the
-source: a bank of a single layout still asks for every object in turn.
+What a task samples besides the layout, such as which object it chooses, is sampled anew in every episode whatever the
+source: even with a bank of a single layout every object is chosen in turn.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ def episodes(compiled: CompiledScene, seeds: list[int], number: int, split: str 
 
 
 def home_rows(compiled: CompiledScene, seed: int) -> LayoutTable:
-    """Return a single layout, which stands for a scene's one fixed keyframe."""
+    """Return a single layout, as the one fixed start state of a scene."""
     return valid_rows(compiled, 1, seed)
 
 
 def unchecked(compiled: CompiledScene) -> CompiledScene:
-    """Return a CompiledScene that draws the same candidates, and tests none for collisions.
+    """Return a CompiledScene that samples the same candidates but tests none of them for collisions.
 
-    For placement without any check, its scene has no words `reachable`.
+    For placement without any check, its scene must not use `reachable`.
     """
     program = Program()
     for name in Program.vars:
@@ -62,7 +62,7 @@ def unchecked(compiled: CompiledScene) -> CompiledScene:
 
 
 def replayed(table: LayoutTable) -> Callable[[CompiledScene, int], StoredLayouts]:
-    """Return a `layout_source` for SceneVectorEnv: world with seed s gets row s + episode, modulo their number."""
+    """Return a `layout_source` for SceneVectorEnv: a world with seed s gets row s + episode, modulo the row count."""
     return lambda compiled, num_envs: StoredLayouts(compiled, table, num_envs)
 
 

@@ -1,21 +1,22 @@
-"""How far reachability can be trusted: verdicts on random TCP poses against exact inverse kinematics.
+"""How reliable reachability is: verdicts on random TCP poses compared with exact inverse kinematics.
 
 python -m benchmarks.reach [--arms panda ur5e heron] [--n 6000] [--seed 0] [--device cuda:0] [--tiers map ik]
 
 Set A: positions uniform in a cylinder of about the arm's reach, orientations uniform. Set B: straight down, any yaw, in
-a box before the arm. The truth (tests/oracle/exact_ik.py: some joints within limits bring the TCP within 1 mm and 0.5
-degrees) takes minutes and is kept in `--truth`. The answer is lines of JSON: one for each arm's map, then one for each
-arm, set and tier. All shares are of all poses, but `false_of_accepted`, which is of the poses that a tier accepts.
+a box in front of the arm. The ground truth (tests/oracle/exact_ik.py: a joint configuration within limits brings the
+TCP within 1 mm and 0.5 degrees) takes minutes and is cached in `--truth`. The output is lines of JSON: one for each
+arm's map, then one for each arm, set and tier. All shares are of all poses, except `false_of_accepted`, which is of the
+poses that a tier accepts.
 
-`solve` is inverse kinematics alone. `ik` also asks that the arm does not hit itself and is judged by a truth that asks
-so, too, for arms of six joints: there all solutions can be tried. A Panda has no such row: its poses have a curve of
-solutions each, and steps along it do not prove that all of them hit the arm. `sampled` is the baseline, a map into
-which random joints were entered. A map's verdicts are looked up again after base and target moved together, and after
-the target turned about the base; `changed` is how many changed in the worse of both, `changed_beside_mixed` the number
-of those of which neither cell was mixed.
+`solve` is inverse kinematics alone. `ik` also requires that the arm does not hit itself. For arms with six joints,
+where all solutions can be tried, it is compared with a ground truth that requires the same. A Panda has no such row:
+each of its poses has a curve of solutions, and steps along it do not prove that all of them hit the arm. `sampled` is
+the baseline, a map filled with random joint configurations. A map's verdicts are looked up again after base and target
+have moved together, and after the target has rotated about the base; `changed` is the share that changed in the worse
+of both cases, `changed_beside_mixed` the number of changes where neither cell was mixed.
 
-The exit status is 1 if a bound of the table in RESULTS.md is broken by an arm's default tier, by `map_strict`, or by a
-solution that does not hold in MuJoCo's forward kinematics.
+The exit status is 1 if a target of the table in RESULTS.md is missed by an arm's default tier or by `map_strict`, or if
+a solution is not confirmed by MuJoCo's forward kinematics.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ from sceniris_gym.reach.tier import Tier, Verdict
 from sceniris_gym.tools.commands.reach import judge_poses, read_arm
 from tests.oracle.exact_ik import ExactIk
 
-# Radius and height [m] of the cylinders of set A: to where the TCP gets at most, with a little room for the Panda.
+# Radius and height [m] of the cylinders of set A: as far as the TCP gets, with a little room for the Panda.
 CYLINDERS = {"panda": (1.05, 1.35), "ur5e": (1.10, 1.25), "heron": (0.80, 1.05)}
 BOX = ((0.1, -0.8, 0.0), (1.0, 0.8, 0.3))  # of set B, x, y and z [m]
 TIERS = ("map", "map_strict", "solve", "ik", "sampled")
@@ -54,12 +55,12 @@ ACCURACY, FALSE, FALSE_STRICT, CHANGED = 0.995, 0.005, 0.001, 0.005
 
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """Poses of the TCP in the base frame, shape (N, 4, 4), and the truth about them, shape (N,), bool.
+    """Poses of the TCP in the base frame, shape (N, 4, 4), and the ground truth for them, shape (N,), bool.
 
     Attributes:
-        reached: some joints within limits are within tolerance.
-        exact: some joints within limits stand at the very pose.
-        free: some of the exact solutions do not hit the arm itself; None where not all of them can be tried.
+        reached: a joint configuration within limits reaches the pose within tolerance.
+        exact: a joint configuration within limits reaches the pose exactly.
+        free: at least one exact solution has no self collision; None where not all of them can be tried.
     """
 
     poses: np.ndarray
@@ -89,7 +90,7 @@ def about_z(angle: np.ndarray) -> np.ndarray:
 
 
 def know(name: str, arm: SerialArm, kind: str, num: int, seed: int, folder: Path) -> Asked:
-    """Return a set of poses with the truth about them, kept in a file of the folder."""
+    """Return a set of poses with their ground truth, cached in a file of the folder."""
     path = folder / f"reach_{name}_{arm.hash}_{kind}_{num}_{seed}.npz"
     poses = draw(kind, name, num, seed)
     if not path.is_file():
@@ -118,7 +119,7 @@ def _truth(name: str, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nda
 
 
 def hits_itself(mjm: mujoco.MjModel, data: mujoco.MjData, joints: np.ndarray) -> bool:
-    """Does MuJoCo report a contact of the arm, which is alone, at joints (n,)?"""
+    """Return whether MuJoCo reports a contact of the arm, alone in its model, at joints (n,)."""
     data.qpos[: len(joints)] = joints
     mujoco.mj_kinematics(mjm, data)
     mujoco.mj_comPos(mjm, data)
@@ -127,9 +128,9 @@ def hits_itself(mjm: mujoco.MjModel, data: mujoco.MjData, joints: np.ndarray) ->
 
 
 def moved(poses: np.ndarray, seed: int) -> Iterator[np.ndarray]:
-    """Yield the poses in the base frame after base and target moved together, and after the target turned about z.
+    """Yield the poses in the base frame after base and target moved together, and after the target rotated about z.
 
-    World poses are rounded to float32, as a simulation keeps them.
+    World poses are rounded to float32, as in a simulation.
     """
     rng = np.random.default_rng([seed, 2])
     base = np.tile(np.eye(4), (len(poses), 1, 1))
@@ -148,7 +149,7 @@ def moved(poses: np.ndarray, seed: int) -> Iterator[np.ndarray]:
 
 
 def score(accepted: np.ndarray, truth: np.ndarray) -> dict[str, float]:
-    """Compare verdicts with the truth, both (N,), bool."""
+    """Compare verdicts with the ground truth, both (N,), bool."""
     wrong = accepted & ~truth
     return {
         "accuracy": float((accepted == truth).mean()),
@@ -159,7 +160,7 @@ def score(accepted: np.ndarray, truth: np.ndarray) -> dict[str, float]:
 
 
 def by_map(look: Callable[[np.ndarray], np.ndarray], tier: str, asked: Asked, seed: int) -> dict[str, Any]:
-    """Judge a map by its look-up, poses (N, 4, 4) to Verdicts (N,), also of poses that were moved."""
+    """Evaluate a map by its lookup, poses (N, 4, 4) to Verdicts (N,), also for poses that were moved."""
     least = Verdict.MIXED_YES if tier == "sampled" else Tier.of(tier).least_verdict
     verdicts = look(asked.poses)
     accepted = verdicts >= least
@@ -179,7 +180,7 @@ def by_map(look: Callable[[np.ndarray], np.ndarray], tier: str, asked: Asked, se
 
 
 def by_solve(mjm: mujoco.MjModel, arm: SerialArm, asked: Asked, device: str) -> dict[str, Any]:
-    """Judge inverse kinematics, and each of its solutions by MuJoCo's forward kinematics."""
+    """Evaluate inverse kinematics, and check each solution with MuJoCo's forward kinematics."""
     quat = Rotation.from_matrix(asked.poses[:, :3, :3]).as_quat(scalar_first=True)
     flat = np.concatenate([asked.poses[:, :3, 3], quat], axis=1)
     solve(arm, flat[:1], device)  # compiles
@@ -200,7 +201,7 @@ def by_solve(mjm: mujoco.MjModel, arm: SerialArm, asked: Asked, device: str) -> 
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """An arm and what is built for it; None is what it has not, or what was not asked for."""
+    """An arm with its maps; None for a map that it does not have or that was not asked for."""
 
     mjm: mujoco.MjModel
     arm: SerialArm
@@ -209,11 +210,11 @@ class Subject:
     device: str
 
     def judge(self, tier: str, asked: Asked, seed: int) -> dict[str, Any] | None:
-        """Judge a tier on a set; None where it cannot be."""
+        """Evaluate a tier on a set; None if that is not possible."""
         if tier == "solve":
             return by_solve(self.mjm, self.arm, asked, self.device)
         if tier == "ik" and asked.free is not None:
-            # Poses that only the tolerance brings within reach are neither right nor wrong here.
+            # Poses that are reachable only within the tolerance count as neither right nor wrong here.
             sure = asked.exact == asked.reached
             return score(
                 judge_poses(self.mjm, self.arm, None, asked.poses[sure], Tier.IK, self.device), asked.free[sure]
@@ -228,7 +229,7 @@ class Subject:
 
 
 def holds(row: dict[str, Any]) -> bool:
-    """Are the bounds kept that the table asks for?"""
+    """Return whether the row meets the targets of the table."""
     if row["tier"] == "sampled":
         return True
     kept = row.get("false_accepts", 0) == 0 and row.get("changed_beside_mixed", 0) == 0
@@ -243,7 +244,7 @@ def holds(row: dict[str, Any]) -> bool:
 
 
 def rows(name: str, args: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """Yield the lines about an arm."""
+    """Yield the lines for an arm."""
     mjm, arm = read_arm(name)
     path = map_file(name) if args.maps is None else args.maps / f"{name}.reach"
     reach_map = ReachMap.load(path, arm) if path is not None and path.is_file() else None
@@ -275,19 +276,19 @@ def rows(name: str, args: argparse.Namespace) -> Iterator[dict[str, Any]]:
 
 
 def main() -> int:
-    """Print the table's rows."""
+    """Print the rows of the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--arms", nargs="+", default=list(CYLINDERS), choices=list(CYLINDERS))
     parser.add_argument("--tiers", nargs="+", default=list(TIERS), choices=TIERS)
-    parser.add_argument("--n", type=int, default=6000, help="poses a set")
+    parser.add_argument("--n", type=int, default=6000, help="poses per set")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", default=None)
     parser.add_argument("--maps", type=Path, default=None, help="folder of maps, ARM.reach; else the shipped ones")
-    parser.add_argument("--truth", type=Path, default=Path("results"), help="folder in which the truth is kept")
-    parser.add_argument("--lookups", type=int, default=1 << 24, help="poses of a round of look-ups that is timed")
-    parser.add_argument("--samples", type=int, default=20_000_000, help="joints that are entered into the baseline")
+    parser.add_argument("--truth", type=Path, default=Path("results"), help="folder where the ground truth is cached")
+    parser.add_argument("--lookups", type=int, default=1 << 24, help="poses in each timed round of lookups")
+    parser.add_argument("--samples", type=int, default=20_000_000, help="joint configurations sampled for the baseline")
     args = parser.parse_args()
-    wp.config.log_level = wp.LOG_WARNING  # what Warp compiles is no part of the answer
+    wp.config.log_level = wp.LOG_WARNING  # what Warp compiles is not part of the output
     args.device = device_name(args.device, "reach")
     kept = True
     for name in args.arms:

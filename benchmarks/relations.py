@@ -1,9 +1,9 @@
-"""How well every word of the placement language is kept: one line a word, with the worst violation that was found.
+"""How well every keyword of the placement language is kept: one line per keyword, with the worst violation found.
 
 python -m benchmarks.relations --layouts 100000 [--device cuda:0] [--jobs 16] [--words near between]
 
-Layouts are made on the device; numpy and shapely judge them, in the processes that `--jobs` allows, with code that
-imports nothing of what makes them. The exit status is 1 if a word is broken by more than 1e-4 m or 1e-3 rad.
+Layouts are generated on the device; numpy and shapely check them, in up to `--jobs` processes, with code that imports
+nothing from the generator. The exit status is 1 if a keyword is violated by more than 1e-4 m or 1e-3 rad.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _FLOOR = {"size": [2.0, 2.0]}
 _SIDES = ("front", "back", "left", "right")
 _RING = {"min": 0.2, "max": 0.6}
 
-# Relations of the object `q` to `a` (an L), `b` (a bar) and `c` (a cube), which are drawn and turned anew.
+# Relations of the object `q` to `a` (an L), `b` (a bar) and `c` (a cube), whose poses are sampled in every layout.
 RELATIONS: dict[str, tuple[dict[str, Any], ...]] = {
     **{f"{side}_of": ({f"{side}_of": "a"},) for side in _SIDES},
     "direction": ({"direction": [-1, -0.1], "of": "a", "angle": 33},),
@@ -62,7 +62,7 @@ RELATIONS: dict[str, tuple[dict[str, Any], ...]] = {
     ),
 }
 
-# What else is said of `q` beside its relations.
+# Orientations of `q`, combined with a relation.
 ORIENTATIONS: dict[str, dict[str, Any]] = {
     "fixed": {"orientation": "fixed"},
     "yaw": {"orientation": {"yaw": [-20, 70]}},
@@ -73,7 +73,7 @@ ORIENTATIONS: dict[str, dict[str, Any]] = {
 
 
 def scenes(shapes: Shapes) -> dict[str, dict[str, Any]]:
-    """A scene for each word, by what it is about."""
+    """Return a scene for each keyword, by name."""
     anchors = {
         "a": near_middle(shapes.odd, -0.2, 0.0),
         "b": near_middle(shapes.bar, 0.5, 0.3),
@@ -115,7 +115,7 @@ def _judge(mjm: mujoco.MjModel, config: SceneConfig, bodies: Mapping[str, int], 
 
 
 def _line(word: str, layouts: int, fresh: int, kept: Sequence[Kept]) -> str:
-    """How often anything was missed by more than its tolerance, and the worst of `q` by unit: below 0 it was not."""
+    """Return how often a tolerance was exceeded, and the worst violation of `q` by unit (negative: none)."""
     worst = []
     for unit in ("m", "rad"):
         found = [k.worst for k in kept if k.name == "q" and k.word != "upright" and k.unit == unit and k.checked]
@@ -125,12 +125,12 @@ def _line(word: str, layouts: int, fresh: int, kept: Sequence[Kept]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measure the words that are asked for; return 1 if any is broken, else 0."""
+    """Measure the requested keywords; return 1 if any is violated, else 0."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--layouts", type=int, default=100_000)
     parser.add_argument("--device", default="cpu")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes that judge")
-    parser.add_argument("--words", nargs="*", help="begin with one of these; all if none is given")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes that check layouts")
+    parser.add_argument("--words", nargs="*", help="prefixes of the keywords to measure; all if none is given")
     args = parser.parse_args(argv)
     start, broken = time.perf_counter(), 0
     with (

@@ -1,11 +1,12 @@
-"""What fresh layouts cost: env steps per second beside the same layouts from a bank, and beside one fixed layout.
+"""Cost of fresh layouts: env steps per second, compared with the same layouts from a bank and with one fixed layout.
 
     python -m benchmarks.reset_cost --task TabletopReach-v0 --out results/reset_cost.json
 
-Three environments with the same actions and the same schedule of resets, which are spread out: episodes of 200 control
-steps that begin at random points of them. `fresh` makes its layouts, `replayed` gets the same ones from a bank, `fixed`
-always the same one. They take turns in one run; a turn is as long as an episode, and the first turn of each does
-not count. A file with the answer is left as it is; a run that was stopped has none, and begins anew.
+Three environments run the same actions with the same staggered resets: episodes of 200 control steps that start at
+random points. `fresh` generates its layouts, `replayed` gets the same ones from a bank, and `fixed` gets one layout
+again and again. They take turns in one run; a turn is as long as an episode, and the first turn of each does not count.
+If the output file exists, its result is printed and nothing is measured; a run that was stopped has no file and starts
+over.
 """
 
 from __future__ import annotations
@@ -34,9 +35,9 @@ class Options:
     Attributes:
         task: id without its namespace
         num_envs: worlds
-        rounds: turns of each environment that count
+        rounds: turns of each environment that are counted
         episode: control steps of an episode, and of a turn
-        out: file for the answer
+        out: file for the result
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one
     """
 
@@ -49,7 +50,7 @@ class Options:
 
 
 def turn(envs: SceneVectorEnv, actions: torch.Tensor, steps: int) -> float:
-    """Step an environment and return the seconds that it took."""
+    """Step an environment and return the time it takes [s]."""
     synchronize(envs)
     start = time.perf_counter()
     for step in range(steps):
@@ -65,10 +66,10 @@ def synchronize(envs: SceneVectorEnv) -> None:
 
 
 def main(options: Options) -> None:
-    """Measure, and write down a line of JSON, unless it is there already.
+    """Measure and write a line of JSON, unless the file exists already.
 
     Raises:
-        SystemExit: the file has the answer to another question
+        SystemExit: the file has a result for other options
     """
     asked = {name: getattr(options, name) for name in ("task", "num_envs", "rounds", "episode")}
     if options.out.exists():
@@ -78,7 +79,7 @@ def main(options: Options) -> None:
         print(json.dumps(answer))
         return
     compiled = compile_scene(scene_of(options.task, reachable=True), options.device)
-    per_world = options.rounds + 3  # episodes: the first one, one a turn, and what is left of the last
+    per_world = options.rounds + 3  # episodes: the first one, one per turn, and the rest of the last
     seeds = [11 * 16 * SEED_SPACING + i * per_world for i in range(options.num_envs)]
     sources: dict[str, Any] = {
         "fresh": None,

@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# Measures rates and audits of the scenes, relations and the bytes of SB3VecEnv on one device, and keeps the answers:
-# run.sh DEVICE FOLDER [LAYOUTS], from the top. DEVICE is cpu or cuda:0; LAYOUTS is how many layouts an audit judges
-# (20000). Benches run one after the other, audits (a core each, against code that imports nothing of what is judged)
-# side by side after them. It leaves out what takes longer: reach (python -m benchmarks.reach), and trainings and resets
-# (benchmarks/evidence.sh). The other rows of RESULTS.md are measured by the commands beside them.
+# Measures rates, audits, relations and the bytes of SB3VecEnv on one device, and saves the results: run.sh DEVICE
+# FOLDER [LAYOUTS], from the repository's root. DEVICE is cpu or cuda:0; LAYOUTS is the number of layouts an audit
+# checks (20000). Benches run one after another, then the audits (one core each, with code that imports nothing from the
+# generator) in parallel. What takes longer is not included: reach (python -m benchmarks.reach), training and resets
+# (benchmarks/evidence.sh). The other rows of RESULTS.md are measured by the commands next to them.
 set -uo pipefail
 device=$1 folder=$2 layouts=${3:-20000}
 mkdir -p "$folder"

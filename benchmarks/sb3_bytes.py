@@ -1,8 +1,8 @@
-"""How many bytes SB3VecEnv brings to the host in a step, for growing numbers of worlds.
+"""How many bytes SB3VecEnv copies to the host per step, for different numbers of worlds.
 
-A line of JSON for each number: `bytes_per_step` and `bytes_per_world` (means over the steps), `finished_share` (of
-worlds in a step), `env_ms` and `adapter_ms` (medians of the whole step and of what the adapter adds to it). The worlds
-are spread over their episodes, so that about the same share of them finishes in each step.
+Prints a line of JSON for each number: `bytes_per_step` and `bytes_per_world` (means over the steps), `finished_share`
+(share of worlds that finish in a step), `env_ms` and `adapter_ms` (medians of the whole step and of the overhead of the
+adapter). Episodes are staggered, so that about the same share of the worlds finishes in each step.
 
     python -m benchmarks.sb3_bytes --device cuda:0
 """
@@ -27,7 +27,7 @@ from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 @contextmanager
 def counted_bytes() -> Iterator[list[int]]:
-    """Give a list to which every tensor that is brought to the host adds its bytes."""
+    """Yield a list to which every tensor copied to the host adds its bytes."""
     found: list[int] = []
     original = torch.Tensor.cpu
 
@@ -43,7 +43,7 @@ def counted_bytes() -> Iterator[list[int]]:
 
 
 def timed(work: Callable[[], Any], device: torch.device) -> tuple[float, Any]:
-    """Return the seconds that the work takes, the device idle before and after, and its result."""
+    """Return how long the work takes [s], with the device idle before and after, and its result."""
     if device.type == "cuda":
         torch.cuda.synchronize()
     start = time.perf_counter()
@@ -98,7 +98,7 @@ def main(
         num_envs: numbers of worlds.
         env_id: the environment.
         steps: control steps that are measured.
-        episode: control steps of an episode: one world in so many finishes in each step.
+        episode: control steps of an episode; in each step one in this many worlds finishes.
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
     """
     for count in num_envs:

@@ -1,8 +1,8 @@
-"""Where the time of a control step goes: physics, the task's own operations, and what could be changed about either.
+"""Where the time of a control step goes: physics, the task's own operations, and variants of the physics options.
 
     python -m benchmarks.step_profile --task TabletopReach-v0
 
-prints a line of JSON for each thing that is timed [ms for a control step of all worlds].
+prints a line of JSON for each part [ms per control step of all worlds].
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Options:
 
 
 def clock(envs: SceneVectorEnv, steps: int, step: Callable[[], Any]) -> float:
-    """Return the milliseconds of one of `steps` calls."""
+    """Return the mean time of `steps` calls [ms]."""
     for _ in range(3):
         step()
     wait(envs)
@@ -78,7 +78,7 @@ def tell(what: str, milliseconds: float) -> None:
 
 
 def main(options: Options) -> None:
-    """Time one thing after another."""
+    """Time one part after another."""
     compiled = compile_scene(scene_of(options.task, reachable=True), options.device)
     envs = make_env(options.task, options.num_envs, compiled)
     adapter = RslRlVecEnv(envs, seed=0)
@@ -108,19 +108,19 @@ def main(options: Options) -> None:
 
 
 def dense(compiled: Any) -> Any:
-    """Let the solver work with dense matrices."""
+    """Use dense Jacobians in the solver."""
     compiled.mjm.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     return compiled
 
 
 def pyramidal(compiled: Any) -> Any:
-    """Let friction cones be pyramids."""
+    """Use pyramidal friction cones."""
     compiled.mjm.opt.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
     return compiled
 
 
 def without_contacts(compiled: Any) -> Any:
-    """Let nothing collide."""
+    """Disable contacts."""
     compiled.mjm.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     return compiled
 

@@ -1,4 +1,4 @@
-"""The scenes and environments of the package's tasks, as every experiment makes them."""
+"""Scenes and environments of the package's tasks, shared by all experiments."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 SEED_SPACING = 1 << 20
-"""The least there is between seeds of experiments: worlds of neighbouring ones would share layouts otherwise."""
+"""Least spacing between the seeds of experiments, so that their worlds do not share layouts."""
 
 
 def scene_of(task: str, *, reachable: bool) -> SceneConfig:
-    """Return the scene of a task, with or without its words `reachable`."""
+    """Return the scene of a task, with or without `reachable`."""
     entry = gymnasium.spec(f"sceniris_gym/{task}").kwargs["task"]
     module, _, name = entry.partition(":")
     scene = SceneConfig.load(getattr(import_module(module), name).scene)

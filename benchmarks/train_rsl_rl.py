@@ -1,16 +1,16 @@
-"""Train a task with rsl-rl's PPO, and judge the policy on layouts that it has not seen.
+"""Train a task with rsl-rl's PPO, and evaluate the policy on layouts that it has not seen.
 
     python -m benchmarks.train_rsl_rl TabletopReach-v0 --minutes 5 --out results/reach_0
 
 writes to the folder `out`: `log.jsonl` (a line every few iterations, and one for every evaluation), `model.pt` (a
-checkpoint every 20 seconds and after every evaluation) and `config.json`. The clock starts when everything is
-compiled; it stands still during evaluations. Judged are the first episodes of as many worlds as are trained on, at
-their last step, by the deterministic policy: on `valid` layouts of the split "eval", and on `unfiltered` ones, placed
-uniformly without checks.
+checkpoint every 20 seconds and after every evaluation) and `config.json`. The clock starts when everything is compiled;
+it stops during evaluations. An evaluation runs the deterministic policy through the first episodes of as many worlds as
+are trained on and takes the success at their last step: on `valid` layouts of the split "eval", and on `unfiltered`
+ones, placed uniformly without checks.
 
-`--resume` goes on from the checkpoint: the log is cut off there, and episodes that were under way are given up, so that
-every world begins its next episode, as many steps before its end as it was. What is trained on after that is the same
-whenever the same checkpoint is gone on from, but not what an uninterrupted run would have seen.
+`--resume` continues from the checkpoint: the log is cut off there, and unfinished episodes are dropped; every world
+starts its next episode with the same number of elapsed steps. Runs that resume from the same checkpoint see the same
+data, but not the data that an uninterrupted run would have seen.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ from sceniris_gym.tools.files import replacing
 EVAL_SEED = 7 * SEED_SPACING
 
 FREE = ("out", "resume", "device", "minutes", "million_steps", "every", "evaluate_every", "save_every")
-"""Options that may be others when a run goes on: they do not change what is learned in an iteration."""
+"""Options that may differ when a run is resumed: they do not change what is learned in an iteration."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What is fixed for a task before any run.
+    """Settings of a task, fixed before any run.
 
     Attributes:
         hidden: widths of the layers of actor and critic
@@ -51,7 +51,7 @@ class Settings:
         steps: control steps of each world between two updates
         epochs: passes over them
         mini_batches: parts of a pass
-        desired_kl: what the learning rate is adapted to
+        desired_kl: KL divergence to which the learning rate is adapted
     """
 
     hidden: tuple[int, ...] = (256, 128, 64)
@@ -76,16 +76,16 @@ class Options:
 
     Attributes:
         task: an id of this package without its namespace
-        seed: number of the run; the layouts of two runs begin at seeds that are at least 16 * 2^20 apart
+        seed: number of the run; the layout seeds of two runs start at least 16 * 2^20 apart
         num_envs: worlds
-        minutes: wall-clock of training, evaluations not counted
-        million_steps: control steps of all worlds together after which it stops too; None is no bound
+        minutes: wall-clock time of training, without evaluations
+        million_steps: stop after this many control steps of all worlds together, too; None is no limit
         out: folder for the results
-        resume: go on from the checkpoint in `out`
+        resume: continue from the checkpoint in `out`
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one
         bank: replay this many stored layouts instead of making fresh ones
-        uniform: place uniformly, without checks of collisions or reach
-        reachable: false leaves out `reachable` of the scene's objects
+        uniform: place uniformly, without checks for collisions or reach
+        reachable: false removes `reachable` from the scene's objects
         every: iterations between two lines of the log
         evaluate_every: seconds of training between two evaluations
         save_every: seconds of training between two checkpoints
@@ -111,7 +111,7 @@ def settings_of(task: str) -> Settings:
     """Return the settings of a task.
 
     Raises:
-        SystemExit: it has none
+        SystemExit: there are none for it
     """
     if task not in SETTINGS:
         raise SystemExit(f"There are no settings to train '{task}' with, only for {', '.join(SETTINGS)}.")
@@ -145,8 +145,8 @@ def runner_config(settings: Settings, seed: int) -> dict[str, Any]:
     return {
         "seed": seed,
         "num_steps_per_env": settings.steps,
-        "save_interval": 1_000_000_000,  # checkpoints are ours
-        "check_for_nan": False,  # asks the device at every step; worlds that are not finite end by themselves
+        "save_interval": 1_000_000_000,  # we write our own checkpoints
+        "check_for_nan": False,  # would wait for the device at every step; non-finite worlds end by themselves
         "obs_groups": {"actor": ["policy"], "critic": ["critic"]},
         "actor": {**model, "distribution_cfg": noise},
         "critic": dict(model),
@@ -162,7 +162,7 @@ def runner_config(settings: Settings, seed: int) -> dict[str, Any]:
             "desired_kl": settings.desired_kl,
             "clip_param": 0.2,
             "value_loss_coef": 1.0,
-            # values of some units would take hundreds of updates in clipped steps of 0.2
+            # values of several units would take hundreds of updates in clipped steps of 0.2
             "use_clipped_value_loss": False,
         },
     }
@@ -170,9 +170,9 @@ def runner_config(settings: Settings, seed: int) -> dict[str, Any]:
 
 @torch.inference_mode()
 def evaluate(policy: Any, env: RslRlVecEnv, seed: int = EVAL_SEED) -> dict[str, Any]:
-    """Run the first episode of every world; `success` is that of its last step, `return` the sum of its rewards.
+    """Run the first episode of every world; `success` is taken at its last step, `return` is the sum of its rewards.
 
-    For a task that chooses an object, `by_choice` is the success for each of them.
+    For a task that chooses an object, `by_choice` is the success for each object.
     """
     obs, _ = env.reset(seed=seed)
     chosen = getattr(env.unwrapped.task, "chosen", None)
@@ -195,17 +195,17 @@ def evaluate(policy: Any, env: RslRlVecEnv, seed: int = EVAL_SEED) -> dict[str, 
 
 
 class Run:
-    """A training run that can stop and go on.
+    """A training run that can be stopped and resumed.
 
     Raises:
-        SystemExit: the task has no settings here; or there is a checkpoint of a run with other options to go on from
+        SystemExit: the task has no settings here, or the checkpoint to resume from is of a run with other options
     """
 
     def __init__(self, options: Options) -> None:
         self.options, self.settings = options, settings_of(options.task)
         if self.resumes:
             self._check_same()
-        # what is judged does not depend on what is trained on
+        # evaluation layouts do not depend on the training layouts
         filtered, plain = (compile_scene(scene_of(options.task, reachable=r), options.device) for r in (True, False))
         compiled = filtered if options.reachable and not options.uniform else plain
         seed = (1 + options.seed) * 16 * SEED_SPACING
@@ -227,17 +227,17 @@ class Run:
 
     @property
     def checkpoint(self) -> Path:
-        """The file that a run goes on from."""
+        """The file from which a run resumes."""
         return self.options.out / "model.pt"
 
     @property
     def log(self) -> Path:
-        """The file that training and evaluations are told in."""
+        """The log file of training and evaluations."""
         return self.options.out / "log.jsonl"
 
     @property
     def resumes(self) -> bool:
-        """Whether there is something to go on from, and that is wanted."""
+        """Whether to resume: it was asked for, and there is a checkpoint."""
         return self.options.resume and self.checkpoint.exists()
 
     @property
@@ -247,13 +247,13 @@ class Run:
 
     @property
     def finished(self) -> bool:
-        """Whether the time is over, or all steps are taken."""
+        """Whether the time is up, or all steps are taken."""
         options = self.options
         most = math.inf if options.million_steps is None else 1e6 * options.million_steps
         return self.seconds >= 60.0 * options.minutes or self.env_steps >= most
 
     def go(self) -> None:
-        """Train until the time is over, then judge."""
+        """Train until finished, with evaluations on the way and at the end."""
         options = self.options
         options.out.mkdir(parents=True, exist_ok=True)
         if self.resumes:
@@ -288,7 +288,7 @@ class Run:
                     )
 
     def _warm_up(self) -> None:
-        """Compile and allocate what training needs, with another policy than the one that is trained."""
+        """Compile and allocate everything that training needs, with a different policy from the one that is trained."""
         for judge in self.judges.values():
             judge.step(torch.zeros(judge.num_envs, judge.num_actions, device=judge.device))
         self._runner().learn(1, init_at_random_ep_len=True)
@@ -329,16 +329,16 @@ class Run:
             self.runner.save(str(temporary), progress)
 
     def _load(self) -> None:
-        """Take up the checkpoint: networks, clock, log and the episodes of all worlds."""
+        """Restore the checkpoint: networks, clock, log and the episodes of all worlds."""
         progress = self.runner.load(str(self.checkpoint), map_location=str(self.env.device))
         self.seconds, self.iterations = progress["seconds"], progress["iterations"]
         self.judged_at, self.saved_at = progress["judged_at"], progress["seconds"]
         self.log.write_bytes(self.log.read_bytes()[: progress["log_size"]])
         episode = wp.to_torch(self.env.unwrapped.randomizer.layouts.episode)
         episode.copy_(progress["episode"])
-        self.env.reset()  # begins the episodes after those
+        self.env.reset()  # starts the next episodes
         self.env.episode_length_buf = progress["elapsed"].to(self.env.device)
-        # other noise on the actions than at the beginning
+        # different action noise than at the start of the run
         torch.manual_seed(self.options.seed * SEED_SPACING + self.iterations)
 
     def _clock(self) -> float:

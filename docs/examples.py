@@ -1,4 +1,4 @@
-"""The examples of a page: every block of YAML that has its picture below it."""
+"""The examples of a page: every YAML block with its picture below it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sceniris_gym.config.scene import SceneConfig
 
 FOLDER = Path(__file__).parent
 TEXT_KEY = "Scene"
-"""Key of a PNG's text that holds the example which it was drawn from."""
+"""Key of the PNG text that holds the example from which the picture was drawn."""
 _BLOCK = re.compile(r"^```yaml\n(?P<text>.*?)^```$(?P<rest>[^`]*)", re.MULTILINE | re.DOTALL)
 _PICTURE = re.compile(r"\n!\[(?P<caption>[^\]]+)\]\((?P<path>[^)\s]+)\)\n")
 
@@ -22,9 +22,9 @@ class Example:
     """A scene file within a page.
 
     Attributes:
-        text: The YAML as it stands there. Paths in it are relative to the picture's folder.
+        text: The YAML as written on the page. Paths in it are relative to the picture's folder.
         caption: What the picture shows.
-        picture: Where it lies.
+        picture: Its path.
     """
 
     text: str
@@ -38,12 +38,12 @@ class Example:
 
     @property
     def own_objects(self) -> list[str]:
-        """The objects that the example itself speaks of and not only its base; where it speaks of none, all."""
+        """The objects that the example itself mentions, not only its base; all objects if it mentions none."""
         return list(self._data().get("objects") or self.load().objects)
 
     @property
     def jointed_objects(self) -> list[str]:
-        """Those whose joints it draws."""
+        """The objects whose joints it samples."""
         return [name for name, words in self._data().get("objects", {}).items() if "joints" in words]
 
     def load(self) -> SceneConfig:
@@ -63,7 +63,7 @@ class Example:
 
 
 def read_examples(page: Path) -> list[Example]:
-    """Return the examples of a page in their order.
+    """Return the examples of a page in order.
 
     Raises:
         ValueError: an example without a picture, or two with the same one.

@@ -27,16 +27,16 @@ from sceniris_gym.config.fields import FLOOR, ROBOT
 PAGE = FOLDER / "placement.md"
 LAYOUTS = 64
 _SIZE, _DPI = (4.8, 3.6), 100  # inches; 480 x 360 pixels
-_COLORS = 64  # of a picture's palette: half the bytes
+_COLORS = 64  # in a picture's palette: halves its size
 _DOTS = ("#1668b8", "#d2601a", "#2e8b3d", "#8a4fb0")
 _INK, _PALE, _SHADE, _NAMED, _OTHER = "#333333", "#8c8c8c", "#d3e6f6", "#dcb988", "#e2e2e2"
-_TICK, _WEDGE = 0.022, 0.04  # sizes of marks, in shares of the width
-_FROM_THE_FRONT = ("region_space", "gap")  # examples whose point is the height
-_NEARER = {"beside": (-0.3, 0.45, -0.1, 0.46)}  # those seen from nearer: low and high x, low and high y [m]
+_TICK, _WEDGE = 0.022, 0.04  # sizes of marks, as fractions of the width
+_FROM_THE_FRONT = ("region_space", "gap")  # examples that are about height
+_NEARER = {"beside": (-0.3, 0.45, -0.1, 0.46)}  # examples shown closer up: low and high x, low and high y [m]
 
 
 def draw(example: Example) -> bytes:
-    """Draw one example, as a PNG that holds the example's text."""
+    """Draw one example as a PNG that contains the example's text."""
     view = View(example.load(), LAYOUTS)
     placed = [name for name in example.own_objects if view.is_placed(name)]
     jointed = [ROBOT] if view.config.robot is not None else example.jointed_objects
@@ -67,7 +67,7 @@ def draw(example: Example) -> bytes:
 
 
 def _draw_surroundings(axes: Axes, view: View, placed: Sequence[str], jointed: Sequence[str]) -> None:
-    """The supports with the regions on them, and the objects that the example does not place."""
+    """Draw the supports with the regions on them, and the objects that the example does not place."""
     owners = [view.owner(name) for name in placed]
     named = {other for name in placed for _, other in view.config.objects[name].references}
     for name in view.names:
@@ -77,7 +77,7 @@ def _draw_surroundings(axes: Axes, view: View, placed: Sequence[str], jointed: S
     for name in placed:
         owner = view.owner(name)
         if owner in (None, FLOOR) or (owner in view.names and view.stays(str(owner))):
-            # the world in which most is there that the object may refer to
+            # the world in which most objects are present
             i = max(range(LAYOUTS), key=lambda i: sum(view.is_present(other, i) for other in view.names))
             below, thick = (1, 0.9) if owner == FLOOR else (3, 0.9) if owner else (5.5, 0.6)
             for support in view.supports(name, i):
@@ -88,7 +88,7 @@ def _draw_surroundings(axes: Axes, view: View, placed: Sequence[str], jointed: S
 
 
 def _draw_other(axes: Axes, view: View, name: str, color: str, zorder: int, jointed: bool) -> None:
-    """An object that the example does not place: filled if it stays where it is, else faint in all worlds."""
+    """Draw an object that the example does not place: filled if it never moves, else faintly in all worlds."""
     worlds = view.worlds(name)
     moving = view.moving_bodies(name) if jointed else []
     bodies = [body for body in view.bodies(name) if body not in moving]
@@ -110,9 +110,9 @@ def _width(example: Example, view: View) -> float:
 
 
 def _draw_object(axes: Axes, view: View, name: str, color: str, tick: float) -> None:
-    """The pivots of an object, with ticks of a length [m] to the front and faint bounds.
+    """Draw the pivots of an object, with ticks of length `tick` [m] to the front and faint bounds.
 
-    A cross is a world that fell back on the bank, a ring one that lacks something the object refers to.
+    A cross is a world that fell back on the bank, a ring one in which an object that this one refers to is absent.
     """
     others = [other for _, other in view.config.objects[name].references]
     labels: dict[str, tuple[list[Bounds], dict]] = {
@@ -138,7 +138,7 @@ def _draw_object(axes: Axes, view: View, name: str, color: str, tick: float) -> 
 
 
 def _draw_moving(axes: Axes, view: View, body: int) -> None:
-    """The rectangles around a body that drawn joints move, with a dot in the middle of each."""
+    """Draw the rectangle around a body that sampled joints move, with a dot in its centre, for each world."""
     for i in range(LAYOUTS):
         if (outline := view.outline(body, i)) is not None:
             _fill(axes, outline, facecolor="none", edgecolor=_DOTS[1], linewidth=0.6, alpha=0.3, zorder=6)
@@ -147,7 +147,7 @@ def _draw_moving(axes: Axes, view: View, body: int) -> None:
 
 
 def _draw_front(axes: Axes, bounds: Bounds, size: float) -> None:
-    """A dark wedge inside of the bounds, pointing to the front."""
+    """Draw a dark wedge inside the bounds, pointing to the front."""
     size = min(size, 0.28 * float((bounds.high - bounds.low).min()))
     middle, low = 0.5 * (bounds.low + bounds.high)[0], bounds.low[1]
     wedge = shapely.Polygon([(middle, low), (middle + 0.7 * size, low + size), (middle - 0.7 * size, low + size)])
@@ -155,7 +155,7 @@ def _draw_front(axes: Axes, bounds: Bounds, size: float) -> None:
 
 
 def _draw_from_the_front(axes: Axes, view: View, placed: Sequence[str]) -> None:
-    """Pivots and bounds in x and z, and what stands still as rectangles."""
+    """Draw pivots and bounds in x and z, and fixed objects as rectangles."""
     for name in view.names:
         if name not in placed:
             for body in view.bodies(name):
@@ -182,7 +182,7 @@ def _draw_from_the_front(axes: Axes, view: View, placed: Sequence[str]) -> None:
 
 
 def _fill(axes: Axes, shape: shapely.Geometry, **style: object) -> None:
-    """Draw a polygon, its holes, or several of them."""
+    """Draw one or more polygons with their holes."""
     for part in shapely.get_parts(shape):
         if isinstance(part, shapely.Polygon) and not part.is_empty:
             rings = [Path(np.asarray(r.coords), closed=True) for r in (part.exterior, *part.interiors)]
@@ -190,7 +190,7 @@ def _fill(axes: Axes, shape: shapely.Geometry, **style: object) -> None:
 
 
 def _small(picture: io.BytesIO, example: Example) -> bytes:
-    """The picture with a palette and with the text of its example."""
+    """Return the picture with a palette and with the text of its example."""
     info = PngInfo()
     info.add_text(TEXT_KEY, example.text)
     small = io.BytesIO()

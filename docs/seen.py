@@ -1,4 +1,4 @@
-"""What is seen of layouts from above: pivots, headings and bounds, by MuJoCo C; supports and regions, by shapely."""
+"""Layouts seen from above: pivots, headings and bounds by MuJoCo C; supports and regions by shapely."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.plan import PlacedObject
 
-_FAR = 10.0  # m: further than any support reaches
+_FAR = 10.0  # m: further than any support extends
 _UNIT_BOX = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """Where an object stands: pivot [m], shape (3,), heading [rad], and its bounds in that heading around the pivot.
+    """An object's pivot [m], shape (3,), its heading [rad], and its bounds around the pivot, aligned with the heading.
 
     The pivot of the robot is its base.
     """
@@ -40,21 +40,21 @@ class Bounds:
 
     @property
     def shape(self) -> shapely.Geometry:
-        """The bounds in the world."""
+        """The bounds in the world frame."""
         return self.to_world(_box(self.low, self.high))
 
     def to_world(self, shape: shapely.Geometry) -> shapely.Geometry:
-        """A shape around the pivot, in the object's heading, as it lies in the world."""
+        """Transform a shape given around the pivot, aligned with the heading, to the world frame."""
         return _moved(shape, self.pivot, self.heading)
 
     @property
     def front(self) -> np.ndarray:
-        """The unit vector to its front, shape (2,)."""
+        """Unit vector to the front, shape (2,)."""
         return np.array([math.sin(self.heading), -math.cos(self.heading)])
 
 
 class View:
-    """Layouts of a scene, each in a world of its own, seen from above.
+    """Layouts of a scene, one per world, seen from above.
 
     Args:
         config: The scene.
@@ -78,44 +78,44 @@ class View:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All objects, and the robot."""
+        """All objects, then the robot if there is one."""
         return self.compiled.slots
 
     def is_placed(self, name: str) -> bool:
-        """Whether a pose is drawn for it."""
+        """Whether a pose is sampled for the object."""
         return name != ROBOT and self.config.objects[name].is_placed
 
     def is_point(self, name: str) -> bool:
-        """Whether it has no extent."""
+        """Whether the object has no extent."""
         return not self._geoms(self.compiled.scene.subtree(name))
 
     def is_fresh(self, i: int) -> bool:
-        """Whether world i has a fresh layout; else it fell back on the bank."""
+        """Whether world i has a fresh layout rather than one from the bank."""
         return bool(self._fresh[i])
 
     def is_present(self, name: str, i: int) -> bool:
-        """Whether an object is in world i."""
+        """Whether an object is present in world i."""
         return bool(self._present[i, self.names.index(name)])
 
     def worlds(self, name: str) -> list[int]:
-        """The worlds that an object is in."""
+        """The worlds in which an object is present."""
         return [int(i) for i in np.flatnonzero(self._present[:, self.names.index(name)])]
 
     def stays(self, name: str) -> bool:
-        """Whether an object stands where it is in all worlds, to some millimetres, and its joints as they are."""
+        """Whether an object and its joints have the same state in all worlds, to a few millimetres."""
         at = np.array([self._states[i].xpos[self.bodies(name)] for i in self.worlds(name)])
         return bool(np.ptp(at, axis=0).max() < 0.005)
 
     def bounds(self, name: str, i: int) -> Bounds:
-        """Where an object stands in world i. Drawn joints do not move its pivot, but for the height."""
+        """The bounds of an object in world i. Sampled joints change only the height of its pivot."""
         return self._bounds(name, self.bodies(name), i)
 
     def root_bounds(self, name: str, i: int) -> Bounds:
-        """The same of its root body alone, without what its joints move."""
+        """The bounds of its root body only, without what its joints move."""
         return self._bounds(name, self.bodies(name)[:1], i)
 
     def outline(self, body: int, i: int = 0) -> shapely.Geometry | None:
-        """The rectangle around a body's own pieces, along its x axis, in world i; None if it has none."""
+        """The rectangle around a body's own geoms, aligned with its x axis, in world i; None if it has no geoms."""
         points = self._points(self._states[i], [body])
         if not len(points):
             return None
@@ -124,18 +124,18 @@ class View:
         return _moved(_box(local.min(0), local.max(0)), np.zeros(2), heading)
 
     def boxes_from_the_front(self, body: int, i: int = 0) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Low and high corners in x and z [m] of a body's pieces in world i."""
+        """Low and high corners in x and z [m] of a body's geoms in world i."""
         parts = [self._points_of(self._states[i], g)[:, [0, 2]] for g in self._geoms([body])]
         return [(p.min(0), p.max(0)) for p in parts]
 
     def owner(self, name: str) -> str | None:
-        """The object that carries an object, or 'floor'; None for what is in the air."""
+        """The object that an object stands on, or 'floor'; None for an object in the air."""
         support = self.config.objects[name].support
         return None if support is None else support.parent.split("/")[0]
 
     @cached_property
     def extent(self) -> float:
-        """How wide all that carries something is [m], or all there is, for sizes of marks."""
+        """Width of all supports [m], or of all objects if there are none; scales the marks."""
         shapes = [s for name in self.names if self.is_placed(name) for s in self.supports(name)]
         shapes = shapes or [self.root_bounds(name, 0).shape for name in self.names]
         x0, y0, x1, y1 = shapely.union_all(shapes).bounds
@@ -146,7 +146,7 @@ class View:
         return self.compiled.scene.subtree(name)
 
     def moving_bodies(self, name: str) -> list[int]:
-        """The bodies that drawn joints move; of the robot only its hand."""
+        """The bodies that sampled joints move; for the robot only its hand."""
         joints = self.compiled.scene.joint_configs(name)
         if name == ROBOT:
             return [b for b in self.bodies(name) if self.compiled.mjm.body(b).name.endswith("/hand")]
@@ -164,7 +164,7 @@ class View:
         return [self._on_body(plan.ground, s.outline, i) for s in surfaces.values()]
 
     def region(self, name: str, i: int = 0) -> shapely.Geometry | None:
-        """The region of an object in world i, or None where it depends on how the object is turned."""
+        """The region of an object in world i, or None where it depends on the orientation of the object."""
         plan, config = self._plan(name), self.config.objects[name]
         if plan.ground is None:
             return shapely.union_all(self.supports(name, i))
@@ -178,7 +178,7 @@ class View:
         return region
 
     def _relation(self, name: str, relation: Relation, ground: int, i: int) -> shapely.Geometry:
-        """Where a relation holds in world i: everywhere if too many of its anchors, or its frame, are absent."""
+        """The region in which a relation holds in world i: everywhere if its frame or too many anchors are absent."""
         anchors = [self.bounds(a, i) for a in relation.anchors if self.is_present(a, i)]
         turned_by = relation.frame_object
         everywhere = box(-_FAR, -_FAR, _FAR, _FAR)
@@ -198,7 +198,7 @@ class View:
         middle, half = relation.heading + frame, relation.half_angle
         angles = np.linspace(middle - half, middle + half, 361)
         rim = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        # a whole disc is cut open along one radius, which a buffer of nothing closes
+        # a full disc is cut open along one radius, which a buffer of 0 closes
         whole = Polygon([(0.0, 0.0), *min(relation.high, _FAR) * rim]).buffer(0.0)
         hole = Polygon([(0.0, 0.0), *relation.low * rim]).buffer(0.0) if relation.low > 0.0 else Polygon()
         return _moved(whole.difference(hole), anchors[0].pivot, 0.0)
@@ -226,7 +226,7 @@ class View:
         return Bounds(np.array([*turn @ middle, now[:, 2].min()]), heading, local.min(0), local.max(0))
 
     def _points(self, data: mujoco.MjData, bodies: Container[int]) -> np.ndarray:
-        """Corners of the collision pieces of bodies [m], shape (n, 3)."""
+        """Corners of the collision geoms of bodies [m], shape (n, 3)."""
         return np.concatenate([np.zeros((0, 3)), *(self._points_of(data, g) for g in self._geoms(bodies))])
 
     def _points_of(self, data: mujoco.MjData, geom: int) -> np.ndarray:
@@ -234,7 +234,7 @@ class View:
 
     @cached_property
     def _corners(self) -> dict[int, np.ndarray]:
-        """Corners of every collision geom in its own frame: of a mesh its vertices, else of the box around it."""
+        """Corners of every collision geom in its own frame: the vertices of a mesh, else the corners of its box."""
         mjm = self.compiled.mjm
         found = {}
         for g in self._geoms(range(1, mjm.nbody)):
@@ -270,6 +270,6 @@ def _turn(angle: float) -> np.ndarray:
 
 
 def _moved(shape: shapely.Geometry, at: np.ndarray, heading: float) -> shapely.Geometry:
-    """A shape of a frame at `at` [m] that is turned by `heading` [rad], in the world."""
+    """Transform a shape from a frame at `at` [m], rotated by `heading` [rad], to the world frame."""
     turned = affinity.rotate(shape, heading, origin=(0.0, 0.0), use_radians=True)
     return affinity.translate(turned, float(at[0]), float(at[1]))

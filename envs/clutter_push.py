@@ -1,4 +1,4 @@
-"""ClutterPush-v0: push a tin to a mark on a table, between other things."""
+"""ClutterPush-v0: push a tin to a mark on a table, past other objects."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ CLUTTER = ("can", "orange", "block")
 OBJECTS = ("tin", *CLUTTER)
 
 BEHIND = 0.06
-"""Where the closed fingers push from: this far behind the middle of the tin, as seen from the mark [m]."""
+"""Where the closed fingers push from: this far behind the centre of the tin, as seen from the mark [m]."""
 
 PUSH_HEIGHT = 0.02
-"""Height of the tool over the table while it pushes, and the lowest that it goes [m]."""
+"""Height of the tool over the table while it pushes, and lower limit of its target [m]."""
 
 CLOSE = 0.04
-"""Distance of the middle of the tin's underside from the mark that counts as there [m]."""
+"""Distance of the centre of the tin's underside from the mark that counts as arrived [m]."""
 
 LOST_HEIGHT = -0.05
-"""Where the tin's origin is below this height [m], it has fallen off the table."""
+"""If its origin is below this height [m], the tin has fallen off the table."""
 
 
 class ClutterPush(Task):
-    """A Panda on a table pushes a tin with closed fingers to a mark; a can is in the way, orange and block may be.
+    """A Panda on a table pushes a tin to a mark with closed fingers; a can is in the way, an orange and a block may be.
 
-    It has not been trained.
+    No policy has been trained on it yet.
 
     Frames: poses and velocities are in the robot's base frame (on the table's top, x to the front, z up), rotations
-    are quaternions wxyz. Every reset draws the places and yaws of all objects, the mark (a green disc in pictures),
-    which may be under one of them, and a little noise on the arm, whose tool looks down all the time. The can's middle
-    is within 5 cm of the straight way from the tin to the mark. An object's underside is the origin of its body, the
-    middle of the face that it stands on at first, and turns with it.
+    are quaternions wxyz. Every reset draws the positions and yaws of all objects, the position of the mark (a green
+    disc in pictures), which may be under one of them, and a little noise on the arm. The tool always points down. The
+    can's centre is within 5 cm of the straight line from the tin to the mark. An object's underside is the origin of
+    its body: the centre of the face that it stands on at the start, turning with the object.
 
     Action, 4 numbers in [-1, 1] at 50 Hz: changes of the tool's target along x, y and z in units of 0.02 m and about
     the vertical in units of 0.1 rad.
@@ -47,29 +47,29 @@ class ClutterPush(Task):
     | arm_qpos | 7 | joint angles [rad] |
     | arm_qvel | 7 | joint velocities [rad/s] |
     | tcp_pose | 7 | point between the finger tips: position [m], rotation |
-    | tcp_to_behind | 3 | from that point to where it would push from [m] |
+    | tcp_to_behind | 3 | from that point to the point behind the tin to push from [m] |
     | tcp_to_tin | 3 | from that point to the tin's underside [m] |
     | tin_to_goal | 3 | from the tin's underside to the mark [m] |
     | tcp_to_clutter | 3, 3 | from the point between the finger tips to the undersides of can, orange and block [m] |
     | tool_target | 4 | the tool's target: x, y, z [m], yaw [rad] |
-    | last_action | 4 | the action taken last, zeros after a reset |
+    | last_action | 4 | the last action, zeros after a reset |
 
     Group `critic`, 71 numbers: the same, then `object_velocities` (4, 6: of tin, can, orange and block; linear [m/s]
     and angular [rad/s]).
 
-    Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, nearness of
-    the tool to where it pushes from), `pushing` (0 to 4, nearness of the tin's underside to the mark), `arrived` (4
-    while it is there), `disturbing` (minus half the sum of the clutter's speeds in m/s, at most 1) and `effort` (-0.05
-    times the mean square of the action). Success is the middle of the tin's underside within 4 cm of the mark, heights
-    included, so that a tin on its side or upside down does not count; it need not stay there. The episode terminates
-    when the tin has fallen off the table, and is truncated after 250 steps (5 s).
+    Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, how near the
+    tool is to the point to push from), `pushing` (0 to 4, how near the tin's underside is to the mark), `arrived` (4
+    while it is there), `disturbing` (minus half the sum of the other objects' speeds in m/s, -1 at the lowest) and
+    `effort` (-0.05 times the mean square of the action). Success means that the centre of the tin's underside is within
+    4 cm of the mark, height included, so that a tin on its side or upside down does not count; it need not stay there.
+    The episode terminates when the tin has fallen off the table, and is truncated after 250 steps (5 s).
     """
 
     scene = "clutter_push"
     action_size = 4
 
     def bind(self, s: State) -> None:
-        """Find the arm, and make room for what is remembered between steps."""
+        """Find the arm, and allocate what is kept between steps."""
         self.arm = ArmController(s)
         self.closed = torch.full((s.num_envs,), -1.0, device=s.device)
         self.last_action = torch.zeros(s.num_envs, 4, device=s.device)
@@ -81,7 +81,7 @@ class ClutterPush(Task):
         self.last_action.copy_(action)
 
     def observe(self, s: State) -> Observation:
-        """Return what the class lists."""
+        """Return the observations that the class lists."""
         tool, objects = self.arm.tool(s), s.poses(OBJECTS)[:, :, :3]
         to_goal = self.to_goal(s)
         policy = {
@@ -98,7 +98,7 @@ class ClutterPush(Task):
         return {"policy": policy, "critic": policy | {"object_velocities": s.velocities(OBJECTS)}}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return reaching, pushing, arrived, disturbing and effort."""
+        """Return the terms reaching, pushing, arrived, disturbing and effort."""
         to_goal = self.to_goal(s)
         away = to_goal.norm(dim=1)
         behind = self._behind(s.pose("tin")[:, :3], to_goal) - self.arm.tool(s)[:, :3]
@@ -112,23 +112,23 @@ class ClutterPush(Task):
         }
 
     def success(self, s: State) -> Tensor:
-        """Say where the middle of the tin's underside is within 4 cm of the mark."""
+        """Return the worlds in which the centre of the tin's underside is within 4 cm of the mark."""
         return self.to_goal(s).norm(dim=1) < CLOSE
 
     def terminated(self, s: State) -> Tensor:
-        """Say where the tin has fallen off the table."""
+        """Return the worlds in which the tin has fallen off the table."""
         return s.pose("tin")[:, 2] < LOST_HEIGHT
 
     def on_reset(self, s: State, mask: Tensor) -> None:
-        """Forget the last action."""
+        """Clear the last action, and start the tool's target at the tool."""
         self.last_action.masked_fill_(mask[:, None], 0.0)
         self.arm.start(s, mask)
 
     def to_goal(self, s: State) -> Tensor:
-        """Return the way from the tin's underside to the mark [m], shape (num_envs, 3)."""
+        """Return the vector from the tin's underside to the mark [m], shape (num_envs, 3)."""
         return s.pose("goal")[:, :3] - s.pose("tin")[:, :3]
 
     def _behind(self, tin: Tensor, to_goal: Tensor) -> Tensor:
-        """Return where to push a tin from that has that way to go [m], shape (num_envs, 3)."""
+        """Return the point to push from [m], for the tin's position and the vector to the mark, shape (num_envs, 3)."""
         back = -BEHIND * torch.nn.functional.normalize(to_goal[:, :2], dim=1)
         return tin + torch.cat([back, torch.full_like(back[:, :1], PUSH_HEIGHT)], dim=1)

@@ -12,31 +12,31 @@ from sceniris_gym.vector.task import Observation, Task
 from sceniris_gym.vector.touch import Touch
 
 CLEAR_HEIGHT = 0.55
-"""Height over the floor that counts as out [m]: 5 cm over the cabinet, 7 cm over the drawer's face."""
+"""Height over the floor that counts as out of the drawer [m]: 5 cm over the cabinet, 7 cm over the drawer's face."""
 
 HOLD = 0.5
-"""How long it must be held there [s]."""
+"""How long it should be held there [s]."""
 
 FINGERS = ("panda/left_finger", "panda/right_finger")
 
 LOST_HEIGHT = 0.15
-"""Where the banana's origin is below this height [m], it has fallen out of the drawer, whose floor is at 0.27 m."""
+"""If its origin is below this height [m], the banana has fallen out of the drawer, whose floor is at 0.27 m."""
 
 FINGER_OPENING = 0.08
 """Distance between the open fingers [m]."""
 
 
 class DrawerPick(Task):
-    """A Panda before a cabinet takes a banana out of the open upper drawer; an apple lies on the floor beside.
+    """A Panda in front of a cabinet takes a banana out of the open upper drawer; an apple lies on the floor.
 
-    It has not been trained yet.
+    No policy has been trained on it yet.
 
     Frames: poses and velocities are in the robot's base frame (on the floor, x to the front, z up), rotations are
-    quaternions wxyz. Every reset draws the cabinet's place and yaw, the drawer's opening, both fruits and a little
-    noise on the arm. The banana's underside is the origin of its body, the middle of the face that it lies on at first,
-    and turns with it. How high it is lifted is told by its lowest point however it is turned, or rather by the lowest
-    corner of the least box around it along its own axes: that is the same for a banana that lies as at first, and up to
-    4 cm lower where it is tilted.
+    quaternions wxyz. Every reset draws the cabinet's position and yaw, the drawer's opening, both fruits and a little
+    noise on the arm. The banana's underside is the origin of its body: the centre of the face that it lies on at the
+    start, turning with the banana. Its height is that of its lowest point, taken as the lowest corner of the smallest
+    box around it along its own axes: this is exact for a banana that lies as at the start, and up to 4 cm too low for a
+    tilted one.
 
     Action, 8 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.04 rad, and the
     gripper from -1 (closed) to 1 (open).
@@ -53,25 +53,26 @@ class DrawerPick(Task):
     | banana_pose | 7 | underside of the banana: position [m], rotation |
     | tcp_to_banana | 3 | from the point between the finger tips to the grasp site of the banana [m] |
     | drawer_pose | 7 | lower edge of the drawer's face: position [m], rotation |
-    | last_action | 8 | the action taken last, zeros after a reset |
+    | last_action | 8 | the last action, zeros after a reset |
 
     Group `critic`, 70 numbers: the same, then `banana_velocity` (6: [m/s], [rad/s]), `apple_pose` (7: position [m],
     rotation), `touching` (2: 1 where the left and the right finger touch the banana) and `held` (1: how long it has
-    been seen held out without a break, in units of 0.5 s: 1 is success, and it goes on).
+    been held out without a break, in units of 0.5 s; from 1 on it is a success).
 
-    Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, the fingers
-    near the banana), `grasping` (0 to 1, and closed there), `lifting` (0 to 5, share of the way out), `out` (5 while it
-    is out and both fingers touch it) and `effort` (-0.01 times the mean square of the action). Success is the banana
-    higher than 0.55 m with both fingers touching it, seen at the ends of 26 steps in a row: 0.5 s lie between the first
-    and the last. Contacts are those of the last of a step's 4 physics steps; what happens between is not looked at. The
-    episode terminates when the banana has fallen out of the drawer, and is truncated after 200 steps (4 s).
+    Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, how near the
+    fingers are to the banana), `grasping` (0 to 1, how far they are closed there), `lifting` (0 to 5, share of the way
+    out), `out` (5 while the banana is out and both fingers touch it) and `effort` (-0.01 times the mean square of the
+    action). Success means that the banana is higher than 0.55 m and touched by both fingers at the end of 26 steps in a
+    row, 0.5 s from the first to the last. Contacts are those of the last of a step's 4 physics steps; those in between
+    are not checked. The episode terminates when the banana has fallen out of the drawer, and is truncated after 200
+    steps (4 s).
     """
 
     scene = "drawer_pick"
     action_size = 8
 
     def bind(self, s: State) -> None:
-        """Find the arm, and make room for what is remembered between steps."""
+        """Find the arm, its contacts and the banana's bounds, and allocate what is kept between steps."""
         self.arm = ArmController(s)
         self.touch = Touch(s, FINGERS, ("banana",))
         self.bounds = Bounds(s, ("banana",))
@@ -87,7 +88,7 @@ class DrawerPick(Task):
         self.last_action.copy_(action)
 
     def observe(self, s: State) -> Observation:
-        """Return what the class lists."""
+        """Return the observations that the class lists."""
         joints = self.arm.qpos(s)
         policy = {
             "arm_qpos": joints,
@@ -109,7 +110,7 @@ class DrawerPick(Task):
         return {"policy": policy, "critic": policy | critic}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return reaching, grasping, lifting, out and effort; and count moments held out."""
+        """Return the terms reaching, grasping, lifting, out and effort, and count the steps held out."""
         distance = self._to_banana(s).norm(dim=1)
         near = torch.exp(-((distance / 0.04) ** 2))
         height = self.height(s)
@@ -125,21 +126,21 @@ class DrawerPick(Task):
         }
 
     def success(self, s: State) -> Tensor:
-        """Say where the banana has been held out for 0.5 s, clear of drawer and cabinet."""
-        return self.held > self.hold_steps  # the first moment and that many steps
+        """Return the worlds in which the banana has been held out for 0.5 s, clear of drawer and cabinet."""
+        return self.held > self.hold_steps  # the first one and that many more
 
     def terminated(self, s: State) -> Tensor:
-        """Say where the banana has fallen out of the drawer."""
+        """Return the worlds in which the banana has fallen out of the drawer."""
         return s.pose("banana")[:, 2] < LOST_HEIGHT
 
     def on_reset(self, s: State, mask: Tensor) -> None:
-        """Forget what was remembered, and remember how high the banana lies."""
+        """Clear what is kept between steps, and store how high the banana lies."""
         self.last_action.masked_fill_(mask[:, None], 0.0)
         self.held.masked_fill_(mask, 0.0)
         self.start_height.copy_(torch.where(mask, self.height(s), self.start_height))
 
     def height(self, s: State) -> Tensor:
-        """Return how high over the floor the banana's lowest point is [m], shape (num_envs,); see the class."""
+        """Return the height of the banana's lowest point over the floor [m], shape (num_envs,); see the class."""
         return self.bounds.lowest(s.poses(("banana",)))[:, 0]
 
     def touching(self, s: State) -> Tensor:

@@ -26,12 +26,13 @@ THINGS = (
 
 
 class KitchenReset(Task):
-    """A Panda on the worktop of a furnished kitchen with twelve things in it. There is nothing to achieve.
+    """A Panda on the worktop of a furnished kitchen with twelve objects in it. There is no goal.
 
-    It is there to measure resets, and is not meant to be trained: every reward is 0 and no step a success.
+    It is for measuring resets, not for training: every reward is 0 and no step is a success.
 
     Frames: poses are in the robot's base frame (over the worktop, x to the front, z up), rotations are quaternions
-    wxyz. Every reset draws the places of furniture and things, the cupboard's door, and a little noise on the arm.
+    wxyz. Every reset draws the positions of furniture and objects, the angle of the cupboard's door, and a little noise
+    on the arm.
 
     Action, 7 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.04 rad.
 
@@ -42,9 +43,9 @@ class KitchenReset(Task):
     | arm_qpos | 7 | joint angles [rad] |
     | arm_qvel | 7 | joint velocities [rad/s] |
     | door | 1 | angle of the cupboard's door [rad] |
-    | things | 12, 7 | underside of each thing: position [m], rotation |
+    | things | 12, 7 | underside of each object: position [m], rotation |
 
-    The reward has the one term `nothing`, which is 0. The episode is truncated after 200 steps (4 s).
+    The only reward term is `nothing`, which is 0. The episode is truncated after 200 steps (4 s).
     """
 
     scene = "kitchen_reset"
@@ -59,7 +60,7 @@ class KitchenReset(Task):
         self.arm.move_joints(s, action)
 
     def observe(self, s: State) -> Observation:
-        """Return what the class lists."""
+        """Return the observations that the class lists."""
         seen = {
             "arm_qpos": self.arm.qpos(s),
             "arm_qvel": self.arm.qvel(s),
@@ -69,9 +70,9 @@ class KitchenReset(Task):
         return {"policy": seen, "critic": seen}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return nothing."""
+        """Return the term nothing, which is 0."""
         return {"nothing": torch.zeros(s.num_envs, device=s.device)}
 
     def success(self, s: State) -> Tensor:
-        """Say that no step is a success."""
+        """Return no worlds: there is no goal."""
         return torch.zeros(s.num_envs, dtype=torch.bool, device=s.device)

@@ -1,4 +1,4 @@
-"""TabletopLift-v0: grasp a chosen one of several things on a table, and lift it."""
+"""TabletopLift-v0: grasp and lift a chosen one of several objects on a table."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sceniris_gym.vector.task import Observation, Task
 from sceniris_gym.vector.touch import Touch
 
 GRASP_HEIGHTS = {"block": 0.0225, "can": 0.095, "lemon": 0.025}
-"""What can be chosen, and how high over its underside it is grasped [m]; the hand is 37 mm over the tool's point."""
+"""What can be chosen, and how high over its underside it is grasped [m]; the hand is 37 mm over the TCP."""
 
 OBJECTS = (*GRASP_HEIGHTS, "tin", "orange")
 
@@ -22,25 +22,25 @@ LIFTED = 0.1
 """Height over the table that counts as lifted [m]."""
 
 HOLD = 0.5
-"""How long it must be held there [s]."""
+"""How long it should be held there [s]."""
 
 LOWEST = 0.01
-"""Least height of the tool's target over the table [m]: finger tips reach 9 mm further down."""
+"""Lower limit of the tool's target over the table [m]: the finger tips reach 9 mm further down."""
 
 LOST_HEIGHT = -0.05
-"""Where the chosen object's origin is below this height [m], it has fallen off the table."""
+"""If its origin is below this height [m], the chosen object has fallen off the table."""
 
 
 class TabletopLift(Task):
-    """A Panda on a table grasps a chosen one of block, can and lemon, among the others, and lifts it by 10 cm.
+    """A Panda on a table grasps a chosen one of block, can and lemon among other objects, and lifts it by 10 cm.
 
     Frames: poses and velocities are in the robot's base frame (on the table's top, x to the front, z up), rotations
-    are quaternions wxyz. Every reset draws the places and yaws of all objects, which of them is the chosen one, and a
-    little noise on the arm, whose tool looks down all the time. An object's underside is the origin of its body, the
-    middle of the face that it stands on at first, and turns with it. How high the chosen object is lifted is told by
-    its lowest point however it is turned, or rather by the lowest corner of the least box around it along its own axes:
-    that is the same for an object that stands as at first, and up to 2.4 cm lower where it is tilted.
-    Pictures do not show which object is chosen; the attribute `chosen`, shape (num_envs, 3), says so.
+    are quaternions wxyz. Every reset draws the positions and yaws of all objects, which of them is chosen, and a little
+    noise on the arm. The tool always points down. An object's underside is the origin of its body: the centre of the
+    face that it stands on at the start, turning with the object. The chosen object's height is that of its lowest
+    point, taken as the lowest corner of the smallest box around it along its own axes: this is exact for an object that
+    stands as at the start, and up to 2.4 cm too low for a tilted one. Pictures do not show which object is chosen; the
+    attribute `chosen`, shape (num_envs, 3), does.
 
     Action, 5 numbers in [-1, 1] at 50 Hz: changes of the tool's target along x, y and z in units of 0.02 m and about
     the vertical in units of 0.1 rad, and the gripper from -1 (closed) to 1 (open).
@@ -59,26 +59,26 @@ class TabletopLift(Task):
     | chosen | 3 | 1 for the chosen one of block, can and lemon, 0 for the others |
     | tcp_to_objects | 5, 3 | from that point to the undersides of block, can, lemon, tin and orange [m] |
     | touching | 2 | 1 where the left and the right finger touch the chosen object |
-    | held | 1 | how long it has been seen held up without a break, in units of 0.5 s: 1 is success, and it goes on |
-    | last_action | 5 | the action taken last, zeros after a reset |
+    | held | 1 | how long it has been held up without a break, in units of 0.5 s; from 1 on it is a success |
+    | last_action | 5 | the last action, zeros after a reset |
 
     Group `critic`, 87 numbers: the same, then `object_velocities` (5, 6: linear [m/s] and angular [rad/s]).
 
-    Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, nearness of
-    the tool to the grasp), `grasping` (1 where both fingers touch the chosen object), `lifting` (0 to 4, share of the
+    Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, how near the
+    tool is to the grasp), `grasping` (1 where both fingers touch the chosen object), `lifting` (0 to 4, share of the
     way up, while both touch), `holding` (5 while it is up and both touch), `disturbing` (minus half the sum of the
-    other objects' speeds in m/s, at most 1) and `effort` (-0.05 times the mean square of the action). Success is the
-    chosen object 10 cm or more over the table with both fingers touching it, seen at the ends of 26 steps in a row:
-    0.5 s lie between the first and the last. Contacts are those of the last of a step's 4 physics steps; what happens
-    between is not looked at. The episode terminates when that object has fallen off the table, and is truncated after
-    150 steps (3 s).
+    other objects' speeds in m/s, -1 at the lowest) and `effort` (-0.05 times the mean square of the action). Success
+    means that the chosen object is 10 cm or more over the table and touched by both fingers at the end of 26 steps in a
+    row, 0.5 s from the first to the last. Contacts are those of the last of a step's 4 physics steps; those in between
+    are not checked. The episode terminates when that object has fallen off the table, and is truncated after 150 steps
+    (3 s).
     """
 
     scene = "tabletop_lift"
     action_size = 5
 
     def bind(self, s: State) -> None:
-        """Find the arm and its contacts, and make room for what is remembered between steps."""
+        """Find the arm, its contacts and the objects' bounds, and allocate what is kept between steps."""
         self.arm = ArmController(s)
         self.touch = Touch(s, FINGERS, tuple(GRASP_HEIGHTS))
         self.bounds = Bounds(s, tuple(GRASP_HEIGHTS))
@@ -95,7 +95,7 @@ class TabletopLift(Task):
         self.last_action.copy_(action)
 
     def observe(self, s: State) -> Observation:
-        """Return what the class lists."""
+        """Return the observations that the class lists."""
         tool, poses = self.arm.tool(s), s.poses(OBJECTS)
         pose = self._chosen(poses)
         turn = 2.0 * (yaw(pose) - yaw(tool))
@@ -116,7 +116,7 @@ class TabletopLift(Task):
         return {"policy": policy, "critic": policy | {"object_velocities": s.velocities(OBJECTS)}}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return reaching, grasping, lifting, holding, disturbing and effort; and count moments held up."""
+        """Return the terms reaching, grasping, lifting, holding, disturbing and effort; count the steps held up."""
         poses = s.poses(OBJECTS)
         pose, height = self._chosen(poses), self._height(poses)
         distance = (self._grasp(pose) - self.arm.tool(s)[:, :3]).norm(dim=1)
@@ -136,15 +136,15 @@ class TabletopLift(Task):
         }
 
     def success(self, s: State) -> Tensor:
-        """Say where the chosen object has been held up for 0.5 s."""
-        return self.held > self.hold_steps  # the first moment and that many steps
+        """Return the worlds in which the chosen object has been held up for 0.5 s."""
+        return self.held > self.hold_steps  # the first one and that many more
 
     def terminated(self, s: State) -> Tensor:
-        """Say where the chosen object has fallen off the table."""
+        """Return the worlds in which the chosen object has fallen off the table."""
         return self.chosen_pose(s)[:, 2] < LOST_HEIGHT
 
     def on_reset(self, s: State, mask: Tensor) -> None:
-        """Choose an object, and forget what was remembered."""
+        """Choose an object, clear what is kept between steps, and start the tool's target at the tool."""
         drawn = (s.random(1) * len(GRASP_HEIGHTS)).long().clamp(max=len(GRASP_HEIGHTS) - 1)
         chosen = torch.zeros_like(self.chosen).scatter_(1, drawn, 1.0)
         self.chosen.copy_(torch.where(mask[:, None], chosen, self.chosen))
@@ -153,7 +153,7 @@ class TabletopLift(Task):
         self.arm.start(s, mask)
 
     def height(self, s: State) -> Tensor:
-        """Return how high over the table the chosen object's lowest point is [m], shape (num_envs,); see the class."""
+        """Return the height of the chosen object's lowest point over the table [m], (num_envs,); see the class."""
         return self._height(s.poses(OBJECTS))
 
     def chosen_pose(self, s: State) -> Tensor:
@@ -165,7 +165,7 @@ class TabletopLift(Task):
         return (self.touch(s) * self.chosen[:, None]).sum(dim=2)
 
     def _chosen(self, poses: Tensor) -> Tensor:
-        """Return the chosen one of the poses of all objects, shape (num_envs, 7)."""
+        """Return the pose of the chosen object, out of the poses of all objects, shape (num_envs, 7)."""
         return (self.chosen[:, :, None] * poses[:, : len(GRASP_HEIGHTS)]).sum(dim=1)
 
     def _height(self, poses: Tensor) -> Tensor:
@@ -173,7 +173,7 @@ class TabletopLift(Task):
         return (self.chosen * self.bounds.lowest(poses[:, : len(GRASP_HEIGHTS)])).sum(dim=1)
 
     def _grasp(self, pose: Tensor) -> Tensor:
-        """Return where the chosen object with that pose is grasped [m], shape (num_envs, 3)."""
+        """Return the point [m] at which the chosen object is grasped in that pose, shape (num_envs, 3)."""
         return pose[:, :3] + (self.chosen[:, :, None] * self.grasp_heights).sum(dim=1)
 
 

@@ -1,4 +1,4 @@
-"""TabletopReach-v0: bring the tool over a chosen one of several things on a table."""
+"""TabletopReach-v0: move the tool over a chosen one of several objects on a table."""
 
 from __future__ import annotations
 
@@ -10,26 +10,25 @@ from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
 
 HEIGHTS = {"bottle": 0.252, "apple": 0.076, "orange": 0.070, "can": 0.122, "block": 0.045}
-"""The objects and how high they are [m]."""
+"""The objects and their heights [m]."""
 
 OBJECTS = tuple(HEIGHTS)
 
 OVER = 0.05
-"""How far over the top of the chosen object the target is [m]."""
+"""Height of the target over the top of the chosen object [m]."""
 
 CLOSE = 0.025
 """Distance from the target that counts as reached [m]."""
 
 
 class TabletopReach(Task):
-    """A Panda on a table brings the point between its finger tips over a chosen object among four others.
+    """A Panda on a table moves the point between its finger tips over a chosen object among four others.
 
     Frames: poses and velocities are in the robot's base frame (on the table's top, x to the front, z up), rotations
-    are quaternions wxyz. Every reset draws the places and yaws of all objects, which of them is the chosen one, and a
-    little noise on the arm. The target is straight over the middle of the chosen object's underside, as high as its top
-    would be if it stood upright there, and 5 cm more: it goes along with an object that is pushed, and does not come
-    down to the top of one that is tipped over. Pictures do not show which object is chosen; the attribute `chosen`,
-    shape (num_envs, 5), says so.
+    are quaternions wxyz. Every reset draws the positions and yaws of all objects, which of them is chosen, and a little
+    noise on the arm. The target is straight over the centre of the chosen object's underside, 5 cm higher than its top
+    would be if it stood upright there: it moves with an object that is pushed, but is not lowered for one that is
+    tipped over. Pictures do not show which object is chosen; the attribute `chosen`, shape (num_envs, 5), does.
 
     Action, 7 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.04 rad.
 
@@ -44,22 +43,22 @@ class TabletopReach(Task):
     | tcp_to_target | 3 | from that point to the target [m] |
     | tcp_to_objects | 5, 3 | from that point to the undersides of bottle, apple, orange, can and block [m] |
     | chosen | 5 | 1 for the chosen object, 0 for the others |
-    | last_action | 7 | the action taken last, zeros after a reset |
+    | last_action | 7 | the last action, zeros after a reset |
 
     Group `critic`, 73 numbers: the same, then `object_velocities` (5, 3: linear velocities of the objects [m/s]).
 
-    Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, nearness at
-    arm's length), `hovering` (0 to 2, nearness within centimetres), `disturbing` (minus the sum of the objects' speeds
-    in m/s, at most 1) and `effort` (-0.1 times the mean square of the action). Success is a distance of the tool from
-    the target below 2.5 cm; how long it is held does not matter, so that judged at the last step it means to stay
-    there. The episode is truncated after 100 steps (2 s).
+    Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, how near the
+    tool is to the target, on the scale of the arm), `hovering` (0 to 2, the same on the scale of centimetres),
+    `disturbing` (minus the sum of the objects' speeds in m/s, -1 at the lowest) and `effort` (-0.1 times the mean
+    square of the action). Success means that the tool is less than 2.5 cm from the target, for however short a time;
+    success at the last step therefore takes staying there. The episode is truncated after 100 steps (2 s).
     """
 
     scene = "tabletop_reach"
     action_size = 7
 
     def bind(self, s: State) -> None:
-        """Find the arm, and make room for what is remembered between steps."""
+        """Find the arm, and allocate what is kept between steps."""
         self.arm = ArmController(s)
         self.over = torch.tensor([[0.0, 0.0, height + OVER] for height in HEIGHTS.values()], device=s.device)
         self.chosen = torch.zeros(s.num_envs, len(OBJECTS), device=s.device)
@@ -71,7 +70,7 @@ class TabletopReach(Task):
         self.last_action.copy_(action)
 
     def observe(self, s: State) -> Observation:
-        """Return what the class lists."""
+        """Return the observations that the class lists."""
         tool, positions, qpos = self.arm.tool(s), self._positions(s), self.arm.qpos(s)
         policy = {
             "arm_qpos": qpos,
@@ -86,7 +85,7 @@ class TabletopReach(Task):
         return {"policy": policy, "critic": policy | {"object_velocities": self._velocities(s)}}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return reaching, hovering, disturbing and effort."""
+        """Return the terms reaching, hovering, disturbing and effort."""
         distance = self.distance(s)
         speeds = self._velocities(s).norm(dim=2).sum(dim=1)
         return {
@@ -97,18 +96,18 @@ class TabletopReach(Task):
         }
 
     def success(self, s: State) -> Tensor:
-        """Say where the tool is within 2.5 cm of the target."""
+        """Return the worlds in which the tool is within 2.5 cm of the target."""
         return self.distance(s) < CLOSE
 
     def on_reset(self, s: State, mask: Tensor) -> None:
-        """Choose an object, and forget the last action."""
+        """Choose an object, and clear the last action."""
         drawn = (s.random(1) * len(OBJECTS)).long().clamp(max=len(OBJECTS) - 1)
         chosen = torch.zeros_like(self.chosen).scatter_(1, drawn, 1.0)
         self.chosen.copy_(torch.where(mask[:, None], chosen, self.chosen))
         self.last_action.masked_fill_(mask[:, None], 0.0)
 
     def distance(self, s: State) -> Tensor:
-        """Return how far the point between the finger tips is from the target [m], shape (num_envs,)."""
+        """Return the distance from the point between the finger tips to the target [m], shape (num_envs,)."""
         return (self._target(self._positions(s)) - self.arm.tool(s)[:, :3]).norm(dim=1)
 
     def _target(self, positions: Tensor) -> Tensor:
@@ -116,7 +115,7 @@ class TabletopReach(Task):
         return (self.chosen[:, :, None] * (positions + self.over)).sum(dim=1)
 
     def _positions(self, s: State) -> Tensor:
-        """Return where the objects stand [m], shape (num_envs, 5, 3)."""
+        """Return the positions of the objects [m], shape (num_envs, 5, 3)."""
         return s.poses(OBJECTS)[:, :, :3]
 
     def _velocities(self, s: State) -> Tensor:

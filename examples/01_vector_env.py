@@ -1,4 +1,4 @@
-"""A vector environment by its Gymnasium name: random actions, seeds, masked resets and what `info` says of layouts."""
+"""A vector environment by its Gymnasium id: random actions, seeds, masked resets and layout data in `info`."""
 
 import gymnasium as gym
 import numpy as np
@@ -12,7 +12,7 @@ def main(num_envs: int = 64, steps: int = 250, device: str | None = None) -> Non
     """Act at random in DrawerPick-v0.
 
     Args:
-        num_envs: worlds that are stepped together.
+        num_envs: number of worlds.
         steps: control steps, of 20 ms each.
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
     """
@@ -22,11 +22,11 @@ def main(num_envs: int = 64, steps: int = 250, device: str | None = None) -> Non
     print("policy:", tuple(obs["policy"].shape), "critic:", tuple(obs["critic"].shape), "on", obs["policy"].device)
     print("layouts: seeds", info["layout_seed"][:4].tolist(), "episodes", info["layout_episode"][:4].tolist())
 
-    # worlds that end are reset within the step and get the layout of their next episode
+    # worlds whose episode ends are reset within the step and get the layout of their next episode
     envs.action_space.seed(0)
     total, ended = torch.zeros(num_envs, device=obs["policy"].device), 0
     for _ in range(steps):
-        action = envs.action_space.sample()  # numpy, or a tensor that is on the device already
+        action = envs.action_space.sample()  # numpy, or a tensor that is already on the device
         obs, reward, terminated, truncated, info = envs.step(action)
         total += reward
         ended += int((terminated | truncated).sum())
@@ -35,7 +35,7 @@ def main(num_envs: int = 64, steps: int = 250, device: str | None = None) -> Non
     print("reward terms:", {name: round(float(term.mean()), 3) for name, term in info["reward_terms"].items()})
     print(f"{fallbacks} worlds hold a layout from the bank; the others were made for their reset")
 
-    # fresh layouts for every other world; the rest does not change by a bit
+    # fresh layouts for every other world; the rest stay bit-identical
     mask = np.arange(num_envs) % 2 == 0
     before = obs["policy"]
     obs, info = envs.reset(options={"reset_mask": mask})

@@ -1,4 +1,4 @@
-"""Bring your own model and your own mujoco_warp loop: a paddle pushes boxes off a bench, fallen ones start afresh."""
+"""Your own model and your own mujoco_warp loop: a paddle pushes boxes off a bench; worlds with a fallen box reset."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ import warp as wp
 from sceniris_gym import ResetRandomizer, compile_scene
 
 SCENE = {
-    "model": str(Path(__file__).with_name("bench.xml")),  # its options, names and start pose stay as they are
+    "model": str(Path(__file__).with_name("bench.xml")),  # its options, names and start pose are kept
     "objects": {  # without an asset: bodies of the model
         "bench": {"kind": "static", "joints": {"travel": {"range": [0.0, 0.1]}}},
         "crate": {"on": "bench", "region": {"fraction": [[0.3, 0.0], [0.9, 1.0]]}, "ratio_on_support": 1},
@@ -22,7 +22,7 @@ def main(nworld: int = 64, steps: int = 1500, device: str | None = None) -> None
     """Push until the crate falls, again and again.
 
     Args:
-        nworld: worlds that are stepped together.
+        nworld: number of worlds.
         steps: physics steps, of 2 ms each.
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
     """
@@ -31,11 +31,11 @@ def main(nworld: int = 64, steps: int = 1500, device: str | None = None) -> None
         model = mjw.put_model(compiled.mjm)
         data = mjw.make_data(compiled.mjm, nworld=nworld, nconmax=64, njmax=256)  # room for each world
         randomizer = ResetRandomizer(compiled, model, data, seed=0)
-        randomizer.reset()  # all worlds; the paddle's actuator holds the drawn position
+        randomizer.reset()  # all worlds; the paddle's actuator holds the sampled position
         with wp.ScopedCapture() as capture:
             mjw.step(model, data)
 
-        # views of the simulation: whatever library computes the mask, nothing is copied to the host
+        # views of the simulation's arrays: any library can compute the mask, and nothing is copied to the host
         height = wp.to_torch(data.xpos)[:, compiled.mjm.body("crate").id, 2]
         control = wp.to_torch(data.ctrl)
         resets = 0

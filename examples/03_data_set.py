@@ -1,4 +1,4 @@
-"""A data set of layouts, and how to use it with nothing but MuJoCo and NumPy.
+"""A data set of layouts, and how to use it with only MuJoCo and NumPy.
 
 `sceniris-gym generate kitchen -n 64 -o layouts/kitchen` writes the same files from the command line.
 """
@@ -19,7 +19,7 @@ def main(
 
     Args:
         scene: name of a shipped scene, or the path of a scene file.
-        n: number of layouts; row i has seed i and episode 0, whatever n is.
+        n: number of layouts; row i has seed i and episode 0 for any n.
         folder: where `layouts.npz` and `scene.zip` go.
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
     """
@@ -29,11 +29,11 @@ def main(
 
 
 def look(folder: Path) -> None:
-    """Put the layouts into stock MuJoCo, measure contacts, and let the first one settle for half a second."""
+    """Load the layouts into stock MuJoCo, measure contacts, and let the first one settle for half a second."""
     layouts = np.load(folder / "layouts.npz")
     model = mujoco.MjSpec.from_zip(str(folder / "scene.zip")).compile()
     data = mujoco.MjData(model)
-    names = layouts["object_names"].tolist()  # of the scene; the bodies have the same names
+    names = layouts["object_names"].tolist()  # objects of the scene; the bodies have the same names
     deepest = 0.0
     for qpos, pos, quat in zip(layouts["qpos"], layouts["mocap_pos"], layouts["mocap_quat"], strict=True):
         data.qpos[:], data.mocap_pos[:], data.mocap_quat[:] = qpos, pos, quat

@@ -1,4 +1,4 @@
-"""A task from nothing: a scene of one's own, in which the arm brings its fingers to an orange on a table."""
+"""A task from scratch, with its own scene: the arm moves its fingers to an orange on a table."""
 
 import gymnasium as gym
 import torch
@@ -9,7 +9,7 @@ from sceniris_gym import ArmController, State, Task
 
 
 class TouchOrange(Task):
-    """Bring the point between the finger tips to the orange; success is 6 cm. Poses are in the robot's base frame."""
+    """Move the point between the fingertips within 6 cm of the orange. Poses are in the robot's base frame."""
 
     action_size = 7
 
@@ -22,25 +22,25 @@ class TouchOrange(Task):
         self.arm.move_joints(s, action)
 
     def observe(self, s: State) -> dict[str, dict[str, Tensor]]:
-        """Joints, and the way from the fingers to the orange [m]."""
+        """Joint positions and velocities, and the vector from the fingers to the orange [m]."""
         way = s.site("orange/grasp")[:, :3] - self.arm.tool(s)[:, :3]
         return {"policy": {"arm_qpos": self.arm.qpos(s), "arm_qvel": self.arm.qvel(s), "way": way}}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Pay for being near, and a little less for moving much."""
+        """Reward being near, with a small penalty on large actions."""
         return {"near": 1.0 - torch.tanh(5.0 * self.distance(s)), "effort": -0.01 * action.square().mean(dim=1)}
 
     def success(self, s: State) -> Tensor:
-        """Say where the fingers are at the orange."""
+        """Return in which worlds the fingers are at the orange."""
         return self.distance(s) < 0.06
 
     def distance(self, s: State) -> Tensor:
-        """Return how far the fingers are from the orange [m], shape (num_envs,)."""
+        """Return the distance from the fingers to the orange [m], shape (num_envs,)."""
         return (s.site("orange/grasp")[:, :3] - self.arm.tool(s)[:, :3]).norm(dim=1)
 
 
 def main(num_envs: int = 64, steps: int = 100, device: str | None = None) -> None:
-    """Make the environment, and act at random in it."""
+    """Make the environment and take random actions."""
     orange = {"asset": "orange", "on": "table", "ratio_on_support": 1, "reachable": "map"}
     robot = {"asset": "panda", "base": [-0.3, 0.0, 0.4]}
     scene = {"robot": robot, "objects": {"table": {"asset": "table", "kind": "static"}, "orange": orange}}

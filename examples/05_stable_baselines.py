@@ -1,4 +1,4 @@
-"""Stable-Baselines3 trains PPO on TabletopReach-v0 and is judged on layouts that it has never seen.
+"""Train PPO of Stable-Baselines3 on TabletopReach-v0 and evaluate it on layouts it has never seen.
 
 Needs the extra: pip install 'sceniris-gym[sb3]'.
 """
@@ -18,7 +18,7 @@ ENV_ID = "sceniris_gym:sceniris_gym/TabletopReach-v0"
 
 
 class PrintStatistics(BaseCallback):
-    """Print what the episodes came to that finished in a rollout; they are summed on the device until then."""
+    """Print statistics of the episodes finished in a rollout; until then they are accumulated on the device."""
 
     def _on_step(self) -> bool:
         return True
@@ -32,7 +32,7 @@ class PrintStatistics(BaseCallback):
 
 
 def judge(model: PPO, trained: VecNormalize, num_envs: int, device: str | None) -> str:
-    """Return what the first episodes of the split `eval` come to, without exploration."""
+    """Return the result of the first episodes of the split `eval`, without exploration."""
     envs = SB3VecEnv(gym.make_vec(ENV_ID, num_envs=num_envs, device=device, split="eval"))
     envs.seed(0)
     normalized = VecNormalize(envs, training=False, norm_reward=False)
@@ -51,15 +51,15 @@ def main(
     device: str | None = None,
     out: Path | None = None,
 ) -> None:
-    """Train, and judge before and after.
+    """Train, and evaluate before and after.
 
     Args:
-        num_envs: worlds that are stepped together.
-        steps: steps of all worlds together.
+        num_envs: number of worlds.
+        steps: total number of steps over all worlds.
         rollout: steps of each world between two updates of the policy.
         seed: of the policy; world i gets this seed + i.
         device: of the worlds, "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
-        out: folder for model.zip and normalize.pkl; by default nothing is kept.
+        out: folder for model.zip and normalize.pkl; by default nothing is saved.
     """
     envs = VecNormalize(SB3VecEnv(gym.make_vec(ENV_ID, num_envs=num_envs, device=device)), gamma=0.9)
     model = PPO(
@@ -69,11 +69,11 @@ def main(
         batch_size=num_envs * rollout // 2,
         gamma=0.9,
         learning_rate=2e-3,
-        use_sde=True,  # noise that stays for some steps gets an arm somewhere
+        use_sde=True,  # noise that lasts for some steps moves an arm further
         sde_sample_freq=10,
         policy_kwargs={"log_std_init": -1.0},
         seed=seed,
-        device="cpu",  # small networks, and numpy at the border
+        device="cpu",  # small networks, and SB3 exchanges numpy arrays
     )
     print("before:", judge(model, envs, num_envs, device))
     model.learn(steps, callback=PrintStatistics())

@@ -1,4 +1,4 @@
-"""A learning loop of one's own: PPO (Schulman et al. 2017) in one file, all of it on the device of the worlds."""
+"""Your own learning loop: PPO (Schulman et al. 2017) in one file, all of it on the device of the worlds."""
 
 import time
 
@@ -14,7 +14,7 @@ GAMMA, LAMBDA, CLIP, ENTROPY, EPOCHS, BATCHES = 0.98, 0.95, 0.2, 0.002, 5, 4
 
 
 class Normalizer(nn.Module):
-    """Brings observations to mean 0 and variance 1, by what it has seen so far."""
+    """Normalizes observations to mean 0 and variance 1, with statistics of all observations so far."""
 
     mean: Tensor
     variance: Tensor
@@ -26,11 +26,11 @@ class Normalizer(nn.Module):
             self.register_buffer(name, value)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Normalize, and cut off what is far out."""
+        """Normalize and clip outliers."""
         return ((x - self.mean) / (self.variance + 1e-4).sqrt()).clamp(-10.0, 10.0)
 
     def learn(self, x: Tensor) -> None:
-        """Take in a batch (Chan, Golub and LeVeque 1979)."""
+        """Update the statistics with a batch (Chan, Golub and LeVeque 1979)."""
         variance, mean = torch.var_mean(x, dim=0, correction=0)
         total = self.count + len(x)
         shift, share = mean - self.mean, len(x) / total
@@ -40,7 +40,7 @@ class Normalizer(nn.Module):
 
 
 def mlp(size: int, out: int, gain: float) -> nn.Sequential:
-    """Return a small network whose last layer begins with weights of that size."""
+    """Return a small network whose last layer is initialized with this gain."""
     layers = [nn.Linear(size, 256), nn.Linear(256, 128), nn.Linear(128, out)]
     for layer in layers:
         nn.init.orthogonal_(layer.weight, gain if layer is layers[-1] else 2**0.5)
@@ -49,7 +49,7 @@ def mlp(size: int, out: int, gain: float) -> nn.Sequential:
 
 
 class Agent(nn.Module):
-    """An actor that sees the group `policy`, and a critic that sees the group `critic`."""
+    """An actor that observes the group `policy`, and a critic that observes the group `critic`."""
 
     def __init__(self, seen: int, privileged: int, actions: int) -> None:
         super().__init__()
@@ -67,7 +67,7 @@ class Agent(nn.Module):
 
 
 def advantages(rewards: Tensor, values: Tensor, done: Tensor) -> Tensor:
-    """Return generalized advantages (Schulman et al. 2016), shape (steps, num_envs); `values` has one step more."""
+    """Return generalized advantages (Schulman et al. 2016), shape (steps, num_envs); `values` has one more step."""
     found, later = torch.zeros_like(rewards), torch.zeros_like(rewards[0])
     for t in reversed(range(len(rewards))):
         going_on = ~done[t]
@@ -77,14 +77,14 @@ def advantages(rewards: Tensor, values: Tensor, done: Tensor) -> Tensor:
 
 
 def collect(envs: gym.vector.VectorEnv, agent: Agent, obs: dict[str, Tensor], steps: int) -> tuple[dict, dict]:
-    """Act for some steps; returns what was seen, done and got, (steps, num_envs, ...), and the last observation."""
+    """Run the policy; return the transitions, shape (steps, num_envs, ...), and the last observation."""
     rows: list[dict[str, Tensor]] = []
     for _ in range(steps):
         dist = agent.policy(obs["policy"])
         action = dist.sample()
         after, reward, terminated, truncated, info = envs.step(action)
-        # an episode that is cut short would have gone on: its last observation says what was still to come; that of a
-        # world that broke is no number, so it is left out instead of multiplied by 0
+        # a truncated episode would have continued, so bootstrap with the value of its last observation; the value of a
+        # world that broke is NaN, so it is left out instead of multiplied by 0
         to_come = agent.value(info["final_obs"]["critic"])
         reward = reward + GAMMA * torch.where(truncated & ~terminated, to_come, 0.0)
         row = {"action": action, "log_prob": dist.log_prob(action).sum(-1), "value": agent.value(obs["critic"])}
@@ -94,7 +94,7 @@ def collect(envs: gym.vector.VectorEnv, agent: Agent, obs: dict[str, Tensor], st
 
 
 def learn(agent: Agent, optimizer: torch.optim.Optimizer, data: dict[str, Tensor]) -> None:
-    """Improve the agent by what was collected, in minibatches."""
+    """Update the agent on the collected data, in minibatches."""
     size = len(data["advantage"])
     for _ in range(EPOCHS):
         for index in torch.randperm(size, device=data["advantage"].device).chunk(BATCHES):
@@ -117,11 +117,11 @@ def main(
     seed: int = 0,
     device: str | None = None,
 ) -> None:
-    """Train, and tell how it goes.
+    """Train and print the progress.
 
     Args:
         task: id of an environment of this package, without its namespace.
-        num_envs: worlds that are stepped together.
+        num_envs: number of worlds.
         iterations: updates of the agent.
         steps: control steps of each world between two updates.
         seed: of layouts, network and actions.

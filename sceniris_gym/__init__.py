@@ -1,6 +1,6 @@
 """Fresh, collision-free scene layouts for every reset of batched MuJoCo-Warp environments.
 
-Public names are imported when they are first used: `import sceniris_gym` loads neither torch, warp nor mujoco.
+Public names are imported on first use: `import sceniris_gym` loads neither torch, warp nor mujoco.
 """
 
 from __future__ import annotations
@@ -37,11 +37,15 @@ if TYPE_CHECKING:
     from sceniris_gym.layout.compile import compile_scene as compile_scene
     from sceniris_gym.layout.generate import LayoutGenerator as LayoutGenerator
     from sceniris_gym.layout.layouts import Layouts as Layouts
+    from sceniris_gym.layout.source import LayoutSource as LayoutSource
+    from sceniris_gym.layout.stored import StoredLayouts as StoredLayouts
     from sceniris_gym.program.compiled import CompiledScene as CompiledScene
+    from sceniris_gym.scene.layout_table import LayoutTable as LayoutTable
     from sceniris_gym.scene.model import SceneModel as SceneModel
     from sceniris_gym.scene.model import build_model as build_model
     from sceniris_gym.sim.randomizer import ResetRandomizer as ResetRandomizer
     from sceniris_gym.vector.arm_controller import ArmController as ArmController
+    from sceniris_gym.vector.bounds import Bounds as Bounds
     from sceniris_gym.vector.state import State as State
     from sceniris_gym.vector.task import Task as Task
     from sceniris_gym.vector.touch import Touch as Touch
@@ -58,11 +62,15 @@ _HOME = {  # public name -> the module it lives in
     "compile_scene": "layout.compile",
     "Layouts": "layout.layouts",
     "LayoutGenerator": "layout.generate",
+    "LayoutSource": "layout.source",
+    "LayoutTable": "scene.layout_table",
+    "StoredLayouts": "layout.stored",
     "ResetRandomizer": "sim.randomizer",
     "SceneVectorEnv": "vector.vector_env",
     "State": "vector.state",
     "Task": "vector.task",
     "ArmController": "vector.arm_controller",
+    "Bounds": "vector.bounds",
     "Touch": "vector.touch",
     **dict.fromkeys(
         (
@@ -96,7 +104,7 @@ __all__ = ["__version__", *_HOME]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name on its first use (PEP 562)."""
+    """Import a public name on first use (PEP 562)."""
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)

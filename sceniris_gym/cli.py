@@ -27,17 +27,17 @@ Scene = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE", help
 Device = Annotated[str | None, tyro.conf.arg(help="cpu, cuda:0, ...; by default cuda:0 if there is one, else cpu")]
 Json = Annotated[bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="print one line of JSON and nothing else")]
 Picture = Annotated[
-    Path | None, tyro.conf.arg(help="a PNG: where reachable objects lie from above, without that word and with it")
+    Path | None, tyro.conf.arg(help="PNG to write: where objects lie, from above, without and with 'reachable'")
 ]
 Changes = Annotated[
     tyro.conf.UseAppendAction[tuple[str, ...]],
-    tyro.conf.arg(name="set", metavar="KEY=VALUE", help="replace a part of the scene: objects.apple.clearance=0.01"),
+    tyro.conf.arg(name="set", metavar="KEY=VALUE", help="change part of the scene, e.g. objects.apple.clearance=0.01"),
 ]
 P = ParamSpec("P")
 
 
 def _command(work: Callable[P, str]) -> Callable[P, str]:
-    """Send all that libraries print while a command works to stderr: stdout is for the answer."""
+    """Send everything that libraries print during a command to stderr: stdout is for the result."""
 
     @functools.wraps(work)
     def quiet(*args: P.args, **kwargs: P.kwargs) -> str:
@@ -65,7 +65,7 @@ def _stdout_to_stderr() -> Iterator[None]:
 
 @_command
 def demo(out: Path = Path("demo/layouts.png"), device: Device = None, json: Json = False) -> str:
-    """Reset 64 worlds of the Mid scene three times, print the figures and write a picture of 16 worlds."""
+    """Reset 64 worlds of the Mid scene three times, print figures, and write a picture of 16 worlds."""
     from sceniris_gym.tools.commands import demo as tool
 
     _target(out)
@@ -78,14 +78,14 @@ def generate(
     scene: Scene,
     n: Annotated[int, tyro.conf.arg(aliases=["-n"], help="number of layouts")],
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"], help="folder for layouts.npz and scene.zip")],
-    seed: Annotated[int, tyro.conf.arg(aliases=["-s"], help="row i has this seed + i, episode 0")] = 0,
-    split: Annotated[Literal["train", "eval"], tyro.conf.arg(help="which streams of random numbers")] = "train",
-    chunk: Annotated[int, tyro.conf.arg(help="layouts made at once; no layout depends on it")] = 4096,
+    seed: Annotated[int, tyro.conf.arg(aliases=["-s"], help="row i has seed + i, episode 0")] = 0,
+    split: Annotated[Literal["train", "eval"], tyro.conf.arg(help="training or evaluation layouts")] = "train",
+    chunk: Annotated[int, tyro.conf.arg(help="layouts made at once; does not change them")] = 4096,
     device: Device = None,
     changes: Changes = (),
     json: Json = False,
 ) -> str:
-    """Write a data set of layouts with the model they belong to."""
+    """Write a data set of layouts, together with their MuJoCo model."""
     _at_least(1, n=n, chunk=chunk)
     from tqdm import tqdm
 
@@ -106,8 +106,8 @@ def generate(
         "first_pass_valid": float(table.first_pass_valid.mean()),
         "files": [str(out / "layouts.npz"), str(out / "scene.zip")],
     }
-    made = f"{n} layouts of '{compiled.config.name}' in {out}, {figures['valid']:.2%} valid"
-    return dumps(figures) if json else f"{made}; the first is {figures['first_id']}"
+    made = f"{n} layouts of '{compiled.config.name}' written to {out}, {figures['valid']:.2%} valid"
+    return dumps(figures) if json else f"{made}; the first one is {figures['first_id']}"
 
 
 @_command
@@ -121,7 +121,7 @@ def audit(
     changes: Changes = (),
     json: Json = False,
 ) -> str:
-    """Make layouts and check them again with FCL, MuJoCo C and shapely, which share no code with the generator."""
+    """Make layouts and audit them with FCL, MuJoCo C and shapely, which share no code with the generator."""
     _at_least(1, layouts=layouts)
     _at_least(0, rejected=rejected, settled=settled or 0)
     from sceniris_gym.tools.commands.audit import judge
@@ -134,7 +134,9 @@ def audit(
 def bench(
     scene: Scene,
     num_envs: int = 4096,
-    geometry: Annotated[Literal["physics", "visual"] | None, tyro.conf.arg(help="instead of the scene's own")] = None,
+    geometry: Annotated[
+        Literal["physics", "visual"] | None, tyro.conf.arg(help="kind of geometry; by default the scene's own")
+    ] = None,
     seed: int = 0,
     picture: Picture = None,
     device: Device = None,
@@ -157,8 +159,8 @@ def bench(
 @_command
 def replay(
     layout: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="ID", help="scenehash:split:seed:episode")],
-    scene: Annotated[str | None, tyro.conf.arg(help="the scene, if it is not a shipped one")] = None,
-    out: Annotated[Path | None, tyro.conf.arg(help="the picture; by default in demo/")] = None,
+    scene: Annotated[str | None, tyro.conf.arg(help="the layout's scene, if it is not a shipped one")] = None,
+    out: Annotated[Path | None, tyro.conf.arg(help="picture to write; by default in demo/")] = None,
     device: Device = None,
     changes: Changes = (),
     json: Json = False,
@@ -202,31 +204,31 @@ def check(
 def reach(
     arm: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="ARM", help="name of a shipped arm, or its MJCF")],
     build: Annotated[
-        bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="build the map; stopped, it goes on")
+        bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="build the map; resumes a build that was stopped")
     ] = False,
-    poses: Annotated[Path | None, tyro.conf.arg(help="TCP poses in the base frame to judge: (N, 4, 4), .npy")] = None,
+    poses: Annotated[Path | None, tyro.conf.arg(help=".npy of TCP poses to judge, (N, 4, 4), base frame")] = None,
     out: Annotated[
-        Path | None, tyro.conf.arg(aliases=["-o"], help="the map, the verdicts, or else the picture")
+        Path | None, tyro.conf.arg(aliases=["-o"], help="file to write: the map, the verdicts or the picture")
     ] = None,
-    tier: Annotated[TierWord | None, tyro.conf.arg(help="by which to judge; the arm's default")] = None,
-    map_: Annotated[Path | None, tyro.conf.arg(name="map", help="a map file instead of the arm's own")] = None,
-    scene: Annotated[str | None, tyro.conf.arg(help="draw how the arm's reach narrows where objects of it lie")] = None,
-    height: Annotated[float, tyro.conf.arg(help="of the picture's top view in the base frame [m]")] = 0.1,
+    tier: Annotated[TierWord | None, tyro.conf.arg(help="tier to judge by; by default that of the arm")] = None,
+    map_: Annotated[Path | None, tyro.conf.arg(name="map", help="map file; by default the arm's own")] = None,
+    scene: Annotated[str | None, tyro.conf.arg(help="draw how 'reachable' narrows where its objects lie")] = None,
+    height: Annotated[float, tyro.conf.arg(help="height of the picture's top view, base frame [m]")] = 0.1,
     step: Annotated[
-        float | None, tyro.conf.arg(help="of a map's grid [m]; by default 0.025, more for long arms")
+        float | None, tyro.conf.arg(help="step of the map's grid [m]; by default 0.025, more for long arms")
     ] = None,
-    tilt_step: Annotated[float, tyro.conf.arg(help="of a map's grid [degrees]")] = 2.5,
-    seed: Annotated[int, tyro.conf.arg(aliases=["-s"], help="of a map's random starts, or of the first layout")] = 0,
+    tilt_step: Annotated[float, tyro.conf.arg(help="tilt step of the map's grid [degrees]")] = 2.5,
+    seed: Annotated[int, tyro.conf.arg(aliases=["-s"], help="seed of the map, or of the first layout")] = 0,
     device: Device = None,
     changes: Changes = (),
     json: Json = False,
 ) -> str:
-    """Build, describe and draw the map of what an arm reaches, or judge poses by it."""
+    """Describe and draw what an arm reaches, build its map, or judge poses."""
     from sceniris_gym.tools.commands import reach as tool
 
     asked = [f"--{word}" for word, value in (("build", build), ("poses", poses), ("scene", scene)) if value]
     if len(asked) > 1:
-        raise NotSupportedError(f"reach: {' and '.join(asked)} are separate commands. Give one after the other.")
+        raise NotSupportedError(f"reach: {' and '.join(asked)} are separate commands. Give one at a time.")
     if poses is not None:
         found = tool.judge(
             arm, map_, poses, _target(out, "reached.npy"), None if tier is None else Tier.of(tier), device
@@ -249,8 +251,8 @@ COMMANDS = {command.__name__: command for command in (demo, generate, audit, ben
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command.
 
-    A ScenirisError, or a file system that fails, ends it with a message on stderr and exit status 2; so do Ctrl-C with
-    status 130 and SIGTERM with 143, the statuses that shells give to them, after temporary files are removed.
+    A ScenirisError or an OSError ends it with a message on stderr and exit status 2. Ctrl-C ends it with status 130 and
+    SIGTERM with 143, as in a shell, after temporary files are removed.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
     if list(arguments) == ["--version"]:
@@ -269,7 +271,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _terminate(*_: object) -> NoReturn:
-    """Leave by an exception, so that everything is cleaned up on the way."""
+    """Exit by an exception, so that temporary files are removed."""
     _end("terminated", 128 + signal.SIGTERM)
 
 
@@ -279,7 +281,7 @@ def _end(message: str, status: int) -> NoReturn:
 
 
 def _target(out: Path | None, default: str | Path = "") -> Path:
-    """Return where a result goes, after making sure that it can be written there."""
+    """Return the path of a result, after making sure that it can be written."""
     from sceniris_gym.tools.files import check_writable
 
     path = Path(default) if out is None else out

@@ -10,7 +10,7 @@ def nearest(name: str, valid: Iterable[str]) -> str | None:
     """Return the valid name closest to `name`, or None when none is close."""
     valid = list(valid)
     found = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
-    if not found:  # names with prefixes: 'upper_drawer' is near to 'cabinet/upper_drawer'
+    if not found:  # names with prefixes: 'upper_drawer' is close to 'cabinet/upper_drawer'
         tails = {v.rsplit("/", 1)[-1]: v for v in reversed(valid)}
         found = [tails[t] for t in difflib.get_close_matches(name.rsplit("/", 1)[-1], tails, n=1, cutoff=0.6)]
     return found[0] if found else None
@@ -27,11 +27,11 @@ class ScenirisError(Exception):
 
 
 class SceneFileError(ScenirisError):
-    """A scene file that is missing or is not readable as YAML."""
+    """A file of a scene, YAML or MJCF, that is missing or cannot be read."""
 
 
 class SceneKeyError(ScenirisError):
-    """A key or a value of a scene that is not understood; the message names its path."""
+    """A key or value in a scene that is wrong; the message names its path."""
 
 
 class NotSupportedError(ScenirisError):
@@ -42,10 +42,10 @@ class UnknownNameError(ScenirisError):
     """A name of a body, joint, object, asset or scene that does not exist.
 
     Args:
-        kind: what the name should name, e.g. "body".
-        name: the unknown name.
-        where: file and key path, or the function, in which it was found.
-        valid: the names that exist there.
+        kind: The kind of thing that the name should refer to, e.g. "body".
+        name: The unknown name.
+        where: File and key path, or the function, in which it was found.
+        valid: The names that exist there.
     """
 
     def __init__(self, kind: str, name: str, where: str, valid: Iterable[str]) -> None:
@@ -58,52 +58,52 @@ class UnknownNameError(ScenirisError):
 
 
 class NoSupportError(ScenirisError):
-    """A parent that has no surface to place anything on."""
+    """A support that has no surface to place objects on."""
 
 
 class ErodedSupportError(ScenirisError):
-    """A support of which a region, or the erosion by `ratio_on_support`, leaves nothing."""
+    """A support of which nothing is left after cropping to a region, or after erosion by `ratio_on_support`."""
 
 
 class CycleError(ScenirisError):
-    """Names that depend on each other in a circle: parents of objects, or bases of scene files.
+    """Names that depend on each other in a cycle: supports of objects, or bases of scene files.
 
     Args:
-        where: the file or scene in which the cycle was found.
-        names: the names along the cycle, each depending on the next, the last one on the first.
-        what: what depends on what, e.g. "objects are supported by each other".
+        where: The file or scene in which the cycle was found.
+        names: The names along the cycle, each depending on the next, the last one on the first.
+        what: What depends on what, e.g. "objects are supported by each other".
     """
 
     def __init__(self, where: str, names: Iterable[str], what: str) -> None:
         self.where, self.names, self.what = where, list(names), what
         circle = " -> ".join([*self.names, self.names[0]])
-        super().__init__(f"{where}: {what}: {circle}. Change one of them so that the chain has an end.")
+        super().__init__(f"{where}: {what}: {circle}. Remove one of these references to break the cycle.")
 
     def __reduce__(self) -> tuple:
         return type(self), (self.where, self.names, self.what)
 
 
 class MeshError(ScenirisError):
-    """A mesh that cannot be used for collision: it is open, or has no faces."""
+    """A mesh that cannot be used for collision: it is open, flat, or has no faces."""
 
 
 class GraspError(ScenirisError):
-    """An object that a gripper cannot take: all its grasps are wider than the gripper opens.
+    """An object that the gripper cannot grasp: none of its grasps fits the gripper.
 
     Args:
-        where: the scene and the object.
-        needed: the least gap that a grasp needs [m]; None where no grasp has anything between the fingers.
-        opening: the widest gap of the gripper [m].
+        where: The scene and the object.
+        needed: The smallest opening that any grasp needs [m]; None if no grasp has anything between the fingers.
+        opening: The widest opening of the gripper [m].
     """
 
     def __init__(self, where: str, needed: float | None, opening: float) -> None:
         self.where, self.needed, self.opening = where, needed, opening
         why = "no grasp has anything between the fingers"
         if needed is not None:
-            why = f"the narrowest of its grasps is {needed:.3g} m wide, and the gripper opens {opening:.3g} m"
+            why = f"its narrowest grasp needs an opening of {needed:.3g} m, but the gripper opens to {opening:.3g} m"
         super().__init__(
-            f"{where}.reachable: {why}. Give the asset sites 'grasp_*' where it can be taken (+z the approach, +y the "
-            "closing axis), or use a smaller object."
+            f"{where}.reachable: {why}. Give the asset sites 'grasp_*' where it can be grasped (+z the approach axis, "
+            "+y the closing axis), or use a smaller object."
         )
 
     def __reduce__(self) -> tuple:
@@ -111,15 +111,15 @@ class GraspError(ScenirisError):
 
 
 class InfeasibleSceneError(ScenirisError):
-    """A scene of which no valid layout could be made.
+    """A scene for which no valid layout was found.
 
     Args:
-        where: the scene.
-        name: the object that could not be placed; all before it could.
-        cause: the cause that rejected it most often.
-        counts: rejections per object and cause.
-        leaning: its support, if that was drawn leaning in most worlds.
-        turn: the word of that support's orientation, if that does not keep it upright.
+        where: The scene.
+        name: The object that could not be placed; all objects before it could.
+        cause: The most frequent cause of its rejections.
+        counts: Rejections per object and cause.
+        leaning: Its support, if that leaned in most worlds.
+        turn: The `orientation` of that support, if it does not keep the support upright.
     """
 
     def __init__(
@@ -138,20 +138,20 @@ class InfeasibleSceneError(ScenirisError):
             for obj, by_cause in self.counts.items()
             if any(by_cause.values())
         )
-        advice = "Give it a larger region or support, or a smaller clearance, or fewer neighbours."
+        advice = "Give it a larger region or support, a smaller clearance, or fewer neighbours."
         if leaning is not None:
-            better = "Draw its joints, or those above it, where it is level."
+            better = "Restrict the joints that move it to states in which it is level."
             if turn is not None:
                 owner = leaning.split("/")[0]
                 better = f"Keep '{owner}' upright: give it a yaw or 'fixed' instead of 'orientation: {turn}'."
             advice = (
-                f"Its support '{leaning}' leans by more than 0.1 degree in most of the states that were drawn, and "
-                f"things are placed on level surfaces only. {better}"
+                f"Its support '{leaning}' leans by more than 0.1 degree in most of the drawn states, but objects are "
+                f"placed on level surfaces only. {better}"
             )
         elif cause == "roof":
-            advice = "'on' wants nothing of the support's object above it, 'inside' something; 'in' takes both."
+            advice = "'on' requires open space above, 'inside' a part of the supporting object; 'in' accepts both."
         elif cause in ("unreachable", "no_ik", "blocked"):
-            advice = "Bring it nearer to the robot, turn it towards it, or ask for a less thorough tier of 'reachable'."
+            advice = "Place it closer to the robot, turn it towards it, or use a less thorough tier of 'reachable'."
         super().__init__(
             f"{where}: no valid layout was found: '{name}' could not be placed, mostly because of {cause}. "
             f"Rejections: {rows}. {advice}"
@@ -162,30 +162,30 @@ class InfeasibleSceneError(ScenirisError):
 
 
 class ArmError(ScenirisError):
-    """Bodies and joints that are not a serial arm, or not one that can be used."""
+    """Bodies and joints that do not form a serial arm, or not a supported one."""
 
 
 class PosesError(ScenirisError, ValueError):
-    """A file of TCP poses that is missing, or holds something else."""
+    """A file of TCP poses that is missing or holds something else."""
 
 
 class MapError(ScenirisError):
-    """A reachability map that is missing, not readable, or not of the arm it is used for."""
+    """A reachability map that is missing, unreadable, or made for another arm."""
 
 
 class ContactBudgetError(ScenirisError):
     """More contacts or constraint rows than a batch of worlds has room for.
 
     Args:
-        budget: the argument that set the room, "nconmax" or "njmax".
-        room: its value [per world].
-        wanted: what was needed at least [per world].
+        budget: The argument that sets the limit, "nconmax" or "njmax".
+        room: Its value [per world].
+        wanted: The least that was needed [per world].
     """
 
     def __init__(self, budget: str, room: int, wanted: int) -> None:
         self.budget, self.room, self.wanted = budget, room, wanted
         super().__init__(
-            f"{budget}={room} is too small for this scene, the rest is ignored: {wanted} were needed at this moment. "
+            f"{budget}={room} is too small for this scene: {wanted} were needed just now, and the rest are ignored. "
             f"Pass {budget}={max(2 * room, 2 * wanted)}."
         )
 
@@ -202,21 +202,21 @@ class MaskTypeError(MaskError, TypeError):
 
 
 class SceneMismatchError(ScenirisError, ValueError):
-    """A model, data or generator that does not belong to the CompiledScene it is used with."""
+    """A model, data or layout source that does not belong to the CompiledScene it is used with."""
 
 
 class SeedError(ScenirisError, ValueError):
-    """A seed that is not an integer of 64 bits, or seeds of which there are not as many as worlds."""
+    """A seed that is not a 64-bit integer, or a number of seeds that differs from the number of worlds."""
 
 
 class TaskError(ScenirisError, TypeError):
-    """What a method of a task returned has another form than it should.
+    """A method of a task returned something of the wrong type or form.
 
     Args:
-        task: name of the task's class.
-        method: the method.
-        got: what it returned.
-        form: what it should return.
+        task: Name of the task's class.
+        method: The method.
+        got: What it returned.
+        form: What it should return.
     """
 
     def __init__(self, task: str, method: str, got: str, form: str) -> None:
@@ -236,20 +236,20 @@ class CountError(ScenirisError, ValueError):
 
 
 class ReachWarning(UserWarning):
-    """Reachability is decided in another way than the scene asks for; the message says why."""
+    """Reachability is decided in a different way than requested; the message says why."""
 
 
 class OutputError(ScenirisError, OSError):
     """A file that cannot be written.
 
     Args:
-        path: the file.
-        reason: why.
+        path: The file.
+        reason: Why.
     """
 
     def __init__(self, path: str, reason: str) -> None:
         self.path, self.reason = path, reason
-        super().__init__(f"{path} cannot be written: {reason}. Give a path in a folder that is yours with --out.")
+        super().__init__(f"{path} cannot be written: {reason}. Give --out a path that you can write to.")
 
     def __str__(self) -> str:
         return str(self.args[0])
@@ -262,8 +262,8 @@ class MissingExtraError(ScenirisError, ImportError):
     """A training library that is not installed.
 
     Args:
-        package: what could not be imported.
-        extra: the extra of this package that installs it.
+        package: What could not be imported.
+        extra: The extra of this package that installs it.
     """
 
     def __init__(self, package: str, extra: str) -> None:
@@ -275,12 +275,12 @@ class MissingExtraError(ScenirisError, ImportError):
 
 
 class KeysLeftOutWarning(UserWarning):
-    """A configuration of the original package was read without some of its keys, or some of them are not as there.
+    """Some keys of an original configuration were left out, or have a different meaning here.
 
     Args:
-        keys: dotted paths of the keys that are left out.
-        changed: dotted paths of the keys that are carried over with another meaning or value: what they are here.
-        advice: how more could be carried over, sentences.
+        keys: Dotted paths of the keys that are left out.
+        changed: What a key means here, by dotted path, for keys carried over with a different meaning or value.
+        advice: Sentences on how to carry over more.
     """
 
     def __init__(
@@ -290,7 +290,7 @@ class KeysLeftOutWarning(UserWarning):
         texts = [f"not carried over from the original configuration: {', '.join(self.keys)}."] if self.keys else []
         if self.changed:
             meanings = "; ".join(f"{key} ({meaning})" for key, meaning in self.changed.items())
-            texts.append(f"carried over from the original configuration with another meaning or value: {meanings}.")
+            texts.append(f"carried over from the original configuration with a different meaning or value: {meanings}.")
         super().__init__(" ".join((*texts, *self.advice)))
 
     def __reduce__(self) -> tuple:

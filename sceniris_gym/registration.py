@@ -1,4 +1,4 @@
-"""The environments that Gymnasium knows by name. Entry points are strings, so that nothing heavy is imported here."""
+"""Registers the environments with Gymnasium. Entry points are strings, so nothing heavy is imported here."""
 
 from __future__ import annotations
 

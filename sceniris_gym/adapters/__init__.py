@@ -1,1 +1,1 @@
-"""Translation for training libraries, each behind an extra: `sb3` and `rsl-rl`."""
+"""Adapters for training libraries, each with its own extra: `sb3` and `rsl-rl`."""

@@ -1,4 +1,4 @@
-"""rsl-rl's VecEnv: `OnPolicyRunner(RslRlVecEnv(envs), config)` trains on our environments."""
+"""`RslRlVecEnv`, a VecEnv for rsl-rl: `OnPolicyRunner(RslRlVecEnv(envs), config)` trains on a SceneVectorEnv."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ except ImportError as error:
 
 
 class RslRlVecEnv(VecEnv):
-    """Our vector environment as rsl-rl 5 takes it. Translation only: nothing is copied to the host, nothing waits.
+    """A SceneVectorEnv as rsl-rl 5 takes it. Nothing is copied to the host, and nothing waits for the device.
 
     The observation groups keep their names; a runner's `obs_groups` is {"actor": ["policy"], "critic": ["critic"]}.
     Observations handed out are never written to again, since rsl-rl keeps them by reference until after the next step.
@@ -30,25 +30,25 @@ class RslRlVecEnv(VecEnv):
     `extras` of a step has `time_outs` (truncated and not terminated), `success` of the step, and `log` (also the
     attribute of this name), scalars on the device:
     `Episode/<term>` (sum over an episode), `Episode/success` (at its last step) and `Episode/length` (control steps)
-    are means over the episodes that the step finished, or else those of the step before; 0 before there is any.
+    are means over the episodes that finished in the step; if none did, they stay as they were, 0 at first.
     `Reset/valid_share`, `Reset/fallback_share` and `Reset/attempts` are means over the layouts that the worlds are in,
-    and `Reset/reject_<cause>` is the share of that cause in all candidates rejected so far. Layouts that are not made,
-    but stored, have neither attempts nor rejections.
+    and `Reset/reject_<cause>` is the share of that cause in all candidates rejected so far. Stored layouts have no
+    attempts and no rejections: these are 0.
 
     Args:
-        env: autoreset SAME_STEP, output "torch", copy=True, and with max_episode_steps
-        seed: of the first reset; None draws one
+        env: A SceneVectorEnv with autoreset SAME_STEP, output "torch", copy=True, and max_episode_steps.
+        seed: Seed of the first reset; None draws one.
 
     Raises:
-        ValueError: another kind of environment
+        ValueError: The environment has other settings.
     """
 
     def __init__(self, env: SceneVectorEnv, seed: int | None = None) -> None:
         if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.copy:
-            raise ValueError("RslRlVecEnv needs an environment with autoreset SAME_STEP, output='torch' and copy=True.")
+            raise ValueError("RslRlVecEnv: env should have autoreset SAME_STEP, output='torch' and copy=True.")
         if env.max_episode_steps is None:
             raise ValueError(
-                "RslRlVecEnv needs an environment with max_episode_steps: rsl-rl asks for a longest episode."
+                "RslRlVecEnv: env should have max_episode_steps, as rsl-rl asks for the length of the longest episode."
             )
         assert env.single_action_space.shape is not None
         self.env, self.device, self.num_envs = env, env.device, env.num_envs
@@ -61,7 +61,7 @@ class RslRlVecEnv(VecEnv):
 
     @property
     def episode_length_buf(self) -> Tensor:  # type: ignore[override]
-        """Control steps since the reset of each world, shape (num_envs,); what is assigned is copied into ours."""
+        """Control steps since the reset of each world, shape (num_envs,). Assigned values are copied into it."""
         return self.env.state.elapsed
 
     @episode_length_buf.setter
@@ -70,11 +70,11 @@ class RslRlVecEnv(VecEnv):
 
     @property
     def unwrapped(self) -> SceneVectorEnv:
-        """The environment inside."""
+        """The wrapped environment."""
         return self.env
 
     def reset(self, seed: int | None = None) -> tuple[TensorDict, dict[str, Any]]:
-        """Reset all worlds; rsl-rl's runners never do."""
+        """Reset all worlds; rsl-rl's runners never call this."""
         observation, info = self.env.reset(seed=seed)
         self._observation = self._as_tensordict(observation)
         return self._observation, info
@@ -84,7 +84,7 @@ class RslRlVecEnv(VecEnv):
         return self._observation
 
     def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:
-        """Take one control step; returns observations, rewards, dones (long) and extras, all of (num_envs, ...)."""
+        """Take one control step; return observations, rewards, dones (long), each (num_envs, ...), and extras."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
         self._observation = self._as_tensordict(observation)
         done = terminated | truncated
@@ -93,30 +93,28 @@ class RslRlVecEnv(VecEnv):
         return self._observation, reward, done.long(), extras
 
     def close(self) -> None:
-        """Close the environment inside."""
+        """Close the wrapped environment."""
         self.env.close()
 
     def _as_tensordict(self, observation: dict[str, Tensor]) -> TensorDict:
         return TensorDict(observation, batch_size=[self.num_envs], device=self.device)  # type: ignore[arg-type]
 
     def _finished(self) -> dict[str, Tensor]:
-        """Say what the episodes came to that the last step finished."""
+        """Return the means over the episodes that finished in the last step."""
         statistics = self.env.statistics
         sums = statistics.latest()
         self._means = torch.where(sums[0] > 0, sums[1:] / sums[0].clamp(min=1.0), self._means)
         return {f"Episode/{name}": mean.float() for name, mean in zip(statistics.names[1:], self._means, strict=True)}
 
     def _resets(self) -> dict[str, Tensor]:
-        """Say how the layouts came about that the worlds are in."""
+        """Return how the layouts that the worlds are in were made."""
         layouts = self.env.randomizer.layouts
         status = self.env.state.layout_status
-        log = {
+        counts = wp.to_torch(layouts.rejections).sum(dim=0).float()
+        shares = counts / counts.sum().clamp(min=1.0)
+        return {
             "Reset/valid_share": (status == Status.VALID).float().mean(),
             "Reset/fallback_share": (status == Status.FALLBACK).float().mean(),
+            "Reset/attempts": wp.to_torch(layouts.attempts).float().mean(),
+            **{f"Reset/reject_{cause.name.lower()}": shares[cause] for cause in Cause if cause != Cause.NONE},
         }
-        if hasattr(layouts, "rejections"):
-            log["Reset/attempts"] = wp.to_torch(layouts.attempts).float().mean()
-            counts = wp.to_torch(layouts.rejections).sum(dim=0).float()
-            shares = counts / counts.sum().clamp(min=1.0)
-            log |= {f"Reset/reject_{cause.name.lower()}": shares[cause] for cause in Cause if cause != Cause.NONE}
-        return log

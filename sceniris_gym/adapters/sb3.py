@@ -1,4 +1,4 @@
-"""Stable-Baselines3's VecEnv: `PPO("MlpPolicy", SB3VecEnv(envs))` trains on our environments."""
+"""`SB3VecEnv`, a VecEnv for Stable-Baselines3: `PPO("MlpPolicy", SB3VecEnv(envs))` trains on a SceneVectorEnv."""
 
 from __future__ import annotations
 
@@ -25,33 +25,33 @@ except ImportError as error:
 
 
 class SB3VecEnv(VecEnv):
-    """Our vector environment as Stable-Baselines3 takes it: numpy at the border, a list of infos, one group observed.
+    """A SceneVectorEnv as Stable-Baselines3 takes it: numpy arrays, a list of infos, one observation group.
 
-    A step brings observations, rewards and flags of all worlds to the host. Infos are empty but for the worlds that
+    A step copies observations, rewards and flags of all worlds to the host. Infos are empty except for the worlds that
     finished, which have `terminal_observation`, `TimeLimit.truncated`, `is_success` (of the last step) and `episode`
-    (`r`, `l` and `t` as Monitor has them, of rewards as they come from the environment). What the finished worlds have
-    to say is gathered on the device first, so the bytes that are copied grow with the number of worlds and no faster.
-    `reset_infos` has `layout_seed`, `layout_episode` and `layout_fallback` of the layout that each world is in.
+    (`r`, `l` and `t` as Monitor has them, from the environment's own rewards). Infos of the finished worlds are
+    gathered on the device first, so the bytes that are copied grow no faster than the number of worlds. `reset_infos`
+    has `layout_seed`, `layout_episode` and `layout_fallback` of the layout that each world is in.
 
-    The worlds share one environment. `get_attr` and `env_method` look at it, then at its task, once, and repeat the
-    answer for every index asked for; `set_attr` is for all worlds. Options are those of SceneVectorEnv.reset, for all
-    worlds together. Worlds count as wrapped by Monitor, whose infos they give, and by nothing else.
+    All worlds share one environment. `get_attr` and `env_method` ask it, or else its task, once, and repeat the answer
+    for every index; `set_attr` works for all worlds together only, and so do options, which are those of
+    SceneVectorEnv.reset. `env_is_wrapped` is true for Monitor alone, whose infos the worlds give.
 
     Args:
-        env: a SceneVectorEnv, with autoreset SAME_STEP, output "torch" and copy=True
-        group: the observation group that the agent sees
+        env: A SceneVectorEnv with autoreset SAME_STEP, output "torch" and copy=True.
+        group: The observation group that the agent sees.
 
     Raises:
-        TypeError: not a SceneVectorEnv
-        ValueError: one with other settings
-        UnknownNameError: a group that the task does not observe
+        TypeError: Not a SceneVectorEnv.
+        ValueError: A SceneVectorEnv with other settings.
+        UnknownNameError: The task does not observe this group.
     """
 
     def __init__(self, env: VectorEnv, group: str = "policy") -> None:
         if not isinstance(env, SceneVectorEnv):
-            raise TypeError(f"SB3VecEnv needs a SceneVectorEnv, as gymnasium.make_vec makes it, got {env!r}.")
+            raise TypeError(f"SB3VecEnv: env should be a SceneVectorEnv, as gymnasium.make_vec makes it, got {env!r}.")
         if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.copy:
-            raise ValueError("SB3VecEnv needs an environment with autoreset SAME_STEP, output='torch' and copy=True.")
+            raise ValueError("SB3VecEnv: env should have autoreset SAME_STEP, output='torch' and copy=True.")
         groups = env.single_observation_space
         assert isinstance(groups, gymnasium.spaces.Dict)
         if group not in groups.spaces:
@@ -65,7 +65,7 @@ class SB3VecEnv(VecEnv):
         self._began = time.time()
 
     def reset(self) -> np.ndarray:
-        """Reset with the seeds and options that were set since the last reset; returns observations of all worlds."""
+        """Reset with the seeds and options set since the last reset; return the observations of all worlds."""
         seeds = None if all(seed is None for seed in self._seeds) else self._seeds
         options = self._options[0]
         observation, info = self.env.reset(seed=seeds, options=options)
@@ -82,7 +82,7 @@ class SB3VecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Take the step; returns observations, rewards (float32), dones (bool), and an info for each world."""
+        """Take the step; return observations, rewards (float32), dones (bool), and an info for each world."""
         observation, reward, terminated, truncated, info = self.env.step(self._actions)
         rewards, flags = to_host(reward), to_host(torch.stack([terminated, truncated]))
         dones = flags[0] | flags[1]
@@ -98,26 +98,26 @@ class SB3VecEnv(VecEnv):
         """Keep options for the next reset, the same for all worlds.
 
         Raises:
-            ValueError: a list with other than empty options for single worlds
+            ValueError: A list with options for single worlds.
         """
         if isinstance(options, list):
             if any(options):
                 raise ValueError(
-                    f"options hold for all worlds together: give one dict, such as {{'{RESET_MASK}': ...}}."
+                    f"options should be one dict for all worlds together, such as {{'{RESET_MASK}': ...}}, got a list."
                 )
             options = None
         super().set_options(options)
 
     def close(self) -> None:
-        """Close the environment inside."""
+        """Close the wrapped environment."""
         self.env.close()
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """Return an attribute of the environment, or else of its task, once for every index.
 
         Raises:
-            AttributeError: neither has it
-            IndexError: a world that there is not; here and below, -1 is the last one
+            AttributeError: Neither has it.
+            IndexError: There is no such world; here and below, -1 is the last one.
         """
         return [getattr(self._owner(attr_name), attr_name)] * len(self._chosen(indices))
 
@@ -125,12 +125,12 @@ class SB3VecEnv(VecEnv):
         """Set an attribute that the environment or its task has, for all worlds.
 
         Raises:
-            AttributeError: neither has it
-            ValueError: only some of the worlds
-            IndexError: a world that there is not
+            AttributeError: Neither has it.
+            ValueError: Not all of the worlds.
+            IndexError: There is no such world.
         """
         if len(set(self._chosen(indices))) != self.num_envs:
-            raise ValueError(f"'{attr_name}' belongs to all worlds together; leave out the indices.")
+            raise ValueError(f"set_attr: '{attr_name}' belongs to all worlds together. Leave out the indices.")
         setattr(self._owner(attr_name), attr_name, value)
 
     def env_method(self, method_name: str, *method_args, indices: VecEnvIndices = None, **method_kwargs) -> list[Any]:
@@ -139,21 +139,21 @@ class SB3VecEnv(VecEnv):
         return [getattr(self._owner(method_name), method_name)(*method_args, **method_kwargs)] * count
 
     def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: VecEnvIndices = None) -> list[bool]:
-        """Say True of Monitor, whose `episode` infos the worlds give themselves, and False of all others."""
+        """Return True for Monitor, whose `episode` infos the worlds give themselves, and False for all others."""
         return [wrapper_class is Monitor] * len(self._chosen(indices))
 
     def get_images(self) -> Sequence[np.ndarray | None]:
         """Return pictures of the first `render_envs` worlds, (height, width, 3) uint8."""
         frames = self.env.render()
         if frames is None:
-            warnings.warn("The environment was made without render_mode='rgb_array'.", stacklevel=2)
+            warnings.warn("To give pictures, env should be made with render_mode='rgb_array'.", stacklevel=2)
             return [None] * self.num_envs
         return frames
 
     def _fill(self, infos: list[dict[str, Any]], worlds: np.ndarray, flags: np.ndarray, info: dict[str, Any]) -> None:
         """Write the infos of the worlds that finished, and begin their next episodes."""
         rows = torch.as_tensor(worlds, device=self.env.device)
-        # a world that broke has no numbers in its last observation, and NaN * 0 would spoil a replay buffer's targets
+        # a world that diverged has NaNs in its last observation, and NaN * 0 would spoil a replay buffer's targets
         last = to_host(info["final_obs"][self.group][rows].nan_to_num(0.0, 0.0, 0.0))
         success = to_host(info["final_info"]["success"][rows])
         layouts = _rows({name: values[rows] for name, values in self._layouts(info).items()}, len(worlds))
@@ -172,7 +172,7 @@ class SB3VecEnv(VecEnv):
         return {name: values for name, values in info.items() if name.startswith("layout_")}
 
     def _owner(self, name: str) -> Any:
-        """Return who has the attribute: the environment, or its task."""
+        """Return the owner of an attribute: the environment, or its task."""
         for owner in (self.env, self.env.task):
             if hasattr(owner, name):
                 return owner
@@ -184,7 +184,7 @@ class SB3VecEnv(VecEnv):
 
 
 def to_host(tensor: Tensor) -> np.ndarray:
-    """Return a tensor as a numpy array: the one place where bytes leave the device."""
+    """Return a tensor as a numpy array: the only place where data leaves the device."""
     return tensor.cpu().numpy()
 
 

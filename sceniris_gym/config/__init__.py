@@ -1,1 +1,1 @@
-"""What a user writes: the words of a scene file, their values, and what is said of wrong ones."""
+"""The scene language: what a scene file may say, how it is read, and what errors say about it."""

@@ -1,4 +1,4 @@
-"""The kinds of values a scene file holds: numbers, intervals, points and names, each with its own complaint."""
+"""The types of values in a scene file (numbers, intervals, points, names), each with its own error message."""
 
 from __future__ import annotations
 
@@ -15,25 +15,26 @@ from sceniris_gym.errors import did_you_mean
 from sceniris_gym.reach.tier import TIERS
 
 MOST_FAR = 100.0
-"""How far from the world's origin things are placed [m], along each axis: single precision is 8 um there."""
+"""Largest distance [m] from the world's origin, along each axis, at which objects are placed: single precision resolves
+8 um there."""
 FLOOR = "floor"
 ROBOT = "robot"
 
 
 def wrong(advice: str, word: str = "", valid: Iterable[str] = ()) -> PydanticCustomError:
-    """Return the error of a value; `advice` says what it should be and begins with "should".
+    """Return the error about a value; `advice` says what it should be and begins with "should".
 
     Args:
-        advice: what the value should be.
-        word: the word that was found, where it is one that may be misspelt.
-        valid: the words that it could have been.
+        advice: What the value should be.
+        word: The word that was found, if it may be misspelt.
+        valid: The valid words.
     """
     context = {"advice": advice, "hint": did_you_mean(word, valid)}
     return PydanticCustomError(ADVICE, "{advice}", context)  # type: ignore[arg-type]
 
 
 def listed(value: Any) -> Any:
-    """Return NumPy's arrays as lists and the rest as it is: any sequence is a list then, but no set and no text."""
+    """Return a NumPy array as a list, and any other value unchanged."""
     return value.tolist() if hasattr(value, "tolist") else value
 
 
@@ -51,7 +52,7 @@ def _not_zero(direction: tuple[float, float]) -> tuple[float, float]:
 
 def _over_the_skin(gap: float) -> float:
     if gap < 2e-5:
-        raise wrong("should be at least 0.00002 m: nearer to its support an object counts as touching it, by rounding")
+        raise wrong("should be at least 0.00002 m: any closer, rounding makes the object touch its support")
     return gap
 
 
@@ -78,7 +79,7 @@ def _object_name(name: str) -> str:
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", name):
         raise wrong("should be a name of letters, digits, '_' and '-'")
     if name in (FLOOR, ROBOT, "world", "anchor", "support"):
-        raise wrong("should be another name: this one is taken by the scene itself")
+        raise wrong("should be a different name: this one is reserved")
     return name
 
 

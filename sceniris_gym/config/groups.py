@@ -17,18 +17,18 @@ def _both_ends(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return value
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise wrong("should be a whole number of 0 or more, or [low, high]")
+        raise wrong("should be a whole number, 0 or more, or [low, high]")
     return value, value
 
 
 class GroupConfig(Section):
-    """Objects of which `count` are present in a world, drawn anew for every layout; the others are not in the scene.
+    """Objects of which `count` are present in a world, drawn anew for every layout; the others are parked far away.
 
     Attributes:
         of: Names of the members.
         count: Least and greatest number of members that are present; the number is drawn uniformly, then the members.
-        missing: What becomes of a relation to a member that may be absent: the scene is refused ('refuse'), or the
-            relation is left out where the member is absent ('drop').
+        missing: What happens to a reference to a member that may be absent: the scene is refused ('refuse'), or the
+            reference is dropped where the member is absent ('drop').
     """
 
     of: Annotated[tuple[str, ...], Field(min_length=1)]
@@ -46,5 +46,5 @@ class GroupConfig(Section):
             raise wrong("should name every member of 'of' once")
         low, high = self.count
         if not low <= high <= len(self.of):
-            raise wrong(f"should have a 'count' k or [low, high] with 0 <= low <= high <= {len(self.of)}, its members")
+            raise wrong(f"should have a 'count' k or [low, high] with 0 <= low <= high <= {len(self.of)} (all members)")
         return self

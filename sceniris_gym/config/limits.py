@@ -1,13 +1,13 @@
-"""Sizes that are built into device code."""
+"""Limits that are compiled into device code."""
 
 MAX_RELATIONS = 4
-"""Relations of one object."""
+"""Most relations of one object."""
 MAX_ANCHORS = 8
-"""Anchors of one `between`."""
+"""Most anchors of one `between`."""
 MAX_CORNERS = 24
-"""Corners of a piece of a region: a triangle cut by four relations of four half-planes has up to 19, by three and a
-hull of eight anchors up to 23."""
+"""Most corners of a piece of a region: a triangle cut by four relations of four half-planes each has up to 19, one cut
+by three of them and a hull of eight anchors up to 23."""
 
 MAX_PIECES = 65536
-"""Pieces that the relations of one object may cut its region into, all combinations together: each of them is cut and
-measured in every draw."""
+"""Most pieces that the relations of one object may cut its region into, over all combinations: each is cut and measured
+in every draw."""

@@ -1,4 +1,4 @@
-"""Scene files: finding, reading and merging them, before anything in them is judged."""
+"""Finding, reading and merging scene files, before anything in them is validated."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sceniris_gym.errors import CycleError, SceneFileError, SceneKeyError, Unkno
 
 SHIPPED_NAME = re.compile(r"[A-Za-z0-9_-]+")  # anything else, such as 'my/scene.yaml', is a path
 
-# Keys of which a scene gives one at most. A later one replaces an earlier one when scenes are merged.
+# Sets of keys of which only one may be given. A later one replaces an earlier one when scenes are merged.
 SUPPORT_WORDS = ("on", "inside", "in")
 REGION_FORMS = ("box", "fraction", "polygon")
 JOINT_FORMS = ("fraction", "range", "choice", "value", "noise")
@@ -26,7 +26,7 @@ ORIENTATION_FORMS = ("yaw", "any", "stable", "face_to")
 
 @dataclass(frozen=True)
 class RawScene:
-    """A scene as it was written: `data` with its bases merged in, and where it came from, for messages."""
+    """A scene as written: `data` with its bases merged in, and where it came from, for messages."""
 
     data: dict
     where: str
@@ -34,7 +34,7 @@ class RawScene:
 
 
 def shipped(package: str, suffix: str) -> dict[str, Path]:
-    """Return the files ending in `suffix` that are shipped in a sub-package, by their stems."""
+    """Return the shipped files of a sub-package that end in `suffix`, by their stems."""
     folder = Path(str(resources.files(f"sceniris_gym.{package}")))
     return {path.stem: path for path in sorted(folder.glob(f"*{suffix}"))}
 
@@ -43,7 +43,7 @@ def read_scene(scene: str | Path | Mapping) -> RawScene:
     """Read a scene and merge it into its bases.
 
     Args:
-        scene: the name of a shipped scene, the path of a YAML file, or a mapping of the same form. Relative paths in
+        scene: The name of a shipped scene, the path of a YAML file, or a mapping of the same form. Relative paths in
             a file are relative to its folder, those in a mapping to the working directory.
     """
     if isinstance(scene, Mapping):
@@ -54,7 +54,7 @@ def read_scene(scene: str | Path | Mapping) -> RawScene:
 def merge(base: Mapping, child: Mapping, path: tuple[str, ...] = ()) -> dict:
     """Return `base` with the keys of `child` laid over it, mapping by mapping.
 
-    A key of a group of which only one may be given (as `on` and `in`) drops the other keys of its group.
+    Where only one of several keys may be given (such as `on` and `in`), the key of `child` replaces the others.
     """
     merged = dict(base)
     group = _one_of(path)
@@ -70,7 +70,7 @@ def merge(base: Mapping, child: Mapping, path: tuple[str, ...] = ()) -> dict:
 def override(scene: Mapping, overrides: Mapping[str, Any], where: str) -> dict:
     """Return a scene with overrides laid over it, one after the other, by dotted keys: `objects.apple.clearance`.
 
-    Dotted keys reach into objects and groups that there are; a new one is given as a whole.
+    Dotted keys reach into objects and groups that exist; a new one is given as a whole.
     """
     changed = dict(scene)
     for dotted, value in overrides.items():
@@ -123,7 +123,7 @@ def _read_file(path: Path, seen: tuple[Path, ...]) -> RawScene:
     path = path.resolve()
     if path in seen:
         circle = [str(p) for p in seen[seen.index(path) :]]
-        raise CycleError(str(seen[0]), circle, "scenes are the base of each other")
+        raise CycleError(str(seen[0]), circle, "scenes are based on each other")
     data = _read_yaml(path)
     return _with_base(data, where=str(path), name=path.stem, folder=path.parent, seen=(*seen, path))
 
@@ -146,7 +146,7 @@ def _read_yaml(path: Path) -> dict:
     except DuplicateKeyError as error:
         line = f":{error.problem_mark.line + 1}" if error.problem_mark else ""
         problem = str(error.problem).split(" with value")[0]
-        raise SceneFileError(f"{path}{line}: {problem}: every key may be given once.") from None
+        raise SceneFileError(f"{path}{line}: {problem}: every key should be given only once.") from None
     except MarkedYAMLError as error:
         line = f":{error.problem_mark.line + 1}" if error.problem_mark else ""
         raise SceneFileError(f"{path}{line}: this is not YAML: {error.problem or error.context}.") from None
@@ -158,7 +158,7 @@ def _read_yaml(path: Path) -> dict:
         raise SceneFileError(f"{path}: the file cannot be read: {error.strerror}.") from None
     if not isinstance(data, dict):
         found = "nothing" if data is None else f"a {type(data).__name__}"
-        raise SceneFileError(f"{path}: a scene is a mapping of keys such as 'floor' and 'objects'; found {found}.")
+        raise SceneFileError(f"{path}: a scene should be a mapping with keys such as 'objects'; found {found}.")
     return data
 
 

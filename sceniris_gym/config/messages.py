@@ -1,4 +1,4 @@
-"""What pydantic found wrong with a scene, said in the words of the scene file."""
+"""Pydantic's validation errors, reworded in the terms of the scene file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pydantic_core import ErrorDetails
 from sceniris_gym.errors import SceneKeyError, did_you_mean
 
 where_now: ContextVar[str | None] = ContextVar("where_now", default=None)
-"""The file or the class that is being read, or None outside of any reading."""
+"""The file or the class that is being read, or None while nothing is."""
 
 UNKNOWN_KEY = "unknown_key"  # context: key, valid
 ADVICE = "advice"  # context: advice, a sentence that begins with "should", and hint, what may have been meant
@@ -70,19 +70,20 @@ def _sentence(error: ErrorDetails) -> str:
     hint = context.get("hint", "")
     if kind == "literal_error" and isinstance(error["input"], str):
         hint = did_you_mean(error["input"], re.findall(r"'([^']*)'", str(context["expected"])))
-    return f"{_short(error['input'])} {advice}.{hint}"
+    return f"{short(error['input'])} {advice}.{hint}"
 
 
 def _unknown_key(key: Any, valid: list[str]) -> str:
     listing = f"Valid: {', '.join(valid)}."
     if str(key).lower() == "true" and "on" in valid:
         return (
-            "this key is the word 'on', which a loader of YAML 1.1 has read as true. "
+            "this key is the word 'on', which a YAML 1.1 loader reads as true. "
             "Quote it ('on': floor), or let SceneConfig.load read the file."
         )
     return f"unknown key.{did_you_mean(str(key), valid)} {listing}"
 
 
-def _short(value: Any) -> str:
-    text = repr(value)
+def short(value: Any) -> str:
+    """Return a value as a message shows it: on one line, and cut off after 80 characters."""
+    text = " ".join(repr(value).split())
     return text if len(text) <= 80 else text[:77] + "..."

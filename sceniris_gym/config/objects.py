@@ -1,7 +1,7 @@
 """One object of a scene: `ObjectConfig`, and where it is placed.
 
-Lengths are metres. Angles are degrees in files; `ObjectConfig.drawn_orientation`, the attributes of relations and the
-joints' ranges are radians.
+Lengths are metres. Angles are degrees in files, except for joint positions; these, `ObjectConfig.drawn_orientation` and
+the attributes of relations are radians.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class JointConfig(Section):
     """How one joint is drawn at a reset; exactly one of the words is given.
 
     `fraction` [low, high] of the joint's limits, `range` [low, high] in m or rad, `choice` of values and `value` in
-    m or rad, and `noise` n: uniform in [home - n, home + n], cut off at the limits.
+    m or rad, and `noise` n: uniform in [home - n, home + n], clipped to the limits.
     """
 
     fraction: FractionInterval | None = None
@@ -55,8 +55,8 @@ class JointConfig(Section):
 class RegionConfig(Section):
     """A crop of the support, in its body frame (the world's for the floor); exactly one of the words is given.
 
-    `box` ((x, y), (x, y)) [m], or ((x, y, z), (x, y, z)) in the world without a support; `fraction` ((x, y), (x, y))
-    of the support's bounds; `polygon` ((x, y), ...) [m].
+    `box` ((x, y), (x, y)) [m], or ((x, y, z), (x, y, z)) [m] in the world frame for an object without support;
+    `fraction` ((x, y), (x, y)) of the support's bounds; `polygon` ((x, y), ...) [m].
     """
 
     box: Box | None = None
@@ -86,10 +86,10 @@ class SupportConfig:
 
 
 class ObjectConfig(Section):
-    """One object of the scene; the words are explained in the scene language."""
+    """One object of the scene; docs/placement.md explains each word."""
 
     model_config = ConfigDict(populate_by_name=True)
-    misplaced = dict.fromkeys(RELATION_WORDS, "should stand in 'relations', as in relations: [{near: mug, ...}]")
+    misplaced = dict.fromkeys(RELATION_WORDS, "should be an entry of 'relations', as in relations: [{near: mug, ...}]")
     asset: str | None = None
     kind: Literal["free", "fixture", "static", "marker"] = "free"
     on: str | None = None
@@ -124,12 +124,12 @@ class ObjectConfig(Section):
 
     @property
     def is_placed(self) -> bool:
-        """Whether a reset draws a pose for it; else it stays where the model has it."""
+        """Whether a reset draws a pose for it; otherwise it stays where the model has it."""
         return self.kind != "static" and (self.support is not None or self.region is not None)
 
     @property
     def references(self) -> list[tuple[str, str]]:
-        """The objects that its relations and orientation name: (key path inside of the object, name)."""
+        """The objects that its relations and orientation name: (key path inside the object, name)."""
         found = []
         for i, relation in enumerate(self.relations):
             word = "of" if relation.word == "direction" else relation.word
@@ -149,7 +149,7 @@ class ObjectConfig(Section):
     def _agrees_with_itself(self) -> ObjectConfig:
         words = [word for word in SUPPORT_WORDS if getattr(self, "in_" if word == "in" else word) is not None]
         if len(words) > 1:
-            raise wrong(f"should have one of {', '.join(SUPPORT_WORDS)}, and has {' and '.join(words)}")
+            raise wrong(f"should have only one of {', '.join(SUPPORT_WORDS)}, but has {' and '.join(words)}")
         if self.kind == "static" and (
             words or self.region or self.orientation or self.ratio_on_support or self.relations
         ):
@@ -157,17 +157,17 @@ class ObjectConfig(Section):
         if words and self.region is not None and self.region.is_3d:
             raise wrong("should have a region in two dimensions: a 3D box is for an object without a support")
         if not words and self.region is not None and not self.region.is_3d:
-            raise wrong("should name its support ('on', 'inside' or 'in'), or have a region that is a 3D box")
+            raise wrong("should name its support ('on', 'inside' or 'in'), or have a 3D box as its region")
         if not words and self.ratio_on_support > 0.0:
             raise wrong("should have a 'ratio_on_support' only with a support ('on', 'inside' or 'in')")
         if not words and self.relations and self.region is None:
             raise wrong(
-                "should name its support ('on', 'inside' or 'in') or have a region that is a 3D box: it has relations"
+                "should name its support ('on', 'inside' or 'in') or have a 3D box as its region: it has relations"
             )
         if self.reachable and not self.is_placed:
             raise wrong("should be placed ('on', 'inside', 'in' or a 3D region) to be 'reachable'")
         if "by" in self.model_fields_set and not self.reachable:
-            raise wrong("should say what is 'reachable' by the robot, or leave out 'by'")
+            raise wrong("should have 'by' only together with 'reachable'")
         if not words and any(relation.frame == "support" for relation in self.relations):
             raise wrong("should name its support ('on', 'inside' or 'in'), which is the frame of one of its relations")
         return self

@@ -1,4 +1,4 @@
-"""How an object is turned: `Orientation`, as it is written, and `DrawnOrientation`, what it means."""
+"""How an object is oriented: `Orientation`, as written in a scene, and `DrawnOrientation`, how it is drawn."""
 
 from __future__ import annotations
 
@@ -22,8 +22,9 @@ class DrawnOrientation:
     Attributes:
         kind: 'yaw': upright, turned about the vertical; 'stable': in a stable pose, drawn by its probability, then
             turned about the vertical; 'any': uniform in SO(3); 'face_to': upright, its front (-y) towards `target`.
-        yaw: Interval [rad] from which the turn about the vertical is drawn; for 'face_to' what is added to it.
-        target: The object to be faced, for 'face_to'.
+        yaw: Interval [rad] from which the turn about the vertical is drawn; for 'face_to' it is added to the heading
+            towards `target`.
+        target: The object to face, for 'face_to'.
     """
 
     kind: Literal["yaw", "stable", "any", "face_to"]
@@ -44,7 +45,7 @@ class Stable(Section):
 
 
 class Orientation(Section):
-    """How an object is turned: one of the forms below.
+    """How an object is oriented: one of the forms below.
 
     `fixed`; {yaw: [low, high]} in degrees about the support's normal; `any`; `stable` or {stable: {yaw: [low, high]}};
     {face_to: object}, which may have a `yaw` [low, high] in degrees that is added.
@@ -57,7 +58,7 @@ class Orientation(Section):
 
     @property
     def drawn(self) -> DrawnOrientation:
-        """What this means."""
+        """How this orientation is drawn."""
         if self.any is not None:
             return DrawnOrientation("any")
         if self.stable is not None:
@@ -86,7 +87,7 @@ class Orientation(Section):
         given = self.given(ORIENTATION_FORMS)
         if len(given) != 1 and given != ["yaw", "face_to"]:
             has = " and ".join(given) if given else "none"
-            raise wrong(f"should have one of {', '.join(ORIENTATION_FORMS)} (which may have a yaw), and has {has}")
+            raise wrong(f"should have exactly one of {', '.join(ORIENTATION_FORMS)}, or a yaw with face_to; has {has}")
         return self
 
 

@@ -1,4 +1,4 @@
-"""Where an object is to be, seen from others: `Relation`, one entry of an object's `relations`.
+"""Where an object is placed relative to others: `Relation`, one entry of an object's `relations`.
 
 Directions are seen from above, x to the right and y to the back, so that the front is -y.
 """
@@ -17,13 +17,13 @@ from sceniris_gym.config.section import Section, check_one_of
 HEADINGS = {"right": 0.0, "back": 0.5 * math.pi, "left": math.pi, "front": -0.5 * math.pi}
 """Heading [rad] of each side, from x towards y."""
 SIDES = {f"{side}_of": side for side in ("front", "back", "left", "right")}
-"""The words that are a direction by themselves, and their sides."""
+"""The words that name a direction by themselves, and their sides."""
 FRAMES = ("anchor", "support", "world")
-"""Frames of a relation that are no object."""
+"""Frames of a relation that are not objects."""
 RELATION_WORDS = (*SIDES, "direction", "near", "between", "beside")
 """Words of which a relation has exactly one."""
 
-# Which words an option goes with.
+# The words that each option goes with.
 _DIRECTED = (*SIDES, "direction")
 _OPTIONS = {
     "of": ("direction",),
@@ -37,10 +37,10 @@ _OPTIONS = {
 }
 
 
-# A band is drawn from slices that hold it, of which it must fill enough: below this [m] redraws get many, and rounding
-# is some of it.
+# A band is drawn from slices that contain it, and should fill enough of them: below this half width [m] redraws get
+# frequent, partly because of rounding.
 _LEAST_TOLERANCE = 1.0e-4
-_THIN_BAND = "a thinner band is too little of what it is drawn from"
+_THIN_BAND = "too few of the points drawn for a thinner band would lie in it"
 
 
 def _wide_enough(tolerance: float) -> float:
@@ -64,7 +64,7 @@ class Distance(Section):
 
     @property
     def high(self) -> float:
-        """The greatest distance [m]; infinity if there is none."""
+        """The greatest distance [m]; infinity if there is no limit."""
         if self.equal is not None:
             return self.equal + self._band
         return math.inf if self.max is None else self.max
@@ -92,16 +92,16 @@ class Relation(Section):
     """One relation of an object to others; exactly one of the words is given.
 
     `front_of`, `back_of`, `left_of`, `right_of` an object; `direction` [x, y] `of` an object; `near` an object;
-    `between` objects; `beside` an object. The options are explained in the scene language.
+    `between` objects; `beside` an object. docs/placement.md explains the options.
 
     Attributes of the relation, whatever the word:
         kind: 'direction', 'near', 'between' or 'beside'.
-        anchors: Names of the objects it is seen from.
+        anchors: Names of the objects that it is relative to.
         heading: Heading of its direction in its frame [rad], from x towards y; 0 for 'near' and 'between'.
         half_angle: How far from that heading the object may lie [rad]; pi for all but 'direction'.
-        frame: Whose heading turns the direction: 'anchor', 'support', 'world' or the name of an object.
+        frame: The frame of its direction: 'anchor', 'support', 'world' or the name of an object.
         low, high: Distance interval [m]; (0, inf) without a distance.
-        bounds: Whether the distance is one between bounds rather than between origins.
+        bounds: Whether the distance is measured between bounds rather than between origins.
         width: Width of the strip around a line of anchors [m]; None for the shorter edge of the object's footprint.
         gap: Gap between the bounds of objects that are beside each other [m].
     """
@@ -130,7 +130,7 @@ class Relation(Section):
 
     @property
     def kind(self) -> Literal["direction", "near", "between", "beside"]:
-        """What kind of region the relation makes."""
+        """The kind of region that the relation describes."""
         if self.near is not None:
             return "near"
         if self.between is not None:
@@ -139,14 +139,14 @@ class Relation(Section):
 
     @property
     def anchors(self) -> tuple[str, ...]:
-        """Names of the objects that the relation is seen from."""
+        """Names of the objects that the relation is relative to."""
         if self.between is not None:
             return self.between
         return (getattr(self, "of" if self.direction is not None else self.word),)
 
     @property
     def heading(self) -> float:
-        """Heading of the direction in its frame [rad], from x towards y; 0 for what has no direction."""
+        """Heading of the direction in its frame [rad], from x towards y; 0 without a direction."""
         if self.direction is not None:
             return math.atan2(self.direction[1], self.direction[0])
         side = self.side or SIDES.get(self.word)
@@ -166,17 +166,17 @@ class Relation(Section):
 
     @property
     def high(self) -> float:
-        """The greatest distance [m]; infinity if there is none."""
+        """The greatest distance [m]; infinity if there is no limit."""
         return math.inf if self.distance is None else self.distance.high
 
     @property
     def bounds(self) -> bool:
-        """Whether the distance is one between bounds rather than between origins."""
+        """Whether the distance is measured between bounds rather than between origins."""
         return self.measure == "bounds"
 
     @property
     def frame_object(self) -> str | None:
-        """The object that is named as the frame, or None."""
+        """The object that is the frame, or None."""
         return None if self.frame in FRAMES else self.frame
 
     @model_validator(mode="after")
@@ -186,7 +186,7 @@ class Relation(Section):
             if option in self.model_fields_set and getattr(self, option) is not None and word not in words:
                 raise wrong(f"should have '{option}' only with {_listing(words)}, not with '{word}'")
         if self.direction is not None and self.of is None:
-            raise wrong("should name the object that 'direction' is seen from, with 'of'")
+            raise wrong("should name the object that 'direction' is relative to, with 'of'")
         if self.beside is not None and self.side is None:
             raise wrong("should have a 'side' with 'beside': left, right, front or back")
         if self.near is not None and self.high == math.inf:

@@ -1,4 +1,4 @@
-"""A whole scene as it is written: SceneConfig, from YAML, a dict or Python."""
+"""A whole scene as written by the user: `SceneConfig`, from YAML, a dict or Python."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ class SceneConfig(Section):
     """A whole scene, validated. Made by `SceneConfig.load` from a file, a name or a dict, or directly in Python.
 
     Raises:
-        SceneKeyError: a key or a value is wrong.
-        UnknownNameError: a support, or an object that another refers to, that is not in the scene.
-        CycleError: objects that are placed relative to each other.
+        SceneKeyError: A key or a value is wrong.
+        UnknownNameError: A support, or an object that another one refers to, is not in the scene.
+        CycleError: Objects that are placed relative to each other.
     """
 
     name: str = "scene"
@@ -59,13 +59,13 @@ class SceneConfig(Section):
         """Read and validate a scene.
 
         Args:
-            scene: the name of a shipped scene, the path of a YAML file, a mapping of the same form, or a SceneConfig.
-            overrides: parts to replace, by dotted keys: `{"objects.apple.clearance": 0.01}`. A new object is given as a
+            scene: The name of a shipped scene, the path of a YAML file, a mapping of the same form, or a SceneConfig.
+            overrides: Parts to replace, by dotted keys: `{"objects.apple.clearance": 0.01}`. A new object is given as a
                 whole: `{"objects.pear": {...}}`.
 
         Raises:
-            SceneFileError: the file is missing, or is not YAML, or gives a key twice.
-            ScenirisError: as in the class.
+            SceneFileError: The file is missing, or is not YAML, or gives a key twice.
+            ScenirisError: As in the class.
         """
         if isinstance(scene, SceneConfig):
             if not overrides:
@@ -87,9 +87,9 @@ class SceneConfig(Section):
         return self._where
 
     def canonical(self) -> str:
-        """Return all that shapes the layouts, defaults included, as JSON that is equal for equal scenes.
+        """Return everything that shapes the layouts, defaults included, as JSON that is equal for equal scenes.
 
-        Names of files are left out: what counts is what is in them.
+        File names are left out: only the contents of the files matter.
         """
         parts = {"name", "model"}
         data = self.model_dump(mode="json", by_alias=True, exclude=parts)

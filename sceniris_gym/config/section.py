@@ -1,4 +1,4 @@
-"""What all parts of a scene's configuration have in common: frozen, and every mistake is told in the scene's words."""
+"""`Section`, the base class of all parts of a scene: frozen, with errors in the terms of the scene file."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ class Section(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     misplaced: ClassVar[Mapping[str, str]] = {}
-    """Words that belong somewhere else, and what to do with them; the advice begins with "should"."""
+    """Words that belong somewhere else, with advice on where; the advice begins with "should"."""
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        # Around all validators of the part, also those that it runs after its fields.
+        # Wraps all validators of the part, including those that run after its fields.
         return no_info_wrap_validator_function(cls._in_words, handler(source))
 
     @classmethod
     def _in_words(cls, data: Any, handler: ValidatorFunctionWrapHandler) -> Any:
-        # A part that is made in Python by itself is named by its class; inside of a scene, the scene does the reading.
+        # A part made on its own in Python is named by its class in errors; inside a scene, the scene file is named.
         with reading(cls.__name__) if where_now.get() is None else nullcontext():
             if isinstance(data, Mapping):
                 cls._check_keys(data)
@@ -60,9 +60,9 @@ _PartT = TypeVar("_PartT", bound=Section)
 
 
 def check_one_of(part: _PartT, words: tuple[str, ...]) -> _PartT:
-    """Return the part if exactly one of the fields `words` is given; else raise the error that says so."""
+    """Return the part if exactly one of the fields `words` is given; otherwise raise an error."""
     given = part.given(words)
     if len(given) != 1:
         has = " and ".join(given) if given else "none"
-        raise wrong(f"should have exactly one of {', '.join(words)}, and has {has}")
+        raise wrong(f"should have exactly one of {', '.join(words)}, but has {has}")
     return part

@@ -1,4 +1,4 @@
-"""Names in a scene: that what an object refers to is there, can be referred to, and can be placed before it."""
+"""Checks of names in a scene: whatever an object refers to exists, can be referred to, and can be placed before it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sceniris_gym.errors import CycleError, NoSupportError, SceneKeyError, Unkno
 
 @dataclass(frozen=True)
 class SceneNames:
-    """What there is in a scene for names to refer to.
+    """What names in a scene can refer to.
 
     Attributes:
         objects: The objects by name.
@@ -33,10 +33,10 @@ def check_names(scene: SceneNames, where: str) -> None:
     """Check all names of objects in a scene; errors begin with `where`.
 
     Raises:
-        SceneKeyError: an object without an asset, or a reference that cannot be held in every world.
-        UnknownNameError: a name that is not in the scene.
-        NoSupportError: an object that is placed on a marker.
-        CycleError: objects that are placed relative to each other.
+        SceneKeyError: An object without an asset, or a reference that does not hold in every world.
+        UnknownNameError: A name that is not in the scene.
+        NoSupportError: An object that is placed on a marker.
+        CycleError: Objects that are placed relative to each other.
     """
     for name, part in scene.objects.items():
         _check_body(scene, name, part, where)
@@ -45,7 +45,7 @@ def check_names(scene: SceneNames, where: str) -> None:
         if part.reachable and not scene.has_robot:
             raise SceneKeyError(
                 f"{where}: objects.{name}.reachable: there is no robot that could reach it. Add a robot, as "
-                "in 'robot: {asset: panda}', or leave it out."
+                "in 'robot: {asset: panda}', or leave 'reachable' out."
             )
         for path, other in part.references:
             _check_reference(scene, f"{where}: objects.{name}.{path}", name, other)
@@ -54,7 +54,7 @@ def check_names(scene: SceneNames, where: str) -> None:
 
 
 def _check_body(scene: SceneNames, name: str, part: ObjectConfig, where: str) -> None:
-    """Check what an object without an asset of its own needs."""
+    """Check that an object without an asset of its own has what it needs."""
     if part.asset is not None or scene.has_model:
         return
     if part.kind != "marker":
@@ -95,7 +95,7 @@ def _check_reference(scene: SceneNames, where: str, name: str, other: str) -> No
         valid = [*(FRAMES if is_frame else ()), *(n for n in known if n != name)]
         raise UnknownNameError("frame" if is_frame else "object", other, where, valid)
     if other == name:
-        raise SceneKeyError(f"{where}: '{other}' should be another object than the one that is placed.")
+        raise SceneKeyError(f"{where}: '{other}' should be a different object from the one that is placed.")
 
 
 def _check_groups(scene: SceneNames, where: str) -> None:
@@ -107,7 +107,7 @@ def _check_groups(scene: SceneNames, where: str) -> None:
                 raise UnknownNameError("object", name, path, scene.objects)
             if name in group_of:
                 raise SceneKeyError(
-                    f"{path}: '{name}' is in the group '{group_of[name]}' too. An object is in one group at most."
+                    f"{path}: '{name}' is also in the group '{group_of[name]}'. It should be in one group at most."
                 )
             if not scene.objects[name].is_placed:
                 raise SceneKeyError(
@@ -121,13 +121,13 @@ def _check_groups(scene: SceneNames, where: str) -> None:
 
 
 def _check_absent(scene: SceneNames, name: str, part: ObjectConfig, absent: dict[str, str], where: str) -> None:
-    """Check that an object can be placed whatever members of groups are absent."""
+    """Check that an object can be placed whichever members of groups are absent."""
     support = part.support
     owner = support.parent.split("/")[0] if support is not None else FLOOR
     if support is not None and owner in absent:
         raise SceneKeyError(
             f"{where}: objects.{name}.{support.word}: '{owner}' may be absent, as it is in the group "
-            f"'{absent[owner]}'. Nothing stands on such an object: name another support."
+            f"'{absent[owner]}'. Nothing can be placed on such an object: name another support."
         )
     for path, other in part.references:
         if other in absent and scene.groups[absent[other]].missing == "refuse":
@@ -147,7 +147,7 @@ def _check_cycles(scene: SceneNames, where: str) -> None:
 
 
 def _circle(chain: list[str], needs: Mapping[str, tuple[str, ...]], ends: set[str]) -> list[str] | None:
-    """Return the first circle on a way from the end of `chain`, or None."""
+    """Return the first cycle on a path from the end of `chain`, or None."""
     for other in needs.get(chain[-1], ()):
         if other in chain:
             return chain[chain.index(other) :]

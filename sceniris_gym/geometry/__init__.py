@@ -1,1 +1,1 @@
-"""What things are made of: pieces, the surfaces that carry, the poses that rest, and trees of boxes."""
+"""The geometry of a scene: pieces of objects, support surfaces, stable poses, and trees of boxes."""

@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class BoxTree:
-    """Nodes of one tree, the root first. The right child follows the left one.
+    """Nodes of one tree, the root first. A right child directly follows its left sibling.
 
     Attributes:
         center, half: Boxes [m], shape (n, 3).
@@ -24,7 +24,7 @@ class BoxTree:
 
 
 def build_tree(lower: np.ndarray, upper: np.ndarray) -> BoxTree:
-    """The tree over leaf boxes [m], shape (n, 3) each: halved by the median along the longest axis, level by level."""
+    """Build the tree over leaf boxes [m], shape (n, 3) each, split at the median along the longest axis."""
     middle = 0.5 * (lower + upper)
     order = np.arange(len(lower))
     start, stop = np.array([0]), np.array([len(lower)])

@@ -1,4 +1,4 @@
-"""Colliders: the pieces of each body below one tree of boxes, as numpy and (for meshes) on the device."""
+"""Colliders: the pieces of each body under one tree of boxes, as numpy arrays and (for meshes) on the device."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _GROW = 1.0e-6
 
 @dataclass
 class Colliders:
-    """Colliders and their box trees, an entry of each list for each; `keep` holds the device meshes they point to."""
+    """Colliders and their box trees, one entry per collider in most lists; `keep` holds the device meshes in use."""
 
     body: list[int] = field(default_factory=list)
     root: list[int] = field(default_factory=list)
@@ -35,7 +35,7 @@ class Colliders:
 
 
 def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> Colliders:
-    """One collider for each body's solid pieces, and one for each plane; leaves are numbered as `pieces`."""
+    """One collider for each body's solid pieces, and one for each plane; leaves are pieces, or faces if `visual`."""
     c = Colliders()
     by_body: dict[int, list[int]] = {}
     for i, p in enumerate(pieces):
@@ -71,7 +71,7 @@ def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> Collide
 def _add_tree(
     c: Colliders, body: int, lower: np.ndarray, upper: np.ndarray, *, plane: int, mesh: int, first: int | None = None
 ) -> None:
-    """Append a collider. Its leaves are numbered from `first`, or after all faces so far."""
+    """Append a collider. Its leaves are numbered from `first` on, or after all faces so far."""
     tree = build_tree(lower - _GROW, upper + _GROW)
     leaf = c.leaves if first is None else first
     c.body.append(body)
@@ -88,7 +88,7 @@ def _add_tree(
 
 
 def collider_arrays(c: Colliders) -> dict[str, np.ndarray]:
-    """Fields of `device.Program` that hold colliders, boxes and faces."""
+    """The fields of `device.Program` that hold colliders, boxes and faces."""
     faces = np.concatenate([*c.faces, np.zeros((0, 3, 3))])
     points, adr, num = ranges(c.points)
     return {

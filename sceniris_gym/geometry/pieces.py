@@ -1,8 +1,8 @@
-"""Geoms become pieces: what an object is made of, as physics collides it or as the eye sees it.
+"""Pieces: the geoms of a model, as physics collides them or as they are rendered.
 
 `geometry: physics` takes the geoms that MuJoCo collides, meshes as their convex hulls. `geometry: visual` takes the
-visible geoms (groups 0 to 2) as closed triangle meshes. Either way a piece has a convex form, which stands for it where
-only extents and shadows matter.
+visible geoms (groups 0 to 2) as closed triangle meshes. Either way a piece has a convex form, which stands in for it
+where only extents and shadows matter.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Piece:
         vertices: Vertices [m] of a hull in the piece's frame, shape (n, 3); empty for primitives.
         mesh: Its closed surface in the body's frame (a plane has none). Round primitives are tessellated; with
             `geometry: physics` only their flat faces and outlines are taken from it.
-        contype, conaffinity: MuJoCo's contact bits; all set where geometry is visual.
+        contype, conaffinity: MuJoCo's contact bits; all are set with `geometry: visual`.
     """
 
     geom: int
@@ -104,12 +104,12 @@ def extract_pieces(
     Args:
         mjm: The model.
         geometry: "physics" or "visual".
-        bodies: Those whose pieces are wanted; all by default.
-        where: What errors begin with, by the body that they are about.
+        bodies: The bodies whose pieces are wanted; all by default.
+        where: How an error about a body begins, by the id of that body.
 
     Raises:
-        MeshError: a mesh that is open or has no faces.
-        NotSupportedError: a height field or a signed distance field.
+        MeshError: A mesh that is open, flat, or has no faces.
+        NotSupportedError: A height field or a signed distance field.
     """
     pieces = []
     for geom in range(mjm.ngeom):
@@ -180,15 +180,15 @@ def hull_vertices(mjm: mujoco.MjModel, mesh: int, name: str) -> np.ndarray:
         return vertices[mjm.mesh_graph[graph + 2 + count : graph + 2 + 2 * count]]
     try:
         return np.asarray(trimesh.convex.convex_hull(vertices).vertices)
-    except ValueError as error:  # qhull's complaint about flat input
-        raise MeshError(f"mesh of geom '{name}': has no volume. Give it at least four points off one plane.") from error
+    except ValueError as error:  # qhull rejects flat input
+        raise MeshError(f"mesh of geom '{name}' has no volume. It should have four points not in one plane.") from error
 
 
 def _surface(mjm: mujoco.MjModel, mesh: int, geom: int) -> trimesh.Trimesh:
-    """The triangles of a mesh in the geom's frame; they must close."""
+    """The triangles of a mesh in the geom's frame, checked to form a closed surface."""
     name = _geom_name(mjm, geom)
     if mjm.mesh_facenum[mesh] == 0:
-        raise MeshError(f"mesh of geom '{name}': has no faces. `geometry: visual` needs a closed surface.")
+        raise MeshError(f"mesh of geom '{name}' has no faces. With `geometry: visual` it should be a closed surface.")
     vert, face = mjm.mesh_vertadr[mesh], mjm.mesh_faceadr[mesh]
     surface = trimesh.Trimesh(
         mjm.mesh_vert[vert : vert + mjm.mesh_vertnum[mesh]].astype(float),
@@ -198,7 +198,7 @@ def _surface(mjm: mujoco.MjModel, mesh: int, geom: int) -> trimesh.Trimesh:
     surface.merge_vertices(merge_tex=True, merge_norm=True)
     if not surface.is_watertight:
         raise MeshError(
-            f"mesh of geom '{name}': is open, so it has no inside. Close it, or use `geometry: physics`, which takes "
+            f"mesh of geom '{name}' is open, so it has no inside. Close it, or use `geometry: physics`, which takes "
             "convex hulls."
         )
     if surface.volume < 0.0:

@@ -1,4 +1,4 @@
-"""Many lists as one array, addressed as MuJoCo does: the start and the length of each."""
+"""Many lists as one array, addressed as in MuJoCo by the start and length of each."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 
 def ranges(lists: Iterable) -> tuple[list, np.ndarray, np.ndarray]:
-    """All entries in one list, and the address and the length of each of the lists in it."""
+    """Return all entries in one list, and the address and the length of each list in it."""
     lists = list(lists)
     num = np.array([len(x) for x in lists], int)
     adr = np.concatenate([[0], np.cumsum(num)[:-1]]) if len(num) else np.zeros(0, int)

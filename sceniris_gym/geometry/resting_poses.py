@@ -11,23 +11,24 @@ import trimesh
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry.pieces import Piece, PieceType
 
-# Stable poses that are rarer than the most frequent one by this factor are left out, and no more than so many are kept:
-# each of the many narrow faces of something round is rare, and together they are what it lies on.
+# Stable poses rarer than the most frequent one by this factor are left out, and at most this many are kept: each of the
+# many narrow faces of something round is rare, but together they are what it lies on.
 _RARE = 1.0e-3
 _MOST_POSES = 256
-# A stable pose comes back from tilts up to this angle, in degrees. What is put down falls through its gap, half a
-# millimetre, and is shaken by that. Of 3,688 drops in MuJoCo C, of all poses in which the centre of mass of a shipped
-# asset is above what carries it, none moved by a centimetre in half a second that comes back from 2.5 degrees: this is
-# twice as much. It leaves out the chamfers of a block (4.1 degrees) and a mug that balances with its handle up (4.7).
+# A stable pose comes back from tilts up to this angle, in degrees. An object that is put down falls through its gap of
+# half a millimetre, and is shaken by that. In 3,688 drops in MuJoCo C, of all poses in which the centre of mass of a
+# shipped asset is above its base of support, no pose that comes back from 2.5 degrees moved by a centimetre in half a
+# second: this is twice as much. It leaves out the chamfers of a block (4.1 degrees) and a mug that balances with its
+# handle up (4.7).
 STABLE_TILT = 5.0
 # What happens before this tilt, in degrees, is part of the pose: an uneven bottom may rock by less.
 _ROCKING = 2.5
-# To how many sides it is tilted: a few first, as that is enough for most of the faces of something round.
+# In how many directions it is tilted: few at first, which rules out most faces of something round.
 _SIDES = (24, 360)
 _STEP = 0.1  # degrees, from one tilt to the next
-# Where the centre of mass rises by less than this [m] as the tilt grows by a step, it rolls instead.
+# If the centre of mass rises by less than this [m] as the tilt grows by a step, the object rolls.
 _LEVEL = 1.0e-8
-# An x axis whose shadow is shorter than this points straight up or down, but for rounding.
+# An x axis whose horizontal part is shorter than this points straight up or down, up to rounding.
 _UPRIGHT = 1.0e-3
 
 
@@ -54,7 +55,7 @@ class Variant:
 
 
 class HomeShape:
-    """The pieces of an object in its home state, seen from its root."""
+    """The pieces of an object in its home state, in the frame of its root."""
 
     def __init__(self, home: mujoco.MjData, root: int, pieces: list[Piece]) -> None:
         self._pieces = pieces
@@ -77,7 +78,7 @@ class HomeShape:
         return Variant(quat, turn.T @ bottom, np.concatenate([-half, half]), probability)
 
     def inner_radius(self) -> float:
-        """Radius [m] of a ball inside of the hull: seen from any side, the bounds are at least twice as wide."""
+        """Radius [m] of a ball inside the hull: in any orientation, the bounds are at least twice as wide."""
         if not self._pieces:
             return 0.0
         hull = trimesh.convex.convex_hull(self._points())
@@ -106,12 +107,12 @@ class HomeShape:
         statistics", 1999; those that do not come back from tilts up to `STABLE_TILT` are left out.
 
         Raises:
-            SceneKeyError: none is left, or the centre of mass is outside of the hull; begins with `where`.
+            SceneKeyError: There is no stable pose, or the centre of mass is outside the hull; begins with `where`.
         """
         hull = trimesh.convex.convex_hull(self._points())
         if (((self.center_of_mass - hull.triangles_center) * hull.face_normals).sum(axis=1) >= 0.0).any():
             raise SceneKeyError(
-                f"{where}: its centre of mass {np.round(self.center_of_mass, 4).tolist()} is outside of the hull of "
+                f"{where}: its centre of mass {np.round(self.center_of_mass, 4).tolist()} is outside the hull of "
                 "its collision geometry, so no pose is stable. Correct the asset's <inertial> or its geoms."
             )
         transforms, probability = trimesh.poses.compute_stable_poses(
@@ -125,16 +126,16 @@ class HomeShape:
                 kept.append(int(i))
         if not kept:
             raise SceneKeyError(
-                f"{where}: it has no stable pose: from each a tilt of {STABLE_TILT:g} degrees tips it over or sets it "
+                f"{where}: it has no stable pose: in each, a tilt of {STABLE_TILT:g} degrees tips it over or sets it "
                 "rolling, as with a ball. Give it a yaw or 'any', or collision geometry with a flat side."
             )
         share = probability[kept] / probability[kept].sum()
         return [(of_heading_zero(transforms[i][:3, :3]), float(p)) for i, p in zip(kept, share, strict=True)]
 
     def _comes_back(self, turn: np.ndarray, sides: int) -> bool:
-        """Whether gravity turns the pose (3, 3) back from every tilt that counts, to each of so many sides.
+        """Whether gravity turns the pose (3, 3) back from every tilt that counts, in `sides` directions.
 
-        It does where the centre of mass, above what carries it, gets higher all the way as the tilt grows.
+        It does if the height of the centre of mass above the lowest point keeps rising as the tilt grows.
         """
         angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
         across = np.stack([np.cos(angle), np.sin(angle), np.zeros(sides)], axis=1) @ turn
@@ -152,9 +153,9 @@ class HomeShape:
 
 
 def heading_of(mat: np.ndarray) -> float:
-    """Where the x axis of a body with orientation `mat`, shape (3, 3), points, seen from above [rad].
+    """The heading [rad] of a body with orientation `mat`, shape (3, 3): where its x axis points, seen from above.
 
-    Where it points straight up or down, where the y axis points, less a right angle.
+    If the x axis points straight up or down, where the y axis points, minus a right angle.
     """
     if np.abs(mat[:2, 0]).sum() < _UPRIGHT:
         return float(np.arctan2(-mat[0, 1], mat[1, 1]))

@@ -1,4 +1,4 @@
-"""Surfaces that carry things: level faces of a body as polygons, and the region of them that an object may use."""
+"""Support surfaces: level faces of a body as polygons, and the regions on them that an object may use."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from sceniris_gym.config.objects import RegionConfig
 from sceniris_gym.errors import ErodedSupportError
 from sceniris_gym.geometry.pieces import Piece
 
-# A face carries if it is level to 1 degree; faces of one level may differ by 0.2 mm.
+# A face is a support if it is level to 1 degree; faces of one surface may differ in height by 0.2 mm.
 _LEVEL = np.cos(np.radians(1.0))
 _STEP = 2.0e-4
-# What stands on a surface is looked for this far above it [m].
+# Things standing on a surface are looked for this far above it [m].
 _ABOVE = 5.0e-4
-# A strip narrower than 2 cm (a rim, the edge of a wall, a handle) carries nothing.
+# A strip narrower than 2 cm (a rim, the edge of a wall, a handle) is not a support.
 _HALF_WIDTH = 0.01
-# Segments of a quarter circle where an erosion goes around a corner: 4 cm of it are right to 3 um.
+# Segments of a quarter circle where an erosion goes around a corner: one of 4 cm is accurate to 3 um.
 _ARC = 64
 
 
@@ -33,7 +33,7 @@ class SupportSurface:
     Attributes:
         body: Id of the body (0: the world, for the floor).
         height: Its z [m] in the body's frame.
-        outline: All of it [m], xy in the body's frame.
+        outline: The whole surface [m], xy in the body's frame.
         region: The part of it that an object's pivot may lie on.
     """
 
@@ -46,8 +46,8 @@ class SupportSurface:
 def level_surfaces(body: int, pieces: list[Piece], *, open_above: bool) -> list[SupportSurface]:
     """Level surfaces of one body from its pieces, lowest first.
 
-    Where a piece of the same body stands on a surface, that part is taken away; with `open_above` also where one hangs
-    over it, since the two never move against each other. Strips narrower than 2 cm are left out.
+    Where a piece of the same body stands on a surface, that part is cut out; with `open_above` also where one hangs
+    over it, since the two never move relative to each other. Strips narrower than 2 cm are left out.
     """
     meshes = [p.mesh for p in pieces if p.mesh is not None]
     surfaces = []
@@ -68,7 +68,7 @@ def floor_surface(size: tuple[float, float]) -> SupportSurface:
 
 
 def shadow_of_box(region: RegionConfig) -> SupportSurface:
-    """A box in space seen from above, as relations cut it."""
+    """A box in space seen from above, for relations to cut."""
     assert region.box is not None
     (x0, y0, *_), (x1, y1, *_) = region.box
     seen = MultiPolygon([box(x0, y0, x1, y1)])
@@ -81,23 +81,23 @@ def crop(
     """The surfaces with their regions eroded by each of `erosions` [m] and cropped to `region`.
 
     Returns:
-        For each erosion the surfaces of which something is left; equal erosions share one list.
+        For each erosion, the surfaces of which something is left; equal erosions share one list.
 
     Raises:
-        ErodedSupportError: of none is anything left.
+        ErodedSupportError: Nothing is left of any surface.
     """
     keep = _crop_shape(surfaces, region)
-    rounded = [round(erosion, 7) for erosion in erosions]  # poses that differ by rounding only are as one
+    rounded = [round(erosion, 7) for erosion in erosions]  # poses that differ only by rounding count as one
     kept = {erosion: _kept(surfaces, keep, erosion) for erosion in set(rounded)}
     if not any(kept.values()):
         erosion = min(rounded)
         x0, y0, x1, y1 = shapely.union_all([s.outline for s in surfaces]).bounds
-        said = f"an erosion of {erosion:.4g} m" if erosion > 0.0 else ""
+        said = f"erosion by {erosion:.4g} m" if erosion > 0.0 else ""
         said += " and " if said and region is not None else ""
-        said += "its region" if region is not None else ""
+        said += "cropping to its region" if region is not None else ""
         raise ErodedSupportError(
-            f"{where}: {said} leaves nothing of the support, whose surface spans [{x0:.4g}, {x1:.4g}] x [{y0:.4g}, "
-            f"{y1:.4g}] m. Use a smaller ratio_on_support, a region that meets the surface, or a larger support."
+            f"{where}: nothing is left of the support after {said}; its surface spans [{x0:.4g}, {x1:.4g}] x "
+            f"[{y0:.4g}, {y1:.4g}] m. Use a smaller ratio_on_support, a region that overlaps it, or a larger support."
         )
     return [kept[erosion] for erosion in rounded]
 
@@ -113,7 +113,7 @@ def _kept(surfaces: list[SupportSurface], keep: Polygon | None, erosion: float) 
 
 
 def triangulate(region: MultiPolygon) -> np.ndarray:
-    """The region as triangles [m], shape (n, 3, 2): constrained Delaunay, so nothing is lost or added."""
+    """The region as triangles [m], shape (n, 3, 2), by constrained Delaunay triangulation: nothing is lost or added."""
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(region))
     corners = np.reshape([np.asarray(t.exterior.coords)[:3, :2] for t in triangles], (-1, 3, 2))
     return corners[areas(corners) > 0.0]
@@ -126,7 +126,7 @@ def areas(triangles: np.ndarray) -> np.ndarray:
 
 
 def edges(outline: MultiPolygon) -> np.ndarray:
-    """The sides of an outline and its holes [m], shape (n, 2, 2)."""
+    """The edges of an outline and its holes [m], shape (n, 2, 2)."""
     rings = [ring for p in outline.geoms for ring in (p.exterior, *p.interiors)]
     sides = [np.stack([c[:-1], c[1:]], axis=1) for c in (np.asarray(r.coords)[:, :2] for r in rings)]
     return np.concatenate(sides)
@@ -147,13 +147,13 @@ def _crop_shape(surfaces: list[SupportSurface], region: RegionConfig | None) -> 
 
 
 def _without_strips(outline: MultiPolygon) -> MultiPolygon:
-    """The outline where it is wide enough: shrunk until strips are gone and grown again, 10 um beyond its old edges."""
+    """The outline where it is wide enough: shrunk until strips are gone, then grown to 10 um beyond its old edges."""
     core = outline.buffer(-_HALF_WIDTH, join_style="mitre")
     return _parts(outline.intersection(core.buffer(_HALF_WIDTH + 1e-5, join_style="mitre")))
 
 
 def _levels(meshes: list[trimesh.Trimesh]) -> list[tuple[float, MultiPolygon]]:
-    """Heights of level faces and what lies at each, lowest first."""
+    """Heights of level faces and the area at each height, lowest first."""
     flat = [m.triangles[m.face_normals[:, 2] > _LEVEL] for m in meshes]
     triangles = np.concatenate(flat) if flat else np.zeros((0, 3, 3))
     if not len(triangles):
@@ -172,7 +172,7 @@ def _levels(meshes: list[trimesh.Trimesh]) -> list[tuple[float, MultiPolygon]]:
 
 
 def _section(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
-    """What a horizontal plane cuts out of a closed mesh."""
+    """The cross-section of a closed mesh at height z."""
     if not mesh.bounds[0, 2] < z < mesh.bounds[1, 2]:
         return None
     cut = mesh.section([0.0, 0.0, 1.0], [0.0, 0.0, z])

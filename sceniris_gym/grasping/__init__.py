@@ -1,1 +1,1 @@
-"""How things are held: what a gripper can do, and grasps for it."""
+"""Grasps of objects, and the gripper that they are for."""

@@ -1,10 +1,10 @@
-"""Grasps of an object: the poses of the TCP that an arm is asked to reach.
+"""Grasps of an object: TCP poses that an arm should be able to reach.
 
-A grasp is a frame midway between the fingertips, +z the approach axis, +y the closing axis. An asset names its own as
-sites `grasp_*`; a gripper of two fingers takes each of them half a turn about its approach just as well. Without any,
-they are made from the object's geometry for every pose it may be drawn in: from above with 8 yaws, the same tilted by
-15, 30 and 45 degrees, and from the side where the object is taller than wide. Whatever would need a wider gap than the
-gripper has is left out.
+A grasp is a frame midway between the fingertips, +z the approach axis, +y the closing axis. An asset defines its own as
+sites `grasp_*`; as a gripper has two fingers, each of them is also used half a turn about its approach axis. For an
+asset without such sites, grasps are made from its geometry for every pose it may be drawn in: from above with 8 yaws,
+the same tilted by 15, 30 and 45 degrees, and from the side if the object is taller than wide. Grasps that need a wider
+opening than the gripper has are left out.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ YAWS = 8
 TILTS = (0.0, 15.0, 30.0, 45.0)  # degrees from the vertical
 _SIDE = 90.0
 MOST_RISING = math.sin(math.radians(10.0))
-"""Most that the approach axis of a grasp may rise, as its z component: 10 degrees. What rises more comes from below,
-through what the object stands on."""
-# Fingertips stay this far above the plane that the object stands on, and off the palm [m].
+"""How far the approach axis of a grasp may point upwards, as its z component: 10 degrees. A steeper one would come from
+below, through the support."""
+# Fingertips stay this far above the plane that the object stands on, and the object off the palm [m].
 _ABOVE = 0.002
-# A rotation for each axis of an object that may point up: +z, -z, +x, -x, +y, -y.
+# A rotation for each axis of an object that can point up: +z, -z, +x, -x, +y, -y.
 _UPS = ((1, 0, 0, 0), (0, 1, 0, 0), (1, 0, -1, 0), (1, 0, 1, 0), (1, 1, 0, 0), (1, -1, 0, 0))
 
 
@@ -39,12 +39,12 @@ class Grasp:
     """A pose of the TCP in the frame of one of the object's bodies.
 
     Attributes:
-        name: The site's name, with " rolled" behind it half a turn about the approach; or "top", "tilt 15", ... or
+        name: The site's name, followed by " rolled" after half a turn about the approach; or "top", "tilt 15", ... or
             "side" with the yaw in degrees.
         body: Id of the body.
         pos: Position [m] in the body's frame, shape (3,).
         quat: Orientation, wxyz.
-        opening: Gap [m] that the fingers need to go around what is between them.
+        opening: Gap [m] between the fingers that is needed to go around what is between them.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Grasp:
 
 @dataclass(frozen=True)
 class GraspSet:
-    """All grasps of an object, and which of them belong to which of the poses it is drawn from.
+    """All grasps of an object, and which of them belong to which of the poses that it is drawn from.
 
     Attributes:
         grasps: In the order in which they are tried.
@@ -68,7 +68,7 @@ class GraspSet:
 
 
 class Graspable:
-    """An object at home, as triangles in its root's frame.
+    """An object in its start pose, as triangles in the frame of its root.
 
     Args:
         scene: The scene.
@@ -95,13 +95,13 @@ class Graspable:
 
         Args:
             variants: Poses that the object's orientation is drawn from.
-            any_turn: Whether any orientation may be drawn, in which each side may be up.
-            gripper: What is to grasp it.
+            any_turn: Whether any orientation may be drawn, so that any side may be up.
+            gripper: The gripper.
 
-        Of a stable pose in which the gripper cannot take the object there are none, and it is never accepted.
+        A stable pose in which the gripper cannot grasp the object has none, and is never accepted.
 
         Raises:
-            GraspError: all of them need a wider gap than the gripper has.
+            GraspError: None of them fits the gripper.
         """
         own = self._sites(gripper)
         groups = [own] if own else [self._made(v, any_turn, gripper) for v in variants]
@@ -157,7 +157,7 @@ class Graspable:
     def _at_center(
         self, turn: np.ndarray, axes: np.ndarray, tilt: float, gripper: Gripper
     ) -> tuple[np.ndarray, float] | None:
-        """Where a grasp with these axes takes the object, and the gap that it needs; None if it closes on nothing."""
+        """The position of a grasp with these axes, and the gap that it needs; None if it closes on nothing."""
         if not len(self.triangles):
             return np.zeros(3), 0.0
         low, high = _extents(self.triangles @ turn.T)
@@ -198,8 +198,8 @@ def tcp_axes(yaw: float, tilt: float) -> np.ndarray:
     """Axes of a TCP as columns (3, 3): straight down, tilted about the closing axis, then turned about the vertical.
 
     Args:
-        yaw: of the closing axis from y, in degrees.
-        tilt: of the approach axis from straight down, in degrees; 90 is level.
+        yaw: Yaw of the closing axis from y, in degrees.
+        tilt: Tilt of the approach axis from straight down, in degrees; 90 is level.
     """
     s, c = np.sin(np.radians(tilt)), np.cos(np.radians(tilt))
     down = np.array([[-c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, -c]])
@@ -208,19 +208,19 @@ def tcp_axes(yaw: float, tilt: float) -> np.ndarray:
 
 
 def section(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, gripper: Gripper) -> tuple[float, float] | None:
-    """What the fingers of a TCP stand around: least and greatest extent [m] along the closing axis from the TCP on.
+    """What is between the fingers: its least and greatest coordinate [m] along the closing axis, measured from the TCP.
 
-    The part of the solid is looked at that lies in the fingers' width and before their tips. Where a finger fits
-    between two parts of it, the part counts in which the TCP is, or that is nearest to it.
+    Only what lies within the fingers' width and not beyond their tips counts. Where a finger fits between two parts of
+    the solid, only the part that contains the TCP, or is nearest to it, counts.
 
     Args:
         triangles: Closed surfaces [m], shape (n, 3, 3).
         pos: Position of the TCP in their frame [m], shape (3,).
         axes: Its axes in that frame as columns, shape (3, 3).
-        gripper: What grasps.
+        gripper: The gripper.
 
     Returns:
-        None where nothing is between the fingers, or what is there is farther off than they open.
+        None if nothing is between the fingers, or only what is farther away than they open.
     """
     spans = _clipped(triangles, pos, axes, gripper.half_width, gripper.tip)[1]
     if not len(spans):
@@ -236,7 +236,7 @@ def section(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, gripper: G
 
 
 def _ahead(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, gripper: Gripper) -> tuple[float, float]:
-    """Where the solid begins and ends along the approach axis [m] from the TCP on, in the fingers' width."""
+    """Where the solid begins and ends along the approach axis [m], from the TCP, within the fingers' width."""
     spans = _clipped(triangles, pos, axes, gripper.half_width, np.inf)[2]
     return (float(spans[:, 0].min()), float(spans[:, 1].max())) if len(spans) else (0.0, 0.0)
 

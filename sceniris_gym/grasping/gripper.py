@@ -1,7 +1,7 @@
 """The gripper of an arm, from its geometry: how wide it opens, and how far its fingers reach.
 
-Fingers are moved by the joints beyond the TCP's chain. All is measured in the frame of the TCP: +z is the approach
-axis, +y the closing axis.
+Fingers are moved by the joints that are not in the TCP's chain. Everything is measured in the frame of the TCP: +z is
+the approach axis, +y the closing axis.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.scene.model import subtree
 
-# Fingers that are not there take no room; what such a tool touches may be of any width.
+# A tool without fingers takes no room, and may touch objects of any width.
 _NO_LIMIT = 1.0e3
 # How deep a grasp may be where nothing stands behind the TCP [m].
 _DEEP = 0.1
@@ -28,13 +28,13 @@ class Gripper:
     Attributes:
         opening: Widest gap between the fingers; 1000 for a tool without fingers.
         closed: Least gap.
-        tip: How far the fingers reach beyond the TCP.
-        depth: How far the TCP is before the palm.
+        tip: How far the fingertips are beyond the TCP.
+        depth: Distance from the palm to the TCP.
         half_width: Half the width of the fingers at the TCP, across the closing axis.
-        thickness: Of a finger at the TCP, along the closing axis.
-        qposadr: Where the fingers' joints are in qpos.
-        open_qpos: Their positions with the widest gap [m or rad].
-        closed_qpos: Their positions with the least gap.
+        thickness: Thickness of a finger at the TCP, along the closing axis.
+        qposadr: Addresses of the fingers' joints in qpos.
+        open_qpos: Their positions at the widest gap [m or rad].
+        closed_qpos: Their positions at the least gap [m or rad].
     """
 
     opening: float
@@ -109,7 +109,7 @@ def _finger_joints(mjm: mujoco.MjModel, hand: set[int], arm: SerialArm) -> list[
 
 
 def _outer(mjm: mujoco.MjModel, data: mujoco.MjData, arm: SerialArm, joint: int, pieces: list[Piece]) -> int:
-    """Which limit of a finger's joint (0 the lower, 1 the upper) has what it moves farther from the approach axis."""
+    """Which limit of a finger's joint (0: lower, 1: upper) moves the finger farther from the approach axis."""
     below = subtree(mjm, int(mjm.jnt_bodyid[joint]))
     moved = [p for p in pieces if p.body in below]
     adr = int(mjm.jnt_qposadr[joint])

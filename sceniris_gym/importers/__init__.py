@@ -1,1 +1,1 @@
-"""Other people's files, read as scenes of this package."""
+"""Importers of scenes that were written for other packages."""

@@ -1,4 +1,4 @@
-"""`compile_scene`: the only door from host to device. What cannot be supported fails here, with a reason."""
+"""`compile_scene`: the only way from host to device. What cannot be supported fails here, with a reason."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.plan import UPRIGHT
 from sceniris_gym.scene.model import SceneModel, build_model
 
-# The probe makes layouts in rounds until the bank is full or this many rounds are over.
+# The probe makes layouts until the bank is full, in this many rounds at most.
 _ROUNDS = 8
-# Causes that come up when all objects are placed.
+# Causes that only come up once all objects are placed.
 _LATE = (Cause.NO_IK.name.lower(), Cause.BLOCKED.name.lower())
 # What a row of the bank holds.
 _BANK = ("qpos", "mocap_pos", "mocap_quat", "present")
@@ -33,18 +33,18 @@ _REACH_BANK = ("grasp", "grasp_qpos", "pregrasp_qpos")
 def compile_scene(
     scene: str | Path | Mapping | SceneConfig | SceneModel, device: str | None = None, *, bank_size: int = 64
 ) -> CompiledScene:
-    """Build the CompiledScene of a scene on a device, prove that it can be made, and fill its bank of valid layouts.
+    """Compile a scene for a device, prove that layouts of it can be made, and fill its bank of valid layouts.
 
     Args:
-        scene: A shipped scene's name, a path, a mapping, a SceneConfig, or a model built before.
+        scene: A shipped scene's name, a path, a mapping, a SceneConfig, or a SceneModel.
         device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
-        bank_size: Valid layouts to keep for worlds that run out of attempts and restarts, at least 1.
+        bank_size: Number of valid layouts to keep for worlds that run out of attempts and restarts, at least 1.
 
     Raises:
-        ValueError: a bank without room.
-        UnknownNameError: there is no such device.
-        InfeasibleSceneError: no valid layout was found; says which object fails and why.
-        ScenirisError: the scene is wrong in another way; see `SceneConfig.load`, `build_model` and `build_plan`.
+        ValueError: `bank_size` is below 1.
+        UnknownNameError: There is no such device.
+        InfeasibleSceneError: No valid layout was found; the message says which object fails and why.
+        ScenirisError: Something else is wrong with the scene; see `SceneConfig.load`, `build_model` and `build_plan`.
     """
     if bank_size < 1:
         raise ValueError(f"compile_scene: bank_size={bank_size} should be 1 or more.")
@@ -56,10 +56,10 @@ def compile_scene(
 
 
 def device_name(device: str | None, where: str = "compile_scene") -> str:
-    """Return Warp's name of a device, of its preferred one for None.
+    """Return Warp's name of a device, by default of its preferred one.
 
     Raises:
-        UnknownNameError: there is no such device.
+        UnknownNameError: There is no such device.
     """
     if device is None:
         return str(wp.get_preferred_device())

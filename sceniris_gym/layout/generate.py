@@ -1,4 +1,4 @@
-"""The launch sequence of a reset: advance the episode of the masked worlds, place their layouts, count."""
+"""`LayoutGenerator`: the launch sequence of a reset, which advances the masked worlds and makes their layouts."""
 
 from __future__ import annotations
 
@@ -75,14 +75,14 @@ class LayoutGenerator:
     Args:
         compiled: The scene.
         nworld: Number of worlds.
-        seed: World i has seed + i; a sequence of length nworld is taken as it is. 64-bit, not negative.
+        seed: World i gets seed + i; a sequence of length nworld is used as it is. 64-bit, not negative.
         split: "train", "eval" or "bank": independent streams of the same seeds.
-        block_dim: Lanes for each world on a GPU; changes the speed, never the layouts.
-        rejected: Room for a record of the first candidates that collided, for audits.
+        block_dim: Lanes per world on a GPU; affects the speed, never the layouts.
+        rejected: Length of a record of the first candidates that collided, for audits.
 
     Raises:
-        SeedError: a seed that is not a 64-bit integer, or a wrong number of them.
-        ValueError: an unknown split, or a `block_dim` that the collision test has no room for.
+        SeedError: A seed that is not a 64-bit integer, or a wrong number of them.
+        ValueError: An unknown split, or a `block_dim` that the collision test has no room for.
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class LayoutGenerator:
         """Give the masked worlds new seeds; the next layout they get is that of episode 0.
 
         Args:
-            seed: As in the class, or a uint64 Warp array of length nworld on the CompiledScene's device.
+            seed: As in the class, or a uint64 Warp array of length nworld on the device of the compiled scene.
             mask: Which worlds, shape (nworld,), bool; all if None.
         """
         if isinstance(seed, wp.array):
@@ -145,7 +145,7 @@ class LayoutGenerator:
         )
 
     def generate(self, mask: wp.array | None = None) -> None:
-        """Advance the masked worlds by one episode and make its layouts, into `layouts`.
+        """Advance the masked worlds by one episode and write their new layouts into `layouts`.
 
         A fixed sequence of launches without allocation or host synchronisation, so it can be part of a captured graph.
 
@@ -153,7 +153,7 @@ class LayoutGenerator:
             mask: Which worlds, shape (nworld,), bool; all if None.
 
         Raises:
-            MaskError: a mask of another length.
+            MaskError: A mask of the wrong length.
         """
         if mask is not None and mask.shape != (self.nworld,):
             raise MaskError(
@@ -191,9 +191,9 @@ class LayoutGenerator:
 
 
 def rejection_counts(layouts: Layouts) -> dict[str, dict[str, int]]:
-    """`Layouts.rejections` by name: object (in placement order), then cause in small letters.
+    """`Layouts.rejections` by name: object (in placement order), then cause in lower case.
 
-    Causes of reach are among them where anything is to be reachable.
+    Causes of failing to reach are included if there are reach targets.
     """
     counts = layouts.rejections.numpy()
     unused = {Cause.NONE, *(REACH_CAUSES if layouts.compiled.reaching is None else ())}
@@ -202,9 +202,9 @@ def rejection_counts(layouts: Layouts) -> dict[str, dict[str, int]]:
 
 
 def max_block_dim(compiled: CompiledScene) -> int:
-    """The most lanes, as a power of two, for which the stacks of the collision test have room whatever the poses.
+    """The most lanes, a power of two, for which the stacks of the collision test suffice whatever the poses.
 
-    A pass leaves at most one box pair behind for each lane and level of both trees.
+    A pass leaves behind at most one box pair for each lane and level of both trees.
     """
     lanes = min(NODE_CAPACITY[compiled.config.geometry] // (compiled.depth + 2), LEAF_CAPACITY // 2)
     return 1 << max(lanes.bit_length() - 1, 0)
@@ -222,10 +222,10 @@ def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
     """Seeds of `nworld` worlds, shape (nworld,), uint64: seed + i (modulo 2^64) for an int, else as given.
 
     Raises:
-        SeedError: see `LayoutGenerator`.
+        SeedError: See `LayoutGenerator`.
     """
     if isinstance(seed, bool | np.bool_):
-        raise SeedError(f"seed={seed} should be an integer from 0 to 2^64 - 1, not a truth value.")
+        raise SeedError(f"seed={seed} should be an integer from 0 to 2^64 - 1, not a boolean.")
     if isinstance(seed, int | np.integer):
         if not 0 <= int(seed) < 1 << 64:
             raise SeedError(f"seed={seed} should be an integer from 0 to 2^64 - 1.")

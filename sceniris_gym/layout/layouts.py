@@ -1,4 +1,4 @@
-"""The batch of layouts: what a reset writes, one row per world, and what is counted on the way."""
+"""`Layouts`: what a reset writes, one row per world, and what is counted along the way."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -18,11 +18,11 @@ class Status(IntEnum):
     """What a row holds."""
 
     NONE = 0
-    """Nothing yet, or (while a CompiledScene is being built) no valid layout was found."""
+    """Nothing yet, or (only while a scene is being compiled) no valid layout was found."""
     VALID = 1
     """A fresh layout that passed every test."""
     FALLBACK = 2
-    """Attempts and restarts ran out: an entry of the CompiledScene's bank of valid layouts."""
+    """Attempts and restarts ran out: a layout from the bank of valid ones in the CompiledScene."""
 
 
 @wp.struct
@@ -65,7 +65,7 @@ class LayoutsView:
 
 @dataclass(frozen=True)
 class Layouts:
-    """Layouts of `nworld` worlds: Warp arrays on the CompiledScene's device, of which only the content ever changes.
+    """Layouts of `nworld` worlds: Warp arrays on the device of the compiled scene, of which only the contents change.
 
     Attributes:
         compiled: The scene that the rows belong to.
@@ -78,12 +78,12 @@ class Layouts:
         status: A `Status` per world, shape (nworld,), int32.
         attempts: Candidates drawn for the row, all objects and restarts together, shape (nworld,), int32.
         first_pass_valid: 1 where no restart was needed, shape (nworld,), int32.
-        present: 1 where an object is there, 0 where its group left it out, shape (nworld, nslot), slots in the order of
-            `CompiledScene.slots`.
-        grasp: The accepted grasp of each object that is to be reachable, its place among the object's grasps in
-            `CompiledScene.reaching`; -1 where the object is absent; shape (nworld, nreach), objects in placement order.
-        grasp_qpos: The arm's joints [rad, m] in that grasp, shape (nworld, nreach, MAX_JOINTS); nan behind the arm's
-            joints, and everywhere where only the arm's map was asked.
+        present: 1 where an object is present, 0 where its group left it out, shape (nworld, nslot), slots in the order
+            of `CompiledScene.slots`.
+        grasp: The accepted grasp of each ReachTarget, as an index into its GraspSet in `CompiledScene.reaching`; -1
+            where the object is absent; shape (nworld, nreach), targets in placement order.
+        grasp_qpos: The arm's joints [rad, m] in that grasp, shape (nworld, nreach, MAX_JOINTS); nan beyond the arm's
+            joints, and everywhere if the arm's map alone decided.
         pregrasp_qpos: The same for the pre-grasp, shape (nworld, nreach, MAX_JOINTS); nan for tiers below `clear`.
         rejections: Running count of rejected candidates, shape (nobject, ncause), objects in placement order.
     """
@@ -93,7 +93,7 @@ class Layouts:
 
     @classmethod
     def create(cls, compiled: CompiledScene, nworld: int, *, rejected: int = 0) -> "Layouts":
-        """Room for `nworld` layouts, and for a record of the first `rejected` candidates that collided."""
+        """Allocate room for `nworld` layouts, and for a record of the first `rejected` candidates that collided."""
         device = compiled.device
         mjm = compiled.mjm
         nmocap = max(mjm.nmocap, 1)
@@ -146,7 +146,7 @@ class Layouts:
 
     @property
     def reaching(self) -> Reaching | None:
-        """What the arm is to reach, and by which grasps; None if it is nothing."""
+        """The arm, and its reach targets with their grasps; None if there are none."""
         return self.compiled.reaching
 
     @property

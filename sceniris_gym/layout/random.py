@@ -2,7 +2,7 @@
 
 Source: J. Salmon, M. Moraes, R. Dror, D. Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011.
 The key is a world's 64-bit seed. The counter is (episode, stream, trial, draw): a layout therefore does not depend on
-which worlds are reset beside it, in which order, or on how many lanes share the work.
+which other worlds are reset, in which order, or on how many lanes share the work.
 """
 
 import warp as wp

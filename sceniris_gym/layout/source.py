@@ -1,4 +1,4 @@
-"""`LayoutSource`: what a randomizer asks of that which makes its layouts."""
+"""`LayoutSource`: the interface through which a randomizer gets its layouts."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from sceniris_gym.layout.layouts import Layouts
 class LayoutSource(Protocol):
     """Makes the layouts of a batch of worlds: fresh ones (`LayoutGenerator`), or stored ones (`StoredLayouts`).
 
-    The two launches run on the device alone: no allocation, no host synchronisation, so that they can be part of a
-    captured graph. They check nothing; who calls them has.
+    The two launches run on the device alone, without allocation or host synchronisation, so that they can be part of a
+    captured graph. They check nothing; the caller does.
     """
 
     @property
     def layouts(self) -> Layouts:
-        """The latest layout of each world; the same arrays for ever."""
+        """The latest layout of each world, always in the same arrays."""
         ...
 
     def launch_reseed(self, seeds: wp.array, mask: wp.array | None) -> None:
@@ -31,7 +31,7 @@ class LayoutSource(Protocol):
         ...
 
     def launch_generate(self, mask: wp.array | None) -> None:
-        """Advance the masked worlds by one episode and put its layouts into `layouts`.
+        """Advance the masked worlds by one episode and write their new layouts into `layouts`.
 
         Args:
             mask: Which worlds, shape (nworld,), bool; all if None.

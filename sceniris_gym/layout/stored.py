@@ -1,4 +1,4 @@
-"""`StoredLayouts`: a source that serves stored layouts, for tests and for evaluation on a fixed set."""
+"""`StoredLayouts`: a layout source that serves stored layouts, for tests and for evaluation on a fixed set."""
 
 from collections.abc import Sequence
 
@@ -81,12 +81,12 @@ class StoredLayouts:
 
     Args:
         compiled: The scene that the layouts are of.
-        table: The layouts. Of states alone (`LayoutTable.from_states`) nothing is known of grasps.
+        table: The layouts. A table of states alone (`LayoutTable.from_states`) has no grasps.
         nworld: Number of worlds.
-        seed: World i has seed + i; a sequence of length nworld is taken as it is. 64-bit, not negative.
+        seed: World i gets seed + i; a sequence of length nworld is used as it is. 64-bit, not negative.
 
     Attributes:
-        layouts: The rows served last, status VALID once a world has got one.
+        layouts: The rows served last, with status VALID once a world has one.
 
     Raises:
         SeedError: A seed that is not a 64-bit integer, or a wrong number of them.
@@ -104,7 +104,7 @@ class StoredLayouts:
         self.reseed(seed)
 
     def reseed(self, seed: int | Sequence[int] | np.ndarray, mask: wp.array | None = None) -> None:
-        """Give the masked worlds (None: all) new seeds, as in the class; their next layouts are of episode 0."""
+        """Give the masked worlds (None: all) new seeds, as in the class; their next layouts are those of episode 0."""
         self.launch_reseed(wp.array(as_seeds(seed, self.layouts.nworld), dtype=wp.uint64, device=self.device), mask)
 
     def generate(self) -> None:
@@ -154,7 +154,7 @@ def _check_table(compiled: CompiledScene, table: LayoutTable) -> None:
         found = getattr(table, name).shape
         if len(table) == 0 or found[1:] != shape:
             raise ValueError(
-                f"StoredLayouts: table.{name} has shape {found} and should have shape {('nrow', *shape)} with one row "
+                f"StoredLayouts: table.{name} has shape {found}, but should have shape {('nrow', *shape)} with one row "
                 "or more. Store layouts of the same scene."
             )
 

@@ -1,4 +1,4 @@
-"""The CompiledScene: a scene with everything a reset needs on its device, pre-cached and frozen."""
+"""`CompiledScene`: a scene with everything that a reset needs on its device, precomputed and frozen."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sceniris_gym.program.plan import Plan, build_plan
 from sceniris_gym.program.reach import Reaching, build_reaching
 from sceniris_gym.scene.model import SceneModel
 
-# Lanes of a warp, the least that a GPU gives to a world.
+# Lanes of a warp, the fewest that a world gets on a GPU.
 _WARP = 32
 
 
@@ -31,11 +31,11 @@ class CompiledScene:
         placed: Names in placement order: objects whose pose or joints are drawn, and "robot" if its joints are.
         plan: The placement program on the host.
         program: The same on the device.
-        reaching: What the arm is to reach, None if it is nothing.
+        reaching: The arm and its reach targets, None if there are none.
         home_qpos: Start pose, shape (nq,).
-        home_place, home_bounds: Where each slot of `slots` stands at the start, as relations see it; see `Plan`.
+        home_place, home_bounds: Where each of `slots` is at the start, as relations see it; see `Plan`.
         home_xpos, home_xquat: Poses of all bodies at the start, shapes (nbody, 3) and (nbody, 4) wxyz.
-        depth: Levels of the deepest pair of box trees, which bounds the stack of the collision test.
+        depth: Levels of the two deepest box trees together, which bounds the stack of the collision test.
         keep: Device arrays and meshes that `program` points to.
     """
 
@@ -55,7 +55,7 @@ class CompiledScene:
 
     @property
     def config(self) -> SceneConfig:
-        """The scene as it was written."""
+        """The scene as written by the user."""
         return self.scene.config
 
     @property
@@ -65,15 +65,15 @@ class CompiledScene:
 
     @property
     def hash(self) -> str:
-        """Names the scene in layout ids."""
+        """Identifies the scene in layout ids."""
         return self.scene.hash
 
     def layout_id(self, seed: SupportsInt, episode: SupportsInt, split: str = "train") -> str:
-        """Return `scenehash:split:seed:episode`, which names a layout of this scene and which `replay` makes again.
+        """Return `scenehash:split:seed:episode`, the id of a layout of this scene, which `sceniris-gym replay` takes.
 
         Args:
             seed: 64 bits, as a number of any library; negative ones are read as two's complement.
-            episode: Number of resets before the one that made the layout, since the world got its seed.
+            episode: Number of resets before the one that made the layout, counted from when the world got its seed.
             split: "train" or "eval".
         """
         return f"{self.hash}:{split}:{int(seed) % 2**64}:{int(episode)}"
@@ -85,7 +85,7 @@ class CompiledScene:
 
     @property
     def slots(self) -> tuple[str, ...]:
-        """Columns of `Layouts.present`: all objects of the scene file in its order, then "robot" if there is one."""
+        """Columns of `Layouts.present`: all objects in the order of the scene file, then "robot" if there is one."""
         return self.plan.slots
 
     @property
@@ -100,7 +100,7 @@ class CompiledScene:
 
 
 def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
-    """Take a scene to a device. The CompiledScene's bank is empty; `layout.compile_scene` fills it."""
+    """Upload a scene to a device. The bank is still empty; `layout.compile.compile_scene` fills it."""
     plan = build_plan(scene)
     colliders = collect_colliders(plan.pieces, scene.config.geometry == "visual", device)
     lanes = _WARP if wp.get_device(device).is_cuda else 1

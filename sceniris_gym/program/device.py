@@ -1,7 +1,7 @@
 """What device code sees of a scene: flat arrays, the same for every world, never written after `compile_scene`.
 
 Poses are (pos [m], quat wxyz) of a frame in its parent's; angles are in radians. Ranges of a list are (adr, num) pairs
-as in MuJoCo. A *collider* is what is tested as a whole: all pieces of one body below one root of boxes, or one plane.
+as in MuJoCo. A *collider* is tested as a whole: all pieces of one body under one tree of boxes, or one plane.
 """
 
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ class ObjectKind(IntEnum):
 
 
 class Roof(IntEnum):
-    """What must be true above the drawn point: `in` takes either, `on` open sky, `inside` a cover."""
+    """What is required above the drawn point: `on` open space, `inside` a cover, `in` either."""
 
     EITHER = 0
     OPEN = 1
@@ -44,11 +44,11 @@ class Cause(IntEnum):
 
 
 REACH_CAUSES = (Cause.UNREACHABLE, Cause.NO_IK, Cause.BLOCKED)
-"""Why the arm does not get there: by its map, by its joints, or by what is in the way."""
+"""Causes of failing to reach: by the map, by inverse kinematics, or because something is in the way."""
 
 
 class RelationType(IntEnum):
-    """Shapes of regions that relations give."""
+    """Shapes of the regions that relations describe."""
 
     SECTOR = 0
     BETWEEN = 1
@@ -64,7 +64,7 @@ class OrientationType(IntEnum):
 
 
 class Measure(IntEnum):
-    """What of an object depends on what is drawn: nothing, its lowest point, or its bounds as well."""
+    """What is measured of an object once it is drawn: nothing, its lowest point, or its bounds as well."""
 
     NOTHING = 0
     LOWEST = 1
@@ -131,11 +131,11 @@ class Program:
     obj_roofnum: wp.array(dtype=int)
     obj_cutnum: wp.array(dtype=int)  # pieces that relations cut a triangle into; 0: the same region in every world
     obj_erosion: wp.array(dtype=float)  # distance from the outline, in shares of the drawn bounds' shorter edge
-    obj_insists: wp.array(dtype=int)  # 1: its own bounds or turn may open a region that was empty
+    obj_insists: wp.array(dtype=int)  # 1: redrawing its own bounds or turn may open a region that was empty
     obj_reladr: wp.array(dtype=int)
     obj_relnum: wp.array(dtype=int)
-    # Lists of pairs: behind those of objects come the robot against itself, then against all but each column of
-    # `Reach`, then its hand against the same.
+    # Lists of pairs: after those of objects come the robot against itself, then against all but each reach target
+    # of `Reach`, then its hand against the same.
     obj_pairadr: wp.array(dtype=int)
     obj_pairnum: wp.array(dtype=int)
     obj_startadr: wp.array(dtype=int)
@@ -171,7 +171,7 @@ class Program:
     group_slot: wp.array(dtype=int)
     group_low: wp.array(dtype=int)
     group_high: wp.array(dtype=int)
-    # Support regions, triangulated; `tri_cdf` is the share of the region's area up to and with a triangle.
+    # Support regions, triangulated; `tri_cdf` is the share of the region's area up to and including a triangle.
     tri_surface: wp.array(dtype=int)
     tri_a: wp.array(dtype=wp.vec2)
     tri_b: wp.array(dtype=wp.vec2)
@@ -223,7 +223,7 @@ class Program:
 
 
 def fill_struct(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], device: str) -> None:
-    """Set array fields of a struct's instance from numpy arrays, in the types that its fields are declared with."""
+    """Set array fields of a struct instance from numpy arrays, with the types that the struct declares."""
     for name, values in arrays.items():
         field = declared.vars[name].type
         values = np.ascontiguousarray(values)

@@ -1,7 +1,7 @@
-"""What device code sees of `reachable`: the arm, its map, and the grasps of the objects that it is asked to reach.
+"""What device code sees of `reachable`: the arm, its map, and the grasps of its reach targets.
 
-A *column* is one such object; columns are in placement order. Grasps are frames of the TCP, +z the approach axis and
-+y the closing axis, in the frame of one of the object's bodies.
+Reach targets are in placement order; each has its column in `Layouts.grasp`. Grasps are frames of the TCP, +z the
+approach axis and +y the closing axis, in the frame of one of the object's bodies.
 """
 
 import warp as wp
@@ -12,30 +12,30 @@ from sceniris_gym.reach.solve import ArmView
 
 @wp.struct
 class Reach:
-    """The arm of a scene and what it is to reach; never written after `compile_scene`."""
+    """The arm of a scene and its reach targets; never written after `compile_scene`."""
 
     base_body: int
     arm_qposadr: wp.array(dtype=int)  # of the joints of `arm`
     arm_body: wp.array(dtype=int)  # all bodies of the robot but its root, parents before children
-    hand_body: wp.array(dtype=int)  # those that the arm's last joint carries, its own first
+    hand_body: wp.array(dtype=int)  # those that the arm's last joint carries, the joint's own body first
     hand_pos: wp.vec3  # pose of that first one in the TCP's frame
     hand_quat: wp.vec4
-    mapped: int  # 0: there is no map, and placing lets all candidates through
+    mapped: int  # 0: there is no map, and placing accepts all candidates
     map: MapView
     arm: ArmView
-    # Of objects in placement order, and of the variants of `Program`:
-    obj_reach: wp.array(dtype=int)  # column, or -1
+    # For objects in placement order, and for the variants of `Program`:
+    obj_reach: wp.array(dtype=int)  # its reach target, or -1
     variant_graspadr: wp.array(dtype=int)
     variant_graspnum: wp.array(dtype=int)
-    # Of columns:
+    # For reach targets:
     reach_obj: wp.array(dtype=int)
     reach_slot: wp.array(dtype=int)
     reach_tier: wp.array(dtype=int)
-    reach_least: wp.array(dtype=int)  # the least Verdict of the map that placing lets through
-    reach_below: wp.array(dtype=int)  # 1: it stands on something, so grasps from below are not asked for
+    reach_least: wp.array(dtype=int)  # the lowest Verdict of the map that placing accepts
+    reach_below: wp.array(dtype=int)  # 1: it stands on something, so grasps from below are not tried
     reach_graspadr: wp.array(dtype=int)
     reach_graspnum: wp.array(dtype=int)
-    # Of grasps:
+    # For grasps:
     grasp_body: wp.array(dtype=int)
     grasp_pos: wp.array(dtype=wp.vec3)
     grasp_quat: wp.array(dtype=wp.vec4)
@@ -46,7 +46,7 @@ class Reach:
     grip_open: wp.array(dtype=float)
     gap_closed: float
     gap_open: float
-    # The bank of valid layouts, as in `Program`; rows by columns.
+    # The bank of valid layouts, as in `Program`; rows by reach targets.
     bank_grasp: wp.array2d(dtype=int)
     bank_grasp_qpos: wp.array3d(dtype=float)
     bank_pregrasp_qpos: wp.array3d(dtype=float)

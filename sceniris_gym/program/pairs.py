@@ -1,4 +1,4 @@
-"""Which colliders an object is kept apart from when it is placed, and by how much; and the same for a moving arm."""
+"""Which colliders an object is kept apart from when it is placed, and by how much; the same for an arm in a grasp."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[
                 for a, b in product(own, others)
                 if _may_meet(mjm, bodies[a], bodies[b])
             ]
-            if o.draws:
+            if o.joint_ranges:
                 pairs += _among(mjm, colliders, o.bodies, touching)
             standing.update(dict.fromkeys(o.bodies, clearance))
         result.append(_planes_last(pairs, colliders.plane))
@@ -58,7 +58,7 @@ def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[
 
 
 def arm_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[list[tuple[int, int, float]]]:
-    """Which colliders an arm in a grasp is kept apart from: no lists for a scene without anything to reach.
+    """Which colliders an arm in a grasp is kept apart from; no lists for a scene without reach targets.
 
     Args:
         scene: The scene.
@@ -66,9 +66,9 @@ def arm_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[list[
         colliders: Its colliders.
 
     Returns:
-        Lists as those of `collider_pairs`: of the robot against itself, as MuJoCo would report it; then for each object
-        that is to be reachable, in placement order, of the robot against all but that object and markers; then the same
-        of what the robot's last joint carries.
+        Lists like those of `collider_pairs`: the robot against itself, as MuJoCo would report it; then for each reach
+        target, in placement order, the robot against all but that object and markers; then the same for what the
+        robot's last joint carries.
     """
     targets = [o.name for o in plan.objects if o.config is not None and o.config.reachable]
     if not targets:
@@ -98,7 +98,7 @@ def first_nodes(
         c: All colliders.
         pairs: The pairs of one object.
         first: Number of the first of them among all pairs.
-        lanes: How many lanes share the work; with one the trees are best descended from their roots.
+        lanes: How many lanes share the work; a single one does best to start from the roots.
     """
     half, child = np.concatenate([*c.half, np.zeros((0, 3))]), np.concatenate([*c.child, np.zeros(0, int)])
     entries = [(first + i, c.root[a], c.root[b]) for i, (a, b, _) in enumerate(pairs)]
@@ -118,7 +118,7 @@ def first_nodes(
 def _among(
     mjm: mujoco.MjModel, colliders: Colliders, bodies: list[int], touching: set[frozenset[int]]
 ) -> list[tuple[int, int, float]]:
-    """Pairs within one object, but for neighbours and for what touches at home."""
+    """Pairs within one object, except neighbours and what touches at home."""
     own = [c for c, body in enumerate(colliders.body) if body in bodies]
     pairs = [(a, b, colliders.body[a], colliders.body[b]) for a, b in product(own, own) if a < b]
     return [
@@ -131,7 +131,7 @@ def _among(
 
 
 def _may_meet(mjm: mujoco.MjModel, a: int, b: int) -> bool:
-    """Whether two bodies may come to touch at all, and no `exclude` stands against it."""
+    """Whether two bodies can touch at all, and no `exclude` rules it out."""
     fixed = mjm.body_weldid[a] == 0 and mjm.body_weldid[b] == 0 and not _is_mocap(mjm, a) and not _is_mocap(mjm, b)
     excluded = (int(s) for s in mjm.exclude_signature)
     return not fixed and (min(a, b) << 16) + max(a, b) not in excluded
@@ -149,7 +149,7 @@ def _are_neighbours(mjm: mujoco.MjModel, a: int, b: int) -> bool:
 
 
 def _touching_at_home(scene: SceneModel, plan: Plan) -> set[frozenset[int]]:
-    """Pairs of bodies that the model itself starts in contact: those cannot be asked to keep apart."""
+    """Pairs of bodies that are in contact in the start pose of the model: those cannot be kept apart."""
     data = mujoco.MjData(scene.mjm)
     data.qpos[:] = plan.home.qpos
     mujoco.mj_kinematics(scene.mjm, data)
@@ -158,6 +158,6 @@ def _touching_at_home(scene: SceneModel, plan: Plan) -> set[frozenset[int]]:
 
 
 def _planes_last(pairs: list[tuple[int, int, float]], planes: list[int]) -> list[tuple[int, int, float]]:
-    """The same pairs as the collision test takes them, a plane only in the second place; two planes never meet."""
+    """The same pairs as the collision test takes them: a plane comes second, and two planes never meet."""
     turned = [(b, a, margin) if planes[a] >= 0 else (a, b, margin) for a, b, margin in pairs]
     return [p for p in turned if planes[p[0]] < 0]

@@ -1,4 +1,4 @@
-"""That absent members of groups have room where they are parked, and that nothing else gets there."""
+"""Checks that absent members of groups have room where they are parked, and that nothing else gets there."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sceniris_gym.program.plan import PlacedObject, Plan
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.parking import LEVEL, PARKING_FROM, PARKING_SPACING
 
-# Both coordinates [m] of what is nearer to the lattice than this are refused.
+# Objects that may get beyond this [m] in both x and y are too close to the parked ones.
 _NEAREST = PARKING_FROM - PARKING_SPACING
 
 
@@ -20,7 +20,7 @@ def check_parking(scene: SceneModel, plan: Plan) -> None:
     """Check that absent objects have room where they are parked, and that nothing else gets there.
 
     Raises:
-        SceneKeyError: an object that is too large to be parked, or something that may stand where others are.
+        SceneKeyError: An object is too large to be parked, or something may get to where objects are parked.
     """
     absent = {name for group in scene.config.groups.values() if not group.always_whole for name in group.of}
     if not absent:
@@ -42,7 +42,7 @@ def check_parking(scene: SceneModel, plan: Plan) -> None:
 
 
 def _check_room(scene: SceneModel, o: PlacedObject) -> None:
-    """Neighbours on the lattice must not touch."""
+    """Check that neighbours on the lattice cannot touch."""
     edge = float((o.variants[0].bounds[2:] - o.variants[0].bounds[:2]).max())
     if edge >= PARKING_SPACING:
         raise SceneKeyError(
@@ -69,7 +69,7 @@ def _corner(scene: SceneModel, plan: Plan, o: PlacedObject, corners: dict[str, n
     """How far [m] an object may reach to the right and to the back, wherever it is placed, in any joint state."""
     size = _size(scene, plan, o)
     if o.config is None or not o.config.is_placed:
-        return corners.get(o.name, np.full(2, -np.inf)) + (2.0 * size if o.draws else 0.0)
+        return corners.get(o.name, np.full(2, -np.inf)) + (2.0 * size if o.joint_ranges else 0.0)
     if o.config.support is None:
         assert o.config.region is not None
         assert o.config.region.box is not None
@@ -88,7 +88,7 @@ def _size(scene: SceneModel, plan: Plan, o: PlacedObject) -> float:
     own = [p for p in plan.pieces if p.body in o.bodies]
     if not own:
         return 0.0
-    drawn = {d.qposadr: max(abs(d.low), abs(d.high), *map(abs, d.choice), 0.0) for d in o.draws}
+    drawn = {d.qposadr: max(abs(d.low), abs(d.high), *map(abs, d.choice), 0.0) for d in o.joint_ranges}
     size = max(float(np.linalg.norm(np.maximum(*np.abs(p.bounds())))) for p in own)
     size += float(np.linalg.norm(mjm.body_pos[o.bodies[1:]], axis=1).sum())
     for joint in np.flatnonzero(np.isin(mjm.jnt_bodyid, o.bodies)):

@@ -1,6 +1,6 @@
-"""A scene becomes a placement program: who is placed when, where, and in which poses.
+"""The placement program on the host: which objects are placed in which order, where, and in which poses.
 
-The result is plain numpy; `arrays.py` flattens it into the fields of `device.Program`.
+The result is plain numpy; `pack.py` flattens it into the fields of `device.Program`.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class PlacedObject:
         stream: Its random stream, from its place in the scene file.
         kind: How its pose is written; STATIC for what only draws joint positions.
         bodies: Its bodies, the root first, parents before children.
-        draws: What is drawn for its joints.
+        joint_ranges: How its joints are drawn.
         footprint: What must lie on the support as a whole, with `ratio_on_support` 1: the hull of all pieces as one
             more piece; None for a single piece, or where joints are drawn, whose footprint is that of each piece.
         variants: Poses that its orientation is drawn from; empty for STATIC.
@@ -54,15 +54,15 @@ class PlacedObject:
         surfaces: Surfaces and regions that it may stand on, a list for each variant; for relations in space the box
             seen from above. Variants with the same regions share one list.
         erosion: How far its pivot keeps from their outlines, in shares of the shorter edge of the drawn bounds, where
-            that is not the same in all draws of a variant; else 0, and the regions have it.
-        config: Its words in the scene file; None for the robot.
+            that is not the same in all draws of a variant; else 0, as the regions are eroded already.
+        config: Its entry in the scene file; None for the robot.
     """
 
     name: str
     stream: int
     kind: ObjectKind
     bodies: list[int]
-    draws: list[JointRange]
+    joint_ranges: list[JointRange]
     footprint: Piece | None
     variants: list[Variant]
     ground: int | None
@@ -78,9 +78,9 @@ class Plan:
 
     Attributes:
         objects: In placement order.
-        pieces: All obstacles, sorted by body, planes before what is solid.
-        slots: Names as relations and groups find them: all objects as in the scene file, then the robot.
-        place: Where each of them stands at home: pivot [m] (of the robot its base) and heading [rad], shape (nslot, 4).
+        pieces: All obstacles, sorted by body, planes before solid pieces.
+        slots: Names as relations and groups find them: all objects in the order of the scene file, then the robot.
+        place: Where each of them is at home: pivot [m] (for the robot its base) and heading [rad], shape (nslot, 4).
         bounds: Their bounds around the pivot [m] in that heading: low x, low y, high x, high y, shape (nslot, 4).
         home: MjData at the start pose.
     """
@@ -94,10 +94,10 @@ class Plan:
 
 
 def placement_order(scene: SceneModel) -> list[str]:
-    """Names in the order of placement: what only draws joints, then what others refer to before them, as in the file.
+    """Names in the order of placement: what only draws joints, then the rest as in the file, references first.
 
     Raises:
-        CycleError: objects that refer to each other.
+        CycleError: Objects that refer to each other.
     """
     config = scene.config
     moving = [n for n, part in config.objects.items() if part.is_placed]
@@ -115,12 +115,12 @@ def placement_order(scene: SceneModel) -> list[str]:
 
 
 def build_plan(scene: SceneModel) -> Plan:
-    """Work out the whole program.
+    """Work out the placement program of a scene.
 
     Raises:
-        NoSupportError: a parent without any level surface.
-        ErodedSupportError: nothing is left of a support after its erosion and region.
-        MeshError, NotSupportedError: a geom that cannot be an obstacle, or a support that leans.
+        NoSupportError: A support without any level surface.
+        ErodedSupportError: Nothing is left of a support after its erosion and region.
+        MeshError, NotSupportedError: A geom that cannot be an obstacle, or a support that leans.
     """
     home = mujoco.MjData(scene.mjm)
     home.qpos[:] = scene.home_qpos
@@ -136,7 +136,7 @@ def build_plan(scene: SceneModel) -> Plan:
 
 
 def roof_rule(config: ObjectConfig | None) -> Roof:
-    """What must be above the point that an object is placed on."""
+    """What is required above the point that an object is placed on."""
     if config is None or config.support is None or config.support.parent == FLOOR:
         return Roof.EITHER
     return _ROOFS[config.support.word]
@@ -169,9 +169,9 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
     bodies = scene.subtree(name)
     quat = of_heading_zero(matrix(scene.mjm.body_quat[bodies[0]]))
     stream = 0 if config is None else 1 + list(scene.config.objects).index(name)
-    draws = _draws(scene, name)
+    drawn = _joint_ranges(scene, name)
     if config is None or not config.is_placed:
-        return PlacedObject(name, stream, ObjectKind.STATIC, bodies, draws, None, [], None, False, [], 0.0, config)
+        return PlacedObject(name, stream, ObjectKind.STATIC, bodies, drawn, None, [], None, False, [], 0.0, config)
     own = [p for p in pieces if p.body in bodies]
     if any(p.type == PieceType.PLANE for p in own):
         raise NotSupportedError(
@@ -180,7 +180,7 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
     shape = HomeShape(home, bodies[0], own)
     poses = _stable_poses(scene, name, own, home) if config.drawn_orientation.kind == "stable" else [(quat, 1.0)]
     variants = [shape.variant(*pose) for pose in poses]
-    moves = any(d.choice or not d.low == d.high == home.qpos[d.qposadr] for d in draws)
+    moves = any(d.choice or not d.low == d.high == home.qpos[d.qposadr] for d in drawn)
     varies = config.ratio_on_support > 0.0 and bool(own) and (moves or config.drawn_orientation.kind == "any")
     rigid = HomeShape(home, bodies[0], [p for p in own if p.body == bodies[0]]) if varies else shape
     if config.drawn_orientation.kind == "any":
@@ -193,8 +193,8 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
         stream=stream,
         kind=_KINDS[config.kind],
         bodies=bodies,
-        draws=draws,
-        footprint=shape.hull(bodies[0]) if len(own) > 1 and not draws and config.ratio_on_support == 1.0 else None,
+        joint_ranges=drawn,
+        footprint=shape.hull(bodies[0]) if len(own) > 1 and not drawn and config.ratio_on_support == 1.0 else None,
         variants=variants,
         ground=ground,
         tilts=ground is not None and _tilts(scene, config, ground),
@@ -218,11 +218,11 @@ def _stable_poses(
     return HomeShape(home, bodies[0], pieces).stable(where)
 
 
-def _draws(scene: SceneModel, name: str) -> list[JointRange]:
-    return [_draw(scene, joint, words) for joint, words in scene.joint_configs(name).items()]
+def _joint_ranges(scene: SceneModel, name: str) -> list[JointRange]:
+    return [_joint_range(scene, joint, words) for joint, words in scene.joint_configs(name).items()]
 
 
-def _draw(scene: SceneModel, joint: int, words: JointConfig) -> JointRange:
+def _joint_range(scene: SceneModel, joint: int, words: JointConfig) -> JointRange:
     mjm = scene.mjm
     adr = int(mjm.jnt_qposadr[joint])
     low, high = mjm.jnt_range[joint] if mjm.jnt_limited[joint] else (-np.inf, np.inf)

@@ -1,4 +1,4 @@
-"""What of a scene the arm is to reach: `reachable` on the host, and the arrays of `device_reach.Reach`."""
+"""The reach targets of a scene: `reachable` on the host, and the arrays of `device_reach.Reach`."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from sceniris_gym.scene.model import SceneModel
 
 @dataclass(frozen=True)
 class ReachTarget:
-    """An object that is to be reachable.
+    """An object that should be reachable.
 
     Attributes:
         name: The object.
-        number: Its place in placement order.
-        tier: How thoroughly.
-        grasp_set: By which grasps.
+        number: Its index in placement order.
+        tier: How thoroughly that is proven.
+        grasp_set: Its grasps.
     """
 
     name: str
@@ -45,13 +45,13 @@ class ReachTarget:
 
 @dataclass(frozen=True)
 class Reaching:
-    """All that a scene's arm is to reach.
+    """The arm of a scene and all its reach targets.
 
     Attributes:
         arm: The arm.
         gripper: Its gripper.
-        map: The arm's map, None where there is none.
-        targets: The objects, in placement order.
+        map: The arm's map, None if there is none.
+        targets: The reach targets, in placement order.
         view: The same as device code takes it.
     """
 
@@ -63,23 +63,23 @@ class Reaching:
 
     @property
     def staged(self) -> bool:
-        """Whether any tier is decided after placing."""
+        """Whether the tier of any target is decided after placing."""
         return not all(target.tier.needs_map for target in self.targets)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the objects, in the order of the columns of `Layouts.grasp`."""
+        """Names of the targets, in the order of the columns of `Layouts.grasp`."""
         return tuple(target.name for target in self.targets)
 
 
 def build_reaching(scene: SceneModel, plan: Plan, device: str) -> Reaching | None:
-    """Find the arm of a scene, its map and the grasps of all that it is to reach; None if that is nothing.
+    """Find the arm of a scene, its map and the grasps of its reach targets; None if there are no targets.
 
     Raises:
-        ArmError: the robot is not a serial arm.
-        UnknownNameError: it has no site `tcp`.
-        MapError: a tier needs the arm's map, and there is none, or one of another arm.
-        GraspError: an object that the gripper cannot take.
+        ArmError: The robot is not a serial arm.
+        UnknownNameError: The robot has no site `tcp`.
+        MapError: A tier needs the arm's map, but there is none, or only that of another arm.
+        GraspError: An object that the gripper cannot grasp.
     """
     wanted = [i for i, o in enumerate(plan.objects) if o.config is not None and o.config.reachable]
     if not wanted:
@@ -118,8 +118,8 @@ def robot_arm(scene: SceneModel) -> SerialArm:
     """The arm of a scene's robot: from its root body to its site `tcp`.
 
     Raises:
-        ArmError: that is no serial arm.
-        UnknownNameError: the robot has no site `tcp`.
+        ArmError: It is not a serial arm.
+        UnknownNameError: The robot has no site `tcp`.
     """
     robot = scene.config.robot
     assert robot is not None
@@ -143,7 +143,7 @@ def _load_map(arm: SerialArm, asset: str, where: str) -> ReachMap | None:
 
 
 def _tiers(scene: SceneModel, names: list[str], arm: SerialArm, reach_map: ReachMap | None) -> list[Tier]:
-    """The tiers that decide: what was asked for, or `ik` where the arm's map would not be right."""
+    """The tiers that decide: those asked for, or `ik` where the arm's map would not be right."""
     robot, where = scene.config.robot, scene.config.where
     assert robot is not None
     words = {name: scene.config.objects[name].reachable for name in names}
@@ -203,7 +203,7 @@ def _arrays(plan: Plan, targets: list[ReachTarget], gripper: Gripper) -> dict[st
 
 
 def _spans(objects: list[PlacedObject], targets: list[ReachTarget], adr: np.ndarray) -> list[np.ndarray]:
-    """(address, number) of the grasps of every variant of every object; none for what need not be reachable."""
+    """(address, number) of the grasps of every variant of every object; none for other objects than reach targets."""
     wanted = {t.number: (t.grasp_set.spans, int(first)) for t, first in zip(targets, adr, strict=True)}
     none = np.zeros(2, int)
     return [

@@ -1,1 +1,1 @@
-"""What an arm can reach: its kinematics, inverse kinematics, and maps that are built once and looked up in a reset."""
+"""What an arm can reach: forward and inverse kinematics, and maps that are built once and looked up at resets."""

@@ -17,7 +17,7 @@ from sceniris_gym.errors import ArmError, UnknownNameError
 TCP = "tcp"
 """Name of the site that is an asset's tool centre point."""
 MAX_JOINTS = 8
-"""Joints that an arm may have; device code keeps this many in registers."""
+"""Most joints that an arm may have; device code keeps this many in registers."""
 HOME = "home"
 """Name of the keyframe of the start pose."""
 
@@ -30,21 +30,22 @@ class SerialArm:
     """The kinematics of a serial arm, in its base body's frame. Joints are ordered from base to tip.
 
     The pose of the TCP at joints q is the product of `link[i]` and the motion of joint i for all i, and then `link[n]`.
-    A hinge turns by q - ref about its axis, a slide moves by q - ref along it. Joints behind the TCP's body, or on
-    branches such as fingers, are not part of the arm. What moves the base is not either: its pose is that of the world.
+    A hinge turns by q - ref about its axis, a slide moves by q - ref along it. Joints beyond the TCP's body, or on
+    branches such as fingers, are not part of the arm. Neither is what moves the base, whose pose may differ between
+    worlds.
 
     Attributes:
-        name: name of the base body.
-        base_body, tcp_site: their ids in the model.
-        joints: names of the n joints, "" for one without.
-        qposadr: their addresses in `qpos`, shape (n,).
-        slide: which of them are slides; the others are hinges, shape (n,), bool.
-        lower, upper: limits [rad, m], shape (n,). -inf and inf of a hinge without limits.
-        ref: joint positions in which the links are as given here (`qpos0`) [rad, m], shape (n,).
-        axis: unit axes through the origin of the joint's frame, in that frame, shape (n, 3).
-        link_pos, link_quat: transforms from the frame after joint i - 1 (of the base, for 0) to that of joint i, the
+        name: Name of the base body.
+        base_body, tcp_site: Their ids in the model.
+        joints: Names of the n joints, "" for a joint without a name.
+        qposadr: Their addresses in `qpos`, shape (n,).
+        slide: Which of them are slides; the others are hinges, shape (n,), bool.
+        lower, upper: Limits [rad, m], shape (n,). -inf and inf for a hinge without limits.
+        ref: Joint positions at which the links are as given here (`qpos0`) [rad, m], shape (n,).
+        axis: Unit axes through the origin of the joint's frame, in that frame, shape (n, 3).
+        link_pos, link_quat: Transforms from the frame after joint i - 1 (of the base, for 0) to that of joint i, the
             last one to the TCP; shapes (n + 1, 3) [m] and (n + 1, 4) as wxyz.
-        home: start pose: the keyframe 'home' if there is one, else `ref`; within limits [rad, m], shape (n,).
+        home: Start pose: the keyframe 'home' if there is one, else `ref`; within limits [rad, m], shape (n,).
     """
 
     name: str
@@ -66,8 +67,8 @@ class SerialArm:
         """Read the arm between the body `base` and the site `tcp`.
 
         Raises:
-            UnknownNameError: the model has no such body or site.
-            ArmError: what is between them is not a serial arm of 1 to MAX_JOINTS hinges and slides, or a slide has no
+            UnknownNameError: The model has no such body or site.
+            ArmError: What is between them is not a serial arm of 1 to MAX_JOINTS hinges and slides, or a slide has no
                 limits.
         """
         bodies = [mjm.body(i).name for i in range(mjm.nbody)]
@@ -104,7 +105,7 @@ class SerialArm:
 
     @cached_property
     def hash(self) -> str:
-        """Names the kinematics and limits, whatever names and start pose are: 16 hexadecimal digits.
+        """Identifies the kinematics and limits, regardless of names and start pose: 16 hexadecimal digits.
 
         Numbers are rounded to a millionth, so that an arm keeps its hash when its MJCF is attached to another one.
         """
@@ -120,12 +121,12 @@ class SerialArm:
 
     @property
     def vertical(self) -> bool:
-        """Is the first joint a hinge about the base's z axis or a parallel of it?"""
+        """Whether the first joint is a hinge about the base's z axis or a parallel to it."""
         return not self.slide[0] and self.tilt < _ANGLE_TOL
 
     @property
     def axis_xy(self) -> np.ndarray:
-        """Where the first joint's axis meets the base's plane z = 0 [m], shape (2,). Only if `vertical`."""
+        """Where the first joint's axis meets the base's plane z = 0 [m], shape (2,). Defined only if `vertical`."""
         along = _rotate(self.axis[0], self.link_quat[0])
         return (self.link_pos[0] - along * (self.link_pos[0, 2] / along[2]))[:2]
 
@@ -139,23 +140,23 @@ class SerialArm:
 
     @property
     def tcp_on_axis(self) -> bool:
-        """Is the last joint a hinge about the TCP's own z axis?"""
+        """Whether the last joint is a hinge about the TCP's own z axis."""
         length, angle = self.tcp_offset
         return not self.slide[-1] and length < _LENGTH_TOL and angle < _ANGLE_TOL
 
     @property
     def free_base(self) -> bool:
-        """Does the first joint make a full turn?"""
+        """Whether the first joint can make a full turn."""
         return self._turns_freely(0)
 
     @property
     def free_wrist(self) -> bool:
-        """Does the last joint make a full turn?"""
+        """Whether the last joint can make a full turn."""
         return self._turns_freely(-1)
 
     @property
     def no_map(self) -> str | None:
-        """Why reachability maps, which are symmetric about the base's z and the TCP's, do not fit; None if they do."""
+        """Why reachability maps, symmetric about the base's z and the TCP's z, do not apply; None if they do."""
         first, last = (f" '{name}'" if name else "" for name in (self.joints[0], self.joints[-1]))
         if self.slide[0]:
             return f"the first joint{first} is a slide, not a hinge about the vertical axis of '{self.name}'"
@@ -184,7 +185,7 @@ def _chain(mjm: mujoco.MjModel, base: int, tcp: int) -> tuple[list[int], np.ndar
     if body != base:
         raise ArmError(
             f"arm '{mjm.body(base).name}' is not serial: the site '{mjm.site(tcp).name}' is not on it or below it. "
-            f"Put the site into the hand: a body below '{mjm.body(base).name}'."
+            f"Put the site on the hand, a body below '{mjm.body(base).name}'."
         )
     none = np.array([1.0, 0.0, 0.0, 0.0])
     ids, links = [], []
@@ -203,10 +204,12 @@ def _check_joints(mjm: mujoco.MjModel, base: str, tcp: str, ids: list[int]) -> N
     """Raise ArmError for a number or kinds of joints that an arm cannot have."""
     if not ids:
         raise ArmError(
-            f"arm '{base}': no joint is between it and the site '{tcp}'. Put the site into a body that joints move."
+            f"arm '{base}': no joint is between it and the site '{tcp}'. The site should be on a body that joints move."
         )
     if len(ids) > MAX_JOINTS:
-        raise ArmError(f"arm '{base}' has {len(ids)} joints up to the site '{tcp}'; at most {MAX_JOINTS} are possible.")
+        raise ArmError(
+            f"arm '{base}' has {len(ids)} joints up to the site '{tcp}'; it should have at most {MAX_JOINTS}."
+        )
     for i in ids:
         kind = mujoco.mjtJoint(mjm.jnt_type[i])
         if kind not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
@@ -221,20 +224,20 @@ def _check_serial(mjm: mujoco.MjModel, base: str, base_body: int, ids: list[int]
     for i in _joints_of(mjm, base_body):
         if mujoco.mjtJoint(mjm.jnt_type[i]) != mujoco.mjtJoint.mjJNT_FREE:
             raise ArmError(
-                f"arm '{base}': {_joint_label(mjm, i)} moves the base itself. Move the joint into a body below "
-                f"'{base}', or put a body without joints around it all."
+                f"arm '{base}': {_joint_label(mjm, i)} moves the base itself. Move the joint to a body below "
+                f"'{base}', or wrap the whole arm in a body without joints."
             )
     for i in range(mjm.neq):
         if mjm.eq_active0[i] and _couples(mjm, i, base_body, ids):
             name = mjm.equality(i).name
             raise ArmError(
                 f"arm '{base}' is not serial: the equality constraint {repr(name) if name else i} couples its joints. "
-                "Remove the constraint, or leave the joints that it couples to branches beside the TCP's."
+                "Remove the constraint, or keep it to joints on branches other than the TCP's."
             )
 
 
 def _couples(mjm: mujoco.MjModel, eq: int, base: int, ids: list[int]) -> bool:
-    """Does a constraint bind joints of the arm to each other, or close a loop through them?"""
+    """Whether a constraint couples joints of the arm, or closes a loop through them."""
     first, second = int(mjm.eq_obj1id[eq]), int(mjm.eq_obj2id[eq])
     kind = mujoco.mjtEq(mjm.eq_type[eq])
     if kind == mujoco.mjtEq.mjEQ_JOINT:
@@ -248,7 +251,7 @@ def _couples(mjm: mujoco.MjModel, eq: int, base: int, ids: list[int]) -> bool:
 
 
 def _joints_above(mjm: mujoco.MjModel, body: int, base: int, ids: list[int]) -> int | None:
-    """How many of the arm's joints move a body; None for a body that moves without the arm."""
+    """The number of the arm's joints that move a body; None for a body that moves independently of the arm."""
     moved, free = 0, False
     while body not in (0, base):
         for joint in _joints_of(mjm, body):
@@ -265,7 +268,7 @@ def _joints_of(mjm: mujoco.MjModel, body: int) -> range:
 
 
 def _joint_label(mjm: mujoco.MjModel, i: int) -> str:
-    """A joint as errors name it: one without a name by its body."""
+    """A joint as errors name it: by its body if it has no name."""
     name = mjm.joint(i).name
     return f"joint '{name}'" if name else f"the unnamed joint of body '{mjm.body(mjm.jnt_bodyid[i]).name}'"
 

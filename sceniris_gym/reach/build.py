@@ -1,7 +1,8 @@
 """Building a reachability map: label corners by inverse kinematics, spread solutions to neighbours, find the surface.
 
-Two lattices are labelled in the same way: the grid over (z, u, tilt, v), and the poles' tables over (z, radius). The
-work is on the host in numpy but for the inverse kinematics, which runs in large batches on the device.
+Two kinds of lattice are labelled in the same way: the grid over (z, u, tilt, v), and the poles' tables over (z,
+radius). The work is done on the host in numpy, except for the inverse kinematics, which runs in large batches on the
+device.
 """
 
 from __future__ import annotations
@@ -24,10 +25,10 @@ from sceniris_gym.reach.solve import random_joints
 from sceniris_gym.reach.witnesses import gather_witnesses
 
 STEP = 0.025
-"""Step of the grid [m] where the map stays below 16 MB with it; the reach divided by 44 where it does not."""
+"""Step of the grid [m]; for a larger arm, the reach divided by 44, which keeps the map below 16 MB."""
 TILT_STEP = math.radians(2.5)
 STARTS = 64
-"""Random starts a corner: with a Panda, 200 reached no more corners than 64, and 16 one in 700 fewer."""
+"""Random starts per corner: for a Panda, 200 reached no more corners than 64, and 16 reached one in 700 fewer."""
 
 _STEPS_OF_REACH = 44
 _POLE_STEPS = 5  # steps of the poles' tables in a step of the grid
@@ -35,24 +36,24 @@ _NEAR_STARTS = 32  # more random starts for corners with a neighbour that is rea
 _EDGE_STARTS = 16  # random starts for points on an edge, besides the solution at its reached end
 _PASSES = 10
 _HALVINGS = 4  # of an edge that the surface crosses: its distance is known to 1/32 of a step
-_MOST_CORNERS = 2**29  # for addresses of 32 bits, and 16 GB of joints while a map is built
+_MOST_CORNERS = 2**29  # keeps addresses within 32 bits, and joints within 16 GB while a map is built
 _FULL = 255  # label of a corner that is reached in every turn
 _HALF = 128
 _FAR = 255  # distance of a corner with no edge that the surface crosses
 
 Progress = Callable[[str, int, int], None]
-"""Called with what is done now, how much of it is done, and how much there is."""
+"""Called with the current stage, how much of it is done, and how much there is in all."""
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """Corners of a regular grid in the coordinates of a map, those outside a ball being out of reach.
+    """Corners of a regular grid in the coordinates of a map; those outside a ball are out of reach.
 
     Attributes:
-        shape: corners along each axis: (z, u, tilt, v) of the grid, (z, radius) of a pole's table.
-        low, step: coordinates of the first corner and steps, as (z, tilt, u, v) [m, rad], shape (4,).
-        order: which of (z, tilt, u, v) the axes are.
-        height, radius: of the ball: centre on the first axis, and radius [m].
+        shape: Corners along each axis: (z, u, tilt, v) of the grid, (z, radius) of a pole's table.
+        low, step: Coordinates of the first corner and steps, as (z, tilt, u, v) [m, rad], shape (4,).
+        order: Which of (z, tilt, u, v) each axis is.
+        height, radius: Height of the ball's centre on the first axis, and radius [m].
     """
 
     shape: tuple[int, ...]
@@ -64,7 +65,7 @@ class Lattice:
 
     @property
     def strides(self) -> np.ndarray:
-        """By how much a corner's number grows along each axis."""
+        """How much a corner's number grows per step along each axis."""
         return np.cumprod([1, *self.shape[:0:-1]])[::-1]
 
     def coords(self, corner: np.ndarray) -> np.ndarray:
@@ -76,7 +77,7 @@ class Lattice:
 
     @cached_property
     def inside(self) -> np.ndarray:
-        """Numbers of the corners in the ball."""
+        """Numbers of the corners inside the ball."""
         squares = np.zeros(self.shape)
         for axis, (coordinate, n) in enumerate(zip(self.order, self.shape, strict=True)):
             if coordinate == 1:
@@ -87,7 +88,7 @@ class Lattice:
         return np.flatnonzero(squares.ravel() <= self.radius**2)
 
     def neighbours(self, corner: np.ndarray) -> np.ndarray:
-        """Return the numbers of both neighbours along each axis, or -1 outside of the lattice; shape (N, 2 * naxis)."""
+        """Return the numbers of both neighbours along each axis, or -1 outside the lattice; shape (N, 2 * naxis)."""
         found = []
         for index, n, stride in zip(np.unravel_index(corner, self.shape), self.shape, self.strides, strict=True):
             found += [np.where(index > 0, corner - stride, -1), np.where(index < n - 1, corner + stride, -1)]
@@ -98,9 +99,9 @@ class LabelledGrid:
     """Labels of a lattice's corners, and their distances from the surface that bounds what is reached.
 
     Attributes:
-        level: in how many of the turns a corner is reached, 0 for none to 255 for all, shape (N,), uint8.
-        distance: from the nearest crossing on an edge of the corner, in 1/32 of a step; 255 without, shape (N,), uint8.
-        joints: a solution of each corner that is reached, shape (N, njoint), float16.
+        level: In how many of the turns a corner is reached, 0 for none to 255 for all, shape (N,), uint8.
+        distance: To the nearest crossing on an edge of the corner, in 1/32 of a step; 255 without, shape (N,), uint8.
+        joints: A solution of each corner that is reached, shape (N, njoint), float16.
     """
 
     def __init__(self, name: str, lattice: Lattice, labeller: Labeller, njoint: int, batch: int) -> None:
@@ -111,7 +112,7 @@ class LabelledGrid:
         self.joints = np.zeros((n, njoint), np.float16)
 
     def solve(self, checkpoint: Checkpoint, progress: Progress) -> None:
-        """Do all that is left to do according to the checkpoint."""
+        """Do everything that is left to do according to the checkpoint."""
         arrays = {f"{self.name}_{key}": getattr(self, key) for key in ("level", "distance", "joints")}
         for stage in (self._label, self._spread, self._bisect):
             task = f"{self.name}{stage.__name__}"
@@ -120,7 +121,7 @@ class LabelledGrid:
                 checkpoint.leave(task)
 
     def _label(self, checkpoint: Checkpoint, progress: Progress) -> None:
-        """Solve every corner in the ball from random starts."""
+        """Solve every corner inside the ball from random starts."""
         inside = self.lattice.inside
         for at in range(checkpoint.done, len(inside), self._batch):
             corner = inside[at : at + self._batch]
@@ -129,7 +130,7 @@ class LabelledGrid:
             checkpoint.reached(at + self._batch)
 
     def _spread(self, checkpoint: Checkpoint, progress: Progress) -> None:
-        """Solve corners again from solutions of neighbours that are reached in more turns, until nothing changes."""
+        """Solve corners again, from solutions of neighbours that are reached in more turns, until nothing changes."""
         shape = self.lattice.shape
         changed = self.level > 0
         for turn in range(_PASSES):
@@ -150,7 +151,7 @@ class LabelledGrid:
                 break
 
     def _bisect(self, checkpoint: Checkpoint, progress: Progress) -> None:
-        """Find where the surface crosses edges, by halving."""
+        """Find where the surface crosses edges, by bisection."""
         half = (self.level >= _HALF).reshape(self.lattice.shape)
         for axis, stride in enumerate(self.lattice.strides):
             along = np.moveaxis(half, axis, 0)
@@ -166,7 +167,7 @@ class LabelledGrid:
                 progress(what, min(at + self._batch, len(edges)), len(edges))
 
     def _crossing(self, low: np.ndarray, high: np.ndarray, coordinate: int) -> np.ndarray:
-        """Where the surface crosses edges from `low` to `high`, as a share of the way, shape (N,)."""
+        """Where the surface crosses edges from `low` to `high`, as a fraction of their length, shape (N,)."""
         reached = self.level[low] >= _HALF
         warm = np.where(reached[:, None], self.joints[low], self.joints[high]).astype(np.float32)
         start = self.lattice.coords(low)
@@ -182,7 +183,7 @@ class LabelledGrid:
         return 0.5 * (lower + upper)
 
     def _raise(self, corner: np.ndarray, count: np.ndarray, joints: np.ndarray) -> np.ndarray:
-        """Take better labels and their joints over; return the corners that have them."""
+        """Take over better labels and their joints; return the corners that improved."""
         level = np.where(count == 0, 0, np.maximum(1, count * _FULL // ALL_TURNS)).astype(np.uint8)
         better = level > self.level[corner]
         risen = corner[better]
@@ -196,7 +197,7 @@ class LabelledGrid:
         return np.where(there[..., None], self.joints[corner], np.float16(np.nan)).astype(np.float32)
 
     def codes(self) -> np.ndarray:
-        """Return the codes of all corners, in the lattice's shape, uint8; map.CODE_VALUES says what they mean."""
+        """Return the codes of all corners in the shape of the lattice, uint8; see map.CODE_VALUES."""
         return _CODES[self.level, self.distance].reshape(self.lattice.shape)
 
 
@@ -225,17 +226,17 @@ def build_map(
     """Build the reachability map of an arm.
 
     Args:
-        arm: Its first axis is vertical, and its TCP is on the last one.
+        arm: The arm; its first axis is vertical, and its TCP lies on the last one.
         device: Warp's name of the device. A full map takes 5 to 13 s on an NVIDIA H200, and hours on a CPU core.
-        step: Of the grid along z, u and v [m]; by default STEP, or more for an arm of more than 1.1 m of reach.
-        tilt_step: Of the grid [rad], rounded so that it divides a half turn.
-        seed: Of the random starts.
-        state: File in which to keep what is done, now and then; a build that finds its own there goes on with it.
-        progress: Called now and then.
+        step: Step of the grid along z, u and v [m]; by default STEP, or more for an arm with a reach above 1.1 m.
+        tilt_step: Step of the grid [rad], rounded so that it divides a half turn.
+        seed: Seed of the random starts.
+        state: File in which progress is saved now and then; a build that finds its own state there resumes.
+        progress: Called now and then, see `Progress`.
 
     Raises:
-        ArmError: there is no map of such an arm; the message says why.
-        MapError: `state` is there, but is that of another build; or the steps are none, or too small.
+        ArmError: There can be no map of such an arm; the message says why.
+        MapError: `state` belongs to a different build; or a step is not positive, or too small.
     """
     if arm.no_map is not None:
         raise ArmError(f"{arm.name} can have no reachability map: {arm.no_map}. Use `reachable: ik` with it.")
@@ -246,8 +247,8 @@ def build_map(
     grid, poles = lattices(height, radius, step, tilt_step)
     if math.prod(grid.shape) > _MOST_CORNERS:
         raise MapError(
-            f"map of {arm.name}: a grid of {' x '.join(map(str, grid.shape))} corners is too large: at most "
-            f"{_MOST_CORNERS:g}. Take larger steps than {step:g} m and {math.degrees(tilt_step):g} degrees."
+            f"map of {arm.name}: a grid of {' x '.join(map(str, grid.shape))} corners is too large; it should have at "
+            f"most {_MOST_CORNERS:g}. Use larger steps than {step:g} m and {math.degrees(tilt_step):g} degrees."
         )
     labeller = Labeller(arm, device, starts=STARTS + _NEAR_STARTS, seed=seed)
     batch = 1 << (18 if device.startswith("cuda") else 12)
@@ -299,9 +300,9 @@ def lattices(height: float, radius: float, step: float, tilt_step: float) -> tup
 
 
 def reach_ball(arm: SerialArm, device: str, seed: int = 0, num: int = 4096) -> tuple[float, float]:
-    """Height [m] on the first axis, where the second joint is, and the largest distance [m] of the TCP from there.
+    """Height [m] of the second joint, taken on the first axis, and the largest distance [m] of the TCP from there.
 
-    The farthest of many random poses are improved by small random changes; 1 cm is added to what is found.
+    The farthest of many random poses are improved by small random changes; 1 cm is added to the result.
     """
     height = float(arm.link_pos[0, 2] + rotate(arm.link_pos[1], arm.link_quat[0])[2])
     centre = np.array([*arm.axis_xy, height])
@@ -320,7 +321,7 @@ def reach_ball(arm: SerialArm, device: str, seed: int = 0, num: int = 4096) -> t
 
 
 def pack_rows(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Keep of the codes, shape (nz, nu, ntilt, nv), what is between the first and last that are not 0 in each row.
+    """Keep each row of codes, shape (nz, nu, ntilt, nv), from one before the first to one after the last that is not 0.
 
     Returns:
         Rows and words as in ReachMap.
@@ -338,9 +339,9 @@ def pack_rows(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def turn_error(surface: LabelledGrid) -> float:
-    """Share of the reachable poses at which the majority of turns decides wrong, as far as corners show it.
+    """Share of the reachable poses for which the majority of turns gives the wrong answer, estimated at the corners.
 
-    A corner of a pole's table counts by its radius, as the ring does on which its poses are.
+    Corners of a pole's table are weighted by radius, like the rings on which their poses lie.
     """
     share = surface.level.reshape(surface.lattice.shape) / _FULL
     weight = np.arange(share.shape[1]) if share.ndim == 2 else 1.0

@@ -1,4 +1,4 @@
-"""What a long build has done so far, in a file, so that it can be stopped and go on."""
+"""The progress of a long build, saved in a file so that it can be stopped and resumed."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class Checkpoint:
     """The progress of a build as a sequence of tasks, each with arrays that it fills.
 
     Args:
-        path: The file; None keeps nothing.
-        build: Names the build; a file of another one is refused.
+        path: The file; None saves nothing.
+        build: Identifies the build; a file of a different one is refused.
 
     Raises:
-        MapError: the file is that of another build, or is none.
+        MapError: The file belongs to a different build, or is not a checkpoint.
     """
 
     def __init__(self, path: Path | None, build: str) -> None:
@@ -37,9 +37,9 @@ class Checkpoint:
             self._read(path)
 
     def enter(self, task: str, arrays: Mapping[str, np.ndarray]) -> bool:
-        """Begin a task: put what was stored into its arrays, and say whether it is still to be done.
+        """Begin a task: restore its arrays, and return whether anything is left to do.
 
-        `done` then tells how far it had come.
+        `done` then says how far it had got.
         """
         for name, array in arrays.items():
             if name in self._stored:
@@ -52,7 +52,7 @@ class Checkpoint:
         return True
 
     def reached(self, done: int) -> None:
-        """Note how far the task has come, and write that down if the last time was long ago."""
+        """Record how far the task has got, and save it if the last save was long ago."""
         self.done = done
         if time.monotonic() - self._written > _SECONDS:
             self._write()
@@ -81,14 +81,14 @@ class Checkpoint:
         self._written = time.monotonic()
 
     def _read(self, path: Path) -> None:
-        again = "Remove the file to begin again."
+        again = "Remove the file to start over."
         try:
             with np.load(path, allow_pickle=False) as stored:
                 held = {name: stored[name] for name in stored.files}
             build, finished, task, done = (held.pop(name) for name in ("build", "finished", "task", "done"))
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-            raise MapError(f"{path}: not the state of a build ({error}). {again}") from error
+            raise MapError(f"{path}: this is not the saved state of a build ({error}). {again}") from error
         if str(build) != self._build:
-            raise MapError(f"{path}: the state of another build: another arm, other steps or another seed. {again}")
+            raise MapError(f"{path}: the state of a different build, with another arm, step or seed. {again}")
         self._finished, self._task, self.done = set(str(finished).split()), str(task), int(done)
         self._stored = held

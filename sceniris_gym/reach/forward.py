@@ -1,4 +1,4 @@
-"""Forward kinematics of many joint positions at once, on the device."""
+"""Batched forward kinematics on the device."""
 
 import numpy as np
 import warp as wp
@@ -11,17 +11,19 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.kernel
-def _forward(
+def _tcp_axes(
+    # Arm:
     arm: ArmView,
+    # In:
     joints: wp.array(dtype=vec8),
     # Out:
-    pos: wp.array(dtype=wp.vec3),
-    approach: wp.array(dtype=wp.vec3),
+    pos_out: wp.array(dtype=wp.vec3),
+    approach_out: wp.array(dtype=wp.vec3),
 ):
-    i = wp.tid()
-    p, q = forward(arm, joints[i])
-    pos[i] = p
-    approach[i] = z_axis(q)
+    poseid = wp.tid()
+    pos, quat = forward(arm, joints[poseid])
+    pos_out[poseid] = pos
+    approach_out[poseid] = z_axis(quat)
 
 
 def tcp_axes(arm: SerialArm, joints: np.ndarray, device: str) -> tuple[np.ndarray, np.ndarray]:
@@ -29,5 +31,5 @@ def tcp_axes(arm: SerialArm, joints: np.ndarray, device: str) -> tuple[np.ndarra
     with wp.ScopedDevice(device):
         pos, approach = wp.zeros(len(joints), dtype=wp.vec3), wp.zeros(len(joints), dtype=wp.vec3)
         q = wp.array(as_vec8(joints), dtype=vec8)
-        wp.launch(_forward, dim=len(joints), inputs=[arm_view(arm, device), q], outputs=[pos, approach])
+        wp.launch(_tcp_axes, dim=len(joints), inputs=[arm_view(arm, device), q], outputs=[pos, approach])
         return pos.numpy(), approach.numpy()

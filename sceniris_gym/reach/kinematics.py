@@ -1,7 +1,7 @@
-"""Forward and inverse kinematics in torch, for building maps and for tests. What runs in a reset is Warp.
+"""Forward and inverse kinematics in torch, a reference for tests. Resets and maps use those in Warp, in solve.py.
 
-The chain is one of pytorch-kinematics, made from an Arm. Its own reader of MJCF does not do: it fails on joints under
-MuJoCo 4, knows one joint a body, and gives hinges without limits the range (0, 0).
+The chain is one of pytorch-kinematics, made from a SerialArm. Its own MJCF reader cannot be used: it fails on joints
+under MuJoCo 4, supports one joint per body, and gives hinges without limits the range (0, 0).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Chain:
     Args:
         arm: The arm.
         device: Torch's name of the device.
-        dtype: Of all that is computed.
+        dtype: Type of all tensors.
     """
 
     def __init__(self, arm: SerialArm, device: str = "cpu", dtype: torch.dtype = torch.float64) -> None:
@@ -42,7 +42,7 @@ class Chain:
         """Return poses of the TCP in the base frame, shape (N, 4, 4), at joints of shape (N, n) [rad, m].
 
         Raises:
-            ValueError: `q` has another shape.
+            ValueError: `q` has the wrong shape.
         """
         return self.serial.forward_kinematics_tensor(self._joints("q", q) - self._ref)[-1]
 
@@ -57,25 +57,25 @@ class Chain:
         """Find joints for TCP poses by damped least squares within limits, one start after the other.
 
         Args:
-            poses: Of the TCP in the base frame, shape (N, 4, 4).
-            seeds: Joints to start from, tried in this order for every pose, shape (K, n). None draws them.
+            poses: TCP poses in the base frame, shape (N, 4, 4).
+            seeds: Joints to start from, tried in this order for every pose, shape (K, n). If None, they are drawn.
             restarts: How many starts to draw, uniformly within limits (-pi to pi where a hinge has none).
             iterations: Steps from each start.
-            seed: Of the draws.
+            seed: Seed of the draws.
 
         Returns:
             Joints [rad, m], shape (N, n), within limits: a solution, or the closest joints that were found; and whether
             their TCP is within POS_TOL and ROT_TOL of the pose, shape (N,), bool.
 
         Raises:
-            ValueError: `poses` or `seeds` have another shape, or there is no start at all.
+            ValueError: `poses` or `seeds` have the wrong shape, or there are no starts.
         """
         poses = self._tensor(poses)
         if poses.ndim != 3 or poses.shape[1:] != (4, 4):
             raise ValueError(f"ik: poses have shape {tuple(poses.shape)}, but should have (N, 4, 4).")
         starts = self.random_joints(restarts, seed) if seeds is None else self._joints("seeds", seeds)
         if not len(starts):
-            raise ValueError("ik: no joints to start from. Give seeds, or restarts of at least 1.")
+            raise ValueError("ik: there are no joints to start from; give seeds, or restarts should be at least 1.")
         best = self._within(starts[:1]).repeat(len(poses), 1)
         error = torch.full((len(poses),), torch.inf, dtype=self.dtype, device=self.device)
         ok = torch.zeros(len(poses), dtype=torch.bool, device=self.device)
@@ -129,12 +129,12 @@ class Chain:
         return lower + self._tensor(draws) * (upper - lower)
 
     def _within(self, q: torch.Tensor) -> torch.Tensor:
-        """Clamp joints to limits, and turn hinges without limits back to [-pi, pi]."""
+        """Clamp joints to limits, and wrap hinges without limits to [-pi, pi]."""
         turns = torch.where(torch.isfinite(self.lower) | self._slide, 0.0, torch.round(q / (2.0 * torch.pi)))
         return torch.clamp(q - 2.0 * torch.pi * turns, self.lower, self.upper)
 
     def _joints(self, name: str, values: torch.Tensor | np.ndarray) -> torch.Tensor:
-        """Joints given by the user."""
+        """Joints from the user, with their shape checked."""
         q, n = self._tensor(values), len(self.lower)
         if q.ndim != 2 or q.shape[1] != n:
             raise ValueError(f"{name} has shape {tuple(q.shape)}, but should have (N, {n}) for '{self.arm.name}'.")

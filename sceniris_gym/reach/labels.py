@@ -1,8 +1,8 @@
 """Labels of a reachability map: in how many turns of base and wrist an arm reaches a pose.
 
-A solution of one pose gives those of all poses that are turned about the first axis or the approach axis, as far as the
-limits of first and last joint allow. So each pose is solved with these two joints free, and each solution found marks
-the turns that it covers.
+A solution of one pose also solves the poses that are turned about the first axis or the approach axis, as far as the
+limits of the first and last joint allow. So each pose is solved with these two joints free, and each solution marks the
+turns that it covers.
 """
 
 import math
@@ -18,7 +18,7 @@ from sceniris_gym.reach.solve import ITERATIONS, ArmView, arm_view, as_vec8, ref
 wp.set_module_options({"enable_backward": False})
 
 TURNS = 16
-"""Turns of the base, and for each as many of the wrist, that a label counts."""
+"""Turns of the base that a label counts, and for each as many turns of the wrist."""
 ALL_TURNS = TURNS * TURNS
 _STEP = wp.constant(2.0 * math.pi / TURNS)
 _ALL = wp.constant(wp.uint64(0xFFFF))
@@ -44,12 +44,40 @@ def _ones(bits: wp.uint64) -> int:
     return count
 
 
+@wp.func
+def _count(marks: _vec4l) -> int:
+    return _ones(marks[0]) + _ones(marks[1]) + _ones(marks[2]) + _ones(marks[3])
+
+
+@wp.func
+def _with_turns(marks: _vec4l, bases: wp.uint64, wrists: wp.uint64) -> _vec4l:
+    """The marks, 16 bits for each turn of the base, with every pair of these turns of base and wrist added."""
+    for i in range(4):
+        word = marks[i]
+        for j in range(4):
+            if ((bases >> wp.uint64(4 * i + j)) & wp.uint64(1)) != wp.uint64(0):
+                word = word | (wrists << wp.uint64(16 * j))
+        marks[i] = word
+    return marks
+
+
+@wp.func
+def _last_joint(q: vec8, njoint: int) -> float:
+    last = float(0.0)
+    for j in range(8):
+        if j == njoint - 1:
+            last = q[j]
+    return last
+
+
 @wp.kernel
 def _label(
+    # Arm:
     arm: ArmView,
     base: JointTurn,
     wrist: JointTurn,
     axis_xy: wp.vec2,
+    # In:
     coords: wp.array(dtype=wp.vec4),
     warm: wp.array2d(dtype=vec8),
     starts: wp.array(dtype=vec8),
@@ -57,59 +85,45 @@ def _label(
     pos_tol: float,
     rot_tol: float,
     # Out:
-    count: wp.array(dtype=int),
-    joints: wp.array(dtype=vec8),
+    count_out: wp.array(dtype=int),
+    joints_out: wp.array(dtype=vec8),
 ):
-    i = wp.tid()
-    c = coords[i]  # z, tilt, u, v
+    poseid = wp.tid()
+    c = coords[poseid]  # z, tilt, u, v
     pos = wp.vec3(axis_xy[0] + c[2], axis_xy[1] + c[3], c[0])
     quat = wp.vec4(wp.cos(0.5 * c[1]), 0.0, wp.sin(0.5 * c[1]), 0.0)
     marks = _vec4l()
     total = int(0)
     found = vec8()
     nwarm = warm.shape[1]
-    k = int(0)
-    while k < nwarm + starts.shape[0]:
-        q0 = starts[wp.max(k - nwarm, 0)]
-        if k < nwarm:
-            q0 = warm[i, k]
+    start = int(0)
+    while start < nwarm + starts.shape[0] and total < ALL_TURNS:
+        q0 = starts[wp.max(start - nwarm, 0)]
+        if start < nwarm:
+            q0 = warm[poseid, start]
         if q0[0] == q0[0]:  # NaN: no start
             result = refine(arm, pos, quat, q0, iterations)
             if result.pos_err < pos_tol and result.rot_err < rot_tol:
-                last = float(0.0)
-                for j in range(8):
-                    if j == arm.njoint - 1:
-                        last = result.q[j]
-                rolls = _covered(wrist, last)
-                bases = _covered(base, result.q[0])
-                count_now = int(0)
-                for w in range(4):
-                    word = marks[w]
-                    for b in range(4):
-                        if ((bases >> wp.uint64(4 * w + b)) & wp.uint64(1)) != wp.uint64(0):
-                            word = word | (rolls << wp.uint64(16 * b))
-                    marks[w] = word
-                    count_now += _ones(word)
-                if count_now > total:
-                    total = count_now
+                wrists = _covered(wrist, _last_joint(result.q, arm.njoint))
+                marks = _with_turns(marks, _covered(base, result.q[0]), wrists)
+                if _count(marks) > total:
+                    total = _count(marks)
                     found = result.q
-                if total == 256:
-                    k = nwarm + starts.shape[0]
-        k += 1
-    count[i] = total
-    joints[i] = found
+        start += 1
+    count_out[poseid] = total
+    joints_out[poseid] = found
 
 
 class Labeller:
     """Labels canonical poses of an arm by inverse kinematics.
 
     Args:
-        arm: With a vertical first axis and the TCP on the last one.
+        arm: The arm, with a vertical first axis and the TCP on the last one.
         device: Warp's name of the device.
         starts: How many random starts each pose gets.
-        seed: Of the starts.
-        iterations: Steps from each.
-        pos_tol, rot_tol: What counts as reached [m, rad].
+        seed: Seed of the starts.
+        iterations: Steps from each start.
+        pos_tol, rot_tol: Errors up to which a pose counts as reached [m, rad].
     """
 
     def __init__(
@@ -177,13 +191,13 @@ class Labeller:
 
 
 def base_turn(arm: SerialArm) -> JointTurn:
-    """The first joint as a Turn: its sign is positive if its axis points up."""
+    """The first joint as a JointTurn: its sign is positive if its axis points up."""
     along = rotate(arm.axis[0], arm.link_quat[0])
     return _turn(arm, 0, along[2])
 
 
 def wrist_turn(arm: SerialArm) -> JointTurn:
-    """The last joint as a Turn: its sign is positive if its axis is that of the approach."""
+    """The last joint as a JointTurn: its sign is positive if its axis is that of the approach."""
     approach = rotate(np.array([0.0, 0.0, 1.0]), arm.link_quat[-1])
     return _turn(arm, len(arm.joints) - 1, float(approach @ arm.axis[-1]))
 

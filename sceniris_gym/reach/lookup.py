@@ -1,7 +1,7 @@
-"""Looking a TCP pose up in a reachability map, on the device.
+"""Looking up a TCP pose in a reachability map, on the device.
 
 A reachability verdict of an arm whose first axis is vertical and whose last joint turns about the approach axis does
-not change when the target turns about the first axis or about its own approach axis. Four coordinates are left of six
+not change when the target turns about the first axis or about its own approach axis. Of six coordinates, four remain
 (M. Rudorfer, "RM4D: A Combined Reachability and Inverse Reachability Map for Common 6-/7-axis Robot Arms by
 Dimensionality Reduction to 4D", 2024): height, tilt of the approach axis, and the planar position in the frame in which
 the approach axis points along +x.
@@ -27,17 +27,17 @@ _POLE_SINE = wp.constant(math.sin(POLE_TILT))
 # Codes of corners, four bits each; the label of a corner is how many of its turns are reached, and its distance is that
 # from the nearest change of the label along the grid's axes, as far as it is seen: see CODE_VALUES in map.py.
 MOST_NEVER = wp.constant(5)
-"""Codes up to this one are of corners that are reached in no turn of base and wrist."""
+"""Codes up to this one are for corners that are reached in no turn of base and wrist."""
 LEAST_ALWAYS = wp.constant(10)
-"""Codes from this one on are of corners that are reached in every turn."""
+"""Codes from this one on are for corners that are reached in every turn."""
 
 vec8h = wp.types.vector(length=MAX_JOINTS, dtype=wp.float16)
-"""Joint positions as witnesses keep them."""
+"""Joint positions of a witness, in half precision."""
 
 
 @wp.struct
 class JointTurn:
-    """The first or last joint of an arm: `q = angle * sign` plus any full turns has to be within limits [rad]."""
+    """The first or last joint of an arm: `q = angle * sign`, up to full turns, with limits [rad]."""
 
     lower: float
     upper: float
@@ -48,9 +48,9 @@ class JointTurn:
 class MapView:
     """A reachability map as device code takes it.
 
-    Corners stand in rows along v, one for each (z, u), tilt by tilt. Corner (iz, it, iu, iv) is number
+    Corners are stored in rows along v, one for each (z, u), tilt by tilt. Corner (iz, it, iu, iv) is number
     `row[0] + it * row[2] + iv - row[1]` of the codes; `row = rows[iz * nu + iu]` holds (address, first iv, length).
-    A row begins and ends with a corner that is never reached; so is everything outside of the rows.
+    A row begins and ends with a corner that is never reached; nothing outside the rows is reached either.
     """
 
     axis_x: float  # where the first axis meets z = 0 [m]
@@ -249,13 +249,19 @@ def witness(view: MapView, pos: wp.vec3, quat: wp.vec4, k: int) -> vec8:
 
 
 @wp.kernel
-def look_up(
+def _look_up(
+    # Map:
     view: MapView,
+    # In:
     pos: wp.array(dtype=wp.vec3),
     approach: wp.array(dtype=wp.vec3),
     # Out:
-    verdict: wp.array(dtype=wp.uint8),
+    verdict_out: wp.array(dtype=wp.uint8),
 ):
-    """One lane a pose."""
-    i = wp.tid()
-    verdict[i] = wp.uint8(map_verdict(view, pos[i], approach[i]))
+    poseid = wp.tid()
+    verdict_out[poseid] = wp.uint8(map_verdict(view, pos[poseid], approach[poseid]))
+
+
+def look_up(view: MapView, pos: wp.array, approach: wp.array, verdict_out: wp.array) -> None:
+    """Fill `verdict_out` (N,) uint8 with a `Verdict` for each TCP position [m] and unit approach axis, base frame."""
+    wp.launch(_look_up, dim=pos.shape[0], inputs=[view, pos, approach], outputs=[verdict_out], device=pos.device)

@@ -1,9 +1,9 @@
 """Reachability maps: what an arm reaches with its TCP, looked up on the device in four coordinates.
 
 A map is kinematic: within joint limits, without self collision and without a scene. Corners of its grid are labelled by
-inverse kinematics, so a cell whose corners agree is as good as exact. In the others the surface that bounds what is
-reached lies; each corner keeps its distance from it along the grid's axes, and a pose is reached where these signed
-distances, interpolated over the 16 corners, are positive. lookup.py has the coordinates and the look-up.
+inverse kinematics, so a cell whose corners agree is as good as exact. The surface that bounds what is reached runs
+through the other cells; each corner keeps its distance from it along the grid's axes, and a pose is reached where these
+signed distances, interpolated over the 16 corners, are positive. lookup.py has the coordinates and the lookup.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from sceniris_gym.reach.solve import as_vec8, vec8
 from sceniris_gym.reach.tier import Tier
 
 SUFFIX = ".reach"
-"""Of map files."""
+"""Suffix of map files."""
 CODE_VALUES = np.array([-1.0, -0.9, -0.7, -0.5, -0.3, -0.1, -0.6, -0.2, 0.2, 0.6, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0])
 """Signed distances, in steps of the grid, that the codes of corners stand for.
 
@@ -37,7 +37,7 @@ CODE_VALUES = np.array([-1.0, -0.9, -0.7, -0.5, -0.3, -0.1, -0.6, -0.2, 0.2, 0.6
 far and near; 8 and 9: in at least half, near and far. 10 to 15: in every turn, from near to far.
 """
 MOST_TURN_ERROR = 0.005
-"""A map with more verdicts than this share that hold only in some turns is `limited`."""
+"""A map is `limited` if a larger share of its verdicts than this holds only in some turns."""
 
 _FORMAT = 1
 _UNREADABLE = (OSError, ValueError, TypeError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
@@ -50,20 +50,20 @@ class ReachMap:
     """A reachability map of one arm. `build.build_map` makes it.
 
     Attributes:
-        arm: the arm.
-        step, tilt_step: of the grid [m, rad]; `u` and `v` have the step of `z`.
-        z_low: the grid's first height in the base frame [m].
-        u_low: its first u and v, relative to the first axis [m].
-        nz, ntilt, nu: corners along z, tilt, and each of u and v.
-        rows: rows of corners along v, as lookup.MapView has them, shape (nz * nu, 3), int32.
-        codes: codes of the corners, eight in a word, uint32.
-        pole_step, pole_z_low: of the tables for approach axes that point up or down, by height and radius [m].
-        poles: their codes, 0 to 15, shape (2, nz, nradius), uint8.
+        arm: The arm.
+        step, tilt_step: Steps of the grid [m, rad]; `u` and `v` have the step of `z`.
+        z_low: The grid's first height in the base frame [m].
+        u_low: Its first u and v, relative to the first axis [m].
+        nz, ntilt, nu: Corners along z, tilt, and each of u and v.
+        rows: Rows of corners along v, as lookup.MapView has them, shape (nz * nu, 3), int32.
+        codes: Codes of the corners, eight in a word, uint32.
+        pole_step, pole_z_low: Step and first height of the tables for approach axes that point up or down [m].
+        poles: Codes of these tables by height and radius, 0 to 15, shape (2, nz, nradius), uint8.
         wit_cells: (address, number) of each coarse cell's witnesses, by (z, tilt, u, v), shape (..., 2), int32.
-        wit_joints: joints of poses in the coarse cells, shape (nwitness, njoint), float16.
-        turn_error: share of verdicts on reachable poses that are wrong because limits of base and wrist count in some
-            turns only: the largest of the grid's and of both poles'.
-        seed: of the starts from which the map was solved.
+        wit_joints: Joints of poses in the coarse cells, shape (nwitness, njoint), float16.
+        turn_error: Share of verdicts on reachable poses that are wrong because limits of base and wrist matter in some
+            turns only: the largest among the grid and both poles.
+        seed: Seed of the starts from which the map was solved.
     """
 
     arm: SerialArm
@@ -86,12 +86,12 @@ class ReachMap:
 
     @property
     def limited(self) -> bool:
-        """Do too many verdicts depend on turns of base or wrist? Then this arm's poses are better solved one by one."""
+        """Whether too many verdicts depend on turns of base or wrist, so that poses are better solved one by one."""
         return self.turn_error > MOST_TURN_ERROR
 
     @property
     def nbytes(self) -> tuple[int, int]:
-        """Bytes in memory: of the map, and of the witnesses."""
+        """Bytes in memory: those of the map, and those of the witnesses."""
         words = self.rows.nbytes + self.codes.nbytes + self.poles.size // 2
         return words, self.wit_cells.nbytes + 16 * len(self.wit_joints)
 
@@ -105,7 +105,7 @@ class ReachMap:
         return np.where(inside, self.codes[n >> 3] >> (4 * (n & 7)).astype(np.uint32) & 15, 0).astype(np.uint8)
 
     def save(self, path: Path) -> None:
-        """Write the map, compressed. A path that is being replaced should be given as a temporary one."""
+        """Write the map, compressed. To replace a file, write to a temporary path and rename it."""
         with path.open("wb") as file:
             self.write(file)
 
@@ -122,11 +122,11 @@ class ReachMap:
         Args:
             path: The file.
             arm: The arm.
-            advice: The sentence with which errors end; by default how to build the map again, of an arm that has the
-                name of its base body.
+            advice: The last sentence of errors; by default how to build the map again, for an asset that has the name
+                of the arm's base body.
 
         Raises:
-            MapError: there is no such file, it is not a map or a damaged one, or it was built for another arm.
+            MapError: The file is missing, damaged or not a map, or was built for another arm.
         """
         again = f"Build it again: sceniris-gym reach {arm.name} --build -o {path}." if advice is None else advice
         if not path.is_file():
@@ -137,13 +137,13 @@ class ReachMap:
             version, made_for = int(held.pop("format")), str(held.pop("arm"))
             fields = {name: held[name] for name in _ARRAYS} | {name: held[name].item() for name in _NUMBERS}
         except _UNREADABLE as error:
-            raise MapError(f"{path}: not a reachability map, or a damaged one ({error}). {again}") from error
+            raise MapError(f"{path}: this is not a reachability map, or a damaged one ({error}). {again}") from error
         if version != _FORMAT:
-            raise MapError(f"{path}: a reachability map of format {version}, this version reads {_FORMAT}. {again}")
+            raise MapError(f"{path}: the map has format {version}, but should have format {_FORMAT}. {again}")
         if made_for != arm.hash:
             raise MapError(
                 f"{path}: a reachability map of the arm {made_for}, but '{arm.name}' is {arm.hash}: its links, limits "
-                f"or TCP are others. {again}"
+                f"or TCP differ. {again}"
             )
         wrong = next(_faults(fields, len(arm.joints)), None)
         if wrong is not None:
@@ -151,7 +151,7 @@ class ReachMap:
         return cls(arm, **fields)
 
     def view(self, device: str | wp.Device | None = None) -> MapView:
-        """Take the map to a device."""
+        """Copy the map to a device."""
         view = MapView()
         view.axis_x, view.axis_y = map(float, self.arm.axis_xy)
         view.nz, view.ntilt, view.nu = self.nz, self.ntilt, self.nu
@@ -175,24 +175,24 @@ class ReachMap:
         return view
 
     def verdict(self, poses: np.ndarray, device: str | wp.Device | None = None) -> np.ndarray:
-        """Look poses up.
+        """Look up poses.
 
         Args:
-            poses: TCP in the base frame, shape (N, 4, 4).
+            poses: TCP poses in the base frame, shape (N, 4, 4).
             device: Warp's name of the device; None is Warp's default.
 
         Returns:
-            A lookup.Verdict each, shape (N,), uint8.
+            A tier.Verdict each, shape (N,), uint8.
         """
         poses = np.asarray(poses, np.float64)
         with wp.ScopedDevice(device) as scope:
             verdicts = wp.zeros(len(poses), dtype=wp.uint8)
             pos, approach = (wp.array(poses[:, :3, k], dtype=wp.vec3) for k in (3, 2))
-            wp.launch(look_up, dim=len(poses), inputs=[self.view(scope), pos, approach], outputs=[verdicts])
+            look_up(self.view(scope), pos, approach, verdicts)
             return verdicts.numpy()
 
     def benchmark(self, device: str | wp.Device | None = None, *, num: int = 1 << 24, repeats: int = 20) -> float:
-        """Look random poses in the map's box up and return how many a second; the median of `repeats` rounds."""
+        """Look up random poses in the map's box; return how many per second, the median of `repeats` rounds."""
         draws = np.random.default_rng(0)
         high = self.z_low + self.step * (self.nz - 1)
         low = [self.arm.axis_xy[0] + self.u_low, self.arm.axis_xy[1] + self.u_low, self.z_low]
@@ -201,61 +201,61 @@ class ReachMap:
         axis /= np.linalg.norm(axis, axis=1, keepdims=True)
         with wp.ScopedDevice(device) as scope:
             pos = wp.array(draws.uniform(low, top, (num, 3)), dtype=wp.vec3)
-            inputs = [self.view(scope), pos, wp.array(axis, dtype=wp.vec3)]
+            view, approach = self.view(scope), wp.array(axis, dtype=wp.vec3)
             verdicts = wp.zeros(num, dtype=wp.uint8)
             seconds = []
             for _ in range(repeats + 1):
                 wp.synchronize_device()
                 start = time.perf_counter()
-                wp.launch(look_up, dim=num, inputs=inputs, outputs=[verdicts])
+                look_up(view, pos, approach, verdicts)
                 wp.synchronize_device()
                 seconds.append(time.perf_counter() - start)
         return num / float(np.median(seconds[1:]))
 
 
 WITNESS_CELLS = (4, 6)
-"""How many steps of z, u and v, and of tilt, a coarse cell of witnesses has: 10 cm and 15 degrees."""
+"""Steps of z, u and v, and of tilt, in a coarse cell of witnesses: 10 cm and 15 degrees with the default steps."""
 
 
 def pack(codes: np.ndarray) -> np.ndarray:
-    """Pack codes of four bits, shape (N,), eight in a word, the first one lowest."""
+    """Pack four-bit codes, shape (N,), eight to a word, the first one in the lowest bits."""
     filled = np.zeros(-(-len(codes) // 8) * 8, np.uint32)
     filled[: len(codes)] = codes
     return np.bitwise_or.reduce(filled.reshape(-1, 8) << (4 * np.arange(8, dtype=np.uint32)), axis=1)
 
 
 def map_path(asset: str) -> Path:
-    """Where the map of an arm is looked for: with the assets for one of that name, or beside an own MJCF."""
+    """Where the map of an arm is looked for: with the shipped assets for the name of one, or beside your own MJCF."""
     if asset.endswith(".xml"):
         return Path(asset).with_suffix(SUFFIX)
     return Path(str(resources.files("sceniris_gym.assets"))) / "maps" / f"{asset}{SUFFIX}"
 
 
 def map_file(asset: str) -> Path | None:
-    """Find the map of an arm; None if there is none."""
+    """Return the path of the map of an arm; None if there is no map."""
     path = map_path(asset)
     return path if path.is_file() else None
 
 
 def why_not_map(arm: SerialArm, reach_map: ReachMap | None) -> str | None:
-    """Return why no map, or this one, is right about an arm, so that joints have to be looked for; or None."""
+    """Return why no map, or not this one, can decide for an arm, so that inverse kinematics does; None if it can."""
     if arm.no_map is not None:
         return arm.no_map
     if reach_map is not None and reach_map.limited:
         return (
-            "what the arm reaches depends on turns of base and wrist that a map does not know: of poses that it "
-            f"reaches, all together or straight up or down, its map is wrong about {reach_map.turn_error:.1%}"
+            "what the arm reaches depends on turns of base and wrist that a map does not know: its map is wrong about "
+            f"{reach_map.turn_error:.1%} of the poses it reaches, over all orientations or straight up or down"
         )
     return None
 
 
 def default_tier(arm: SerialArm, reach_map: ReachMap | None) -> Tier:
-    """Return the tier that decides where none is named: `map` where the map is right about the arm, else `ik`."""
+    """Return the tier that decides if none is named: `map` if there is a map that fits the arm, else `ik`."""
     return Tier.MAP if reach_map is not None and why_not_map(arm, reach_map) is None else Tier.IK
 
 
 def build_command(asset: str) -> str:
-    """The command that builds the map of an arm, the name of an asset or an own MJCF, where it is looked for."""
+    """The command that builds the map of an arm (an asset's name, or your own MJCF) where it is looked for."""
     return f"sceniris-gym reach {asset} --build -o {map_path(asset)}"
 
 
@@ -268,7 +268,7 @@ def _members(file: BinaryIO) -> dict[str, Any]:
 
 
 def _faults(fields: dict[str, Any], njoint: int) -> Iterator[str]:
-    """Say what in the fields of a file no map can have; look-ups on the device trust all of it."""
+    """Yield what is impossible in the fields of a file; lookups on the device trust all of them."""
     for name in ("nz", "ntilt", "nu", "seed"):
         if type(fields[name]) is not int or (name != "seed" and fields[name] < 2):
             yield f"{name} is {fields[name]!r}"

@@ -2,8 +2,8 @@
 
 M. Rudorfer, "RM4D: A Combined Reachability and Inverse Reachability Map for Common 6-/7-axis Robot Arms by
 Dimensionality Reduction to 4D", 2024. Cells that were missed by chance are false negatives, parts of cells that are out
-of reach are false positives, and an approach axis that is nearly vertical has no stable frame: what the maps of map.py
-do better. Limits of base and wrist count in the sampling alone.
+of reach are false positives, and an approach axis that is nearly vertical has no stable frame. The maps of map.py do
+better at all three. Joint limits of base and wrist only affect the sampling.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ class SampledMap:
     """Cells of (z, tilt, u, v) that random joint positions have hit.
 
     Attributes:
-        arm: the arm.
-        low: least coordinates (z, tilt, u, v) [m, rad], shape (4,).
-        step: edges of a cell, shape (4,).
-        hit: which cells were hit, 4D, bool.
+        arm: The arm.
+        low: Least coordinates (z, tilt, u, v) [m, rad], shape (4,).
+        step: Edges of a cell, shape (4,).
+        hit: Which cells were hit, 4D, bool.
     """
 
     arm: SerialArm
@@ -39,11 +39,11 @@ class SampledMap:
 
     @property
     def nbytes(self) -> int:
-        """Bytes in memory, with a bit for each cell."""
+        """Bytes in memory at one bit per cell."""
         return self.hit.size // 8
 
     def verdict(self, poses: np.ndarray) -> np.ndarray:
-        """Say which TCP poses in the base frame, shape (N, 4, 4), are in a cell that was hit, shape (N,), bool."""
+        """Return which TCP poses in the base frame, shape (N, 4, 4), are in a cell that was hit, shape (N,), bool."""
         cell, inside = _cells(self, poses[:, :3, 3], poses[:, :3, 2])
         found = np.zeros(len(poses), bool)
         found[inside] = self.hit[tuple(cell[inside].T)]
@@ -67,7 +67,7 @@ def sampled_map(
         samples: Random joint positions, uniform within limits.
         step: Edge of a cell along z, u and v [m].
         tilt_step: Edge of a cell along the tilt [rad].
-        seed: Of the samples.
+        seed: Seed of the samples.
     """
     height, radius = reach_ball(arm, device, seed)
     half = math.ceil(radius / step)

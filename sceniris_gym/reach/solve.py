@@ -17,16 +17,16 @@ from sceniris_gym.reach.quaternions import mul_quat, neg_quat, rot_vec_quat, rot
 wp.set_module_options({"enable_backward": False})
 
 POS_TOL = 1.0e-3
-"""Distance [m] from the asked position within which a solution is accepted."""
+"""Distance [m] from the requested position within which a solution is accepted."""
 ROT_TOL = math.radians(0.5)
-"""Angle [rad] from the asked orientation within which a solution is accepted."""
-# With these, none of 60,000 poses at random joints within limits was missed, of a Panda, a UR5e, a UR5e without limits,
-# a gantry with a wrist and a SCARA, at 6 to 20 us a pose on a CPU core (0.5 us a step). Of a Panda's starts two in five
-# arrive, and 10 to 14 steps are quickest: a start that needs more is better given up for the next.
+"""Angle [rad] from the requested orientation within which a solution is accepted."""
+# With these, none of 60,000 poses at random joints within limits was missed, for a Panda, a UR5e, one without limits, a
+# gantry with a wrist and a SCARA, at 6 to 20 us a pose on a CPU core (0.5 us a step). For a Panda two in five starts
+# converge, and 10 to 14 steps are fastest: a start that needs more is better given up for the next.
 ITERATIONS = 14
-"""Steps from one start."""
+"""Most steps from one start."""
 RESTARTS = 64
-"""Starts for one pose."""
+"""Most starts for one pose, by default."""
 
 vec8 = wp.types.vector(length=MAX_JOINTS, dtype=float)
 """Joint positions [rad, m] of one arm; entries from `njoint` on are 0."""
@@ -65,7 +65,7 @@ class ArmView:
 
 @wp.struct
 class IkResult:
-    """Joints within limits, and how far their TCP is from the asked pose [m, rad]."""
+    """Joints within limits, and how far their TCP is from the requested pose [m, rad]."""
 
     q: vec8
     pos_err: float
@@ -73,7 +73,7 @@ class IkResult:
 
 
 def arm_view(arm: SerialArm, device: str) -> ArmView:
-    """Take an arm to a device. Limits are rounded inwards, so that what holds in float32 holds exactly."""
+    """Copy an arm to a device. Limits are rounded inwards, so that joints within them in float32 truly are."""
     n = len(arm.joints)
     pos, quat = _along_z(arm)
     lower, upper = arm.lower.astype(np.float32), arm.upper.astype(np.float32)
@@ -268,29 +268,6 @@ def closer(a: IkResult, b: IkResult) -> IkResult:
     return result
 
 
-@wp.kernel
-def _solve(
-    view: ArmView,
-    pos: wp.array(dtype=wp.vec3),
-    quat: wp.array(dtype=wp.vec4),
-    starts: wp.array(dtype=vec8),
-    iterations: int,
-    # Out:
-    joints: wp.array(dtype=vec8),
-    ok: wp.array(dtype=bool),
-):
-    i = wp.tid()
-    best = refine(view, pos[i], quat[i], starts[0], iterations)
-    k = int(1)
-    while k < starts.shape[0] and not accepted(best):
-        best = closer(best, refine(view, pos[i], quat[i], starts[k], iterations))
-        k += 1
-    if accepted(best):
-        best = closer(best, refine(view, pos[i], quat[i], best.q, iterations))
-    joints[i] = best.q
-    ok[i] = accepted(best)
-
-
 def random_joints(arm: SerialArm, num: int, seed: int = 0) -> np.ndarray:
     """Return joints drawn uniformly within limits (-pi to pi where there are none), shape (num, njoint)."""
     lower = np.where(np.isfinite(arm.lower), arm.lower, -np.pi)
@@ -299,10 +276,35 @@ def random_joints(arm: SerialArm, num: int, seed: int = 0) -> np.ndarray:
 
 
 def as_vec8(joints: np.ndarray) -> np.ndarray:
-    """Joints of shape (N, njoint) as those of device code: (N, MAX_JOINTS), float32, filled up with zeros."""
+    """Joints of shape (N, njoint) as device code has them: (N, MAX_JOINTS), float32, padded with zeros."""
     padded = np.zeros((len(joints), MAX_JOINTS), np.float32)
     padded[:, : joints.shape[1]] = joints
     return padded
+
+
+@wp.kernel
+def _solve(
+    # Arm:
+    arm: ArmView,
+    # In:
+    pos: wp.array(dtype=wp.vec3),
+    quat: wp.array(dtype=wp.vec4),
+    starts: wp.array(dtype=vec8),
+    iterations: int,
+    # Out:
+    joints_out: wp.array(dtype=vec8),
+    ok_out: wp.array(dtype=bool),
+):
+    poseid = wp.tid()
+    best = refine(arm, pos[poseid], quat[poseid], starts[0], iterations)
+    start = int(1)
+    while start < starts.shape[0] and not accepted(best):
+        best = closer(best, refine(arm, pos[poseid], quat[poseid], starts[start], iterations))
+        start += 1
+    if accepted(best):
+        best = closer(best, refine(arm, pos[poseid], quat[poseid], best.q, iterations))
+    joints_out[poseid] = best.q
+    ok_out[poseid] = accepted(best)
 
 
 def solve(
@@ -315,16 +317,16 @@ def solve(
     iterations: int = ITERATIONS,
     seed: int = 0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find joints for TCP poses, trying one start after the other until one of them leads there.
+    """Find joints for TCP poses, trying one start after the other until one of them converges.
 
     Args:
         arm: The arm.
-        poses: Of the TCP in the base frame, shape (N, 7): position [m] and wxyz quaternion.
+        poses: TCP poses in the base frame, shape (N, 7): position [m] and wxyz quaternion.
         device: Warp's name of the device.
-        starts: Joints to start from, tried in this order for every pose, shape (K, njoint). None draws them.
+        starts: Joints to start from, tried in this order for every pose, shape (K, njoint). If None, they are drawn.
         restarts: How many starts to draw, uniformly within limits.
         iterations: Steps from each start.
-        seed: Of the draws.
+        seed: Seed of the draws.
 
     Returns:
         Joints [rad, m], shape (N, njoint), within limits, the closest ones found; and whether their TCP is within

@@ -1,4 +1,4 @@
-"""How thoroughly it is proven that an arm reaches something: the tiers, and the rule of each."""
+"""The tiers of reachability: how thoroughly it is proven that an arm reaches something, and the rule of each tier."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from enum import IntEnum
 from typing import Literal
 
 TierWord = Literal["map", "map_strict", "ik", "clear"]
-"""The tiers as scene files and commands write them, from quick to thorough."""
+"""The tiers as scene files and commands write them, from fastest to most thorough."""
 
 
 class Verdict(IntEnum):
-    """What a map says of a pose. NO and YES: all corners of its cell agree. MIXED: decided between them."""
+    """What a map says about a pose. NO, YES: all corners of its cell agree. MIXED_*: decided by interpolation."""
 
     NO = 0
     MIXED_NO = 1
@@ -22,17 +22,17 @@ class Tier(IntEnum):
     """How thoroughly an object is proven to be reachable."""
 
     MAP = 0
-    """The arm's map says yes, or by majority yes: for shaping."""
+    """The arm's map says yes, by interpolation where the corners of a cell disagree."""
     MAP_STRICT = 1
-    """The arm's map says yes all around."""
+    """The arm's map says yes at all corners around the pose."""
     IK = 2
-    """There are joints within limits, 1 mm and 0.5 degrees, in which the arm does not hit itself."""
+    """Joints within limits bring the TCP within 1 mm and 0.5 degrees, and the arm does not hit itself."""
     CLEAR = 3
-    """The arm in those joints and its pre-grasp hit nothing of the finished layout but the object."""
+    """At those joints and in the pre-grasp, the arm hits nothing in the finished layout but the object."""
 
     @classmethod
     def of(cls, word: str) -> Tier:
-        """Return the tier of a word of `TIERS`."""
+        """Return the tier named by a word of `TIERS`."""
         return cls[word.upper()]
 
     @property
@@ -42,14 +42,14 @@ class Tier(IntEnum):
 
     @property
     def needs_map(self) -> bool:
-        """Whether the arm's map alone decides, when an object is placed; else joints do, once all are placed."""
+        """Whether the arm's map alone decides, as an object is placed; else inverse kinematics does, after placing."""
         return self < Tier.IK
 
     @property
     def least_verdict(self) -> Verdict:
-        """The least verdict of the arm's map for which placing goes on.
+        """The lowest verdict of the arm's map with which a candidate is kept.
 
-        The tiers that ask for joints decide later, and need not be asked where the map says no all around.
+        The tiers that solve inverse kinematics decide later; for them the map only rules out poses with a plain no.
         """
         match self:
             case Tier.MAP:
@@ -60,4 +60,4 @@ class Tier(IntEnum):
 
 
 TIERS = tuple(tier.word for tier in Tier)
-"""The words of all tiers, from quick to thorough."""
+"""The words of all tiers, from fastest to most thorough."""

@@ -1,4 +1,4 @@
-"""Witnesses: joints that reach poses of a coarse cell of a map, a few branches each, from which to solve at a pose."""
+"""Witnesses: joint positions that reach a coarse cell of a map, as starts for inverse kinematics."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 from sceniris_gym.reach.map import WITNESS_CELLS
 
 BRANCHES = 4
-"""Witnesses of one cell, at most: those whose joints differ most."""
-_CANDIDATES = 64  # corners of a cell that are looked at
+"""Most witnesses of one cell: those whose joints differ most."""
+_CANDIDATES = 64  # corners of a cell that are considered
 
 
 def gather_witnesses(shape: tuple[int, ...], level: np.ndarray, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -17,7 +17,7 @@ def gather_witnesses(shape: tuple[int, ...], level: np.ndarray, joints: np.ndarr
     Args:
         shape: Corners along (z, u, tilt, v).
         level: Labels of the corners, 0 where they are not reached, shape (N,).
-        joints: Solutions of the reached ones, shape (N, njoint).
+        joints: Solutions of the corners that are reached, shape (N, njoint).
 
     Returns:
         (address, number) of each cell's witnesses, by (z, tilt, u, v), shape (..., 2), int32, and their joints, shape
@@ -30,7 +30,7 @@ def gather_witnesses(shape: tuple[int, ...], level: np.ndarray, joints: np.ndarr
     numbers = -(-np.array(shape) // sizes)
     nz, nu, ntilt, nv = numbers
     cell = ((index[:, 0] * ntilt + index[:, 2]) * nu + index[:, 1]) * nv + index[:, 3]
-    # Best labels first within each cell: their joints serve most turns.
+    # Best labels first within each cell: their joints work for most turns.
     order = np.lexsort((corner, -level[corner].astype(int), cell))
     corner, cell = corner[order], cell[order]
     starts = np.flatnonzero(np.concatenate([[True], cell[1:] != cell[:-1]])) if len(cell) else np.zeros(0, int)
@@ -47,9 +47,9 @@ def gather_witnesses(shape: tuple[int, ...], level: np.ndarray, joints: np.ndarr
 
 
 def _spread_out(joints: np.ndarray) -> np.ndarray:
-    """Return up to BRANCHES indices, the first one and then always the one farthest from those before.
+    """Return up to BRANCHES indices: the first, then always the one farthest from those picked before.
 
-    The first and last joint are not looked at, as they follow the turns of base and wrist.
+    The first and last joint are ignored, as they follow the turns of base and wrist.
     """
     inner = joints[:, 1:-1]
     picked = [0]

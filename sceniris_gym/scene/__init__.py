@@ -1,1 +1,1 @@
-"""What a scene is, on the host and once: from a scene file to a CompiledScene."""
+"""Scenes on the host: the MuJoCo model that is assembled from a scene file, and tables of its layouts."""

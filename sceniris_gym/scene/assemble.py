@@ -1,4 +1,4 @@
-"""Assets into one MuJoCo specification: each object's root body gets the object's name, all inside it `name/...`."""
+"""Assembling assets into one MuJoCo specification: each object's root body gets its name, what is inside `name/...`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _FREE = mujoco.mjtJoint.mjJNT_FREE
 _BODIES = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_XBODY)
 
 MARK_GROUP = 4
-"""Group of geoms that show where a marker is: they are in pictures, but no part of what is placed."""
+"""Group of geoms that show where a marker is: they appear in pictures, but are not part of what is placed."""
 
 
 @dataclass(frozen=True)
@@ -30,15 +30,15 @@ class Home:
 
 
 def asset_name(asset: str) -> str:
-    """Return the name of an asset, which prefixes what is inside of a robot: 'panda' for 'my/panda.xml'."""
+    """Return the name of an asset, which prefixes the names inside a robot: 'panda' for 'my/panda.xml'."""
     return Path(asset).stem
 
 
 def load_mjcf(path: Path, where: str) -> mujoco.MjSpec:
-    """Read an MJCF file, with the files it refers to held in `MjSpec.assets`, so that the scene can leave this machine.
+    """Read an MJCF file, with the files it refers to held in `MjSpec.assets`, so that the scene can be moved.
 
     Raises:
-        SceneFileError: the file, or one that it refers to, is missing, or MuJoCo cannot read it.
+        SceneFileError: The file or one that it refers to is missing, or MuJoCo cannot read it.
     """
     if not path.is_file():
         raise SceneFileError(f"{where}: there is no file '{path}'. Give the path of an MJCF file.")
@@ -55,11 +55,11 @@ def load_mjcf(path: Path, where: str) -> mujoco.MjSpec:
 
 
 def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str) -> Home:
-    """Attach the asset of an object as the kind of body it is to be, and return its start pose."""
+    """Attach the asset of an object as a body of the object's kind, and return its start pose."""
     if config.asset is None:
         marker = spec.worldbody.add_body(name=name, mocap=True)
         marker.add_site(name=f"{name}/site", size=[0.02, 0.0, 0.0], rgba=[0.1, 0.8, 0.2, 0.6])
-        marker.add_geom(  # the ray caster of pictures knows no sites
+        marker.add_geom(  # pictures are ray-cast, and sites do not show in them
             name=f"{name}/mark",
             type=mujoco.mjtGeom.mjGEOM_CYLINDER,
             size=[0.04, 0.001, 0.0],
@@ -92,7 +92,7 @@ def check_assets(config: SceneConfig) -> None:
     """Compile the assets of a scene one by one.
 
     Raises:
-        MeshError, SceneFileError: of the first that cannot be compiled; names its key.
+        MeshError, SceneFileError: The first asset that cannot be compiled; the message names its key.
     """
     if config.robot is not None:
         alone = mujoco.MjSpec()
@@ -106,11 +106,11 @@ def check_assets(config: SceneConfig) -> None:
 
 
 def adopt_body(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str) -> None:
-    """Take a body of the user's own model for an object; a fixture or a marker becomes a mocap body.
+    """Use a body of the user's own model as an object; a fixture or a marker becomes a mocap body.
 
     Raises:
-        UnknownNameError: the model has no such body.
-        SceneKeyError: the body cannot be of the object's kind.
+        UnknownNameError: The model has no such body.
+        SceneKeyError: The body cannot be of the object's kind.
     """
     body = spec.body(name)
     if body is None or name == "world":
@@ -134,18 +134,18 @@ def adopt_body(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str)
 
 @dataclass(frozen=True)
 class Names:
-    """Names inside of an asset: of its joints but for a free one, and of the bodies below its root."""
+    """Names inside an asset: those of its joints except a free one, and of the bodies below its root."""
 
     joints: tuple[str, ...]
     bodies: tuple[str, ...]
 
 
 def names_in(asset: str, where: str) -> Names:
-    """Return the names inside of an asset, a shipped one or an MJCF file.
+    """Return the names inside an asset, either a shipped one or an MJCF file.
 
     Raises:
-        UnknownNameError: there is no such shipped asset.
-        SceneFileError: the file is missing, or MuJoCo cannot read it.
+        UnknownNameError: There is no such shipped asset.
+        SceneFileError: The file is missing, or MuJoCo cannot read it.
     """
     spec = _load_asset(asset, where)
     joints = [joint.name or f"joint{i}" for i, joint in enumerate(spec.joints) if joint.type != _FREE]
@@ -173,7 +173,7 @@ def _load_asset(asset: str, where: str) -> mujoco.MjSpec:
 
 
 def _take_home(child: mujoco.MjSpec, name: str, keyframe: str | None, where: str) -> Home:
-    """Take the start pose out of an asset: the named keyframe, or 'home' where there is one.
+    """Take the start pose out of an asset: the named keyframe, or 'home' if there is one.
 
     The asset's keyframes are deleted, as they would become keyframes of the scene.
     """
@@ -203,11 +203,11 @@ def _attach(spec: mujoco.MjSpec, child: mujoco.MjSpec, name: str, frame: mujoco.
     roots = [body.name for body in world.bodies if body.parent.name == "world"]
     if len(roots) != 1 or not roots[0]:
         raise SceneKeyError(
-            f"{where}: an asset should have one body, with a name, below its worldbody; found {roots or 'none'}."
+            f"{where}: an asset should have one body below its worldbody, with a name; found {roots or 'none'}."
         )
     for element in (*world.geoms, *world.sites, *world.cameras, *world.lights):
-        child.delete(element)  # a floor or a light that is there to look at the asset alone
-    child.option, child.visual = spec.option, spec.visual  # the scene's hold; equal ones make no complaint
+        child.delete(element)  # a floor or a light for viewing the asset on its own
+    child.option, child.visual = spec.option, spec.visual  # the scene's apply; equal ones raise no warning
     spec.attach(child, prefix=f"{name}/", frame=frame)
     root = spec.body(f"{name}/{roots[0]}")
     _rename(spec, root, name)
@@ -259,7 +259,7 @@ def compile_spec(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
     """Compile a specification.
 
     Raises:
-        MeshError: a mesh is too small or too flat to have a volume.
+        MeshError: A mesh is too small or too flat to have volume.
         SceneFileError: MuJoCo finds something else wrong.
     """
     try:
@@ -267,5 +267,5 @@ def compile_spec(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
     except ValueError as error:
         text = " ".join(str(error).removeprefix("Error: ").split())
         if "vertices" in text:
-            raise MeshError(f"{where}: MuJoCo cannot use a mesh: {text}. Give it a closed surface.") from None
+            raise MeshError(f"{where}: MuJoCo cannot use a mesh: {text}. It should be a closed surface.") from None
         raise SceneFileError(f"{where}: MuJoCo cannot compile this: {text}") from None

@@ -1,4 +1,4 @@
-"""What a scene stands in: solver options, the floor, light, and a camera to look at it."""
+"""What a scene gets besides its objects: solver options, the floor, lights, and a camera."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ OVERVIEW = "overview"
 
 
 def set_options(spec: mujoco.MjSpec) -> None:
-    """Set the solver for manipulation. They are the same for all scenes, as they are built into compiled kernels."""
+    """Set solver options for manipulation, the same for all scenes, as they are built into compiled kernels."""
     option = spec.option
     option.timestep = 0.005  # 4 substeps make a 50 Hz control step; contacts (solref 0.02 s) are still resolved
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST  # stable with the stiff position actuators of arms
-    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC  # with impratio: what a gripper holds does not creep out of it
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC  # with impratio: objects do not creep out of a gripper
     option.impratio = 10.0
     option.iterations = 20  # Newton needs 2 to 5 where it converges; the bounds keep one bad world from stalling all
-    # MuJoCo's default: with 20 a line search ends too early in MuJoCo C for what lands on many corners at once: 12 of
-    # 100 books that were put on their spines fell over or jumped by a centimetre. Batches have a bound of their own.
+    # MuJoCo's default: with 20 a line search ends too early in MuJoCo C for objects that land on many corners at once:
+    # 12 of 100 books that were put on their spines fell over or jumped by a centimetre. Batches have their own bound.
     option.ls_iterations = 50
     spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 960
     spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
@@ -75,15 +75,15 @@ def add_light(spec: mujoco.MjSpec) -> None:
 
 
 def add_camera(spec: mujoco.MjSpec, center: np.ndarray, extent: float, facing: float | None = None) -> None:
-    """Add the camera 'overview': from the front, a little from the right, and from so high that it sees into a drawer.
+    """Add the camera 'overview': from the front, slightly from the right, and high enough to see into a drawer.
 
-    Where a robot would turn its back on it, and hide what it works on, it looks from behind instead.
+    If a robot would have its back to the camera, and hide its workspace, the camera looks from behind instead.
 
     Args:
-        spec: the scene.
-        center: what it looks at [m], world frame, shape (3,).
-        extent: how wide the scene is there [m].
-        facing: heading of the robot [rad], if there is one.
+        spec: The scene.
+        center: What it looks at [m], world frame, shape (3,).
+        extent: How wide the scene is there [m].
+        facing: Heading of the robot [rad], if there is one.
     """
     backward = np.array([0.5, -1.0, 2.1])  # 62 degrees up: over the face of an open drawer, down to its floor
     if facing is not None:

@@ -1,6 +1,6 @@
-"""Layouts on the host: one table for what is made, stored, written to files, judged and drawn.
+"""`LayoutTable`: layouts on the host, whether just made, stored, written to files, audited or drawn.
 
-It knows MuJoCo's states alone, so that those who judge layouts share no code with those who make them.
+It only knows MuJoCo states, so that code that judges layouts shares nothing with code that makes them.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ class LayoutTable:
         qpos: Joint positions [m, rad], quaternions wxyz, shape (nrow, nq).
         mocap_pos: Positions of the mocap bodies [m], world frame, shape (nrow, nmocap, 3).
         mocap_quat: Orientations of the mocap bodies, wxyz, shape (nrow, nmocap, 4).
-        present: Which objects are there and not left out by their groups, shape (nrow, nslot), bool: the objects in the
-            order of the scene file, then the robot if there is one.
-        valid: Whether the layout is freshly made and valid, not one of the bank, shape (nrow,), bool.
+        present: Which objects are present rather than left out by their groups, shape (nrow, nslot), bool: the objects
+            in the order of the scene file, then the robot if there is one.
+        valid: Whether the layout is freshly made and valid, rather than taken from the bank, shape (nrow,), bool.
         first_pass_valid: Whether it was valid without a restart, shape (nrow,), bool.
         attempts: Candidates drawn for it, shape (nrow,), int32.
         status: Codes of `layout.layouts.Status`, shape (nrow,), int32.
         seed: Seed of the world, shape (nrow,), uint64.
         episode: Episode of the world, -1 where it is unknown, shape (nrow,), int32.
-        grasp: The accepted grasp of each reachable object, its place among the object's grasps, -1 where the object is
-            absent, shape (nrow, nreach), int32.
+        grasp: The accepted grasp of each reach target, as an index into its grasps, -1 where the object is absent,
+            shape (nrow, nreach), int32.
         grasp_pose: Its TCP in the world frame, position [m] and orientation (wxyz), nan where there is none, shape
             (nrow, nreach, 7), float32.
-        grasp_qpos: The arm's joints [rad or m] in that grasp, nan where only the arm's map was asked, shape (nrow,
+        grasp_qpos: The arm's joints [rad or m] in that grasp, nan where the arm's map alone decided, shape (nrow,
             nreach, njoint), float32.
-        pregrasp_qpos: The same before the grasp, nan for tiers below `clear`.
+        pregrasp_qpos: The same for the pre-grasp, nan for tiers below `clear`.
     """
 
     qpos: np.ndarray
@@ -56,7 +56,7 @@ class LayoutTable:
     def from_states(
         cls, qpos: np.ndarray, mocap_pos: np.ndarray, mocap_quat: np.ndarray, present: np.ndarray
     ) -> LayoutTable:
-        """Return a table of states that nothing is known of but where things are; see the class for the arguments."""
+        """Return a table of states about which nothing else is known; see the class for the arguments."""
         nrow = len(qpos)
         no, zero, nothing = np.zeros(nrow, bool), np.zeros(nrow, np.int32), np.zeros((nrow, 0, 0), np.float32)
         return cls(
@@ -93,7 +93,7 @@ class LayoutTable:
             yield start, self[slice(start, start + size)]
 
     def put(self, data: mujoco.MjData, i: int) -> None:
-        """Write row `i` into `data`; nothing is computed from it yet."""
+        """Write row `i` into `data`, without any computation from it."""
         data.qpos[:] = self.qpos[i]
         data.mocap_pos[:] = self.mocap_pos[i]
         data.mocap_quat[:] = self.mocap_quat[i]

@@ -1,4 +1,4 @@
-"""The scene as a MuJoCo model: composed of assets, or the user's own, or both."""
+"""A scene as a MuJoCo model: composed of assets, the user's own, or both."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ HOME = "home"
 
 @dataclass(frozen=True, eq=False)
 class SceneModel:
-    """A compiled scene.
+    """A scene as a MuJoCo model, on the host.
 
     Attributes:
-        config: the scene as it was written.
-        spec: the editable model; `spec.to_zip` writes it so that stock MuJoCo opens it.
-        mjm: the compiled model; its keyframe 'home' is the start pose.
-        bodies: root body id of every object by its name, and of the robot as 'robot'.
-        home_qpos: start pose, shape (nq,); free objects are where the model has them.
-        home_ctrl: controls of the start pose, shape (nu,).
-        hash: names the scene: equal for equal scenes, in every process. Hexadecimal, 16 digits.
+        config: The scene as written by the user.
+        spec: The editable model; `spec.to_zip` writes it so that stock MuJoCo opens it.
+        mjm: The compiled model; its keyframe 'home' is the start pose.
+        bodies: Root body id of every object by its name, and of the robot as 'robot'.
+        home_qpos: Start pose, shape (nq,), with free objects where the model has them.
+        home_ctrl: Controls of the start pose, shape (nu,).
+        hash: Identifies the scene: equal for equal scenes, in every process; 16 hexadecimal digits.
     """
 
     config: SceneConfig
@@ -46,7 +46,7 @@ class SceneModel:
         """Return the body id of a support: 0 for 'floor', else of 'object' or 'object/body'.
 
         Raises:
-            UnknownNameError: the object has no such body.
+            UnknownNameError: The object has no such body.
         """
         if parent == FLOOR:
             return 0
@@ -59,7 +59,7 @@ class SceneModel:
         return parts[part]
 
     def parts(self, name: str) -> dict[str, int]:
-        """Return the bodies inside an object (its root is not among them): id by the name inside the object."""
+        """Return the bodies inside an object, without its root: id by the name inside the object."""
         return {_local(self.mjm.body(i).name, name): i for i in self.subtree(name) if i != self.bodies[name]}
 
     def subtree(self, name: str) -> list[int]:
@@ -67,7 +67,7 @@ class SceneModel:
         return subtree(self.mjm, self.bodies[name])
 
     def joints(self, name: str) -> dict[str, int]:
-        """Return the joints inside an object or the robot, but for a root's freejoint: id by the name inside it."""
+        """Return the joints inside an object or the robot, except a root's freejoint: id by the name inside it."""
         prefix = self._prefix(name)
         bodies = set(self.subtree(name))
         return {
@@ -79,13 +79,13 @@ class SceneModel:
     def joint_configs(self, name: str) -> dict[int, JointConfig]:
         """Return how the joints of an object, or of the robot, are drawn: by joint id, in ascending order.
 
-        A joint's own name goes before a pattern, an earlier pattern before a later one. Joints that nothing names are
-        not in the answer; they keep their home pose.
+        A joint's own name takes precedence over a pattern, and an earlier pattern over a later one. Joints that nothing
+        names are left out; they keep their home position.
 
         Raises:
-            UnknownNameError: a name or a pattern that no joint matches.
-            SceneKeyError: a fraction of a joint without limits, or values outside of them.
-            NotSupportedError: a ball joint.
+            UnknownNameError: A name or a pattern that no joint matches.
+            SceneKeyError: A fraction of a joint without limits, or values outside its limits.
+            NotSupportedError: A ball joint.
         """
         part = self.config.robot if name == ROBOT else self.config.objects[name]
         where = f"{self.config.where}: {ROBOT if name == ROBOT else f'objects.{name}'}.joints"
@@ -136,14 +136,14 @@ def subtree(mjm: mujoco.MjModel, root: int) -> list[int]:
 def build_model(config: SceneConfig) -> SceneModel:
     """Compose the model of a scene and compile it.
 
-    The root body of an object has the object's name, everything inside it is `name/...`; inside the robot it is the
-    name of the robot's asset. A free object's joint is `name/free`. Fixtures and markers are mocap bodies. The user's
-    own `model` keeps its names and options; objects without an asset are bodies of it.
+    The root body of an object has the object's name, everything inside it is `name/...`; inside the robot the
+    prefix is the name of the robot's asset. A free object's joint is `name/free`. Fixtures and markers are mocap
+    bodies. The user's own `model` keeps its names and options; objects without an asset are bodies of it.
 
     Raises:
-        SceneFileError: a file is missing, or MuJoCo cannot read or compile it.
-        UnknownNameError: an asset, body, joint or keyframe that does not exist.
-        SceneKeyError: an object that cannot be of its kind; joint values outside of the joint's limits.
+        SceneFileError: A file is missing, or MuJoCo cannot read or compile it.
+        UnknownNameError: An asset, body, joint or keyframe that does not exist.
+        SceneKeyError: An object that cannot be of its kind; joint values outside the joint's limits.
     """
     spec, homes = _assemble(config)
     try:
@@ -160,7 +160,7 @@ def build_model(config: SceneConfig) -> SceneModel:
         facing = None if config.robot is None else float(np.radians(config.robot.yaw))
         backdrop.add_camera(spec, center, extent, facing)
     if config.groups and not has_parking_ground(mjm, len(config.objects), config.where):
-        spec.stat.center, spec.stat.extent = mjm.stat.center, mjm.stat.extent  # of the scene without its waiting ground
+        spec.stat.center, spec.stat.extent = mjm.stat.center, mjm.stat.extent  # of the scene without its parking ground
         add_parking_ground(spec, len(config.objects))
     if spec.key(HOME) is None:
         spec.add_key(name=HOME, qpos=home_qpos, ctrl=home_ctrl)

@@ -1,8 +1,8 @@
 """Where absent members of groups are parked: on a square lattice far away, which nothing that is placed may reach.
 
-Absent objects are laid down without a test against anything, and what was placed before them was not tested against
-them. That is right as long as nothing gets there and all of them lie in places of their own, which
-`program/parking_check.py` sees to.
+Absent objects are parked without any collision test, and objects placed before them are not tested against them. That
+is correct as long as nothing else gets there and each of them has a place of its own, which `program/parking_check.py`
+makes sure of.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ import numpy as np
 from sceniris_gym.errors import SceneKeyError
 
 PARKING_FROM = 40.0
-"""First corner [m] of the square lattice, far from every scene, on which absent members of groups wait."""
+"""First corner [m] of the square lattice, far from every scene, on which absent members of groups are parked."""
 PARKING_SPACING = 2.0
-"""Distance [m] of neighbours on that lattice."""
+"""Distance [m] between neighbours on that lattice."""
 PARKING_COLUMNS = 8
 """Places in one row of that lattice."""
 
 LEVEL = 1.0e-3
-"""What rises above the ground by less [m] counts as part of it."""
+"""What rises less than this [m] above the ground counts as part of it."""
 
 
 def add_parking_ground(spec: mujoco.MjSpec, nslot: int) -> None:
-    """Add a slab far away for the absent among `nslot` objects to lie on."""
+    """Add a slab far away on which absent ones of `nslot` objects are parked."""
     low, high = _corners(nslot)
     middle, half = 0.5 * (low + high), 0.5 * (high - low) + 1.0
     spec.worldbody.add_geom(
@@ -39,10 +39,10 @@ def add_parking_ground(spec: mujoco.MjSpec, nslot: int) -> None:
 
 
 def has_parking_ground(mjm: mujoco.MjModel, nslot: int, where: str) -> bool:
-    """Whether a plane of the model is the ground on which absent objects lie, at z = 0.
+    """Whether a plane of the model is the ground on which absent objects are parked, at z = 0.
 
     Raises:
-        SceneKeyError: a plane that they would lie under.
+        SceneKeyError: A plane lies above the place where they are parked.
     """
     data = mujoco.MjData(mjm)
     mujoco.mj_kinematics(mjm, data)

@@ -1,1 +1,1 @@
-"""Where layouts go: batched simulation, the masked write, and the randomizer for anybody's own loop."""
+"""The simulation: batches of worlds, the masked write of layouts, and the randomizer for your own mujoco_warp loop."""

@@ -1,4 +1,4 @@
-"""The worlds: one MuJoCo-Warp Model and Data, their contact budget and their control step."""
+"""`Batch`: many worlds in one mujoco_warp Model and Data, with their contact budget and control step."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ NEEDS: dict[str, tuple[Callable[[mjw.Model, mjw.Data], None], ...]] = {
     "sensors": (mjw.forward,),
     "dynamics": (mjw.forward,),
 }
-"""What can be made current after a step and after a reset, and the functions that do it."""
+"""What can be brought up to date after a step and after a reset, and the functions that do it."""
 
 LINE_SEARCH = 20
-"""Most iterations of a line search in a batch, where one bad world stalls all others: fewer than MuJoCo C may take."""
+"""Limit of line-search iterations in a batch, where one slow world stalls all others: below MuJoCo's default."""
 
 
 def update_stages(needs: Iterable[str]) -> list[Callable[[mjw.Model, mjw.Data], None]]:
-    """List the functions that make `needs` (keys of NEEDS) current, each once; kinematics always runs.
+    """List the functions that bring `needs` (keys of NEEDS) up to date, each once; kinematics always runs.
 
     Raises:
-        UnknownNameError: a need that NEEDS does not have
+        UnknownNameError: NEEDS has no such key.
     """
     needs = ["kinematics", *needs]
     for name in needs:
@@ -43,8 +43,8 @@ def update_stages(needs: Iterable[str]) -> list[Callable[[mjw.Model, mjw.Data], 
 def default_budget(mjm: mujoco.MjModel) -> tuple[int, int]:
     """Return contacts and constraint rows per world (nconmax, njmax) that leave room for a busy scene.
 
-    Four contacts for every body that can move and collide, and some to spare; a row for every edge of their friction
-    pyramids, every limit, every dry friction, and six for every equality.
+    Four contacts for every body that can move and collide, plus 16; a row for every edge of their friction pyramids,
+    every limit and every friction loss, and six for every equality.
     """
     moving = np.unique(mjm.geom_bodyid[(mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)])
     moving = [b for b in moving if mjm.body_weldid[b] != 0 or mjm.body_mocapid[b] >= 0]
@@ -60,10 +60,10 @@ def default_budget(mjm: mujoco.MjModel) -> tuple[int, int]:
 def check_budget(m: mjw.Model, d: mjw.Data) -> None:
     """Compare contacts and constraint rows with what was allocated. Waits for the device.
 
-    Runs kinematics and collision for the present state, and reads the flags that steps have left.
+    Runs kinematics and collision for the current state, and reads the overflow flags of earlier steps.
 
     Raises:
-        ContactBudgetError: something did not fit; names what to raise, and to what
+        ContactBudgetError: Something did not fit; the message names the argument to raise and its new value.
     """
     with wp.ScopedDevice(d.qpos.device):
         mjw.kinematics(m, d)
@@ -82,18 +82,18 @@ class Batch:
     """Many worlds of one scene, stepped together.
 
     Args:
-        scene: the scene
-        nworld: number of worlds
-        device: Warp device; None is Warp's current one
-        nconmax: contacts per world; all worlds share nworld times as many (default_budget)
-        njmax: constraint rows of each world (default_budget)
-        needs: what to make current after every control step, keys of NEEDS
-        substeps: physics steps in a control step
-        graph: record the control step into a graph and replay it
+        scene: The scene.
+        nworld: Number of worlds.
+        device: Warp device; None is Warp's current one.
+        nconmax: Contacts per world; all worlds share nworld times as many. None takes default_budget.
+        njmax: Constraint rows per world. None takes default_budget.
+        needs: What to bring up to date after every control step, keys of NEEDS.
+        substeps: Physics steps in a control step.
+        graph: Capture the control step into a graph and replay it.
 
     Attributes:
-        model: mujoco_warp Model
-        data: mujoco_warp Data
+        model: mujoco_warp Model.
+        data: mujoco_warp Data.
     """
 
     def __init__(
@@ -116,9 +116,9 @@ class Batch:
         naccdmax = min(naconmax, max(naconmax // 4, 16 * nconmax))
         with wp.ScopedDevice(self.device):
             self.model = mjw.put_model(scene.mjm)
-            if scene.config.model is None:  # whose options are its own
+            if scene.config.model is None:  # a user's own model keeps its options
                 self.model.opt.ls_iterations = LINE_SEARCH
-            # the solver's bounds are there to be reached; kernels that say so at every step would flood stdout
+            # reaching the solver's iteration limits is normal; warnings about it would flood stdout at every step
             self.model.opt.warn_overflow &= ~int(mjw.OverflowType.ITERATIONS | mjw.OverflowType.LS_ITERATIONS)
             self.data = mjw.make_data(scene.mjm, nworld, nconmax=nconmax, naccdmax=naccdmax, njmax=njmax)
         self.stages = update_stages(needs)
@@ -127,18 +127,18 @@ class Batch:
         self._step = LaunchSequence(self._launch_step, self.device, graph=graph)
 
     def step(self) -> None:
-        """Take one control step: `substeps` physics steps, then what is needed is made current for all worlds.
+        """Take one control step in all worlds: `substeps` physics steps, then an update of what is needed.
 
-        Without that last part xpos would be one substep older than qpos.
+        Without the update, xpos would be one substep older than qpos.
         """
         self._step()
 
     def update(self) -> None:
-        """Make what is needed current for all worlds."""
+        """Bring what is needed up to date in all worlds."""
         self._update()
 
     def check_budget(self) -> None:
-        """Compare contacts and constraint rows with what was allocated; see the function of this name."""
+        """Compare contacts and constraint rows with what was allocated; see the function `check_budget`."""
         check_budget(self.model, self.data)
 
     def _launch_step(self) -> None:

@@ -1,4 +1,4 @@
-"""Pictures of the first worlds of a batch, by MuJoCo-Warp's ray caster: no window, no GL, CPU or GPU."""
+"""`FrameCamera`: pictures of the first worlds of a batch, rendered by mujoco_warp without a window or OpenGL."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.scene.assemble import MARK_GROUP
 
 VISIBLE_GROUPS = (0, 1, 2, MARK_GROUP)
-"""Groups of geoms that are in pictures: those that MuJoCo's viewer shows, and marks."""
+"""Geom groups that pictures show: those that MuJoCo's viewer shows, and markers."""
 
 BACKGROUND = (0.93, 0.95, 0.97, 1.0)
 
 
 class FrameCamera:
-    """Takes pictures of the first worlds of a batch. It has data of its own and leaves the batch as it is.
+    """Takes pictures of the first worlds of a batch, on a CPU or a GPU. It has its own Data and leaves the batch as is.
 
     Args:
-        mjm: the scene
-        model: the same on the device
-        nworld: how many worlds are taken
-        width: of a picture [pixels]
-        height: of a picture [pixels]
-        camera: name of the camera
+        mjm: The model on the host.
+        model: The same model on the device.
+        nworld: Number of worlds to take pictures of.
+        width: Width of a picture [pixels].
+        height: Height of a picture [pixels].
+        camera: Name of the camera.
 
     Raises:
-        UnknownNameError: the scene has no such camera
+        UnknownNameError: The scene has no such camera.
     """
 
     def __init__(

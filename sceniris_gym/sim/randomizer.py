@@ -1,4 +1,4 @@
-"""Fresh layouts for the worlds that ask, in anybody's own MuJoCo-Warp loop."""
+"""`ResetRandomizer`: resets worlds to fresh layouts in your own mujoco_warp loop."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ SIZES = ("nq", "nv", "nu", "na", "nbody", "nmocap")
 class ResetRandomizer:
     """Resets chosen worlds to fresh layouts; the other worlds keep their state bit for bit.
 
-    A reset clears the data of the chosen worlds (`mjw.reset_data`, so velocities, warm starts, clocks, and NaNs
-    too), writes positions, mocap poses, activations and controls of their next layouts, and makes kinematics current
-    for all worlds. Position actuators hold the sampled pose; the other controls are those of the home
-    keyframe. Nothing waits for the device, so a reset with a mask on the device can be captured in a graph.
+    A reset clears the data of the chosen worlds (`mjw.reset_data`: velocities, warm starts, clocks and NaNs too),
+    writes positions, mocap poses, activations and controls of their next layouts, and updates kinematics in all worlds.
+    Position actuators hold the sampled pose; the other controls are those of the home keyframe. Nothing waits for the
+    device, so a reset with a mask on the device can be captured in a graph.
 
     Args:
-        compiled: the scene, on the device of `data`
-        model: mujoco_warp Model of that scene's `mjm`
-        data: mujoco_warp Data of the worlds. `default_budget(compiled.mjm)` of sceniris_gym.sim.batch gives an nconmax
-            and an njmax that leave room for contacts, `check_budget` says whether those of `data` do
-        layout_source: makes the layouts; a LayoutGenerator of `seed` and `split` when None
-        seed: seed of world 0, world i has seed + i; or one seed per world. Only without a layout_source
-        split: "train" or "eval", streams that share nothing. Only without a layout_source
-        needs: what else to make current after a reset, keys of sceniris_gym.sim.batch.NEEDS
-        graph: record a reset into a graph and replay it
+        compiled: The compiled scene, on the device of `data`.
+        model: mujoco_warp Model made from `compiled.mjm`.
+        data: mujoco_warp Data of the worlds. `default_budget(compiled.mjm)` in sceniris_gym.sim.batch gives an nconmax
+            and an njmax with room for contacts; `check_budget` tells whether those of `data` are large enough.
+        layout_source: The LayoutSource; None makes a LayoutGenerator with `seed` and `split`.
+        seed: Seed of world 0, world i has seed + i; or one seed per world. Not used with a layout_source.
+        split: "train" or "eval", which share no random numbers. Not used with a layout_source.
+        needs: What else to bring up to date after a reset, keys of sceniris_gym.sim.batch.NEEDS.
+        graph: Capture the reset into a graph and replay it.
 
     Raises:
-        SceneMismatchError: model, data or layout_source are of another scene, device or number of worlds
+        SceneMismatchError: Model, data or layout_source have another scene, device or number of worlds.
     """
 
     def __init__(
@@ -79,52 +79,52 @@ class ResetRandomizer:
 
     @property
     def layouts(self) -> Layouts:
-        """The layouts that were made last, one row per world."""
+        """The latest layouts, one row per world."""
         return self.layout_source.layouts
 
     def reset(self, mask: Any = None) -> None:
         """Give the masked worlds their next layouts.
 
         Args:
-            mask: booleans, shape (nworld,): Warp array, torch tensor or numpy array; None is all worlds. Where it is
-                false everywhere nothing changes
+            mask: Booleans, shape (nworld,): Warp array, torch tensor or numpy array; None is all worlds. It may be
+                false everywhere, which resets nothing.
 
         Raises:
-            MaskTypeError: not an array of booleans
-            MaskError: wrong shape
+            MaskTypeError: Not an array of booleans.
+            MaskError: Wrong shape.
         """
         wp.copy(self.mask, self._all if mask is None else as_mask(mask, self.data.nworld, self.device))
         self.launch_reset()
 
     def launch_reset(self) -> None:
-        """Reset the worlds of `mask`, which the caller has filled on the device: `reset` without its checks."""
+        """Reset the worlds in `self.mask`, which the caller has filled on the device: `reset` without its checks."""
         self._reset()
 
     def reseed(self, seeds: int | Sequence[int] | np.ndarray, mask: Any = None) -> None:
-        """Give the masked worlds new seeds; their next layouts are of episode 0.
+        """Give the masked worlds new seeds; their next layouts are those of episode 0.
 
         Args:
-            seeds: seed of world 0, world i gets seed + i; or one seed per world, 64 bits, shape (nworld,)
-            mask: as in reset
+            seeds: Seed of world 0, world i gets seed + i; or one 64-bit seed per world, shape (nworld,).
+            mask: As in reset.
 
         Raises:
-            SeedError: not 64-bit integers, or not as many as worlds
-            MaskTypeError, MaskError: as in reset
+            SeedError: Not 64-bit integers, or not one per world.
+            MaskTypeError, MaskError: As in reset.
         """
         nworld = self.data.nworld
         given = wp.array(as_seeds(seeds, nworld), dtype=wp.uint64, device=self.device)
         self.layout_source.launch_reseed(given, None if mask is None else as_mask(mask, nworld, self.device))
 
     def write(self, layouts: Layouts | LayoutTable, rows: Any) -> None:
-        """Reset worlds to stored layouts. `self.layouts` does not change by it.
+        """Reset worlds to stored layouts. `self.layouts` does not change.
 
         Args:
-            layouts: of this scene, on the device or on the host
-            rows: row of `layouts` for each world, -1 for worlds that stay as they are, shape (nworld,)
+            layouts: Layouts of this scene, on the device or on the host.
+            rows: Row of `layouts` for each world, -1 for worlds that stay as they are, shape (nworld,).
 
         Raises:
-            SceneMismatchError: layouts of another scene
-            MaskError: rows of wrong shape, or that do not exist
+            SceneMismatchError: The layouts are of another scene.
+            MaskError: The rows are not integers, have the wrong shape or do not exist.
         """
         poses, nrow = _poses_of(layouts, self.model, self.device), layouts.qpos.shape[0]
         wp.copy(self._rows, as_rows(rows, nrow, self.data.nworld, self.device))
@@ -133,16 +133,17 @@ class ResetRandomizer:
             self._launch_write(poses)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
-        """Return how many candidates were rejected so far, per object and cause. Waits for the device."""
+        """Return how many candidates were rejected so far, by object and cause. Waits for the device."""
         return self.layout_source.rejection_counts()
 
     def check_budget(self) -> None:
-        """Say whether the contacts of the present state have room in the data, and those since the last resets had.
+        """Check that `data` has room for the contacts of the current state, and had it since the last resets.
 
-        MuJoCo-Warp leaves out what does not fit. Waits for the device, so call it after the first reset, or rarely.
+        mujoco_warp drops contacts that do not fit. Waits for the device, so call it after the first reset, or rarely.
 
         Raises:
-            ContactBudgetError: names the argument of `mjw.make_data` to raise, and to what
+            ContactBudgetError: The room was too small; the message names the argument of `mjw.make_data` to raise and
+                its new value.
         """
         check_budget(self.model, self.data)
 
@@ -167,35 +168,37 @@ class ResetRandomizer:
         for size in SIZES:
             if getattr(m, size) != getattr(mjm, size):
                 raise SceneMismatchError(
-                    f"model.{size} is {getattr(m, size)}, but {getattr(mjm, size)} in the compiled scene. "
-                    "Make the model from it: mjw.put_model(compiled.mjm)."
+                    f"ResetRandomizer: model.{size} is {getattr(m, size)} and should be {getattr(mjm, size)}, as in "
+                    "the compiled scene. Make the model from it: mjw.put_model(compiled.mjm)."
                 )
         if d.qpos.shape[1] != mjm.nq or d.mocap_pos.shape[1] != mjm.nmocap:
             raise SceneMismatchError(
-                f"data has nq={d.qpos.shape[1]} and nmocap={d.mocap_pos.shape[1]}, but the compiled scene {mjm.nq} "
-                f"and {mjm.nmocap}. Make the data from it: mjw.make_data(compiled.mjm, nworld=...)."
+                f"ResetRandomizer: data has nq={d.qpos.shape[1]} and nmocap={d.mocap_pos.shape[1]} and should have "
+                f"nq={mjm.nq} and nmocap={mjm.nmocap}, as the compiled scene has. Make the data from it: "
+                "mjw.make_data(compiled.mjm, nworld=...)."
             )
         nworld = self.layouts.nworld
         if nworld != d.nworld:
             raise SceneMismatchError(
-                f"the layout_source makes layouts for {nworld} worlds, but data has {d.nworld}. Make it for as many."
+                f"ResetRandomizer: layout_source makes layouts for {nworld} worlds and should make them for "
+                f"{d.nworld}, as many as data has."
             )
         for what, device in (
             ("the compiled scene", wp.get_device(self.compiled.device)),
-            ("the layout_source", self.layouts.qpos.device),
-            ("the model", m.qpos0.device),
+            ("layout_source", self.layouts.qpos.device),
+            ("model", m.qpos0.device),
         ):
             if device != self.device:
                 raise SceneMismatchError(
-                    f"data is on {self.device}, but {what} is on {device}. Put both on one device."
+                    f"ResetRandomizer: {what} is on {device} and should be on {self.device}, where data is."
                 )
 
 
 def _poses_of(layouts: Layouts | LayoutTable, m: mjw.Model, device: wp.Device) -> Poses:
-    """Layouts that a caller has kept, on the device.
+    """Return the poses of stored layouts, on the device.
 
     Raises:
-        SceneMismatchError: their sizes are not those of the model.
+        SceneMismatchError: Their sizes are not those of the model.
     """
     nrow = layouts.qpos.shape[0]
     # Without a mocap body Layouts keep one unused column.
@@ -213,7 +216,7 @@ def _poses_of(layouts: Layouts | LayoutTable, m: mjw.Model, device: wp.Device) -
         found = (*array.shape, *shape[1:]) if on_device and array.dtype is dtype else tuple(array.shape)
         if found != (nrow, *shape):
             raise SceneMismatchError(
-                f"layouts.{name} has shape {found} and should have {(nrow, *shape)}. Give layouts of this scene."
+                f"layouts.{name} has shape {found} and should have shape {(nrow, *shape)}. Give layouts of this scene."
             )
         arrays.append(array.to(device) if on_device else wp.array(array, dtype=dtype, ndim=2, device=device))
     return Poses(*arrays)

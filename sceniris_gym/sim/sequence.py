@@ -1,4 +1,4 @@
-"""A launch sequence that is captured once and replayed from then on."""
+"""`LaunchSequence`: kernel launches that are captured into a graph once and then replayed."""
 
 from collections.abc import Callable
 
@@ -6,16 +6,16 @@ import warp as wp
 
 
 class LaunchSequence:
-    """Launches of fixed number and shapes, recorded into a graph at their first call.
+    """A fixed sequence of kernel launches, captured into a graph at the first call.
 
-    Recorded and direct launches run the same kernels on the same arrays, so they give the same bits. While the device
-    is already capturing, the launches go into that capture. Works on CPU and CUDA devices.
+    Captured and direct launches run the same kernels on the same arrays, so they give the same bits. If the device is
+    already capturing, the launches go into that capture. Works on CPU and CUDA devices.
 
     Args:
-        launches: function without arguments and without host synchronisation; all it reads and writes lives in arrays
-            that stay where they are
-        device: the device of those arrays
-        graph: record and replay; otherwise every call launches directly
+        launches: Function without arguments that makes the launches. It does not synchronise with the host, and the
+            arrays that it reads and writes are never reallocated.
+        device: The device of those arrays.
+        graph: Capture and replay; if false, every call launches directly.
     """
 
     def __init__(self, launches: Callable[[], None], device: wp.Device, *, graph: bool = True) -> None:
@@ -38,5 +38,5 @@ class LaunchSequence:
         with wp.ScopedDevice(self.device), wp.ScopedStream(stream), wp.ScopedCapture(self.device) as capture:
             self.launches()
         if capture.graph is None:
-            raise RuntimeError(f"recording {self.launches} on {self.device} gave no graph")
+            raise RuntimeError(f"capturing {self.launches} on {self.device} gave no graph. Pass graph=False.")
         return capture.graph

@@ -1,4 +1,4 @@
-"""Layouts into simulation data: a masked write of positions, mocap poses, activations and controls."""
+"""Writes layouts into the simulation's Data by mask: positions, mocap poses, activations and controls."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -20,12 +20,12 @@ SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HIN
 
 
 class Poses(NamedTuple):
-    """Where things are in layouts, on the device.
+    """The poses of layouts on the device.
 
     Attributes:
-        qpos: joint positions [m, rad], quaternions wxyz, shape (nrow, nq)
-        mocap_pos: positions of mocap bodies [m], world frame, shape (nrow, nmocap)
-        mocap_quat: their orientations, wxyz inside `wp.quat`, shape (nrow, nmocap)
+        qpos: Joint positions [m, rad], quaternions wxyz, shape (nrow, nq).
+        mocap_pos: Positions of mocap bodies [m], world frame, shape (nrow, nmocap).
+        mocap_quat: Their orientations, wxyz inside `wp.quat`, shape (nrow, nmocap).
     """
 
     qpos: wp.array
@@ -40,12 +40,12 @@ class RestMap:
     Element e has the terms `rowadr[e]` to `rowadr[e + 1]`; the nu controls come first, then the na activations.
 
     Attributes:
-        rowadr: first term of an element, shape (nu + na + 1,)
-        qposadr: address in qpos of a term
-        coef: factor of a term
-        bias: constant part, shape (nu + na,); all there is of an element that holds nothing: its home value
-        lower: least value, shape (nu + na,)
-        upper: greatest value, shape (nu + na,)
+        rowadr: First term of an element, shape (nu + na + 1,).
+        qposadr: Address in qpos of a term.
+        coef: Factor of a term.
+        bias: Constant part, shape (nu + na,); the home value of an element that holds no pose and has no terms.
+        lower: Lower limit, shape (nu + na,).
+        upper: Upper limit, shape (nu + na,).
     """
 
     rowadr: wp.array
@@ -130,11 +130,11 @@ def write_state(m: mjw.Model, d: mjw.Data, rest: RestMap, poses: Poses, rows: wp
     """Write rows of `poses` into qpos, mocap poses, ctrl and act; worlds without a row stay as they are.
 
     Args:
-        m: model of the worlds
-        d: data of the worlds
-        rest: controls and activations at rest
-        poses: what is written
-        rows: row of `poses` for every world, -1 for none, shape (nworld,), int32
+        m: Model of the worlds.
+        d: Data of the worlds.
+        rest: Controls and activations at rest.
+        poses: The poses to write.
+        rows: Row of `poses` for every world, -1 for none, shape (nworld,), int32.
     """
     wp.launch(
         _write_state,
@@ -169,10 +169,10 @@ def rest_map(mjm: mujoco.MjModel, home_ctrl: np.ndarray, home_act: np.ndarray, d
     other actuators, those over spatial tendons included, take their home values.
 
     Args:
-        mjm: the model
-        home_ctrl: controls of the home pose, shape (nu,)
-        home_act: activations of the home pose, shape (na,)
-        device: where the map is needed
+        mjm: The model.
+        home_ctrl: Controls of the home pose, shape (nu,).
+        home_act: Activations of the home pose, shape (na,).
+        device: The target device.
     """
     nu, na = mjm.nu, mjm.na
     bias = np.concatenate([home_ctrl, home_act]).astype(float)

@@ -1,1 +1,1 @@
-"""What the command line offers: audit, benchmark, pictures."""
+"""The tools behind the command line: commands, audit, tables of layouts and pictures."""

@@ -1,4 +1,4 @@
-"""Files that are either whole or not there."""
+"""Writes files completely or not at all, and checks beforehand that they can be written."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from sceniris_gym.errors import NotSupportedError, OutputError
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give the path of a temporary file beside `path`, which takes its place if the block ends well.
+    """Yield the path of a temporary file beside `path`, which replaces `path` if the block succeeds.
 
-    If the block does not, not even by the user's Ctrl-C, the temporary file is removed and `path` stays as it was.
+    If it fails, or the user presses Ctrl-C, the temporary file is removed and `path` stays as it was.
 
     Raises:
-        OutputError: there can be no such file
+        OutputError: The file cannot be written.
     """
     temporary = _temporary(path)
     try:
@@ -31,10 +31,10 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def check_writable(path: Path) -> None:
-    """Make sure that `path` can be written, before the work whose result it is to hold. Leaves nothing behind.
+    """Make sure that `path` can be written, before the work whose result it will hold. Leaves nothing behind.
 
     Raises:
-        OutputError: it cannot
+        OutputError: It cannot.
     """
     if path.is_dir():
         raise OutputError(str(path), "it is a folder")
@@ -43,14 +43,14 @@ def check_writable(path: Path) -> None:
 
 
 def check_picture(path: Path) -> None:
-    """Make sure that `path` can be written, and is that of a PNG.
+    """Make sure that `path` ends in .png and can be written.
 
     Raises:
-        NotSupportedError: it has another suffix
-        OutputError: it cannot
+        NotSupportedError: It has another suffix.
+        OutputError: It cannot.
     """
     if path.suffix.lower() != ".png":
-        raise NotSupportedError(f"{path}: pictures are written as PNG. Give a path that ends with .png.")
+        raise NotSupportedError(f"{path}: a picture should be a PNG. Give a path that ends in .png.")
     check_writable(path)
 
 

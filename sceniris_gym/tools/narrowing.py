@@ -1,8 +1,8 @@
-"""How much `reachable` narrows where objects lie: a scene with it and without, as numbers and seen from above.
+"""How much `reachable` narrows where objects lie: compares a scene with it and without, in numbers and a picture.
 
-The share that is kept is that of the same candidates, so it does not depend on how many there are, but for chance: of
-the layouts that are made without `reachable`, those in which the arm's map lets a grasp of the object through; and for
-the tiers `ik` and `clear` also the share of finished layouts that passed them.
+The share that is kept is measured on one set of candidates, so apart from chance it does not depend on their number:
+it is the share of the layouts made without `reachable` in which the arm's map accepts a grasp of the object. For the
+tiers `ik` and `clear` it is multiplied by the share of finished layouts that passed them.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ _COLOURS = ((214, 96, 36), (38, 110, 184), (62, 140, 74), (150, 78, 158), (186, 
 
 @dataclass(frozen=True)
 class Narrowing:
-    """Where the objects that are to be reachable lie without that word and with it.
+    """Where the objects that should be reachable lie, without `reachable` and with it.
 
     Attributes:
-        before: object name -> positions [m] in the world where it is present, shape (n, 2), without `reachable`.
-        after: the same with it.
-        kept: object name -> share of those before that `reachable` lets through.
-        rejections: rejections per object and cause, with it.
-        base: position [m] and heading [rad] of the robot's base, shape (3,).
-        lower: corner of all that is drawn [m], shape (2,).
-        upper: the corner opposite.
+        before: Object name -> its world positions [m] in the layouts with it, shape (n, 2), without `reachable`.
+        after: The same with `reachable`.
+        kept: Object name -> share of its candidates that `reachable` accepts.
+        rejections: Rejections per object and cause, with `reachable`.
+        base: Position [m] and heading [rad] of the robot's base, shape (3,).
+        lower: Corner of all that is drawn [m], shape (2,).
+        upper: The opposite corner [m], shape (2,).
     """
 
     before: Mapping[str, np.ndarray]
@@ -57,7 +57,7 @@ class Narrowing:
     upper: np.ndarray
 
     def figures(self) -> dict[str, dict[str, float | int]]:
-        """The share of its candidates that each object keeps, of how many, and what a reset rejected why."""
+        """Return for each object the share of candidates kept, their number, and the rejections by cause of reach."""
         return {
             name: {
                 "kept": round(self.kept[name], 4),
@@ -69,22 +69,22 @@ class Narrowing:
 
 
 def narrow(compiled: CompiledScene, layouts: int, seed: int, path: Path | None = None) -> dict:
-    """Return what the commands tell: `narrowing`, and `picture` where one was drawn; nothing without `reachable`.
+    """Return what the commands print: `narrowing`, and `picture` if one was drawn; nothing without `reachable`.
 
     Args:
-        compiled: the scene.
-        layouts: how many to make with `reachable`, and how many without.
-        seed: seed of the first one.
-        path: where the picture goes, None for none.
+        compiled: The compiled scene.
+        layouts: Number of layouts to make with `reachable`, and as many without.
+        seed: Seed of the first layout.
+        path: Where to write a picture; None for no picture.
 
     Raises:
-        SceneKeyError: a picture is asked for of a scene in which nothing is to be reachable.
+        SceneKeyError: A picture is asked for, but no object of the scene has `reachable`.
     """
     if compiled.reaching is None:
         if path is not None:
             raise SceneKeyError(
                 f"{compiled.config.where}: --picture shows what 'reachable' does, and no object has it. "
-                "Add it, as in --set objects.apple.reachable=map, or leave out --picture."
+                "Add it, e.g. with --set objects.apple.reachable=map, or leave out --picture."
             )
         return {}
     found = narrowing(compiled, layouts, seed)
@@ -98,9 +98,9 @@ def narrowing(compiled: CompiledScene, layouts: int, seed: int) -> Narrowing:
     """Make layouts of a scene as it is, and of the same scene without `reachable`.
 
     Args:
-        compiled: the scene.
-        layouts: how many of each.
-        seed: seed of the first one.
+        compiled: The compiled scene.
+        layouts: Number of layouts of each.
+        seed: Seed of the first layout.
     """
     names = () if compiled.reaching is None else compiled.reaching.names
     changes = {f"objects.{name}.reachable": False for name in names}
@@ -120,13 +120,13 @@ def narrowing(compiled: CompiledScene, layouts: int, seed: int) -> Narrowing:
 
 
 def picture(found: Narrowing, title: str) -> Image.Image:
-    """Draw where objects lie from above: without `reachable` on the left, with it on the right; x is to the right."""
+    """Draw from above where objects lie: without `reachable` on the left, with it on the right; x points right."""
     size = found.upper - found.lower
     scale = min(_SCALE, _PANEL / float(size.max()))
     width, height = (int(np.ceil(scale * edge)) for edge in size)
     sheet = Image.new("RGB", (2 * width + 3 * _GAP, height + 2 * _STRIP + _GAP), _PAPER)
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(size=14)
-    for i, (words, positions) in enumerate((("without reachable", found.before), ("with it", found.after))):
+    for i, (words, positions) in enumerate((("without reachable", found.before), ("with reachable", found.after))):
         left, top = _GAP + i * (width + _GAP), _STRIP
         draw.rectangle((left, top, left + width, top + height), fill=(246, 247, 249), outline=_PALE)
         draw.text((left + 2, 4), f"{title}: {words}" if i == 0 else words, _INK, font)
@@ -145,7 +145,7 @@ def picture(found: Narrowing, title: str) -> Image.Image:
 
 
 def _draw_base(draw: ImageDraw.ImageDraw, origin: np.ndarray, scale: float, base: np.ndarray) -> None:
-    """A disc at the robot's base, and a tick where its x axis points."""
+    """Draw a disc at the robot's base, and a tick along its x axis."""
     x, y = origin[0] + scale * base[0], origin[1] - scale * base[1]
     tip = (x + 18 * np.cos(base[2]), y - 18 * np.sin(base[2]))
     draw.ellipse((x - 7, y - 7, x + 7, y + 7), fill=_ARM)
@@ -153,7 +153,7 @@ def _draw_base(draw: ImageDraw.ImageDraw, origin: np.ndarray, scale: float, base
 
 
 def _positions(compiled: CompiledScene, table: LayoutTable, name: str) -> np.ndarray:
-    """Positions of an object's root [m] in the layouts in which it is present, shape (n, 2)."""
+    """Return the positions of an object's root [m] in the valid layouts in which it is present, shape (n, 2)."""
     mjm, body = compiled.mjm, compiled.scene.bodies[name]
     there = table.present[:, compiled.slots.index(name)] & table.valid
     mocap = int(mjm.body_mocapid[body])
@@ -166,7 +166,7 @@ def _positions(compiled: CompiledScene, table: LayoutTable, name: str) -> np.nda
 
 
 def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, name: str) -> float:
-    """Share of the layouts of `plain` with an object of which the arm's map lets a grasp of it through."""
+    """Return the share of the layouts of `plain` with an object in which the arm's map accepts a grasp of it."""
     reaching = compiled.reaching
     assert reaching is not None
     target = reaching.targets[reaching.names.index(name)]
@@ -196,7 +196,7 @@ def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, n
 def _staged(
     compiled: CompiledScene, table: LayoutTable, rejections: Mapping[str, Mapping[str, int]]
 ) -> dict[str, float]:
-    """Share of the finished layouts that passed `ik` or `clear`, by object; stages go from the first to the last.
+    """Return the share of finished layouts that passed `ik` or `clear`, by object, which are tested in order.
 
     A layout that failed at a later object had passed at the earlier ones.
     """
@@ -215,7 +215,7 @@ def _frame_of(data: mujoco.MjData, body: int) -> np.ndarray:
 
 
 def _matrix(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
-    """A pose, position [m] and unit wxyz, as a matrix (4, 4)."""
+    """Return a pose, position [m] and unit quaternion wxyz, as a matrix (4, 4)."""
     frame, turn = np.eye(4), np.zeros(9)
     mujoco.mju_quat2Mat(turn, np.asarray(quat, float))
     frame[:3, :3], frame[:3, 3] = turn.reshape(3, 3), pos
@@ -223,7 +223,7 @@ def _matrix(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
 
 
 def _frame(compiled: CompiledScene, points: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """The least rectangle around points and the floor, and a margin."""
+    """Return the corners of the smallest rectangle around points and the floor, plus a margin."""
     every = np.concatenate(points)
     if compiled.config.floor is not None:
         half = 0.5 * np.array(compiled.config.floor.size)

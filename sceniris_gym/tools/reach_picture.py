@@ -1,4 +1,4 @@
-"""A map as a picture: a slice through the arm's plane and a top view, for any approach and for one from above."""
+"""Draws a reachability map: a side view and a top view, for any approach direction and for one from above."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def draw(reach_map: ReachMap, height: float, device: str) -> Image.Image:
     """Draw two rows of two panels. Left: the plane y = 0 of the base frame; right: the plane z = `height` [m].
 
     Above: the share of approach directions that are reached, light to dark. Below: approach from straight above; dark
-    green is certain, light green and brown are the majority's yes and no in cells that are crossed by the surface.
+    green is a certain yes, light green and brown are the interpolated yes and no in cells that the surface crosses.
     """
     span, low = -reach_map.u_low, reach_map.z_low
     ticks = np.linspace(-span, span, _PIXELS)
@@ -47,14 +47,14 @@ def draw(reach_map: ReachMap, height: float, device: str) -> Image.Image:
 
 
 def _verdicts(reach_map: ReachMap, points: np.ndarray, approach: np.ndarray, device: str) -> np.ndarray:
-    """Verdicts of an approach direction at points of shape (..., 3); the roll about it makes no difference."""
+    """Return the verdicts for an approach direction at points of shape (..., 3); the roll about it does not matter."""
     poses = np.zeros((points[..., 0].size, 4, 4))
     poses[:, :3, 3], poses[:, :3, 2] = points.reshape(-1, 3), approach
     return reach_map.verdict(poses, device).reshape(points.shape[:-1])
 
 
 def _directions() -> np.ndarray:
-    """Unit vectors spread evenly over the sphere (a Fibonacci lattice), shape (N, 3)."""
+    """Return unit vectors spread evenly over the sphere (a Fibonacci lattice), shape (N, 3)."""
     z = 1.0 - (2.0 * np.arange(_DIRECTIONS) + 1.0) / _DIRECTIONS
     angle = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(_DIRECTIONS)
     return np.stack([np.sqrt(1.0 - z**2) * np.cos(angle), np.sqrt(1.0 - z**2) * np.sin(angle), z], axis=1)
@@ -63,7 +63,7 @@ def _directions() -> np.ndarray:
 def _panel(
     sheet: Image.Image, column: int, row: int, colours: np.ndarray, title: str, span: float, middle: float
 ) -> None:
-    """Put one panel with its title, a line every half metre, and the heights or sides that they stand for."""
+    """Paste one panel with its title and a labelled line every half metre."""
     x, y = _GAP + column * (_PIXELS + _GAP), _GAP + row * (_PIXELS + _STRIP + _GAP)
     sheet.paste(Image.fromarray(np.round(colours).astype(np.uint8)), (x, y + _STRIP))
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(size=11)

@@ -1,4 +1,4 @@
-"""Pictures of layouts by mujoco_warp's ray caster: no GL, on a CPU or a GPU.
+"""Renders pictures of layouts with mujoco_warp's ray caster, without OpenGL, on a CPU or a GPU.
 
 The poses of geoms, cameras and lights come from MuJoCo C, so that only the ray caster's own kernels are compiled
 (8 s once on one CPU core).
@@ -24,48 +24,48 @@ from sceniris_gym.tools.files import replacing
 
 CAMERA = "overview"
 SIZE = (480, 360)  # pixels
-VIEW = (0.4, -1.0, 2.0)  # from the scene to the eye: from the front, a little from the right and well above
+VIEW = (0.4, -1.0, 2.0)  # from the scene to the eye: in front, a little to the right, and well above
 _VISIBLE_GROUPS = (0, 1, 2)
 _SAMPLES = 2  # rays for each pixel, along each axis
 _MARGIN = 1.04
-_APRON = 1.6  # m of ground drawn around the floor, which carries things as far as one looks but is drawn as a workspace
+_APRON = 1.6  # m of ground drawn around the floor, whose plane is infinite in physics but drawn as a workspace
 _GAP, _STRIP = 6, 22  # pixels between tiles, and below each for its caption
 _INK, _PAPER = (40, 44, 50), (255, 255, 255)
 
 
 def render(
-    mjm: mujoco.MjModel, rows: LayoutTable, *, size: tuple[int, int] = SIZE, device: str | None = None
+    mjm: mujoco.MjModel, table: LayoutTable, *, size: tuple[int, int] = SIZE, device: str | None = None
 ) -> np.ndarray:
-    """Render each row with the same camera, which is placed so that it just sees everything in all of them.
+    """Render each layout with the same camera, placed so that it just sees everything in all of them.
 
     Args:
-        mjm: the model; its camera 'overview' gives the field of view.
-        rows: the layouts.
-        size: width and height of a picture in pixels.
+        mjm: The model; its camera 'overview' gives the field of view.
+        table: The layouts.
+        size: Width and height of a picture [pixels].
         device: Warp's name of the device; None is Warp's default.
 
     Returns:
         Pictures, uint8, shape (nrow, height, width, 3).
 
     Raises:
-        UnknownNameError: the model has no camera 'overview'.
+        UnknownNameError: The model has no camera 'overview'.
     """
     camera = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_CAMERA, CAMERA)
     if camera < 0:
         raise UnknownNameError("camera", CAMERA, "render", [mjm.camera(i).name for i in range(mjm.ncam)])
-    poses = _poses(mjm, rows)
+    poses = _poses(mjm, table)
     eye, axes = frame(_corners(mjm, poses), np.array(VIEW), mjm.cam_fovy[camera], size[0] / size[1])
     poses["cam_xpos"][:, camera], poses["cam_xmat"][:, camera] = eye, axes.reshape(9)
     width, height = size
     with wp.ScopedDevice(device):
         mjm = _with_apron(mjm)
-        m, d = mjw.put_model(mjm), mjw.make_data(mjm, nworld=len(rows))
+        m, d = mjw.put_model(mjm), mjw.make_data(mjm, nworld=len(table))
         for name, values in poses.items():
             field = getattr(d, name)
             field.assign(values.reshape(field.shape + tuple(getattr(field.dtype, "_shape_", ()))))
         context = mjw.create_render_context(
             mjm,
-            nworld=len(rows),
+            nworld=len(table),
             cam_res=size,
             render_rgb=True,
             render_depth=False,
@@ -79,13 +79,13 @@ def render(
         )
         mjw.refit_bvh(m, d, context)
         mjw.render(m, d, context)
-        pixels = wp.zeros((len(rows), height, width), dtype=wp.vec3)
+        pixels = wp.zeros((len(table), height, width), dtype=wp.vec3)
         mjw.get_rgb(context, 0, pixels)
         return (pixels.numpy() * 255.0 + 0.5).astype(np.uint8)
 
 
 def contact_sheet(pictures: np.ndarray, captions: Sequence[str], *, columns: int = 4) -> Image.Image:
-    """Lay pictures (n, height, width, 3) out in rows of `columns`, each above its caption."""
+    """Arrange pictures (n, height, width, 3) in rows of `columns`, each above its caption."""
     height, width = pictures.shape[1:3]
     nrow = -(-len(pictures) // columns)
     cell = np.array([width + _GAP, height + _STRIP + _GAP])
@@ -99,15 +99,15 @@ def contact_sheet(pictures: np.ndarray, captions: Sequence[str], *, columns: int
 
 
 def captioned(
-    mjm: mujoco.MjModel, rows: LayoutTable, captions: Sequence[str], *, device: str | None = None
+    mjm: mujoco.MjModel, table: LayoutTable, captions: Sequence[str], *, device: str | None = None
 ) -> Image.Image:
-    """Render rows as one contact sheet, or a single row larger."""
-    size = SIZE if len(rows) > 1 else (2 * SIZE[0], 2 * SIZE[1])
-    return contact_sheet(render(mjm, rows, size=size, device=device), captions, columns=min(4, len(rows)))
+    """Render layouts as one contact sheet, or a single layout as one larger picture."""
+    size = SIZE if len(table) > 1 else (2 * SIZE[0], 2 * SIZE[1])
+    return contact_sheet(render(mjm, table, size=size, device=device), captions, columns=min(4, len(table)))
 
 
 def save(image: Image.Image, path: Path) -> None:
-    """Write a PNG; a run that is stopped leaves nothing half written."""
+    """Write a PNG; if stopped, leave no half-written file."""
     with replacing(path) as temporary:
         image.save(temporary, format="PNG", optimize=True)
 
@@ -120,10 +120,10 @@ def frame(points: np.ndarray, backward: np.ndarray, fovy: float, aspect: float) 
     answer.
 
     Args:
-        points: what must be seen [m], world frame, shape (n, 3).
-        backward: direction from the points to the eye, shape (3,).
-        fovy: vertical field of view [degrees].
-        aspect: width of the picture over its height.
+        points: The points to be seen [m], world frame, shape (n, 3).
+        backward: Direction from the points to the eye, shape (3,).
+        fovy: Vertical field of view [degrees].
+        aspect: Width of the picture over its height.
 
     Returns:
         Position (3,) [m] and axes (3, 3) of the camera; the columns are right, up and backward.
@@ -141,7 +141,7 @@ def frame(points: np.ndarray, backward: np.ndarray, fovy: float, aspect: float) 
 
 
 def _with_apron(mjm: mujoco.MjModel) -> mujoco.MjModel:
-    """Return the model with a larger floor, so that nothing at the edge of the workspace seems to hang in the air."""
+    """Return the model with a larger floor, so that nothing at the edge of the workspace seems to float."""
     floor = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_GEOM, FLOOR)
     if floor < 0 or mjm.geom_type[floor] != mujoco.mjtGeom.mjGEOM_PLANE or not mjm.geom_size[floor, 0] > 0:
         return mjm
@@ -150,13 +150,13 @@ def _with_apron(mjm: mujoco.MjModel) -> mujoco.MjModel:
     return wide
 
 
-def _poses(mjm: mujoco.MjModel, rows: LayoutTable) -> dict[str, np.ndarray]:
-    """Return what the ray caster reads of a simulation's state, by its name there, each with a leading nrow."""
+def _poses(mjm: mujoco.MjModel, table: LayoutTable) -> dict[str, np.ndarray]:
+    """Return the arrays of MjData that the ray caster reads, by name, each with a leading nrow."""
     data = mujoco.MjData(mjm)
     names = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
-    poses = {name: np.empty((len(rows), *getattr(data, name).shape)) for name in names}
-    for i in range(len(rows)):
-        rows.put(data, i)
+    poses = {name: np.empty((len(table), *getattr(data, name).shape)) for name in names}
+    for i in range(len(table)):
+        table.put(data, i)
         mujoco.mj_kinematics(mjm, data)
         mujoco.mj_comPos(mjm, data)
         mujoco.mj_camlight(mjm, data)
@@ -166,7 +166,7 @@ def _poses(mjm: mujoco.MjModel, rows: LayoutTable) -> dict[str, np.ndarray]:
 
 
 def _corners(mjm: mujoco.MjModel, poses: dict[str, np.ndarray]) -> np.ndarray:
-    """Return the corners of the boxes of all visible geoms in all rows [m], world frame, shape (n, 3)."""
+    """Return the corners of the boxes of all visible geoms in all layouts [m], world frame, shape (n, 3)."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     corners = []
     for geom in np.flatnonzero(np.isin(mjm.geom_group, _VISIBLE_GROUPS)):

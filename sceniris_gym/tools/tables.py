@@ -1,4 +1,4 @@
-"""Layouts of a generator as a table on the host, also of more worlds than are made at once."""
+"""Makes layouts and reads them from a LayoutGenerator into a LayoutTable on the host."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CHUNK = 4096  # worlds that are made at once
 
 
 def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTable:
-    """Copy the first `nrow` layouts (None: all) of a generator to the host."""
+    """Copy the first `nrow` layouts (None: all) of a LayoutGenerator to the host."""
     layouts, nmocap = generator.layouts, generator.compiled.mjm.nmocap
 
     def read(array: wp.array) -> np.ndarray:
@@ -48,12 +48,14 @@ def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTab
 
 
 def grasp_poses(compiled: CompiledScene, table: LayoutTable, grasp: np.ndarray) -> np.ndarray:
-    """Return the TCP poses (x, y, z, w, x, y, z) of grasps in the world frame, shape (nrow, nreach, 7), float32.
+    """Return the TCP poses of grasps in the world frame, shape (nrow, nreach, 7), float32.
+
+    Position [m] and orientation (wxyz), NaN where there is no grasp.
 
     Args:
-        compiled: the scene.
-        table: the layouts.
-        grasp: the grasp of each reachable object, -1 for none, shape (nrow, nreach).
+        compiled: The compiled scene.
+        table: The layouts.
+        grasp: Index of the grasp of each reachable object, -1 for none, shape (nrow, nreach).
     """
     poses = np.full((*grasp.shape, 7), np.nan, np.float32)
     if compiled.reaching is None:
@@ -80,18 +82,18 @@ def make_table(
     chunk: int = CHUNK,
     progress: Callable[[int], object] = lambda _: None,
 ) -> LayoutTable:
-    """Make n layouts: row i is episode 0 of seed + i, whatever n and the size of the chunks are.
+    """Make n layouts: row i is episode 0 of seed + i, whatever n and `chunk` are.
 
     Args:
-        compiled: the scene.
-        n: number of layouts.
-        seed: seed of the first row.
+        compiled: The compiled scene.
+        n: Number of layouts.
+        seed: Seed of the first row.
         split: "train" or "eval".
-        chunk: how many are made at once.
-        progress: called with the number of layouts made since the last call.
+        chunk: How many layouts are made at once.
+        progress: Called with the number of layouts made since the last call.
 
     Raises:
-        SeedError: the seed is not a 64-bit integer.
+        SeedError: The seed is not a 64-bit integer.
     """
     seeds = as_seeds(seed, n)
     generator = LayoutGenerator(compiled, min(chunk, n), split=split)

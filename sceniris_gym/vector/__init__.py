@@ -1,1 +1,1 @@
-"""The Gymnasium face: vector environments and tasks."""
+"""The Gymnasium interface: vector environments and tasks."""

@@ -1,4 +1,4 @@
-"""What users hand to an environment: tasks, scenes, reset masks and actions, checked at the door."""
+"""Checks and converts what users pass to an environment: tasks, scenes, sizes, seeds, reset masks and actions."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ RESET_MASK = "reset_mask"  # the option of Gymnasium's own vector environments
 
 
 def as_task(task: Task | type[Task] | str) -> Task:
-    """Return a Task for one, for its class, or for "module:Class"."""
+    """Return a Task that is given as itself, as its class, or as "module:Class"."""
     if isinstance(task, str):
         module, _, name = task.partition(":")
         task = getattr(importlib.import_module(module), name)
     made = task() if isinstance(task, type) else task
     if not isinstance(made, Task):
-        raise TypeError(f"task must be a Task, its class, or 'module:Class', got {made!r}.")
+        raise TypeError(f"task should be a Task, its class, or 'module:Class', got {made!r}.")
     return made
 
 
@@ -39,13 +39,14 @@ def as_compiled_scene(scene: Any, overrides: Mapping[str, Any] | None, device: s
     """Return a CompiledScene as it is, or compile what SceneConfig.load takes; device None is cuda:0 if there is one.
 
     Raises:
-        ValueError: a CompiledScene with overrides, or on another device than the one asked for
-        ScenirisError: see compile_scene
+        ValueError: A CompiledScene with overrides, or with another device than its own.
+        ScenirisError: See compile_scene.
     """
     if isinstance(scene, CompiledScene):
         if overrides or (device is not None and wp.get_device(device) != wp.get_device(scene.device)):
             raise ValueError(
-                "A CompiledScene is finished: give its scene file to change it with overrides or another device."
+                "scene should be a scene file, mapping or SceneConfig to use overrides or another device: "
+                "a CompiledScene cannot be changed."
             )
         return scene
     return compile_scene(SceneConfig.load(scene, dict(overrides or {})), device)
@@ -55,14 +56,14 @@ def as_count(value: Any, name: str) -> int:
     """Return an integer of any library as an int.
 
     Raises:
-        ValueError: not an integer, or less than 1
+        ValueError: Not an integer, or less than 1.
     """
     try:
         count = operator.index(value)
     except TypeError:
         count = 0
     if count < 1:
-        raise ValueError(f"{name} must be an integer and at least 1, got {value!r}.")
+        raise ValueError(f"{name} should be an integer of at least 1, got {value!r}.")
     return count
 
 
@@ -70,25 +71,25 @@ def as_size(value: Any, name: str) -> tuple[int, int]:
     """Return width and height.
 
     Raises:
-        ValueError: not two integers, or one less than 1
+        ValueError: Not two integers, or one less than 1.
     """
     try:
         width, height = value
     except (TypeError, ValueError):
-        raise ValueError(f"{name} must be (width, height), got {value!r}.") from None
+        raise ValueError(f"{name} should be (width, height), got {value!r}.") from None
     return as_count(width, f"{name}[0]"), as_count(height, f"{name}[1]")
 
 
 def as_reset_seeds(seed: Any, num_envs: int, *, first: bool) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return a seed for each world and which worlds are given one, or None where all worlds go on with what they have.
+    """Return a seed for each world and a mask of the worlds that get theirs; None if no world is reseeded.
 
     Args:
-        seed: an integer (world i gets seed + i), a sequence of num_envs integers or None, or None
-        num_envs: number of worlds
-        first: there is nothing to go on with: None in a sequence draws a seed
+        seed: None, an integer (world i gets seed + i), or num_envs entries that are integers or None.
+        num_envs: Number of worlds.
+        first: Whether this is the first reset, in which each None in a sequence draws a seed.
 
     Raises:
-        SeedError: something else
+        SeedError: Any other seed.
     """
     if seed is None:
         return None
@@ -102,14 +103,14 @@ def as_reset_seeds(seed: Any, num_envs: int, *, first: bool) -> tuple[np.ndarray
 
 
 def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int, device: torch.device) -> Tensor | None:
-    """Return `options["reset_mask"]` on the device, or None where all worlds are meant. The options stay as they are.
+    """Return `options["reset_mask"]` on the device, or None for all worlds. The options are not modified.
 
-    This is the only check of a reset mask: what comes after it takes the mask as it is.
+    This is the only check of a reset mask; later code relies on it.
 
     Raises:
-        UnknownNameError: another option
-        MaskTypeError: not an array of booleans
-        MaskError: wrong shape, or not true anywhere
+        UnknownNameError: An option other than reset_mask.
+        MaskTypeError: Not an array of booleans.
+        MaskError: Wrong shape, or false everywhere.
     """
     options = options or {}
     for name in options:
@@ -123,21 +124,21 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int, device: torc
     mask = wp.to_torch(given) if isinstance(given, wp.array) else torch.as_tensor(given)
     mask = mask.detach().to(device)
     if not mask.any():
-        raise MaskError(f"{name} must be true for at least one world; leave it out to reset all of them.")
+        raise MaskError(f"{name} should be true for at least one world. Leave it out to reset all of them.")
     return mask
 
 
 def as_action(actions: Any, space: Space, device: torch.device) -> Tensor:
-    """Return actions of all worlds on the device, without gradients, cut off at -1 and 1; what is not a number is 0.
+    """Return the actions of all worlds on the device, detached and clipped to [-1, 1]; NaN becomes 0.
 
-    A NaN that got into the controls would stay there until the world's next reset, a gradient for good.
+    A NaN in the controls would stay there until the world's next reset, and a gradient for ever.
 
     Raises:
-        ValueError: wrong shape
+        ValueError: Wrong shape.
     """
     action = torch.as_tensor(actions, dtype=torch.float32, device=device).detach()
     if action.shape != space.shape:
-        raise ValueError(f"actions must have shape {space.shape}, got {tuple(action.shape)}.")
+        raise ValueError(f"actions should have shape {space.shape}, got {tuple(action.shape)}.")
     return action.nan_to_num(nan=0.0).clamp(-1.0, 1.0)
 
 

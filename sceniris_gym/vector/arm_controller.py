@@ -1,4 +1,4 @@
-"""An arm as tasks drive it: joint targets that cannot run away, a tool that moves straight, and a gripper."""
+"""`ArmController`: moves an arm by its joints or by its tool, and opens and closes its gripper."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ TOOL_STEP = 0.02
 """Largest change of the tool's target along an axis in a control step [m]: 1 m/s at 50 Hz."""
 
 TOOL_LEAD = 0.05
-"""How far the tool's target may be ahead of the tool along an axis [m]."""
+"""How far the tool's target may lead the tool along an axis [m]."""
 
 TURN_STEP = 0.1
 """Largest change of the tool's target yaw in a control step [rad]."""
 
 TURN_LEAD = 0.3
-"""How far the target yaw may be ahead [rad]."""
+"""How far the target yaw may lead the tool's yaw [rad]."""
 
 TURN_LIMIT = 1.7
 """Largest target yaw to either side [rad]: a gripper is the same after half a turn."""
 
 DAMPING = 1e-3
-"""Of the inverse kinematics [m^2]: 3 cm/rad, a tenth of what a joint of this size moves the tool by."""
+"""Damping of the inverse kinematics [m^2]: its root is 3 cm/rad, a tenth of what a joint moves the tool by."""
 
 POSTURE_GAIN = 0.1
-"""How much of the way back to the home pose the joints go in a step, as far as the tool does not notice."""
+"""Share of the way back to the home pose that the joints go in a step, as far as that does not move the tool."""
 
 
 class ArmController:
@@ -41,18 +41,18 @@ class ArmController:
     tool is the site `<name>/tcp`.
 
     Args:
-        s: the worlds
-        name: the arm's name in the scene, that of its asset
+        s: The worlds.
+        name: The arm's name in the scene, which is that of its asset.
 
     Attributes:
-        joints: number of joints, fingers aside
-        lead: how far a joint's target may be ahead of it [rad], shape (joints,): as far as makes its actuator do all it
-            can; beyond that, a target would only take longer to come back
-        tool_target: where the tool is told to be, x, y, z [m] and yaw [rad] in the base frame, for `move_tool`; shape
-            (num_envs, 4)
+        joints: Number of joints, without the fingers.
+        lead: How far a joint's target may lead the joint [rad], shape (joints,): enough for its actuator to reach full
+            force and speed. With a larger lead, a target would only take longer to come back.
+        tool_target: Target of the tool for `move_tool`: x, y, z [m] and yaw [rad] in the base frame, shape
+            (num_envs, 4).
 
     Raises:
-        UnknownNameError: the scene has no such arm
+        UnknownNameError: The scene has no such arm.
     """
 
     def __init__(self, s: State, name: str = "panda") -> None:
@@ -100,20 +100,20 @@ class ArmController:
         targets.copy_(moved.clamp(self._lower, self._upper))
 
     def start(self, s: State, mask: Tensor) -> None:
-        """Let the tool's target be where the tool is, in the masked worlds; to be called after their reset."""
+        """Set the tool's target to where the tool is in the masked worlds; call it after their reset."""
         self.tool_target.copy_(torch.where(mask[:, None], self._tool_now(s), self.tool_target))
 
     def move_tool(self, s: State, action: Tensor, lowest: float = 0.0) -> None:
         """Move the tool, which points down, along the axes of the base frame, and turn it about the vertical.
 
-        The target changes by `action` times 0.02 m and 0.1 rad and stays within reach of where the tool is. Joint
-        targets follow by damped least squares, dq = J^T (J J^T + lambda I)^-1 e (Wampler 1986), and what of a step
-        towards the home pose does not move the tool.
+        The target changes by `action` times 0.02 m and 0.1 rad, and leads the tool by TOOL_LEAD and TURN_LEAD at most.
+        Joint targets follow by damped least squares, dq = J^T (J J^T + lambda I)^-1 e (Wampler 1986), plus the part of
+        a step towards the home pose that does not move the tool.
 
         Args:
-            s: the worlds
-            action: x, y, z and yaw in [-1, 1], shape (num_envs, 4)
-            lowest: least height of the target [m], base frame
+            s: The worlds.
+            action: Changes of x, y, z and yaw in [-1, 1], shape (num_envs, 4).
+            lowest: Lower limit of the target's height [m], base frame.
         """
         now = self._tool_now(s)
         target = (self.tool_target + self._step * action).clamp(now - self._lead, now + self._lead)
@@ -121,7 +121,7 @@ class ArmController:
         target[:, 3].clamp_(-TURN_LIMIT, TURN_LIMIT)
         self.tool_target.copy_(target)
         half, zero = 0.5 * target[:, 3], torch.zeros_like(target[:, 3])
-        # half a turn about x, then the yaw: the tool's z axis looks down
+        # half a turn about x, then the yaw: the tool's z axis points down
         wanted = torch.stack([zero, half.cos(), half.sin(), zero], dim=1)
         turn = rotations.multiply(wanted, rotations.conjugate(self.tool(s)[:, 3:]))
         turn = 2.0 * turn[:, 1:] * torch.where(turn[:, :1] < 0.0, -1.0, 1.0)
@@ -150,7 +150,7 @@ class ArmController:
 
 
 def _full_leads(s: State, columns: list[int]) -> Tensor:
-    """Return by how much a joint lags behind its target at full force and speed [rad], shape (len(columns),).
+    """Return how far each joint lags behind its target at full force and speed [rad], shape (len(columns),).
 
     The force F is then balanced by the joint's damping d alone, so that the speed is F / d; and the actuator's own law
     F = kp lead - kv F / d gives the lead.

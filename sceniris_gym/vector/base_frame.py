@@ -1,4 +1,4 @@
-"""Poses and velocities seen from the robot's base, which stands still: linear maps that are made once."""
+"""`BaseFrame`: poses and velocities in the frame of the robot's base, which does not move."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 class BaseFrame:
     """The frame of the robot's base; the world frame in a scene without a robot.
 
-    A change of frame is linear in position and quaternion, as is a constant turn of what is seen, so that a pose takes
-    one product with a matrix of 7 x 7, and a pair of vectors one of 6 x 6.
+    A change of frame is linear in position and quaternion, and so is a constant rotation relative to the body. A pose
+    therefore takes one product with a 7 x 7 matrix, and a pair of vectors one with a 6 x 6 matrix. The matrices are
+    computed once.
 
     Args:
-        scene: the scene; its robot's base does not move
-        device: torch device
+        scene: The scene; its robot's base does not move.
+        device: Torch device.
     """
 
     def __init__(self, scene: SceneModel, device: torch.device) -> None:
@@ -36,7 +37,7 @@ class BaseFrame:
         self.body = self.seen(UPRIGHT)
 
     def seen(self, quat: np.ndarray) -> Tensor:
-        """Return the map for `pose` of things that are turned against a body by `quat` (wxyz), shape (7, 7)."""
+        """Return the map that `pose` takes for a frame turned by `quat` (wxyz) relative to its body, shape (7, 7)."""
         columns = np.zeros((4, 4))
         for column, unit in zip(columns, np.eye(4), strict=True):
             mujoco.mju_mulQuat(column, self._to_base, unit)
@@ -47,9 +48,9 @@ class BaseFrame:
         """Return poses in the base frame, shape (..., 7).
 
         Args:
-            position: in the world frame [m], shape (..., 3)
-            quat: orientation of the body in the world frame (wxyz), shape (..., 4)
-            seen: the map of what is seen; that of the body itself when None
+            position: Positions in the world frame [m], shape (..., 3).
+            quat: Orientations of the bodies in the world frame (wxyz), shape (..., 4).
+            seen: A map from `seen`; None is the frame of the body itself.
         """
         return transform(self.body if seen is None else seen, torch.cat([position, quat], dim=-1)) + self._offset
 
@@ -69,7 +70,7 @@ def _block(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def _base_pose(scene: SceneModel) -> tuple[np.ndarray, np.ndarray]:
-    """Return position and orientation (wxyz) of the robot's base in the world frame; its own without a robot."""
+    """Return position and orientation (wxyz) of the robot's base in the world frame; the identity without a robot."""
     body = scene.bodies.get("robot")
     if body is None:
         return np.zeros(3), UPRIGHT

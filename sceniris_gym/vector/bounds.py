@@ -1,4 +1,4 @@
-"""How high bodies are: the height of their lowest point, however they are turned."""
+"""`Bounds`: boxes around bodies, and the height of their lowest corners."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from sceniris_gym.vector.state import State, find_body
 
 
 class Bounds:
-    """The least box around each of several bodies, along the axes of the body's frame.
+    """The smallest box around each of several bodies, along the axes of the body's frame.
 
-    It holds what physics collides of a body itself, not of its children. Boxes are found once, on the host; reading
-    them takes no host synchronisation.
+    It contains the colliding geoms of the body itself, not those of its children. Boxes are found once, on the host;
+    reading them takes no host synchronisation.
 
     Args:
-        s: the worlds
-        names: names of bodies
+        s: The worlds.
+        names: Names of bodies.
 
     Raises:
-        UnknownNameError: a body that the scene does not have
-        NotSupportedError: a body of which nothing collides
+        UnknownNameError: The scene has no such body.
+        NotSupportedError: A body has no geom that collides.
     """
 
     def __init__(self, s: State, names: Sequence[str]) -> None:
@@ -38,11 +38,11 @@ class Bounds:
     def lowest(self, poses: Tensor) -> Tensor:
         """Return the height of the lowest corner of each box [m], shape (num_envs, len(names)).
 
-        This is z + r . c - |r| . h, with r the third row of the body's rotation matrix, c the box's middle and h its
-        half extents. It is never above the body's lowest point, and is that point's height where the box is level.
+        This is z + r . c - |r| . h, with r the third row of the body's rotation matrix, c the box's centre and h its
+        half extents. It is never above the body's lowest point, and is that point's height if the box is level.
 
         Args:
-            poses: what `State.poses` returns for the same names, shape (num_envs, len(names), 7)
+            poses: What `State.poses` returns for the same names, shape (num_envs, len(names), 7).
         """
         row = rotations.rotate(rotations.conjugate(poses[..., 3:]), self._up.expand_as(poses[..., :3]))
         return poses[..., 2] + (row * self._middle - row.abs() * self._half).sum(dim=-1)

@@ -1,4 +1,4 @@
-"""Joints put where a task wants them, at rest and held there by their actuators."""
+"""`JointWriter`: sets joint positions, at rest and held by their actuators."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from sceniris_gym.sim.write import rest_map
 
 
 class JointWriter:
-    """Writes some hinges and slides, their velocities, and the controls that depend on them.
+    """Writes the positions of some hinges and slides, zero velocities, and the controls that depend on them.
 
     Args:
-        mjm: the model
-        joints: ids of the joints
-        device: torch device
+        mjm: The model.
+        joints: Ids of the joints.
+        device: Torch device.
     """
 
     def __init__(self, mjm: mujoco.MjModel, joints: Sequence[int], device: torch.device) -> None:
@@ -37,7 +37,7 @@ class JointWriter:
         self._matrix, self._bias, self._lower, self._upper = floats
 
     def write(self, qpos: Tensor, qvel: Tensor, ctrl: Tensor, values: Tensor, mask: Tensor) -> None:
-        """Put the joints of masked worlds where `values` (num_envs, njoint) are, in place; the others keep theirs."""
+        """Set the joints of masked worlds to `values` (num_envs, njoint), in place; the other worlds keep theirs."""
         mask = mask[:, None]
         qpos[:, self._columns] = torch.where(mask, values, qpos[:, self._columns])
         qvel[:, self._dofs] = torch.where(mask, 0.0, qvel[:, self._dofs])

@@ -1,4 +1,4 @@
-"""Quaternions as MuJoCo has them (w, x, y, z), in few batched torch operations: on a GPU each one is a launch."""
+"""Quaternions in MuJoCo's order (w, x, y, z), in few batched torch operations: on a GPU each one is a launch."""
 
 import functools
 
@@ -34,7 +34,7 @@ def rotate(quat: Tensor, vector: Tensor) -> Tensor:
 def transform(matrix: Tensor, vector: Tensor) -> Tensor:
     """Return matrix times vector, shapes (..., n, m) and (..., m) that broadcast.
 
-    Sums of products in full precision: users let matrix products lose bits (TF32).
+    These are sums of products in full precision, as users may have enabled TF32 for matrix products.
     """
     return (matrix * vector.unsqueeze(-2)).sum(dim=-1)
 

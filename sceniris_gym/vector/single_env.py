@@ -1,4 +1,4 @@
-"""The one-world view of a vector environment: what `gymnasium.make` gives."""
+"""`SceneEnv`: one world of a task as a Gymnasium environment, for `gymnasium.make`."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class SceneEnv(gymnasium.Env):
     """One world of a task, with numpy observations and no autoreset.
 
     Args:
-        task: a Task, its class, or "module:Class"
-        kwargs: arguments of SceneVectorEnv, but for num_envs, output and autoreset_mode
+        task: A Task, its class, or "module:Class".
+        kwargs: Arguments of SceneVectorEnv, except num_envs, output and autoreset_mode.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012, Gymnasium wants it on the class
@@ -31,7 +31,7 @@ class SceneEnv(gymnasium.Env):
         self._np_random, self._np_random_seed = self.envs.np_random, self.envs.np_random_seed
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Give the world a fresh layout; `seed` starts with episode 0 of that seed, None goes on with the next one."""
+        """Give the world a fresh layout; `seed` starts at episode 0 of that seed, None takes the next episode."""
         observation, info = self.envs.reset(seed=seed, options=options)
         if seed is not None:
             self._np_random, self._np_random_seed = self.envs.np_random, self.envs.np_random_seed
@@ -48,7 +48,7 @@ class SceneEnv(gymnasium.Env):
         return None if frames is None else frames[0]
 
     def close(self) -> None:
-        """Close the world; a second call does nothing."""
+        """Close the environment; a second call does nothing."""
         self.envs.close()
 
 

@@ -1,4 +1,4 @@
-"""Observations as flat groups: named tensors side by side, and the spaces that describe them."""
+"""Flattens observations into one tensor per group, and describes them and actions as Gymnasium spaces."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from torch import Tensor
 from sceniris_gym.vector.task import Observation
 
 Names = dict[str, list[tuple[str, tuple[int, ...]]]]
-"""Group to (name, shape in one world) in the order in which the tensors lie side by side."""
+"""Group -> (name, shape in one world) of its tensors, in the order in which they are concatenated."""
 
 
 def flatten(observation: Observation, out: dict[str, Tensor] | None = None) -> dict[str, Tensor]:
-    """Lay the tensors of each group side by side: shape (num_envs, size), float32.
+    """Concatenate the tensors of each group: shape (num_envs, size), float32.
 
     Args:
-        observation: what a task observes
-        out: tensors to write to; new ones when None
+        observation: What a task observes.
+        out: Tensors to write to; None makes new ones.
     """
     return {
         group: torch.cat(
@@ -29,7 +29,7 @@ def flatten(observation: Observation, out: dict[str, Tensor] | None = None) -> d
 
 
 def names_of(observation: Observation) -> Names:
-    """Say what lies where in the flat groups."""
+    """Return the names and shapes that the flat groups consist of, in order."""
     return {group: [(name, tuple(t.shape[1:])) for name, t in named.items()] for group, named in observation.items()}
 
 

@@ -1,4 +1,4 @@
-"""What a task sees: named torch views of the batch, in the robot's base frame."""
+"""`State`: what a task sees of the batch, as torch tensors by name, in the robot's base frame."""
 
 from __future__ import annotations
 
@@ -25,27 +25,27 @@ SCALAR = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
 
 
 class State:
-    """The state of all worlds by name. Tensors are on the environment's device; those of mjw data are views.
+    """The state of all worlds by name. Tensors are on the environment's device; clone what you keep, some are views.
 
-    Names are those of the scene: an object, the robot (by its asset's name), `object/part` for bodies, sites, joints
-    and actuators inside; those that the scene does not have raise UnknownNameError. Poses and velocities are in the
-    robot's base frame, or in the world frame of a scene without a robot.
+    Names are those of the scene: an object, the robot (by its asset's name), or `object/part` for the bodies, sites,
+    joints and actuators inside. A name that the scene does not have raises UnknownNameError. Poses and velocities are
+    in the robot's base frame, or in the world frame if the scene has no robot.
 
     Args:
-        batch: the worlds
-        layouts: the layouts of the worlds
-        split: the split that the layouts are of
+        batch: The worlds.
+        layouts: The layouts of the worlds.
+        split: The split of the layouts.
 
     Attributes:
-        num_envs: number of worlds
-        device: torch device
-        elapsed: control steps since the reset of each world, shape (num_envs,), int32
-        ctrl: controls, a view to write to, shape (num_envs, nu)
-        control_range: lower and upper limits of the controls, shape (nu, 2)
-        dt: duration of a control step [s]
-        seed: seed of each world's layout, shape (num_envs,), int64 (from 2^63 on as its two's complement)
-        episode: episode of each world's layout, -1 before the first reset, shape (num_envs,), int32
-        layout_status: 0 nothing yet, 1 valid, 2 from the bank, shape (num_envs,), int32
+        num_envs: Number of worlds.
+        device: Torch device.
+        elapsed: Control steps since the reset of each world, shape (num_envs,), int32.
+        ctrl: Controls, a view to write to, shape (num_envs, nu).
+        control_range: Lower and upper limits of the controls, shape (nu, 2).
+        dt: Duration of a control step [s].
+        seed: Seed of each world's layout, shape (num_envs,), int64 (from 2^63 on as its two's complement).
+        episode: Episode of each world's layout, -1 before the first reset, shape (num_envs,), int32.
+        layout_status: 0 for no layout yet, 1 for a valid one, 2 for one from the bank, shape (num_envs,), int32.
     """
 
     def __init__(self, batch: Batch, layouts: Layouts, split: str = "train") -> None:
@@ -79,7 +79,7 @@ class State:
     @property
     def finite(self) -> Tensor:
         """Whether all positions and velocities of a world are finite, shape (num_envs,), bool."""
-        # a sum is a number if its parts are, and a number less itself is 0
+        # a sum is finite if its terms are, and a finite number minus itself is 0
         total = self._qpos.sum(dim=1) + self._qvel.sum(dim=1)
         return total - total == 0.0
 
@@ -133,10 +133,10 @@ class State:
         return self._qvel[:, self._span("qvel", name)]
 
     def grasp(self, name: str) -> Tensor:
-        """Return where the TCP takes an object by the grasp that its layout was accepted for, shape (num_envs, 7).
+        """Return the TCP pose of the grasp that an object's layout was accepted for, shape (num_envs, 7).
 
-        Position [m] and orientation (wxyz), +z the approach and +y the closing axis; it goes where the object goes.
-        nan where the object is absent.
+        Position [m] and orientation (wxyz), +z the approach and +y the closing axis. It moves with the object; NaN
+        where the object is absent.
         """
         column, target = self._target(name, "grasp")
         body, pos, quat = self._grasps(target)
@@ -148,29 +148,29 @@ class State:
         return torch.where(chosen[:, None] >= 0, pose, torch.nan)
 
     def grasp_qpos(self, name: str) -> Tensor:
-        """Return the arm's joints [rad or m] in that grasp at the object's start pose, shape (num_envs, joints).
+        """Return the arm's joints [rad or m] in that grasp, for the object's start pose, shape (num_envs, joints).
 
-        nan where the object is absent, and for objects that only the arm's map was asked for.
+        NaN where the object is absent, and for objects whose reachability only the arm's map decided.
         """
         return self._solved("grasp_qpos", name)
 
     def pregrasp_qpos(self, name: str) -> Tensor:
-        """Return the arm's joints [rad or m] before that grasp, 8 cm back along its approach, as `grasp_qpos`.
+        """Return the arm's joints [rad or m] at the pre-grasp, 8 cm back along the approach, as `grasp_qpos` does.
 
-        nan for tiers below `clear`.
+        NaN also for tiers below `clear`.
         """
         return self._solved("pregrasp_qpos", name)
 
     def jacobian(self, site: str, name: str) -> Tensor:
-        """Return how a site moves with hinges: shape (num_envs, 6, number of joints), [m/rad] above [rad/rad].
+        """Return the Jacobian of a site, shape (num_envs, 6, number of joints), [m/rad] above [rad/rad].
 
         Column i is (a_i x (p - o_i), a_i) for a hinge's axis a_i, its anchor o_i and the site's position p, all in the
-        robot's base frame: the site's linear and angular velocity are this times qvel. Joints that do not carry the
-        site, and slides, are not told apart: name those of an arm.
+        robot's base frame: the site's linear and angular velocity are this times qvel. Columns of slides, and of joints
+        that do not carry the site, are filled in the same way and mean nothing: use those of an arm's hinges.
 
         Args:
-            site: the site
-            name: an object, the robot, or one joint, as in `qpos`
+            site: The site.
+            name: An object, the robot, or one joint, as in `qpos`.
         """
         number = self._id("site", site, "jacobian")
         key = ("jacobian", name)
@@ -181,16 +181,16 @@ class State:
         return self._base.vectors(torch.linalg.cross(axis, arm), axis).transpose(1, 2)
 
     def put_joints(self, name: str, qpos: Tensor, mask: Tensor) -> None:
-        """Put joints at rest where they are given, their position actuators holding them; for `on_reset` of a task.
+        """Set joint positions, at rest and held by their position actuators; for a task's `on_reset`.
 
-        `s.put_joints("panda", s.pregrasp_qpos("can"), mask)` starts an episode before the grasp. What the task reads is
-        current after it. Nothing keeps the joints out of the way of other things.
+        `s.put_joints("panda", s.pregrasp_qpos("can"), mask)` starts an episode at the pre-grasp. What the task reads is
+        up to date afterwards. Collisions at the new positions are not checked.
 
         Args:
-            name: an object or the robot, or one joint, as in `qpos`
-            qpos: of the first of its joints [m or rad], shape (num_envs, number of joints or fewer); worlds with a nan
-                stay as they are
-            mask: which worlds, shape (num_envs,), bool
+            name: An object, the robot, or one joint, as in `qpos`.
+            qpos: Positions of the first of its joints [m or rad], shape (num_envs, number of joints or fewer); worlds
+                with a NaN stay as they are.
+            mask: Which worlds, shape (num_envs,), bool.
         """
         key = (name, qpos.shape[1])
         if key not in self._writers:
@@ -207,7 +207,7 @@ class State:
     def random(self, n: int, low: float = 0.0, high: float = 1.0, *, stream: int = 0) -> Tensor:
         """Draw uniform numbers in [low, high), shape (num_envs, n).
 
-        They depend on the world's seed and episode, the steps since its reset, and `stream` alone: a second call in the
+        They depend only on the world's seed and episode, the steps since its reset, and `stream`: a second call in the
         same step gives the same numbers, so use another stream for another purpose.
         """
         values = torch.empty(self.num_envs, n, device=self.device)
@@ -217,7 +217,7 @@ class State:
         return values
 
     def _target(self, name: str, method: str) -> tuple[int, ReachTarget]:
-        """Return a reachable object and its column in the layouts' grasps."""
+        """Return the column of a reachable object in the layouts' grasps, and its ReachTarget."""
         targets = () if self._layouts.reaching is None else self._layouts.reaching.targets
         for column, target in enumerate(targets):
             if target.name == name:
@@ -243,7 +243,7 @@ class State:
         return torch.tensor(numbers, device=self.device)
 
     def _free_dof(self, body: int) -> int:
-        """Return the first of the six velocities of a free object."""
+        """Return the address of the first of the six velocities of a free object."""
         mjm = self.mjm
         joint = int(mjm.body_jntadr[body])
         if joint < 0 or mjm.jnt_type[joint] != FREE:
@@ -288,10 +288,10 @@ class State:
 
 
 def find_body(s: State, name: str, where: str) -> int:
-    """Return the number of a body for what is made of names of bodies; `where` says who asks.
+    """Return the id of a body; `where` names the caller in an error.
 
     Raises:
-        UnknownNameError: the scene has no such body
+        UnknownNameError: The scene has no such body.
     """
     body = mujoco.mj_name2id(s.mjm, mujoco.mjtObj.mjOBJ_BODY, name)
     if body < 0:

@@ -1,4 +1,4 @@
-"""What finished episodes came to, summed on the device and read when somebody asks."""
+"""`EpisodeStatistics`: statistics of finished episodes, summed on the device and read on request."""
 
 from __future__ import annotations
 
@@ -8,48 +8,48 @@ import torch
 from torch import Tensor
 
 COUNTS = ("episodes", "length", "success")
-"""What is summed besides the terms of the reward."""
+"""What is summed besides the reward terms."""
 
 
 class EpisodeStatistics:
-    """Sums over the episodes that finished since they were last read.
+    """Sums over the episodes that finished since the last `clear`, which `read` calls unless told not to.
 
-    An episode is finished when it is terminated or truncated; one that is cut short by a reset counts for nothing.
-    Where autoreset is disabled, what a world does after the end of its episode does not count either.
+    An episode finishes when it is terminated or truncated; one that is cut short by a reset does not count. With
+    autoreset disabled, what a world does after the end of its episode does not count either.
 
-    A step adds to sums of each world, in a few small operations on the device; only `read` waits for it.
+    A step adds to the sums of each world in a few small operations on the device; only `read` waits for it.
 
     Args:
-        num_envs: number of worlds
-        device: torch device
+        num_envs: Number of worlds.
+        device: Torch device.
 
     Attributes:
-        names: what is summed: "episodes", "length" [control steps], "success" (at the last step), and the terms of the
-            reward, which are known after the first step
+        names: What is summed: "episodes", "length" [control steps], "success" (at the last step), and the reward terms,
+            which are known after the first step.
     """
 
     def __init__(self, num_envs: int, device: torch.device) -> None:
         self.names: tuple[str, ...] = COUNTS
-        # doubles, because nobody has to read them for a long time
+        # doubles, as the sums may grow for a long time before they are read
         self._counts = torch.zeros(len(COUNTS), num_envs, dtype=torch.float64, device=device)
         self._running = self._finished = self._counts[:0]
         self._latest = (torch.zeros_like(self._counts), self._finished)
         self._ended = torch.zeros(num_envs, dtype=torch.bool, device=device)
 
     def start(self, mask: Tensor) -> None:
-        """Begin new episodes in the masked worlds, shape (num_envs,), bool."""
+        """Begin new episodes in the worlds of `mask`, shape (num_envs,), bool."""
         self._running.masked_fill_(mask, 0.0)
         self._ended.logical_and_(~mask)
 
     def add(self, terms: tuple[str, ...], gained: Tensor, success: Tensor, done: Tensor, elapsed: Tensor) -> None:
-        """Take in a step of all worlds.
+        """Add a step of all worlds.
 
         Args:
-            terms: names of the terms of the reward, the same in every step
-            gained: these terms, shape (len(terms), num_envs)
-            success: where the goal is reached, shape (num_envs,), bool
-            done: where the episode is terminated or truncated, shape (num_envs,), bool
-            elapsed: steps of the episode, shape (num_envs,)
+            terms: Names of the reward terms, the same in every step.
+            gained: Values of these terms, shape (len(terms), num_envs).
+            success: Where the goal is reached, shape (num_envs,), bool.
+            done: Where the episode is terminated or truncated, shape (num_envs,), bool.
+            elapsed: Steps of the episode, shape (num_envs,).
         """
         if self.names == COUNTS:
             self._make_room(terms)
@@ -64,22 +64,22 @@ class EpisodeStatistics:
         self._ended.logical_or_(done)
 
     def sums(self) -> Tensor:
-        """Return the sums over finished episodes of what `names` says, shape (len(names),), on the device."""
+        """Return the sums over finished episodes, in the order of `names`, shape (len(names),), on the device."""
         return torch.cat([self._counts, self._finished]).sum(dim=1)
 
     def latest(self) -> Tensor:
-        """Return the sums as `sums` does, over the episodes that the last step finished; nothing clears them."""
+        """Return the same sums over the episodes that finished in the last step; `clear` leaves them as they are."""
         return torch.cat(self._latest).sum(dim=1)
 
     def read(self, clear: bool = True) -> dict[str, Any]:
         """Return the means over the finished episodes. Waits for the device.
 
         Args:
-            clear: begin new sums, so that the next call speaks of later episodes only
+            clear: Begin new sums, so that the next call covers later episodes only.
 
         Returns:
             `episodes` (their number), `return`, `length` [control steps], `success` (share of the episodes whose last
-            step was one) and `reward_terms` (sum over an episode, by name); NaN where no episode finished
+            step was a success) and `reward_terms` (sum over an episode, by name); NaN if no episode finished.
         """
         sums = self.sums().tolist()
         if clear:
@@ -96,7 +96,7 @@ class EpisodeStatistics:
         }
 
     def clear(self) -> None:
-        """Begin new sums; episodes that are under way count in full when they finish."""
+        """Begin new sums; running episodes count in full when they finish."""
         self._counts.zero_()
         self._finished.zero_()
 

@@ -1,4 +1,4 @@
-"""What a task is: a scene, what is observed of it, what is rewarded, and when it is done."""
+"""`Task`: a scene, what is observed of it, what is rewarded, and when an episode ends."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from torch import Tensor
 from sceniris_gym.vector.state import State
 
 Observation = dict[str, dict[str, Tensor]]
-"""Group (`policy`, `critic`) to name to tensor of shape (num_envs, ...)."""
+"""{group: {name: tensor of shape (num_envs, ...)}}; groups are `policy` and `critic`."""
 
 
 class Task:
     """Base class of tasks. All methods work on all worlds at once, in torch operations without host synchronisation.
 
-    A task reads the worlds through a State, in which poses are in the robot's base frame. It may keep tensors of its
-    own: make them in `bind`, write to them in place, and start those of masked worlds afresh in `on_reset`.
+    A task reads the worlds through a State, in which poses are in the robot's base frame. It may keep its own tensors:
+    make them in `bind`, write to them in place, and reset those of masked worlds in `on_reset`.
 
     Attributes:
-        scene: the name of a shipped scene, or the path of a scene file
-        needs: what else than kinematics must be current when the task reads it, keys of sceniris_gym.sim.batch.NEEDS
-        substeps: physics steps in a control step
-        action_size: length of an action; None is the number of controls of the scene
+        scene: The name of a shipped scene, or the path of a scene file.
+        needs: What the task reads that kinematics does not bring up to date, keys of sceniris_gym.sim.batch.NEEDS.
+        substeps: Physics steps in a control step.
+        action_size: Length of an action; None is the number of controls of the scene.
     """
 
     scene: str = ""
@@ -35,29 +35,29 @@ class Task:
     def observe(self, s: State) -> Observation:
         """Return what is observed: {group: {name: tensor of shape (num_envs, ...)}}.
 
-        The group `policy` is what an actor may see, `critic` what a critic may see in training.
+        The group `policy` is for the actor, `critic` for the critic in training.
         """
         raise NotImplementedError
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return the terms of the reward of the step just taken, each of shape (num_envs,); their sum counts.
+        """Return the reward terms of the step just taken, each of shape (num_envs,); the reward is their sum.
 
-        Names are free, but for those of statistics: episodes, length, return and success.
+        Any names will do except those of statistics: episodes, length, return and success.
         """
         raise NotImplementedError
 
     def success(self, s: State) -> Tensor:
-        """Return in which worlds the goal is reached, shape (num_envs,), bool."""
+        """Return the worlds in which the goal is reached, shape (num_envs,), bool."""
         raise NotImplementedError
 
     def terminated(self, s: State) -> Tensor:
-        """Return in which worlds the episode ends here, shape (num_envs,), bool; by default nowhere."""
+        """Return the worlds in which the episode terminates, shape (num_envs,), bool; by default none."""
         return torch.zeros(s.num_envs, dtype=torch.bool, device=s.device)
 
     def apply(self, s: State, action: Tensor) -> None:
-        """Write controls for an action in [-1, 1], shape (num_envs, action_size); by default over their ranges."""
+        """Write controls for an action in [-1, 1], shape (num_envs, action_size); by default scaled to their ranges."""
         lower, upper = s.control_range.unbind(dim=1)
         s.ctrl.copy_(lower + (action + 1.0) * 0.5 * (upper - lower))
 
     def on_reset(self, s: State, mask: Tensor) -> None:
-        """React to the reset of the masked worlds; `mask` has shape (num_envs,), bool. Other worlds must not change."""
+        """React to the reset of the worlds in `mask`, shape (num_envs,), bool. Do not change other worlds."""

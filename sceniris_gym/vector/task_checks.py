@@ -1,4 +1,4 @@
-"""What the methods of a task return, judged the first time that they return it."""
+"""Checks what the methods of a task return in their first call."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from sceniris_gym.vector.statistics import COUNTS
 from sceniris_gym.vector.task import Task
 
 TAKEN = (*COUNTS, "return")
-"""Names that terms of the reward cannot have: statistics and logs have them."""
+"""Names that reward terms cannot have, as statistics and logs use them."""
 
 
 def check_observation(task: Task, observation: Any, num_envs: int) -> None:
-    """Refuse what is not {group: {name: tensor of shape (num_envs, ...)}}.
+    """Check that an observation is {group: {name: tensor of shape (num_envs, ...)}}.
 
     Raises:
-        TaskError: names the task and what it returned
+        TaskError: It is not; the message names the task and what it returned.
     """
     form = f"{{group: {{name: tensor of shape ({num_envs}, ...)}}}}, where an actor sees the group 'policy'"
     _check(task, "observe", observation, form, depth=2, fits=lambda t: t.shape[:1] == (num_envs,))
 
 
 def check_outcome(task: Task, reward: Any, success: Any, terminated: Any, num_envs: int) -> None:
-    """Refuse a reward that is not {name: tensor of shape (num_envs,)}, and flags that are not (num_envs,) bool.
+    """Check that a reward is {name: tensor of shape (num_envs,)} and that flags have shape (num_envs,), bool.
 
-    Refuse terms of the reward, too, that are named like a statistic.
+    No reward term may have the name of a statistic.
 
     Raises:
-        TaskError: names the task, the method and what it returned
+        TaskError: Something is wrong; the message names the task, the method and what it returned.
     """
     form = f"{{name: tensor of shape ({num_envs},)}}"
     _check(task, "reward", reward, form, depth=1, fits=lambda t: t.shape == (num_envs,))
@@ -52,7 +52,7 @@ def _check(task: Task, method: str, value: Any, form: str, depth: int, fits: Cal
 
 
 def _first_wrong(value: Any, depth: int, fits: Callable[[Tensor], bool]) -> str | None:
-    """Describe the first part that is no mapping above `depth`, or no tensor that fits at it."""
+    """Describe the first part that is not a mapping down to `depth`, or not a tensor that fits there; else None."""
     if depth == 0:
         return None if isinstance(value, Tensor) and fits(value) else _described(value)
     if not isinstance(value, Mapping) or not value:

@@ -1,4 +1,4 @@
-"""Random numbers for tasks: Philox streams of their own, apart from those behind the layouts."""
+"""Random numbers for tasks, from Philox streams that layouts do not use."""
 
 import warp as wp
 
@@ -30,7 +30,7 @@ def _draw_uniform(
 def task_stream(split: str, stream: int) -> int:
     """Return the Philox stream of a task's own `stream`, 0 to 2^24 - 1, in a split."""
     if not 0 <= stream < 1 << STREAM_BITS:
-        raise ValueError(f"stream must be from 0 to {(1 << STREAM_BITS) - 1}, got {stream}.")
+        raise ValueError(f"stream should be from 0 to {(1 << STREAM_BITS) - 1}, got {stream}.")
     return TASK_STREAM + (SPLITS[split] << STREAM_BITS) + stream
 
 
@@ -40,13 +40,13 @@ def draw_uniform(
     """Fill `values_out` (nworld, n) with uniform numbers in [low, high), a pure function of the other arguments.
 
     Args:
-        seed: seed of each world, shape (nworld,), uint64
-        episode: episode of each world, shape (nworld,), int32
-        step: control steps since the reset, shape (nworld,), int32
-        stream: Philox stream, see task_stream
-        low: least value
-        high: bound of the values
-        values_out: the numbers, shape (nworld, n), float32
+        seed: Seed of each world, shape (nworld,), uint64.
+        episode: Episode of each world, shape (nworld,), int32.
+        step: Control steps since the reset, shape (nworld,), int32.
+        stream: Philox stream, see task_stream.
+        low: Lower bound, which may occur.
+        high: Upper bound, which does not.
+        values_out: The numbers, shape (nworld, n), float32.
     """
     wp.launch(
         _draw_uniform,

@@ -1,4 +1,4 @@
-"""What touches what, read from the contacts of the last physics step."""
+"""`Touch`: which bodies touch each other, read from the contacts of the last physics step."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ class Touch:
     """Tells which bodies of one list touch which of another, in all worlds and without host synchronisation.
 
     The contacts are those that the last physics step of a control step resolved, which costs nothing extra; they are
-    as old as that step (5 ms). After a reset nothing touches until the next step.
+    one physics step old, unless the task needs "contacts". After a reset nothing touches until the next step.
 
     Args:
-        s: the worlds
-        first, second: names of bodies; the geoms of a body itself count, not those of its children
+        s: The worlds.
+        first, second: Names of bodies. The geoms of a body itself count, not those of its children.
 
     Raises:
-        UnknownNameError: a body that the scene does not have
+        UnknownNameError: The scene has no such body.
     """
 
     def __init__(self, s: State, first: Sequence[str], second: Sequence[str]) -> None:
         self._shape = (s.num_envs, len(first), len(second))
         self._first, self._second = _places(s, first), _places(s, second)
         contact = s.data.contact
-        self._geom, self._compiled = wp.to_torch(contact.geom), wp.to_torch(contact.worldid)
+        self._geom, self._world = wp.to_torch(contact.geom), wp.to_torch(contact.worldid)
         self._number = wp.to_torch(s.data.nacon)
-        self._index = torch.arange(len(self._compiled), device=s.device)
+        self._index = torch.arange(len(self._world), device=s.device)
 
     def __call__(self, s: State) -> Tensor:
-        """Return what touches, shape (num_envs, len(first), len(second)), bool."""
+        """Return which pairs touch, shape (num_envs, len(first), len(second)), bool."""
         worlds, firsts, seconds = self._shape
         one, other = self._geom.long().clamp(min=0).unbind(dim=1)
         size = worlds * firsts * seconds
@@ -42,14 +42,14 @@ class Touch:
         for a, b in ((one, other), (other, one)):
             first, second = self._first[a], self._second[b]
             counts = (self._index < self._number) & (first >= 0) & (second >= 0)
-            place = (self._compiled.long() * firsts + first) * seconds + second
-            # contacts that do not count go where nobody looks
+            place = (self._world.long() * firsts + first) * seconds + second
+            # contacts that do not count go to an extra place at the end
             touched.index_fill_(0, torch.where(counts, place, size), True)
         return touched[:size].view(self._shape) & (s.elapsed > 0)[:, None, None]
 
 
 def _places(s: State, names: Sequence[str]) -> Tensor:
-    """Return for each geom the place of its body in `names`, or -1; shape (ngeom,)."""
+    """Return for each geom the index of its body in `names`, or -1; shape (ngeom,)."""
     mjm = s.mjm
     places = torch.full((mjm.ngeom,), -1, dtype=torch.long)
     for place, name in enumerate(names):

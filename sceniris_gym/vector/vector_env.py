@@ -1,4 +1,4 @@
-"""The vector environment: many worlds of one task, each with a fresh layout at every reset."""
+"""`SceneVectorEnv`: many worlds of one task, each with a fresh layout at every reset."""
 
 from __future__ import annotations
 
@@ -45,53 +45,54 @@ OUTPUTS = ("torch", "numpy")
 class SceneVectorEnv(VectorEnv):
     """Steps `num_envs` worlds of a task together, on one device, and gives each a fresh layout at every reset.
 
-    Observations are a dict of groups (`policy`, `critic`), each of shape (num_envs, size); `observation_names` says
-    what lies where. Wrappers that take a single array, such as Gymnasium's NormalizeObservation, go around
-    FlattenObservation, which joins the groups, or around a wrapper that keeps one of them.
+    Observations are a dict of groups (`policy`, `critic`), each of shape (num_envs, size); `observation_names` lists
+    what they consist of, in order. Wrappers that take a single array, such as Gymnasium's NormalizeObservation, go
+    around FlattenObservation, which joins the groups, or around a wrapper that keeps one of them.
 
     `info` has `layout_seed`, `layout_episode` and `layout_fallback` (the layout came from the bank of
-    valid ones) of each world, and after a step `success` and `reward_terms` of that step. With SAME_STEP it has
-    `final_obs` and `final_info` for all worlds too; they count where `_final_obs` is true. `layout_seed` is an int64,
-    as torch has no arithmetic for larger ones: seeds from 2^63 on appear there as their two's complement, and
+    valid ones) of each world, and after a step `success` and `reward_terms` of that step. With SAME_STEP it also has
+    `final_obs` and `final_info` for all worlds; they count where `_final_obs` is true. `layout_seed` is an int64, as
+    torch lacks uint64 arithmetic: seeds from 2^63 on appear there as their two's complement, and
     `int(layout_seed) % 2**64` is the seed.
 
-    `np_random_seed` is the integer that `reset(seed=...)` brings the same worlds back with, from episode 0 on: the last
-    one given, or the one that was drawn for a first reset without a seed. It is -1, as Gymnasium has it for unknown
-    seeds, once worlds were given seeds of their own, by a list or with a mask.
+    `np_random_seed` is the seed with which `reset(seed=...)` gives the same layouts again, from episode 0 on: the last
+    one given, or the one drawn for a first reset without a seed. It is -1, Gymnasium's value for an unknown seed, once
+    worlds were seeded one by one, by a list or with a mask.
 
-    `statistics` sums up finished episodes on the device; `statistics.read()` gives their means.
+    `statistics` sums up finished episodes on the device; `statistics.read()` returns their means.
 
-    A world whose positions or velocities are no longer finite is terminated, with reward 0. With autoreset DISABLED a
-    finished world simply goes on until it is reset.
+    A world whose positions or velocities are no longer finite is terminated, with reward 0. With autoreset DISABLED, a
+    finished world keeps running until it is reset.
 
     Args:
-        task: a Task, its class, or "module:Class"
-        num_envs: number of worlds
-        scene: a scene in place of the task's: a name, path, mapping, SceneConfig or CompiledScene
-        overrides: parts of the scene to replace, by dotted keys: {"objects.apple.clearance": 0.01}
-        device: "cpu" or "cuda:0"; None is cuda:0 if there is one, else cpu
-        max_episode_steps: control steps after which an episode is truncated; None is never
-        autoreset_mode: an AutoresetMode, or its value
-        output: "torch" (tensors on `device`) or "numpy"
-        copy: what is returned is never overwritten; without it, observations are valid until the next call
-        split: "train" or "eval": layouts and random numbers that share nothing
-        render_mode: "rgb_array" or None
-        render_envs: how many worlds `render` takes pictures of, the first ones; None is all, as wrappers that record
-            videos expect it
-        render_size: width and height of a picture [pixels]
-        render_camera: name of the camera
-        layout_source: makes the LayoutSource, `layout_source(compiled, num_envs)`; None is a LayoutGenerator
-        nconmax: contacts per world (default_budget)
-        njmax: constraint rows per world (default_budget)
-        graph: record steps and resets into graphs and replay them
+        task: A Task, its class, or "module:Class".
+        num_envs: Number of worlds.
+        scene: A scene to use instead of the task's: a name, path, mapping, SceneConfig or CompiledScene.
+        overrides: Parts of the scene to change, by dotted keys: {"objects.apple.clearance": 0.01}.
+        device: "cpu" or "cuda:0"; None is cuda:0 if there is one, else cpu.
+        max_episode_steps: Control steps after which an episode is truncated; None is never.
+        autoreset_mode: An AutoresetMode, or its value.
+        output: "torch" (tensors on `device`) or "numpy".
+        copy: Never overwrite what was returned; if false, observations are valid until the next call.
+        split: "train" or "eval", which share no layouts and no random numbers.
+        render_mode: "rgb_array" or None.
+        render_envs: How many worlds `render` takes pictures of, from the first on; None is all, as wrappers that record
+            videos expect.
+        render_size: Width and height of a picture [pixels].
+        render_camera: Name of the camera.
+        layout_source: Function that makes a LayoutSource: `layout_source(compiled, num_envs)`. None makes a
+            LayoutGenerator.
+        nconmax: Contacts per world; None takes default_budget.
+        njmax: Constraint rows per world; None takes default_budget.
+        graph: Capture steps and resets into graphs and replay them.
 
     Raises:
-        ScenirisError: the scene cannot be used; see compile_scene
-        TaskError: (here, or in the first step) a method of the task returns what it should not
-        ContactBudgetError: (first reset) more contacts than there is room for
+        ScenirisError: The scene cannot be used; see compile_scene.
+        TaskError: A method of the task returns what it should not; raised here, or in the first step.
+        ContactBudgetError: There are more contacts than room for them; raised in the first reset.
     """
 
-    # what is made under inference mode could not be written to outside of it
+    # tensors made under inference mode could not be written to outside of it
     @torch.inference_mode(False)
     def __init__(
         self,
@@ -116,9 +117,9 @@ class SceneVectorEnv(VectorEnv):
         graph: bool = True,
     ) -> None:
         if output not in OUTPUTS:
-            raise ValueError(f"output must be one of {', '.join(OUTPUTS)}, got {output!r}.")
+            raise ValueError(f"output should be one of {', '.join(OUTPUTS)}, got {output!r}.")
         if render_mode not in (None, "rgb_array"):
-            raise ValueError(f"render_mode must be 'rgb_array' or None, got {render_mode!r}.")
+            raise ValueError(f"render_mode should be 'rgb_array' or None, got {render_mode!r}.")
         num_envs = as_count(num_envs, "num_envs")
         if max_episode_steps is not None:
             max_episode_steps = as_count(max_episode_steps, "max_episode_steps")
@@ -158,18 +159,7 @@ class SceneVectorEnv(VectorEnv):
             "render_fps": round(1.0 / self.state.dt),
         }
 
-        wp.synchronize_device(self.batch.device)  # torch works on another stream than the arrays were made on
-        with self._on_torch_stream():
-            self.task.bind(self.state)
-            self.batch.update()
-            observation = self.task.observe(self.state)
-            check_observation(self.task, observation, num_envs)
-            flat = spaces.flatten(observation)
-        self.observation_names = spaces.names_of(observation)
-        self.single_observation_space = spaces.observation_space(flat)
-        self.single_action_space = spaces.action_space(self.task.action_size or self.compiled.mjm.nu)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
+        flat = self._bind_task()
         self._kept = None if copy else (flat, {group: torch.empty_like(t) for group, t in flat.items()})
         self._autoreset = torch.zeros(num_envs, dtype=torch.bool, device=self.device)
         self._reset_mask = wp.to_torch(self.randomizer.mask)
@@ -177,31 +167,47 @@ class SceneVectorEnv(VectorEnv):
         self._ready = self._stepped = False
         self._np_random, self._np_random_seed = seeding.np_random(fresh_seed())
 
+    def _bind_task(self) -> dict[str, Tensor]:
+        """Give the task its state, and set the spaces from what it observes first, which is returned flat."""
+        wp.synchronize_device(self.batch.device)  # torch works on another stream than the arrays were made on
+        with self._on_torch_stream():
+            self.task.bind(self.state)
+            self.batch.update()
+            observation = self.task.observe(self.state)
+            check_observation(self.task, observation, self.num_envs)
+            flat = spaces.flatten(observation)
+        self.observation_names = spaces.names_of(observation)
+        self.single_observation_space = spaces.observation_space(flat)
+        self.single_action_space = spaces.action_space(self.task.action_size or self.compiled.mjm.nu)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        return flat
+
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Give worlds a fresh layout.
 
         Args:
-            seed: world i gets seed + i, and starts with episode 0; a list of num_envs seeds is taken as it is. None,
-                also in a list, goes on with the next episode of a world (the first reset takes the drawn seed
-                np_random_seed, and draws one for each None in a list)
-            options: {"reset_mask": booleans of shape (num_envs,), numpy or torch, true somewhere} resets, and reseeds,
-                only those worlds; the others do not change
+            seed: World i gets seed + i and starts at episode 0; a list of num_envs seeds is taken as it is. With None,
+                also in a list, a world takes its next episode. In the first reset, None takes np_random_seed, and each
+                None in a list draws a seed.
+            options: {"reset_mask": mask} resets, and reseeds, only the masked worlds; the others do not change. The
+                mask is an array of booleans, numpy or torch, shape (num_envs,), true for at least one world.
 
         Raises:
-            SeedError: not integers from 0 to 2^64 - 1, or not as many as worlds
-            UnknownNameError: another option
-            MaskTypeError: a mask that is not an array of booleans
-            MaskError: a mask of wrong shape, or not true anywhere
-            ResetNeeded: the first reset has a mask
+            SeedError: Not integers from 0 to 2^64 - 1, or not one per world.
+            UnknownNameError: An option other than reset_mask.
+            MaskTypeError: The mask is not an array of booleans.
+            MaskError: The mask has the wrong shape, or is false everywhere.
+            ResetNeeded: The first reset has a mask.
         """
         self._check_open()
         mask = as_reset_mask(options, self.num_envs, self.device)
         if not self._ready and mask is not None:
-            raise gymnasium.error.ResetNeeded("The first reset() must be of all worlds; leave out the reset_mask.")
+            raise gymnasium.error.ResetNeeded("The first reset() should be of all worlds. Leave out the reset_mask.")
         if seed is None and not self._ready:
-            # it is -1 where somebody has assigned a generator
+            # it is -1 after a generator was assigned to np_random
             seed = fresh_seed() if self.np_random_seed == -1 else self.np_random_seed
         seeds = as_reset_seeds(seed, self.num_envs, first=not self._ready)
         with self._on_torch_stream():
@@ -227,13 +233,14 @@ class SceneVectorEnv(VectorEnv):
         """Take one control step in all worlds.
 
         Args:
-            actions: in [-1, 1] (what is beyond is cut off), shape (num_envs, action size): torch or numpy
+            actions: Actions in [-1, 1], clipped to that, shape (num_envs, action size): torch or numpy.
 
         Returns:
-            observations, rewards (num_envs,) float32, terminations and truncations (num_envs,) bool, info
+            Observations, rewards (num_envs,) float32, terminations and truncations (num_envs,) bool, info.
 
         Raises:
-            ResetNeeded: before the first reset
+            ResetNeeded: There was no reset yet.
+            ValueError: The actions have the wrong shape.
         """
         self._check_open()
         if not self._ready:
@@ -258,11 +265,11 @@ class SceneVectorEnv(VectorEnv):
             return tuple(self._camera.take(self.batch.data))
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Let go of what `render` keeps."""
+        """Release what `render` keeps."""
         self._camera = None
 
     def _outcome(self, action: Tensor) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Any]]:
-        """Say what the step has led to, and reset the worlds whose turn it is."""
+        """Return the results of the step, and reset the worlds that are due."""
         s, task = self.state, self.task
         terms, success, terminated = task.reward(s, action), task.success(s), task.terminated(s)
         if not self._stepped:
@@ -302,7 +309,7 @@ class SceneVectorEnv(VectorEnv):
         self.randomizer.layout_source.launch_reseed(*arrays)
 
     def _reset_worlds(self, mask: Tensor) -> None:
-        """Reset the worlds of a mask on the device that has been checked, or was made here."""
+        """Reset the worlds of a mask that is on the device and needs no check."""
         self._reset_mask.copy_(mask)
         self.randomizer.launch_reset()
         self.state.elapsed.masked_fill_(mask, 0)
@@ -310,7 +317,7 @@ class SceneVectorEnv(VectorEnv):
         self.task.on_reset(self.state, mask)
 
     def _observe(self, buffer: int) -> dict[str, Tensor]:
-        """Return the flat observation, in tensors of its own, or in one of two kept sets of them."""
+        """Return the flat observation, in new tensors or in one of two kept buffers."""
         return spaces.flatten(self.task.observe(self.state), None if self._kept is None else self._kept[buffer])
 
     def _layout_info(self) -> dict[str, Tensor]:
@@ -322,7 +329,7 @@ class SceneVectorEnv(VectorEnv):
         }
 
     def _returned(self, value: Any) -> Any:
-        """Bring tensors, and dicts of them, to the output that was asked for."""
+        """Convert tensors, and dicts of them, to the output that was asked for."""
         if self.output == "torch":
             return value
         if isinstance(value, dict):
@@ -335,11 +342,11 @@ class SceneVectorEnv(VectorEnv):
         if not device.is_cuda:
             return nullcontext()
         stream = torch.cuda.current_stream(self.device)
-        # Warp knows a capture by its Stream object, so an own capture on this stream must keep the one it has
+        # Warp knows a capture by its Stream object: a caller's capture on this stream keeps the object it has
         if device.stream.cuda_stream == stream.cuda_stream:
             return nullcontext()
         return wp.ScopedStream(wp.stream_from_torch(stream), sync_enter=False)
 
     def _check_open(self) -> None:
         if self.closed:
-            raise gymnasium.error.ClosedEnvironmentError("This environment was closed; make a new one.")
+            raise gymnasium.error.ClosedEnvironmentError("This environment was closed. Make a new one.")

@@ -149,10 +149,10 @@ def test_a_state_of_another_build_is_refused(tmp_path: Path, monkeypatch: pytest
 
     with pytest.raises(KeyboardInterrupt):
         build_map(arm, "cpu", step=0.4, tilt_step=1.0, state=state, progress=stop)
-    with pytest.raises(MapError, match="the state of another build"):
+    with pytest.raises(MapError, match="the state of a different build"):
         build_map(arm, "cpu", step=0.4, tilt_step=1.0, seed=1, state=state)
     state.write_text("nothing")
-    with pytest.raises(MapError, match="not the state of a build"):
+    with pytest.raises(MapError, match="not the saved state of a build"):
         build_map(arm, "cpu", step=0.4, tilt_step=1.0, state=state)
 
 

@@ -45,7 +45,7 @@ def test_a_saved_map_comes_back_whole(shell: ReachMap, arm: SerialArm, tmp_path:
 def test_a_map_of_another_arm_is_refused(shell: ReachMap, tmp_path: Path):
     """One limit that differs is another arm; the message says how to build its map."""
     shell.save(tmp_path / "a.reach")
-    with pytest.raises(MapError, match=r"links, limits or TCP are others.*--build -o"):
+    with pytest.raises(MapError, match=r"links, limits or TCP differ.*--build -o"):
         ReachMap.load(tmp_path / "a.reach", gantry("-2 2")[1])
 
 
@@ -162,7 +162,7 @@ def test_a_file_of_another_format_is_refused(shell: ReachMap, arm: SerialArm, tm
         fields = {name: stored[name] for name in stored.files if name != "format"}
     with path.open("wb") as file:
         np.savez(file, allow_pickle=False, format=np.array(99), **fields)
-    with pytest.raises(MapError, match="format 99, this version reads 1"):
+    with pytest.raises(MapError, match="format 99, but should have format 1"):
         ReachMap.load(path, arm)
 
 

@@ -199,8 +199,8 @@ def test_wrong_masks_say_what_is_wrong(make_randomizer, mask, error, match):
 @pytest.mark.parametrize(
     ("which", "error", "match"),
     [
-        ([0, 7], MaskError, r"rows\[1\] is 7; rows are 0 to 6"),
-        ([0, -2], MaskError, r"rows\[1\] is -2"),
+        ([0, 7], MaskError, r"rows\[1\] should be from 0 to 6.* got 7"),
+        ([0, -2], MaskError, r"rows\[1\] should be .* got -2"),
         ([0], MaskError, r"shape \(2,\)"),
         ([0.5, 1.0], MaskTypeError, "float64"),
     ],
@@ -216,12 +216,12 @@ def test_what_does_not_belong_to_the_world_is_refused(make_randomizer, small_sce
     randomizer = make_randomizer(2)
     other = mujoco.MjModel.from_xml_string("<mujoco><worldbody><body mocap='true'/></worldbody></mujoco>")
     stored = StoredLayouts(small_scene, rows, 2)
-    with pytest.raises(SceneMismatchError, match=r"model\.nq is 0, but 12"):
+    with pytest.raises(SceneMismatchError, match=r"model\.nq is 0 and should be 12"):
         ResetRandomizer(small_scene, mjw.put_model(other), mjw.make_data(other, 2), layout_source=stored)
     with pytest.raises(SceneMismatchError, match="data has nq=0 and nmocap=1"):
         ResetRandomizer(small_scene, randomizer.model, mjw.make_data(other, 2), layout_source=stored)
     three = StoredLayouts(small_scene, rows, 3)
-    with pytest.raises(SceneMismatchError, match="layouts for 3 worlds, but data has 2"):
+    with pytest.raises(SceneMismatchError, match="layouts for 3 worlds and should make them for 2"):
         ResetRandomizer(small_scene, randomizer.model, randomizer.data, layout_source=three)
     short = replace(rows, qpos=rows.qpos[:, :5])
     with pytest.raises(SceneMismatchError, match=r"layouts\.qpos has shape \(7, 5\)"):

@@ -1,20 +1,215 @@
-"""Actions as users hand them over."""
+"""What users hand to an environment: tasks, scenes, sizes, seeds, masks and actions."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import pytest
 import torch
+import warp as wp
 from gymnasium.spaces import Box
 
-from sceniris_gym.vector.arguments import as_action
+from sceniris_gym.errors import MaskError, MaskTypeError, SeedError, UnknownNameError
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.vector.arguments import (
+    as_action,
+    as_compiled_scene,
+    as_count,
+    as_reset_mask,
+    as_reset_seeds,
+    as_size,
+    as_task,
+    fresh_seed,
+    fresh_seeds,
+)
+from tests.vector.conftest import SCENE, Reach
 
+CPU = torch.device("cpu")
 SPACE = Box(-1.0, 1.0, (2, 3), np.float32)
+
+
+def test_a_task_is_given_as_itself_as_its_class_or_by_name():
+    """The object stays the same one; of a class and of a name a new one is made each time."""
+    task = Reach()
+    assert as_task(task) is task
+    for given in (Reach, "tests.vector.conftest:Reach"):
+        assert type(as_task(given)).__name__ == "Reach"
+        assert as_task(given) is not as_task(given)
+
+
+@pytest.mark.parametrize("given", [3, None, dict, SCENE])
+def test_what_is_no_task_is_refused(given: Any):
+    """The message says what it can be."""
+    with pytest.raises(TypeError, match="Task, its class, or 'module:Class'"):
+        as_task(given)
+
+
+def test_a_finished_scene_is_taken_as_it_is(reach_scene: CompiledScene):
+    """It cannot be changed any more, nor go to another device; a scene that is given as words can."""
+    assert as_compiled_scene(reach_scene, None, None) is reach_scene
+    assert as_compiled_scene(reach_scene, {}, "cpu") is reach_scene
+    with pytest.raises(ValueError, match="CompiledScene"):
+        as_compiled_scene(reach_scene, {"objects.block.clearance": 0.02}, None)
+    made = as_compiled_scene(SCENE, {"objects.block.clearance": 0.02}, "cpu")
+    assert made.config.objects["block"].clearance == 0.02
+    assert made.hash != reach_scene.hash
+
+
+@pytest.mark.parametrize("given", [7, np.int8(7), np.uint64(7), torch.tensor(7)])
+def test_a_count_is_an_integer_of_any_library(given: Any):
+    """As an int of Python's own."""
+    assert as_count(given, "number") == 7
+    assert type(as_count(given, "number")) is int
+
+
+@pytest.mark.parametrize("given", [0, -1, 1.0, "3", None, np.float32(2), [4], torch.tensor(1.5)])
+def test_what_is_no_count_is_refused(given: Any):
+    """By the name that it has for the user."""
+    with pytest.raises(ValueError, match="number should be an integer of at least 1"):
+        as_count(given, "number")
+
+
+def test_a_size_is_two_counts():
+    """Of any sequence; a wrong one is named by its place."""
+    for given in ((4, 3), [4, 3], np.array([4, 3]), torch.tensor([4, 3])):
+        assert as_size(given, "size") == (4, 3)
+    for given, words in (((4, 0), r"size\[1\]"), ((4.5, 3), r"size\[0\]"), (4, "width, height"), ((1, 2, 3), "height")):
+        with pytest.raises(ValueError, match=words):
+            as_size(given, "size")
+
+
+def seeds(given: Any, *, first: bool = False) -> tuple[list[int], list[bool]]:
+    """Return the seeds of three worlds, and which of them are given one."""
+    found = as_reset_seeds(given, 3, first=first)
+    assert found is not None
+    assert (found[0].dtype, found[1].dtype) == (np.uint64, bool)
+    return found[0].tolist(), found[1].tolist()
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_seeds_without_none_are_for_all_worlds(first: bool):
+    """One integer counts up, many are taken as they are; without any there is nothing to give."""
+    for given in (5, np.uint8(5), [5, 6, 7], (5, 6, 7), np.array([5, 6, 7], np.int16), range(5, 8)):
+        assert seeds(given, first=first) == ([5, 6, 7], [True, True, True])
+    assert as_reset_seeds(None, 3, first=first) is None
+
+
+def test_none_among_seeds_goes_on():
+    """Those worlds are not given one, be the others as large as they may."""
+    found, given = seeds([None, 2**64 - 1, None])
+    assert given == [False, True, False]
+    assert found[1] == 2**64 - 1
+    assert seeds((None, None, None))[1] == [False, False, False]
+
+
+def test_none_among_the_first_seeds_draws_one():
+    """All worlds are given one, and no two draws are alike."""
+    found = [seeds([None, 4, None], first=True) for _ in range(20)]
+    assert all(given == [True, True, True] for _, given in found)
+    assert {numbers[1] for numbers, _ in found} == {4}
+    assert len({number for numbers, _ in found for number in (numbers[0], numbers[2])}) == 40
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ([None, -1, 3], r"seeds\[1\]=-1"),
+        ([None, 2**64, 3], r"seeds\[1\]=18446744073709551616"),
+        ((4, None, 1.5), r"seeds\[2\]=1\.5"),
+        ([None, None, True], r"seeds\[2\]=True"),
+        ([None, 4], "sequence of 3"),
+        ([None] * 4, "sequence of 3"),
+        ([1, 2], "sequence of 3"),
+        (True, "seed=True"),
+        (1.0, "one integer"),
+    ],
+)
+def test_a_wrong_seed_is_named_by_its_place(given: Any, words: str):
+    """Also beside those that are None."""
+    for first in (True, False):
+        with pytest.raises(SeedError, match=words):
+            as_reset_seeds(given, 3, first=first)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        np.array,
+        torch.tensor,
+        lambda values: wp.array(values, dtype=wp.bool, device="cpu"),
+        lambda values: np.array([[v, True] for v in values])[:, 0],
+    ],
+    ids=["numpy", "torch", "warp", "numpy view"],
+)
+def test_a_reset_mask_of_any_library_is_a_tensor_afterwards(make):
+    """With the same worlds; the options, and the mask in them, stay as they were."""
+    values = [True, False, False, True]
+    options = {"reset_mask": make(values)}
+    kept = options["reset_mask"]
+    found = as_reset_mask(options, 4, CPU)
+    assert isinstance(found, torch.Tensor)
+    assert (found.dtype, found.device, found.tolist()) == (torch.bool, CPU, values)
+    assert list(options) == ["reset_mask"]
+    assert options["reset_mask"] is kept
+    assert np.asarray(kept.numpy() if hasattr(kept, "numpy") else kept).tolist() == values
+
+
+@pytest.mark.parametrize("options", [None, {}, {"reset_mask": None}])
+def test_without_a_reset_mask_all_worlds_are_meant(options: dict | None):
+    """None says so, without a mask that is true everywhere."""
+    assert as_reset_mask(options, 4, CPU) is None
+
+
+@pytest.mark.parametrize(
+    ("mask", "error", "words"),
+    [
+        ([True, False], MaskTypeError, "boolean numpy array"),
+        (np.array([1, 0]), MaskTypeError, "int64"),
+        (torch.tensor([0.5, 0.0]), MaskTypeError, "float32"),
+        (wp.ones(2, dtype=wp.int32, device="cpu"), MaskTypeError, "int32"),
+        (np.ones(3, bool), MaskError, r"shape \(2,\).* \(3,\)"),
+        (torch.ones(2, 1, dtype=torch.bool), MaskError, r"shape \(2,\).* \(2, 1\)"),
+        (wp.ones(3, dtype=wp.bool, device="cpu"), MaskError, r"shape \(2,\).* \(3,\)"),
+        (np.zeros(2, bool), MaskError, "at least one world"),
+        (torch.zeros(2, dtype=torch.bool), MaskError, "at least one world"),
+        (wp.zeros(2, dtype=wp.bool, device="cpu"), MaskError, "at least one world"),
+    ],
+)
+def test_a_wrong_reset_mask_is_named_as_the_option_that_it_is(mask: Any, error: type[Exception], words: str):
+    """Of all libraries: type, shape, and one that would reset nothing."""
+    with pytest.raises(error, match=rf"options\['reset_mask'\].*{words}"):
+        as_reset_mask({"reset_mask": mask}, 2, CPU)
+
+
+def test_another_option_is_refused():
+    """With the one that there is, even where that one is right."""
+    names: tuple[Any, ...] = ("mask", 3)
+    for name in names:
+        with pytest.raises(UnknownNameError, match=f"reset: unknown option '{name}'.*reset_mask"):
+            as_reset_mask({"reset_mask": np.ones(2, bool), name: 1}, 2, CPU)
+
+
+def test_drawn_seeds_leave_room_to_count_up():
+    """They differ, and with a world's number added they are still below 2^63, so that torch can hold them."""
+    drawn = fresh_seeds(1000)
+    assert (drawn.dtype, drawn.shape) == (np.uint64, (1000,))
+    assert len(set(drawn.tolist())) == 1000
+    assert 2**61 < drawn.max() < 2**62
+    assert len({fresh_seed() for _ in range(10)}) == 10
 
 
 def test_an_action_that_is_not_a_number_is_none():
     """It is taken as 0, so that it cannot stay in the controls; infinite ones are cut off like all others."""
-    action = as_action([[np.nan, 0.5, np.inf], [-np.inf, 2.0, -0.25]], SPACE, torch.device("cpu"))
+    action = as_action([[np.nan, 0.5, np.inf], [-np.inf, 2.0, -0.25]], SPACE, CPU)
     assert action.tolist() == [[0.0, 0.5, 1.0], [-1.0, 1.0, -0.25]]
+
+
+@pytest.mark.parametrize("shape", [(3,), (3, 2), (1, 3), (2, 3, 1)])
+def test_actions_of_another_shape_are_refused(shape: tuple[int, ...]):
+    """One row a world; both shapes are named."""
+    with pytest.raises(ValueError, match=r"actions .*\(2, 3\)"):
+        as_action(np.zeros(shape), SPACE, CPU)
 
 
 def test_actions_of_a_policy_leave_their_gradients_outside(make_env):

@@ -12,7 +12,7 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.bounds import Bounds
 from sceniris_gym.vector.vector_env import SceneVectorEnv
-from tests.vector.test_arm_controller import Drive
+from tests.vector.driving import Drive
 
 NAMES = ("can", "banana", "block")
 

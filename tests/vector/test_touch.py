@@ -11,7 +11,7 @@ from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.vector.touch import Touch
 from sceniris_gym.vector.vector_env import SceneVectorEnv
-from tests.vector.test_arm_controller import Drive
+from tests.vector.driving import Drive
 
 SCENE = {
     "floor": {"size": [2.0, 2.0]},

@@ -1,4 +1,4 @@
-"""The vector environment: spaces, autoreset, masked resets, outputs and pictures."""
+"""The vector environment: autoreset, episodes, outputs and pictures."""
 
 from __future__ import annotations
 
@@ -9,44 +9,7 @@ import torch
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 
-from sceniris_gym.errors import MaskError, MaskTypeError, SeedError, UnknownNameError
-from sceniris_gym.vector.vector_env import SceneVectorEnv
-
-STATE = ("time", "qpos", "qvel", "ctrl", "act", "mocap_pos", "mocap_quat", "xpos", "site_xpos", "qacc_warmstart")
-
-
-def actions(num_envs: int, ending: tuple[int, ...] = ()) -> torch.Tensor:
-    """Return small actions that end the episode of the worlds `ending`."""
-    action = torch.linspace(-0.5, 0.5, num_envs * 5).reshape(num_envs, 5).clone()
-    action[list(ending), 0] = 1.0
-    return action
-
-
-def state(envs: SceneVectorEnv) -> dict[str, np.ndarray]:
-    """Copy the state of the worlds to the host."""
-    return {name: getattr(envs.batch.data, name).numpy().copy() for name in STATE}
-
-
-def assert_equal(left: dict, right: dict, worlds: list[int] | slice = slice(None)) -> None:
-    """Check that two dicts of arrays agree to the bit in some worlds."""
-    for name in left:
-        np.testing.assert_array_equal(np.asarray(left[name])[worlds], np.asarray(right[name])[worlds], err_msg=name)
-
-
-def test_observations_are_flat_groups_with_named_parts(make_env):
-    """Spaces, shapes and names agree, and the seed's worlds differ from each other."""
-    envs = make_env(3)
-    observation, info = envs.reset(seed=1)
-    assert envs.observation_names["policy"] == [("arm", (4,)), ("tcp", (7,)), ("last", (5,)), ("noise", (3,))]
-    assert {group: tuple(t.shape) for group, t in observation.items()} == {"policy": (3, 19), "critic": (3, 28)}
-    assert envs.single_observation_space["critic"].shape == (28,)
-    assert envs.observation_space["policy"].shape == (3, 19)
-    assert envs.action_space.shape == (3, 5)
-    assert envs.observation_space.contains({g: t.numpy() for g, t in observation.items()})
-    assert info["layout_seed"].tolist() == [1, 2, 3]
-    assert info["layout_episode"].tolist() == [0, 0, 0]
-    assert info["layout_fallback"].tolist() == [False, False, False]
-    assert len(np.unique(observation["critic"][:, 19:22].numpy(), axis=0)) == 3
+from tests.vector.stepping import actions, assert_equal, leaves, state
 
 
 def test_the_autoreset_mode_is_the_instances_own(make_env):
@@ -117,134 +80,6 @@ def test_truncation_counts_the_steps_of_each_world(make_env):
     envs.step(actions(2, ending=(0,)))
     flags = [envs.step(actions(2))[3].tolist() for _ in range(3)]
     assert flags == [[False, False], [False, True], [True, False]]
-
-
-@pytest.mark.parametrize("mask_type", [np.asarray, torch.as_tensor])
-def test_a_masked_reset_changes_the_masked_worlds_alone(make_env, mask_type):
-    """State and observation of the others keep their bits, in a reset with a seed too; options stay as they were."""
-    envs = make_env(4, autoreset_mode=AutoresetMode.DISABLED)
-    envs.reset(seed=10)
-    for _ in range(3):
-        observation, *_ = envs.step(actions(4))
-    before = state(envs)
-    mask = mask_type(np.array([True, False, True, False]))
-    options = {"reset_mask": mask}
-    for seed, seeds, episodes in ((None, [10, 11, 12, 13], [1, 0, 1, 0]), (50, [50, 11, 52, 13], [0, 0, 0, 0])):
-        reset, info = envs.reset(seed=seed, options=options)
-        assert_equal(state(envs), before, [1, 3])
-        assert_equal(reset, observation, [1, 3])
-        assert (reset["critic"][[0, 2]] != observation["critic"][[0, 2]]).any(dim=1).all()
-        assert info["layout_seed"].tolist() == seeds
-        assert info["layout_episode"].tolist() == episodes
-    assert set(options) == {"reset_mask"}
-    assert options["reset_mask"] is mask
-    assert mask.tolist() == [True, False, True, False]
-
-
-def test_a_seed_gives_the_same_bits_whatever_is_beside_it(make_env):
-    """Other numbers of worlds, orders of resets, and no graph: world by world the same observation."""
-    envs, other = make_env(3), make_env(5, graph=False)
-    envs.reset(seed=[7, 8, 9])
-    first, _ = envs.reset()
-    other.reset(seed=[1, 9, 2, 7, 8])
-    for worlds in ([3], [1, 4], [0]):
-        mask = np.zeros(5, bool)
-        mask[worlds] = True
-        second, _ = other.reset(options={"reset_mask": mask})
-    for group in first:
-        np.testing.assert_array_equal(first[group].numpy(), second[group][[3, 4, 1]].numpy())
-
-
-def test_an_int_seed_starts_again_and_none_goes_on(make_env):
-    """seed=s is s + i and episode 0, every time; without a seed the next episode comes."""
-    envs = make_env(2)
-    first, _ = envs.reset(seed=3)
-    second, info = envs.reset()
-    assert info["layout_seed"].tolist() == [3, 4]
-    assert info["layout_episode"].tolist() == [1, 1]
-    again, _ = envs.reset(seed=3)
-    assert_equal(again, first)
-    assert (second["critic"] != first["critic"]).any(dim=1).all()
-    assert envs.np_random_seed == 3
-
-
-def test_none_in_a_list_of_seeds_goes_on(make_env):
-    """Only the worlds that are given a seed start again; in a first reset the others draw one."""
-    envs = make_env(3)
-    _, info = envs.reset(seed=[None, 5, None])
-    drawn = info["layout_seed"].tolist()
-    assert drawn[1] == 5
-    assert len(set(drawn)) == 3
-    _, info = envs.reset(seed=[6, None, None], options={"reset_mask": np.array([True, True, False])})
-    assert info["layout_seed"].tolist() == [6, *drawn[1:]]
-    assert info["layout_episode"].tolist() == [0, 1, 0]
-    _, info = envs.reset(seed=[None] * 3)
-    assert info["layout_episode"].tolist() == [1, 2, 1]
-
-
-def test_a_large_seed_is_told_as_its_twos_complement(make_env):
-    """Modulo 2^64 it is the seed again."""
-    _, info = make_env(2).reset(seed=[2**64 - 1, 2**63])
-    assert info["layout_seed"].tolist() == [-1, -(2**63)]
-    assert [int(seed) % 2**64 for seed in info["layout_seed"]] == [2**64 - 1, 2**63]
-
-
-def test_a_first_reset_without_a_seed_draws_one_and_records_it(make_env):
-    """Two environments differ, and the recorded seed brings the layout back."""
-    envs, other = make_env(2), make_env(2)
-    first, info = envs.reset()
-    different, _ = other.reset()
-    assert (first["critic"] != different["critic"]).any()
-    assert info["layout_seed"].tolist() == [envs.np_random_seed, envs.np_random_seed + 1]
-    again, _ = other.reset(seed=envs.np_random_seed)
-    assert_equal(again, first)
-
-
-def test_the_evaluation_split_has_layouts_of_its_own(make_env):
-    """The same seed is another layout in the other split."""
-    train, _ = make_env(2).reset(seed=3)
-    evaluation, _ = make_env(2, split="eval").reset(seed=3)
-    assert (train["critic"] != evaluation["critic"]).any(dim=1).all()
-
-
-@pytest.mark.parametrize(
-    ("mask", "error", "kind"),
-    [
-        ([True, False], MaskTypeError, TypeError),
-        (np.array([1, 0]), MaskTypeError, TypeError),
-        (torch.tensor([1, 0]), MaskTypeError, TypeError),
-        (np.array([True]), MaskError, ValueError),
-        (np.array([[True, False]]), MaskError, ValueError),
-        (np.array([False, False]), MaskError, ValueError),
-    ],
-)
-def test_wrong_reset_masks_raise_what_gymnasium_raises(make_env, mask, error, kind):
-    """The kind of error is that of Gymnasium's own vector environments, and nothing was reset."""
-    envs = make_env(2)
-    envs.reset(seed=0)
-    before = state(envs)
-    with pytest.raises(error, match="reset_mask") as caught:
-        envs.reset(options={"reset_mask": mask})
-    assert isinstance(caught.value, kind)
-    assert_equal(state(envs), before)
-
-
-def test_other_reset_options_are_refused(make_env):
-    """A misspelt option would reset all worlds; no options are fine. Nothing is reset by the wrong ones."""
-    envs = make_env(2)
-    for options in (None, {}, {"reset_mask": None}):
-        envs.reset(seed=0, options=options)
-    before = state(envs)
-    with pytest.raises(UnknownNameError, match=r"reset: unknown option 'mask'\. Did you mean 'reset_mask'"):
-        envs.reset(options={"mask": np.array([True, False])})
-    assert_equal(state(envs), before)
-
-
-@pytest.mark.parametrize("seed", [-1, 1 << 64, 1.5, True, [1], [1, 2, 3], [1, -2], "1", [1, "2"], {1, 2}])
-def test_wrong_seeds_are_refused(make_env, seed):
-    """A seed is an integer of 64 bits, or one for each world."""
-    with pytest.raises(SeedError):
-        make_env(2).reset(seed=seed)
 
 
 def test_calls_out_of_order_are_refused(make_env):
@@ -337,14 +172,6 @@ def test_without_copy_all_but_observations_is_kept(make_env):
     assert final["success"].tolist() == info["success"].tolist() == [True, True]
     for leaf, copy in zip(leaves(kept), copies, strict=True):
         assert torch.equal(leaf, copy)
-
-
-def leaves(value) -> list[torch.Tensor]:
-    """List the tensors inside nested tuples and dicts."""
-    if isinstance(value, torch.Tensor):
-        return [value]
-    items = value.values() if isinstance(value, dict) else value
-    return [leaf for item in items for leaf in leaves(item)]
 
 
 def test_numpy_output_suits_gymnasiums_wrappers(make_env):

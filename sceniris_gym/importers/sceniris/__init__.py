@@ -1,1 +1,1 @@
-"""Configurations of the original Sceniris package."""
+"""The importer of configurations for the original Sceniris package."""

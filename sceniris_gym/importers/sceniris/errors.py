@@ -1,4 +1,4 @@
-"""Errors about a scene that was read from a configuration of the original package, by the keys of that."""
+"""Errors about an imported scene, reworded to name the keys of the original configuration."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ _PLACE = re.compile(r"^scene: (?P<path>[^:\s]+)", re.MULTILINE)
 
 
 def in_its_keys(error: ScenirisError, origins: Mapping[str, str]) -> ScenirisError:
-    """Return an error of reading a scene as one that names the keys that its parts were made from.
+    """Return an error about a scene as one that names the keys that its parts were made from.
 
     Args:
-        error: What reading the scene raised.
+        error: The error raised while reading the scene.
         origins: Dotted path of a part of the scene -> that of its key in the configuration.
     """
     if isinstance(error, CycleError):

@@ -1,4 +1,4 @@
-"""The mappings of a configuration for the original package, read key by key: `Section`."""
+"""`KeyReader`: reads the mappings of a configuration for the original package key by key."""
 
 from __future__ import annotations
 
@@ -8,24 +8,25 @@ from typing import Any
 
 import numpy as np
 
+from sceniris_gym.config.messages import short
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
 
 _SHAPES = {(): "a number", (2,): "[x, y]", (3,): "[x, y, z]", (2, 2): "[[min x, min y], [max x, max y]]"}
 
 
 CONFIGURATION = "original configuration"
-"""What errors call the whole."""
+"""What errors call the configuration as a whole."""
 
 
 @dataclass
 class Notes:
-    """What is to be told of a configuration.
+    """What the user is told about a configuration.
 
     Attributes:
         left_out: Dotted paths of keys that are not carried over.
-        changed: What keys mean here and there, by their dotted paths, where that is not the same.
-        origins: Dotted path of a part of the scene -> that of the key which it was made from.
-        advice: How more of it could be carried over, sentences.
+        changed: What keys mean here and in the original, by their dotted paths, where the two differ.
+        origins: Dotted path of a part of the scene -> that of the key that it was made from.
+        advice: Sentences on how to carry over more of it.
     """
 
     left_out: list[str] = field(default_factory=list)
@@ -34,24 +35,24 @@ class Notes:
     advice: list[str] = field(default_factory=list)
 
     def advise(self, sentence: str) -> None:
-        """Give a piece of advice, once."""
+        """Add a piece of advice, unless it was given before."""
         if sentence not in self.advice:
             self.advice.append(sentence)
 
 
 class KeyReader:
-    """One mapping of the configuration. What is not taken from it is left out; None is the same as no key.
+    """One mapping of the configuration. Keys that are not taken from it are left out; None counts as no key.
 
     Args:
         data: The mapping.
         path: Its dotted path in the configuration, empty for the whole.
-        notes: Where it goes what is left out or changed.
+        notes: Collects what is left out or changed.
     """
 
     def __init__(self, data: Any, path: str, notes: Notes) -> None:
         self.path, self.notes = path, notes
         if not isinstance(data, Mapping):
-            raise self.wrong("", f"{_short(data)} should be a mapping of keys to values")
+            raise self.wrong("", f"{short(data)} should be a mapping of keys to values")
         self._rest = {str(key): value for key, value in data.items() if value is not None}
 
     def at(self, key: str) -> str:
@@ -59,14 +60,14 @@ class KeyReader:
         return ".".join(filter(None, (self.path, key)))
 
     def wrong(self, key: str, advice: str) -> SceneKeyError:
-        """Return the error of a key; `advice` says what was wrong and what would be right."""
+        """Return the error about a key; `advice` says what was wrong and what would be right."""
         return SceneKeyError(f"{CONFIGURATION}: {self.at(key) or 'cfg'}: {advice}.")
 
     def known(self, key: str, kind: str, name: Any, valid: Iterable[str], own: str | None = None) -> str:
-        """Return a name that was found at `key`; `own` is the object that the key belongs to, which is no advice.
+        """Return a name that was found at `key`; `own`, the object that the key belongs to, is never suggested.
 
         Raises:
-            UnknownNameError: it is none of the valid names.
+            UnknownNameError: It is not one of the valid names.
         """
         valid = list(valid)
         if name not in valid:
@@ -79,14 +80,14 @@ class KeyReader:
         return self._rest.pop(key, default)
 
     def value(self, key: str) -> Any:
-        """Return the value of a key, or None, and leave it there to be taken."""
+        """Return the value of a key, or None, without taking it."""
         return self._rest.get(key)
 
     def array(self, key: str, default: Any, shape: tuple[int, ...]) -> np.ndarray:
         """Return the value of a key as an array of floats.
 
         Raises:
-            SceneKeyError: it is no array of finite numbers of this shape.
+            SceneKeyError: It is not an array of finite numbers of this shape.
         """
         return self.checked(key, self.take(key, default), shape)
 
@@ -98,25 +99,25 @@ class KeyReader:
         """Return a value that was found at `key` as an array of floats, as `array` does."""
         array = _numbers(value)
         if array is None or array.shape != shape:
-            raise self.wrong(key, f"{_short(value)} should be {_SHAPES[shape]}")
+            raise self.wrong(key, f"{short(value)} should be {_SHAPES[shape]}")
         return array
 
     def rotation(self, key: str, value: Any) -> np.ndarray:
         """Return the rotation, shape (3, 3), of a transform that was found at `key`.
 
         Raises:
-            SceneKeyError: it is no matrix of 4 x 4 or 3 x 3 numbers.
+            SceneKeyError: It is not a matrix of 4 x 4 or 3 x 3 numbers.
         """
         array = _numbers(value)
         if array is None or array.shape not in ((4, 4), (3, 3)):
-            raise self.wrong(key, f"{_short(value)} should be a matrix of 4 x 4 or 3 x 3 numbers")
+            raise self.wrong(key, f"{short(value)} should be a matrix of 4 x 4 or 3 x 3 numbers")
         return array[:3, :3]
 
     def values(self, key: str) -> list:
         """Return the value of a key as a list, empty if there is none."""
         value = self.take(key, ())
         if isinstance(value, str | bytes) or not isinstance(value, Sequence | np.ndarray):
-            raise self.wrong(key, f"{_short(value)} should be a list")
+            raise self.wrong(key, f"{short(value)} should be a list")
         return list(value)
 
     def section(self, key: str) -> KeyReader:
@@ -128,7 +129,7 @@ class KeyReader:
         return [KeyReader(data, self.at(f"{key}.{i}"), self.notes) for i, data in enumerate(self.values(key))]
 
     def everything(self) -> dict[str, Any]:
-        """Return all that was not taken yet, and take it."""
+        """Take everything that was not taken yet, and return it."""
         rest, self._rest = self._rest, {}
         return rest
 
@@ -138,16 +139,16 @@ class KeyReader:
             self._rest.pop(key, None)
 
     def leave_out(self, key: str = "") -> None:
-        """Say that a key, or the whole mapping, is left out."""
+        """Note that a key, or the whole mapping, is left out."""
         self.notes.left_out.append(self.at(key))
         self._rest.pop(key, None)
 
     def change(self, key: str, meaning: str) -> None:
-        """Say that a key is carried over with another meaning, here and in the original, or with another value."""
+        """Note that a key is carried over with a different meaning or value; `meaning` says which."""
         self.notes.changed[self.at(key)] = meaning
 
     def made(self, part: str, key: str) -> None:
-        """Remember that a part of the scene, by its dotted path, is made from a key, so that errors name that."""
+        """Remember that a part of the scene, by its dotted path, is made from a key, so that errors name the key."""
         self.notes.origins[part] = self.at(key)
 
     def finish(self) -> None:
@@ -164,8 +165,3 @@ def _numbers(value: Any) -> np.ndarray | None:
     if array.dtype.kind not in "iuf" or not np.isfinite(array).all():
         return None
     return array.astype(float)
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 80 else text[:77] + "..."

@@ -1,4 +1,4 @@
-"""Where an object of a configuration for the original package is: on its parent, or at a fixed position."""
+"""Where an object of an original configuration is placed: on its parent, or at a fixed position."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from sceniris_gym.config.fields import FLOOR, MOST_FAR
 from sceniris_gym.importers.sceniris.keys import KeyReader
 from sceniris_gym.importers.sceniris.relations import Views, note_origins, read_relation
 
-_PLANE = "_plane"  # the original's name of its ground
+_PLANE = "_plane"  # the original's name for its ground
 _SUPPORT_WORDS = {"top": "on", "inside": "inside", "in": "inside"}
 _HALF_EDGE = 1e-4  # m, of the square on the floor that stands for a fixed position
 
 
 def needed_floor(objects: Mapping[str, KeyReader]) -> np.ndarray:
-    """Return the least size of a floor [m] that holds all fixed positions on it, shape (2,)."""
+    """Return the smallest size of a floor [m] that contains all fixed positions on it, shape (2,)."""
     size = np.zeros(2)
     for part in objects.values():
         point = fixed_point(part)
@@ -28,7 +28,7 @@ def needed_floor(objects: Mapping[str, KeyReader]) -> np.ndarray:
 
 
 def fixed_point(keys: KeyReader) -> np.ndarray | None:
-    """Return the fixed position of an object, shape (3,), if it has one and only one; leave it there to be taken."""
+    """Return the fixed position of an object, shape (3,), if it has exactly one, without taking it."""
     fixed = keys.value("fixed_world_positions")
     if not isinstance(fixed, Sequence | np.ndarray) or len(fixed) != 1:
         return None
@@ -57,7 +57,7 @@ def place(keys: KeyReader, views: Views, limits: np.ndarray | None) -> dict:
     limit = position.array("xy_limit", [[0.0, 0.0], [1.0, 1.0]], (2, 2))
     crop = np.sort(limit.clip(0.0, 1.0), axis=0)
     if (crop != limit).any():
-        position.change("xy_limit", f"{crop.tolist()} here, the low corner first and cut off at the support's bounds")
+        position.change("xy_limit", f"{crop.tolist()} here: the low corner first, clipped to the support's bounds")
     position.finish()
     region: dict | None = {"fraction": crop} if is_cropped else None
     if parent == FLOOR and limits is not None:
@@ -82,5 +82,5 @@ def _ratio(keys: KeyReader) -> float:
     ratio = keys.number("ratio_on_support", 0.0)
     whole = min(max(ratio, 0.0), 1.0)
     if whole != ratio:
-        keys.change("ratio_on_support", f"{ratio:g} is cut off to {whole:g}, here as there")
+        keys.change("ratio_on_support", f"{ratio:g} is clipped to {whole:g}, as in the original")
     return whole

@@ -36,13 +36,13 @@ def read_sceniris(
 
     These keys are read, with the original's defaults:
 
-    - `env`: `env_size` (1.0) or `workspace_limits`, which make the floor, and `robot_centric_axis_transforms`, turned
-      views of the world that relations may name.
+    - `env`: `env_size` (1.0) or `workspace_limits`, which define the floor, and `robot_centric_axis_transforms`,
+      rotated views of the world that relations may name.
     - `objects`, a list or a mapping by id: `id`, `asset_path`, `parent_id` (the ground), `relation_to_parent` ('top'
       is `on`, 'inside' and 'in' are `inside`), `ratio_on_support` (0), `position.xy_limit` (fractions of the
-      support's bounds, which cut it off), `constraints`, and `fixed_world_positions` if there is only one, which
-      overrules those five: in the air that point, at z = 0 a square of 0.2 mm on the floor around it. Where it lies
-      beyond the workspace the floor is made larger, and what is on the floor without such a position keeps to the
+      support's bounds, clipped to them), `constraints`, and `fixed_world_positions` if there is exactly one, which
+      overrides those five: that point in the air, or at z = 0 a square of 0.2 mm on the floor around it. If it lies
+      outside the workspace, the floor is made larger, and objects on the floor without such a position keep to the
       workspace.
     - `reachable`, if there is a `robot`.
     - `rotation`, in degrees: 'uniform_z' with `lower` and `upper`, 'constant' with an `orientation` about z, 'stable'
@@ -50,21 +50,21 @@ def read_sceniris(
     - `joint_states`: `joint_ids`, and `min` (0) and `max` (1) as fractions of the joint's limits, one pair for a joint.
     - `constraints`, all of which hold: `anchor_object_ids`; `direction` (a side, an axis or [x, y]) within
       `direction_tolerance_angle` (90), in the frame `relation_axis_transform`: the *support's* by default, or 'world',
-      an object (where the original knows anchors only), a robot's view, or a rotation matrix on top of the support's;
+      an object (only an anchor in the original), a robot's view, or a rotation matrix on top of the support's;
       `distance` with `distance_type` ('equal') and `distance_relax` (0.01); `distance_start_bbox`, which measures
       between the bounds of both objects here, and from the anchor's hull to the other's origin in the original.
       'middle' as a direction or type of distance, and several anchors without a direction, are `between`, which for two
       of them is a strip here and a rectangle in the original.
 
     Objects that have joint states or a fixed position, or that others stand on, become fixtures; the others are free.
-    Joints and parts ('drawer/upper') must have these names in the assets, which are looked into where there are such
-    MJCF files. A key that has no effect in the original has none here.
+    Joints and parts ('drawer/upper') should have the same names in the assets, which is checked for all MJCF files that
+    exist. A key that has no effect in the original has none here.
 
     Args:
         cfg: The configuration; it is not changed.
-        assets: Assets by the id of the object, shipped names or MJCF files, in place of its `asset_path`.
-        robot: The scene's robot, which configurations do not have: an asset, or a mapping as in a scene file.
-        tier: How thoroughly that robot is to reach what is `reachable`: 'map', 'map_strict', 'ik' or 'clear'.
+        assets: Assets by object id, as shipped names or MJCF files, in place of its `asset_path`.
+        robot: The scene's robot, which a configuration does not name: an asset, or a mapping as in a scene file.
+        tier: How thoroughly `reachable` objects are proven to be so: 'map', 'map_strict', 'ik' or 'clear'.
 
     Returns:
         The scene.
@@ -73,9 +73,9 @@ def read_sceniris(
         ScenirisError: A key is missing, or a value or a name is wrong.
 
     Warns:
-        KeysLeftOutWarning: Some keys cannot be carried over, or not with their meaning or value: a
-            `ratio_on_support` beyond 0 to 1 is cut off, and so is an `xy_limit`, whose corners may also be in another
-            order. It names them all; an `asset_path` among them is one that is kept, but is no MJCF file.
+        KeysLeftOutWarning: Some keys are left out, or have a different meaning or value here: a `ratio_on_support`
+            outside 0 to 1 is clipped, and so is an `xy_limit`, whose corners may also change order. It names them all;
+            an `asset_path` among them is kept, but is not an MJCF file.
     """
     notes = Notes()
     keys = KeyReader(cfg, "", notes)
@@ -83,20 +83,11 @@ def read_sceniris(
     views = Views(
         objects, {robot: turn for key in _ROBOT_VIEWS for robot, turn in env.section(key).everything().items()}
     )
-    limits = env.array("workspace_limits", None, (2, 2)) if env.value("workspace_limits") is not None else None
-    edge = env.number("env_size", 1.0)
-    size = np.array([edge, edge]) if limits is None else 2.0 * np.abs(limits).max(axis=0)
-    env.made("floor.size", "env_size" if limits is None else "workspace_limits")
-    env.finish()
-    needed = needed_floor(objects)
-    if (size > 0.0).all() and (size < needed).any():
-        limits = 0.5 * np.array([-size, size]) if limits is None else limits
-        size = np.maximum(size, needed)
-    for name in assets or {}:
-        if name not in objects:
-            raise UnknownNameError("object", name, "read_sceniris: assets", objects)
+    size, limits = _workspace(env, objects)
+    _check_assets(assets or {}, objects)
     parents = {str(part.value("parent_id")).split("/")[0] for part in objects.values()}
-    reach = None if robot is None else _known_tier(tier)
+    known = _known_tier(tier)
+    reach = None if robot is None else known
     scene = {
         "floor": {"size": size},
         "robot": _checked_robot(robot),
@@ -116,6 +107,26 @@ def read_sceniris(
     return config
 
 
+def _workspace(env: KeyReader, objects: Mapping[str, KeyReader]) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return the size of the floor, shape (2,), and the part of it to keep to, shape (2, 2) or None for all of it."""
+    limits = env.array("workspace_limits", None, (2, 2)) if env.value("workspace_limits") is not None else None
+    edge = env.number("env_size", 1.0)
+    size = np.array([edge, edge]) if limits is None else 2.0 * np.abs(limits).max(axis=0)
+    env.made("floor.size", "env_size" if limits is None else "workspace_limits")
+    env.finish()
+    needed = needed_floor(objects)
+    if (size > 0.0).all() and (size < needed).any():
+        limits = 0.5 * np.array([-size, size]) if limits is None else limits
+        size = np.maximum(size, needed)
+    return size, limits
+
+
+def _check_assets(assets: Mapping[str, str], objects: Mapping[str, KeyReader]) -> None:
+    for name in assets:
+        if name not in objects:
+            raise UnknownNameError("object", name, "read_sceniris: assets", objects)
+
+
 def _checked_robot(robot: str | Mapping[str, Any] | None) -> dict[str, Any] | None:
     if robot is None:
         return None
@@ -132,7 +143,7 @@ def _known_tier(tier: str) -> str:
 
 
 def _check_parts(config: SceneConfig, origins: Mapping[str, str]) -> None:
-    """Check the names of joints and of parts of objects, where there is an asset that has them."""
+    """Check the names of joints and parts of objects, wherever there is an asset to look them up in."""
     inside = {
         name: names_in(part.asset, f"{CONFIGURATION}: {origin(f'objects.{name}.asset', origins)}")
         for name, part in config.objects.items()
@@ -154,10 +165,10 @@ def _is_mjcf(asset: str) -> bool:
 
 
 def _objects_by_id(keys: KeyReader) -> dict[str, KeyReader]:
-    """Return the objects by their ids; in messages they are named by these, whatever form the configuration has."""
+    """Return the objects by id; messages name them by id, whether the configuration has a list or a mapping."""
     data = keys.value("objects")
     if data is None:
-        raise keys.wrong("objects", "is missing. It is a list of mappings, each with an 'id'")
+        raise keys.wrong("objects", "is missing. It should be a list of mappings, each with an 'id'")
     if isinstance(data, Mapping):
         listed = keys.section("objects")
         return {str(name): listed.section(str(name)) for name in data}
@@ -167,7 +178,7 @@ def _objects_by_id(keys: KeyReader) -> dict[str, KeyReader]:
         if not isinstance(name, str):
             raise part.wrong("id", f"{name!r} should be the name of the object")
         if name in objects:
-            raise part.wrong("id", f"'{name}' should be another name than that of an object before it")
+            raise part.wrong("id", f"'{name}' should be a different name: an earlier object already has it")
         part.path = f"objects.{name}"
         objects[name] = part
     return objects
@@ -191,11 +202,11 @@ def _object(
 
 
 def _reachable(keys: KeyReader, tier: str | None) -> dict:
-    """Return whether the robot is to reach an object; `tier` is how thoroughly, None without a robot."""
+    """Return whether the robot should reach an object; `tier` is how thoroughly, None without a robot."""
     wanted = keys.value("reachable")
     if wanted is True and tier is None:
         keys.leave_out("reachable")
-        keys.notes.advise("'reachable' is carried over if read_sceniris is given the 'robot'.")
+        keys.notes.advise("'reachable' is carried over if read_sceniris gets a 'robot'.")
     elif isinstance(wanted, bool):
         keys.ignore("reachable")
         return {"reachable": tier} if wanted else {}
@@ -220,7 +231,7 @@ def _joints(keys: KeyReader) -> dict:
         fraction = (state.number("min", 0.0), state.number("max", 1.0))
         for joint in map(str, state.values("joint_ids")):
             if joints.get(joint, {}).get("fraction", fraction) != fraction:
-                raise state.wrong("joint_ids", f"'{joint}' has other limits in an entry before it. Name it once")
+                raise state.wrong("joint_ids", f"'{joint}' has different limits in an earlier entry. Name it only once")
             joints[joint] = {"fraction": fraction}
             state.made(f"{keys.path}.joints.{joint}", "joint_ids")
             state.made(f"{keys.path}.joints.{joint}.fraction", "")
@@ -253,7 +264,7 @@ def _rotation(keys: KeyReader, views: Views) -> dict:
 
 
 def _constant(rotation: KeyReader) -> Any:
-    """Return the orientation of a constant rotation; one that is not about z stays as the asset has it."""
+    """Return the orientation of a constant rotation; one that is not about z is left as the asset has it."""
     value = rotation.value("orientation")
     if np.ndim(value) < 2:
         angle = rotation.number("orientation", 0.0)

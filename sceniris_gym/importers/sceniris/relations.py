@@ -1,4 +1,4 @@
-"""Constraints between objects in a configuration for the original package, as relations of a scene."""
+"""Constraints between objects of an original configuration, as relations of a scene."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ _LEAST = 0.01  # m, the original's least distance
 
 @dataclass(frozen=True)
 class Views:
-    """What a direction may be seen from: all objects by their ids, and transforms of the world by a robot's name.
+    """The frames that a direction may be given in: all objects by id, and transforms of the world by robot name.
 
-    `own` is the object whose keys are read.
+    `own` is the object whose keys are being read.
     """
 
     objects: Collection[str]
@@ -51,7 +51,7 @@ def read_relation(keys: KeyReader, views: Views) -> dict | None:
     if len(anchors) > 1 and (middle or direction is None):
         if len(anchors) == 2:
             said = "direction" if direction == "middle" else "distance_type" if middle else "anchor_object_ids"
-            keys.change(said, "a strip between two anchors here, the rectangle along the support's axes there")
+            keys.change(said, "a strip between two anchors here, a rectangle along the support's axes in the original")
         return _between(keys, anchors)
     distance = _distance(keys, kind)
     # Without an anchor the original ignores a constraint; in the other cases it stops with an error.
@@ -86,7 +86,9 @@ def _distance(keys: KeyReader, kind: str | None) -> dict:
     """Return the distance and how it is measured, empty if there is none."""
     measure = {"measure": "bounds"} if keys.take("distance_start_bbox", False) else {}
     if measure:
-        keys.change("distance_start_bbox", "between the bounds of both here, from the anchor's hull to a point there")
+        keys.change(
+            "distance_start_bbox", "between the bounds of both here, from the anchor's hull to a point in the original"
+        )
     else:
         keys.ignore("max_mesh_projection_z")
     if isinstance(keys.value("distance"), str):  # 'next_to'
@@ -102,7 +104,7 @@ def _distance(keys: KeyReader, kind: str | None) -> dict:
 def _around(keys: KeyReader, anchor: str, distance: dict) -> dict:
     """Return the words for all directions around an anchor."""
     keys.ignore("direction_tolerance_angle", "relation_axis_transform")
-    if "min" in distance["distance"]:  # 'near' has an upper limit
+    if "min" in distance["distance"]:  # 'near' would need an upper limit
         return {"direction": (1.0, 0.0), "of": anchor, "angle": 180.0}
     return {"near": anchor}
 
@@ -133,5 +135,5 @@ def _frame(keys: KeyReader, anchor: str, views: Views) -> tuple[str, np.ndarray 
         return "world", keys.rotation(key, views.robots[transform])
     keys.known(key, "frame", transform, ["world", *views.objects, *views.robots], views.own)
     if transform not in ("world", anchor):
-        keys.change(key, f"turned with '{transform}' here, with the support there, as '{transform}' is no anchor")
+        keys.change(key, f"turned with '{transform}' here, with the support in the original, as it is not an anchor")
     return ("anchor" if transform == anchor else transform), None

@@ -1,4 +1,4 @@
-"""All checks of layouts together, as one report."""
+"""`Auditor`: all checks of layouts except reach, as one report."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ CHUNK = 500  # rows whose poses are held at once
 
 @dataclass(frozen=True)
 class Report:
-    """What the audit found.
+    """The findings of the audit.
 
     Attributes:
-        layouts: how many layouts were judged.
-        conflicts: missed collisions, one entry per pair of geoms.
-        misplaced: objects that do not stand where the scene says.
-        penetration: the deepest contact of MuJoCo C.
-        kept: how well every relation, orientation and group is kept.
-        settled: how many layouts were stepped.
-        moved: object name -> number of layouts in which it moved more than 1 cm while settling.
-        fast: object name -> number of layouts in which it was faster than 1 m/s.
-        top_speed: the largest speed of any free object [m/s].
+        layouts: Number of layouts that were judged.
+        conflicts: Missed collisions, one entry per pair of geoms.
+        misplaced: Objects that do not stand where the scene says.
+        penetration: The deepest contact that MuJoCo C finds.
+        kept: How well every relation, orientation and group is kept.
+        settled: Number of layouts that were stepped.
+        moved: Object name -> number of layouts in which it moved more than 1 cm while settling.
+        fast: Object name -> number of layouts in which it was faster than 1 m/s.
+        top_speed: The largest speed of any free object [m/s].
     """
 
     layouts: int
@@ -63,12 +63,12 @@ class Auditor:
     """Judges layouts of one scene.
 
     Args:
-        mjm: the model.
-        config: the scene.
-        bodies: object name -> root body id.
+        mjm: The model.
+        config: The scene.
+        bodies: Object name -> root body id.
 
     Raises:
-        NotSupportedError: a geom of a type that has no solid here.
+        NotSupportedError: A geom has a type that the audit does not know.
     """
 
     def __init__(self, mjm: mujoco.MjModel, config: SceneConfig, bodies: Mapping[str, int]) -> None:
@@ -88,24 +88,24 @@ class Auditor:
         self.standing = StandingAudit(self.tree, solids, config, outlines, pose_of(home))
         self.outlines = outlines
         hulls = self.standing.hulls
-        if config.geometry != "physics":  # what keeps apart is seen, and what carries collides
+        if config.geometry != "physics":  # visual geoms keep objects apart, colliding ones carry them
             names = self.standing.placed
             hulls = hulls_of(self.tree, solids_of(mjm, "physics"), {n: bodies[n] for n in names}, pose_of(home))
         self.language = LanguageAudit(config, outlines, hulls, home)
         self.config = config
         self.free = {name: bodies[name] for name, part in placed.items() if part.kind == "free"}
 
-    def judge(self, rows: LayoutTable, *, settled: int = 0) -> Report:
-        """Check layouts. Absent objects are judged by their groups alone, and by what MuJoCo makes of them.
+    def judge(self, table: LayoutTable, *, settled: int = 0) -> Report:
+        """Check layouts. Of absent objects only their groups, penetration and settling are checked.
 
         Args:
-            rows: the layouts.
-            settled: how many of them, from the first one on, are stepped for half a second as well.
+            table: The layouts.
+            settled: Number of layouts, from the first on, that are also stepped for half a second.
         """
         conflicts: list[Conflict] = []
         misplaced: list[Misplaced] = []
         kept: list[Kept] = []
-        for start, some in rows.chunks(CHUNK):
+        for start, some in table.chunks(CHUNK):
             poses = poses_of(self.mjm, some)
             there = presence(self.config, some)
             found, supporting = self.standing.check(poses)
@@ -116,13 +116,13 @@ class Auditor:
                 if all(there[owner][c.row] for owner in c.owners if owner in there)
             ]
             kept = self.language.add(kept, start, poses, there)
-        penetration = deepest(self.tree, rows)
-        some = rows[slice(0, settled)]
+        penetration = deepest(self.tree, table)
+        some = table[slice(0, settled)]
         if not len(some) or not self.free:
-            return Report(len(rows), conflicts, misplaced, penetration, kept)
+            return Report(len(table), conflicts, misplaced, penetration, kept)
         motion = settle(self.mjm, self.free, some)
         return Report(
-            len(rows),
+            len(table),
             conflicts,
             misplaced,
             penetration,
@@ -133,27 +133,27 @@ class Auditor:
             top_speed=float(max(v.max() for v in motion.speed.values())),
         )
 
-    def judge_language(self, rows: LayoutTable) -> list[Kept]:
-        """Check relations, orientations and groups alone, which is quick."""
+    def judge_language(self, table: LayoutTable) -> list[Kept]:
+        """Check only relations, orientations and groups, which is fast."""
         kept: list[Kept] = []
-        for start, some in rows.chunks(CHUNK):
+        for start, some in table.chunks(CHUNK):
             kept = self.language.add(kept, start, poses_of(self.mjm, some), presence(self.config, some))
         return kept
 
-    def judge_rejected(self, rows: LayoutTable, candidate: Sequence[str], order: Sequence[str]) -> list[FalseAlarm]:
+    def judge_rejected(self, table: LayoutTable, candidate: Sequence[str], order: Sequence[str]) -> list[FalseAlarm]:
         """Check candidates that were rejected for collision.
 
         Args:
-            rows: layouts in which the rejected object stands at its candidate pose.
-            candidate: name of the rejected object of each row.
-            order: names of the placed objects, in the order they are placed; later ones are not there yet.
+            table: Layouts in which the rejected object stands at its candidate pose.
+            candidate: Name of the rejected object of each row.
+            order: Names of the placed objects in placement order; those after the candidate are not there yet.
 
         Returns:
             The candidates that keep their clearance from everything.
         """
         alarms = []
         names = np.asarray(candidate)
-        for start, some in rows.chunks(CHUNK):
+        for start, some in table.chunks(CHUNK):
             poses = poses_of(self.mjm, some)
             _, supporting = self.standing.check(poses)
             found = self.collisions.false_alarms(poses, supporting, names[start : start + len(some)].tolist(), order)

@@ -1,4 +1,4 @@
-"""Checks layouts for collisions that were missed, and rejected candidates for collisions that are none."""
+"""Checks layouts for missed collisions, and rejected candidates for false alarms."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ CURVED_TOLERANCE = 1e-4  # m; the same where a sphere, capsule, cylinder or elli
 
 @dataclass(frozen=True)
 class Conflict:
-    """Two solids that are nearer than they must be.
+    """Two solids that are nearer than their clearance.
 
     Attributes:
-        row: the layout.
-        geoms: ids of the two geoms.
-        owners: names of the two objects.
-        distance: distance [m]; at most 0 if the surfaces cross, minus infinity if one is inside the other.
-        clearance: the distance they must keep [m].
+        row: The layout.
+        geoms: Ids of the two geoms.
+        owners: Names of the two objects.
+        distance: Distance [m]; at most 0 if the surfaces cross, minus infinity if one is inside the other.
+        clearance: The least distance that they must keep [m].
     """
 
     row: int
@@ -40,9 +40,9 @@ class FalseAlarm:
     """A candidate that was rejected for collision although it keeps its clearance from everything.
 
     Attributes:
-        row: the candidate.
-        owners: names of the nearest pair, None if nothing is near.
-        surplus: by how much it is farther than it must be [m], infinite if nothing is near.
+        row: The candidate.
+        owners: Names of the nearest pair, None if nothing is near.
+        surplus: Distance beyond the clearance [m], infinite if nothing is near.
     """
 
     row: int
@@ -51,13 +51,13 @@ class FalseAlarm:
 
 
 class CollisionAudit:
-    """Exact pairwise collision checks over rows.
+    """Exact pairwise collision checks of layouts.
 
     Args:
-        tree: owners of the bodies.
-        solids: the solids of the model.
+        tree: Owners of the bodies.
+        solids: The solids of the model.
         geometry: "physics" or "visual".
-        clearances: clearance [m] of each placed object.
+        clearances: Clearance [m] of each placed object.
     """
 
     def __init__(self, tree: Tree, solids: list[Solid], geometry: str, clearances: Mapping[str, float]) -> None:
@@ -69,12 +69,12 @@ class CollisionAudit:
     def missed(self, poses: Poses, supporting: Mapping[str, np.ndarray]) -> list[Conflict]:
         """Return all pairs of solids that are nearer than their clearance.
 
-        An object and the body that supports it must only not intersect: their test is made with the object
-        raised by the tolerance, as FCL's meshes know no depth of penetration.
+        An object and the body that supports it may touch, but must not intersect: they are tested with the object
+        raised by the tolerance, as FCL gives no penetration depth for meshes.
 
         Args:
-            poses: world poses of the rows.
-            supporting: object name -> id of the body that supports it in each row, shape (nrow,), -1 for none.
+            poses: World poses of the rows.
+            supporting: Object name -> id of the body that supports it in each row, shape (nrow,), -1 for none.
         """
         conflicts = []
         for pair in self.pairs:
@@ -96,13 +96,13 @@ class CollisionAudit:
     def false_alarms(
         self, poses: Poses, supporting: Mapping[str, np.ndarray], candidate: Sequence[str], order: Sequence[str]
     ) -> list[FalseAlarm]:
-        """Return the rejected candidates that keep their clearance, and more than a tolerance, from everything.
+        """Return the rejected candidates that keep their clearance and more than a tolerance from everything.
 
         Args:
-            poses: world poses of the rows; in each, the candidate stands where it was rejected.
-            supporting: object name -> id of the body that supports it in each row, shape (nrow,), -1 for none.
-            candidate: name of the rejected object of each row.
-            order: names of the placed objects; those after the candidate are not there yet.
+            poses: World poses of the rows; in each, the candidate stands where it was rejected.
+            supporting: Object name -> id of the body that supports it in each row, shape (nrow,), -1 for none.
+            candidate: Name of the rejected object of each row.
+            order: Names of the placed objects; those after the candidate are not there yet.
         """
         rank = {name: i for i, name in enumerate(order)}
         names = np.array(candidate)
@@ -121,7 +121,7 @@ class CollisionAudit:
     def _nearest(
         self, row: int, poses: Poses, supporting: Mapping[str, np.ndarray], names: np.ndarray, rank: Mapping[str, int]
     ) -> FalseAlarm:
-        """Return by how much the candidate of a row is farther than it must be from what is nearest to it."""
+        """Return how far beyond the clearance the candidate of a row is from what is nearest to it."""
         found = FalseAlarm(row, None, np.inf)
         rows = np.array([row])
         for pair in self.pairs:

@@ -22,7 +22,7 @@ class Narrow:
     """Distances between the solids of one model.
 
     Args:
-        solids: the solids, which the methods name by their indices.
+        solids: The solids, which the methods refer to by index.
     """
 
     def __init__(self, solids: list[Solid]) -> None:
@@ -32,7 +32,7 @@ class Narrow:
         }
 
     def place(self, i: int, pos: np.ndarray, mat: np.ndarray) -> None:
-        """Put solid `i` at position (3,) and rotation (3, 3) in the world; half-spaces are placed nowhere."""
+        """Put solid `i`, which is not a half-space, at position (3,) and rotation (3, 3) in the world."""
         self._objects[i].setTransform(fcl.Transform(mat, pos))
 
     def distance(self, i: int, j: int) -> float:
@@ -47,10 +47,10 @@ class Narrow:
         """Return whether a point of solid `j` is inside the closed surface of polyhedron `i`.
 
         Args:
-            i: index of the polyhedron; other forms are solid for FCL already and give False.
-            j: index of the solid whose first vertex, or centre, is tested.
-            pose_i: position (3,) and rotation (3, 3) of `i`.
-            pose_j: the same of `j`.
+            i: Index of the polyhedron; other forms are already solid in FCL and give False.
+            j: Index of the solid whose first vertex, or centre, is tested.
+            pose_i: Position (3,) and rotation (3, 3) of `i`.
+            pose_j: The same for `j`.
         """
         outer, inner = self.solids[i], self.solids[j]
         if outer.form is not Form.POLYHEDRON:
@@ -63,9 +63,9 @@ class Narrow:
 
 
 def winding_number(triangles: np.ndarray, point: np.ndarray) -> float:
-    """Return how often triangles (n, 3, 3) wind around a point (3,): 1 inside of a closed surface, 0 outside.
+    """Return how often triangles (n, 3, 3) wind around a point (3,): 1 inside a closed surface, 0 outside.
 
-    The sum of signed solid angles of Van Oosterom and Strackee (1983) over 4 pi.
+    This is the sum of the signed solid angles, after Van Oosterom and Strackee (1983), over 4 pi.
     """
     a, b, c = (triangles - point).transpose(1, 0, 2)
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))

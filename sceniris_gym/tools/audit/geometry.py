@@ -1,7 +1,7 @@
 """Solids of a MuJoCo model and their poses, derived from the model alone.
 
-The audit judges layouts, so it shares no code with what makes them: everything here starts from an
-`mujoco.MjModel` and ends in double precision.
+The audit judges layouts, so it shares no code with what makes them: everything here is derived from a `mujoco.MjModel`
+in double precision.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ class Solid:
     """The solid of one geom, in the geom's frame [m].
 
     Attributes:
-        geom: geom id.
-        form: how the solid is described.
-        vertices: surface vertices of a polyhedron, or the point or segment inside a rounded solid, shape (nvert, 3).
-        faces: triangles of a polyhedron, counter-clockwise seen from outside, shape (nface, 3).
-        radius: radius of a rounded solid, else 0.
-        size: geom sizes as MuJoCo has them, shape (3,).
-        center: centre of the local bounding box, shape (3,).
-        half: half extents of the local bounding box, shape (3,); infinite for a half-space.
+        geom: Geom id.
+        form: How the solid is described.
+        vertices: Surface vertices of a polyhedron, or the point or segment inside a rounded solid, shape (nvert, 3).
+        faces: Triangles of a polyhedron, counter-clockwise seen from outside, shape (nface, 3).
+        radius: Radius of a rounded solid, else 0.
+        size: Geom sizes as MuJoCo has them, shape (3,).
+        center: Centre of the local bounding box, shape (3,).
+        half: Half extents of the local bounding box, shape (3,); infinite for a half-space.
     """
 
     geom: int
@@ -78,7 +78,7 @@ class Solid:
 
 @dataclass(frozen=True)
 class Poses:
-    """World poses of the geoms and bodies of some rows: positions (nrow, n, 3), rotations (nrow, n, 3, 3)."""
+    """World poses of geoms and bodies in some layouts: positions (nrow, n, 3) [m], rotations (nrow, n, 3, 3)."""
 
     geom_xpos: np.ndarray
     geom_xmat: np.ndarray
@@ -86,21 +86,21 @@ class Poses:
     xmat: np.ndarray
 
 
-def poses_of(mjm: mujoco.MjModel, rows: LayoutTable) -> Poses:
-    """Return the poses of all geoms and bodies in each row, by MuJoCo C's forward kinematics."""
+def poses_of(mjm: mujoco.MjModel, table: LayoutTable) -> Poses:
+    """Return the poses of all geoms and bodies in each row of a table, by MuJoCo C's forward kinematics."""
     data = mujoco.MjData(mjm)
-    n = len(rows)
+    n = len(table)
     geom_xpos, geom_xmat = np.empty((n, mjm.ngeom, 3)), np.empty((n, mjm.ngeom, 9))
     xpos, xmat = np.empty((n, mjm.nbody, 3)), np.empty((n, mjm.nbody, 9))
     for i in range(n):
-        rows.put(data, i)
+        table.put(data, i)
         mujoco.mj_kinematics(mjm, data)
         geom_xpos[i], geom_xmat[i], xpos[i], xmat[i] = data.geom_xpos, data.geom_xmat, data.xpos, data.xmat
     return Poses(geom_xpos, geom_xmat.reshape(n, -1, 3, 3), xpos, xmat.reshape(n, -1, 3, 3))
 
 
 def home_of(mjm: mujoco.MjModel) -> mujoco.MjData:
-    """Return the model in its keyframe 'home', or in its own start state where there is none, with poses and masses."""
+    """Return the model's data at its keyframe 'home', or else at its default state, with poses and subtree masses."""
     data = mujoco.MjData(mjm)
     home = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, "home")
     if home >= 0:
@@ -111,7 +111,7 @@ def home_of(mjm: mujoco.MjModel) -> mujoco.MjData:
 
 
 def pose_of(data: mujoco.MjData) -> Poses:
-    """Return the poses of a posed model as those of one row."""
+    """Return the poses in an MjData as those of one row."""
     mats = (data.geom_xmat.reshape(1, -1, 3, 3).copy(), data.xmat.reshape(1, -1, 3, 3).copy())
     return Poses(data.geom_xpos[None].copy(), mats[0], data.xpos[None].copy(), mats[1])
 
@@ -136,7 +136,7 @@ def _mesh(mjm: mujoco.MjModel, mesh: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _mesh_hull(mjm: mujoco.MjModel, mesh: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the hull MuJoCo collides; a mesh with `maxhullvert` has fewer hull vertices than its points."""
+    """Return the hull that MuJoCo collides, which has fewer vertices for a mesh with `maxhullvert`."""
     vertices, _ = _mesh(mjm, mesh)
     graphadr = mjm.mesh_graphadr[mesh]
     if graphadr >= 0:
@@ -150,7 +150,7 @@ def solid_of(mjm: mujoco.MjModel, geom: int, *, hull: bool) -> Solid:
     """Return the solid of a geom; meshes as their convex hull if `hull`, else as they are drawn.
 
     Raises:
-        NotSupportedError: the geom is of a type without a solid here (height field, signed distance field).
+        NotSupportedError: The geom has a type that the audit does not know (height field, signed distance field).
     """
     none = np.zeros((0, 3))
     kind, size = mujoco.mjtGeom(mjm.geom_type[geom]), mjm.geom_size[geom].copy()
@@ -174,7 +174,7 @@ def solid_of(mjm: mujoco.MjModel, geom: int, *, hull: bool) -> Solid:
         return Solid(geom, Form.HALFSPACE, none, no_faces, 0.0, size)
     name = mjm.geom(geom).name or f"number {geom}"
     raise NotSupportedError(
-        f"audit: geom '{name}' is of type {kind.name.removeprefix('mjGEOM_').lower()}, which has no solid here. "
+        f"audit: geom '{name}' is of type {kind.name.removeprefix('mjGEOM_').lower()}, which the audit cannot judge. "
         "Valid types: plane, sphere, capsule, ellipsoid, cylinder, box, mesh."
     )
 
@@ -186,6 +186,6 @@ def solids_of(mjm: mujoco.MjModel, geometry: str) -> list[Solid]:
         chosen = collides
     else:
         visible = np.isin(mjm.geom_group, _VISIBLE_GROUPS) & (mjm.geom_rgba[:, 3] > 0)
-        # an invisible plane that collides is ground all the same, and a painted backdrop is none
+        # an invisible plane that collides is still ground, and a drawn backdrop that does not collide is not
         chosen = np.where(mjm.geom_type == mujoco.mjtGeom.mjGEOM_PLANE, collides, visible)
     return [solid_of(mjm, int(g), hull=geometry == "physics") for g in np.flatnonzero(chosen)]

@@ -1,4 +1,4 @@
-"""How well a scene's relations, orientations and groups are kept: all their checks together, counted over rows."""
+"""Counts in how many layouts a scene's relations, orientations and groups are kept."""
 
 from __future__ import annotations
 
@@ -20,16 +20,17 @@ TOLERANCES = {"m": 1e-4, "rad": 1e-3, "objects": 0.0}
 
 @dataclass(frozen=True)
 class Kept:
-    """How well one word of one object, or of a group, is kept.
+    """How well one requirement of an object or a group is kept.
 
     Attributes:
-        name: the object or the group.
-        word: the relation (its place among the object's, and its word), or part of the orientation or of the group.
+        name: The object or the group.
+        word: The relation (its index among the object's relations, and its word), or the part of the orientation or of
+            the group.
         unit: "m", "rad" or "objects".
-        checked: number of rows in which it applies.
-        broken: number of rows in which it is missed by more than the tolerance of the unit.
-        worst: by how much it is missed at most, in the unit; at most 0 if never.
-        row: where that is, -1 if it applies nowhere.
+        checked: Number of rows in which it applies.
+        broken: Number of rows in which it is missed by more than the tolerance of the unit.
+        worst: Largest amount by which it is missed, in the unit; at most 0 if it is never missed.
+        row: The row with that amount, -1 if it applies nowhere.
     """
 
     name: str
@@ -45,10 +46,10 @@ class LanguageAudit:
     """Judges relations, orientations and groups.
 
     Args:
-        config: the scene.
-        outlines: knows what objects look like from above.
-        hulls: object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
-        home: the model at the start pose.
+        config: The scene.
+        outlines: Outlines of the objects.
+        hulls: Object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
+        home: The model at the start pose.
     """
 
     def __init__(
@@ -59,13 +60,13 @@ class LanguageAudit:
         self._turns = TurnAudit(config, outlines, hulls, home)
 
     def add(self, kept: list[Kept], start: int, poses: Poses, present: Mapping[str, np.ndarray]) -> list[Kept]:
-        """Judge some rows, and return the counts with these rows in them.
+        """Judge some rows, and return the counts with these rows added.
 
         Args:
-            kept: the counts so far, empty at first.
-            start: number of the first of the rows.
-            poses: their poses.
-            present: object name -> rows in which it is there, shape (nrow,).
+            kept: The counts so far, empty at first.
+            start: Index of the first of these rows.
+            poses: Poses in these rows.
+            present: Object name -> rows in which it is there, shape (nrow,).
         """
         seen = {name: self.outlines.outline(name, poses) for name in self.outlines.bodies}
         headings = support_headings(self.config, poses, self.outlines.mjm)
@@ -79,7 +80,10 @@ class LanguageAudit:
 
 
 def _counted(kept: Kept, start: int, amount: np.ndarray) -> Kept:
-    """Return the counts with those of rows from `start` on, which miss it by `amount` (nrow,), nan for not at all."""
+    """Return the counts with rows from `start` on added.
+
+    They miss the requirement by `amount` (nrow,), which is NaN where it does not apply.
+    """
     applies = ~np.isnan(amount)
     if not applies.any():
         return kept

@@ -1,4 +1,4 @@
-"""Checks the orientation of every object in every row: yaw, what it faces, and whether it lies stably."""
+"""Checks the orientation of every object: its yaw, what it faces, and whether it rests stably."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from sceniris_gym.tools.audit.geometry import Poses
 from sceniris_gym.tools.audit.outlines import Outline, Outlines
 from sceniris_gym.tools.audit.relations import ROUNDING, wrapped
 
-_LOWEST = 1e-4  # m; points so little above the lowest one carry
+_LOWEST = 1e-4  # m; points that are at most this far above the lowest one carry the object
 
 
 class TurnAudit:
     """Measures by how much orientations are missed.
 
     Args:
-        config: the scene.
-        outlines: knows how objects are turned.
-        hulls: object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
-        home: the model at the start pose.
+        config: The scene.
+        outlines: Outlines of the objects.
+        hulls: Object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
+        home: The model at the start pose.
     """
 
     def __init__(
@@ -46,13 +46,13 @@ class TurnAudit:
         """Measure the orientation of every placed object.
 
         Args:
-            poses: poses of the rows.
-            seen: object name -> what it looks like from above in each row.
-            present: object name -> rows in which it is there, shape (nrow,).
-            support_heading: object name -> heading of what it stands on [rad], shape (nrow,).
+            poses: Poses in the rows.
+            seen: Object name -> its outline in each row.
+            present: Object name -> rows in which it is present, shape (nrow,).
+            support_heading: Object name -> heading of what it stands on [rad], shape (nrow,).
 
         Returns:
-            (object, word, unit) -> by how much it is missed in each row [m or rad], at most 0 where it is right, nan
+            (object, word, unit) -> by how much it is missed in each row [m or rad], at most 0 where it is right, NaN
             where the object is absent. Shape (nrow,).
         """
         found = {}
@@ -73,7 +73,7 @@ class TurnAudit:
         return found
 
     def _off_balance(self, name: str, poses: Poses) -> np.ndarray:
-        """Return how far [m] the centre of mass is outside of the hull of the lowest points, seen from above."""
+        """Return how far [m] the centre of mass is outside the hull of the lowest points, seen from above."""
         mat = poses.xmat[:, self.outlines.bodies[name]]
         points = np.einsum("nij,kj->nki", mat, self.hulls[name])
         row, corner = np.nonzero(points[:, :, 2] <= points[:, :, 2].min(1)[:, None] + _LOWEST)
@@ -82,13 +82,13 @@ class TurnAudit:
 
 
 def _off_interval(angle: np.ndarray, rounding: np.ndarray | float, turn: DrawnOrientation) -> np.ndarray:
-    """Return how far [rad] angles, known up to `rounding`, are outside of the interval of a turn."""
+    """Return how far [rad] angles, which are known up to `rounding`, are outside the yaw interval of `turn`."""
     low, high = turn.yaw
     return np.abs(wrapped(angle - (low + high) / 2)) - (high - low) / 2 - rounding
 
 
 def _from_target(own: Outline, target: Outline) -> tuple[np.ndarray, np.ndarray]:
-    """Return the angle [rad] from the target to where the front (-y) of an object points, and its rounding."""
+    """Return the angle [rad] from the direction of the target to an object's front (-y), and its rounding."""
     to = target.pivot[:, :2] - own.pivot[:, :2]
     rounding = ROUNDING / np.maximum(np.linalg.norm(to, axis=1), ROUNDING)
     return own.heading - np.pi / 2 - np.arctan2(to[:, 1], to[:, 0]), rounding

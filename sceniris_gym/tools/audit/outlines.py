@@ -1,4 +1,4 @@
-"""Objects as relations see them: from above, each a pivot, a heading and a rectangle of bounds, in every row."""
+"""Objects as relations see them, from above: a pivot, a heading and rectangular bounds in every layout."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class Outline:
     """One object seen from above in each row.
 
     Attributes:
-        pivot: bottom centre of its bounds [m], world frame, shape (nrow, 3); of the robot the origin of its base.
-        heading: direction of its root's x axis [rad], shape (nrow,); where that axis points straight up or down, that
-            of its y axis less a right angle.
-        low, high: its bounds [m] around the pivot, along its heading and across it to the left, shape (nrow, 2).
+        pivot: Bottom centre of its bounds [m], world frame, shape (nrow, 3); for the robot, the origin of its base.
+        heading: Direction of its root's x axis [rad], shape (nrow,); where that axis points straight up or down, that
+            of its y axis minus a right angle.
+        low, high: Its bounds [m] around the pivot, along its heading and across it to the left, shape (nrow, 2).
     """
 
     pivot: np.ndarray
@@ -33,27 +33,27 @@ class Outline:
     high: np.ndarray
 
     def corners(self) -> np.ndarray:
-        """Return the corners of the bounds [m], seen from above, in a circle, shape (nrow, 4, 2)."""
+        """Return the corners of the bounds [m] from above, in order around them, shape (nrow, 4, 2)."""
         x = np.stack([self.low[:, 0], self.high[:, 0], self.high[:, 0], self.low[:, 0]], 1)
         y = np.stack([self.low[:, 1], self.low[:, 1], self.high[:, 1], self.high[:, 1]], 1)
         c, s = np.cos(self.heading)[:, None], np.sin(self.heading)[:, None]
         return self.pivot[:, None, :2] + np.stack([c * x - s * y, s * x + c * y], 2)
 
     def span(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return from where to where [m] the bounds reach along unit vectors (nrow, 2), in the world."""
+        """Return the least and greatest coordinate [m] of the bounds along unit vectors (nrow, 2), in the world."""
         along = np.einsum("nkj,nj->nk", self.corners(), direction)
         return along.min(1), along.max(1)
 
 
 class Outlines:
-    """Works out the outlines of the objects of a scene.
+    """Computes the outlines of the objects of a scene.
 
     Args:
-        tree: owners of the bodies.
-        solids: the solids of the model.
-        config: the scene.
-        bodies: object name -> root body id.
-        home: the start pose, one row.
+        tree: Owners of the bodies.
+        solids: The solids of the model.
+        config: The scene.
+        bodies: Object name -> root body id.
+        home: The start pose, one row.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Outlines:
                 self._solids[owner].append(solid)
 
     def turn(self, name: str, poses: Poses) -> np.ndarray:
-        """Return how an object is turned from its orientation as authored in each row, shape (nrow, 3, 3)."""
+        """Return the rotation of an object from its authored orientation in each row, shape (nrow, 3, 3)."""
         authored = np.empty(9)
         mujoco.mju_quat2Mat(authored, self.mjm.body_quat[self.bodies[name]])
         return poses.xmat[:, self.bodies[name]] @ authored.reshape(3, 3).T
@@ -75,9 +75,9 @@ class Outlines:
     def outline(self, name: str, poses: Poses) -> Outline:
         """Return the outline of an object in each row.
 
-        Its pivot is the centre of the bounds that it has with its joints at home, in the orientation it has in the
-        row; with an orientation of any kind whatever that of its bounds with the joints of the row. Its bounds, and the
-        height of the pivot, are always those with the joints of the row. The robot's pivot is the origin of its base.
+        The pivot is the centre of the bounds with the joints at home and the orientation of the row; with
+        `orientation: any`, of the bounds with the joints of the row. The bounds, and the height of the pivot, are
+        always those with the joints of the row. The robot's pivot is the origin of its base.
         """
         heading = _heading(poses.xmat[:, self.bodies[name]])
         at = poses.xpos[:, self.bodies[name]]
@@ -100,7 +100,7 @@ class Outlines:
         return Outline(pivot, heading, low - middle, high - middle)
 
     def _least(self, name: str, poses: Poses, direction: np.ndarray) -> np.ndarray:
-        """Return the least extent [m] of an object along unit vectors (nrow, 3), counted from its root, (nrow,)."""
+        """Return the least coordinate [m] of an object along unit vectors (nrow, 3), from its root, shape (nrow,)."""
         at = poses.xpos[:, self.bodies[name]]
         ends = []
         for solid in self._solids[name]:
@@ -109,7 +109,7 @@ class Outlines:
         return np.min(ends, axis=0)
 
     def _least_at_home(self, name: str, poses: Poses, direction: np.ndarray) -> np.ndarray:
-        """Return the same with the object's joints as they are at home."""
+        """Return the same with the object's joints at home."""
         root, home = self.bodies[name], self._home
         seen = np.einsum("nij,ni->nj", poses.xmat[:, root], direction)
         ends = []

@@ -18,9 +18,9 @@ class Judged:
     """A pair of solids that must be apart.
 
     Attributes:
-        first, second: indices into the list of solids.
-        clearance: least distance between them [m], unless one supports the other.
-        owners: the objects they belong to.
+        first, second: Indices into the list of solids.
+        clearance: Least distance between them [m], unless one supports the other.
+        owners: The objects they belong to.
     """
 
     first: int
@@ -30,11 +30,11 @@ class Judged:
 
 
 class Tree:
-    """Who owns the bodies of a model, and which of them can stand elsewhere in another layout.
+    """Which object owns each body of a model, and which bodies a layout can move.
 
     Args:
-        mjm: the model.
-        bodies: object name -> root body id; bodies outside of all objects belong to the child of the world above them.
+        mjm: The model.
+        bodies: Object name -> root body id; a body outside all objects belongs to the top-level body above it.
     """
 
     def __init__(self, mjm: mujoco.MjModel, bodies: Mapping[str, int]) -> None:
@@ -58,14 +58,14 @@ class Tree:
 def judged_pairs(tree: Tree, solids: list[Solid], geometry: str, clearances: Mapping[str, float]) -> list[Judged]:
     """List the pairs of solids of different objects that a layout must keep apart.
 
-    Contact bits (of the physics) and exclusions are honoured. Two things that no layout moves are not judged;
-    fixtures are kept apart from each other and from the static world although MuJoCo does not report that.
+    Contact bits (of the physics) and exclusions are honoured. Two bodies that no layout moves are not judged; fixtures
+    are kept apart from each other and from the static scene, although MuJoCo reports no contacts between them.
 
     Args:
-        tree: owners of the bodies.
-        solids: the solids of the model.
+        tree: Owners of the bodies.
+        solids: The solids of the model.
         geometry: "physics" or "visual".
-        clearances: clearance [m] of each placed object; a pair keeps the larger one.
+        clearances: Clearance [m] of each placed object; a pair keeps the larger one.
     """
     judged = []
     for first in range(len(solids)):

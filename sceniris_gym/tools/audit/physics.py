@@ -1,4 +1,4 @@
-"""What MuJoCo C says of layouts: how deep things touch at the start, and whether they stay where they were put."""
+"""Tests layouts in MuJoCo C: how deep bodies penetrate at the start, and whether objects stay where they are."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _GIVEN = mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_MOCAP_POS | mujo
 
 @dataclass(frozen=True)
 class Penetration:
-    """The deepest contact over some rows.
+    """The deepest contact in some layouts.
 
     Attributes:
-        depth: penetration [m], 0 if nothing touches.
-        row: the layout, -1 if nothing touches.
-        owners: names of the two objects.
+        depth: Penetration [m], 0 if nothing touches.
+        row: The layout, -1 if nothing touches.
+        owners: Names of the two objects.
     """
 
     depth: float
@@ -42,29 +42,29 @@ class Settling:
     """How free objects move after a start at rest.
 
     Attributes:
-        moved: object name -> distance between start and end [m], shape (nrow,).
-        speed: object name -> largest speed [m/s], shape (nrow,).
+        moved: Object name -> distance between start and end [m], shape (nrow,).
+        speed: Object name -> largest speed [m/s], shape (nrow,).
     """
 
     moved: dict[str, np.ndarray]
     speed: dict[str, np.ndarray]
 
 
-def deepest(tree: Tree, rows: LayoutTable) -> Penetration:
+def deepest(tree: Tree, table: LayoutTable) -> Penetration:
     """Return the deepest contact that MuJoCo's collision pass finds in any row, in or between any objects."""
     mjm = tree.mjm
     data = mujoco.MjData(mjm)
-    depth = np.zeros(len(rows))
-    pair = np.zeros((len(rows), 2), int)
-    for i in range(len(rows)):
-        rows.put(data, i)
+    depth = np.zeros(len(table))
+    pair = np.zeros((len(table), 2), int)
+    for i in range(len(table)):
+        table.put(data, i)
         mujoco.mj_kinematics(mjm, data)
         mujoco.mj_comPos(mjm, data)
         mujoco.mj_collision(mjm, data)
         if data.ncon:
             k = int(data.contact.dist.argmin())
             depth[i], pair[i] = max(-data.contact.dist[k], 0.0), data.contact.geom[k]
-    if not len(rows) or depth.max() <= 0:
+    if not len(table) or depth.max() <= 0:
         return Penetration(0.0, -1, None)
     row = int(depth.argmax())
     first, second = (tree.owner[mjm.geom_bodyid[g]] for g in pair[row])
@@ -72,24 +72,24 @@ def deepest(tree: Tree, rows: LayoutTable) -> Penetration:
 
 
 def settle(
-    mjm: mujoco.MjModel, bodies: Mapping[str, int], rows: LayoutTable, seconds: float = SETTLE_SECONDS
+    mjm: mujoco.MjModel, bodies: Mapping[str, int], table: LayoutTable, seconds: float = SETTLE_SECONDS
 ) -> Settling:
-    """Step each row for some time with its actuators holding the pose it starts in.
+    """Step each layout for some time with the actuators holding the start pose.
 
     Args:
-        mjm: the model.
-        bodies: free object name -> its body id, which has a free joint.
-        rows: the layouts.
-        seconds: how long [s].
+        mjm: The model.
+        bodies: Free object name -> its body id, which has a free joint.
+        table: The layouts.
+        seconds: Duration [s].
     """
     names = list(bodies)
     joints = [mjm.body_jntadr[bodies[name]] for name in names]
     place = 1 + mjm.jnt_qposadr[joints][:, None] + np.arange(3)  # a full state starts with the time
     velocity = 1 + mjm.nq + mjm.jnt_dofadr[joints][:, None] + np.arange(3)
-    moved, speed = np.zeros((2, len(rows), len(names)))
+    moved, speed = np.zeros((2, len(table), len(names)))
     nstep = round(seconds / mjm.opt.timestep)
     skipped = min(round(_FIRST_MOMENT / mjm.opt.timestep), nstep - 1)
-    for start, some in rows.chunks(_CHUNK):
+    for start, some in table.chunks(_CHUNK):
         first, given = _start(mjm, some)
         threads = [mujoco.MjData(mjm) for _ in range(_THREADS)]
         state = np.empty((len(some), nstep, first.shape[1]))
@@ -102,15 +102,15 @@ def settle(
     )
 
 
-def _start(mjm: mujoco.MjModel, rows: LayoutTable) -> tuple[np.ndarray, np.ndarray]:
-    """Return the states (nrow, nstate) and the controls with mocap poses (nrow, ngiven) in which rows start."""
+def _start(mjm: mujoco.MjModel, table: LayoutTable) -> tuple[np.ndarray, np.ndarray]:
+    """Return the start states (nrow, nstate), and the controls with mocap poses (nrow, ngiven), of layouts."""
     data = mujoco.MjData(mjm)
     full = mujoco.mjtState.mjSTATE_FULLPHYSICS
-    states = np.empty((len(rows), mujoco.mj_stateSize(mjm, full)))
-    given = np.empty((len(rows), mujoco.mj_stateSize(mjm, _GIVEN)))
-    for i in range(len(rows)):
+    states = np.empty((len(table), mujoco.mj_stateSize(mjm, full)))
+    given = np.empty((len(table), mujoco.mj_stateSize(mjm, _GIVEN)))
+    for i in range(len(table)):
         mujoco.mj_resetData(mjm, data)
-        rows.put(data, i)
+        table.put(data, i)
         hold(mjm, data)
         mujoco.mj_getState(mjm, data, states[i], full)
         mujoco.mj_getState(mjm, data, given[i], _GIVEN)
@@ -118,7 +118,7 @@ def _start(mjm: mujoco.MjModel, rows: LayoutTable) -> tuple[np.ndarray, np.ndarr
 
 
 def hold(mjm: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Set the controls: those of position servos so that they pull nowhere, others to those of the first keyframe."""
+    """Set the controls: those of position servos so that they exert no force, others as in the first keyframe."""
     if mjm.nkey:
         data.ctrl[:] = mjm.key_ctrl[0]
     mujoco.mj_fwdPosition(mjm, data)

@@ -1,4 +1,4 @@
-"""Checks of groups: how many members are there, and that absent ones are far away."""
+"""Checks groups: how many members are present, and that absent ones are parked far away."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.outlines import Outline
 
-FAR = 38.0  # m; along both axes, what takes part in a scene with groups is nearer to the origin than that
+FAR = 38.0  # m; beyond this along both axes an object is parked, and present ones are nearer to the origin
 
 
-def presence(config: SceneConfig, rows: LayoutTable) -> dict[str, np.ndarray]:
-    """Return object name (and "robot") -> rows in which it is there, shape (nrow,)."""
+def presence(config: SceneConfig, table: LayoutTable) -> dict[str, np.ndarray]:
+    """Return object name (and "robot") -> rows in which it is present, shape (nrow,)."""
     names = [*config.objects, *([ROBOT] if config.robot is not None else [])]
-    return {name: rows.present[:, i].astype(bool) for i, name in enumerate(names)}
+    return {name: table.present[:, i].astype(bool) for i, name in enumerate(names)}
 
 
 def excess(
     config: SceneConfig, outlines: Mapping[str, Outline], present: Mapping[str, np.ndarray]
 ) -> dict[tuple[str, str, str], np.ndarray]:
-    """Count what is wrong with groups.
+    """Count the violations of groups.
 
     Returns:
-        (group or object, word, "objects") -> in each row how many members are too many or too few, and for every member
-        whether it is far away although it is there or the other way round. Shape (nrow,).
+        (group or object, word, "objects") -> in each row by how many members a group is too large or too small, and for
+        every member 1 if it is parked although present, or not parked although absent. Shape (nrow,).
     """
     found = {}
     for name, group in config.groups.items():

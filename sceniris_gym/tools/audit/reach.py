@@ -1,8 +1,8 @@
-"""Whether the arm gets to what it is said to reach: by MuJoCo C where joints are given, and by a search where not.
+"""Checks claims that the arm reaches objects: with MuJoCo C where joints are given, else by searching for joints.
 
 Joints, limits and hand are taken from the MjModel: the chain from the robot's root body to its site `tcp`. The search
 is damped least squares on MuJoCo's own kinematics and Jacobian, from the layout's joints and from random ones. How wide
-the fingers open for a grasp is taken as claimed; with it the hand must not touch anything but the object.
+the fingers open for a grasp is taken as claimed; opened so, the hand must not touch anything but the object.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ POSITION = 1e-3  # m
 ROTATION = np.radians(0.5)
 BACK = 0.08  # m, from the pre-grasp to the grasp along its approach
 _LIMIT = 1e-6  # rad or m
-_DEEP = 1e-5  # m, by which bodies overlap that touch
-_OFF = 0.03  # m, from the TCP of a grasp to the box of some geom of its object
+_DEEP = 1e-5  # m; bodies that overlap by more than this touch
+_OFF = 0.03  # m; most distance from the TCP of a grasp to the nearest box of the object's geoms
 _TCP = "tcp"
 _STARTS, _STEPS = 48, 40  # of the search
-_LEVER = 0.3  # m, by which an angle counts in it
+_LEVER = 0.3  # m; converts angles to lengths in the search
 
 
 @dataclass(frozen=True)
 class Claim:
-    """How an object is said to be reached, one entry a row; nan where nothing is said.
+    """How an object is claimed to be reached, one entry per row; NaN where nothing is claimed.
 
     Attributes:
-        name: the object.
-        tier: how thoroughly that was proven.
+        name: The object.
+        tier: How thoroughly it was checked.
         pose: TCP in the world frame, position [m] and orientation (w, x, y, z), shape (nrow, 7).
-        qpos: joints of the arm in the grasp [rad or m], from its base on, shape (nrow, njoint).
-        pregrasp_qpos: the same before the grasp.
-        fingers: positions of the fingers' joints, shape (nrow, nfinger).
-        finger_adr: where they are in qpos, shape (nfinger,).
+        qpos: Joints of the arm in the grasp [rad or m], from its base on, shape (nrow, njoint).
+        pregrasp_qpos: The same for the pre-grasp.
+        fingers: Positions of the fingers' joints, shape (nrow, nfinger).
+        finger_adr: Their addresses in qpos, shape (nfinger,).
     """
 
     name: str
@@ -52,7 +52,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Unreached:
-    """An object that is said to be reachable and is not: row, name and why."""
+    """An object that is claimed to be reachable but is not: row, name and cause."""
 
     row: int
     name: str
@@ -63,9 +63,9 @@ class ReachAudit:
     """Judges claims of reach.
 
     Args:
-        mjm: the model.
-        root: id of the robot's root body.
-        bodies: object name -> root body id.
+        mjm: The model.
+        root: Id of the robot's root body.
+        bodies: Object name -> root body id.
     """
 
     def __init__(self, mjm: mujoco.MjModel, root: int, bodies: dict[str, int]) -> None:
@@ -79,18 +79,18 @@ class ReachAudit:
         self._of = {name: _inside(mjm, body) for name, body in bodies.items()}
         self._robot = _inside(mjm, root)
 
-    def judge(self, rows: LayoutTable, claims: Sequence[Claim], present: dict[str, np.ndarray]) -> list[Unreached]:
+    def judge(self, table: LayoutTable, claims: Sequence[Claim], present: dict[str, np.ndarray]) -> list[Unreached]:
         """Check the claims about layouts.
 
         Args:
-            rows: the layouts.
-            claims: one for each object that is to be reachable.
-            present: object name -> rows in which it is there, shape (nrow,).
+            table: The layouts.
+            claims: One for each object with `reachable`.
+            present: Object name -> rows in which it is present, shape (nrow,).
         """
         found = []
         for claim in claims:
             for row in np.flatnonzero(present[claim.name]).tolist():
-                rows.put(self.data, row)
+                table.put(self.data, row)
                 mujoco.mj_kinematics(self.mjm, self.data)
                 cause = self._wrong(claim, row)
                 if cause is not None:
@@ -100,7 +100,7 @@ class ReachAudit:
         return found
 
     def _wrong(self, claim: Claim, row: int) -> str | None:
-        """What is wrong about a claim in the layout that is posed, but for whether joints can be found."""
+        """Return what is wrong with a claim in the layout in `data`, except whether joints can be found."""
         pose = claim.pose[row]
         if np.isnan(pose).any():
             return "no grasp"
@@ -140,7 +140,7 @@ class ReachAudit:
         return None
 
     def _distance(self, name: str, point: np.ndarray) -> float:
-        """Distance [m] of a point from the nearest of the boxes of an object's geoms; 0 for one without geoms."""
+        """Return the distance [m] from a point to the nearest box of an object's geoms; 0 for one without geoms."""
         mjm, data = self.mjm, self.data
         away = [
             np.linalg.norm(
@@ -156,14 +156,14 @@ class ReachAudit:
         return float(min(away, default=0.0))
 
     def _away(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Shift [m] and rotation vector [rad] from the TCP as it stands to a pose (4, 4), in the world frame."""
+        """Return shift [m] and rotation vector [rad] from the current TCP to a pose (4, 4), in the world frame."""
         quat, turn = np.zeros(4), np.zeros(3)
         mujoco.mju_mat2Quat(quat, (pose[:3, :3] @ self.data.site_xmat[self.site].reshape(3, 3).T).ravel())
         mujoco.mju_quat2Vel(turn, quat, 1.0)
         return pose[:3, 3] - self.data.site_xpos[self.site], turn
 
     def _solvable(self, pose: np.ndarray) -> bool:
-        """Whether a search finds joints within limits for a TCP pose in the world; it moves the robot in the data."""
+        """Return whether a search finds joints within limits for a TCP pose in the world. It moves the robot."""
         mjm, data = self.mjm, self.data
         draws = np.random.default_rng(0)
         low, high = np.maximum(self.lower, -np.pi), np.minimum(self.upper, np.pi)
@@ -189,7 +189,7 @@ class ReachAudit:
 
 
 def _joints_between(mjm: mujoco.MjModel, root: int, body: int) -> np.ndarray:
-    """Ids of the joints that move a body against a root above it, from the root on."""
+    """Return the ids of the joints between a root and a body below it, from the root on."""
     found: list[int] = []
     while body != root:
         first = int(mjm.body_jntadr[body])
@@ -199,7 +199,7 @@ def _joints_between(mjm: mujoco.MjModel, root: int, body: int) -> np.ndarray:
 
 
 def _inside(mjm: mujoco.MjModel, root: int) -> set[int]:
-    """A body and all bodies below it."""
+    """Return a body and all bodies below it."""
     inside = {root}
     for body in range(root + 1, mjm.nbody):
         if int(mjm.body_parentid[body]) in inside:
@@ -208,7 +208,7 @@ def _inside(mjm: mujoco.MjModel, root: int) -> set[int]:
 
 
 def _matrix(pose: np.ndarray) -> np.ndarray:
-    """A pose (x, y, z, w, x, y, z) as a matrix (4, 4)."""
+    """Return a pose, position [m] and orientation (wxyz), as a matrix (4, 4)."""
     frame, mat = np.eye(4), np.zeros(9)
     quat = np.asarray(pose[3:], float)
     mujoco.mju_quat2Mat(mat, quat / np.linalg.norm(quat))

@@ -1,4 +1,4 @@
-"""Checks every relation of a scene in every row, by distances and angles in double precision and by shapely."""
+"""Checks every relation of a scene, by distances and angles in double precision and by shapely."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from sceniris_gym.tools.audit.geometry import Poses
 from sceniris_gym.tools.audit.outlines import Outline
 
 THIN = 1e-3  # m; anchors whose hull is thinner lie on a line
-_NEARLY_THIN = 1e-5  # m; so near to that either answer is right
-ROUNDING = 1e-6  # m; what a position in single precision may be off, which is an angle next to the anchor
+_NEARLY_THIN = 1e-5  # m; this near to THIN, either answer is right
+ROUNDING = 1e-6  # m; rounding error of a position in single precision, which is a large angle close to the anchor
 
 
 class RelationAudit:
     """Measures by how much relations are missed.
 
     Args:
-        config: the scene.
+        config: The scene.
     """
 
     def __init__(self, config: SceneConfig) -> None:
@@ -39,13 +39,13 @@ class RelationAudit:
         """Measure every relation of every object.
 
         Args:
-            outlines: object name -> what it looks like from above in each row.
-            present: object name -> rows in which it is there, shape (nrow,).
-            support_heading: object name -> heading of what it stands on [rad], shape (nrow,).
+            outlines: Object name -> its outline in each row.
+            present: Object name -> rows in which it is present, shape (nrow,).
+            support_heading: Object name -> heading of what it stands on [rad], shape (nrow,).
 
         Returns:
-            (object, relation, unit) -> by how much it is missed in each row [m or rad], at most 0 where it holds, nan
-            where the relation is left out since something is absent. Shape (nrow,).
+            (object, relation, unit) -> by how much it is missed in each row [m or rad], at most 0 where it holds, NaN
+            where it does not apply because something is absent. Shape (nrow,).
         """
         found = {}
         for name, part in self.config.objects.items():
@@ -65,7 +65,7 @@ class RelationAudit:
         present: Mapping[str, np.ndarray],
         support_heading: np.ndarray,
     ) -> dict[str, np.ndarray]:
-        """Return unit -> by how much a relation is missed, as if nothing were absent but anchors of a 'between'."""
+        """Return unit -> by how much a relation is missed. Absent objects count, except anchors of 'between'."""
         if relation.kind == "between":
             anchors = np.stack([outlines[a].pivot[:, :2] for a in relation.anchors], 1)
             there = np.stack([present[a] for a in relation.anchors], 1)
@@ -92,9 +92,9 @@ def support_headings(config: SceneConfig, poses: Poses, mjm: mujoco.MjModel) -> 
     """Return object name -> heading [rad] of the x axis of the body it stands on, 0 on the floor and in the air.
 
     Args:
-        config: the scene.
-        poses: poses of the rows.
-        mjm: the model.
+        config: The scene.
+        poses: Poses in the rows.
+        mjm: The model.
     """
     found = {}
     for name, part in config.objects.items():
@@ -106,12 +106,12 @@ def support_headings(config: SceneConfig, poses: Poses, mjm: mujoco.MjModel) -> 
 
 
 def wrapped(angle: np.ndarray) -> np.ndarray:
-    """Return angles [rad] turned into (-pi, pi]."""
+    """Return angles [rad] wrapped into (-pi, pi]."""
     return np.pi - np.mod(np.pi - angle, 2 * np.pi)
 
 
 def _complete(relation: Relation, present: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return the rows in which enough of what a relation names is there, shape (nrow,)."""
+    """Return the rows in which enough of a relation's objects are present, shape (nrow,)."""
     there = np.stack([present[a] for a in relation.anchors])
     if relation.kind == "between":
         return there.sum(0) >= 2
@@ -119,7 +119,7 @@ def _complete(relation: Relation, present: Mapping[str, np.ndarray]) -> np.ndarr
 
 
 def _rectangles(outline: Outline) -> np.ndarray:
-    """Return the bounds as shapes, shape (nrow,); the hull makes a proper point or line of those without area."""
+    """Return the bounds as shapes, shape (nrow,); those without area become a point or a line."""
     return np.asarray(shapely.convex_hull(shapely.multipoints(outline.corners())))
 
 
@@ -128,7 +128,7 @@ def _between_bounds(own: Outline, anchor: Outline) -> np.ndarray:
 
 
 def _off_beside(own: Outline, anchor: Outline, heading: np.ndarray, gap: float) -> np.ndarray:
-    """Return by how much [m] the bounds are not `gap` apart along a heading, or the narrower one sticks out."""
+    """Return the larger of two errors [m]: of the gap along a heading, and how far the narrower bounds stick out."""
     side = np.stack([np.cos(heading), np.sin(heading)], 1)
     across = np.stack([-side[:, 1], side[:, 0]], 1)
     off = np.abs(own.span(side)[0] - anchor.span(side)[1] - gap)
@@ -139,7 +139,7 @@ def _off_beside(own: Outline, anchor: Outline, heading: np.ndarray, gap: float) 
 
 
 def _off_between(point: np.ndarray, anchors: np.ndarray, there: np.ndarray, width: np.ndarray) -> np.ndarray:
-    """Return how far [m] points (nrow, 2) are outside of the hull, strip or square of anchors (nrow, n, 2)."""
+    """Return how far [m] points (nrow, 2) are outside the hull, strip or square of anchors (nrow, n, 2)."""
     first = anchors[np.arange(len(there)), there.argmax(1)]
     anchors = np.where(there[..., None], anchors, first[:, None])  # the absent ones do not count
     hull = shapely.convex_hull(shapely.multipoints(anchors))

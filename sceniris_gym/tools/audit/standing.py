@@ -1,4 +1,4 @@
-"""Checks that every placed object stands where the scene says: on its parent, in its region, under a roof or not."""
+"""Checks that every placed object stands where the scene says: on its parent, in its region, covered or not."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ class Misplaced:
     """An object that does not stand where the scene says.
 
     Attributes:
-        row: the layout.
-        name: the object.
-        cause: "support" (its pivot is on no surface of its parent, or not in its region), "footprint" (a part of it has
-            nothing below) or "roof" (covered although it should be open above, or the other way round).
+        row: The layout.
+        name: The object.
+        cause: "support" (its pivot is on no surface of its parent, or not in its region), "footprint" (part of it
+            overhangs) or "roof" (it is covered although it should be open above, or the other way round).
     """
 
     row: int
@@ -49,10 +49,10 @@ def hulls_of(tree: Tree, solids: list[Solid], bodies: Mapping[str, int], home: P
     """Return the corners of the convex hulls of objects in their roots' frames at home [m], shape (n, 3), by name.
 
     Args:
-        tree: owners of the bodies.
-        solids: what the objects are made of; one that has none is a point.
-        bodies: object name -> its root body.
-        home: the start pose, one row.
+        tree: Owners of the bodies.
+        solids: What the objects are made of; one that has none is a point.
+        bodies: Object name -> root body id.
+        home: The start pose, one row.
     """
     parts: dict[str, list[np.ndarray]] = {name: [] for name in bodies}
     for solid in solids:
@@ -64,18 +64,18 @@ def hulls_of(tree: Tree, solids: list[Solid], bodies: Mapping[str, int], home: P
 
 
 class StandingAudit:
-    """Support checks over rows.
+    """Checks how objects stand in layouts.
 
     Args:
-        tree: owners of the bodies.
-        solids: the solids of the model.
-        config: the scene.
-        outlines: knows the pivots of the objects.
-        home: the start pose, one row.
+        tree: Owners of the bodies.
+        solids: The solids of the model.
+        config: The scene.
+        outlines: Outlines of the objects.
+        home: The start pose, one row.
 
     Attributes:
-        placed: object name -> its words, of all that are placed.
-        hulls: object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
+        placed: Object name -> its ObjectConfig, for all placed objects.
+        hulls: Object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
     """
 
     def __init__(self, tree: Tree, solids: list[Solid], config: SceneConfig, outlines: Outlines, home: Poses) -> None:
@@ -90,7 +90,7 @@ class StandingAudit:
         """Judge all placed objects in all rows.
 
         Returns:
-            What is misplaced, and object name -> id of its supporting body in each row, shape (nrow,), -1 for none.
+            The misplaced objects, and object name -> id of its supporting body in each row, shape (nrow,), -1 for none.
         """
         found: list[Misplaced] = []
         supporting = {}
@@ -114,7 +114,7 @@ class StandingAudit:
     def _supporting(
         self, name: str, part: ObjectConfig, poses: Poses, pivots: np.ndarray, erosion: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the supporting body of each row (-1 for none), and whether the whole footprint is on it if it must.
+        """Return the supporting body in each row (-1 for none), and whether the whole footprint is on it if required.
 
         Pivots (nrow, 3) keep a distance `erosion` (nrow,) from the edge of their surface.
         """
@@ -150,7 +150,7 @@ class StandingAudit:
     def _surfaces(
         self, parent: str, body: int, poses: Poses, *, open_above: bool
     ) -> list[tuple[np.ndarray, list[LevelSurface]]]:
-        """Return the level surfaces of a body, for each group of rows in which the same direction of it is up."""
+        """Return the level surfaces of a body for each group of rows in which the same body direction points up."""
         if parent == FLOOR:
             assert self.config.floor is not None
             x, y = (extent / 2 for extent in self.config.floor.size)
@@ -174,9 +174,9 @@ class StandingAudit:
         return parts
 
     def _wrong_roof(self, part: ObjectConfig, poses: Poses, pivots: np.ndarray) -> np.ndarray:
-        """Return the rows, shape (nrow,), in which the object is covered by its parent and should not be, or reversely.
+        """Return the rows, shape (nrow,), in which the parent covers the object but should not, or the reverse.
 
-        A ray that passes an edge within the tolerance is no evidence: its four neighbours must agree.
+        A ray that passes an edge within the tolerance is not conclusive, so its four neighbours must agree.
         """
         assert part.support is not None
         wrong = np.zeros(len(pivots), bool)
@@ -203,7 +203,7 @@ class StandingAudit:
 
 
 def _in_box(part: ObjectConfig, points: np.ndarray) -> np.ndarray:
-    """Return which points (n, 3) are in the object's region in space."""
+    """Return which points (n, 3) are in the object's box region."""
     assert part.region is not None
     assert part.region.box is not None
     low, high = np.array(part.region.box)
@@ -211,7 +211,7 @@ def _in_box(part: ObjectConfig, points: np.ndarray) -> np.ndarray:
 
 
 def _directions(up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the different directions among `up` (n, 3), give or take 1e-6, and which of them each one is."""
+    """Return the distinct directions among `up` (n, 3), up to 1e-6, and the index of each one among them."""
     _, first, index = np.unique(np.round(up, 6) + 0.0, axis=0, return_index=True, return_inverse=True)
     return up[first], index.reshape(-1)
 
@@ -232,7 +232,7 @@ def _cropped(area: shapely.Geometry, bounds: np.ndarray, part: ObjectConfig) -> 
 
 
 def _all_inside(area: shapely.Geometry, corners: np.ndarray) -> np.ndarray:
-    """Return for each row of corners (n, k, 2) whether their hull lies on the area."""
+    """Return for each row of corners (n, k, 2) whether their hull lies inside the area."""
     whole = np.atleast_1d(inside(area, corners.reshape(-1, 2)).reshape(corners.shape[:2]).all(1))
     if not shapely.equals(area, shapely.convex_hull(area)):
         grown = shapely.buffer(area, EDGE_TOLERANCE, join_style="mitre")

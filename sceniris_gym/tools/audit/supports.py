@@ -1,4 +1,4 @@
-"""Checks that objects stand on their supports: position, height, footprint and roof, by shapely and rays."""
+"""Finds the level surfaces of bodies, what is inside them and what covers them, by shapely and rays."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import shapely
 from sceniris_gym.tools.audit.geometry import Form, Solid, convex_hull
 
 LEVEL = np.cos(np.radians(1.0))  # least cosine between a face's normal and up at which it can carry something
-NARROW = 0.02  # m; strips less wide than this carry nothing
+NARROW = 0.02  # m; narrower strips carry nothing
 HEIGHT_TOLERANCE = 1e-4  # m
 EDGE_TOLERANCE = 1e-5  # m
 _SEGMENTS = 128
-_ABOVE = 5e-4  # m; how far above a surface things are looked for that stand on it
+_ABOVE = 5e-4  # m; height above a surface at which it is checked what stands on it
 
 
 @dataclass(frozen=True)
@@ -23,8 +23,8 @@ class LevelSurface:
     """A level surface of a body.
 
     Attributes:
-        height: height over the body's origin [m], along `up`.
-        area: the region, in coordinates (x, y) of the body's frame turned so that `up` is z.
+        height: Height over the body's origin [m], along `up`.
+        area: The region, in coordinates (x, y) of the body's frame turned so that `up` is z.
     """
 
     height: float
@@ -32,7 +32,7 @@ class LevelSurface:
 
 
 def surface_of(solid: Solid) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices and outward triangles of a solid; curved ones as the hull of points on them."""
+    """Return vertices and outward triangles of a solid; a curved one is approximated by the hull of its points."""
     if solid.form is Form.POLYHEDRON:
         return solid.vertices, solid.faces
     turn = np.linspace(0, 2 * np.pi, _SEGMENTS, endpoint=False)
@@ -48,7 +48,7 @@ def surface_of(solid: Solid) -> tuple[np.ndarray, np.ndarray]:
 
 
 def upright_frame(up: np.ndarray) -> np.ndarray:
-    """Return the rotation (3, 3) whose rows are x, y and z axes with z = `up`; x stays as near as can be."""
+    """Return the rotation (3, 3) whose rows are x, y and z axes with z = `up`; x turns as little as possible."""
     x = np.array([1.0, 0.0, 0.0]) - up[0] * up
     if np.linalg.norm(x) < 0.5:
         x = np.array([0.0, 1.0, 0.0]) - up[1] * up
@@ -57,14 +57,14 @@ def upright_frame(up: np.ndarray) -> np.ndarray:
 
 
 def level_surfaces(parts: list[np.ndarray], up: np.ndarray, *, open_above: bool) -> list[LevelSurface]:
-    """Return the level surfaces of a body, joined where they have one height.
+    """Return the level surfaces of a body, joined where they have the same height.
 
-    What another part of the same body stands on is no surface, nor, with `open_above`, what one hangs over.
+    Areas on which another part of the body stands are left out, and with `open_above` also those below another part.
 
     Args:
-        parts: outward triangles (n, 3, 3) of each solid of the body, in the body's frame [m].
-        up: unit vector (3,) of the body's frame that points up in the world.
-        open_above: whether the surfaces must have nothing of the body above them.
+        parts: Outward triangles (n, 3, 3) of each solid of the body, in the body's frame [m].
+        up: Unit vector (3,) of the body's frame that points up in the world.
+        open_above: Whether nothing of the body may be above the surfaces.
     """
     turned = [triangles @ upright_frame(up).T for triangles in parts]
     triangles = np.concatenate([np.zeros((0, 3, 3)), *turned])
@@ -105,13 +105,13 @@ def _section(triangles: np.ndarray, z: float) -> shapely.Geometry:
 
 
 def _shadow(triangles: np.ndarray, z: float) -> shapely.Geometry:
-    """Return the shadow of what a surface has above `z`: that of its section and of its triangles above."""
+    """Return the vertical projection of the part of a closed surface above `z`, its section included."""
     seen = triangles[(triangles[:, :, 2] > z).any(1)]
     return shapely.union_all([*(_clipped(triangle, z) for triangle in seen), _section(triangles, z)])
 
 
 def _clipped(triangle: np.ndarray, z: float) -> shapely.Geometry:
-    """Return the shadow of the part of a triangle that is above `z`."""
+    """Return the vertical projection of the part of a triangle above `z`."""
     points = []
     for a, b in zip(triangle, np.roll(triangle, -1, axis=0), strict=True):
         if a[2] > z:
@@ -124,7 +124,7 @@ def _clipped(triangle: np.ndarray, z: float) -> shapely.Geometry:
 def inside(area: shapely.Geometry, points: np.ndarray, erosion: np.ndarray | None = None) -> np.ndarray:
     """Return which points (n, 2) are in the area, and at least `erosion` [m] (n,) from its boundary if that is given.
 
-    Give or take the edge tolerance.
+    Both hold up to the edge tolerance.
     """
     grown = shapely.buffer(area, EDGE_TOLERANCE, join_style="mitre")
     shapely.prepare(grown)
@@ -140,9 +140,9 @@ def hit_above(surface: tuple[np.ndarray, np.ndarray], origin: np.ndarray, up: np
     """Return which rays hit the triangles of a surface.
 
     Args:
-        surface: vertices (nvert, 3) and triangles (nface, 3).
-        origin: starts of the rays in the frame of the vertices [m], shape (n, 3).
-        up: their directions, shape (n, 3).
+        surface: Vertices (nvert, 3) and triangles (nface, 3).
+        origin: Origins of the rays in the frame of the vertices [m], shape (n, 3).
+        up: Directions of the rays, shape (n, 3).
     """
     vertices, faces = surface
     hit = np.zeros(len(origin), bool)
@@ -167,6 +167,6 @@ def _enters_box(low: np.ndarray, high: np.ndarray, origin: np.ndarray, up: np.nd
 
 
 def footprint_points(parts: Iterable[np.ndarray]) -> np.ndarray:
-    """Return the points of an object that its footprint can have as corners: the vertices of its convex hull."""
+    """Return the points of an object that can be corners of its footprint: the vertices of its convex hull."""
     points = np.concatenate(list(parts))
     return convex_hull(points)[0]

@@ -1,1 +1,1 @@
-"""What the commands do: one file for each, named as the command is."""
+"""What the commands do: one file per command, with the command's name."""

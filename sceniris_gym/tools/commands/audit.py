@@ -1,4 +1,4 @@
-"""Makes layouts of a scene and lets the audit judge them, together with candidates that were rejected."""
+"""The `audit` command: makes layouts and rejected candidates of a scene, and lets the audit judge them."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from sceniris_gym.tools.audit.auditor import Auditor
 from sceniris_gym.tools.audit.reach import Claim, ReachAudit, Unreached
 from sceniris_gym.tools.tables import make_table
 
-_WORLDS = 1024  # that are reset again and again until enough candidates were rejected
-_EPISODES = 1000  # after which a scene is taken to reject hardly anything
+_WORLDS = 1024  # worlds that are reset until enough candidates were rejected
+_EPISODES = 1000  # resets after which a scene is taken to reject hardly anything
 
 
 def rejected_candidates(compiled: CompiledScene, n: int, seed: int) -> tuple[LayoutTable, list[str]]:
@@ -24,7 +24,7 @@ def rejected_candidates(compiled: CompiledScene, n: int, seed: int) -> tuple[Lay
 
     Returns:
         The layouts in which the rejected objects stand at their candidate poses, and the names of these objects; fewer
-        than n where the scene rejects hardly anything.
+        than n if the scene rejects hardly anything.
     """
     generator = LayoutGenerator(compiled, _WORLDS, seed=seed, rejected=n)
     view, nmocap = generator.layouts.view, compiled.mjm.nmocap
@@ -43,7 +43,7 @@ def rejected_candidates(compiled: CompiledScene, n: int, seed: int) -> tuple[Lay
 
 
 def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
-    """What a table says about how its reachable objects are reached: the gripper opened by 1 cm more than it needs."""
+    """Return how a table says its objects are reached, with the gripper opened 1 cm wider than a grasp needs."""
     if compiled.reaching is None:
         return []
     gripper, claims = compiled.reaching.gripper, []
@@ -66,7 +66,7 @@ def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
 
 
 def judge_reach(compiled: CompiledScene, table: LayoutTable, claims: list[Claim]) -> list[Unreached]:
-    """Let the audit judge what a table says about reach."""
+    """Return the claims of a table about reach that the audit finds to be wrong."""
     if not claims:
         return []
     audit = ReachAudit(compiled.mjm, compiled.scene.bodies[ROBOT], compiled.scene.bodies)
@@ -75,22 +75,22 @@ def judge_reach(compiled: CompiledScene, table: LayoutTable, claims: list[Claim]
 
 
 def judge(compiled: CompiledScene, layouts: int, rejected: int, settled: int, seed: int) -> dict:
-    """Make layouts and rejected candidates, and return what the audit finds as plain numbers and names.
+    """Make layouts and rejected candidates, and return the findings of the audit as plain numbers and names.
 
     Args:
-        compiled: the scene.
-        layouts: how many layouts.
-        rejected: how many rejected candidates.
-        settled: how many of the layouts are stepped for half a second.
-        seed: seed of the first layout.
+        compiled: The compiled scene.
+        layouts: Number of layouts.
+        rejected: Number of rejected candidates.
+        settled: Number of layouts that are stepped for half a second.
+        seed: Seed of the first layout.
     """
     auditor = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies)
     table = make_table(compiled, layouts, seed)
     report = auditor.judge(table, settled=settled)
     claims = reach_claims(compiled, table)
     unreached = judge_reach(compiled, table, claims)
-    rows, names = rejected_candidates(compiled, rejected, seed) if rejected else (table[slice(0, 0)], [])
-    alarms = auditor.judge_rejected(rows, names, compiled.placed)
+    candidates, names = rejected_candidates(compiled, rejected, seed) if rejected else (table[slice(0, 0)], [])
+    alarms = auditor.judge_rejected(candidates, names, compiled.placed)
     return {
         "scene": compiled.config.name,
         "hash": compiled.hash,
@@ -101,7 +101,7 @@ def judge(compiled: CompiledScene, layouts: int, rejected: int, settled: int, se
         "valid": int(table.valid.sum()),
         "missed_collisions": report.colliding,
         "missed_pairs": dict(Counter(" ".join(c.owners) for c in report.conflicts)),
-        "rejected": len(rows),
+        "rejected": len(candidates),
         "false_alarms": len(alarms),
         "false_alarm_pairs": dict(Counter(" ".join(a.owners or ()) for a in alarms)),
         "deepest_penetration_m": report.penetration.depth,

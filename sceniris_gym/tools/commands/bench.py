@@ -1,4 +1,4 @@
-"""How fast layouts are made and worlds are reset."""
+"""The `bench` command: measures how fast layouts are made and worlds are reset."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from sceniris_gym.tools.narrowing import narrow
 
 REPEATS = 20
 _WARM_UP = 3
-_NARROWED = 4096  # layouts of which is measured where objects lie
+_NARROWED = 4096  # most layouts in which it is measured where objects lie
 _PARTIAL = 0.02  # share of the worlds in a partial reset
 
 
@@ -41,16 +41,16 @@ def bench(
 ) -> dict:
     """Measure a scene.
 
-    Times are wall clock, with the device idle before and after; warm ones are medians of 20 replays of a captured
-    graph. Rates and shares are of the layouts made in these 20.
+    Times are wall-clock times, with the device idle before and after; warm ones are medians of 20 replays of a captured
+    graph. Rates and shares are those of the layouts made in these 20 replays.
 
     Args:
-        scene: a shipped scene's name or a path.
-        num_envs: number of worlds.
+        scene: Name of a shipped scene, or a path.
+        num_envs: Number of worlds.
         device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
-        seed: seed of the first world.
-        overrides: parts of the scene to replace.
-        picture: where to draw how `reachable` narrows where objects lie, of a scene with that word.
+        seed: Seed of the first world.
+        overrides: Parts of the scene to change.
+        picture: Where to write a picture of how `reachable` narrows where objects lie; None for no picture.
     """
     wp.init()
     start = time.perf_counter()
@@ -95,7 +95,7 @@ def bench(
 
 
 def faces(compiled: CompiledScene) -> dict[str, int]:
-    """Return the number of triangles of each object in the scene's geometry; of hulls where it is the physics'."""
+    """Return the number of triangles of each object in the scene's geometry; for `physics`, those of the hulls."""
     tree = Tree(compiled.mjm, compiled.scene.bodies)
     total = dict.fromkeys(compiled.scene.bodies, 0)
     for solid in solids_of(compiled.mjm, compiled.config.geometry):
@@ -106,7 +106,7 @@ def faces(compiled: CompiledScene) -> dict[str, int]:
 
 
 def peak_bytes(device: str) -> int:
-    """Return the most memory that was in use: of Warp's pool on a GPU, of the process on a CPU."""
+    """Return the peak memory in use [bytes]: of Warp's pool on a GPU, of the process on a CPU."""
     where = wp.get_device(device)
     if where.is_cuda:
         return int(wp.get_mempool_used_mem_high(where))
@@ -114,7 +114,7 @@ def peak_bytes(device: str) -> int:
 
 
 def _resets(compiled: CompiledScene, generator: LayoutGenerator) -> dict[str, float]:
-    """Return the times of a reset of all worlds and of 2% of them: layouts, the masked write and kinematics."""
+    """Return the times [us] to reset all worlds and 2% of them: layouts, the masked write and kinematics."""
     batch = Batch(compiled.scene, generator.nworld, compiled.device)
     randomizer = ResetRandomizer(compiled, batch.model, batch.data, layout_source=generator)
     few = np.zeros(generator.nworld, bool)
@@ -130,7 +130,7 @@ def _resets(compiled: CompiledScene, generator: LayoutGenerator) -> dict[str, fl
 
 
 def _median(work: Callable[[], object], device: str, after: Callable[[], object] = lambda: None) -> float:
-    """Return the median time [s] of `work` over 20 repeats after some to warm up; `after` each is not timed."""
+    """Return the median time [s] of `work` over 20 repeats after a few to warm up; `after` runs untimed after each."""
     times = []
     for i in range(_WARM_UP + REPEATS):
         wp.synchronize_device(device)

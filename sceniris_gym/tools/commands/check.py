@@ -1,4 +1,4 @@
-"""Why is this scene hard? Rejections per object and cause."""
+"""The `check` command: says why a scene is hard, by the rejections per object and cause."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from sceniris_gym.tools.tables import read_table
 
 
 def check(compiled: CompiledScene, layouts: int, seed: int, picture: Path | None = None) -> dict:
-    """Make layouts and return the shares of valid ones and the rejections per object and cause.
+    """Make layouts, and return the share of valid ones and the rejections per object and cause.
 
-    Of a scene with `reachable` also how much that narrows where the objects lie, and a picture of it.
+    For a scene with `reachable`, also measure how much that narrows where objects lie, and draw it if asked.
     """
     generator = LayoutGenerator(compiled, layouts, seed=seed)
     generator.generate()
@@ -33,12 +33,12 @@ def check(compiled: CompiledScene, layouts: int, seed: int, picture: Path | None
 
 
 def report(found: Mapping) -> str:
-    """Return what `check` found as text."""
+    """Return the findings of `check` as text."""
     shares = (
         f"{found['layouts']} layouts of '{found['scene']}': {found['valid']:.2%} valid, "
-        f"{found['first_pass_valid']:.2%} on the first pass, {found['attempts_per_layout']:.2f} candidates a layout"
+        f"{found['first_pass_valid']:.2%} on the first pass, {found['attempts_per_layout']:.2f} candidates per layout"
     )
-    lines = [shares, f"the first is {found['first_id']}", table_of_rejections(found["rejections"])]
+    lines = [shares, f"the first one is {found['first_id']}", table_of_rejections(found["rejections"])]
     lines += [
         f"{name}: {part['kept']:.1%} of {part['candidates']} candidates are within reach"
         for name, part in found.get("narrowing", {}).items()
@@ -47,7 +47,7 @@ def report(found: Mapping) -> str:
 
 
 def table_of_rejections(counts: Mapping[str, Mapping[str, int]]) -> str:
-    """Return rejection counts as a table: a line for each object, a column for each cause."""
+    """Return rejection counts as a table: a row for each object, a column for each cause."""
     causes = list(next(iter(counts.values()), {}))
     lines = [f"{'rejected':<14}" + "".join(f"{cause:>12}" for cause in causes)]
     lines += [f"{name:<14}" + "".join(f"{by_cause[c]:>12}" for c in causes) for name, by_cause in counts.items()]

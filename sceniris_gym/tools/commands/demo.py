@@ -1,4 +1,4 @@
-"""The first thing to run: resets 64 worlds of a scene three times, says what happened, and shows 16 of them."""
+"""The `demo` command: resets 64 worlds of a scene three times, prints figures, and draws 16 of the worlds."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from sceniris_gym.tools.render import captioned, save
 
 SCENE = "mid"
 WORLDS, RESETS, SHOWN = 64, 3, 16
-_REPEATS = 20  # of the layouts, to time them
+_REPEATS = 20  # timed runs of the LayoutGenerator
 
 
 def demo(out: Path, device: str | None) -> dict:
     """Run the demo and return its figures.
 
     Args:
-        out: the picture to write.
+        out: Where to write the picture.
         device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
     """
     start = time.perf_counter()
@@ -70,18 +70,18 @@ def report(figures: Mapping) -> str:
     """Return the figures of the demo as text."""
     lines = [
         f"{figures['worlds']} worlds of the scene '{figures['scene']}' were reset {figures['resets']} times on "
-        f"{figures['device']} ({figures['ready_s']:.1f} s with all preparations)",
-        f"valid {figures['valid']:.1%}, on the first pass {figures['first_pass_valid']:.1%}, "
-        f"{figures['attempts_per_layout']:.2f} candidates a layout",
+        f"{figures['device']} ({figures['ready_s']:.1f} s including setup)",
+        f"{figures['valid']:.1%} valid, {figures['first_pass_valid']:.1%} on the first pass, "
+        f"{figures['attempts_per_layout']:.2f} candidates per layout",
         table_of_rejections(figures["rejections"]),
         f"warm: {figures['layouts_per_s']:,.0f} layouts/s, {figures['worlds']} at a time",
-        f"{figures['shown']} of the worlds are shown in {figures['picture']}; world 0 is {figures['first_id']}",
+        f"{figures['picture']} shows {figures['shown']} of the worlds; world 0 is {figures['first_id']}",
     ]
     return "\n".join(lines)
 
 
 def _states(batch: Batch, compiled: CompiledScene, nrow: int) -> LayoutTable:
-    """Return the state that the first worlds of the simulation are in."""
+    """Return the states of the first worlds of the simulation."""
     data, nmocap = batch.data, compiled.mjm.nmocap
     return LayoutTable.from_states(
         data.qpos.numpy()[:nrow],
@@ -98,7 +98,7 @@ def _caption(randomizer: ResetRandomizer, i: int) -> str:
 
 
 def _warm(randomizer: ResetRandomizer, device: str) -> float:
-    """Return the median time [s] in which the layouts of all worlds are made."""
+    """Return the median time [s] to make the layouts of all worlds."""
     times = []
     for _ in range(_REPEATS):
         wp.synchronize_device(device)

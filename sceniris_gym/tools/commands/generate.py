@@ -1,4 +1,4 @@
-"""What the `generate` command does: a data set of layouts with the model they belong to."""
+"""The `generate` command: writes a data set of layouts, together with their model."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _OF_REACH = ("grasp", "grasp_pose", "grasp_qpos", "pregrasp_qpos")
 
 
 def write_dataset(compiled: CompiledScene, table: LayoutTable, folder: Path) -> None:
-    """Write `layouts.npz` and `scene.zip`, which stock MuJoCo opens; neither is ever there half written.
+    """Write `layouts.npz`, and `scene.zip`, which stock MuJoCo opens; neither is ever left half written.
 
-    Grasps are in it where anything is to be reachable.
+    If an object has `reachable`, its grasps are written too.
 
     Args:
-        compiled: the scene.
-        table: its layouts.
-        folder: where to; made if it is not there.
+        compiled: The compiled scene.
+        table: Its layouts.
+        folder: The folder to write to; created if it does not exist.
     """
     columns: dict[str, Any] = {f.name: getattr(table, f.name) for f in fields(LayoutTable)}
     columns["object_names"] = np.array(compiled.object_names)

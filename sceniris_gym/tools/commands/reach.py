@@ -1,4 +1,4 @@
-"""What the `reach` command does: build an arm's map, judge poses, and draw what the arm reaches."""
+"""The `reach` command: builds an arm's map, judges poses, and draws what the arm reaches."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ from sceniris_gym.tools.narrowing import narrow
 from sceniris_gym.tools.reach_picture import draw
 from sceniris_gym.tools.render import save
 
-_ROUNDS = 8  # of solving again for poses of which the joints found so far make the arm hit itself
+_ROUNDS = 8  # attempts at poses for which the joints found so far make the arm hit itself
 
 
 def read_arm(name: str) -> tuple[mujoco.MjModel, SerialArm]:
     """Read an arm: a shipped asset, or the path of an MJCF file with one root body and a site 'tcp'.
 
     Raises:
-        UnknownNameError: there is no such asset, or it has no site 'tcp'.
-        SceneFileError: the file is missing, or is no MJCF.
-        ArmError: it is not a serial arm, or the file has no body with a name.
+        UnknownNameError: There is no such asset, or it has no site 'tcp'.
+        SceneFileError: The file is missing, or is not MJCF.
+        ArmError: It is not a serial arm, or its first body has no name.
     """
     assets = shipped("assets", ".xml")
     if SHIPPED_NAME.fullmatch(name) and name not in assets:
@@ -52,12 +52,12 @@ def read_arm(name: str) -> tuple[mujoco.MjModel, SerialArm]:
     mjm = compile_spec(load_mjcf(assets.get(name, Path(name)), "reach"), "reach")
     if mjm.nbody < 2 or not mjm.body(1).name:
         has = "no body" if mjm.nbody < 2 else "a first body without a name"
-        raise ArmError(f"reach: '{name}' has {has}. Give it a named body that the arm stands on, first in <worldbody>.")
+        raise ArmError(f"reach: '{name}' has {has}. Give it a named body as the arm's base, first in <worldbody>.")
     return mjm, SerialArm.from_model(mjm, mjm.body(1).name, TCP)
 
 
 def _shipped_arms() -> list[str]:
-    """Assets with the name of a TCP in them."""
+    """Return the names of the shipped assets that have a TCP site."""
     return [name for name, path in shipped("assets", ".xml").items() if f'<site name="{TCP}"' in path.read_text()]
 
 
@@ -70,9 +70,9 @@ def build(
     tilt_step: float = TILT_STEP,
     seed: int = 0,
 ) -> dict[str, Any]:
-    """Build the map of an arm into a file, with bars of progress on stderr, and describe it.
+    """Build the map of an arm into a file, with progress bars on stderr, and describe it.
 
-    What is done is kept in a file beside `out` until the map is written, and a later build goes on from there.
+    Until the map is written, progress is saved in a file beside `out`, from which a later build resumes.
     """
     check_writable(out)
     _, arm = read_arm(name)
@@ -90,16 +90,16 @@ def build(
 
 
 def default_map(name: str) -> Path:
-    """Where a map goes if no place is named: beside an own MJCF; a shipped arm's not over the installed one."""
+    """Return where a map is written by default: beside your own MJCF, but in the working folder for a shipped arm."""
     return map_path(name) if name.endswith(".xml") else Path(f"{name}{SUFFIX}")
 
 
 def judge(
     name: str, path: Path | None, poses: Path, out: Path, tier: Tier | None = None, device: str | None = None
 ) -> dict[str, Any]:
-    """Judge the TCP poses of a file, shape (N, 4, 4), write verdicts, shape (N,), bool, and say how many are reached.
+    """Judge the TCP poses of a file, shape (N, 4, 4), write verdicts, shape (N,), bool, and count the reached ones.
 
-    Without a tier it is the arm's default one.
+    Without `tier`, the arm's default tier decides.
     """
     check_writable(out)
     mjm, arm = read_arm(name)
@@ -119,10 +119,10 @@ def judge(
 
 
 def show(name: str, path: Path | None, out: Path, height: float, device: str | None = None) -> dict[str, Any]:
-    """Describe an arm and its map, and draw the map. An arm that can have none is described without a picture.
+    """Describe an arm and its map, and draw the map. An arm without a map is described without a picture.
 
     Raises:
-        MapError: there is no such map, or `height` is above or below it.
+        MapError: There is no map at `path`, or `height` is above or below the map.
     """
     _, arm = read_arm(name)
     if path is None and not _has_map(name, arm):
@@ -131,7 +131,7 @@ def show(name: str, path: Path | None, out: Path, height: float, device: str | N
     reach_map = find_map(name, arm, path)
     low, high = reach_map.z_low, reach_map.z_low + reach_map.step * (reach_map.nz - 1)
     if not low <= height <= high:  # NaN, too
-        raise MapError(f"reach {name} --height {height:g}: its map is from {low:.2f} to {high:.2f} m.")
+        raise MapError(f"reach {name} --height {height:g}: should be from {low:.2f} to {high:.2f} m, as the map is.")
     save(draw(reach_map, height, device_name(device, "reach")), out)
     why = why_ik(name, arm, reach_map)
     return describe(arm, reach_map) | ({} if why is None else {"why_ik": why}) | {"picture": str(out)}
@@ -140,10 +140,10 @@ def show(name: str, path: Path | None, out: Path, height: float, device: str | N
 def narrowed(
     name: str, config: SceneConfig, out: Path, device: str | None = None, *, layouts: int = 1024, seed: int = 0
 ) -> dict[str, Any]:
-    """Say how much `reachable` narrows where the objects of a scene of the arm lie, and draw it from above.
+    """Measure how much `reachable` narrows where the objects of a scene with the arm lie, and draw it from above.
 
     Raises:
-        SceneKeyError: the scene has another robot or none, or nothing in it is to be reachable.
+        SceneKeyError: The scene has another robot or none, or no object of it has `reachable`.
     """
     if config.robot is None or not _same(name, config.robot.asset):
         has = "no robot" if config.robot is None else f"the robot '{config.robot.asset}'"
@@ -152,21 +152,21 @@ def narrowed(
     compiled = compile_scene(config, device)
     if compiled.reaching is None:
         raise SceneKeyError(
-            f"reach {name} --scene {config.where}: no object of this scene is to be reachable. "
-            "Ask for one, as in --set objects.apple.reachable=map."
+            f"reach {name} --scene {config.where}: no object of this scene has 'reachable'. "
+            "Add it, e.g. with --set objects.apple.reachable=map."
         )
     return narrow(compiled, layouts, seed, out)
 
 
 def _same(name: str, asset: str) -> bool:
-    """Do both name the same shipped arm, or the same file?"""
+    """Return whether both name the same shipped arm or the same file."""
     return name == asset or (name.endswith(".xml") and Path(name).resolve() == Path(asset).resolve())
 
 
 def why_ik(name: str, arm: SerialArm, reach_map: ReachMap | None) -> str | None:
-    """Why an arm's poses are solved one by one when no tier is named; None if its map is used."""
+    """Return why poses are solved one by one when no tier is given; None if the arm's map is used."""
     if reach_map is None and arm.no_map is None:
-        return f"there is no map of it yet: {build_command(name)}"
+        return f"it has no map yet; build one with {build_command(name)}"
     return why_not_map(arm, reach_map)
 
 
@@ -178,23 +178,21 @@ def find_map(name: str, arm: SerialArm, path: Path | None) -> ReachMap:
     """Load a map: from `path`, else the one that belongs to the arm.
 
     Raises:
-        MapError: there is none, or it does not fit.
+        MapError: There is none, or it does not fit the arm.
     """
     if arm.no_map is not None:
-        raise MapError(f"reach: {name} can have no map: {arm.no_map}. Use --tier ik.")
+        raise MapError(f"reach: '{name}' cannot have a map: {arm.no_map}. Use --tier ik.")
     own = map_file(name)
     if path is not None:
-        another = (
-            f"Build one: {build_command(name)}." if own is None else "Leave out --map: this arm has one of its own."
-        )
+        another = f"Build one: {build_command(name)}." if own is None else "Leave out --map: this arm has its own."
         return ReachMap.load(path, arm, another)
     if own is None:
-        raise MapError(f"reach: {name}: {why_ik(name, arm, None)}.")
+        raise MapError(f"reach: '{name}': {why_ik(name, arm, None)}.")
     return ReachMap.load(own, arm, f"Build it again: {build_command(name)}.")
 
 
 def describe(arm: SerialArm, reach_map: ReachMap | None) -> dict[str, Any]:
-    """Return what is to know about an arm and its map, by name."""
+    """Return the properties of an arm and its map, by name."""
     found: dict[str, Any] = {
         "arm": arm.name,
         "hash": arm.hash,
@@ -219,7 +217,7 @@ def read_poses(path: Path) -> np.ndarray:
     """Read TCP poses in the arm's base frame from a .npy file, shape (N, 4, 4).
 
     Raises:
-        PosesError: the file is missing or holds something else.
+        PosesError: The file is missing or holds something else.
     """
     form = "should be a .npy file with an array of shape (N, 4, 4): rigid TCP poses in the arm's base frame"
     if not path.is_file():
@@ -250,10 +248,11 @@ def read_poses(path: Path) -> np.ndarray:
 def judge_poses(
     mjm: mujoco.MjModel, arm: SerialArm, reach_map: ReachMap | None, poses: np.ndarray, tier: Tier, device: str
 ) -> np.ndarray:
-    """Say which TCP poses in the base frame an arm reaches, shape (N,), bool.
+    """Return which TCP poses in the base frame an arm reaches, shape (N,), bool.
 
     Raises:
-        NotSupportedError: tier `clear`, which is about a layout.
+        NotSupportedError: The tier is `clear`, which depends on a layout.
+        MapError: The tier needs a map, and there is none.
     """
     if tier == Tier.CLEAR:
         raise NotSupportedError(
@@ -270,7 +269,7 @@ def judge_poses(
 
 
 def _solvable(mjm: mujoco.MjModel, arm: SerialArm, poses: np.ndarray, device: str) -> np.ndarray:
-    """Which poses have joints within limits at which the arm does not hit itself, shape (N,), bool."""
+    """Return which poses have joints within limits at which the arm does not hit itself, shape (N,), bool."""
     reached = np.zeros(len(poses), bool)
     left = np.arange(len(poses))
     flat = np.zeros((len(poses), 7))
@@ -279,7 +278,7 @@ def _solvable(mjm: mujoco.MjModel, arm: SerialArm, poses: np.ndarray, device: st
         mujoco.mju_mat2Quat(pose[3:], turn[:3, :3].ravel())
     for seed in range(_ROUNDS):
         joints, ok = solve(arm, flat[left], device, seed=seed)
-        left, joints = left[ok], joints[ok]  # what all starts missed stays missed
+        left, joints = left[ok], joints[ok]  # poses that no start solved stay unreached
         hits = hits_itself(mjm, arm, joints)
         reached[left[~hits]] = True
         left = left[hits]
@@ -289,7 +288,7 @@ def _solvable(mjm: mujoco.MjModel, arm: SerialArm, poses: np.ndarray, device: st
 
 
 def hits_itself(mjm: mujoco.MjModel, arm: SerialArm, joints: np.ndarray) -> np.ndarray:
-    """At which joints of shape (N, njoint) MuJoCo reports contacts of the arm alone, shape (N,), bool."""
+    """Return for which joints of shape (N, njoint) the arm touches itself according to MuJoCo, shape (N,), bool."""
     data = mujoco.MjData(mjm)
     if mjm.nkey:
         mujoco.mj_resetDataKeyframe(mjm, data, 0)
@@ -304,7 +303,7 @@ def hits_itself(mjm: mujoco.MjModel, arm: SerialArm, joints: np.ndarray) -> np.n
 
 
 def _bars() -> Callable[[str, int, int], None]:
-    """Return a progress callback that shows one bar after the other."""
+    """Return a progress callback that shows one bar after another."""
     from tqdm import tqdm
 
     bars: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""One layout from its id `scenehash:split:seed:episode`, as numbers and as a picture."""
+"""The `replay` command: makes one layout again from its id `scenehash:split:seed:episode`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _FORM = re.compile(rf"([^:]*):({'|'.join(USER_SPLITS)}):([0-9]+):([0-9]+)")
 
 @dataclass(frozen=True)
 class LayoutId:
-    """What `CompiledScene.layout_id` wrote: the same scene, split, seed and episode make the layout again anywhere."""
+    """A layout id as `CompiledScene.layout_id` writes it: scene, split, seed and episode give the layout again."""
 
     scene: str
     split: str
@@ -38,7 +38,7 @@ class LayoutId:
         """Read `scenehash:split:seed:episode`.
 
         Raises:
-            LayoutIdError: the text is not of this form.
+            LayoutIdError: The text is not of this form.
         """
         found = _FORM.fullmatch(text)
         if found is None or int(found[3]) >= 2**64 or int(found[4]) >= 2**31:
@@ -50,10 +50,10 @@ class LayoutId:
 
 
 def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
-    """Return the scene of a hash: `config` if it has that hash, else one of the shipped ones.
+    """Return the scene with a hash: `config` if that is given, else one of the shipped scenes.
 
     Raises:
-        UnknownNameError: no scene has it.
+        UnknownNameError: No scene has this hash.
     """
     configs = [config] if config is not None else [SceneConfig.load(name) for name in shipped("envs", ".yaml")]
     known = {}
@@ -74,7 +74,7 @@ def replay(compiled: CompiledScene, layout: LayoutId) -> LayoutTable:
 
 
 def describe(compiled: CompiledScene, table: LayoutTable) -> dict:
-    """Return the first layout of a table in words and numbers: poses in the world frame, joints in m and rad."""
+    """Return the first layout of a table as names and numbers: poses in the world frame, joints in m and rad."""
     mjm, data = compiled.mjm, mujoco.MjData(compiled.mjm)
     table.put(data, 0)
     mujoco.mj_kinematics(mjm, data)
@@ -119,5 +119,5 @@ def report(found: Mapping) -> str:
 
 
 def default_picture(layout: str) -> Path:
-    """Return where the picture of the layout of an id goes if nothing else is said."""
+    """Return where the picture of the layout with this id is written by default."""
     return Path("demo") / f"{layout}.png".replace(":", "-")

@@ -1,0 +1,162 @@
+"""The objects of a plan as fields of `device.Program`: what is drawn for each, and what it is tested against."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.config.objects import ObjectConfig
+from sceniris_gym.config.orientation import DrawnOrientation
+from sceniris_gym.geometry.colliders import Colliders
+from sceniris_gym.geometry.pieces import Piece, PieceType
+from sceniris_gym.geometry.ragged import ranges
+from sceniris_gym.program.device import Measure, ObjectKind, OrientationType, Roof
+from sceniris_gym.program.pack_relations import has_own_width, relations_of
+from sceniris_gym.program.pairs import arm_pairs, collider_pairs, first_nodes
+from sceniris_gym.program.plan import PlacedObject, Plan, roof_rule
+from sceniris_gym.scene.model import SceneModel
+
+_ORIENTATIONS = {
+    "yaw": OrientationType.YAW,
+    "stable": OrientationType.YAW,
+    "any": OrientationType.ANY,
+    "face_to": OrientationType.FACE_TO,
+}
+
+
+def pack_objects(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int) -> dict[str, np.ndarray]:
+    """Fields `obj_*`, and the lists that they address; `lanes` share the collision test of a world."""
+    objects = plan.objects
+    boxes = [_box(o.config) for o in objects]
+    return {
+        "obj_stream": np.array([o.stream for o in objects], int),
+        "obj_kind": np.array([o.kind for o in objects], int),
+        "obj_body": np.array([o.bodies[0] for o in objects], int),
+        "obj_adr": np.array([_address(scene.mjm, o.bodies[0], o.kind) for o in objects], int),
+        "obj_slot": np.array([plan.slots.index(o.name) for o in objects], int),
+        "obj_measured": np.array([_measured(plan, o) for o in objects], int),
+        "obj_ground": np.array([-1 if o.ground is None else o.ground for o in objects], int),
+        "obj_gap": np.array([o.config.gap if o.config else 0.0 for o in objects]),
+        "obj_box_lower": np.reshape([b[0] for b in boxes], (-1, 3)),
+        "obj_box_upper": np.reshape([b[1] for b in boxes], (-1, 3)),
+        "obj_roof": np.array([roof_rule(o.config) for o in objects], int),
+        "obj_footprint": np.array([bool(o.config and o.config.ratio_on_support == 1.0) for o in objects], int),
+        **_joint_ranges(objects),
+        **_orientations(plan),
+        **_bodies_and_pieces(scene, plan, colliders),
+        **_pairs(scene, plan, colliders, lanes),
+    }
+
+
+def _joint_ranges(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
+    drawn, drawadr, drawnum = ranges(o.joint_ranges for o in objects)
+    choice, choiceadr, choicenum = ranges(r.choice for r in drawn)
+    return {
+        "obj_drawadr": drawadr,
+        "obj_drawnum": drawnum,
+        "draw_qposadr": np.array([r.qposadr for r in drawn], int),
+        "draw_range": np.reshape([(r.low, r.high) for r in drawn], (-1, 2)),
+        "draw_choiceadr": choiceadr,
+        "draw_choicenum": choicenum,
+        "choice": np.array(choice, float),
+    }
+
+
+def _orientations(plan: Plan) -> dict[str, np.ndarray]:
+    """How orientations are drawn, and from which variants; what has no config only draws joints and keeps its own."""
+    upright = DrawnOrientation("yaw", (0.0, 0.0))
+    drawn = [o.config.drawn_orientation if o.config is not None else upright for o in plan.objects]
+    variants, variantadr, variantnum = ranges(o.variants for o in plan.objects)
+    shares = [s for o in plan.objects for s in np.cumsum([v.probability for v in o.variants])]
+    return {
+        "obj_orientation": np.array([_ORIENTATIONS[d.kind] for d in drawn], int),
+        "obj_target": np.array([plan.slots.index(d.target) if d.target else 0 for d in drawn], int),
+        "obj_yaw": np.reshape([d.yaw for d in drawn], (-1, 2)),
+        "obj_variantadr": variantadr,
+        "obj_variantnum": variantnum,
+        "variant_quat": np.reshape([v.quat for v in variants], (-1, 4)),
+        "variant_pivot": np.reshape([v.pivot for v in variants], (-1, 3)),
+        "variant_bounds": np.reshape([v.bounds for v in variants], (-1, 4)),
+        "variant_cdf": np.array(shares, float),
+    }
+
+
+def _bodies_and_pieces(scene: SceneModel, plan: Plan, colliders: Colliders) -> dict[str, np.ndarray]:
+    """Which bodies and pieces an object has, which of them are its footprint, and what may be a roof over it."""
+    objects = plan.objects
+    own = [[i for i, p in enumerate(plan.pieces) if p.body in o.bodies] for o in objects]
+    hulls = iter(range(len(plan.pieces), len(plan.pieces) + len(footprint_hulls(plan))))
+    shadows = [[next(hulls)] if o.footprint is not None else mine for o, mine in zip(objects, own, strict=True)]
+    lists = {
+        "body": [o.bodies for o in objects],
+        "piece": own,
+        "shadow": shadows,
+        "roof": [_roofs(scene, plan, colliders, o.config) for o in objects],
+    }
+    fields = {}
+    for name, entries in lists.items():
+        flat, adr, num = ranges(entries)
+        fields |= {f"{name}_list": np.array(flat, int), f"obj_{name}adr": adr, f"obj_{name}num": num}
+    return fields
+
+
+def _pairs(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int) -> dict[str, np.ndarray]:
+    """Pairs of colliders that are kept apart, with their margins: of objects, then of the arm."""
+    lists = [*collider_pairs(scene, plan, colliders), *arm_pairs(scene, plan, colliders)]
+    pairs, pairadr, pairnum = ranges(lists)
+    start, startadr, startnum = ranges(
+        first_nodes(colliders, part, int(first), lanes) for part, first in zip(lists, pairadr, strict=True)
+    )
+    return {
+        "obj_pairadr": pairadr,
+        "obj_pairnum": pairnum,
+        "obj_startadr": startadr,
+        "obj_startnum": startnum,
+        "start": np.reshape(start, (-1, 3)).astype(int),
+        "pair_a": np.array([p[0] for p in pairs], int),
+        "pair_b": np.array([p[1] for p in pairs], int),
+        "pair_margin": np.array([p[2] for p in pairs], float),
+    }
+
+
+def footprint_hulls(plan: Plan) -> list[Piece]:
+    """Footprints that are pieces of their own, numbered after all obstacles."""
+    return [o.footprint for o in plan.objects if o.footprint is not None]
+
+
+def _roofs(scene: SceneModel, plan: Plan, colliders: Colliders, config: ObjectConfig | None) -> list[int]:
+    """Pieces, or colliders of visual geometry, of the parent object: any of its bodies may be the roof, no plane is."""
+    if roof_rule(config) == Roof.EITHER:
+        return []
+    assert config is not None
+    assert config.support is not None
+    parent = scene.subtree(config.support.parent.split("/")[0])
+    if scene.config.geometry == "visual":
+        return [i for i, body in enumerate(colliders.body) if body in parent and colliders.plane[i] < 0]
+    return [i for i, p in enumerate(plan.pieces) if p.body in parent and p.type != PieceType.PLANE]
+
+
+def _measured(plan: Plan, o: PlacedObject) -> Measure:
+    """What of an object must be measured for each candidate. Bounds matter only where a relation looks at them."""
+    if not any(p.body in o.bodies for p in plan.pieces):
+        return Measure.NOTHING
+    if o.config is not None and o.config.drawn_orientation.kind == "any":
+        return Measure.WHOLE
+    if not o.joint_ranges:
+        return Measure.NOTHING
+    if o.erosion > 0.0 or any(has_own_width(r) for r in relations_of(o)):
+        return Measure.WHOLE
+    seen = [r for other in plan.objects for r in relations_of(other) if o.name in (other.name, *r.anchors)]
+    return Measure.WHOLE if any(r.bounds or r.kind == "beside" for r in seen) else Measure.LOWEST
+
+
+def _address(mjm: mujoco.MjModel, body: int, kind: ObjectKind) -> int:
+    if kind == ObjectKind.FREE:
+        return int(mjm.jnt_qposadr[mjm.body_jntadr[body]])
+    return int(mjm.body_mocapid[body])
+
+
+def _box(config: ObjectConfig | None) -> tuple:
+    """Corners of the box in space that an object is drawn in; an empty one for all others."""
+    box = config.region.box if config is not None and config.region is not None and config.region.is_3d else None
+    return box if box is not None else ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))

@@ -1,0 +1,215 @@
+"""Scene files: how they are found, read, merged into their bases, and changed by overrides."""
+
+from __future__ import annotations
+
+import copy
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sceniris_gym.config.loader import merge, override, read_scene, shipped
+from sceniris_gym.config.objects import JointConfig, SupportConfig
+from sceniris_gym.config.orientation import DrawnOrientation
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import CycleError, SceneFileError, SceneKeyError, ScenirisError, UnknownNameError
+from tests.config.scenes import NEIGHBOURS, SMALL, refusal, refused, write
+
+
+def test_a_base_is_merged_key_by_key_and_the_child_wins():
+    """`mid_16k` changes the geometry and two assets of `mid`, and keeps the rest."""
+    base, child = SceneConfig.load("mid"), SceneConfig.load("mid_16k")
+    assert child.name == "mid_16k"
+    assert child.geometry == "visual"
+    assert child.objects["apple"].asset == "apple_16k"
+    assert child.objects["apple"].support == base.objects["apple"].support
+    assert child.objects["cabinet"] == base.objects["cabinet"]
+
+
+def test_a_word_of_the_child_replaces_the_base_s_word_of_the_same_group(tmp_path: Path):
+    """`in` replaces `on`, a polygon a box, a value a fraction; nothing is given twice."""
+    write(
+        tmp_path,
+        "base.yaml",
+        "floor: {size: [1, 1]}\n"
+        "objects: {apple: {asset: apple, on: floor, region: {box: [[0, 0], [1, 1]]}, "
+        "joints: {stem: {fraction: [0, 1]}}}}\n",
+    )
+    child = write(
+        tmp_path,
+        "child.yaml",
+        "base: base.yaml\nobjects: {apple: {in: floor, region: {polygon: [[0, 0], [1, 0], [0, 1]]}, "
+        "joints: {stem: {value: 0.5}}}}\n",
+    )
+    apple = SceneConfig.load(child).objects["apple"]
+    assert apple.support == SupportConfig("in", "floor")
+    assert apple.region is not None
+    assert apple.region.box is None
+    assert apple.region.polygon == ((0, 0), (1, 0), (0, 1))
+    assert apple.joints["stem"] == JointConfig(value=0.5)
+
+
+def test_a_form_of_orientation_replaces_the_base_s():
+    """A yaw of the base is no offset of the child's face_to."""
+    base = SceneConfig.load(NEIGHBOURS, {"objects.apple.orientation": {"yaw": [-10, 10]}})
+    child = SceneConfig.load(base, {"objects.apple.orientation": {"face_to": "mug"}})
+    assert child.objects["apple"].drawn_orientation == DrawnOrientation("face_to", (0.0, 0.0), "mug")
+    assert (
+        SceneConfig.load(child, {"objects.apple.orientation.stable": {}}).objects["apple"].drawn_orientation.kind
+        == "stable"
+    )
+
+
+def test_paths_are_relative_to_the_file_they_stand_in(tmp_path: Path):
+    """A base in another folder finds its own assets there."""
+    write(tmp_path, "base/base.yaml", "objects: {can: {asset: ./can.xml, kind: static}}")
+    child = write(tmp_path, "child.yaml", "base: base/base.yaml\nobjects: {mug: {asset: parts/mug.xml, kind: static}}")
+    config = SceneConfig.load(child)
+    assert Path(str(config.objects["can"].asset)) == tmp_path / "base" / "can.xml"
+    assert Path(str(config.objects["mug"].asset)) == tmp_path / "parts" / "mug.xml"
+
+
+def test_a_file_is_read_as_yaml_1_2(tmp_path: Path):
+    """`on` is a word and 1e-3 a number."""
+    path = write(tmp_path, "a.yaml", "floor: {size: [1, 1]}\nobjects: {a: {asset: apple, on: floor, clearance: 1e-3}}")
+    apple = SceneConfig.load(path).objects["a"]
+    assert (apple.on, apple.clearance) == ("floor", 1e-3)
+
+
+def test_an_override_may_give_a_new_object_as_a_whole_and_then_change_it():
+    """What is not there yet is one mapping; dotted keys that come after it reach into it."""
+    pear = {"asset": "pear", "on": "floor"}
+    changed = SceneConfig.load(SMALL, {"objects.pear": pear, "objects.pear.clearance": 0.01})
+    assert list(changed.objects) == ["shelf", "apple", "goal", "pear"]
+    assert (changed.objects["pear"].asset, changed.objects["pear"].clearance) == ("pear", 0.01)
+
+
+WRONG: dict[str, tuple] = {
+    "part of an unknown object": (
+        {"objects.aple.clearance": 0.1},
+        UnknownNameError,
+        ["overrides: objects.aple.clearance", "unknown object 'aple'", "mean 'apple'"],
+    ),
+    "part of an unknown group": ({"groups.fruit.present": 1}, UnknownNameError, ["unknown group 'fruit'", "none"]),
+}
+
+
+@pytest.mark.parametrize(("overrides", "error", "says"), WRONG.values(), ids=WRONG.keys())
+def test_an_override_of_what_is_not_there_is_refused(
+    tmp_path: Path, overrides: dict, error: type[ScenirisError], says: list[str]
+):
+    """By the dotted key, with the nearest name that there is."""
+    refused(tmp_path, SMALL, overrides, error, says)
+
+
+@pytest.mark.parametrize("dotted", ["objects..apple", "", ".objects", 3], ids=repr)
+def test_an_override_without_a_dotted_key_is_refused(dotted: Any):
+    """Words with dots between them; nothing is to be guessed."""
+    said = refusal(SMALL, {dotted: 3}, SceneKeyError)
+    assert said == f"overrides: {dotted!r} should be a dotted key such as 'objects.apple.clearance'."
+
+
+BAD_FILES = {
+    "duplicate key": (
+        "floor: {size: [1, 1]}\nattempts: 3\nattempts: 4\n",
+        r"scene\.yaml:3: .*duplicate key .attempts",
+    ),
+    "no YAML": ("floor: [1, 1\n", r"scene\.yaml:\d+: this is not YAML"),
+    "two documents": ("floor: null\n---\nfloor: null\n", r"scene\.yaml:\d+: this is not YAML"),
+    "a control character": ("floor: \x07\n", r"scene\.yaml: this is not YAML"),
+    "an unknown tag": ("floor: !!python/object:os.system {}\n", r"scene\.yaml:1: this is not YAML"),
+    "nested without end": ("floor: " + 20_000 * "[" + 20_000 * "]", r"scene\.yaml: .*nested too deeply"),
+    "empty": ("", r"a mapping with keys.*found nothing"),
+    "a list": ("- 1\n", r"a mapping with keys.*found a list"),
+}
+
+
+@pytest.mark.parametrize(("text", "says"), BAD_FILES.values(), ids=BAD_FILES.keys())
+def test_a_file_that_is_no_scene_is_refused_by_its_line(tmp_path: Path, text: str, says: str):
+    """Files that are not YAML, or not a mapping, or give a key twice."""
+    with pytest.raises(SceneFileError, match=says):
+        SceneConfig.load(write(tmp_path, "scene.yaml", text))
+
+
+def test_a_missing_file_or_name_is_refused_with_what_there_is(tmp_path: Path):
+    """A missing path lists the shipped scenes; a wrong name gets the nearest one."""
+    with pytest.raises(SceneFileError, match=r"no scene file '.*nowhere\.yaml'.*mid, mid_16k"):
+        SceneConfig.load(tmp_path / "nowhere.yaml")
+    with pytest.raises(SceneFileError, match="no scene file"):
+        SceneConfig.load(tmp_path)
+    with pytest.raises(UnknownNameError, match=r"unknown shipped scene 'midd'\. Did you mean 'mid'"):
+        SceneConfig.load("midd")
+    with pytest.raises(UnknownNameError, match=r"child\.yaml: base: unknown shipped scene 'mdi'"):
+        SceneConfig.load(write(tmp_path, "child.yaml", "base: mdi"))
+    with pytest.raises(SceneKeyError, match=r"base: 3 should be the name"):
+        SceneConfig.load({"base": 3})
+
+
+def test_bases_in_a_circle_are_an_error_that_names_it(tmp_path: Path):
+    """Files that are the base of each other."""
+    write(tmp_path, "a.yaml", "base: ./b.yaml")
+    write(tmp_path, "b.yaml", "base: ./a.yaml")
+    with pytest.raises(CycleError, match=r"a\.yaml -> .*b\.yaml -> .*a\.yaml"):
+        SceneConfig.load(tmp_path / "a.yaml")
+
+
+def test_merging_leaves_both_scenes_as_they_are():
+    """The base of many children is read once and may be merged many times."""
+    base = {"floor": {"size": [1, 1]}, "objects": {"a": {"asset": "mug", "on": "floor"}}}
+    child = {"objects": {"a": {"in": "floor"}, "b": {"asset": "can"}}, "floor": None}
+    before = copy.deepcopy((base, child))
+    merged = {"floor": None, "objects": {"a": {"asset": "mug", "in": "floor"}, "b": {"asset": "can"}}}
+    assert merge(base, child) == merged
+    assert (base, child) == before
+    assert override(base, {"objects.a.in": "floor"}, "scene")["objects"] == {"a": merged["objects"]["a"]}
+    assert base == before[0]
+
+
+def test_words_of_a_group_replace_each_other_at_their_place_alone():
+    """A joint's `fraction` replaces its `value`, and leaves the `box` of a region, whose form it could be too."""
+    base = {
+        "objects": {"a": {"region": {"box": 1}, "joints": {"j": {"value": 2}}}},
+        "robot": {"joints": {"j": {"noise": 3}}},
+    }
+    child = {"objects": {"a": {"joints": {"j": {"fraction": 4}}}}, "robot": {"joints": {"j": {"choice": 5}}}}
+    merged = merge(base, child)
+    assert merged["objects"]["a"] == {"region": {"box": 1}, "joints": {"j": {"fraction": 4}}}
+    assert merged["robot"] == {"joints": {"j": {"choice": 5}}}
+
+
+def test_overrides_are_laid_over_one_after_the_other():
+    """A later one of the same key wins, and one of a mapping keeps what it does not name."""
+    changed = override(SMALL, {"floor.size": [3, 3], "floor": {"size": [4, 4]}, "objects.apple.gap": 0.1}, "scene")
+    assert changed["floor"] == {"size": [4, 4]}
+    assert changed["objects"]["apple"] == {"asset": "apple", "on": "shelf", "gap": 0.1}
+    assert list(changed["objects"]) == list(SMALL["objects"])
+
+
+def test_a_scene_is_read_from_a_mapping_as_from_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The same data under another name; paths in a mapping are relative to the working directory."""
+    monkeypatch.chdir(tmp_path)
+    data = {"model": "room.xml", "objects": {"a": {"asset": "./mug.xml"}, "b": {"asset": "mug"}}}
+    file, mapping = read_scene(write(tmp_path, "room.yaml", json.dumps(data))), read_scene(data)
+    assert file.data == mapping.data
+    assert (file.name, mapping.name) == ("room", "scene")
+    assert (file.where, mapping.where) == (str(tmp_path / "room.yaml"), "scene")
+    assert Path(mapping.data["model"]) == tmp_path / "room.xml"
+    assert Path(mapping.data["objects"]["a"]["asset"]) == tmp_path / "mug.xml"
+    assert mapping.data["objects"]["b"]["asset"] == "mug"
+    assert data["model"] == "room.xml"
+
+
+def test_messages_name_the_base_that_a_key_may_stand_in(tmp_path: Path):
+    """The wrong key may be in either file, so both are told."""
+    base = write(tmp_path, "base.yaml", "attempts: 0")
+    child = write(tmp_path, "child.yaml", "base: ./base.yaml")
+    said = refusal(child, {}, SceneKeyError)
+    assert said.startswith(f"{child} (base: {base}): attempts: 0")
+
+
+def test_shipped_files_are_found_by_their_stems():
+    """Those of the package that have this ending, and no others."""
+    found = shipped("envs", ".yaml")
+    assert found.keys() == {path.stem for path in (Path(__file__).parents[2] / "envs").glob("*.yaml")}
+    assert all(path.is_file() and path.name == f"{name}.yaml" for name, path in found.items())

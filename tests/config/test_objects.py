@@ -1,0 +1,190 @@
+"""Objects in scene files: which words go together, and what an object refers to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from sceniris_gym.config.objects import ObjectConfig
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import SceneKeyError, ScenirisError
+from tests.config.scenes import NEAR, NEIGHBOURS, SMALL, refused, related
+
+
+def test_what_an_object_needs_is_placed_before_it():
+    """Its support's object, anchors, frames and target, each once, without the floor."""
+    config = related(
+        {"between": ["mug", "post"]},
+        {"left_of": "cabinet", "frame": "goal"},
+        **{"objects.apple.on": "cabinet/upper_drawer", "objects.apple.orientation": {"face_to": "mug"}},
+    )
+    assert config.objects["apple"].needs == ("cabinet", "mug", "post", "goal")
+    assert config.objects["mug"].needs == ("cabinet",)
+    assert config.objects["cabinet"].needs == ()
+
+
+WRONG: dict[str, tuple] = {
+    "bool for word": ({"objects.apple.on": True}, SceneKeyError, ["objects.apple.on: True", "a name"]),
+    "unknown kind": ({"objects.apple.kind": "fre"}, SceneKeyError, ["objects.apple.kind", "Did you mean 'free'"]),
+    "two supports": (
+        {"objects.apple": {"asset": "apple", "on": "floor", "in": "shelf"}},
+        SceneKeyError,
+        ["objects.apple:", "has on and in"],
+    ),
+    "static on something": ({"objects.apple.kind": "static"}, SceneKeyError, ["objects.apple:", "stays where"]),
+    "two forms of region": (
+        {"objects.apple.region": {"box": [[0, 0], [1, 1]], "fraction": [[0, 0], [1, 1]]}},
+        SceneKeyError,
+        ["objects.apple.region", "exactly one of box, fraction, polygon"],
+    ),
+    "3D box on a support": (
+        {"objects.apple.region.box": [[0, 0, 0], [1, 1, 1]]},
+        SceneKeyError,
+        ["objects.apple:", "two dimensions"],
+    ),
+    "2D box without support": (
+        {"objects.goal.region.box": [[0, 0], [1, 1]]},
+        SceneKeyError,
+        ["objects.goal:", "name its support"],
+    ),
+    "3D box too far away": (
+        {"objects.goal.region.box": [[0, 0, 0], [1, 101, 1]]},
+        SceneKeyError,
+        ["objects.goal.region:", "within 100 m of the world's origin"],
+    ),
+    "ratio of a support that is not there": (
+        {"objects.goal.ratio_on_support": 0.5},
+        SceneKeyError,
+        ["objects.goal:", "a 'ratio_on_support' only with a support"],
+    ),
+    "joint without a word": ({"objects.apple.joints.a": {}}, SceneKeyError, ["objects.apple.joints.a", "has none"]),
+    "joint with two words": (
+        {"objects.apple.joints.a": {"value": 1, "noise": 1}},
+        SceneKeyError,
+        ["objects.apple.joints.a", "has value and noise"],
+    ),
+    "between": (
+        {"objects.apple.between": ["goal"]},
+        SceneKeyError,
+        ["objects.apple.between", "an entry of 'relations'"],
+    ),
+    "front_of": (
+        {"objects.apple.front_of": "shelf"},
+        SceneKeyError,
+        ["objects.apple.front_of", "an entry of 'relations'"],
+    ),
+    "reachable static": (
+        {"objects.post": {"asset": "cabinet", "kind": "static", "reachable": True}},
+        SceneKeyError,
+        ["objects.post", "should be placed"],
+    ),
+    "by without reachable": (
+        {"objects.apple.by": "robot"},
+        SceneKeyError,
+        ["objects.apple", "'by' only together with 'reachable'"],
+    ),
+    "by another": (
+        {"objects.apple.reachable": True, "objects.apple.by": "shelf"},
+        SceneKeyError,
+        ["objects.apple.by", "should be 'robot'"],
+    ),
+}
+
+
+@pytest.mark.parametrize(("overrides", "error", "says"), WRONG.values(), ids=WRONG.keys())
+def test_words_of_an_object_that_do_not_go_together_are_refused(
+    tmp_path: Path, overrides: dict, error: type[ScenirisError], says: list[str]
+):
+    """Supports, regions, joints, kinds, and words that belong somewhere else."""
+    refused(tmp_path, SMALL, overrides, error, says)
+
+
+WRONG_RELATIONS: dict[str, tuple] = {
+    "a word beside relations": (
+        {"objects.apple.near": "mug"},
+        SceneKeyError,
+        ["objects.apple.near", "an entry of 'relations'"],
+    ),
+    "relations of a static object": (
+        {"objects.post.relations": [{"front_of": "mug"}]},
+        SceneKeyError,
+        ["objects.post:", "stays where the model has it"],
+    ),
+    "relations of what is not placed": (
+        {"objects.goal": {"kind": "marker", "on": None, "relations": [NEAR]}},
+        SceneKeyError,
+        ["objects.goal:", "should name its support", "or have a 3D box as its region"],
+    ),
+    "the support's frame without a support": (
+        {
+            "objects.goal": {
+                "kind": "marker",
+                "on": None,
+                "region": {"box": [[0, 0, 0], [1, 1, 1]]},
+                "relations": [{"left_of": "mug", "frame": "support"}],
+            }
+        },
+        SceneKeyError,
+        ["objects.goal:", "should name its support", "the frame of one of its relations"],
+    ),
+}
+
+
+@pytest.mark.parametrize(("overrides", "error", "says"), WRONG_RELATIONS.values(), ids=WRONG_RELATIONS.keys())
+def test_relations_that_an_object_cannot_have_are_refused(
+    tmp_path: Path, overrides: dict, error: type[ScenirisError], says: list[str]
+):
+    """Of what is not placed, or has no support whose frame they could be in."""
+    refused(tmp_path, NEIGHBOURS, overrides, error, says)
+
+
+@pytest.mark.parametrize(
+    ("words", "placed"),
+    [
+        ({"on": "floor"}, True),
+        ({"region": {"box": [[0, 0, 0], [1, 1, 1]]}}, True),
+        ({"kind": "fixture", "inside": "floor"}, True),
+        ({}, False),
+        ({"kind": "static"}, False),
+    ],
+    ids=str,
+)
+def test_an_object_is_placed_where_the_scene_says_so(words: dict, placed: bool):
+    """On a support or in a box in space; else it stays where the model has it."""
+    assert ObjectConfig.model_validate({"asset": "mug", **words}).is_placed == placed
+
+
+def test_references_name_the_key_that_each_stands_at():
+    """In the order of the file, with the path that a message about one of them needs."""
+    part = ObjectConfig.model_validate(
+        {
+            "on": "table",
+            "relations": [
+                {"direction": [1, 0], "of": "mug", "frame": "can"},
+                {"between": ["mug", "bowl"]},
+                {"left_of": "can", "frame": "world"},
+            ],
+            "orientation": {"face_to": "bowl"},
+        }
+    )
+    assert part.references == [
+        ("relations.0.of", "mug"),
+        ("relations.0.frame", "can"),
+        ("relations.1.between", "mug"),
+        ("relations.1.between", "bowl"),
+        ("relations.2.left_of", "can"),
+        ("orientation.face_to", "bowl"),
+    ]
+    assert part.needs == ("table", "mug", "can", "bowl")
+
+
+def test_a_box_in_space_is_as_large_as_single_precision_allows():
+    """100 m from the origin along each axis is taken on either side."""
+    box = [[-100, -100, -100], [100, 100, 100]]
+    region = SceneConfig.load(SMALL, {"objects.goal.region.box": box}).objects["goal"].region
+    assert region is not None
+    assert region.is_3d
+    crop = SceneConfig.load(SMALL, {"objects.apple.region.box": [[0, 0], [1, 1]]}).objects["apple"].region
+    assert crop is not None
+    assert not crop.is_3d

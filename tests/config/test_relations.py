@@ -1,0 +1,199 @@
+"""Relations in scene files: what each word means, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sceniris_gym.config.relations import Relation
+from sceniris_gym.errors import SceneKeyError, ScenirisError
+from tests.config.scenes import NEAR, NEIGHBOURS, only, refused
+
+RIGHT, BACK, LEFT, FRONT = 0.0, math.pi / 2, math.pi, -math.pi / 2
+
+
+@pytest.mark.parametrize(
+    ("words", "heading"),
+    [
+        ({"front_of": "cabinet"}, FRONT),
+        ({"back_of": "cabinet"}, BACK),
+        ({"left_of": "cabinet"}, LEFT),
+        ({"right_of": "cabinet"}, RIGHT),
+        ({"direction": [0, 2], "of": "cabinet"}, BACK),
+        ({"direction": [-1.0, -1.0], "of": "cabinet"}, -0.75 * math.pi),
+    ],
+)
+def test_a_directional_word_is_a_heading_in_the_anchor_s_frame(words: dict, heading: float):
+    """The half-plane on that side, at any distance between origins."""
+    relation = only(words)
+    assert (relation.kind, relation.anchors, relation.frame) == ("direction", ("cabinet",), "anchor")
+    assert (relation.heading, relation.half_angle) == pytest.approx((heading, math.pi / 2))
+    assert (relation.low, relation.high, relation.bounds) == (0.0, math.inf, False)
+
+
+@pytest.mark.parametrize(
+    ("side", "axis", "degrees"),
+    [("right", [1, 0], 0.0), ("back", [0, 1], 90.0), ("left", [-1, 0], 180.0), ("front", [0, -1], -90.0)],
+)
+def test_a_side_is_an_axis(side: str, axis: list[int], degrees: float):
+    """The front is -y, the right x; generator and audit both take their directions from here."""
+    words = [{f"{side}_of": "mug"}, {"direction": axis, "of": "mug"}, {"beside": "mug", "side": side}]
+    for relation in map(only, words):
+        assert math.degrees(relation.heading) == pytest.approx(degrees, abs=1e-12)
+
+
+def test_options_of_a_direction_are_carried():
+    """Angle, frame, distance and measure."""
+    relation = only(
+        {"left_of": "cabinet", "angle": 30, "frame": "mug", "distance": {"min": 0.2, "max": 1}, "measure": "bounds"}
+    )
+    assert relation.half_angle == pytest.approx(math.radians(30))
+    assert (relation.frame, relation.frame_object) == ("mug", "mug")
+    assert (relation.low, relation.high, relation.bounds) == (0.2, 1.0, True)
+    assert [only({"near": "mug", "distance": {"max": 1}}).frame_object] == [None]
+
+
+@pytest.mark.parametrize("frame", ["anchor", "support", "world", "cabinet", "mug", "post", "goal"])
+def test_a_frame_is_a_word_or_an_object(frame: str):
+    """Every object, placed or not, and the anchor itself by its name."""
+    assert only({"left_of": "cabinet", "frame": frame}).frame == frame
+
+
+@pytest.mark.parametrize(
+    ("distance", "low", "high"),
+    [
+        ({"min": 0.5}, 0.5, math.inf),
+        ({"max": 0.5}, 0.0, 0.5),
+        ({"equal": 0.5}, 0.49, 0.51),
+        ({"equal": 0.5, "tolerance": 0.2}, 0.3, 0.7),
+        ({"equal": 0.0, "tolerance": 1e-4}, 0.0, 1e-4),
+        ({"equal": 0.005}, 0.0, 0.015),
+    ],
+)
+def test_a_distance_is_an_interval(distance: dict, low: float, high: float):
+    """One that is equal is a band, which does not reach below 0."""
+    relation = only({"front_of": "cabinet", "distance": distance})
+    assert (relation.low, relation.high) == pytest.approx((low, high))
+
+
+def test_near_is_all_around_within_a_distance():
+    """At most so far, or about so far."""
+    relation = only({"near": "post", "distance": {"min": 0.1, "max": 0.3}})
+    assert (relation.kind, relation.anchors, relation.half_angle) == ("near", ("post",), math.pi)
+    assert (relation.low, relation.high) == (0.1, 0.3)
+    assert only({"near": "post", "distance": {"equal": 0.3}, "measure": "bounds"}).bounds
+
+
+def test_between_has_two_to_eight_anchors():
+    """And a width, by default the object's own."""
+    relation = only({"between": ["cabinet", "mug"]})
+    assert (relation.kind, relation.anchors, relation.width) == ("between", ("cabinet", "mug"), None)
+    assert only({"between": ["cabinet", "mug", "post"], "width": 0.1}).width == 0.1
+
+
+@pytest.mark.parametrize(("side", "heading"), [("left", LEFT), ("right", RIGHT), ("front", FRONT), ("back", BACK)])
+def test_beside_has_a_side_and_a_gap(side: str, heading: float):
+    """The gap is 1 cm by default; the frame turns the side."""
+    relation = only({"beside": "cabinet", "side": side})
+    assert (relation.kind, relation.anchors, relation.gap) == ("beside", ("cabinet",), 0.01)
+    assert relation.heading == pytest.approx(heading)
+    assert only({"beside": "cabinet", "side": side, "gap": 0, "frame": "world"}).gap == 0.0
+
+
+def test_relations_made_in_python_are_judged_by_themselves():
+    """Errors name the class where there is no file."""
+    assert Relation(front_of="mug", angle=45.0).half_angle == pytest.approx(math.pi / 4)
+    with pytest.raises(SceneKeyError, match=r"Relation: scene: .*should have exactly one of front_of"):
+        Relation(front_of="mug", near="cup")
+
+
+WRONG: dict[str, tuple] = {
+    "no list": (NEAR, SceneKeyError, ["relations: {'near'", "should be a list"]),
+    "no mapping": (["near"], SceneKeyError, ["relations.0: 'near'", "mapping of keys"]),
+    "no word": ([{"angle": 3}], SceneKeyError, ["relations.0:", "exactly one of front_of", "has none"]),
+    "two words": ([{"front_of": "mug", **NEAR}], SceneKeyError, ["relations.0:", "has front_of and near"]),
+    "five relations": ([NEAR] * 5, SceneKeyError, ["relations:", "4 values at most"]),
+    "an unknown word": ([{"frontof": "mug"}], SceneKeyError, ["relations.0.frontof", "mean 'front_of'"]),
+    "an unknown option": ([{**NEAR, "distanc": 3}], SceneKeyError, ["relations.0.distanc", "mean 'distance'"]),
+    "no name": ([{"front_of": 3}], SceneKeyError, ["relations.0.front_of: 3", "a name"]),
+    "no frame": ([{"front_of": "mug", "frame": None}], SceneKeyError, ["relations.0.frame: None", "a name"]),
+    "no direction": ([{"direction": [0, 0], "of": "mug"}], SceneKeyError, ["0.direction: [0, 0]", "not [0, 0]"]),
+    "a direction in space": ([{"direction": [0, 0, 1], "of": "mug"}], SceneKeyError, ["0.direction", "2 values"]),
+    "a direction without of": ([{"direction": [0, 1]}], SceneKeyError, ["relations.0:", "with 'of'"]),
+    "of without a direction": ([{"front_of": "mug", "of": "mug"}], SceneKeyError, ["'of' only with 'direction'"]),
+    "an angle of 0": ([{"front_of": "mug", "angle": 0}], SceneKeyError, ["relations.0.angle: 0", "above 0"]),
+    "an angle of 181": ([{"front_of": "mug", "angle": 181}], SceneKeyError, ["0.angle: 181", "at most 180"]),
+    "an angle of near": ([{**NEAR, "angle": 9}], SceneKeyError, ["'angle' only with 'front_of'", "not with 'near'"]),
+    "a frame of near": ([{**NEAR, "frame": "world"}], SceneKeyError, ["'frame' only with", "not with 'near'"]),
+    "near anywhere": ([{"near": "mug"}], SceneKeyError, ["'distance' with 'max' or 'equal'"]),
+    "near but far": ([{"near": "mug", "distance": {"min": 1}}], SceneKeyError, ["'distance' with 'max' or 'equal'"]),
+    "a number for a distance": ([{"near": "mug", "distance": 1}], SceneKeyError, ["0.distance: 1", "mapping of keys"]),
+    "an empty distance": ([{"front_of": "mug", "distance": {}}], SceneKeyError, ["0.distance: {}", "'min', 'max'"]),
+    "a negative distance": (
+        [{"near": "mug", "distance": {"max": -1}}],
+        SceneKeyError,
+        ["relations.0.distance.max: -1", "at least 0"],
+    ),
+    "a distance of 0": ([{"near": "mug", "distance": {"max": 0}}], SceneKeyError, ["0.distance:", "'max' above 0"]),
+    "an empty interval": (
+        [{"front_of": "mug", "distance": {"min": 1, "max": 1}}],
+        SceneKeyError,
+        ["relations.0.distance:", "'min' below its 'max'"],
+    ),
+    "equal and more": (
+        [{"front_of": "mug", "distance": {"equal": 1, "max": 2}}],
+        SceneKeyError,
+        ["relations.0.distance:", "'equal' or 'max', not both"],
+    ),
+    "a tolerance of a limit": (
+        [{"front_of": "mug", "distance": {"min": 1, "tolerance": 0.1}}],
+        SceneKeyError,
+        ["relations.0.distance:", "'tolerance' only with 'equal'"],
+    ),
+    "no tolerance": (
+        [{"front_of": "mug", "distance": {"equal": 1, "tolerance": 0}}],
+        SceneKeyError,
+        ["relations.0.distance.tolerance:", "at least 0.0001 m"],
+    ),
+    "a tolerance that no point can be drawn within": (
+        [{"near": "mug", "distance": {"equal": 0.5, "tolerance": 0.00005}}],
+        SceneKeyError,
+        ["relations.0.distance.tolerance:", "at least 0.0001 m"],
+    ),
+    "limits with next to nothing between them": (
+        [{"near": "mug", "distance": {"min": 0.5, "max": 0.5001}}],
+        SceneKeyError,
+        ["relations.0.distance:", "'max' at least 0.0002 m above its 'min'"],
+    ),
+    "an unknown measure": (
+        [{**NEAR, "measure": "bound"}],
+        SceneKeyError,
+        ["relations.0.measure: 'bound'", "mean 'bounds'"],
+    ),
+    "nothing to measure": ([{"front_of": "mug", "measure": "bounds"}], SceneKeyError, ["a 'distance' with 'measure'"]),
+    "between one": ([{"between": ["mug"]}], SceneKeyError, ["relations.0.between", "at least 2 values"]),
+    "between a name": ([{"between": "mug"}], SceneKeyError, ["relations.0.between: 'mug'", "a list"]),
+    "between nine": ([{"between": [f"m{i}" for i in range(9)]}], SceneKeyError, ["0.between", "8 values at most"]),
+    "between the same": ([{"between": ["mug", "mug"]}], SceneKeyError, ["relations.0:", "'between' once"]),
+    "a distance of between": (
+        [{"between": ["mug", "cabinet"], "distance": {"max": 1}}],
+        SceneKeyError,
+        ["'distance' only with", "not with 'between'"],
+    ),
+    "no width": ([{"between": ["mug", "cabinet"], "width": 0}], SceneKeyError, ["0.width: 0", "above 0"]),
+    "a width of near": ([{**NEAR, "width": 1}], SceneKeyError, ["'width' only with 'between', not with 'near'"]),
+    "beside anywhere": ([{"beside": "mug"}], SceneKeyError, ["'side' with 'beside': left, right, front or back"]),
+    "an unknown side": ([{"beside": "mug", "side": "lft"}], SceneKeyError, ["0.side: 'lft'", "mean 'left'"]),
+    "a side of near": ([{**NEAR, "side": "left"}], SceneKeyError, ["'side' only with 'beside'"]),
+    "a negative gap": ([{"beside": "mug", "side": "left", "gap": -1}], SceneKeyError, ["0.gap: -1", "at least 0"]),
+    "a gap of near": ([{**NEAR, "gap": 0.1}], SceneKeyError, ["'gap' only with 'beside', not with 'near'"]),
+}
+
+
+@pytest.mark.parametrize(("relations", "error", "says"), WRONG.values(), ids=WRONG.keys())
+def test_a_wrong_relation_is_refused(tmp_path: Path, relations: Any, error: type[ScenirisError], says: list[str]):
+    """By its place in the list, with what would be right."""
+    refused(tmp_path, NEIGHBOURS, {"objects.apple.relations": relations}, error, ["objects.apple.", *says])

@@ -1,0 +1,114 @@
+"""Grippers, measured from their geometry: by MuJoCo's own distances, and by hand for one that is made here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from sceniris_gym.geometry.pieces import extract_pieces
+from sceniris_gym.grasping.gripper import Gripper, carried
+from sceniris_gym.program.reach import robot_arm
+from sceniris_gym.reach.arm import SerialArm
+from tests.grasping.scenes import Scene
+from tests.layout.scenes import box_mjcf, write_mjcf
+
+PADS = {"panda": ("left_pad", "right_pad"), "ur5e": ("left_pad", "right_pad"), "heron": ("left_pad", "right_pad")}
+# An arm of two hinges, whose hand has a palm and two fingers of other lengths: 12 mm thick and 24 mm wide, and 10 mm
+# thick and 16 mm wide. They reach 15 and 30 mm beyond the TCP, which is 40 mm before the palm.
+HAND = """
+<mujoco><compiler angle="radian"/><worldbody><body name="base">
+  <body name="upper" pos="0 0 .3"><joint axis="0 0 1" range="-3 3"/>
+    <geom type="capsule" size=".04" fromto="0 0 0 0 0 .2"/>
+    <body name="hand" pos="0 0 .3" euler="0 .4 0"><joint axis="0 1 0" range="-2 2"/>
+      <geom name="palm" type="box" size=".05 .08 .01" pos="0 0 .05"/><site name="tcp" pos="0 0 .1"/>
+      <body name="left" pos="0 0 .1"><joint name="left" type="slide" axis="0 {left} 0" range="{range}"/>
+        <geom type="box" size=".012 .006 .035" pos="0 {at} -.02"/></body>
+      <body name="right" pos="0 0 .1"><joint name="right" type="slide" axis="0 -1 0" range="0 .04"/>
+        <geom type="box" size=".008 .005 .045" pos="0 -.005 -.015"/></body>
+</body></body></body></worldbody></mujoco>"""
+
+
+def _hand(left: str = "1", limits: str = "0 .03", at: float = 0.006) -> tuple[mujoco.MjModel, SerialArm, Gripper]:
+    mjm = mujoco.MjModel.from_xml_string(HAND.format(left=left, range=limits, at=at))
+    arm = SerialArm.from_model(mjm, "base")
+    return mjm, arm, Gripper.from_model(mjm, arm, np.zeros(mjm.nq), extract_pieces(mjm, "physics"))
+
+
+@pytest.mark.parametrize("robot", PADS)
+def test_a_gripper_opens_as_wide_as_its_fingers_go_apart(robot: str):
+    """MuJoCo's own distance of the two pads at the limits of their joints."""
+    s = Scene("can", robot)
+    mjm, data = s.scene.mjm, mujoco.MjData(s.scene.mjm)
+    left, right = (mjm.geom(f"{robot}/{name}").id for name in PADS[robot])
+    for gap, qpos in ((s.gripper.opening, s.gripper.open_qpos), (s.gripper.closed, s.gripper.closed_qpos)):
+        data.qpos[:] = s.scene.home_qpos
+        data.qpos[s.gripper.qposadr] = qpos
+        mujoco.mj_kinematics(mjm, data)
+        assert gap == pytest.approx(max(mujoco.mj_geomDistance(mjm, data, left, right, 1.0, None), 0.0), abs=1e-6)
+
+
+def test_a_tool_without_fingers_takes_things_of_any_width(tmp_path: Path):
+    """A stick of two hinges: its TCP is asked to be where grasps are, and nothing is too wide."""
+    tip = '<body pos="0.4 0 0"><joint axis="0 0 1"/><geom size="0.02"/><site name="tcp"/></body>'
+    arm = write_mjcf(
+        tmp_path,
+        "stick",
+        f'<body pos="0 0 0.5"><joint axis="0 0 1"/><geom size="0.02"/>{tip}</body>',
+        '<keyframe><key name="home" qpos="0 0"/></keyframe>',
+    )
+    s = Scene(box_mjcf(tmp_path, "crate", 0.6, 0.6, 0.2), arm)
+    assert s.gripper.opening == 1000.0
+    assert len(s.gripper.qposadr) == 0
+    found = s.grasp_set().grasps
+    assert len(found) == 32
+    assert max(g.opening for g in found) >= 0.6
+
+
+def test_a_gripper_is_as_large_as_its_parts():
+    """The longer finger's tip, the wider one's half width, the thicker one's thickness, and the palm behind them."""
+    mjm, _, gripper = _hand()
+    assert gripper.opening == pytest.approx(0.07)
+    assert gripper.closed == pytest.approx(0.0)
+    assert gripper.tip == pytest.approx(0.03)
+    assert gripper.depth == pytest.approx(0.04)
+    assert gripper.half_width == pytest.approx(0.012)
+    assert gripper.thickness == pytest.approx(0.012)
+    assert gripper.qposadr.tolist() == [mjm.joint("left").qposadr[0], mjm.joint("right").qposadr[0]]
+    assert gripper.open_qpos.tolist() == [0.03, 0.04]
+    assert gripper.closed_qpos.tolist() == [0.0, 0.0]
+
+
+def test_which_limit_is_open_is_seen_and_not_assumed():
+    """A finger whose joint counts the other way opens towards its lower limit, and the hand is the same."""
+    _, _, usual = _hand()
+    _, _, turned = _hand(left="-1", limits="-.03 0")
+    assert turned.open_qpos.tolist() == [-0.03, 0.04]
+    for name in ("opening", "closed", "tip", "depth", "half_width", "thickness"):
+        assert getattr(turned, name) == pytest.approx(getattr(usual, name))
+
+
+def test_fingers_that_do_not_meet_leave_a_gap():
+    """One that stays a centimetre off the middle."""
+    _, _, gripper = _hand(at=0.016)
+    assert gripper.closed == pytest.approx(0.01)
+    assert gripper.opening == pytest.approx(0.08)
+
+
+def test_a_hand_is_what_the_last_joint_moves():
+    """Bodies that MuJoCo puts elsewhere when that joint alone turns: hand and fingers, and nothing before them."""
+    for robot in PADS:
+        s = Scene("can", robot)
+        mjm, data = s.scene.mjm, mujoco.MjData(s.scene.mjm)
+        arm = robot_arm(s.scene)
+        poses = []
+        for angle in (0.0, 0.5):
+            data.qpos[:] = s.scene.home_qpos
+            data.qpos[arm.qposadr[-1]] += angle
+            mujoco.mj_kinematics(mjm, data)
+            poses.append(np.hstack([data.xpos, data.xmat]))
+        assert carried(mjm, arm) == set(np.flatnonzero(np.abs(poses[1] - poses[0]).max(axis=1) > 1e-6))
+    mjm, arm, _ = _hand()
+    assert {mjm.body(body).name for body in carried(mjm, arm)} == {"hand", "left", "right"}

@@ -1,0 +1,143 @@
+"""Keys of the original package's configurations: how each is read, and which are told as left out."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import Any
+
+import pytest
+
+from sceniris_gym import read_sceniris
+from sceniris_gym.errors import KeysLeftOutWarning, SceneKeyError, ScenirisError, UnknownNameError
+from sceniris_gym.importers.sceniris.keys import KeyReader, Notes
+from tests.importers.sceniris.configurations import ONE, QUARTER_TURN, mug, read
+
+
+def test_a_key_that_nothing_reads_is_left_out():
+    """It is named once, and one without a value is not."""
+    config, left_out = read(mug(colour="red", tag=None))
+    assert left_out == ["objects.mug.colour"]
+    assert list(config.objects) == ["mug", "drawer", "apple"]
+
+
+def test_the_warning_can_be_made_an_error():
+    """It names all keys of the configuration that are left out, on all levels, and then stops the reading."""
+    cfg = mug(reachable=True) | {"env": {"num_envs": 4, "collision_checker_backend": "curobo"}, "other": 1}
+    with pytest.warns(KeysLeftOutWarning, match=r"env\.num_envs, env\.collision_checker_backend, .*reachable, other"):
+        read_sceniris(cfg)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", KeysLeftOutWarning)
+        with pytest.raises(KeysLeftOutWarning, match="other"):
+            read_sceniris(cfg)
+
+
+WRONG: dict[str, tuple] = {
+    "objects of another kind": ({"objects": 3}, SceneKeyError, "objects: 3 should be a list"),
+    "an object of another kind": ({"objects": ["mug"]}, SceneKeyError, r"objects\.0: 'mug' should be a mapping"),
+    "env of another kind": (mug() | {"env": 3}, SceneKeyError, "env: 3 should be a mapping"),
+    "a text for a size": (mug() | {"env": {"env_size": "1"}}, SceneKeyError, r"env\.env_size: '1' should be a number"),
+    "flat limits": (
+        mug() | {"env": {"workspace_limits": [0, 0, 1, 1]}},
+        SceneKeyError,
+        r"env\.workspace_limits: .* should be \[\[min x, min y\]",
+    ),
+    "a frame that is no matrix": (
+        mug(constraints=[{**ONE, "direction": "left", "relation_axis_transform": [1, 2]}]),
+        SceneKeyError,
+        "should be a matrix",
+    ),
+    "a ragged crop": (mug(position={"xy_limit": [[0, 1], [0]]}), SceneKeyError, r"position\.xy_limit: .* should be"),
+    "robots of another kind": (
+        mug() | {"env": {"robot_centric_axis_transforms": 3}},
+        SceneKeyError,
+        "robot_centric_axis_transforms: 3 should be a mapping",
+    ),
+}
+
+
+@pytest.mark.parametrize(("cfg", "error", "says"), WRONG.values(), ids=WRONG.keys())
+def test_a_value_of_another_kind_is_refused_by_its_key(cfg: dict, error: type[ScenirisError], says: str):
+    """Mappings, lists, numbers and arrays, each with what it should be."""
+    with pytest.raises(error, match=says):
+        read_sceniris(cfg)
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"parent_id": "mugg"},
+        {"rotation": {"type": "face_to", "face_to_object_id": "mugg"}},
+        {"constraints": [{"anchor_object_ids": ["mugg"], "direction": "left"}]},
+        {"constraints": [{"anchor_object_ids": ["drawer"], "direction": "left", "relation_axis_transform": "mugg"}]},
+    ],
+    ids=str,
+)
+def test_an_object_is_not_advised_to_refer_to_itself(keys: dict):
+    """All other names are valid."""
+    with pytest.raises(UnknownNameError) as caught:
+        read_sceniris(mug(**keys))
+    assert {"drawer", "apple"} <= set(caught.value.valid)
+    assert "mug" not in caught.value.valid
+
+
+def test_what_is_not_taken_is_left_out_by_its_path():
+    """Taken and ignored keys are not, nor those without a value; a key of a mapping inside has its whole path."""
+    notes = Notes()
+    keys = KeyReader({"a": 1, "b": 2, "c": None, "d": {"e": 3, "f": 4}, "g": 5}, "objects.mug", notes)
+    assert keys.take("a") == 1
+    assert keys.take("c", "default") == "default"
+    assert keys.value("b") == 2
+    keys.ignore("g", "h")
+    inside = keys.section("d")
+    inside.take("e")
+    inside.finish()
+    keys.finish()
+    assert notes.left_out == ["objects.mug.d.f", "objects.mug.b"]
+    keys.finish()
+    assert len(notes.left_out) == 2
+
+
+def test_the_whole_configuration_has_no_path_of_its_own():
+    """Its keys are at their names, and it is called `cfg` where it is wrong as a whole."""
+    assert KeyReader({}, "", Notes()).at("env") == "env"
+    with pytest.raises(SceneKeyError, match=r"original configuration: cfg: 3 should be a mapping"):
+        KeyReader(3, "", Notes())
+
+
+def test_entries_of_a_list_are_named_by_their_numbers():
+    """Each is a mapping of its own; no list at all is an empty one."""
+    keys = KeyReader({"parts": ({"a": 1}, {"a": 2})}, "cfg", Notes())
+    parts = keys.sections("parts")
+    assert [(part.path, part.take("a")) for part in parts] == [("cfg.parts.0", 1), ("cfg.parts.1", 2)]
+    assert keys.sections("parts") == []
+    with pytest.raises(SceneKeyError, match=r"cfg\.parts\.1: 'b' should be a mapping"):
+        KeyReader({"parts": [{}, "b"]}, "cfg", Notes()).sections("parts")
+
+
+@pytest.mark.parametrize("value", [True, "1", [1.0], math.nan, math.inf, 1 + 2j, {"x": 1}], ids=repr)
+def test_a_number_is_one_finite_real_number(value: Any):
+    """Neither a truth value nor a text, a list or what is not finite."""
+    assert KeyReader({"size": 2}, "env", Notes()).number("size", 1.0) == 2.0
+    assert KeyReader({}, "env", Notes()).number("size", 1.0) == 1.0
+    with pytest.raises(SceneKeyError, match=r"env\.size: .* should be a number"):
+        KeyReader({"size": value}, "env", Notes()).number("size", 1.0)
+
+
+def test_a_rotation_is_the_upper_left_of_a_transform():
+    """Of 4 x 4 numbers or 3 x 3, the same three columns."""
+    keys = KeyReader({}, "env", Notes())
+    transform = QUARTER_TURN.copy()
+    transform[:3, 3] = [7.0, 8.0, 9.0]
+    for value in (transform, transform.tolist(), transform[:3, :3]):
+        assert (keys.rotation("turn", value) @ [1.0, 0.0, 0.0] == [0.0, 1.0, 0.0]).all()
+    with pytest.raises(SceneKeyError, match=r"env\.turn: .* 4 x 4 or 3 x 3"):
+        keys.rotation("turn", transform[:3].tolist())
+
+
+def test_advice_is_given_once():
+    """In the order in which it was first given."""
+    notes = Notes()
+    for sentence in ("Give a robot.", "Give assets.", "Give a robot."):
+        notes.advise(sentence)
+    assert notes.advice == ["Give a robot.", "Give assets."]

@@ -1,0 +1,157 @@
+"""Where objects of the original package's configurations are: on parents, cropped, or at fixed positions."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+from sceniris_gym import read_sceniris
+from sceniris_gym.config.objects import SupportConfig
+from sceniris_gym.errors import SceneKeyError, ScenirisError, UnknownNameError
+from sceniris_gym.program.plan import build_plan
+from sceniris_gym.scene.model import build_model
+from tests.importers.sceniris.configurations import mug, read
+
+
+@pytest.mark.parametrize(
+    ("keys", "support"),
+    [
+        ({}, SupportConfig("on", "floor")),
+        ({"parent_id": None, "relation_to_parent": None}, SupportConfig("on", "floor")),
+        ({"parent_id": "_plane", "relation_to_parent": "top"}, SupportConfig("on", "floor")),
+        ({"parent_id": "drawer"}, SupportConfig("on", "drawer")),
+        ({"parent_id": "drawer", "relation_to_parent": "inside"}, SupportConfig("inside", "drawer")),
+        (
+            {"parent_id": "drawer/lower_drawer", "relation_to_parent": "in"},
+            SupportConfig("inside", "drawer/lower_drawer"),
+        ),
+    ],
+)
+def test_a_parent_becomes_the_support(keys: dict, support: SupportConfig):
+    """The top is open above and the inside covered; the ground is the default."""
+    config, left_out = read(mug(**keys))
+    assert left_out == []
+    assert config.objects["mug"].support == support
+    assert config.objects["drawer"].kind == ("free" if support.parent == "floor" else "fixture")
+
+
+def test_a_crop_is_a_fraction_of_the_support():
+    """Corners in any order, cut off at the support's bounds; the ratio too is cut off."""
+    config, _ = read(mug(position={"xy_limit": [[0.9, -0.5], [0.2, 0.5]]}, ratio_on_support=1.5))
+    region = config.objects["mug"].region
+    assert region is not None
+    assert region.fraction == ((0.2, 0.0), (0.9, 0.5))
+    assert config.objects["mug"].ratio_on_support == 1.0
+    assert read(mug(ratio_on_support=None))[0].objects["mug"].ratio_on_support == 0.0
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"ratio_on_support": 3}, {"objects.mug.ratio_on_support": "3 is clipped to 1"}),
+        ({"ratio_on_support": -2}, {"objects.mug.ratio_on_support": "-2 is clipped to 0"}),
+        (
+            {"position": {"xy_limit": [[0.9, 0.9], [-1, 2]]}},
+            {"objects.mug.position.xy_limit": "[[0.0, 0.9], [0.9, 1.0]] here"},
+        ),
+        ({"position": {"xy_limit": [[0.2, 0.6], [0.1, 0.9]]}}, {"objects.mug.position.xy_limit": "[[0.1, 0.6], [0.2"}),
+        ({"position": {"xy_limit": [[0, 0.2], [0.4, 1]]}, "ratio_on_support": 1}, {}),
+    ],
+    ids=str,
+)
+def test_values_that_are_cut_off_are_told_by_their_keys(keys: dict, said: dict[str, str]):
+    """What they are now; a value that is kept is not told."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        read_sceniris(mug(**keys))
+    changed = dict(item for warning in caught for item in getattr(warning.message, "changed", {}).items())
+    assert changed.keys() == said.keys()
+    assert all(text in changed[key] for key, text in said.items())
+
+
+def test_the_limits_of_the_workspace_hold_for_all_that_is_on_the_floor():
+    """The floor is centred at the origin: it reaches over the limits, and regions keep objects inside of them."""
+    cfg = mug(position={"xy_limit": [[0.5, 0.0], [1.0, 1.0]]})
+    cfg["objects"][2]["parent_id"] = "drawer"
+    config, left_out = read(cfg | {"env": {"env_size": 9.0, "workspace_limits": [[0.0, -1.0], [2.0, 3.0]]}})
+    assert left_out == []
+    assert config.floor is not None
+    assert config.floor.size == (4.0, 6.0)
+    regions = {name: part.region and part.region.box for name, part in config.objects.items()}
+    assert regions == {"mug": ((1.0, -1.0), (2.0, 3.0)), "drawer": ((0.0, -1.0), (2.0, 3.0)), "apple": None}
+
+
+def test_a_fixed_position_overrules_the_rest():
+    """In the air a point, on the floor a tiny square."""
+    keys = {"parent_id": "drawer", "constraints": [{"anchor_object_ids": ["apple"], "direction": "left"}]}
+    config, left_out = read(mug(fixed_world_positions=[np.array([1.0, 0.5, 1.8])], **keys))
+    mounted = config.objects["mug"]
+    assert left_out == []
+    assert (mounted.kind, mounted.support, mounted.relations) == ("fixture", None, ())
+    assert mounted.region is not None
+    assert mounted.region.box == ((1.0, 0.5, 1.8), (1.0, 0.5, 1.8))
+    standing = read(mug(fixed_world_positions=[(0.2, 0.1, 0.0)]))[0].objects["mug"]
+    assert standing.support == SupportConfig("on", "floor")
+    assert standing.region is not None
+    assert np.allclose(standing.region.box or 0.0, [[0.2, 0.1], [0.2, 0.1]], atol=2e-4)
+
+
+@pytest.mark.parametrize("limits", [None, [[-0.5, -0.5], [0.5, 0.5]]], ids=str)
+def test_a_fixed_position_may_be_beyond_the_workspace(limits: list | None):
+    """The floor is made to hold it; what is drawn on it keeps to the workspace, and layouts can be made."""
+    env = {"env_size": 1.0, "workspace_limits": limits}
+    cfg = mug(fixed_world_positions=[[0.8, -0.3, 0.0]])
+    cfg["env"] = env
+    cfg["objects"][2]["position"] = {"xy_limit": [[0.5, 0.0], [1.0, 1.0]]}
+    config, left_out = read(cfg)
+    assert left_out == []
+    assert config.floor is not None
+    assert config.floor.size == pytest.approx((1.6002, 1.0))
+    regions = {name: part.region and part.region.box for name, part in config.objects.items()}
+    assert np.allclose(regions["mug"] or 0.0, [[0.7999, -0.3001], [0.8001, -0.2999]], atol=1e-9)
+    assert regions["drawer"] == ((-0.5, -0.5), (0.5, 0.5))
+    assert regions["apple"] == ((0.0, -0.5), (0.5, 0.5))
+    build_plan(build_model(config))  # which refuses regions that leave nothing of the floor
+
+
+@pytest.mark.parametrize("far", [[200.0, 0.0, 0.0], [0.0, -150.0, 0.0], [0.0, 0.0, 120.0]], ids=str)
+def test_a_fixed_position_that_is_too_far_is_refused_by_its_key(far: list[float]):
+    """Positions are kept within 100 m of the origin, on the floor as in the air."""
+    with pytest.raises(SceneKeyError, match=r"original configuration: objects\.mug\.fixed_world_positions: .*100 m"):
+        read(mug(fixed_world_positions=[far]))
+
+
+LEFT_OUT: dict[str, tuple] = {
+    "a limit of height": ({"position": {"z_limit": [0, 1]}}, ["objects.mug.position.z_limit"]),
+    "several fixed positions": (
+        {"fixed_world_positions": [[0, 0, 0], [1, 0, 0]]},
+        ["objects.mug.fixed_world_positions"],
+    ),
+}
+
+
+@pytest.mark.parametrize(("keys", "left_out"), LEFT_OUT.values(), ids=LEFT_OUT.keys())
+def test_a_place_that_cannot_be_carried_over_is_listed_by_its_key(keys: dict, left_out: list[str]):
+    """The object is placed by the keys that are left."""
+    config, found = read(mug(**keys))
+    assert found == left_out
+    assert list(config.objects) == ["mug", "drawer", "apple"]
+
+
+WRONG: dict[str, tuple] = {
+    "an unknown parent": (mug(parent_id="drawr/x"), UnknownNameError, r"mug\.parent_id: .*mean 'drawer'"),
+    "an unknown relation": (
+        mug(parent_id="drawer", relation_to_parent="insid"),
+        UnknownNameError,
+        r"mug\.relation_to_parent: .*mean 'inside'",
+    ),
+}
+
+
+@pytest.mark.parametrize(("cfg", "error", "says"), WRONG.values(), ids=WRONG.keys())
+def test_a_wrong_place_is_refused_by_its_key(cfg: dict, error: type[ScenirisError], says: str):
+    """With the nearest name that there is."""
+    with pytest.raises(error, match=says):
+        read_sceniris(cfg)

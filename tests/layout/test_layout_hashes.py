@@ -1,0 +1,25 @@
+"""The layouts of the shipped scenes keep their bits from one version to the next."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from sceniris_gym.config.loader import shipped
+from tests.layout.layout_hashes import FILE, layout_hashes, processor
+
+KEPT = json.loads(FILE.read_text())
+
+
+@pytest.mark.parametrize("scene", shipped("envs", ".yaml"))
+def test_the_layouts_of_a_shipped_scene_keep_their_bits(scene: str):
+    """In both splits. Where a change is meant, write the file anew and say in CHANGELOG.md what changed, and why."""
+    if processor() != KEPT["processor"]:
+        pytest.skip(f"the hashes were made on '{KEPT['processor']}', and bits differ on '{processor()}'")
+    assert layout_hashes(scene) == KEPT["scenes"][scene]
+
+
+def test_every_shipped_scene_has_its_hashes():
+    """A new scene gets a line, and one that is gone has none."""
+    assert set(KEPT["scenes"]) == set(shipped("envs", ".yaml"))

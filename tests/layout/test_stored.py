@@ -1,0 +1,225 @@
+"""Stored layouts served in place of fresh ones: which row comes when, and that nothing of it is lost."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+import warp as wp
+
+from sceniris_gym.errors import SeedError
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Layouts, Status
+from sceniris_gym.layout.source import LayoutSource
+from sceniris_gym.layout.stored import StoredLayouts
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.sim.batch import Batch
+from sceniris_gym.sim.randomizer import ResetRandomizer
+from sceniris_gym.tools.tables import make_table, read_table
+from sceniris_gym.vector.state import State
+from tests.layout.reaching import crane_map, crane_mjcf, crane_scene
+from tests.layout.scenes import FLOOR, box_mjcf, compile_on_cpu
+
+NROW = 7
+SERVED = ("qpos", "mocap_pos", "mocap_quat", "present", "grasp", "grasp_qpos", "pregrasp_qpos")
+
+
+@pytest.fixture(scope="module")
+def crane(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
+    """A crane that is to reach a cube clear of all else, a stand that is placed, and a cube that is there or not."""
+    folder = tmp_path_factory.mktemp("crane")
+    asset, cube = crane_mjcf(folder), box_mjcf(folder, "cube", 0.04, 0.04, 0.04)
+    crane_map(asset)
+    scene = crane_scene(asset, cube, reachable="clear")
+    scene["objects"]["other"] = {"asset": cube, "on": "floor", "reachable": "map"}
+    scene["objects"]["stand"] = {"asset": box_mjcf(folder, "stand", 0.1, 0.1, 0.02), "kind": "fixture", "on": "floor"}
+    scene["groups"] = {"some": {"of": ["other"], "count": [0, 1]}}
+    return compile_on_cpu(scene, bank_size=4)
+
+
+@pytest.fixture(scope="module")
+def table(crane: CompiledScene) -> LayoutTable:
+    """Seven layouts of it, in some of which the second cube is absent."""
+    made = make_table(crane, NROW, 20)
+    assert 0 < made.present[:, 1].sum() < NROW
+    return made
+
+
+def columns(layouts: Layouts) -> dict[str, np.ndarray]:
+    """Copy what is served to the host, joints of grasps without the room for longer arms."""
+    assert layouts.reaching is not None
+    found = {name: getattr(layouts, name).numpy().copy() for name in SERVED}
+    njoint = len(layouts.reaching.arm.joints)
+    for name in ("grasp_qpos", "pregrasp_qpos"):
+        assert np.isnan(found[name][:, :, njoint:]).all()
+        found[name] = found[name][:, :, :njoint]
+    return found
+
+
+def assert_rows(layouts: Layouts, table: LayoutTable, rows: list[int]) -> None:
+    """Check that world i holds row rows[i], to the bit."""
+    for name, values in columns(layouts).items():
+        np.testing.assert_array_equal(values, getattr(table, name)[rows], err_msg=name)
+
+
+@pytest.mark.parametrize(
+    ("seed", "first"),
+    [
+        (0, [0, 1, 2, 3]),
+        (5, [5, 6, 0, 1]),
+        (np.uint32(7), [0, 1, 2, 3]),
+        ([3, 3, 10, 0], [3, 3, 3, 0]),
+        ([2**64 - 1, 2**63, 2**32, 1], [1, 1, 4, 1]),  # 2^3 is 1 modulo 7
+        (np.array([9, 8, 7, 6], np.int16), [2, 1, 0, 6]),
+    ],
+    ids=str,
+)
+def test_the_row_is_seed_and_episode_modulo_the_number_of_rows(
+    crane: CompiledScene, table: LayoutTable, seed: Any, first: list[int]
+):
+    """Three episodes; modulo 2^64 too, behind which seeds start at 0 again."""
+    stored = StoredLayouts(crane, table, 4, seed=seed)
+    assert (stored.layouts.status.numpy() == Status.NONE).all()
+    given = [int(s) for s in seed] if np.ndim(seed) else [int(seed) + i for i in range(4)]
+    for episode in range(3):
+        stored.generate()
+        rows = [(s + episode) % 2**64 % NROW for s in given]
+        assert episode > 0 or rows == first
+        assert_rows(stored.layouts, table, rows)
+        assert stored.layouts.episode.numpy().tolist() == [episode] * 4
+    assert stored.layouts.seed.numpy().tolist() == given
+    assert (stored.layouts.status.numpy() == Status.VALID).all()
+
+
+def test_worlds_that_are_left_out_keep_their_rows(crane: CompiledScene, table: LayoutTable):
+    """Under a mask; one that is false everywhere changes nothing, and before its first row a world is at home."""
+    stored = StoredLayouts(crane, table, 3, seed=2)
+    home = columns(stored.layouts)
+    stored.launch_generate(wp.array([False, True, False], dtype=wp.bool, device="cpu"))
+    found = columns(stored.layouts)
+    for name, values in home.items():
+        np.testing.assert_array_equal(found[name][[0, 2]], values[[0, 2]], err_msg=name)
+        np.testing.assert_array_equal(found[name][1], getattr(table, name)[3], err_msg=name)
+    assert stored.layouts.status.numpy().tolist() == [Status.NONE, Status.VALID, Status.NONE]
+    stored.launch_generate(wp.array([False] * 3, dtype=wp.bool, device="cpu"))
+    assert stored.layouts.episode.numpy().tolist() == [-1, 0, -1]
+    stored.launch_generate(wp.array([True, True, False], dtype=wp.bool, device="cpu"))
+    assert stored.layouts.episode.numpy().tolist() == [0, 1, -1]
+    stored.generate()
+    assert_rows(stored.layouts, table, [3, 5, 4])
+
+
+def test_new_seeds_start_at_episode_zero(crane: CompiledScene, table: LayoutTable):
+    """Those of the masked worlds, or of all; the layouts that are there stay until the next reset."""
+    stored = StoredLayouts(crane, table, 3, seed=0)
+    for _ in range(2):
+        stored.generate()
+    stored.reseed([4, 5, 6], wp.array([False, True, True], dtype=wp.bool, device="cpu"))
+    assert stored.layouts.seed.numpy().tolist() == [0, 5, 6]
+    assert stored.layouts.episode.numpy().tolist() == [1, -1, -1]
+    assert_rows(stored.layouts, table, [1, 2, 3])
+    stored.generate()
+    assert_rows(stored.layouts, table, [2, 5, 6])
+    stored.reseed(1)
+    stored.generate()
+    assert_rows(stored.layouts, table, [1, 2, 3])
+
+
+def test_wrong_seeds_are_refused(crane: CompiledScene, table: LayoutTable):
+    """As those of a generator are."""
+    for seed in (-1, 2**64, 1.5, [1, 2]):
+        with pytest.raises(SeedError):
+            StoredLayouts(crane, table, 3, seed=seed)  # type: ignore[arg-type]
+
+
+def test_a_table_of_a_generator_gives_the_generators_layouts(crane: CompiledScene):
+    """Everything that a reset writes and a task sees, grasps and their joints among it."""
+    generator = LayoutGenerator(crane, 5, seed=3)
+    generator.generate()
+    stored = StoredLayouts(crane, read_table(generator), 5)
+    stored.generate()
+    for name in SERVED:
+        np.testing.assert_array_equal(
+            getattr(stored.layouts, name).numpy(), getattr(generator.layouts, name).numpy(), err_msg=name
+        )
+    seen = []
+    for source in (LayoutGenerator(crane, 5, seed=3), StoredLayouts(crane, read_table(generator), 5)):
+        batch = Batch(crane.scene, 5, "cpu")
+        randomizer = ResetRandomizer(crane, batch.model, batch.data, layout_source=source)
+        randomizer.reset()
+        s = State(batch, randomizer.layouts)
+        seen.append([*(s.grasp(n) for n in ("thing", "other")), s.grasp_qpos("thing"), s.pregrasp_qpos("thing")])
+        seen[-1] += [s.pose(name) for name in ("thing", "other", "stand")]
+    for fresh, again in zip(*seen, strict=True):
+        assert torch.equal(fresh.nan_to_num(), again.nan_to_num())
+        assert torch.equal(fresh.isnan(), again.isnan())
+    assert seen[1][0].isfinite().all()
+    assert seen[1][2].isfinite().all()
+
+
+def test_states_alone_have_no_grasps(crane: CompiledScene, table: LayoutTable):
+    """Of a table without them a task sees nan, and where things are as ever."""
+    states = LayoutTable.from_states(table.qpos, table.mocap_pos, table.mocap_quat, table.present)
+    batch = Batch(crane.scene, NROW, "cpu")
+    stored = StoredLayouts(crane, states, NROW)
+    ResetRandomizer(crane, batch.model, batch.data, layout_source=stored).reset()
+    s = State(batch, stored.layouts)
+    assert s.grasp("thing").isnan().all()
+    assert s.grasp_qpos("thing").isnan().all()
+    np.testing.assert_array_equal(batch.data.qpos.numpy(), table.qpos)
+    np.testing.assert_array_equal(stored.layouts.present.numpy(), table.present)
+
+
+def test_a_scene_without_mocap_bodies_is_served_too(tmp_path: Path):
+    """There are no columns of theirs to copy."""
+    cube = box_mjcf(tmp_path, "cube", 0.04, 0.04, 0.04)
+    compiled = compile_on_cpu({"floor": FLOOR, "objects": {"thing": {"asset": cube, "on": "floor"}}})
+    assert compiled.mjm.nmocap == 0
+    table = make_table(compiled, 3, 0)
+    stored = StoredLayouts(compiled, table, 5, seed=1)
+    stored.generate()
+    np.testing.assert_array_equal(stored.layouts.qpos.numpy(), table.qpos[[1, 2, 0, 1, 2]])
+
+
+def test_rows_are_served_from_a_captured_graph(crane: CompiledScene, table: LayoutTable):
+    """One episode after the other, as those of a generator are."""
+    stored: LayoutSource = StoredLayouts(crane, table, 2, seed=6)
+    mask = wp.array([True, False], dtype=wp.bool, device="cpu")
+    with wp.ScopedCapture(device="cpu") as capture:
+        stored.launch_generate(mask)
+    stored.launch_reseed(wp.array([6, 7], dtype=wp.uint64, device="cpu"), None)
+    for row in (6, 0, 1):
+        wp.capture_launch(capture.graph)
+        np.testing.assert_array_equal(stored.layouts.qpos.numpy()[0], table.qpos[row])
+    assert stored.layouts.episode.numpy().tolist() == [2, -1]
+
+
+def test_what_is_stored_was_not_searched_for(crane: CompiledScene, table: LayoutTable):
+    """Nothing was rejected, and later changes of the table are not seen."""
+    own = replace(table, qpos=table.qpos.copy())
+    stored = StoredLayouts(crane, own, 2)
+    own.qpos[:] = 0.0
+    stored.generate()
+    assert_rows(stored.layouts, table, [0, 1])
+    assert stored.rejection_counts() == {}
+
+
+@pytest.mark.parametrize("name", ["qpos", "mocap_pos", "present"])
+def test_a_table_of_another_scene_is_refused(crane: CompiledScene, table: LayoutTable, name: str):
+    """One column too many or too few; the message has the shape that it should have."""
+    values = getattr(table, name)
+    wanted = str(tuple(values.shape[1:]))[1:-1].rstrip(",")
+    for other in (values[:, :-1], np.concatenate([values, values[:, :1]], axis=1)):
+        with pytest.raises(ValueError, match=rf"table\.{name} has shape .* should have shape \('nrow', {wanted}"):
+            StoredLayouts(crane, replace(table, **{name: other}), 2)
+
+
+def test_a_table_without_rows_is_refused(crane: CompiledScene, table: LayoutTable):
+    """There would be nothing to serve."""
+    with pytest.raises(ValueError, match="one row or more"):
+        StoredLayouts(crane, table[slice(0, 0)], 2)

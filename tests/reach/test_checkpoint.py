@@ -1,0 +1,114 @@
+"""The state of a long build in a file: what was done is not done again, and nothing of another build is taken."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sceniris_gym.errors import MapError
+from sceniris_gym.reach import checkpoint
+from sceniris_gym.reach.checkpoint import Checkpoint
+
+
+@pytest.fixture
+def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write at every step."""
+    monkeypatch.setattr(checkpoint, "_SECONDS", 0.0)
+
+
+def _work(state: Path | None, stop: tuple[str, int] | None = None) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Fill two arrays in two tasks of five steps each, and note the steps; stop within a task, or never."""
+    arrays = {"first": np.zeros(5), "second": np.zeros((5, 2), np.uint8)}
+    done: list[str] = []
+    progress = Checkpoint(state, "a build")
+    for task, array in arrays.items():
+        if not progress.enter(task, {task: array}):
+            continue
+        for i in range(progress.done, 5):
+            if (task, i) == stop:
+                return arrays, done
+            array[i] = 10 * i + len(task)
+            done.append(f"{task} {i}")
+            progress.reached(i + 1)
+        progress.leave(task)
+    return arrays, done
+
+
+@pytest.mark.usefixtures("hasty")
+@pytest.mark.parametrize("stop", [(task, i) for task in ("first", "second") for i in (0, 1, 4)], ids=str)
+def test_what_was_stopped_goes_on_and_ends_as_if_it_had_not_been(tmp_path: Path, stop: tuple[str, int]):
+    """Every step is done once, and both arrays are filled as by one build without a stop."""
+    whole, steps = _work(None)
+    before = _work(tmp_path / "state", stop)[1]
+    found, after = _work(tmp_path / "state")
+    assert before + after == steps
+    assert all(np.array_equal(found[name], whole[name]) for name in whole)
+    assert all(found[name].dtype == whole[name].dtype for name in whole)
+
+
+@pytest.mark.usefixtures("hasty")
+def test_what_is_finished_is_not_done_again(tmp_path: Path):
+    """Its arrays come back whole."""
+    whole, _ = _work(tmp_path / "state")
+    found, steps = _work(tmp_path / "state")
+    assert steps == []
+    assert all(np.array_equal(found[name], whole[name]) for name in whole)
+
+
+def test_a_build_writes_now_and_then_and_not_at_every_step(tmp_path: Path):
+    """Within the first minute nothing; without a path never."""
+    _work(tmp_path / "state")
+    assert not (tmp_path / "state").exists()
+
+
+@pytest.mark.usefixtures("hasty")
+def test_a_build_that_keeps_nothing_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """No file appears anywhere."""
+    monkeypatch.chdir(tmp_path)
+    _work(None)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("hasty")
+def test_a_write_that_fails_leaves_the_state_before_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The disk is full in the middle of a write: the build goes on from the last whole one."""
+    _work(tmp_path / "state", ("first", 3))
+    with monkeypatch.context() as patch:
+
+        def full(file: object, **arrays: object) -> None:
+            raise OSError("no space left")
+
+        patch.setattr(np, "savez", full)
+        with pytest.raises(OSError, match="no space left"):
+            _work(tmp_path / "state")
+    assert _work(tmp_path / "state")[1][0] == "first 3"
+    assert [path.name for path in tmp_path.iterdir()] == ["state"]
+
+
+@pytest.mark.usefixtures("hasty")
+def test_the_state_of_another_build_is_refused_and_kept(tmp_path: Path):
+    """Its file is as it was, and the message says what may be done."""
+    state = tmp_path / "state"
+    _work(state, ("second", 2))
+    before = state.read_bytes()
+    with pytest.raises(MapError, match=r"state: .*different build.*Remove the file"):
+        Checkpoint(state, "another build")
+    assert state.read_bytes() == before
+
+
+@pytest.mark.usefixtures("hasty")
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.6, 0.99])
+def test_a_file_that_is_no_state_is_refused(tmp_path: Path, share: float):
+    """Cut off anywhere, a text, an array, or another archive."""
+    state = tmp_path / "state"
+    _work(state, ("second", 2))
+    state.write_bytes(state.read_bytes()[: int(share * state.stat().st_size)])
+    other = tmp_path / "other.npz"
+    np.savez(other, allow_pickle=False, values=np.zeros(3))
+    text = tmp_path / "text"
+    text.write_text("nothing")
+    for path in (state, other, text):
+        with pytest.raises(MapError, match="not the saved state of a build"):
+            Checkpoint(path, "a build")

@@ -1,0 +1,156 @@
+"""Assets in one specification: names, kinds of bodies, and assets or bodies that are refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import pytest
+
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import MeshError, SceneFileError, SceneKeyError, ScenirisError, UnknownNameError
+from sceniris_gym.geometry.pieces import extract_pieces
+from sceniris_gym.scene.assemble import names_in
+from sceniris_gym.scene.model import build_model
+from tests.scene.assets import BALL, build, names
+
+
+def test_a_root_body_has_the_object_s_name_and_all_else_its_prefix(folder: Path):
+    """Bodies, joints, geoms, meshes and actuators of two objects of the same asset."""
+    scene = build(folder, {"a": {"asset": "chest", "kind": "fixture"}, "b": {"asset": "chest", "kind": "static"}})
+    assert names(scene.mjm, "body") == ["world", "a", "a/tray", "a/lid", "b", "b/tray", "b/lid"]
+    assert names(scene.mjm, "joint") == ["a/slide", "a/hinge", "b/swing", "b/slide", "b/hinge"]
+    assert names(scene.mjm, "geom")[:5] == ["floor", "a/box", "a/knob", "a/tray", "a/lid"]
+    assert names(scene.mjm, "mesh") == ["a/knob", "b/knob"]
+    assert names(scene.mjm, "actuator") == ["a/pull", "b/pull"]
+    assert scene.bodies == {"a": 1, "b": 4}
+
+
+def test_references_to_a_renamed_root_follow_it(folder: Path):
+    """Excluded pairs and sensors of an asset still mean its root body."""
+    scene = build(folder, {"a": {"asset": "chest", "kind": "fixture"}})
+    assert scene.mjm.exclude_signature.tolist() == [(1 << 16) + 2]
+    assert scene.mjm.sensor("a/where").objid == [scene.bodies["a"]]
+
+
+def test_a_lamp_and_a_floor_of_an_asset_stay_behind(folder: Path):
+    """Only the root body of an asset enters the scene; its options do not, and nothing warns."""
+    scene = build(folder, {"a": {"asset": "chest", "kind": "fixture"}})
+    assert scene.mjm.nlight == 1
+    assert "a/ground" not in names(scene.mjm, "geom")
+    assert scene.mjm.opt.timestep == 0.005
+
+
+def test_each_kind_is_the_body_it_should_be(folder: Path):
+    """Free: a freejoint; fixture: a mocap body; static: neither; marker: a mocap body that touches nothing."""
+    scene = build(
+        folder,
+        {
+            "ball": {"asset": "ball", "on": "floor"},
+            "chest": {"asset": "chest", "kind": "fixture", "on": "floor"},
+            "rock": {"asset": "ball", "kind": "static"},
+            "ghost": {"asset": "ball", "kind": "marker"},
+            "goal": {"kind": "marker", "region": {"box": [[0, 0, 0], [1, 1, 1]]}},
+        },
+    )
+    mjm, mocap = scene.mjm, {name: scene.mjm.body(name).mocapid[0] for name in scene.bodies}
+    assert mjm.joint("ball/free").type == mujoco.mjtJoint.mjJNT_FREE
+    assert mjm.body("ball").jntnum == 1
+    assert [mjm.body(name).jntnum[0] for name in ("chest", "rock", "ghost", "goal")] == [0, 0, 0, 0]
+    assert [mocap[name] >= 0 for name in ("ball", "chest", "rock", "ghost", "goal")] == [False, True, False, True, True]
+    assert mjm.geom("ghost/g").contype == mjm.geom("ghost/g").conaffinity == 0
+    assert mjm.geom("rock/g").contype == 1
+    assert mjm.body("goal").geomnum == 1
+    assert mjm.geom("goal/mark").contype == mjm.geom("goal/mark").conaffinity == 0
+    for geometry in ("physics", "visual"):
+        assert not extract_pieces(mjm, geometry, {mjm.body("goal").id}), "a mark is nothing to place around"
+    assert mjm.body("goal").mass == 0
+
+
+BAD_ASSETS = {
+    "no XML": ("<mujoco>", SceneFileError, "MuJoCo cannot read"),
+    "no body": ("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>", SceneKeyError, "one body.*found none"),
+    "two bodies": (BALL.replace("</worldbody>", "<body name='c'/></worldbody>"), SceneKeyError, "one body.*'b', 'c'"),
+    "a missing mesh": (
+        BALL.replace("<worldbody>", "<asset><mesh name='m' file='m.obj'/></asset><worldbody>"),
+        SceneFileError,
+        "refers to .*m.obj",
+    ),
+    "no mass": (
+        BALL.replace('size=".03"', 'size=".03" mass="0"'),
+        SceneFileError,
+        r"objects\.a\.asset: MuJoCo cannot compile",
+    ),
+    "a hinge at the root": (
+        BALL.replace("<geom", "<joint name='h' type='hinge'/><geom"),
+        SceneKeyError,
+        r"objects\.a\.kind: a 'free' object .*'a/h'",
+    ),
+}
+
+
+@pytest.mark.parametrize(("text", "error", "says"), BAD_ASSETS.values(), ids=BAD_ASSETS.keys())
+def test_a_bad_asset_is_refused_by_its_object(folder: Path, text: str, error: type[ScenirisError], says: str):
+    """Assets that MuJoCo cannot read or compile, or that are not one body."""
+    (folder / "bad.xml").write_text(text)
+    with pytest.raises(error, match=says):
+        build(folder, {"a": {"asset": "bad", "on": "floor"}})
+
+
+@pytest.mark.parametrize(
+    ("objects", "error", "says"),
+    [
+        ({"dest": {"kind": "static"}}, UnknownNameError, r"objects\.dest: unknown body .*mean 'desk'"),
+        ({"drawer": {"kind": "static"}}, SceneKeyError, "'drawer' should be a child of the world, not of 'desk'"),
+        ({"stone": {"kind": "static"}}, SceneKeyError, "'stone' has a freejoint; its kind should be 'free'"),
+        ({"desk": {}}, SceneKeyError, "'desk' should have a freejoint"),
+        ({"door": {"kind": "fixture"}}, SceneKeyError, "'door' should have no joint of its own"),
+        ({"desk": {"asset": "ball"}}, SceneKeyError, "has a body of this name"),
+        (
+            {"door": {"kind": "static", "joints": {"swing": {"fraction": [0, 1]}}}},
+            SceneKeyError,
+            "'swing' has no limits",
+        ),
+    ],
+)
+def test_a_body_of_an_own_model_must_suit_its_kind(folder: Path, objects: dict, error: type[ScenirisError], says: str):
+    """What would silently change the user's model is refused."""
+    with pytest.raises(error, match=says):
+        build(folder, objects, model=str(folder / "own.xml"))
+
+
+@pytest.mark.parametrize("knob", ["", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 3 4\n"], ids=["empty", "flat"])
+def test_a_mesh_without_a_volume_is_refused(folder: Path, knob: str):
+    """Meshes of which MuJoCo can make no convex hull."""
+    (folder / "parts" / "knob.obj").write_text(knob)
+    with pytest.raises(MeshError, match=r"objects\.b\.asset: .*vertices"):
+        build(folder, {"a": {"asset": "ball", "on": "floor"}, "b": {"asset": "chest", "kind": "fixture"}})
+
+
+def test_unknown_keyframes_and_taken_names_of_a_robot_are_refused(folder: Path):
+    """A keyframe must exist; no object can have the name of the robot's asset."""
+    with pytest.raises(UnknownNameError, match=r"unknown keyframe 'hom'\. Did you mean 'home'"):
+        build(folder, {}, robot={"asset": "arm", "keyframe": "hom"})
+    with pytest.raises(SceneKeyError, match=r"objects\.arm: the name of the robot's asset"):
+        build(folder, {"arm": {"asset": "ball"}}, robot={"asset": "arm"})
+
+
+def test_the_names_in_an_asset_are_those_of_its_joints_and_of_the_bodies_below_its_root(folder: Path):
+    """As scene files write them, without a prefix: a free joint is none, and one without a name gets a number."""
+    inside = names_in(str(folder / "chest.xml"), "here")
+    assert (inside.joints, inside.bodies) == (("swing", "slide", "hinge"), ("tray", "lid"))
+    loose = "<body name='b'><freejoint/><geom size='.1'/><body name='c'><joint/><geom size='.1'/></body></body>"
+    (folder / "loose.xml").write_text(f"<mujoco><worldbody>{loose}</worldbody></mujoco>")
+    inside = names_in(str(folder / "loose.xml"), "here")
+    assert (inside.joints, inside.bodies) == (("joint1",), ("c",))
+    with pytest.raises(UnknownNameError, match=r"here: unknown asset 'aple'.*mean 'apple'"):
+        names_in("aple", "here")
+
+
+def test_names_in_an_asset_are_found_again_in_the_scene(folder: Path):
+    """Below the object's name, for a shipped asset and for a file."""
+    for asset in ("cabinet", str(folder / "chest.xml")):
+        scene = build_model(SceneConfig.load({"objects": {"a": {"asset": asset, "kind": "static"}}}))
+        inside = names_in(asset, "here")
+        assert {f"a/{name}" for name in inside.joints} == set(names(scene.mjm, "joint"))
+        assert {"world", "a", *(f"a/{name}" for name in inside.bodies)} == set(names(scene.mjm, "body"))

@@ -1,0 +1,109 @@
+"""Masks and rows of all libraries: what arrives on the device, and what is refused with what words."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+import warp as wp
+
+from sceniris_gym.errors import MaskError, MaskTypeError
+from sceniris_gym.sim.masks import as_mask, as_rows, check_mask
+
+CPU = wp.get_device("cpu")
+MASK = [True, False, False, True, True]
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        np.array,
+        lambda values: np.array([[v, not v] for v in values])[:, 0],  # every second element of a larger array
+        torch.tensor,
+        lambda values: torch.tensor([[v, not v] for v in values])[:, 0],
+        lambda values: wp.array(values, dtype=wp.bool, device="cpu"),
+    ],
+    ids=["numpy", "numpy view", "torch", "torch view", "warp"],
+)
+def test_masks_of_all_libraries_arrive_as_they_are(make):
+    """True where they were true, as Warp booleans, and what was given stays as it was."""
+    given = make(MASK)
+    found = as_mask(given, 5, CPU)
+    assert isinstance(found, wp.array)
+    assert (found.dtype, found.device) == (wp.bool, CPU)
+    assert found.numpy().tolist() == MASK
+    assert np.asarray(given.numpy() if hasattr(given, "numpy") else given).tolist() == MASK
+
+
+def test_what_was_computed_with_gradients_is_taken_too():
+    """A comparison has none, but its tensors may come from where they are recorded."""
+    scores = torch.tensor([0.2, -0.1], requires_grad=True)
+    assert as_mask(scores > 0, 2, CPU).numpy().tolist() == [True, False]
+
+
+@pytest.mark.parametrize("check", [lambda mask: as_mask(mask, 2, CPU, "chosen"), lambda m: check_mask(m, 2, "chosen")])
+@pytest.mark.parametrize(
+    ("mask", "error", "words"),
+    [
+        ([True, False], MaskTypeError, "boolean numpy array, torch tensor or Warp array"),
+        (None, MaskTypeError, "boolean numpy array"),
+        (True, MaskTypeError, "boolean numpy array"),
+        (np.array([1, 0]), MaskTypeError, "int64"),
+        (np.array([1.0, 0.0]), MaskTypeError, "float64"),
+        (np.array([True, None]), MaskTypeError, "object"),
+        (torch.tensor([1, 0], dtype=torch.uint8), MaskTypeError, "uint8"),
+        (wp.zeros(2, dtype=int, device="cpu"), MaskTypeError, "int"),
+        (np.ones(3, bool), MaskError, r"shape \(2,\).* \(3,\)"),
+        (np.ones((2, 1), bool), MaskError, r"shape \(2,\).* \(2, 1\)"),
+        (np.array(True), MaskError, r"shape \(2,\).* \(\)"),
+        (torch.ones(1, 2, dtype=torch.bool), MaskError, r"shape \(2,\).* \(1, 2\)"),
+        (wp.zeros(3, dtype=wp.bool, device="cpu"), MaskError, r"shape \(2,\).* \(3,\)"),
+    ],
+)
+def test_what_is_no_mask_is_named(check, mask: Any, error: type[Exception], words: str):
+    """By the name that it has for the user, with its type or shape and the right one."""
+    with pytest.raises(error, match=f"chosen.*{words}"):
+        check(mask)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        list,
+        tuple,
+        np.array,
+        lambda rows: np.array(rows, np.int8),
+        torch.tensor,
+        lambda rows: torch.tensor(rows, dtype=torch.int32),
+        lambda rows: wp.array(rows, dtype=wp.int32, device="cpu"),
+    ],
+    ids=["list", "tuple", "int64", "int8", "torch int64", "torch int32", "warp"],
+)
+def test_rows_of_all_libraries_arrive_as_they_are(make):
+    """As 32-bit integers, -1 for none among them."""
+    found = as_rows(make([3, -1, 0, 3]), 4, 4, CPU)
+    assert (found.dtype, found.device) == (wp.int32, CPU)
+    assert found.numpy().tolist() == [3, -1, 0, 3]
+
+
+@pytest.mark.parametrize(
+    ("rows", "error", "words"),
+    [
+        ([0, 4], MaskError, r"rows\[1\] should be from 0 to 3, or -1 .* got 4"),
+        ((-2, 0), MaskError, r"rows\[0\] should be .* got -2"),
+        (np.array([0, 2**40]), MaskError, r"rows\[1\] should be .* got 1099511627776"),
+        ([0, 1, 2], MaskError, r"shape \(2,\).* \(3,\)"),
+        (torch.zeros(2, 1, dtype=torch.int64), MaskError, r"shape \(2,\).* \(2, 1\)"),
+        ([0.0, 1.0], MaskTypeError, "float64"),
+        (np.array([True, False]), MaskTypeError, "bool"),
+        (torch.tensor([0.0, 1.0]), MaskTypeError, "float32"),
+        (wp.zeros(2, dtype=float, device="cpu"), MaskTypeError, "float32"),
+        (["0", "1"], MaskTypeError, "<U1"),
+    ],
+)
+def test_what_are_no_rows_is_named(rows: Any, error: type[Exception], words: str):
+    """With the place of the wrong one where the host can see it."""
+    with pytest.raises(error, match=words):
+        as_rows(rows, 4, 2, CPU)

@@ -1,0 +1,186 @@
+"""Errors: what their messages say, what of them can be asked for, and that they survive pickling and copying."""
+
+from __future__ import annotations
+
+import copy
+import inspect
+import pickle
+import re
+
+import pytest
+
+from sceniris_gym import errors
+from sceniris_gym.errors import (
+    ContactBudgetError,
+    CycleError,
+    GraspError,
+    InfeasibleSceneError,
+    KeysLeftOutWarning,
+    MissingExtraError,
+    OutputError,
+    ScenirisError,
+    TaskError,
+    UnknownNameError,
+    did_you_mean,
+    nearest,
+)
+
+COUNTS = {
+    "can": {"collision": 0, "roof": 0},
+    "apple": {"collision": 7, "roof": 2},
+    "pear": {"collision": 41, "roof": 0},
+}
+CLASSES = [
+    kind for _, kind in inspect.getmembers(errors, inspect.isclass) if issubclass(kind, (ScenirisError, UserWarning))
+]
+EXAMPLES: dict[type, Exception] = {
+    type(error): error
+    for error in (
+        UnknownNameError("body", "lid", "scene.yaml: objects.can.on", ["pot/lid", "pan"]),
+        CycleError("scene.yaml", ["a", "b"], "objects are placed relative to each other"),
+        GraspError("scene.yaml: objects.can", 0.1, 0.08),
+        InfeasibleSceneError("scene.yaml", "apple", "collision", COUNTS, "table/top", "any"),
+        ContactBudgetError("nconmax", 40, 57),
+        TaskError("Lift", "reward", "a float", "a tensor of shape (num_envs,)"),
+        OutputError("/out/a.png", "no space left on device"),
+        MissingExtraError("stable-baselines3", "sb3"),
+        KeysLeftOutWarning(["env.num_envs"], {"objects.can.distance": "cut off here"}, ["Give a robot."]),
+    )
+}
+
+
+@pytest.mark.parametrize("kind", CLASSES)
+def test_an_error_is_the_same_after_pickling_and_copying(kind: type[Exception]):
+    """As processes of a vector environment send it: its class, its message, and all that can be asked of it."""
+    error = EXAMPLES.get(kind) or kind("scene.yaml: objects.can.gap: -1 should be at least 0.")
+    again = [pickle.loads(pickle.dumps(error, protocol)) for protocol in range(2, pickle.HIGHEST_PROTOCOL + 1)]
+    for other in (*again, copy.copy(error), copy.deepcopy(error)):
+        assert type(other) is kind
+        assert str(other) == str(error)
+        assert vars(other) == vars(error)
+
+
+@pytest.mark.parametrize(
+    ("error", "kind"),
+    [
+        ("MissingExtraError", ImportError),
+        ("OutputError", OSError),
+        ("TaskError", TypeError),
+        ("MaskTypeError", TypeError),
+        ("MaskError", ValueError),
+        ("SeedError", ValueError),
+        ("CountError", ValueError),
+        ("PosesError", ValueError),
+        ("SceneMismatchError", ValueError),
+    ],
+)
+def test_an_error_of_an_argument_is_one_of_python_s_too(error: str, kind: type[Exception]):
+    """Callers that know nothing of this package catch what they expect, others the base of all of its errors."""
+    found = getattr(errors, error)
+    assert issubclass(found, kind)
+    assert issubclass(found, ScenirisError)
+
+
+@pytest.mark.parametrize(
+    ("name", "valid", "near"),
+    [
+        ("aple", ["pear", "apple", "plate"], "apple"),
+        ("apple", ["Apple", "apple"], "apple"),
+        ("upper_drawr", ["cabinet/lower_drawer", "cabinet/upper_drawer"], "cabinet/upper_drawer"),
+        ("cupboard/upper_drawer", ["cabinet/upper_drawer", "cabinet/door"], "cabinet/upper_drawer"),
+        ("lid", ["pot/lid", "pan/lid"], "pot/lid"),
+        ("zebra", ["apple", "mug"], None),
+        ("apple", [], None),
+        ("", ["apple"], None),
+    ],
+)
+def test_the_nearest_name_is_advised_if_one_is_near(name: str, valid: list[str], near: str | None):
+    """A misspelt one, or the part of an object without its owner; of equals the first; else nothing is said."""
+    assert nearest(name, iter(valid)) == near
+    assert did_you_mean(name, iter(valid)) == ("" if near is None else f" Did you mean '{near}'?")
+
+
+def test_an_unknown_name_is_told_with_all_that_there_are():
+    """By the alphabet, whatever they came in; none is a word too."""
+    error = UnknownNameError("body", "lidd", "scene.yaml: objects.can.on", (name for name in ("pan", "lid")))
+    assert error.valid == ["lid", "pan"]
+    assert str(error) == "scene.yaml: objects.can.on: unknown body 'lidd'. Did you mean 'lid'? Valid: lid, pan."
+    assert str(UnknownNameError("body", "lid", "scene", [])) == "scene: unknown body 'lid'. Valid: none."
+
+
+def test_a_circle_is_closed_in_its_message():
+    """The last name depends on the first; one name alone depends on itself."""
+    assert "objects are placed on each other: a -> b -> c -> a." in str(
+        CycleError("scene.yaml", iter("abc"), "objects are placed on each other")
+    )
+    assert "a -> a." in str(CycleError("scene.yaml", ["a"], "objects are placed on each other"))
+
+
+def test_a_grasp_that_is_too_wide_is_told_in_numbers():
+    """What is needed and what there is, in metres; without any grasp there is no number to tell."""
+    assert re.findall(r"\d\.\d+ m", str(GraspError("scene: objects.can", 0.1234, 0.08))) == ["0.123 m", "0.08 m"]
+    said = str(GraspError("scene: objects.can", None, 0.08))
+    assert said.startswith("scene: objects.can.reachable: ")
+    assert not re.search(r"\d", said)
+    assert "grasp_*" in said
+
+
+def infeasible(cause: str, leaning: str | None = None, turn: str | None = None) -> str:
+    """Return what is said of an apple that was rejected for a cause."""
+    return str(InfeasibleSceneError("scene.yaml", "apple", cause, COUNTS, leaning, turn))
+
+
+def test_a_scene_without_layouts_is_told_with_what_was_counted():
+    """Objects and causes that rejected something, and the object and cause to blame."""
+    said = infeasible("collision")
+    assert said.startswith("scene.yaml: ")
+    assert "'apple'" in said
+    assert "apple: collision 7, roof 2; pear: collision 41." in said
+    assert "can" not in re.findall(r"\w+(?=:)", said)
+
+
+def test_the_advice_for_a_scene_without_layouts_depends_on_the_cause():
+    """Each names the word of the scene that would help."""
+    assert "clearance" in infeasible("collision")
+    assert "'inside'" in infeasible("roof")
+    for cause in ("unreachable", "no_ik", "blocked"):
+        assert "'reachable'" in infeasible(cause)
+    assert "joints" in infeasible("empty", "cabinet/upper_drawer")
+    turned = infeasible("empty", "cabinet/upper_drawer", "stable")
+    assert "'cabinet/upper_drawer'" in turned
+    assert "'cabinet'" in turned
+    assert "'orientation: stable'" in turned
+
+
+def test_counts_of_rejections_are_the_error_s_own():
+    """What a caller does to the counts later does not change them."""
+    counts = {"apple": {"collision": 7}}
+    error = InfeasibleSceneError("scene.yaml", "apple", "collision", counts)
+    counts["apple"]["collision"] = 0
+    assert error.counts == {"apple": {"collision": 7}}
+
+
+@pytest.mark.parametrize(("room", "wanted"), [(40, 41), (40, 400), (1, 2)])
+def test_the_budget_that_is_advised_has_room_to_spare(room: int, wanted: int):
+    """More is needed at the next moment, so it is twice what was needed at least."""
+    said = str(ContactBudgetError("nconmax", room, wanted))
+    assert f"nconmax={room} " in said
+    assert str(wanted) in said
+    (advised,) = re.findall(r"Pass nconmax=(\d+)", said)
+    assert int(advised) >= 2 * max(room, wanted)
+
+
+def test_a_file_that_cannot_be_written_is_told_in_words():
+    """An OSError with two arguments would be told as numbers and names of files."""
+    said = str(OutputError("/out/a.png", "it is a folder"))
+    assert said.startswith("/out/a.png cannot be written: it is a folder.")
+    assert "--out" in said
+
+
+def test_a_warning_says_only_what_there_is_to_say():
+    """Keys that are left out, keys that have changed, and advice, each with its names."""
+    left_out, changed = str(KeysLeftOutWarning(["a.b", "c"])), str(KeysLeftOutWarning([], {"d": "half of it here"}))
+    assert re.search(r"not carried over .*: a\.b, c\.$", left_out)
+    assert re.search(r"different meaning or value: d \(half of it here\)\.$", changed)
+    assert "not carried over" not in changed
+    assert str(KeysLeftOutWarning(["a"], advice=["Give a robot."])).endswith("a. Give a robot.")

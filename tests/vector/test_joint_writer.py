@@ -1,0 +1,86 @@
+"""Joints that a task puts somewhere: at rest, and held there by their actuators."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from sceniris_gym.vector.joint_writer import JointWriter
+from tests.vector.stepping import oracle
+
+
+def test_joints_that_are_put_somewhere_are_held_there(make_env):
+    """The arm of one world, through gears too: the controls are those that hold the pose; other worlds keep theirs."""
+    envs = make_env(2)
+    envs.reset(seed=0)
+    s = envs.state
+    ctrl = s.ctrl.clone()
+    wanted = s.qpos("arm")[:, :2] + torch.tensor([0.3, -0.2])
+    s.put_joints("arm", wanted, torch.tensor([True, False]))
+    assert torch.allclose(s.qpos("arm")[0, :2], wanted[0])
+    assert torch.equal(s.ctrl[1], ctrl[1])
+    assert torch.allclose(s.ctrl[0, :2], wanted[0] * torch.tensor([1.0, 2.0]))
+    np.testing.assert_allclose(s.site("arm/tcp")[0, :3].numpy(), oracle(envs, 0).site("arm/tcp").xpos, atol=1e-6)
+
+
+ARM = """
+<mujoco>
+  <compiler angle="radian"/>
+  <option gravity="0 0 0"/>
+  <worldbody>
+    <body><joint name="spin"/><geom size="0.1" pos="0.3 0 0" contype="0" conaffinity="0"/>
+      <body pos="0.5 0 0"><joint name="out" type="slide" axis="1 0 0"/>
+        <geom size="0.1" contype="0" conaffinity="0"/></body></body>
+    <body pos="0 1 0"><freejoint/><geom size="0.1" contype="0" conaffinity="0"/></body>
+    <body pos="0 2 0"><joint name="other"/><geom size="0.1" pos="0.3 0 0" contype="0" conaffinity="0"/></body>
+  </worldbody>
+  <tendon><fixed name="sum"><joint joint="spin" coef="2"/><joint joint="out" coef="-0.5"/></fixed></tendon>
+  <actuator>
+    <position name="other" joint="other" kp="10"/>
+    <position name="geared" joint="spin" kp="10" gear="3"/>
+    <position name="over both" tendon="sum" kp="20" gear="0.5"/>
+    <position name="limited" joint="out" kp="10" ctrlrange="-0.1 0.1"/>
+    <motor name="motor" joint="spin"/>
+  </actuator>
+</mujoco>
+"""
+
+
+def written(names: list[str], values: list[list[float]], mask: list[bool]) -> tuple[mujoco.MjModel, dict[str, Tensor]]:
+    """Put joints of worlds whose state is all sevens; return the model and the state."""
+    mjm = mujoco.MjModel.from_xml_string(ARM)
+    state = {
+        name: torch.full((len(mask), n), 7.0) for name, n in (("qpos", mjm.nq), ("qvel", mjm.nv), ("ctrl", mjm.nu))
+    }
+    writer = JointWriter(mjm, [mjm.joint(name).id for name in names], torch.device("cpu"))
+    writer.write(**state, values=torch.tensor(values), mask=torch.tensor(mask))
+    return mjm, state
+
+
+def test_actuators_of_the_written_joints_exert_nothing():
+    """MuJoCo's own forces, over a gear and a tendon; one with a short range goes as far as it may."""
+    mjm, state = written(["spin", "out"], [[0.4, -0.3], [1.0, 0.05]], [True, True])
+    data = mujoco.MjData(mjm)
+    for world in range(2):
+        data.qpos[:], data.qvel[:], data.ctrl[:] = (state[name][world] for name in ("qpos", "qvel", "ctrl"))
+        data.qpos[3:7] = [1.0, 0.0, 0.0, 0.0]
+        mujoco.mj_forward(mjm, data)
+        for name in ("geared", "over both"):
+            assert data.actuator(name).force[0] == pytest.approx(0.0, abs=2e-5)
+        assert data.actuator("limited").ctrl[0] == pytest.approx(-0.1 if world == 0 else 0.05)
+        assert (data.joint("spin").qvel[0], data.joint("out").qvel[0]) == (0.0, 0.0)
+
+
+def test_all_else_stays_as_it_is():
+    """Worlds without a mask, other joints, and controls that the written joints have nothing to do with."""
+    mjm, state = written(["spin"], [[0.4], [0.5], [torch.nan]], [True, False, False])
+    kept = {"qpos": np.ones(mjm.nq, bool), "qvel": np.ones(mjm.nv, bool), "ctrl": np.ones(mjm.nu, bool)}
+    kept["qpos"][mjm.joint("spin").qposadr[0]] = kept["qvel"][mjm.joint("spin").dofadr[0]] = False
+    for name in ("geared", "over both"):
+        kept["ctrl"][mjm.actuator(name).id] = False
+    for name, values in state.items():
+        assert (values[1:] == 7.0).all()
+        np.testing.assert_array_equal(values[0].numpy() == 7.0, kept[name], err_msg=name)

@@ -1,0 +1,139 @@
+"""What `reset` takes: seeds, masks and options, and which worlds it changes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from gymnasium.vector import AutoresetMode
+
+from sceniris_gym.errors import MaskError, MaskTypeError, SeedError, UnknownNameError
+from tests.vector.stepping import actions, assert_equal, state
+
+
+@pytest.mark.parametrize("mask_type", [np.asarray, torch.as_tensor])
+def test_a_masked_reset_changes_the_masked_worlds_alone(make_env, mask_type):
+    """State and observation of the others keep their bits, in a reset with a seed too; options stay as they were."""
+    envs = make_env(4, autoreset_mode=AutoresetMode.DISABLED)
+    envs.reset(seed=10)
+    for _ in range(3):
+        observation, *_ = envs.step(actions(4))
+    before = state(envs)
+    mask = mask_type(np.array([True, False, True, False]))
+    options = {"reset_mask": mask}
+    for seed, seeds, episodes in ((None, [10, 11, 12, 13], [1, 0, 1, 0]), (50, [50, 11, 52, 13], [0, 0, 0, 0])):
+        reset, info = envs.reset(seed=seed, options=options)
+        assert_equal(state(envs), before, [1, 3])
+        assert_equal(reset, observation, [1, 3])
+        assert (reset["critic"][[0, 2]] != observation["critic"][[0, 2]]).any(dim=1).all()
+        assert info["layout_seed"].tolist() == seeds
+        assert info["layout_episode"].tolist() == episodes
+    assert set(options) == {"reset_mask"}
+    assert options["reset_mask"] is mask
+    assert mask.tolist() == [True, False, True, False]
+
+
+def test_a_seed_gives_the_same_bits_whatever_is_beside_it(make_env):
+    """Other numbers of worlds, orders of resets, and no graph: world by world the same observation."""
+    envs, other = make_env(3), make_env(5, graph=False)
+    envs.reset(seed=[7, 8, 9])
+    first, _ = envs.reset()
+    other.reset(seed=[1, 9, 2, 7, 8])
+    for worlds in ([3], [1, 4], [0]):
+        mask = np.zeros(5, bool)
+        mask[worlds] = True
+        second, _ = other.reset(options={"reset_mask": mask})
+    for group in first:
+        np.testing.assert_array_equal(first[group].numpy(), second[group][[3, 4, 1]].numpy())
+
+
+def test_an_int_seed_starts_again_and_none_goes_on(make_env):
+    """seed=s is s + i and episode 0, every time; without a seed the next episode comes."""
+    envs = make_env(2)
+    first, _ = envs.reset(seed=3)
+    second, info = envs.reset()
+    assert info["layout_seed"].tolist() == [3, 4]
+    assert info["layout_episode"].tolist() == [1, 1]
+    again, _ = envs.reset(seed=3)
+    assert_equal(again, first)
+    assert (second["critic"] != first["critic"]).any(dim=1).all()
+    assert envs.np_random_seed == 3
+
+
+def test_none_in_a_list_of_seeds_goes_on(make_env):
+    """Only the worlds that are given a seed start again; in a first reset the others draw one."""
+    envs = make_env(3)
+    _, info = envs.reset(seed=[None, 5, None])
+    drawn = info["layout_seed"].tolist()
+    assert drawn[1] == 5
+    assert len(set(drawn)) == 3
+    _, info = envs.reset(seed=[6, None, None], options={"reset_mask": np.array([True, True, False])})
+    assert info["layout_seed"].tolist() == [6, *drawn[1:]]
+    assert info["layout_episode"].tolist() == [0, 1, 0]
+    _, info = envs.reset(seed=[None] * 3)
+    assert info["layout_episode"].tolist() == [1, 2, 1]
+
+
+def test_a_large_seed_is_told_as_its_twos_complement(make_env):
+    """Modulo 2^64 it is the seed again."""
+    _, info = make_env(2).reset(seed=[2**64 - 1, 2**63])
+    assert info["layout_seed"].tolist() == [-1, -(2**63)]
+    assert [int(seed) % 2**64 for seed in info["layout_seed"]] == [2**64 - 1, 2**63]
+
+
+def test_a_first_reset_without_a_seed_draws_one_and_records_it(make_env):
+    """Two environments differ, and the recorded seed brings the layout back."""
+    envs, other = make_env(2), make_env(2)
+    first, info = envs.reset()
+    different, _ = other.reset()
+    assert (first["critic"] != different["critic"]).any()
+    assert info["layout_seed"].tolist() == [envs.np_random_seed, envs.np_random_seed + 1]
+    again, _ = other.reset(seed=envs.np_random_seed)
+    assert_equal(again, first)
+
+
+def test_the_evaluation_split_has_layouts_of_its_own(make_env):
+    """The same seed is another layout in the other split."""
+    train, _ = make_env(2).reset(seed=3)
+    evaluation, _ = make_env(2, split="eval").reset(seed=3)
+    assert (train["critic"] != evaluation["critic"]).any(dim=1).all()
+
+
+@pytest.mark.parametrize(
+    ("mask", "error", "kind"),
+    [
+        ([True, False], MaskTypeError, TypeError),
+        (np.array([1, 0]), MaskTypeError, TypeError),
+        (torch.tensor([1, 0]), MaskTypeError, TypeError),
+        (np.array([True]), MaskError, ValueError),
+        (np.array([[True, False]]), MaskError, ValueError),
+        (np.array([False, False]), MaskError, ValueError),
+    ],
+)
+def test_wrong_reset_masks_raise_what_gymnasium_raises(make_env, mask, error, kind):
+    """The kind of error is that of Gymnasium's own vector environments, and nothing was reset."""
+    envs = make_env(2)
+    envs.reset(seed=0)
+    before = state(envs)
+    with pytest.raises(error, match="reset_mask") as caught:
+        envs.reset(options={"reset_mask": mask})
+    assert isinstance(caught.value, kind)
+    assert_equal(state(envs), before)
+
+
+def test_other_reset_options_are_refused(make_env):
+    """A misspelt option would reset all worlds; no options are fine. Nothing is reset by the wrong ones."""
+    envs = make_env(2)
+    for options in (None, {}, {"reset_mask": None}):
+        envs.reset(seed=0, options=options)
+    before = state(envs)
+    with pytest.raises(UnknownNameError, match=r"reset: unknown option 'mask'\. Did you mean 'reset_mask'"):
+        envs.reset(options={"mask": np.array([True, False])})
+    assert_equal(state(envs), before)
+
+
+@pytest.mark.parametrize("seed", [-1, 1 << 64, 1.5, True, [1], [1, 2, 3], [1, -2], "1", [1, "2"], {1, 2}])
+def test_wrong_seeds_are_refused(make_env, seed):
+    """A seed is an integer of 64 bits, or one for each world."""
+    with pytest.raises(SeedError):
+        make_env(2).reset(seed=seed)
