@@ -76,8 +76,8 @@ class CycleError(ScenirisError):
 
     def __init__(self, where: str, names: Iterable[str], what: str) -> None:
         self.where, self.names, self.what = where, list(names), what
-        circle = " -> ".join([*self.names, self.names[0]])
-        super().__init__(f"{where}: {what}: {circle}. Remove one of these references to break the cycle.")
+        cycle = " -> ".join([*self.names, self.names[0]])
+        super().__init__(f"{where}: {what}: {cycle}. Remove one of these references to break the cycle.")
 
     def __reduce__(self) -> tuple:
         return type(self), (self.where, self.names, self.what)

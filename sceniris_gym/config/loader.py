@@ -122,8 +122,8 @@ def _find(scene: str | Path, where: str, folder: Path) -> Path:
 def _read_file(path: Path, seen: tuple[Path, ...]) -> RawScene:
     path = path.resolve()
     if path in seen:
-        circle = [str(p) for p in seen[seen.index(path) :]]
-        raise CycleError(str(seen[0]), circle, "scenes are based on each other")
+        cycle = [str(p) for p in seen[seen.index(path) :]]
+        raise CycleError(str(seen[0]), cycle, "scenes are based on each other")
     data = _read_yaml(path)
     return _with_base(data, where=str(path), name=path.stem, folder=path.parent, seen=(*seen, path))
 

@@ -142,16 +142,16 @@ def _check_cycles(scene: SceneNames, where: str) -> None:
     needs: dict[str, tuple[str, ...]] = {name: part.needs for name, part in scene.objects.items()}
     ends: set[str] = set()  # objects from which no chain leads into a cycle
     for name in needs:
-        if (circle := _circle([name], needs, ends)) is not None:
-            raise CycleError(where, circle, "objects are placed relative to each other")
+        if (cycle := _cycle([name], needs, ends)) is not None:
+            raise CycleError(where, cycle, "objects are placed relative to each other")
 
 
-def _circle(chain: list[str], needs: Mapping[str, tuple[str, ...]], ends: set[str]) -> list[str] | None:
+def _cycle(chain: list[str], needs: Mapping[str, tuple[str, ...]], ends: set[str]) -> list[str] | None:
     """Return the first cycle on a path from the end of `chain`, or None."""
     for other in needs.get(chain[-1], ()):
         if other in chain:
             return chain[chain.index(other) :]
-        if other not in ends and (circle := _circle([*chain, other], needs, ends)) is not None:
-            return circle
+        if other not in ends and (cycle := _cycle([*chain, other], needs, ends)) is not None:
+            return cycle
     ends.add(chain[-1])
     return None

@@ -12,7 +12,7 @@ import warp as wp
 
 from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import InfeasibleSceneError, UnknownNameError
+from sceniris_gym.errors import CountError, InfeasibleSceneError, UnknownNameError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
@@ -41,13 +41,13 @@ def compile_scene(
         bank_size: Number of valid layouts to keep for worlds that run out of attempts and restarts, at least 1.
 
     Raises:
-        ValueError: `bank_size` is below 1.
+        CountError: `bank_size` is below 1.
         UnknownNameError: There is no such device.
         InfeasibleSceneError: No valid layout was found; the message says which object fails and why.
         ScenirisError: Something else is wrong with the scene; see `SceneConfig.load`, `build_model` and `build_plan`.
     """
     if bank_size < 1:
-        raise ValueError(f"compile_scene: bank_size={bank_size} should be 1 or more.")
+        raise CountError(f"compile_scene: bank_size={bank_size} should be 1 or more.")
     wp.init()
     name = device_name(device)
     model = scene if isinstance(scene, SceneModel) else build_model(SceneConfig.load(scene))

@@ -231,7 +231,8 @@ def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
             raise SeedError(f"seed={seed} should be an integer from 0 to 2^64 - 1.")
         with np.errstate(over="ignore"):
             return np.uint64(seed) + np.arange(nworld, dtype=np.uint64)
-    many = isinstance(seed, Sequence) or (isinstance(seed, np.ndarray) and seed.ndim == 1)
+    many = isinstance(seed, Sequence) and not isinstance(seed, str | bytes)
+    many = many or (isinstance(seed, np.ndarray) and seed.ndim == 1)
     if not many or len(seed) != nworld:
         given = f"{len(seed)} of them; " if many else ""
         raise SeedError(

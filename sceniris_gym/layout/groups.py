@@ -1,6 +1,6 @@
-"""Which members of a group are in a world, and where the others wait: untested, since nothing placed gets there.
+"""Which members of a group are in a world, and where the others are parked: untested, since nothing placed gets there.
 
-`scene.waiting` refuses scenes in which something might.
+`program.parking_check` refuses scenes in which something might.
 """
 
 import warp as wp

@@ -191,7 +191,7 @@ def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
 
     @wp.func
     def _put_away(program: Program, layouts: LayoutsView, worldid: int, obj: int):
-        """Lay an absent object down where it waits, its joints at home. One lane's work."""
+        """Park an absent object, its joints at home. One lane's work."""
         for i in range(program.obj_drawnum[obj]):
             adr = program.draw_qposadr[program.obj_drawadr[obj] + i]
             layouts.qpos[worldid, adr] = program.home_qpos[adr]
@@ -236,7 +236,7 @@ def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
         stream: wp.uint32,
         trial: int,
     ) -> int:
-        """Draw one candidate, pose it and test it from cheap to dear. Returns why it was rejected, or NONE."""
+        """Draw one candidate, pose it and test it, the cheapest test first. Returns why it was rejected, or NONE."""
         body_pos = layouts.body_pos[worldid]
         body_quat = layouts.body_quat[worldid]
         if lane == 0:

@@ -77,7 +77,7 @@ def _serve(
 
 
 class StoredLayouts:
-    """Serves row `(seed + episode) mod nrow` of a table; a `LayoutSource`, as `LayoutGenerator` is.
+    """Serves row `((seed + episode) mod 2^64) mod nrow` of a table; a `LayoutSource`, as `LayoutGenerator` is.
 
     Args:
         compiled: The scene that the layouts are of.
@@ -148,14 +148,25 @@ class StoredLayouts:
 
 
 def _check_table(compiled: CompiledScene, table: LayoutTable) -> None:
-    mjm = compiled.mjm
-    wanted = {"qpos": (mjm.nq,), "mocap_pos": (mjm.nmocap, 3), "present": (len(compiled.slots),)}
+    """Refuse columns that the kernel would read beyond their ends."""
+    mjm, nrow, nreach = compiled.mjm, len(table), table.grasp.shape[1]
+    known = 0 if compiled.reaching is None else len(compiled.reaching.targets)
+    joints = table.grasp_qpos.shape[2] if table.grasp_qpos.ndim == 3 else -1
+    wanted = {
+        "qpos": (mjm.nq,),
+        "mocap_pos": (mjm.nmocap, 3),
+        "mocap_quat": (mjm.nmocap, 4),
+        "present": (len(compiled.slots),),
+        "grasp": (0 if nreach == 0 else known,),
+        "grasp_qpos": (nreach, min(joints, MAX_JOINTS)),
+        "pregrasp_qpos": (nreach, min(joints, MAX_JOINTS)),
+    }
     for name, shape in wanted.items():
         found = getattr(table, name).shape
-        if len(table) == 0 or found[1:] != shape:
+        if nrow == 0 or found != (nrow, *shape):
             raise ValueError(
-                f"StoredLayouts: table.{name} has shape {found}, but should have shape {('nrow', *shape)} with one row "
-                "or more. Store layouts of the same scene."
+                f"StoredLayouts: table.{name} has shape {found} and should have shape {('nrow', *shape)}, equally "
+                "many rows in all columns and one row or more. Store layouts of the same scene."
             )
 
 

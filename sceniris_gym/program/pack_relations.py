@@ -112,7 +112,7 @@ def _check_size(scene: SceneModel, o: PlacedObject) -> None:
         and any(r.kind == "beside" for r in relations_of(o))
     ):
         raise SceneKeyError(
-            f"{where}: 'beside' needs to know how the object is turned, and 'face_to' where it is. Use one of them."
+            f"{where}: 'beside' depends on how the object is turned, and 'face_to' on where it is. Use one of them."
         )
     for i, relation in enumerate(relations_of(o)):
         if has_own_width(relation) and max(v.short_edge for v in o.variants) == 0.0:

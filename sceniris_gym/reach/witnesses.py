@@ -34,7 +34,7 @@ def gather_witnesses(shape: tuple[int, ...], level: np.ndarray, joints: np.ndarr
     order = np.lexsort((corner, -level[corner].astype(int), cell))
     corner, cell = corner[order], cell[order]
     starts = np.flatnonzero(np.concatenate([[True], cell[1:] != cell[:-1]])) if len(cell) else np.zeros(0, int)
-    ends = np.append(starts[1:], len(cell))
+    ends = np.append(starts[1:], len(cell))[: len(starts)]
     cells = np.zeros((nz * ntilt * nu * nv, 2), np.int32)
     chosen, total = [np.zeros(0, int)], 0
     for start, end in zip(starts, ends, strict=True):

@@ -60,7 +60,7 @@ def as_rows(rows: Any, nrow: int, nworld: int, device: wp.Device) -> wp.array:
             raise MaskError(f"rows[{wrong[0]}] should be from 0 to {nrow - 1}, or -1 for none, got {rows[wrong[0]]}.")
         rows = rows.astype(np.int32)
     elif _kind(rows) == "torch":
-        rows = rows.int()
+        rows = rows.long().clamp(-1, nrow).int()  # what does not exist must not wrap around to what does
     return _to_device(rows, wp.int32, device)
 
 

@@ -59,7 +59,7 @@ def as_count(value: Any, name: str) -> int:
         ValueError: Not an integer, or less than 1.
     """
     try:
-        count = operator.index(value)
+        count = 0 if isinstance(value, bool) else operator.index(value)
     except TypeError:
         count = 0
     if count < 1:
@@ -94,7 +94,7 @@ def as_reset_seeds(seed: Any, num_envs: int, *, first: bool) -> tuple[np.ndarray
     if seed is None:
         return None
     given = np.ones(num_envs, bool)
-    if isinstance(seed, list | tuple) and None in seed:
+    if isinstance(seed, list | tuple) and len(seed) == num_envs and type(None) in set(map(type, seed)):
         wanted = np.fromiter(seed, dtype=object, count=len(seed))
         missing = (wanted == np.array(None)).astype(bool)
         wanted[missing] = fresh_seeds(int(missing.sum()))
@@ -121,7 +121,9 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int, device: torc
         return None
     name = f"options['{RESET_MASK}']"
     check_mask(given, num_envs, name)
-    mask = wp.to_torch(given) if isinstance(given, wp.array) else torch.as_tensor(given)
+    if isinstance(given, np.ndarray):
+        given = torch.from_numpy(given.copy())  # torch takes neither views that run backwards nor read-only ones
+    mask = wp.to_torch(given) if isinstance(given, wp.array) else given
     mask = mask.detach().to(device)
     if not mask.any():
         raise MaskError(f"{name} should be true for at least one world. Leave it out to reset all of them.")

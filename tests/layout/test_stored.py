@@ -96,6 +96,18 @@ def test_the_row_is_seed_and_episode_modulo_the_number_of_rows(
     assert (stored.layouts.status.numpy() == Status.VALID).all()
 
 
+@pytest.mark.parametrize("name", ["qpos", "mocap_pos", "mocap_quat", "present", "grasp", "grasp_qpos", "pregrasp_qpos"])
+def test_columns_of_another_width_are_refused(crane: CompiledScene, table: LayoutTable, name: str):
+    """Also those that no pose depends on: the kernel would read, or write, beyond their ends."""
+    values = getattr(table, name)
+    wider = (
+        np.concatenate([values, values[:, :1]], axis=1) if values.shape[1] else np.zeros((NROW, 1, *values.shape[2:]))
+    )
+    for other in (wider, values[1:]):
+        with pytest.raises(ValueError, match=r"table\.\w+ has shape .* should have shape"):
+            StoredLayouts(crane, replace(table, **{name: other}), 2)
+
+
 def test_worlds_that_are_left_out_keep_their_rows(crane: CompiledScene, table: LayoutTable):
     """Under a mask; one that is false everywhere changes nothing, and before its first row a world is at home."""
     stored = StoredLayouts(crane, table, 3, seed=2)

@@ -102,7 +102,6 @@ def test_turns_of_base_and_wrist_make_no_branch():
     assert all(len(corners) == 1 for _, corners in _chosen(*gather_witnesses(SHAPE, level, solutions)))
 
 
-@pytest.mark.xfail(strict=True, reason="gather_witnesses raises a ValueError where no corner is reached")
 def test_where_nothing_is_reached_there_are_no_witnesses():
     """The cells are there and empty."""
     cells, joints = gather_witnesses(SHAPE, np.zeros(NCORNER, np.uint8), _solutions(0.5, 7)[1])

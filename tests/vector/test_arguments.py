@@ -63,7 +63,7 @@ def test_a_count_is_an_integer_of_any_library(given: Any):
     assert type(as_count(given, "number")) is int
 
 
-@pytest.mark.parametrize("given", [0, -1, 1.0, "3", None, np.float32(2), [4], torch.tensor(1.5)])
+@pytest.mark.parametrize("given", [0, -1, 1.0, "3", None, True, np.float32(2), [4], torch.tensor(1.5)])
 def test_what_is_no_count_is_refused(given: Any):
     """By the name that it has for the user."""
     with pytest.raises(ValueError, match="number should be an integer of at least 1"):
@@ -139,8 +139,10 @@ def test_a_wrong_seed_is_named_by_its_place(given: Any, words: str):
         torch.tensor,
         lambda values: wp.array(values, dtype=wp.bool, device="cpu"),
         lambda values: np.array([[v, True] for v in values])[:, 0],
+        lambda values: np.array(values[::-1])[::-1],
+        lambda values: np.frombuffer(bytes(values), dtype=bool),
     ],
-    ids=["numpy", "torch", "warp", "numpy view"],
+    ids=["numpy", "torch", "warp", "numpy view", "numpy backwards", "numpy read-only"],
 )
 def test_a_reset_mask_of_any_library_is_a_tensor_afterwards(make):
     """With the same worlds; the options, and the mask in them, stay as they were."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import mujoco
@@ -101,8 +101,3 @@ def _filtered(mjm: mujoco.MjModel, body1: int, body2: int) -> bool:
         return True
     parent1, parent2 = (mjm.body_weldid[mjm.body_parentid[w]] for w in (weld1, weld2))
     return weld1 != 0 and weld2 != 0 and (weld1 == parent2 or weld2 == parent1)
-
-
-def largest_clearance(judged: Iterable[Judged]) -> float:
-    """Return the largest clearance [m] among the pairs, 0 if there are none."""
-    return max((pair.clearance for pair in judged), default=0.0)
