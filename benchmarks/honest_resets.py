@@ -28,6 +28,7 @@ from benchmarks.task_scenes import SEED_SPACING, scene_of
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.registration import ENVS
 from sceniris_gym.scene.assemble import asset_name
@@ -73,12 +74,12 @@ class Options:
 class Judge:
     """Checks resets of one CompiledScene with MuJoCo-Warp."""
 
-    def __init__(self, compiled: CompiledScene, generator: Any, options: Options) -> None:
+    def __init__(self, compiled: CompiledScene, layout_source: LayoutSource, options: Options) -> None:
         self.compiled, mjm = compiled, compiled.mjm
         self.batch = Batch(
             compiled.scene, options.num_envs, compiled.device, nconmax=options.nconmax, njmax=options.njmax, substeps=1
         )
-        self.randomizer = ResetRandomizer(compiled, self.batch.model, self.batch.data, layout_source=generator)
+        self.randomizer = ResetRandomizer(compiled, self.batch.model, self.batch.data, layout_source=layout_source)
         self.supports = supports(compiled)
         free = mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE
         self.velocities = mjm.jnt_dofadr[free][:, None] + np.arange(3)

@@ -119,7 +119,7 @@ class InfeasibleSceneError(ScenirisError):
         cause: The most frequent cause of its rejections.
         counts: Rejections per object and cause.
         leaning: Its support, if that leaned in most worlds.
-        turn: The `orientation` of that support, if it does not keep the support upright.
+        orientation: The `orientation` of that support, if it does not keep the support upright.
     """
 
     def __init__(
@@ -129,9 +129,9 @@ class InfeasibleSceneError(ScenirisError):
         cause: str,
         counts: Mapping[str, Mapping[str, int]],
         leaning: str | None = None,
-        turn: str | None = None,
+        orientation: str | None = None,
     ) -> None:
-        self.where, self.name, self.cause, self.leaning, self.turn = where, name, cause, leaning, turn
+        self.where, self.name, self.cause, self.leaning, self.orientation = where, name, cause, leaning, orientation
         self.counts = {k: dict(v) for k, v in counts.items()}
         rows = "; ".join(
             f"{obj}: " + ", ".join(f"{c} {n}" for c, n in by_cause.items() if n)
@@ -141,9 +141,9 @@ class InfeasibleSceneError(ScenirisError):
         advice = "Give it a larger region or support, a smaller clearance, or fewer neighbours."
         if leaning is not None:
             better = "Restrict the joints that move it to states in which it is level."
-            if turn is not None:
+            if orientation is not None:
                 owner = leaning.split("/")[0]
-                better = f"Keep '{owner}' upright: give it a yaw or 'fixed' instead of 'orientation: {turn}'."
+                better = f"Keep '{owner}' upright: give it a yaw or 'fixed' instead of 'orientation: {orientation}'."
             advice = (
                 f"Its support '{leaning}' leans by more than 0.1 degree in most of the drawn states, but objects are "
                 f"placed on level surfaces only. {better}"
@@ -158,7 +158,7 @@ class InfeasibleSceneError(ScenirisError):
         )
 
     def __reduce__(self) -> tuple:
-        return type(self), (self.where, self.name, self.cause, self.counts, self.leaning, self.turn)
+        return type(self), (self.where, self.name, self.cause, self.counts, self.leaning, self.orientation)
 
 
 class ArmError(ScenirisError):

@@ -32,7 +32,7 @@ def loops(node: ast.AST) -> int:
 
 def mapped_modules() -> set[str]:
     """Return the modules on the map: names before an entry's description, below the folder that the indent says."""
-    text = (ROOT / "CONTRIBUTING.md").read_text().split("## The house")[1].split("\n## ")[0]
+    text = (ROOT / "CONTRIBUTING.md").read_text().split("## The package")[1].split("\n## ")[0]
     tree = text.split("    sceniris_gym/\n")[1].split("    envs/")[0]
     found: set[str] = set()
     folders: list[tuple[int, str]] = []
@@ -64,7 +64,7 @@ def test_functions_are_short_and_flat(path: Path):
 
 @pytest.mark.parametrize("path", OUTSIDE_OF_LAYOUT, ids=str)
 def test_kernels_are_private_and_their_launcher_follows(path: Path):
-    """Nobody else launches a kernel: the function or class below it does, or below its neighbours."""
+    """What comes after a kernel, or after several, launches them one by one."""
     tree = ast.parse((PACKAGE / path).read_text())
     kernels: list[str] = []
     for node in tree.body:
@@ -72,10 +72,9 @@ def test_kernels_are_private_and_their_launcher_follows(path: Path):
             assert node.name.startswith("_")
             kernels.append(node.name)
         elif kernels and isinstance(node, ast.FunctionDef | ast.ClassDef):
-            names = {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
-            kernels = [name for name in kernels if name not in names]
-            later = isinstance(node, ast.ClassDef)
-            assert not (later and kernels), f"{kernels} are not launched right below"
+            launched = {n.id for n in ast.walk(node) if isinstance(n, ast.Name)} & set(kernels)
+            assert launched, f"'{node.name}' stands between {kernels} and their launchers"
+            kernels = [name for name in kernels if name not in launched]
     assert kernels == []
 
 

@@ -47,12 +47,12 @@ def reading(where: str) -> Iterator[None]:
     try:
         yield
     except ValidationError as error:
-        raise _complaint(error, where) from None
+        raise _as_scene_error(error, where) from None
     finally:
         where_now.reset(token)
 
 
-def _complaint(error: ValidationError, where: str) -> SceneKeyError:
+def _as_scene_error(error: ValidationError, where: str) -> SceneKeyError:
     return SceneKeyError("\n".join(f"{where}: {_path(e)}: {_sentence(e)}" for e in error.errors(include_url=False)))
 
 

@@ -34,6 +34,11 @@ _ABOVE = 0.002
 _UPS = ((1, 0, 0, 0), (0, 1, 0, 0), (1, 0, -1, 0), (1, 0, 1, 0), (1, 1, 0, 0), (1, -1, 0, 0))
 
 
+def comes_from_below(approach_z: float) -> bool:
+    """Whether a grasp whose approach axis has this z component in the world comes through what the object stands on."""
+    return approach_z > MOST_RISING
+
+
 @dataclass(frozen=True)
 class Grasp:
     """A pose of the TCP in the frame of one of the object's bodies.

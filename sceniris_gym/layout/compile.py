@@ -108,9 +108,9 @@ def _infeasible(compiled: CompiledScene, probe: LayoutGenerator) -> InfeasibleSc
     name, causes = tried[-1]
     cause = max(causes, key=causes.__getitem__)
     leaning = _leaning_support(compiled, probe, name) if cause == Cause.EMPTY.name.lower() else None
-    turn = None if leaning is None else compiled.config.objects[leaning.split("/")[0]].drawn_orientation.kind
+    orientation = None if leaning is None else compiled.config.objects[leaning.split("/")[0]].drawn_orientation.kind
     return InfeasibleSceneError(
-        compiled.config.where, name, cause, counts, leaning, turn if turn in ("any", "stable") else None
+        compiled.config.where, name, cause, counts, leaning, orientation if orientation in ("any", "stable") else None
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import MaskError, SeedError
+from sceniris_gym.errors import CountError, MaskError, MaskTypeError, SeedError
 from sceniris_gym.layout.collision import LEAF_CAPACITY, NODE_CAPACITY
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.place import PLACE
@@ -97,6 +97,8 @@ class LayoutGenerator:
     ) -> None:
         if split not in SPLITS:
             raise ValueError(f"LayoutGenerator: unknown split '{split}'. Valid: {', '.join(USER_SPLITS)}.")
+        if nworld < 1:
+            raise CountError(f"LayoutGenerator: nworld should be at least 1, got {nworld}.")
         most = max_block_dim(compiled)
         block_dim = min(_BLOCK_DIM, most) if block_dim is None else block_dim
         if not 1 <= block_dim <= most:
@@ -105,7 +107,6 @@ class LayoutGenerator:
         self.split = split
         self.block_dim = block_dim
         self.layouts = Layouts.create(compiled, nworld, rejected=rejected)
-        self._seeds = wp.zeros(nworld, dtype=wp.uint64, device=compiled.device)
         reaching = compiled.reaching
         self._staged = reaching is not None and reaching.staged
         decided_by = "" if reaching is None else "stages" if reaching.staged else "map"
@@ -125,14 +126,13 @@ class LayoutGenerator:
         Args:
             seed: As in the class, or a uint64 Warp array of length nworld on the device of the compiled scene.
             mask: Which worlds, shape (nworld,), bool; all if None.
+
+        Raises:
+            SeedError: See the class.
+            MaskError, MaskTypeError: A mask of the wrong shape, or not of booleans.
         """
-        if isinstance(seed, wp.array):
-            _check_on_device(seed, self.nworld)
-            seeds = seed
-        else:
-            seeds = self._seeds
-            seeds.assign(as_seeds(seed, self.nworld))
-        self.launch_reseed(seeds, mask)
+        check_mask(mask, self.nworld)
+        self.launch_reseed(seeds_on_device(seed, self.nworld, self.compiled.device), mask)
 
     def launch_reseed(self, seeds: wp.array, mask: wp.array | None) -> None:
         """See `LayoutSource`."""
@@ -153,12 +153,9 @@ class LayoutGenerator:
             mask: Which worlds, shape (nworld,), bool; all if None.
 
         Raises:
-            MaskError: A mask of the wrong length.
+            MaskError, MaskTypeError: A mask of the wrong shape, or not of booleans.
         """
-        if mask is not None and mask.shape != (self.nworld,):
-            raise MaskError(
-                f"LayoutGenerator.generate: a mask of shape {mask.shape} should have shape ({self.nworld},)."
-            )
+        check_mask(mask, self.nworld)
         self.launch_generate(mask)
 
     def launch_generate(self, mask: wp.array | None) -> None:
@@ -210,12 +207,36 @@ def max_block_dim(compiled: CompiledScene) -> int:
     return 1 << max(lanes.bit_length() - 1, 0)
 
 
-def _check_on_device(seeds: Any, nworld: int) -> None:
-    if seeds.dtype is not wp.uint64 or seeds.shape != (nworld,):
+def check_mask(mask: wp.array | None, nworld: int) -> None:
+    """Refuse a mask on the device that kernels would read beyond its end, or as something else.
+
+    Raises:
+        MaskTypeError: Not of booleans.
+        MaskError: Of the wrong shape.
+    """
+    if mask is None:
+        return
+    if not isinstance(mask, wp.array) or mask.dtype is not wp.bool:
+        found = mask.dtype.__name__ if isinstance(mask, wp.array) else type(mask).__name__
+        raise MaskTypeError(f"mask should be a Warp array of booleans, got {found}.")
+    if mask.shape != (nworld,):
+        raise MaskError(f"mask should have shape ({nworld},), got {tuple(mask.shape)}.")
+
+
+def seeds_on_device(seed: Any, nworld: int, device: Any) -> wp.array:
+    """Return the seeds of `nworld` worlds on a device, shape (nworld,), uint64: a Warp array as it is, or `as_seeds`.
+
+    Raises:
+        SeedError: See `LayoutGenerator`; or a Warp array of another type, shape or device.
+    """
+    if not isinstance(seed, wp.array):
+        return wp.array(as_seeds(seed, nworld), dtype=wp.uint64, device=device)
+    if seed.dtype is not wp.uint64 or seed.shape != (nworld,) or seed.device != wp.get_device(device):
         raise SeedError(
-            f"seeds on the device should be a uint64 array of shape ({nworld},), one per world, not "
-            f"{seeds.dtype.__name__} of shape {tuple(seeds.shape)}."
+            f"seeds on the device should be a uint64 array of shape ({nworld},) on {device}, got "
+            f"{seed.dtype.__name__} of shape {tuple(seed.shape)} on {seed.device}."
         )
+    return seed
 
 
 def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
@@ -234,9 +255,9 @@ def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
     many = isinstance(seed, Sequence) and not isinstance(seed, str | bytes)
     many = many or (isinstance(seed, np.ndarray) and seed.ndim == 1)
     if not many or len(seed) != nworld:
-        given = f"{len(seed)} of them; " if many else ""
+        given = f"{len(seed)} of them, " if many else ""
         raise SeedError(
-            f"seeds should be one integer, or a sequence of {nworld}, one per world ({given}{type(seed).__name__})."
+            f"seeds should be one integer, or a sequence of {nworld}, one per world; got {given}{type(seed).__name__}."
         )
     if not isinstance(seed, np.ndarray) or seed.dtype.kind == "O":
         seed = _as_array(seed)

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import warp as wp
 
-from sceniris_gym.layout.generate import as_seeds
+from sceniris_gym.errors import SceneMismatchError
+from sceniris_gym.layout.generate import check_mask, seeds_on_device
 from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.reach.arm import MAX_JOINTS
@@ -90,7 +91,7 @@ class StoredLayouts:
 
     Raises:
         SeedError: A seed that is not a 64-bit integer, or a wrong number of them.
-        ValueError: A table without rows, or of another scene.
+        SceneMismatchError: A table without rows, or of another scene.
     """
 
     def __init__(
@@ -103,13 +104,15 @@ class StoredLayouts:
         self._all = wp.ones(nworld, dtype=wp.bool, device=self.device)
         self.reseed(seed)
 
-    def reseed(self, seed: int | Sequence[int] | np.ndarray, mask: wp.array | None = None) -> None:
+    def reseed(self, seed: int | Sequence[int] | np.ndarray | wp.array, mask: wp.array | None = None) -> None:
         """Give the masked worlds (None: all) new seeds, as in the class; their next layouts are those of episode 0."""
-        self.launch_reseed(wp.array(as_seeds(seed, self.layouts.nworld), dtype=wp.uint64, device=self.device), mask)
+        check_mask(mask, self.layouts.nworld)
+        self.launch_reseed(seeds_on_device(seed, self.layouts.nworld, self.device), mask)
 
-    def generate(self) -> None:
-        """Serve the next row to all worlds."""
-        self.launch_generate(None)
+    def generate(self, mask: wp.array | None = None) -> None:
+        """Serve the next row to the masked worlds (None: all)."""
+        check_mask(mask, self.layouts.nworld)
+        self.launch_generate(mask)
 
     def launch_reseed(self, seeds: wp.array, mask: wp.array | None) -> None:
         """See `LayoutSource`."""
@@ -164,9 +167,10 @@ def _check_table(compiled: CompiledScene, table: LayoutTable) -> None:
     for name, shape in wanted.items():
         found = getattr(table, name).shape
         if nrow == 0 or found != (nrow, *shape):
-            raise ValueError(
-                f"StoredLayouts: table.{name} has shape {found} and should have shape {('nrow', *shape)}, equally "
-                "many rows in all columns and one row or more. Store layouts of the same scene."
+            wanted_shape = ", ".join(map(str, ("nrow", *shape)))
+            raise SceneMismatchError(
+                f"StoredLayouts: table.{name} should have shape ({wanted_shape}), with one row or more and as many as "
+                f"the other columns, got {found}. Store layouts of the same scene."
             )
 
 

@@ -21,7 +21,6 @@ TURNS = 16
 """Turns of the base that a label counts, and for each as many turns of the wrist."""
 ALL_TURNS = TURNS * TURNS
 _STEP = wp.constant(2.0 * math.pi / TURNS)
-_ALL = wp.constant(wp.uint64(0xFFFF))
 _vec4l = wp.types.vector(length=4, dtype=wp.uint64)
 
 
@@ -114,6 +113,11 @@ def _label(
     joints_out[poseid] = found
 
 
+def _launch_label(inputs: list, count_out: wp.array, joints_out: wp.array) -> None:
+    """Label as many poses as `count_out` has room for; `inputs` are the arguments of the kernel up to its outputs."""
+    wp.launch(_label, dim=count_out.shape[0], inputs=inputs, outputs=[count_out, joints_out], device=count_out.device)
+
+
 class Labeller:
     """Labels canonical poses of an arm by inverse kinematics.
 
@@ -171,22 +175,18 @@ class Labeller:
         with wp.ScopedDevice(self.device):
             turns, joints = wp.zeros(n, dtype=int), wp.zeros(n, dtype=vec8)
             last = self._starts.shape[0] if count is None else first + count
-            wp.launch(
-                _label,
-                dim=n,
-                inputs=[
-                    self._arm,
-                    self.base,
-                    self.wrist,
-                    self._axis_xy,
-                    wp.array(np.ascontiguousarray(coords, np.float32), dtype=wp.vec4),
-                    wp.array(filled, dtype=vec8, shape=filled.shape[:2]),
-                    self._starts[first:last],
-                    self._iterations,
-                    *self._tols,
-                ],
-                outputs=[turns, joints],
-            )
+            inputs = [
+                self._arm,
+                self.base,
+                self.wrist,
+                self._axis_xy,
+                wp.array(np.ascontiguousarray(coords, np.float32), dtype=wp.vec4),
+                wp.array(filled, dtype=vec8, shape=filled.shape[:2]),
+                self._starts[first:last],
+                self._iterations,
+                *self._tols,
+            ]
+            _launch_label(inputs, turns, joints)
         return turns.numpy(), joints.numpy()
 
 

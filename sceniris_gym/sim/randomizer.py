@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import SceneMismatchError
-from sceniris_gym.layout.generate import LayoutGenerator, as_seeds
+from sceniris_gym.layout.generate import LayoutGenerator, seeds_on_device
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
@@ -42,6 +42,10 @@ class ResetRandomizer:
         split: "train" or "eval", which share no random numbers. Not used with a layout_source.
         needs: What else to bring up to date after a reset, keys of sceniris_gym.sim.batch.NEEDS.
         graph: Capture the reset into a graph and replay it.
+
+    Attributes:
+        mask: Worlds that `launch_reset` resets, to be written on the device, shape (nworld,), bool. `reset` and `write`
+            overwrite it.
 
     Raises:
         SceneMismatchError: Model, data or layout_source have another scene, device or number of worlds.
@@ -100,11 +104,12 @@ class ResetRandomizer:
         """Reset the worlds in `self.mask`, which the caller has filled on the device: `reset` without its checks."""
         self._reset()
 
-    def reseed(self, seeds: int | Sequence[int] | np.ndarray, mask: Any = None) -> None:
+    def reseed(self, seeds: int | Sequence[int] | np.ndarray | wp.array, mask: Any = None) -> None:
         """Give the masked worlds new seeds; their next layouts are those of episode 0.
 
         Args:
-            seeds: Seed of world 0, world i gets seed + i; or one 64-bit seed per world, shape (nworld,).
+            seeds: Seed of world 0, world i gets seed + i; or one 64-bit seed per world, shape (nworld,), on the host or
+                as a uint64 Warp array on the device.
             mask: As in reset.
 
         Raises:
@@ -112,8 +117,12 @@ class ResetRandomizer:
             MaskTypeError, MaskError: As in reset.
         """
         nworld = self.data.nworld
-        given = wp.array(as_seeds(seeds, nworld), dtype=wp.uint64, device=self.device)
-        self.layout_source.launch_reseed(given, None if mask is None else as_mask(mask, nworld, self.device))
+        given = seeds_on_device(seeds, nworld, self.device)
+        self.launch_reseed(given, self._all if mask is None else as_mask(mask, nworld, self.device))
+
+    def launch_reseed(self, seeds: wp.array, mask: wp.array) -> None:
+        """Give masked worlds new seeds, both on the device: `reseed` without its checks."""
+        self.layout_source.launch_reseed(seeds, mask)
 
     def write(self, layouts: Layouts | LayoutTable, rows: Any) -> None:
         """Reset worlds to stored layouts. `self.layouts` does not change.
@@ -176,6 +185,11 @@ class ResetRandomizer:
                 f"ResetRandomizer: data has nq={d.qpos.shape[1]} and nmocap={d.mocap_pos.shape[1]} and should have "
                 f"nq={mjm.nq} and nmocap={mjm.nmocap}, as the compiled scene has. Make the data from it: "
                 "mjw.make_data(compiled.mjm, nworld=...)."
+            )
+        if self.layouts.compiled.hash != self.compiled.hash:
+            raise SceneMismatchError(
+                f"ResetRandomizer: layout_source makes layouts of scene {self.layouts.compiled.hash} and should make "
+                f"them of {self.compiled.hash}, the compiled scene."
             )
         nworld = self.layouts.nworld
         if nworld != d.nworld:

@@ -18,7 +18,7 @@ from PIL import Image, ImageDraw, ImageFont
 from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError
-from sceniris_gym.grasping.grasps import MOST_RISING
+from sceniris_gym.grasping.grasps import comes_from_below
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
@@ -184,7 +184,7 @@ def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, n
         base = np.linalg.inv(_frame_of(data, reaching.arm.base_body))
         for k in range(first, first + number):
             tcp = _frame_of(data, target.grasp_set.grasps[k].body) @ _matrix(grasps[k][:3], grasps[k][3:])
-            if placed.ground is None or tcp[2, 2] <= MOST_RISING:
+            if placed.ground is None or not comes_from_below(tcp[2, 2]):
                 poses.append(base @ tcp)
                 of.append(row)
     through = np.array(of, int)

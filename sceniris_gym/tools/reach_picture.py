@@ -6,7 +6,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from sceniris_gym.reach.map import ReachMap
-from sceniris_gym.reach.tier import Verdict
+from sceniris_gym.reach.tier import Tier, Verdict
 
 _PIXELS = 240  # of a panel's side
 _DIRECTIONS = 100
@@ -38,7 +38,7 @@ def draw(reach_map: ReachMap, height: float, device: str) -> Image.Image:
     titles = (("side, y = 0", side, low + span), (f"top, z = {height:g} m", top, 0.0))
     for column, (title, points, middle) in enumerate(titles):
         points = points + [*reach_map.arm.axis_xy, 0.0]
-        share = np.mean([_verdicts(reach_map, points, d, device) >= Verdict.MIXED_YES for d in directions], axis=0)
+        share = np.mean([_verdicts(reach_map, points, d, device) >= Tier.MAP.least_verdict for d in directions], axis=0)
         _panel(sheet, column, 0, _NEVER + share[..., None] * (_OFTEN - _NEVER), f"any approach: {title}", span, middle)
         verdicts = _verdicts(reach_map, points, np.array([0.0, 0.0, -1.0]), device)
         colours = np.array([_COLOURS[v] for v in Verdict])[verdicts]

@@ -123,7 +123,10 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int, device: torc
     check_mask(given, num_envs, name)
     if isinstance(given, np.ndarray):
         given = torch.from_numpy(given.copy())  # torch takes neither views that run backwards nor read-only ones
-    mask = wp.to_torch(given) if isinstance(given, wp.array) else given
+    if isinstance(given, wp.array):
+        wp.synchronize_device(given.device)  # torch reads it on a stream of its own
+        given = wp.to_torch(given)
+    mask = given
     mask = mask.detach().to(device)
     if not mask.any():
         raise MaskError(f"{name} should be true for at least one world. Leave it out to reset all of them.")

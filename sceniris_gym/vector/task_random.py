@@ -7,6 +7,13 @@ from sceniris_gym.layout.random import SPLITS, STREAM_BITS, TASK_STREAM, uniform
 wp.set_module_options({"enable_backward": False})
 
 
+def task_stream(split: str, stream: int) -> int:
+    """Return the Philox stream of a task's own `stream`, 0 to 2^24 - 1, in a split."""
+    if not 0 <= stream < 1 << STREAM_BITS:
+        raise ValueError(f"stream should be from 0 to {(1 << STREAM_BITS) - 1}, got {stream}.")
+    return TASK_STREAM + (SPLITS[split] << STREAM_BITS) + stream
+
+
 @wp.kernel
 def _draw_uniform(
     # In:
@@ -25,13 +32,6 @@ def _draw_uniform(
         column = 4 * quadid + i
         if column < values_out.shape[1]:
             values_out[worldid, column] = low + (high - low) * u[i]
-
-
-def task_stream(split: str, stream: int) -> int:
-    """Return the Philox stream of a task's own `stream`, 0 to 2^24 - 1, in a split."""
-    if not 0 <= stream < 1 << STREAM_BITS:
-        raise ValueError(f"stream should be from 0 to {(1 << STREAM_BITS) - 1}, got {stream}.")
-    return TASK_STREAM + (SPLITS[split] << STREAM_BITS) + stream
 
 
 def draw_uniform(

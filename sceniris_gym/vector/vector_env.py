@@ -306,11 +306,11 @@ class SceneVectorEnv(VectorEnv):
     def _reseed_worlds(self, seeds: np.ndarray, mask: np.ndarray) -> None:
         device = self.batch.device
         arrays = wp.array(seeds, dtype=wp.uint64, device=device), wp.array(mask, dtype=wp.bool, device=device)
-        self.randomizer.layout_source.launch_reseed(*arrays)
+        self.randomizer.launch_reseed(*arrays)
 
     def _reset_worlds(self, mask: Tensor) -> None:
         """Reset the worlds of a mask that is on the device and needs no check."""
-        self._reset_mask.copy_(mask)
+        mask = self._reset_mask.copy_(mask)  # what a task does to it must not reach who gave it
         self.randomizer.launch_reset()
         self.state.elapsed.masked_fill_(mask, 0)
         self.statistics.start(mask)

@@ -55,7 +55,7 @@ def test_a_wrong_group_is_refused_by_file_path_and_advice(
 
 
 @pytest.mark.parametrize("count", ["two", 0.5, True, None, -1, {"low": 1}])
-def test_a_wrong_count_is_one_complaint_that_says_what_is_right(count: Any):
+def test_a_wrong_count_is_one_message_that_says_what_is_right(count: Any):
     """A plain number is right, so it is named before the list."""
     with pytest.raises(SceneKeyError) as caught:
         SceneConfig.load(TABLE, {"groups.clutter": CLUTTER | {"count": count}})

@@ -39,7 +39,7 @@ def test_yaw_is_an_interval_in_radians(orientation: Any, yaw: tuple[float, float
         ({"face_to": "mug", "yaw": [-90, 90]}, DrawnOrientation("face_to", (-math.pi / 2, math.pi / 2), "mug")),
     ],
 )
-def test_an_orientation_is_a_turn(orientation: Any, turn: DrawnOrientation):
+def test_an_orientation_has_a_meaning(orientation: Any, turn: DrawnOrientation):
     """Every form of it; angles are degrees in files and radians here."""
     apple = SceneConfig.load(NEIGHBOURS, {"objects.apple.orientation": orientation}).objects["apple"]
     assert (apple.drawn_orientation.kind, apple.drawn_orientation.target) == (turn.kind, turn.target)

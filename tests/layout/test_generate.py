@@ -10,7 +10,7 @@ import pytest
 import warp as wp
 from scipy import stats
 
-from sceniris_gym.errors import SeedError
+from sceniris_gym.errors import CountError, MaskError, MaskTypeError, SeedError
 from sceniris_gym.layout.generate import LayoutGenerator, as_seeds
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.compiled import CompiledScene
@@ -411,3 +411,22 @@ def test_generation_runs_in_a_captured_graph(mid: CompiledScene):
         wp.capture_launch(capture.graph)
         assert {k[1] for k in _rows(generator)} == {episode}
         assert all(expected[k] == v for k, v in _rows(generator).items())
+
+
+@pytest.mark.parametrize(
+    ("mask", "error"),
+    [(wp.zeros(2, dtype=wp.bool, device="cpu"), MaskError), (wp.zeros(4, dtype=int, device="cpu"), MaskTypeError)],
+    ids=["too short", "of integers"],
+)
+def test_a_wrong_mask_is_refused(mid: CompiledScene, mask: wp.array, error: type[Exception]):
+    """By both methods that take one: a kernel would read beyond its end."""
+    generator = LayoutGenerator(mid, 4)
+    for method in (generator.generate, lambda mask: generator.reseed(3, mask)):
+        with pytest.raises(error, match="mask should"):
+            method(mask)
+
+
+def test_a_batch_has_a_world_at_least(mid: CompiledScene):
+    """None makes no sense."""
+    with pytest.raises(CountError, match="nworld should be at least 1, got 0"):
+        LayoutGenerator(mid, 0)

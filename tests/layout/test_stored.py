@@ -11,7 +11,7 @@ import pytest
 import torch
 import warp as wp
 
-from sceniris_gym.errors import SeedError
+from sceniris_gym.errors import SceneMismatchError, SeedError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.layout.source import LayoutSource
@@ -104,7 +104,7 @@ def test_columns_of_another_width_are_refused(crane: CompiledScene, table: Layou
         np.concatenate([values, values[:, :1]], axis=1) if values.shape[1] else np.zeros((NROW, 1, *values.shape[2:]))
     )
     for other in (wider, values[1:]):
-        with pytest.raises(ValueError, match=r"table\.\w+ has shape .* should have shape"):
+        with pytest.raises(SceneMismatchError, match=r"table\.\w+ should have shape .* got"):
             StoredLayouts(crane, replace(table, **{name: other}), 2)
 
 
@@ -227,11 +227,11 @@ def test_a_table_of_another_scene_is_refused(crane: CompiledScene, table: Layout
     values = getattr(table, name)
     wanted = str(tuple(values.shape[1:]))[1:-1].rstrip(",")
     for other in (values[:, :-1], np.concatenate([values, values[:, :1]], axis=1)):
-        with pytest.raises(ValueError, match=rf"table\.{name} has shape .* should have shape \('nrow', {wanted}"):
+        with pytest.raises(SceneMismatchError, match=rf"table\.{name} should have shape \(nrow, {wanted}"):
             StoredLayouts(crane, replace(table, **{name: other}), 2)
 
 
 def test_a_table_without_rows_is_refused(crane: CompiledScene, table: LayoutTable):
     """There would be nothing to serve."""
-    with pytest.raises(ValueError, match="one row or more"):
+    with pytest.raises(SceneMismatchError, match="one row or more"):
         StoredLayouts(crane, table[slice(0, 0)], 2)

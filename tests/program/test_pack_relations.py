@@ -182,7 +182,7 @@ def test_what_does_not_know_its_turn_cannot_be_beside(folder: Path):
     """`face_to` needs to know where it is first; the message names the relations."""
     box = {"asset": str(folder / "box.xml"), "on": "floor"}
     words = {"orientation": {"face_to": "post"}, "relations": [{"beside": "post", "side": "left"}]}
-    with pytest.raises(SceneKeyError, match=r"objects\.thing\.relations: 'beside' needs to know how .* 'face_to'"):
+    with pytest.raises(SceneKeyError, match=r"objects\.thing\.relations: 'beside' depends on how .* 'face_to'"):
         pack(scene_of({"post": {**box, "kind": "fixture"}, "thing": {**box, **words}}))
 
 

@@ -67,7 +67,7 @@ def test_a_stream_belongs_to_a_place_in_the_file(folder: Path):
         ({"slide": {"noise": 0.1}, "hinge": {"noise": 0.1}}, (0.15, 0.3), (0.4, 0.6)),
     ],
 )
-def test_draws_are_intervals_in_metres_and_radians(folder: Path, joints: dict, slide: tuple, hinge: tuple):
+def test_joint_ranges_are_intervals_in_metres_and_radians(folder: Path, joints: dict, slide: tuple, hinge: tuple):
     """All words for joints; noise is about the keyframe and is cut off at the limits."""
     gadget = {"asset": str(folder / "gadget.xml"), "kind": "fixture", "on": "floor", "joints": joints}
     (placed,) = build_plan(scene_of({"gadget": gadget})).objects

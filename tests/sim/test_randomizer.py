@@ -9,7 +9,7 @@ import pytest
 import torch
 import warp as wp
 
-from sceniris_gym.errors import ContactBudgetError, MaskError, MaskTypeError, SceneMismatchError
+from sceniris_gym.errors import ContactBudgetError, MaskError, MaskTypeError, SceneMismatchError, SeedError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.stored import StoredLayouts
@@ -211,7 +211,7 @@ def test_wrong_rows_say_what_is_wrong(make_randomizer, rows, which, error, match
         make_randomizer(2).write(rows, which)
 
 
-def test_what_does_not_belong_to_the_world_is_refused(make_randomizer, small_scene, rows):
+def test_what_does_not_belong_to_the_scene_is_refused(make_randomizer, small_scene, rows):
     """Model, data, generator and stored layouts of another scene or size are named in the error."""
     randomizer = make_randomizer(2)
     other = mujoco.MjModel.from_xml_string("<mujoco><worldbody><body mocap='true'/></worldbody></mujoco>")
@@ -275,3 +275,21 @@ def test_it_makes_its_own_layouts_of_a_scene():
     np.testing.assert_array_equal(randomizer.layouts.seed.numpy(), [5, 6, 5])
     np.testing.assert_array_equal(randomizer.layouts.episode.numpy(), [1, 1, 0])
     assert set(randomizer.rejection_counts()) == {"block"}
+
+
+def test_seeds_may_be_on_the_device(make_randomizer):
+    """As a uint64 Warp array, which is taken as it is; another type is refused."""
+    randomizer = make_randomizer(3)
+    randomizer.reseed(wp.array([5, 6, 2**63], dtype=wp.uint64, device="cpu"), np.array([True, False, True]))
+    assert randomizer.layouts.seed.numpy().tolist() == [5, 1, 2**63]
+    with pytest.raises(SeedError, match="uint64 array of shape"):
+        randomizer.reseed(wp.array([5, 6, 7], dtype=wp.int64, device="cpu"))
+
+
+def test_layouts_of_another_scene_are_refused(make_randomizer, small_scene):
+    """Also where all sizes agree."""
+    randomizer = make_randomizer(2)
+    other = compile_scene({"model": str(SMALL_ARM), "attempts": 11}, "cpu", bank_size=1)
+    source = LayoutGenerator(other, 2)
+    with pytest.raises(SceneMismatchError, match="layout_source makes layouts of scene"):
+        ResetRandomizer(small_scene, randomizer.model, randomizer.data, layout_source=source)

@@ -11,7 +11,7 @@ import numpy as np
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.tools.audit import presence
 from sceniris_gym.tools.audit.geometry import Poses
-from sceniris_gym.tools.audit.orientations import TurnAudit
+from sceniris_gym.tools.audit.orientations import OrientationAudit
 from sceniris_gym.tools.audit.outlines import Outlines
 from sceniris_gym.tools.audit.relations import RelationAudit, support_headings
 
@@ -57,7 +57,7 @@ class LanguageAudit:
     ) -> None:
         self.config, self.outlines = config, outlines
         self._relations = RelationAudit(config)
-        self._turns = TurnAudit(config, outlines, hulls, home)
+        self._turns = OrientationAudit(config, outlines, hulls, home)
 
     def add(self, kept: list[Kept], start: int, poses: Poses, present: Mapping[str, np.ndarray]) -> list[Kept]:
         """Judge some rows, and return the counts with these rows added.

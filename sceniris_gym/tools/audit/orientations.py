@@ -17,7 +17,7 @@ from sceniris_gym.tools.audit.relations import ROUNDING, wrapped
 _LOWEST = 1e-4  # m; points that are at most this far above the lowest one carry the object
 
 
-class TurnAudit:
+class OrientationAudit:
     """Measures by how much orientations are missed.
 
     Args:
