@@ -60,7 +60,7 @@ def test_the_report_has_shares_causes_and_the_picture():
             "first_id": "0123:train:4:0",
             "layouts": 8,
             "rejections": counts,
-            "in_the_way": {"can": "geom a"},
+            "in_the_way": {},
         },
         **{"valid": 0.875, "first_pass_valid": 0.5, "attempts_per_layout": 2.25},
         "narrowing": {"mug": {"kept": 0.25, "candidates": 40}},
