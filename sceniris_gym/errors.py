@@ -120,6 +120,7 @@ class InfeasibleSceneError(ScenirisError):
         counts: Rejections per object and cause.
         leaning: Its support, if that leaned in most worlds.
         orientation: The `orientation` of that support, if it does not keep the support upright.
+        obstruction: The pair of geoms that is most in its way, if it collides.
     """
 
     def __init__(
@@ -130,8 +131,10 @@ class InfeasibleSceneError(ScenirisError):
         counts: Mapping[str, Mapping[str, int]],
         leaning: str | None = None,
         orientation: str | None = None,
+        obstruction: str | None = None,
     ) -> None:
         self.where, self.name, self.cause, self.leaning, self.orientation = where, name, cause, leaning, orientation
+        self.obstruction = obstruction
         self.counts = {k: dict(v) for k, v in counts.items()}
         rows = "; ".join(
             f"{obj}: " + ", ".join(f"{c} {n}" for c, n in by_cause.items() if n)
@@ -152,13 +155,22 @@ class InfeasibleSceneError(ScenirisError):
             advice = "'on' requires open space above, 'inside' a part of the supporting object; 'in' accepts both."
         elif cause in ("unreachable", "no_ik", "blocked"):
             advice = "Place it closer to the robot, turn it towards it, or use a less thorough tier of 'reachable'."
+        way = "" if obstruction is None else f"Most in its way: {obstruction}. "
         super().__init__(
             f"{where}: no valid layout was found: '{name}' could not be placed, mostly because of {cause}. "
-            f"Rejections: {rows}. {advice}"
+            f"{way}Rejections: {rows}. {advice}"
         )
 
     def __reduce__(self) -> tuple:
-        return type(self), (self.where, self.name, self.cause, self.counts, self.leaning, self.orientation)
+        return type(self), (
+            self.where,
+            self.name,
+            self.cause,
+            self.counts,
+            self.leaning,
+            self.orientation,
+            self.obstruction,
+        )
 
 
 class ArmError(ScenirisError):

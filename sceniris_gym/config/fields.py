@@ -19,6 +19,8 @@ MOST_FAR = 100.0
 8 um there."""
 FLOOR = "floor"
 ROBOT = "robot"
+LEAST_GAP = 2.0e-5
+"""Least height over a support [m]: below it an object counts as touching, by rounding."""
 
 
 def wrong(advice: str, word: str = "", valid: Iterable[str] = ()) -> PydanticCustomError:
@@ -51,7 +53,7 @@ def _not_zero(direction: tuple[float, float]) -> tuple[float, float]:
 
 
 def _over_the_skin(gap: float) -> float:
-    if gap < 2e-5:
+    if gap < LEAST_GAP:
         raise wrong("should be at least 0.00002 m: any closer, rounding makes the object touch its support")
     return gap
 

@@ -20,6 +20,7 @@ class Colliders:
     """Colliders and their box trees, one entry per collider in most lists; `keep` holds the device meshes in use."""
 
     body: list[int] = field(default_factory=list)
+    contact_class: list[int] = field(default_factory=list)
     root: list[int] = field(default_factory=list)
     plane: list[int] = field(default_factory=list)
     mesh: list[int] = field(default_factory=list)
@@ -37,15 +38,15 @@ class Colliders:
 def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> Colliders:
     """One collider for each body's solid pieces, and one for each plane; leaves are pieces, or faces if `visual`."""
     c = Colliders()
-    by_body: dict[int, list[int]] = {}
+    by_class: dict[tuple[int, bool, int], list[int]] = {}
     for i, p in enumerate(pieces):
-        by_body.setdefault(p.body, []).append(i)
-    for body, ids in by_body.items():
-        for i in [i for i in ids if pieces[i].type == PieceType.PLANE]:
-            _add_tree(c, body, np.zeros((1, 3)), np.zeros((1, 3)), plane=i, mesh=0)
-            c.points.append(np.zeros((0, 3)))
-        solid = [i for i in ids if pieces[i].type != PieceType.PLANE]
-        if not solid:
+        by_class.setdefault((p.body, p.type == PieceType.PLANE, p.contact_class), []).append(i)
+    for (body, is_plane, contact_class), solid in by_class.items():
+        c.contact_class += [contact_class] * (len(solid) if is_plane else 1)
+        if is_plane:
+            for i in solid:
+                _add_tree(c, body, np.zeros((1, 3)), np.zeros((1, 3)), plane=i, mesh=0)
+                c.points.append(np.zeros((0, 3)))
             continue
         if visual:
             meshes = [pieces[i].mesh for i in solid]

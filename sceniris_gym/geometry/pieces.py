@@ -16,6 +16,7 @@ import numpy as np
 import trimesh
 
 from sceniris_gym.errors import MeshError, NotSupportedError
+from sceniris_gym.geometry.contacts import ContactRules
 
 
 class PieceType(IntEnum):
@@ -57,7 +58,7 @@ class Piece:
         vertices: Vertices [m] of a hull in the piece's frame, shape (n, 3); empty for primitives.
         mesh: Its closed surface in the body's frame (a plane has none). Round primitives are tessellated; with
             `geometry: physics` only their flat faces and outlines are taken from it.
-        contype, conaffinity: MuJoCo's contact bits; all are set with `geometry: visual`.
+        contact_class: Its class in `ContactRules`.
     """
 
     geom: int
@@ -68,8 +69,7 @@ class Piece:
     size: np.ndarray
     vertices: np.ndarray
     mesh: trimesh.Trimesh | None
-    contype: int
-    conaffinity: int
+    contact_class: int
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Least box of the convex form in the body's frame: lower and upper corner [m]."""
@@ -112,22 +112,22 @@ def extract_pieces(
         NotSupportedError: A height field or a signed distance field.
     """
     pieces = []
+    rules = ContactRules(mjm, geometry)
     for geom in range(mjm.ngeom):
         if bodies is not None and int(mjm.geom_bodyid[geom]) not in bodies:
             continue
-        collides = bool(mjm.geom_contype[geom] | mjm.geom_conaffinity[geom])
         visible = mjm.geom_group[geom] in _VISIBLE_GROUPS and mjm.geom_rgba[geom][3] > 0.0
         plane = mjm.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
-        if collides if geometry == "physics" or plane else visible:
+        if rules.collides(geom) if geometry == "physics" or plane else visible:
             try:
-                pieces.append(_piece(mjm, geom, geometry))
+                pieces.append(_piece(mjm, geom, geometry, int(rules.classes[geom])))
             except (MeshError, NotSupportedError) as error:
                 place = (where or {}).get(int(mjm.geom_bodyid[geom]))
                 raise type(error)(f"{place}: {error}" if place else str(error)) from None
     return pieces
 
 
-def _piece(mjm: mujoco.MjModel, geom: int, geometry: str) -> Piece:
+def _piece(mjm: mujoco.MjModel, geom: int, geometry: str, contact_class: int) -> Piece:
     kind = mujoco.mjtGeom(int(mjm.geom_type[geom]))
     if kind not in _TYPES:
         raise NotSupportedError(
@@ -150,8 +150,6 @@ def _piece(mjm: mujoco.MjModel, geom: int, geometry: str) -> Piece:
     elif kind != mujoco.mjtGeom.mjGEOM_PLANE:
         mesh = _primitive(kind, mjm.geom_size[geom])
         mesh.apply_transform(_transform(pos, quat))
-    every = (1 << 31) - 1
-    visual = geometry == "visual"
     return Piece(
         geom=geom,
         body=int(mjm.geom_bodyid[geom]),
@@ -161,8 +159,7 @@ def _piece(mjm: mujoco.MjModel, geom: int, geometry: str) -> Piece:
         size=mjm.geom_size[geom].copy(),
         vertices=vertices,
         mesh=mesh,
-        contype=every if visual else int(mjm.geom_contype[geom]),
-        conaffinity=every if visual else int(mjm.geom_conaffinity[geom]),
+        contact_class=contact_class,
     )
 
 

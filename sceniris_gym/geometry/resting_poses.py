@@ -90,7 +90,7 @@ class HomeShape:
         vertices = trimesh.convex.convex_hull(self._points()).vertices
         middle = vertices.mean(axis=0)
         unit = np.array([1.0, 0.0, 0.0, 0.0])
-        return Piece(-1, body, PieceType.HULL, middle, unit, np.zeros(3), vertices - middle, None, 0, 0)
+        return Piece(-1, body, PieceType.HULL, middle, unit, np.zeros(3), vertices - middle, None, 0)
 
     def _points(self) -> np.ndarray:
         """Vertices of all pieces in the root's frame [m], shape (n, 3)."""

@@ -77,12 +77,7 @@ def lowest(program: Program, piece: int, in_body: wp.vec3) -> float:
 
 @wp.func
 def physics_separated(program: Program, a: int, b: int, rel: Pose, margin: float) -> bool:
-    """Leaves of `geometry: physics`: two convex pieces, if MuJoCo's contact bits let them touch at all."""
-    bits = (program.piece_contype[a] & program.piece_conaffinity[b]) | (
-        program.piece_contype[b] & program.piece_conaffinity[a]
-    )
-    if bits == 0:
-        return True
+    """Leaves of `geometry: physics`: two convex pieces."""
     frame = relative(piece_pose(program, a), compose(rel, piece_pose(program, b)))
     return separated(program.vert, piece_shape(program, a), piece_shape(program, b), frame, _SPACE, margin)
 
@@ -90,10 +85,7 @@ def physics_separated(program: Program, a: int, b: int, rel: Pose, margin: float
 @wp.func
 def physics_over_plane(program: Program, a: int, plane: int, normal: wp.vec3, height: float, margin: float) -> bool:
     """Is the convex piece `a` more than `margin` over a plane (normal in a's body frame, body origin at `height`)?"""
-    bits = (program.piece_contype[a] & program.piece_conaffinity[plane]) | (
-        program.piece_contype[plane] & program.piece_conaffinity[a]
-    )
-    return bits == 0 or height + lowest(program, a, normal) > margin
+    return height + lowest(program, a, normal) > margin
 
 
 @wp.func
@@ -170,10 +162,10 @@ def _over_plane(program: Program, pose: Pose, plane_pose: Pose, plane: int) -> _
 
 @wp.func
 def _margin(program: Program, pair: int, support_body: int) -> float:
-    """The least distance [m] of a pair: its clearance, or none to the body that the object stands on."""
+    """The least distance [m] of a pair; to the body that the object stands on without its clearance."""
     margin = program.pair_margin[pair]
     if program.collider_body[program.pair_b[pair]] == support_body:
-        margin = float(0.0)
+        margin = program.pair_touch[pair]
     return margin + wp.static(SKIN)
 
 
@@ -274,7 +266,7 @@ def make_collides(leaf_separated: wp.Function, leaf_over_plane: wp.Function, dis
         start = program.obj_startnum[obj]
         for base in range(0, start, wp.block_dim()):
             entry = program.start[program.obj_startadr[obj] + wp.min(base + lane, start - 1)]
-            wp.tile_stack_push(nodes, entry, base + lane < start)
+            wp.tile_stack_push(nodes, entry, base + lane < start)  # `compile_scene` has seen to it that all fit
 
         hit = int(0)
         while wp.tile_stack_count(nodes) + wp.tile_stack_count(leaves) > 0:

@@ -12,7 +12,9 @@ import warp as wp
 
 from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import CountError, InfeasibleSceneError, UnknownNameError
+from sceniris_gym.errors import CountError, InfeasibleSceneError, NotSupportedError, UnknownNameError
+from sceniris_gym.layout.blame import obstructions
+from sceniris_gym.layout.collision import NODE_CAPACITY
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
@@ -52,7 +54,21 @@ def compile_scene(
     name = device_name(device)
     model = scene if isinstance(scene, SceneModel) else build_model(SceneConfig.load(scene))
     compiled = upload_scene(model, name)
+    _check_room(compiled)
     return _with_bank(compiled, bank_size)
+
+
+def _check_room(compiled: CompiledScene) -> None:
+    """Refuse a scene of which an object is kept apart from more bodies than the collision test has room for."""
+    room, starts = NODE_CAPACITY[compiled.config.geometry], compiled.program.obj_startnum.numpy()
+    names = [*compiled.placed, *["robot"] * (len(starts) - len(compiled.placed))]
+    for name, count in zip(names, starts.tolist(), strict=True):
+        if count > room:
+            raise NotSupportedError(
+                f"{compiled.config.where}: '{name}' is kept apart from others in {count} pairs of bodies, and there is "
+                f"room for {room}. Make one body of several that never move against each other: geoms of one body "
+                "count as one."
+            )
 
 
 def device_name(device: str | None, where: str = "compile_scene") -> str:
@@ -109,8 +125,15 @@ def _infeasible(compiled: CompiledScene, probe: LayoutGenerator) -> InfeasibleSc
     cause = max(causes, key=causes.__getitem__)
     leaning = _leaning_support(compiled, probe, name) if cause == Cause.EMPTY.name.lower() else None
     orientation = None if leaning is None else compiled.config.objects[leaning.split("/")[0]].drawn_orientation.kind
+    obstruction = obstructions(compiled).get(name) if causes.get(Cause.COLLISION.name.lower()) else None
     return InfeasibleSceneError(
-        compiled.config.where, name, cause, counts, leaning, orientation if orientation in ("any", "stable") else None
+        compiled.config.where,
+        name,
+        cause,
+        counts,
+        leaning,
+        orientation if orientation in ("any", "stable") else None,
+        None if obstruction is None else str(obstruction),
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.geometry.colliders import collect_colliders, collider_arrays
+from sceniris_gym.geometry.colliders import Colliders, collect_colliders, collider_arrays
 from sceniris_gym.program.device import Program, fill_struct
 from sceniris_gym.program.pack import pack_program
 from sceniris_gym.program.plan import Plan, build_plan
@@ -36,7 +36,7 @@ class CompiledScene:
         home_place, home_bounds: Where each of `slots` is at the start, as relations see it; see `Plan`.
         home_xpos, home_xquat: Poses of all bodies at the start, shapes (nbody, 3) and (nbody, 4) wxyz.
         depth: Levels of the two deepest box trees together, which bounds the stack of the collision test.
-        keep: Device arrays and meshes that `program` points to.
+        colliders: What is tested as a whole; holds the device meshes that `program` points to.
     """
 
     scene: SceneModel
@@ -51,7 +51,7 @@ class CompiledScene:
     home_xpos: np.ndarray
     home_xquat: np.ndarray
     depth: int
-    keep: tuple = field(repr=False)
+    colliders: Colliders = field(repr=False)
 
     @property
     def config(self) -> SceneConfig:
@@ -132,5 +132,5 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
         home_xpos=plan.home.xpos.astype(np.float32),
         home_xquat=plan.home.xquat.astype(np.float32),
         depth=depth,
-        keep=tuple(colliders.keep),
+        colliders=colliders,
     )

@@ -190,8 +190,6 @@ class Program:
     piece_size: wp.array(dtype=wp.vec3)
     piece_vertadr: wp.array(dtype=int)
     piece_vertnum: wp.array(dtype=int)
-    piece_contype: wp.array(dtype=int)
-    piece_conaffinity: wp.array(dtype=int)
     vert: wp.array(dtype=wp.vec3)
     # Colliders: a binary tree of boxes in the body's frame. `node_child` is the left child (the right one follows it),
     # or ~leaf: a piece (physics) or a face (visual).
@@ -211,6 +209,7 @@ class Program:
     pair_a: wp.array(dtype=int)
     pair_b: wp.array(dtype=int)
     pair_margin: wp.array(dtype=float)
+    pair_touch: wp.array(dtype=float)  # the least distance [m] where the pair is an object and its support
     start: wp.array(dtype=wp.vec3i)  # (pair, node of a, node of b) that the collision test begins with
     # What a world holds before anything is drawn, and the bank of valid layouts.
     home_qpos: wp.array(dtype=float)

@@ -58,8 +58,6 @@ def pack_pieces(pieces: list[Piece]) -> dict[str, np.ndarray]:
         "piece_size": np.reshape([p.size for p in pieces], (-1, 3)),
         "piece_vertadr": adr,
         "piece_vertnum": num,
-        "piece_contype": np.array([p.contype for p in pieces], int),
-        "piece_conaffinity": np.array([p.conaffinity for p in pieces], int),
         "vert": np.reshape(vert, (-1, 3)),
     }
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import mujoco
 import numpy as np
 
+from sceniris_gym.config.fields import LEAST_GAP
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.orientation import DrawnOrientation
 from sceniris_gym.geometry.colliders import Colliders
@@ -12,7 +15,7 @@ from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.geometry.ragged import ranges
 from sceniris_gym.program.device import Measure, ObjectKind, OrientationType, Roof
 from sceniris_gym.program.pack_relations import has_own_width, relations_of
-from sceniris_gym.program.pairs import arm_pairs, collider_pairs, first_nodes
+from sceniris_gym.program.pairs import PairRules, arm_pairs, collider_pairs, first_nodes
 from sceniris_gym.program.plan import PlacedObject, Plan, roof_rule
 from sceniris_gym.scene.model import SceneModel
 
@@ -36,7 +39,7 @@ def pack_objects(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int
         "obj_slot": np.array([plan.slots.index(o.name) for o in objects], int),
         "obj_measured": np.array([_measured(plan, o) for o in objects], int),
         "obj_ground": np.array([-1 if o.ground is None else o.ground for o in objects], int),
-        "obj_gap": np.array([o.config.gap if o.config else 0.0 for o in objects]),
+        "obj_gap": np.array([_gap(scene, colliders, o) for o in objects]),
         "obj_box_lower": np.reshape([b[0] for b in boxes], (-1, 3)),
         "obj_box_upper": np.reshape([b[1] for b in boxes], (-1, 3)),
         "obj_roof": np.array([roof_rule(o.config) for o in objects], int),
@@ -103,6 +106,7 @@ def _bodies_and_pieces(scene: SceneModel, plan: Plan, colliders: Colliders) -> d
 def _pairs(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int) -> dict[str, np.ndarray]:
     """Pairs of colliders that are kept apart, with their margins: of objects, then of the arm."""
     lists = [*collider_pairs(scene, plan, colliders), *arm_pairs(scene, plan, colliders)]
+    rules = PairRules(scene, colliders)
     pairs, pairadr, pairnum = ranges(lists)
     start, startadr, startnum = ranges(
         first_nodes(colliders, part, int(first), lanes) for part, first in zip(lists, pairadr, strict=True)
@@ -116,12 +120,23 @@ def _pairs(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int) -> d
         "pair_a": np.array([p[0] for p in pairs], int),
         "pair_b": np.array([p[1] for p in pairs], int),
         "pair_margin": np.array([p[2] for p in pairs], float),
+        "pair_touch": np.array([rules.touch(a, b) for a, b, _ in pairs], float),
     }
 
 
 def footprint_hulls(plan: Plan) -> list[Piece]:
     """Footprints that are pieces of their own, numbered after all obstacles."""
     return [o.footprint for o in plan.objects if o.footprint is not None]
+
+
+def _gap(scene: SceneModel, colliders: Colliders, o: PlacedObject) -> float:
+    """Height [m] over the support: the scene's, or more where MuJoCo acts from further away."""
+    if o.config is None:
+        return 0.0
+    rules = PairRules(scene, colliders)
+    own, under = ([c for c, body in enumerate(colliders.body) if body in bodies] for bodies in (o.bodies, [o.ground]))
+    touch = max((rules.touch(a, b) for a, b in product(own, under) if rules.meet(a, b)), default=0.0)
+    return max(o.config.gap, touch + LEAST_GAP if touch > 0.0 else 0.0)
 
 
 def _roofs(scene: SceneModel, plan: Plan, colliders: Colliders, config: ObjectConfig | None) -> list[int]:

@@ -9,11 +9,73 @@ import numpy as np
 
 from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.geometry.colliders import Colliders
+from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.grasping.gripper import carried
 from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.reach import robot_arm
 from sceniris_gym.scene.model import SceneModel
+
+# What is nearer at home than this [m] touches: distances are compared with a skin of half as much.
+_NEAR = 1.0e-5
+
+
+class PairRules:
+    """Which colliders of a scene can meet, by MuJoCo's rules, and from which distance on they touch.
+
+    Args:
+        scene: The scene.
+        colliders: Its colliders.
+    """
+
+    def __init__(self, scene: SceneModel, colliders: Colliders) -> None:
+        self.mjm, self.colliders = scene.mjm, colliders
+        self.contacts = ContactRules(scene.mjm, scene.config.geometry)
+        is_physics = scene.config.geometry == "physics"
+        self._simulated = self.contacts if is_physics else ContactRules(scene.mjm, "physics")
+        self._excluded = {int(signature) for signature in scene.mjm.exclude_signature}
+        self._filters_parents = not scene.mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
+
+    def touch(self, a: int, b: int) -> float:
+        """From which distance [m] on MuJoCo acts on two colliders."""
+        return self.contacts.distance(self.colliders.contact_class[a], self.colliders.contact_class[b])
+
+    def meet(self, a: int, b: int) -> bool:
+        """Whether two colliders can touch at all. Fixtures are kept apart also where MuJoCo would not report them."""
+        first, second = self.colliders.body[a], self.colliders.body[b]
+        if self._is_fixed(first) and self._is_fixed(second):
+            return False
+        if self._is_explicit(a, b):
+            return True
+        signature = (min(first, second) << 16) + max(first, second)
+        classes = self.colliders.contact_class
+        return signature not in self._excluded and self.contacts.meet(classes[a], classes[b])
+
+    def meet_within(self, a: int, b: int) -> bool:
+        """The same for two colliders of one object, of which MuJoCo filters neighbours."""
+        first, second = self.colliders.body[a], self.colliders.body[b]
+        weld, parent = self.mjm.body_weldid, self.mjm.body_parentid
+        if weld[first] == weld[second] or not self.meet(a, b):
+            return False
+        if self._is_explicit(a, b) or not self._filters_parents:
+            return True
+        wa, wb = weld[first], weld[second]
+        return not ((wa != 0 and wa == weld[parent[wb]]) or (wb != 0 and wb == weld[parent[wa]]))
+
+    def geoms(self, collider: int) -> list[int]:
+        """What MuJoCo collides of a collider, also where what is seen is kept apart."""
+        mjm, colliders = self.mjm, self.colliders
+        of_body = np.flatnonzero(mjm.geom_bodyid == colliders.body[collider]).tolist()
+        if self._simulated is not self.contacts:
+            return [geom for geom in of_body if self._simulated.collides(geom)]
+        return [geom for geom in of_body if self.contacts.classes[geom] == colliders.contact_class[collider]]
+
+    def _is_explicit(self, a: int, b: int) -> bool:
+        classes = self.colliders.contact_class
+        return self.contacts.is_explicit(classes[a], classes[b])
+
+    def _is_fixed(self, body: int) -> bool:
+        return bool(self.mjm.body_weldid[body] == 0 and self.mjm.body_mocapid[self.mjm.body_rootid[body]] < 0)
 
 
 def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[list[tuple[int, int, float]]]:
@@ -28,6 +90,7 @@ def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[
         Per object a list of (own collider, other collider, clearance).
     """
     mjm, bodies = scene.mjm, colliders.body
+    rules = PairRules(scene, colliders)
     ordered = {body for o in plan.objects for body in o.bodies}
     standing = {body: 0.0 for body in range(mjm.nbody) if body not in ordered}
     for name, part in scene.config.objects.items():
@@ -36,22 +99,21 @@ def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[
                 standing.pop(body, None)
             elif body in standing:
                 standing[body] = part.clearance
-    touching = _touching_at_home(scene, plan)
 
     result = []
     for o in plan.objects:
-        clearance = o.config.clearance if o.config is not None else 0.0
+        clearance, is_static = o.config.clearance if o.config is not None else 0.0, o.kind == ObjectKind.STATIC
         own = [c for c, body in enumerate(bodies) if body in o.bodies]
         others = [c for c, body in enumerate(bodies) if body in standing]
         pairs = []
         if o.config is None or o.config.kind != "marker":
             pairs = [
-                (a, b, max(clearance, standing[bodies[b]]) if o.kind != ObjectKind.STATIC else 0.0)
+                (a, b, max(rules.touch(a, b), 0.0 if is_static else max(clearance, standing[bodies[b]])))
                 for a, b in product(own, others)
-                if _may_meet(mjm, bodies[a], bodies[b])
+                if rules.meet(a, b)
             ]
             if o.joint_ranges:
-                pairs += _among(mjm, colliders, o.bodies, touching)
+                pairs += _among(rules, plan, o.bodies)
             standing.update(dict.fromkeys(o.bodies, clearance))
         result.append(_planes_last(pairs, colliders.plane))
     return result
@@ -78,11 +140,12 @@ def arm_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[list[
     markers = {body for n, part in scene.config.objects.items() if part.kind == "marker" for body in scene.subtree(n)}
     moving = [c for c, body in enumerate(bodies) if body in robot and body != robot[0]]
     hand = carried(mjm, robot_arm(scene))
-    lists = [_among(mjm, colliders, robot, _touching_at_home(scene, plan))]
+    rules = PairRules(scene, colliders)
+    lists = [_among(rules, plan, robot)]
     for own, name in product((moving, [c for c in moving if bodies[c] in hand]), targets):
         apart = markers.union(robot, scene.subtree(name))
         others = [c for c, body in enumerate(bodies) if body not in apart]
-        lists.append([(a, b, 0.0) for a, b in product(own, others) if _may_meet(mjm, bodies[a], bodies[b])])
+        lists.append([(a, b, rules.touch(a, b)) for a, b in product(own, others) if rules.meet(a, b)])
     return [_planes_last(pairs, colliders.plane) for pairs in lists]
 
 
@@ -115,46 +178,24 @@ def first_nodes(
     return entries
 
 
-def _among(
-    mjm: mujoco.MjModel, colliders: Colliders, bodies: list[int], touching: set[frozenset[int]]
-) -> list[tuple[int, int, float]]:
+def _among(rules: PairRules, plan: Plan, bodies: list[int]) -> list[tuple[int, int, float]]:
     """Pairs within one object, except neighbours and what touches at home."""
-    own = [c for c, body in enumerate(colliders.body) if body in bodies]
-    pairs = [(a, b, colliders.body[a], colliders.body[b]) for a, b in product(own, own) if a < b]
+    own = [c for c, body in enumerate(rules.colliders.body) if body in bodies]
     return [
-        (a, b, 0.0)
-        for a, b, body_a, body_b in pairs
-        if _may_meet(mjm, body_a, body_b)
-        and not _are_neighbours(mjm, body_a, body_b)
-        and frozenset((body_a, body_b)) not in touching
+        (a, b, rules.touch(a, b))
+        for a, b in product(own, own)
+        if a < b and rules.meet_within(a, b) and not _touch_at_home(rules, plan, a, b)
     ]
 
 
-def _may_meet(mjm: mujoco.MjModel, a: int, b: int) -> bool:
-    """Whether two bodies can touch at all, and no `exclude` rules it out."""
-    fixed = mjm.body_weldid[a] == 0 and mjm.body_weldid[b] == 0 and not _is_mocap(mjm, a) and not _is_mocap(mjm, b)
-    excluded = (int(s) for s in mjm.exclude_signature)
-    return not fixed and (min(a, b) << 16) + max(a, b) not in excluded
+def _touch_at_home(rules: PairRules, plan: Plan, a: int, b: int) -> bool:
+    """Whether two colliders touch in the start pose of the model: those cannot be kept apart.
 
-
-def _is_mocap(mjm: mujoco.MjModel, body: int) -> bool:
-    return mjm.body_mocapid[mjm.body_rootid[body]] >= 0
-
-
-def _are_neighbours(mjm: mujoco.MjModel, a: int, b: int) -> bool:
-    """Whether MuJoCo filters the pair as parent and child, or as parts of one rigid body."""
-    wa, wb = mjm.body_weldid[a], mjm.body_weldid[b]
-    pa, pb = mjm.body_weldid[mjm.body_parentid[wa]], mjm.body_weldid[mjm.body_parentid[wb]]
-    return wa == wb or (wa != 0 and wa == pb) or (wb != 0 and wb == pa)
-
-
-def _touching_at_home(scene: SceneModel, plan: Plan) -> set[frozenset[int]]:
-    """Pairs of bodies that are in contact in the start pose of the model: those cannot be kept apart."""
-    data = mujoco.MjData(scene.mjm)
-    data.qpos[:] = plan.home.qpos
-    mujoco.mj_kinematics(scene.mjm, data)
-    mujoco.mj_collision(scene.mjm, data)
-    return {frozenset(int(b) for b in scene.mjm.geom_bodyid[c.geom]) for c in data.contact}
+    Geom by geom: all that is not placed yet is at the origin there, and more contacts than MuJoCo has room for.
+    """
+    near = max(rules.touch(a, b), _NEAR)
+    geoms = [rules.geoms(collider) for collider in (a, b)]
+    return any(mujoco.mj_geomDistance(rules.mjm, plan.home, g, h, near, None) < near for g, h in product(*geoms))
 
 
 def _planes_last(pairs: list[tuple[int, int, float]], planes: list[int]) -> list[tuple[int, int, float]]:

@@ -126,7 +126,7 @@ def build_plan(scene: SceneModel) -> Plan:
     home.qpos[:] = scene.home_qpos
     mujoco.mj_kinematics(scene.mjm, home)
     mujoco.mj_comPos(scene.mjm, home)
-    pieces = sorted(_pieces(scene), key=lambda p: (p.body, p.type != PieceType.PLANE, p.geom))
+    pieces = sorted(_pieces(scene), key=lambda p: (p.body, p.type != PieceType.PLANE, p.contact_class, p.geom))
     objects = [_placed_object(scene, name, pieces, home) for name in placement_order(scene)]
     slots = (*scene.config.objects, *([ROBOT] if scene.config.robot is not None else []))
     standing = [_standing(scene, name, pieces, home) for name in slots]

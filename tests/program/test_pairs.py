@@ -90,8 +90,9 @@ def _meetings(scene: SceneModel, plan: Plan | None = None) -> dict[tuple[str, st
     plan = plan or build_plan(scene)
     bodies = list(range(scene.mjm.nbody))
     name = {b: scene.mjm.body(b).name for b in bodies}
+    classes = [int(np.flatnonzero(scene.mjm.geom_contype)[0])] * len(bodies)  # all geoms collide alike
     found = {}
-    for pairs in collider_pairs(scene, plan, Colliders(body=bodies, plane=[-1] * len(bodies))):
+    for pairs in collider_pairs(scene, plan, Colliders(body=bodies, contact_class=classes, plane=[-1] * len(bodies))):
         for a, b, gap in pairs:
             assert (name[a], name[b]) not in found
             found[name[a], name[b]] = gap

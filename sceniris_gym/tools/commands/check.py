@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from sceniris_gym.layout.blame import obstructions
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.tools.narrowing import narrow
@@ -28,6 +29,7 @@ def check(compiled: CompiledScene, layouts: int, seed: int, picture: Path | None
         "first_pass_valid": float(table.first_pass_valid.mean()),
         "attempts_per_layout": float(table.attempts.mean()),
         "rejections": generator.rejection_counts(),
+        "in_the_way": {name: str(found) for name, found in obstructions(compiled, "train").items()},
         **narrow(compiled, layouts, seed, picture),
     }
 
@@ -39,6 +41,7 @@ def report(found: Mapping) -> str:
         f"{found['first_pass_valid']:.2%} on the first pass, {found['attempts_per_layout']:.2f} candidates per layout"
     )
     lines = [shares, f"the first one is {found['first_id']}", table_of_rejections(found["rejections"])]
+    lines += [f"most in the way of {name}: {pair}" for name, pair in found["in_the_way"].items()]
     lines += [
         f"{name}: {part['kept']:.1%} of {part['candidates']} candidates are within reach"
         for name, part in found.get("narrowing", {}).items()

@@ -54,7 +54,14 @@ def test_the_report_has_shares_causes_and_the_picture():
     """As text: percentages, a table of objects and causes with its columns in line, and what is within reach."""
     counts = {"mug": {"collision": 7, "roof": 0}, "long_named_pan": {"collision": 12345, "roof": 3}}
     found = {
-        **{"scene": "desk", "hash": "0123", "first_id": "0123:train:4:0", "layouts": 8, "rejections": counts},
+        **{
+            "scene": "desk",
+            "hash": "0123",
+            "first_id": "0123:train:4:0",
+            "layouts": 8,
+            "rejections": counts,
+            "in_the_way": {},
+        },
         **{"valid": 0.875, "first_pass_valid": 0.5, "attempts_per_layout": 2.25},
         "narrowing": {"mug": {"kept": 0.25, "candidates": 40}},
     }

@@ -1,0 +1,92 @@
+"""MuJoCo's own rules: which geoms collide, and from which distance on a contact acts."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import mujoco
+import numpy as np
+
+_TWO_SPHERES = """<mujoco><worldbody>
+  <geom size=".1" margin=".02" gap=".004"/>
+  <body pos="0 0 .2"><freejoint/><geom size=".1" margin=".01" gap=".002"/></body>
+</worldbody></mujoco>"""
+
+
+class ContactRules:
+    """Which geoms of a model collide, by contact class: geoms of one class meet the same others from the same distance.
+
+    Explicit `<pair>`s come before contact bits, and have margins of their own. Rules about bodies (excludes, parents,
+    what never moves) are in `program/pairs.py`.
+
+    Args:
+        mjm: The model.
+        geometry: "physics"; or "visual", where what is seen collides and MuJoCo's rules do not apply.
+
+    Attributes:
+        classes: Contact class of each geom, shape (ngeom,).
+    """
+
+    def __init__(self, mjm: mujoco.MjModel, geometry: str) -> None:
+        self._mjm, self._visual = mjm, geometry == "visual"
+        self._paired: dict[frozenset[int], float] = {}
+        if self._visual:
+            self.classes = np.zeros(mjm.ngeom, int)
+            return
+        gap = np.zeros(mjm.npair) if margins_add_up() else mjm.pair_gap
+        for a, b, distance in zip(mjm.pair_geom1, mjm.pair_geom2, mjm.pair_margin - gap, strict=True):
+            self._paired[frozenset((int(a), int(b)))] = float(distance)
+        inside = {geom for pair in self._paired for geom in pair}
+        keys = [
+            (geom,) if geom in inside else (-1, bits[0], bits[1], margin, gap)
+            for geom, (bits, margin, gap) in enumerate(
+                zip(
+                    zip(mjm.geom_contype.tolist(), mjm.geom_conaffinity.tolist(), strict=True),
+                    mjm.geom_margin.tolist(),
+                    mjm.geom_gap.tolist(),
+                    strict=True,
+                )
+            )
+        ]
+        first = {key: geom for geom, key in reversed(list(enumerate(keys)))}
+        self.classes = np.array([first[key] for key in keys], int)
+
+    def collides(self, geom: int) -> bool:
+        """Whether a geom collides with anything at all."""
+        bits = int(self._mjm.geom_contype[geom] | self._mjm.geom_conaffinity[geom])
+        return bits != 0 or any(geom in pair for pair in self._paired)
+
+    def is_explicit(self, a: int, b: int) -> bool:
+        """Whether geoms of two classes are an explicit `<pair>`, to which excludes and parents are nothing."""
+        return frozenset((a, b)) in self._paired
+
+    def meet(self, a: int, b: int) -> bool:
+        """Whether geoms of two classes collide: an explicit pair, or the contype of either meets the other's bits."""
+        if self._visual or self.is_explicit(a, b):
+            return True
+        contype, conaffinity = self._mjm.geom_contype, self._mjm.geom_conaffinity
+        return bool(contype[a] & conaffinity[b] or contype[b] & conaffinity[a])
+
+    def distance(self, a: int, b: int) -> float:
+        """From which distance [m] on a contact of geoms of two classes acts: 0 without margins."""
+        mjm = self._mjm
+        if self._visual:
+            return 0.0
+        if mjm.opt.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE:
+            return max(float(mjm.opt.o_margin), 0.0)
+        if self.is_explicit(a, b):
+            return max(self._paired[frozenset((a, b))], 0.0)
+        margins, gaps = mjm.geom_margin[[a, b]], mjm.geom_gap[[a, b]]
+        return max(float(margins.sum() if margins_add_up() else margins.max() - gaps.max()), 0.0)
+
+
+@cache
+def margins_add_up() -> bool:
+    """Whether this MuJoCo adds the margins of two geoms and acts from there on; before 4.0 the larger one less the gap.
+
+    Asked of MuJoCo itself.
+    """
+    mjm = mujoco.MjModel.from_xml_string(_TWO_SPHERES)
+    data = mujoco.MjData(mjm)
+    mujoco.mj_forward(mjm, data)
+    return bool(data.contact.includemargin[0] > 0.025)
