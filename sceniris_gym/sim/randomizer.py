@@ -17,6 +17,7 @@ from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import check_budget, update_stages
+from sceniris_gym.sim.control_history import ControlHistory
 from sceniris_gym.sim.masks import as_mask, as_rows
 from sceniris_gym.sim.sequence import LaunchSequence
 from sceniris_gym.sim.write import Poses, mask_of_rows, rest_map, rows_of_mask, write_state
@@ -29,8 +30,9 @@ class ResetRandomizer:
 
     A reset clears the data of the chosen worlds (`mjw.reset_data`: velocities, warm starts, clocks and NaNs too),
     writes positions, mocap poses, activations and controls of their next layouts, and updates kinematics in all worlds.
-    Position actuators hold the sampled pose; the other controls are those of the home keyframe. Nothing waits for the
-    device, so a reset with a mask on the device can be captured in a graph.
+    Position actuators hold the sampled pose; the other controls are those of the home keyframe. Actuators with a delay
+    read these controls from the past too. Nothing waits for the device, so a reset with a mask on the device can be
+    captured in a graph.
 
     Args:
         compiled: The compiled scene, on the device of `data`.
@@ -69,6 +71,7 @@ class ResetRandomizer:
         if mujoco.mj_name2id(compiled.mjm, mujoco.mjtObj.mjOBJ_KEY, "home") >= 0:
             home_act = compiled.mjm.key("home").act
         self._rest = rest_map(compiled.mjm, compiled.scene.home_ctrl, home_act, self.device)
+        self._control_history = ControlHistory(compiled.mjm, self.device)
         self._stages = update_stages(needs)
         with wp.ScopedDevice(self.device):
             self._all = wp.ones(data.nworld, dtype=wp.bool)
@@ -160,6 +163,7 @@ class ResetRandomizer:
         mjw.reset_data(m, d, reset=self.mask)
         wp.copy(d.nacon, self._nacon)
         write_state(m, d, self._rest, poses, self._rows)
+        self._control_history.launch_fill(d, self.mask)
         for stage in self._stages:
             stage(m, d)
 
