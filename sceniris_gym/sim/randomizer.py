@@ -17,6 +17,7 @@ from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import check_budget, update_stages
+from sceniris_gym.sim.contacts import ContactList
 from sceniris_gym.sim.control_history import ControlHistory
 from sceniris_gym.sim.masks import as_mask, as_rows
 from sceniris_gym.sim.sequence import LaunchSequence
@@ -24,15 +25,32 @@ from sceniris_gym.sim.write import Poses, mask_of_rows, rest_map, rows_of_mask, 
 
 SIZES = ("nq", "nv", "nu", "na", "nbody", "nmocap")
 
+PROMISED = (
+    *("time", "qpos", "qvel", "act", "history", "plastic", "ctrl", "mocap_pos", "mocap_quat", "eq_active"),
+    *("qacc_warmstart", "qfrc_applied", "xfrc_applied", "userdata", "tree_asleep"),
+)
+"""Arrays of Data that keep their bits in worlds that are not reset: the state from which all others follow.
+
+A need of "sensors" or "dynamics" adds what delayed sensors measure now to `history`, as the next step would.
+"""
+
 
 class ResetRandomizer:
     """Resets chosen worlds to fresh layouts; the other worlds keep their state bit for bit.
 
-    A reset clears the data of the chosen worlds (`mjw.reset_data`: velocities, warm starts, clocks and NaNs too),
-    writes positions, mocap poses, activations and controls of their next layouts, and updates kinematics in all worlds.
-    Position actuators hold the sampled pose; the other controls are those of the home keyframe. Actuators with a delay
-    read these controls from the past too. Nothing waits for the device, so a reset with a mask on the device can be
-    captured in a graph.
+    A reset clears the data of the chosen worlds (`mjw.reset_data`: velocities, warm starts, clocks and NaNs too) and
+    writes positions, mocap poses, activations and controls of their next layouts. Position actuators hold the sampled
+    pose; the other controls are those of the home keyframe. Actuators with a delay read these controls from the past
+    too. Nothing waits for the device, so a reset with a mask on the device can be captured in a graph.
+
+    The other worlds keep their state (the arrays in PROMISED) bit for bit, so they go on as if nothing had been reset.
+    Arrays that are computed from the state are brought up to date in all worlds: positions and orientations in space
+    (xpos, geom_xpos, site_xmat, ...), and those of `needs`. In a bare loop of `mjw.step` they are one step older than
+    qpos, so there they change in the other worlds as well.
+
+    `data.contact` lists no contacts of the chosen worlds after a reset, and `data.nacon` does not count them; contacts
+    of the other worlds keep their bits, though not always their places in the list. If `needs` has "contacts" the list
+    is made anew for all worlds.
 
     Args:
         compiled: The compiled scene, on the device of `data`.
@@ -72,6 +90,7 @@ class ResetRandomizer:
             home_act = compiled.mjm.key("home").act
         self._rest = rest_map(compiled.mjm, compiled.scene.home_ctrl, home_act, self.device)
         self._control_history = ControlHistory(compiled.mjm, self.device)
+        self._contacts = ContactList(data)
         self._stages = update_stages(needs)
         with wp.ScopedDevice(self.device):
             self._all = wp.ones(data.nworld, dtype=wp.bool)
@@ -158,6 +177,7 @@ class ResetRandomizer:
 
     def _launch_write(self, poses: Poses) -> None:
         m, d = self.model, self.data
+        self._contacts.launch_drop(self.mask)
         # reset_data zeroes the contact count of all worlds when it resets world 0
         wp.copy(self._nacon, d.nacon)
         mjw.reset_data(m, d, reset=self.mask)
