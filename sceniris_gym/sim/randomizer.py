@@ -17,11 +17,12 @@ from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import check_budget, update_stages
+from sceniris_gym.sim.constraints import clear_constraints
 from sceniris_gym.sim.contacts import ContactList
 from sceniris_gym.sim.control_history import ControlHistory
 from sceniris_gym.sim.masks import as_mask, as_rows
 from sceniris_gym.sim.sequence import LaunchSequence
-from sceniris_gym.sim.write import Poses, mask_of_rows, rest_map, rows_of_mask, write_state
+from sceniris_gym.sim.write import Poses, mask_of_rows, rest_map, rows_of_mask, write_state, write_values
 
 SIZES = ("nq", "nv", "nu", "na", "nbody", "nmocap")
 
@@ -85,10 +86,12 @@ class ResetRandomizer:
             layout_source = LayoutGenerator(compiled, data.nworld, seed=seed, split=split)
         self.layout_source = layout_source
         self._check_fit()
-        home_act = np.zeros(compiled.mjm.na)
-        if mujoco.mj_name2id(compiled.mjm, mujoco.mjtObj.mjOBJ_KEY, "home") >= 0:
-            home_act = compiled.mjm.key("home").act
+        home_act, home_plastic = np.zeros(compiled.mjm.na), np.empty(0)
+        if (key := mujoco.mj_name2id(compiled.mjm, mujoco.mjtObj.mjOBJ_KEY, "home")) >= 0:
+            home_act = compiled.mjm.key_act[key]
+            home_plastic = getattr(compiled.mjm, "key_plastic", np.empty((key + 1, 0)))[key]  # new in MuJoCo 4
         self._rest = rest_map(compiled.mjm, compiled.scene.home_ctrl, home_act, self.device)
+        self._plastic = wp.array(home_plastic, dtype=wp.float32, device=self.device)
         self._control_history = ControlHistory(compiled.mjm, self.device)
         self._contacts = ContactList(data)
         self._stages = update_stages(needs)
@@ -183,7 +186,10 @@ class ResetRandomizer:
         mjw.reset_data(m, d, reset=self.mask)
         wp.copy(d.nacon, self._nacon)
         write_state(m, d, self._rest, poses, self._rows)
+        if self._plastic.shape[0] > 0:
+            write_values(self._plastic, self.mask, d.plastic)
         self._control_history.launch_fill(d, self.mask)
+        clear_constraints(d, self.mask)
         for stage in self._stages:
             stage(m, d)
 

@@ -20,11 +20,11 @@ BALL = """
 """
 
 
-def made(number: int, room: int, seed: int = 0, cone: str = "pyramidal") -> mjw.Data:
+def made(number: int, room: int, seed: int = 0, cone: str = "pyramidal", device: str = "cpu") -> mjw.Data:
     """Return data with room for `room` contacts and `number` of them counted, all their fields random bits."""
     mjm = mujoco.MjModel.from_xml_string(BALL.format(cone=cone))
     rng = np.random.default_rng(seed)
-    with wp.ScopedDevice("cpu"):
+    with wp.ScopedDevice(device):
         d = mjw.make_data(mjm, NWORLD, naconmax=room, njmax=max(1, 8 * room))
         for field in dataclasses.fields(d.contact):
             array = getattr(d.contact, field.name)
@@ -51,19 +51,20 @@ def listed(d: mjw.Data) -> list[bytes]:
     return [b"".join(field[i].tobytes() for field in fields if field.size) for i in range(number)]
 
 
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
 @pytest.mark.parametrize("graph", [False, True])
 @pytest.mark.parametrize(
     ("number", "room"), [(0, 1), (1, 1), (1, 40), (7, 7), (33, 40), (40, 40), (90, 40), (700, 1000)]
 )
-def test_contacts_of_masked_worlds_leave_and_others_stay(number: int, room: int, graph: bool):
+def test_contacts_of_masked_worlds_leave_and_others_stay(number: int, room: int, graph: bool, device: str):
     """Every mask of worlds: what stays is exactly what belongs to the other worlds, bit for bit; the rest is gone."""
     for bits in range(2**NWORLD):
         mask = (bits >> np.arange(NWORLD)) % 2 == 1
-        d = made(number, room, seed=bits)
+        d = made(number, room, seed=bits, device=device)
         worlds = d.contact.worldid.numpy()[:number].copy()
         before = listed(d)
-        contacts, device_mask = ContactList(d), wp.array(mask, dtype=wp.bool, device="cpu")
-        drop = LaunchSequence(lambda: contacts.launch_drop(device_mask), wp.get_device("cpu"), graph=graph)  # noqa: B023
+        contacts, device_mask = ContactList(d), wp.array(mask, dtype=wp.bool, device=device)
+        drop = LaunchSequence(lambda: contacts.launch_drop(device_mask), wp.get_device(device), graph=graph)  # noqa: B023
         drop()
         kept = [contact for contact, world in zip(before, worlds, strict=False) if not mask[world]]
         assert sorted(listed(d)) == sorted(kept)
