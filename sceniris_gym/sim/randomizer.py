@@ -17,20 +17,41 @@ from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import check_budget, update_stages
+from sceniris_gym.sim.constraints import clear_constraints
+from sceniris_gym.sim.contacts import ContactList
+from sceniris_gym.sim.control_history import ControlHistory
 from sceniris_gym.sim.masks import as_mask, as_rows
 from sceniris_gym.sim.sequence import LaunchSequence
-from sceniris_gym.sim.write import Poses, mask_of_rows, rest_map, rows_of_mask, write_state
+from sceniris_gym.sim.write import Poses, mask_of_rows, rest_map, rows_of_mask, write_state, write_values
 
 SIZES = ("nq", "nv", "nu", "na", "nbody", "nmocap")
+
+PROMISED = (
+    *("time", "qpos", "qvel", "act", "history", "plastic", "ctrl", "mocap_pos", "mocap_quat", "eq_active"),
+    *("qacc_warmstart", "qfrc_applied", "xfrc_applied", "userdata", "tree_asleep"),
+)
+"""Arrays of Data that keep their bits in worlds that are not reset: the state from which all others follow.
+
+A need of "sensors" or "dynamics" adds what delayed sensors measure now to `history`, as the next step would.
+"""
 
 
 class ResetRandomizer:
     """Resets chosen worlds to fresh layouts; the other worlds keep their state bit for bit.
 
-    A reset clears the data of the chosen worlds (`mjw.reset_data`: velocities, warm starts, clocks and NaNs too),
-    writes positions, mocap poses, activations and controls of their next layouts, and updates kinematics in all worlds.
-    Position actuators hold the sampled pose; the other controls are those of the home keyframe. Nothing waits for the
-    device, so a reset with a mask on the device can be captured in a graph.
+    A reset clears the data of the chosen worlds (`mjw.reset_data`: velocities, warm starts, clocks and NaNs too) and
+    writes positions, mocap poses, activations and controls of their next layouts. Position actuators hold the sampled
+    pose; the other controls are those of the home keyframe. Actuators with a delay read these controls from the past
+    too. Nothing waits for the device, so a reset with a mask on the device can be captured in a graph.
+
+    The other worlds keep their state (the arrays in PROMISED) bit for bit, so they go on as if nothing had been reset.
+    Arrays that are computed from the state are brought up to date in all worlds: positions and orientations in space
+    (xpos, geom_xpos, site_xmat, ...), and those of `needs`. In a bare loop of `mjw.step` they are one step older than
+    qpos, so there they change in the other worlds as well.
+
+    `data.contact` lists no contacts of the chosen worlds after a reset, and `data.nacon` does not count them; contacts
+    of the other worlds keep their bits, though not always their places in the list. If `needs` has "contacts" the list
+    is made anew for all worlds.
 
     Args:
         compiled: The compiled scene, on the device of `data`.
@@ -69,10 +90,14 @@ class ResetRandomizer:
             layout_source = LayoutGenerator(compiled, data.nworld, seed=seed, split=split)
         self.layout_source = layout_source
         self._check_fit()
-        home_act = np.zeros(compiled.mjm.na)
-        if mujoco.mj_name2id(compiled.mjm, mujoco.mjtObj.mjOBJ_KEY, "home") >= 0:
-            home_act = compiled.mjm.key("home").act
+        home_act, home_plastic = np.zeros(compiled.mjm.na), np.empty(0)
+        if (key := mujoco.mj_name2id(compiled.mjm, mujoco.mjtObj.mjOBJ_KEY, "home")) >= 0:
+            home_act = compiled.mjm.key_act[key]
+            home_plastic = getattr(compiled.mjm, "key_plastic", np.empty((key + 1, 0)))[key]  # new in MuJoCo 4
         self._rest = rest_map(compiled.mjm, compiled.scene.home_ctrl, home_act, self.device)
+        self._plastic = wp.array(home_plastic, dtype=wp.float32, device=self.device)
+        self._control_history = ControlHistory(compiled.mjm, self.device)
+        self._contacts = ContactList(data)
         self._stages = update_stages(needs)
         with wp.ScopedDevice(self.device):
             self._all = wp.ones(data.nworld, dtype=wp.bool)
@@ -164,11 +189,16 @@ class ResetRandomizer:
 
     def _launch_write(self, poses: Poses) -> None:
         m, d = self.model, self.data
+        self._contacts.launch_drop(self.mask)
         # reset_data zeroes the contact count of all worlds when it resets world 0
         wp.copy(self._nacon, d.nacon)
         mjw.reset_data(m, d, reset=self.mask)
         wp.copy(d.nacon, self._nacon)
         write_state(m, d, self._rest, poses, self._rows)
+        if self._plastic.shape[0] > 0:
+            write_values(self._plastic, self.mask, d.plastic)
+        self._control_history.launch_fill(d, self.mask)
+        clear_constraints(d, self.mask)
         for stage in self._stages:
             stage(m, d)
 

@@ -116,6 +116,13 @@ def _write_state(
             act_out[worldid, elemid - nu] = value
 
 
+@wp.kernel
+def _write_values(mask: wp.array[wp.bool], values: wp.array[float], out: wp.array2d[float]):
+    worldid, elemid = wp.tid()
+    if mask[worldid]:
+        out[worldid, elemid] = values[elemid]
+
+
 def rows_of_mask(mask: wp.array, rows_out: wp.array) -> None:
     """Fill `rows_out` (nworld,) int32: world i takes row i where `mask` is true, none (-1) elsewhere."""
     wp.launch(_rows_of_mask, dim=mask.shape[0], inputs=[mask], outputs=[rows_out], device=mask.device)
@@ -124,6 +131,11 @@ def rows_of_mask(mask: wp.array, rows_out: wp.array) -> None:
 def mask_of_rows(rows: wp.array, nrow: int, mask_out: wp.array) -> None:
     """Fill `mask_out` (nworld,) bool: true where `rows` names one of `nrow` rows."""
     wp.launch(_mask_of_rows, dim=rows.shape[0], inputs=[rows, nrow], outputs=[mask_out], device=rows.device)
+
+
+def write_values(values: wp.array, mask: wp.array, out: wp.array) -> None:
+    """Write `values` (n,) into the rows of `out` (nworld, n) where `mask` (nworld,) is true."""
+    wp.launch(_write_values, dim=out.shape, inputs=[mask, values], outputs=[out], device=mask.device)
 
 
 def write_state(m: mjw.Model, d: mjw.Data, rest: RestMap, poses: Poses, rows: wp.array) -> None:

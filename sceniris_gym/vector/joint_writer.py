@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from sceniris_gym.sim.control_history import history_samples
 from sceniris_gym.sim.write import rest_map
 
 
@@ -30,16 +31,26 @@ class JointWriter:
         matrix = np.zeros((mjm.nq, len(held)))
         for k, e in enumerate(held):
             np.add.at(matrix[:, k], qposadr[rows[e]], coef[rows[e]])
-        numbers = (columns, [int(mjm.jnt_dofadr[j]) for j in joints], held)
-        self._columns, self._dofs, self._held = (torch.tensor(n, dtype=torch.long, device=device) for n in numbers)
+        samples, controls = history_samples(mjm)
+        delayed = np.isin(controls, held)
+        numbers = (columns, [int(mjm.jnt_dofadr[j]) for j in joints], held, samples[delayed], controls[delayed])
+        numbers = (torch.as_tensor(np.array(n, int), device=device) for n in numbers)
+        self._columns, self._dofs, self._held, self._samples, self._sampled = numbers
         values = (matrix, *(getattr(rest, name).numpy()[held] for name in ("bias", "lower", "upper")))
         floats = (torch.tensor(v, dtype=torch.float32, device=device) for v in values)
         self._matrix, self._bias, self._lower, self._upper = floats
 
-    def write(self, qpos: Tensor, qvel: Tensor, ctrl: Tensor, values: Tensor, mask: Tensor) -> None:
-        """Set the joints of masked worlds to `values` (num_envs, njoint), in place; the other worlds keep theirs."""
+    def write(
+        self, qpos: Tensor, qvel: Tensor, ctrl: Tensor, values: Tensor, mask: Tensor, history: Tensor | None = None
+    ) -> None:
+        """Set the joints of masked worlds to `values` (num_envs, njoint), in place; the other worlds keep theirs.
+
+        `history` is the data's, in which delayed actuators find their controls; a model without delays needs none.
+        """
         mask = mask[:, None]
         qpos[:, self._columns] = torch.where(mask, values, qpos[:, self._columns])
         qvel[:, self._dofs] = torch.where(mask, 0.0, qvel[:, self._dofs])
         holding = (qpos @ self._matrix + self._bias).clamp(self._lower, self._upper)
         ctrl[:, self._held] = torch.where(mask, holding, ctrl[:, self._held])
+        if history is not None and len(self._samples):
+            history[:, self._samples] = torch.where(mask, ctrl[:, self._sampled], history[:, self._samples])

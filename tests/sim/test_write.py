@@ -9,7 +9,7 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
-from sceniris_gym.sim.write import mask_of_rows, rest_map, rows_of_mask, write_state
+from sceniris_gym.sim.write import mask_of_rows, rest_map, rows_of_mask, write_state, write_values
 
 ACTUATORS = """
 <mujoco>
@@ -114,3 +114,11 @@ def test_masks_and_rows_turn_into_each_other():
     assert rows.numpy().tolist() == [0, -1, 2]
     mask_of_rows(rows, 2, back)
     assert back.numpy().tolist() == [True, False, False]
+
+
+def test_values_are_written_where_the_mask_is_true():
+    """The same numbers into every masked row; the others keep theirs."""
+    mask = wp.array([True, False, True], dtype=wp.bool, device="cpu")
+    out = wp.full((3, 2), 9.0, dtype=float, device="cpu")
+    write_values(wp.array([1.0, 2.0], dtype=float, device="cpu"), mask, out)
+    assert out.numpy().tolist() == [[1.0, 2.0], [9.0, 9.0], [1.0, 2.0]]

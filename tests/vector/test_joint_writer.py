@@ -84,3 +84,35 @@ def test_all_else_stays_as_it_is():
     for name, values in state.items():
         assert (values[1:] == 7.0).all()
         np.testing.assert_array_equal(values[0].numpy() == 7.0, kept[name], err_msg=name)
+
+
+DELAYED = """
+<mujoco>
+  <worldbody>
+    <body><joint name="one"/><geom size="0.1" pos="0.3 0 0"/></body>
+    <body pos="0 2 0"><joint name="two"/><geom size="0.1" pos="0.3 0 0"/></body>
+  </worldbody>
+  <actuator>
+    <position joint="two" kp="10" delay="0.01" nsample="3"/>
+    <position joint="one" kp="10" gear="2" delay="0.02" nsample="12"/>
+  </actuator>
+</mujoco>
+"""
+
+
+def test_delayed_actuators_read_the_new_control_from_the_past():
+    """All that a delayed actuator remembers is the control that holds the joint; others remember what they did."""
+    mjm = mujoco.MjModel.from_xml_string(DELAYED)
+    data = mujoco.MjData(mjm)
+    state = {"qpos": torch.zeros(2, 2), "qvel": torch.zeros(2, 2), "ctrl": torch.zeros(2, 2)}
+    state["history"] = torch.tensor(data.history, dtype=torch.float32).repeat(2, 1)
+    before = state["history"].clone()
+    writer = JointWriter(mjm, [mjm.joint("one").id], torch.device("cpu"))
+    writer.write(**state, values=torch.tensor([[0.4], [0.5]]), mask=torch.tensor([True, False]))
+    assert torch.equal(state["history"][1], before[1])
+    data.history[:], data.ctrl[:] = state["history"][0].numpy(), state["ctrl"][0].numpy()
+    read = np.zeros((2, 1))
+    for i in range(2):
+        mujoco.mj_readCtrl(mjm, data, i, 0.0, read[i], -1)
+    np.testing.assert_allclose(read[:, 0], [0.0, 0.8], atol=1e-6)
+    assert (state["history"][0] != before[0]).sum() == 12
