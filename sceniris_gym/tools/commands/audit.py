@@ -51,6 +51,7 @@ def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
         needed = np.array([g.opening for g in target.grasp_set.grasps])[np.maximum(table.grasp[:, k], 0)]
         gap = np.minimum(needed + OPENING_MARGIN, gripper.opening)
         share = np.clip((gap - gripper.closed) / max(gripper.opening - gripper.closed, 1e-6), 0.0, 1.0)
+        finger_adr, fingers = gripper.poses(share)
         claims.append(
             Claim(
                 name=target.name,
@@ -58,8 +59,8 @@ def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
                 pose=table.grasp_pose[:, k],
                 qpos=table.grasp_qpos[:, k],
                 pregrasp_qpos=table.pregrasp_qpos[:, k],
-                fingers=gripper.closed_qpos + share[:, None] * (gripper.open_qpos - gripper.closed_qpos),
-                finger_adr=gripper.qposadr,
+                fingers=fingers,
+                finger_adr=finger_adr,
             )
         )
     return claims
