@@ -109,8 +109,9 @@ def extract_pieces(
 
     Raises:
         MeshError: A mesh that is open, flat, or has no faces.
-        NotSupportedError: A height field or a signed distance field.
+        NotSupportedError: A height field, a signed distance field or a flex.
     """
+    _check_flexes(mjm, geometry, bodies, where or {})
     pieces = []
     rules = ContactRules(mjm, geometry)
     for geom in range(mjm.ngeom):
@@ -125,6 +126,31 @@ def extract_pieces(
                 place = (where or {}).get(int(mjm.geom_bodyid[geom]))
                 raise type(error)(f"{place}: {error}" if place else str(error)) from None
     return pieces
+
+
+def _check_flexes(mjm: mujoco.MjModel, geometry: str, bodies: set[int] | None, where: Mapping[int, str]) -> None:
+    """Refuse flexes that collide, and with visual geometry also those that are seen: they have no fixed shape."""
+    for flex in range(mjm.nflex):
+        own = _bodies_of_flex(mjm, flex)
+        collides = bool(mjm.flex_contype[flex] | mjm.flex_conaffinity[flex])
+        visible = mjm.flex_group[flex] in _VISIBLE_GROUPS and mjm.flex_rgba[flex][3] > 0.0
+        if (bodies is not None and not bodies & own) or not (collides or (geometry == "visual" and visible)):
+            continue
+        place = next((f"{where[body]}: " for body in sorted(own) if body in where), "")
+        cure = "turn its collisions off (contype=0, conaffinity=0)" if collides else "make it invisible (rgba alpha=0)"
+        name = mujoco.mj_id2name(mjm, mujoco.mjtObj.mjOBJ_FLEX, flex)
+        raise NotSupportedError(
+            f"{place}flex '{name or flex}': what is soft cannot be an obstacle. Use rigid bodies of primitives "
+            f"or meshes, or {cure}."
+        )
+
+
+def _bodies_of_flex(mjm: mujoco.MjModel, flex: int) -> set[int]:
+    """The bodies that a flex hangs on: those of its vertices, or of its nodes where these move the vertices."""
+    vert, node = int(mjm.flex_vertadr[flex]), int(mjm.flex_nodeadr[flex])
+    nodes = mjm.flex_nodebodyid[node : node + int(mjm.flex_nodenum[flex])] if mjm.flex_nodenum[flex] else []
+    verts = mjm.flex_vertbodyid[vert : vert + int(mjm.flex_vertnum[flex])]
+    return {int(body) for body in (*verts, *nodes) if body >= 0}
 
 
 def _piece(mjm: mujoco.MjModel, geom: int, geometry: str, contact_class: int) -> Piece:

@@ -1,6 +1,7 @@
 """The gripper of an arm, from its geometry: how wide it opens, and how far its fingers reach.
 
-Fingers are moved by the joints that are not in the TCP's chain. Everything is measured in the frame of the TCP: +z is
+Fingers are moved by the joints that are not in the TCP's chain. Those that an equality makes follow others do so here,
+too: a gripper of two mirrored fingers opens by one joint. Everything is measured in the frame of the TCP: +z is
 the approach axis, +y the closing axis.
 """
 
@@ -13,6 +14,7 @@ import numpy as np
 
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.reach.arm import SerialArm
+from sceniris_gym.scene.couplings import Coupling, driven_by, follow, free_range, joint_couplings
 from sceniris_gym.scene.model import subtree
 
 # A tool without fingers takes no room, and may touch objects of any width.
@@ -32,9 +34,10 @@ class Gripper:
         depth: Distance from the palm to the TCP.
         half_width: Half the width of the fingers at the TCP, across the closing axis.
         thickness: Thickness of a finger at the TCP, along the closing axis.
-        qposadr: Addresses of the fingers' joints in qpos.
+        qposadr: Addresses in qpos of the fingers' joints, without those that follow others.
         open_qpos: Their positions at the widest gap [m or rad].
         closed_qpos: Their positions at the least gap [m or rad].
+        couplings: Joints that follow them, drivers before what follows them.
     """
 
     opening: float
@@ -46,6 +49,7 @@ class Gripper:
     qposadr: np.ndarray
     open_qpos: np.ndarray
     closed_qpos: np.ndarray
+    couplings: tuple[Coupling, ...] = ()
 
     @classmethod
     def from_model(cls, mjm: mujoco.MjModel, arm: SerialArm, home_qpos: np.ndarray, pieces: list[Piece]) -> Gripper:
@@ -59,19 +63,24 @@ class Gripper:
         """
         hand = carried(mjm, arm)
         own = [p for p in pieces if p.body in hand and p.type != PieceType.PLANE]
-        joints = _finger_joints(mjm, hand, arm)
+        couplings = joint_couplings(mjm, f"arm '{arm.name}'")
+        found = _finger_joints(mjm, hand, arm, couplings, home_qpos)
+        joints, limits = list(found), np.reshape(list(found.values()), (-1, 2))
         adr = mjm.jnt_qposadr[joints].astype(int)
         if not joints or not own:
             nothing = np.zeros(0)
             return cls(_NO_LIMIT, 0.0, 0.0, _DEEP, 0.01, 0.0, np.zeros(0, int), nothing, nothing)
         data = mujoco.MjData(mjm)
         data.qpos[:] = home_qpos
-        limits = mjm.jnt_range[joints]
-        outer = [_outer(mjm, data, arm, joint, own) for joint in joints]
+        follow(couplings, data.qpos)
+        outer = [
+            _outer(mjm, data, arm, joint, ends, driven_by(couplings, [joint]), own) for joint, ends in found.items()
+        ]
         rows = np.arange(len(joints))
         wide, narrow = limits[rows, outer], limits[rows, 1 - np.array(outer)]
-        low, high, opening = _fingers(mjm, data, arm, own, adr, wide)
-        _, _, closed = _fingers(mjm, data, arm, own, adr, narrow)
+        driven = tuple(driven_by(couplings, joints))
+        low, high, opening = _fingers(mjm, data, arm, own, adr, wide, driven)
+        _, _, closed = _fingers(mjm, data, arm, own, adr, narrow, driven)
         at = (low[:, 2] <= 0.0) & (high[:, 2] >= 0.0)
         between = ~at & (high[:, 2] < 0.0) & (low[:, 1] < 0.5 * opening) & (high[:, 1] > -0.5 * opening)
         return cls(
@@ -84,7 +93,24 @@ class Gripper:
             qposadr=adr,
             open_qpos=wide,
             closed_qpos=narrow,
+            couplings=driven,
         )
+
+    def poses(self, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return how the fingers stand when the gripper is opened by shares of its way.
+
+        Args:
+            share: From 0, closed, to 1, open, shape (n,).
+
+        Returns:
+            Addresses in qpos of all joints that move, those that follow included, shape (nfinger,), and their positions
+            [m or rad], shape (n, nfinger).
+        """
+        adr = np.concatenate([self.qposadr, [c.adr for c in self.couplings]]).astype(int)
+        qpos = np.zeros((len(share), adr.max(initial=-1) + 1))
+        qpos[:, self.qposadr] = self.closed_qpos + share[:, None] * (self.open_qpos - self.closed_qpos)
+        follow(self.couplings, qpos)
+        return adr, qpos[:, adr]
 
 
 def carried(mjm: mujoco.MjModel, arm: SerialArm) -> set[int]:
@@ -96,38 +122,59 @@ def carried(mjm: mujoco.MjModel, arm: SerialArm) -> set[int]:
     return set(subtree(mjm, root))
 
 
-def _finger_joints(mjm: mujoco.MjModel, hand: set[int], arm: SerialArm) -> list[int]:
+def _finger_joints(
+    mjm: mujoco.MjModel, hand: set[int], arm: SerialArm, couplings: tuple[Coupling, ...], home: np.ndarray
+) -> dict[int, tuple[float, float]]:
+    """The joints that move fingers and follow no others, and how far they go with what follows within its limits."""
     scalar = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
-    return [
-        j
+    following = {c.follower for c in couplings}
+    found = {
+        j: free_range(mjm, couplings, j, home)
         for j in range(mjm.njnt)
         if int(mjm.jnt_bodyid[j]) in hand
         and mjm.jnt_qposadr[j] not in arm.qposadr
         and int(mjm.jnt_type[j]) in scalar
-        and mjm.jnt_limited[j]
-    ]
+        and j not in following
+    }
+    return {j: ends for j, ends in found.items() if np.isfinite(ends).all()}
 
 
-def _outer(mjm: mujoco.MjModel, data: mujoco.MjData, arm: SerialArm, joint: int, pieces: list[Piece]) -> int:
-    """Which limit of a finger's joint (0: lower, 1: upper) moves the finger farther from the approach axis."""
-    below = subtree(mjm, int(mjm.jnt_bodyid[joint]))
+def _outer(
+    mjm: mujoco.MjModel,
+    data: mujoco.MjData,
+    arm: SerialArm,
+    joint: int,
+    ends: tuple[float, float],
+    driven: list[Coupling],
+    pieces: list[Piece],
+) -> int:
+    """Which end of a finger's joint (0: lower, 1: upper) moves it, and what follows, farther from the approach axis."""
+    below = {b for j in (joint, *(c.follower for c in driven)) for b in subtree(mjm, int(mjm.jnt_bodyid[j]))}
     moved = [p for p in pieces if p.body in below]
     adr = int(mjm.jnt_qposadr[joint])
-    home = float(data.qpos[adr])
+    home = data.qpos.copy()
     off = []
-    for value in mjm.jnt_range[joint]:
+    for value in ends:
         data.qpos[adr] = value
+        follow(driven, data.qpos)
         low, high = _boxes(mjm, data, arm, moved)
         off.append(float(np.abs(low[:, 1] + high[:, 1]).sum()))
-    data.qpos[adr] = home
+    data.qpos[:] = home
     return int(off[1] > off[0])
 
 
 def _fingers(
-    mjm: mujoco.MjModel, data: mujoco.MjData, arm: SerialArm, pieces: list[Piece], adr: np.ndarray, qpos: np.ndarray
+    mjm: mujoco.MjModel,
+    data: mujoco.MjData,
+    arm: SerialArm,
+    pieces: list[Piece],
+    adr: np.ndarray,
+    qpos: np.ndarray,
+    driven: tuple[Coupling, ...],
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Boxes of all pieces in the TCP's frame, and the gap between those that stand beside the TCP."""
     data.qpos[adr] = qpos
+    follow(driven, data.qpos)
     low, high = _boxes(mjm, data, arm, pieces)
     at = (low[:, 2] <= 0.0) & (high[:, 2] >= 0.0)
     left = at & (low[:, 1] + high[:, 1] > 0.0)

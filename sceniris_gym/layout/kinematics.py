@@ -33,6 +33,29 @@ def draw_joints(
         if num > 0:
             value = program.choice[program.draw_choiceadr[adr + i] + wp.min(int(u[i % 4] * float(num)), num - 1)]
         qpos[program.draw_qposadr[adr + i]] = value
+    follow_joints(program, obj, qpos)
+
+
+@wp.func
+def follow_joints(program: Program, obj: int, qpos: wp.array(dtype=float)):
+    """Put the joints that follow the object's drawn ones where these are."""
+    adr = program.obj_followadr[obj]
+    for i in range(adr, adr + program.obj_follownum[obj]):
+        follow_joint(program.follow_driveradr, program.follow_qposadr, program.follow_coef, i, qpos)
+
+
+@wp.func
+def follow_joint(
+    driveradr: wp.array(dtype=int),
+    qposadr: wp.array(dtype=int),
+    coef: wp.array2d(dtype=wp.float64),
+    i: int,
+    qpos: wp.array(dtype=float),
+):
+    """Put one joint where its equality has it, as MuJoCo computes that."""
+    x = wp.float64(qpos[driveradr[i]]) - coef[i, 0]
+    y = coef[i, 1] + x * (coef[i, 2] + x * (coef[i, 3] + x * (coef[i, 4] + x * coef[i, 5])))
+    qpos[qposadr[i]] = float(y)
 
 
 @wp.func

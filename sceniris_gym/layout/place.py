@@ -14,7 +14,7 @@ from sceniris_gym.layout.blocks import block_any, block_sync
 from sceniris_gym.layout.collision import LEAF_CAPACITY, NODE_CAPACITY, collides_physics, collides_visual
 from sceniris_gym.layout.grasps import first_on_map
 from sceniris_gym.layout.groups import draw_groups, parking_place
-from sceniris_gym.layout.kinematics import draw_joints, pose_bodies
+from sceniris_gym.layout.kinematics import draw_joints, follow_joints, pose_bodies
 from sceniris_gym.layout.layouts import LayoutsView, Status
 from sceniris_gym.layout.measure import measure, see
 from sceniris_gym.layout.orientations import DrawnVariant, draw_turn, facing
@@ -195,6 +195,7 @@ def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
         for i in range(program.obj_drawnum[obj]):
             adr = program.draw_qposadr[program.obj_drawadr[obj] + i]
             layouts.qpos[worldid, adr] = program.home_qpos[adr]
+        follow_joints(program, obj, layouts.qpos[worldid])
         variant = program.obj_variantadr[obj]
         c = Candidate()
         c.turn.quat = program.variant_quat[variant]

@@ -14,7 +14,7 @@ from sceniris_gym.layout.bank import fall_back_reaching
 from sceniris_gym.layout.blocks import block_sync
 from sceniris_gym.layout.collision import LEAF_CAPACITY, NODE_CAPACITY, collides_physics, collides_visual
 from sceniris_gym.layout.grasps import lets_through
-from sceniris_gym.layout.kinematics import pose_body
+from sceniris_gym.layout.kinematics import follow_joint, pose_body
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.random import REACH_STREAM, STREAM_BITS, uniforms
 from sceniris_gym.program.device import Cause, Program
@@ -134,6 +134,8 @@ def _open_gripper(reach: Reach, layouts: LayoutsView, worldid: int, grasp: int):
     for i in range(reach.grip_qposadr.shape[0]):
         joint = reach.grip_closed[i] + wp.clamp(share, 0.0, 1.0) * (reach.grip_open[i] - reach.grip_closed[i])
         qpos[reach.grip_qposadr[i]] = joint
+    for i in range(reach.grip_followadr.shape[0]):
+        follow_joint(reach.grip_driveradr, reach.grip_followadr, reach.grip_coef, i, qpos)
 
 
 @wp.func

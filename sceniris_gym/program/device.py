@@ -101,6 +101,11 @@ class Program:
     draw_choiceadr: wp.array(dtype=int)
     draw_choicenum: wp.array(dtype=int)
     choice: wp.array(dtype=float)
+    # Joints that follow drawn ones, see `Coupling`: origin, offset and a1 to a4 in double precision, since MuJoCo
+    # multiplies what is missing by a thousand and more.
+    follow_driveradr: wp.array(dtype=int)
+    follow_qposadr: wp.array(dtype=int)
+    follow_coef: wp.array2d(dtype=wp.float64)
     # Objects.
     obj_stream: wp.array(dtype=int)
     obj_kind: wp.array(dtype=int)
@@ -121,6 +126,8 @@ class Program:
     obj_footprint: wp.array(dtype=int)
     obj_drawadr: wp.array(dtype=int)
     obj_drawnum: wp.array(dtype=int)
+    obj_followadr: wp.array(dtype=int)
+    obj_follownum: wp.array(dtype=int)
     obj_bodyadr: wp.array(dtype=int)
     obj_bodynum: wp.array(dtype=int)
     obj_pieceadr: wp.array(dtype=int)

@@ -44,6 +44,9 @@ class Reach:
     grip_qposadr: wp.array(dtype=int)
     grip_closed: wp.array(dtype=float)
     grip_open: wp.array(dtype=float)
+    grip_driveradr: wp.array(dtype=int)  # joints that follow them, as in `Program`
+    grip_followadr: wp.array(dtype=int)
+    grip_coef: wp.array2d(dtype=wp.float64)
     gap_closed: float
     gap_open: float
     # The bank of valid layouts, as in `Program`; rows by reach targets.

@@ -13,6 +13,7 @@ from sceniris_gym.config.orientation import DrawnOrientation
 from sceniris_gym.geometry.colliders import Colliders
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.geometry.ragged import ranges
+from sceniris_gym.program.couplings import coupling_arrays
 from sceniris_gym.program.device import Measure, ObjectKind, OrientationType, Roof
 from sceniris_gym.program.pack_relations import has_own_width, relations_of
 from sceniris_gym.program.pairs import PairRules, arm_pairs, collider_pairs, first_nodes
@@ -45,6 +46,7 @@ def pack_objects(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int
         "obj_roof": np.array([roof_rule(o.config) for o in objects], int),
         "obj_footprint": np.array([bool(o.config and o.config.ratio_on_support == 1.0) for o in objects], int),
         **_joint_ranges(objects),
+        **_followers(objects),
         **_orientations(plan),
         **_bodies_and_pieces(scene, plan, colliders),
         **_pairs(scene, plan, colliders, lanes),
@@ -62,6 +64,18 @@ def _joint_ranges(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
         "draw_choiceadr": choiceadr,
         "draw_choicenum": choicenum,
         "choice": np.array(choice, float),
+    }
+
+
+def _followers(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
+    found, adr, num = ranges([f.coupling for f in o.followers] for o in objects)
+    driver, follower, coef = coupling_arrays(found)
+    return {
+        "obj_followadr": adr,
+        "obj_follownum": num,
+        "follow_driveradr": driver,
+        "follow_qposadr": follower,
+        "follow_coef": coef,
     }
 
 

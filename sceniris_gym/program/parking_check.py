@@ -89,6 +89,7 @@ def _size(scene: SceneModel, plan: Plan, o: PlacedObject) -> float:
     if not own:
         return 0.0
     drawn = {d.qposadr: max(abs(d.low), abs(d.high), *map(abs, d.choice), 0.0) for d in o.joint_ranges}
+    drawn |= {f.coupling.adr: max(abs(f.low), abs(f.high)) for f in o.followers}
     size = max(float(np.linalg.norm(np.maximum(*np.abs(p.bounds())))) for p in own)
     size += float(np.linalg.norm(mjm.body_pos[o.bodies[1:]], axis=1).sum())
     for joint in np.flatnonzero(np.isin(mjm.jnt_bodyid, o.bodies)):

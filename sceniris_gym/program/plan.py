@@ -17,7 +17,10 @@ from sceniris_gym.geometry import supports
 from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
 from sceniris_gym.geometry.resting_poses import HomeShape, Variant, heading_of, matrix, of_heading_zero
 from sceniris_gym.geometry.supports import SupportSurface
+from sceniris_gym.program.constraints import check_constraints
+from sceniris_gym.program.couplings import Follower, followers_of
 from sceniris_gym.program.device import ObjectKind, Roof
+from sceniris_gym.scene.couplings import free_range
 from sceniris_gym.scene.model import SceneModel
 
 _KINDS = {"free": ObjectKind.FREE, "fixture": ObjectKind.FIXTURE, "marker": ObjectKind.MARKER}
@@ -34,6 +37,11 @@ class JointRange:
     low: float
     high: float
     choice: tuple[float, ...] = ()
+
+    @property
+    def intervals(self) -> list[tuple[float, float]]:
+        """The intervals that it is drawn from."""
+        return [(value, value) for value in self.choice] or [(self.low, self.high)]
 
 
 @dataclass(frozen=True)
@@ -56,6 +64,7 @@ class PlacedObject:
         erosion: How far its pivot keeps from their outlines, in shares of the shorter edge of the drawn bounds, where
             that is not the same in all draws of a variant; else 0, as the regions are eroded already.
         config: Its entry in the scene file; None for the robot.
+        followers: Joints that follow drawn ones, drivers before what follows them.
     """
 
     name: str
@@ -70,6 +79,7 @@ class PlacedObject:
     surfaces: list[list[SupportSurface]]
     erosion: float
     config: ObjectConfig | None
+    followers: tuple[Follower, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -120,8 +130,11 @@ def build_plan(scene: SceneModel) -> Plan:
     Raises:
         NoSupportError: A support without any level surface.
         ErodedSupportError: Nothing is left of a support after its erosion and region.
-        MeshError, NotSupportedError: A geom that cannot be an obstacle, or a support that leans.
+        MeshError, NotSupportedError: A geom that cannot be an obstacle, a support that leans, or a constraint that
+            layouts would break.
+        SceneKeyError: A drawn joint that takes one which follows it beyond its limits.
     """
+    check_constraints(scene)
     home = mujoco.MjData(scene.mjm)
     home.qpos[:] = scene.home_qpos
     mujoco.mj_kinematics(scene.mjm, home)
@@ -170,8 +183,11 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
     quat = of_heading_zero(matrix(scene.mjm.body_quat[bodies[0]]))
     stream = 0 if config is None else 1 + list(scene.config.objects).index(name)
     drawn = _joint_ranges(scene, name)
+    followers = followers_of(scene, name, {d.qposadr: d.intervals for d in drawn})
     if config is None or not config.is_placed:
-        return PlacedObject(name, stream, ObjectKind.STATIC, bodies, drawn, None, [], None, False, [], 0.0, config)
+        return PlacedObject(
+            name, stream, ObjectKind.STATIC, bodies, drawn, None, [], None, False, [], 0.0, config, followers
+        )
     own = [p for p in pieces if p.body in bodies]
     if any(p.type == PieceType.PLANE for p in own):
         raise NotSupportedError(
@@ -201,6 +217,7 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
         surfaces=surfaces,
         erosion=0.5 * config.ratio_on_support if varies else 0.0,
         config=config,
+        followers=followers,
     )
 
 
@@ -237,6 +254,7 @@ def _joint_range(scene: SceneModel, joint: int, words: JointConfig) -> JointRang
         return JointRange(adr, words.value, words.value)
     assert words.noise is not None
     start = scene.home_qpos[adr]
+    low, high = free_range(mjm, scene.couplings, joint, scene.home_qpos)
     return JointRange(adr, max(start - words.noise, low), min(start + words.noise, high))
 
 
@@ -289,7 +307,7 @@ def _tilts(scene: SceneModel, config: ObjectConfig, ground: int) -> bool:
     mjm, chain = scene.mjm, [ground]
     while chain[-1] != scene.bodies[owner]:
         chain.append(int(mjm.body_parentid[chain[-1]]))
-    drawn = scene.joint_configs(owner)
+    drawn = scene.moving_joints(owner)
     return any(
         mjm.jnt_bodyid[j] in chain
         and mjm.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE

@@ -14,6 +14,7 @@ from sceniris_gym.errors import ArmError, MapError, ReachWarning, UnknownNameErr
 from sceniris_gym.geometry.ragged import ranges
 from sceniris_gym.grasping.grasps import Graspable, GraspSet
 from sceniris_gym.grasping.gripper import Gripper, carried
+from sceniris_gym.program.couplings import coupling_arrays
 from sceniris_gym.program.device import fill_struct
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.plan import PlacedObject, Plan
@@ -178,6 +179,7 @@ def _arrays(plan: Plan, targets: list[ReachTarget], gripper: Gripper) -> dict[st
     numbers[[t.number for t in targets]] = np.arange(len(targets))
     spans = np.concatenate([np.zeros((0, 2), int), *_spans(plan.objects, targets, adr)])
     rows = len(targets)
+    driver, follower, coef = coupling_arrays(gripper.couplings)
     return {
         "obj_reach": numbers,
         "variant_graspadr": spans[:, 0],
@@ -196,6 +198,9 @@ def _arrays(plan: Plan, targets: list[ReachTarget], gripper: Gripper) -> dict[st
         "grip_qposadr": gripper.qposadr,
         "grip_closed": gripper.closed_qpos,
         "grip_open": gripper.open_qpos,
+        "grip_driveradr": driver,
+        "grip_followadr": follower,
+        "grip_coef": coef,
         "bank_grasp": np.zeros((0, rows)),
         "bank_grasp_qpos": np.zeros((0, rows, MAX_JOINTS)),
         "bank_pregrasp_qpos": np.zeros((0, rows, MAX_JOINTS)),

@@ -15,6 +15,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import MeshError, NotSupportedError, SceneFileError, SceneKeyError, UnknownNameError
 from sceniris_gym.reach.map import map_file
 from sceniris_gym.scene import assemble, backdrop
+from sceniris_gym.scene.couplings import Coupling, driven_by, follow, joint_couplings
 from sceniris_gym.scene.parking import add_parking_ground, has_parking_ground
 
 HOME = "home"
@@ -29,9 +30,11 @@ class SceneModel:
         spec: The editable model; `spec.to_zip` writes it so that stock MuJoCo opens it.
         mjm: The compiled model; its keyframe 'home' is the start pose.
         bodies: Root body id of every object by its name, and of the robot as 'robot'.
-        home_qpos: Start pose, shape (nq,), with free objects where the model has them.
+        home_qpos: Start pose, shape (nq,), with free objects where the model has them, and joints that an equality ties
+            to others where it has them.
         home_ctrl: Controls of the start pose, shape (nu,).
         hash: Identifies the scene: equal for equal scenes, in every process; 16 hexadecimal digits.
+        couplings: Joints that follow others, drivers before what follows them.
     """
 
     config: SceneConfig
@@ -41,6 +44,7 @@ class SceneModel:
     home_qpos: np.ndarray
     home_ctrl: np.ndarray
     hash: str
+    couplings: tuple[Coupling, ...] = ()
 
     def support_body(self, parent: str, where: str) -> int:
         """Return the body id of a support: 0 for 'floor', else of 'object' or 'object/body'.
@@ -80,11 +84,12 @@ class SceneModel:
         """Return how the joints of an object, or of the robot, are drawn: by joint id, in ascending order.
 
         A joint's own name takes precedence over a pattern, and an earlier pattern over a later one. Joints that nothing
-        names are left out; they keep their home position.
+        names are left out; they keep their home position. So are joints that follow others, which patterns pass over.
 
         Raises:
             UnknownNameError: A name or a pattern that no joint matches.
-            SceneKeyError: A fraction of a joint without limits, or values outside its limits.
+            SceneKeyError: A fraction of a joint without limits, values outside its limits, or a joint that follows
+                another one.
             NotSupportedError: A ball joint.
         """
         part = self.config.robot if name == ROBOT else self.config.objects[name]
@@ -96,15 +101,38 @@ class SceneModel:
             matching = [word] if word in joints else fnmatch.filter(joints, word)
             if not matching:
                 raise UnknownNameError("joint", word, where, joints)
-            for joint in matching:
+            following = {c.follower: c for c in self.couplings}
+            if all(joints[joint] in following for joint in matching):
+                self._refuse_follower(following[joints[matching[0]]], f"{where}.{word}")
+            for joint in (joint for joint in matching if joints[joint] not in following):
                 if joints[joint] not in found:
                     found[joints[joint]] = words[word]
                     self._check_joint(joints[joint], words[word], f"{where}.{word}")
         return dict(sorted(found.items()))
 
+    def moving_joints(self, name: str) -> set[int]:
+        """Return the joints that differ between layouts because those of an object, or of the robot, are drawn.
+
+        These are the drawn ones and all that follow them.
+        """
+        drawn = self.joint_configs(name)
+        return {*drawn, *(c.follower for c in driven_by(self.couplings, drawn))}
+
     def _prefix(self, name: str) -> str:
         robot = self.config.robot
         return assemble.asset_name(robot.asset) if name == ROBOT and robot is not None else name
+
+    def _refuse_follower(self, coupling: Coupling, where: str) -> None:
+        name = self.mjm.joint(coupling.follower).name
+        if coupling.driver is None:
+            raise SceneKeyError(
+                f"{where}: {coupling.label} holds '{name}' at {coupling.offset:g}, so it cannot be drawn. Leave it "
+                "out, or take the equality out."
+            )
+        raise SceneKeyError(
+            f"{where}: {coupling.label} makes '{name}' follow '{self.mjm.joint(coupling.driver).name}', so it cannot "
+            "be drawn itself. Draw that joint instead, or take the equality out."
+        )
 
     def _check_joint(self, joint: int, config: JointConfig, where: str) -> None:
         name = self.mjm.joint(joint).name
@@ -143,7 +171,9 @@ def build_model(config: SceneConfig) -> SceneModel:
     Raises:
         SceneFileError: A file is missing, or MuJoCo cannot read or compile it.
         UnknownNameError: An asset, body, joint or keyframe that does not exist.
-        SceneKeyError: An object that cannot be of its kind; joint values outside the joint's limits.
+        SceneKeyError: An object that cannot be of its kind; joint values outside the joint's limits; a joint that an
+            equality ties to another one, and that is drawn itself or tied twice.
+        CycleError: Joints that equalities tie to each other in a cycle.
     """
     spec, homes = _assemble(config)
     try:
@@ -152,6 +182,9 @@ def build_model(config: SceneConfig) -> SceneModel:
         assemble.check_assets(config)  # names the asset, if it is one
         raise
     home_qpos, home_ctrl = _home(mjm, homes)
+    couplings = joint_couplings(mjm, config.where)
+    given_qpos = home_qpos.copy()
+    follow(couplings, home_qpos)
     if config.floor is not None:
         center, extent = np.array([0.0, 0.0, 0.25]), max(config.floor.size)
     else:
@@ -164,12 +197,14 @@ def build_model(config: SceneConfig) -> SceneModel:
         add_parking_ground(spec, len(config.objects))
     if spec.key(HOME) is None:
         spec.add_key(name=HOME, qpos=home_qpos, ctrl=home_ctrl)
+    elif not np.array_equal(home_qpos, given_qpos):
+        spec.key(HOME).qpos = home_qpos
     mjm = assemble.compile_spec(spec, config.where)
 
     bodies = {name: mjm.body(name).id for name in config.objects}
     if config.robot is not None:
         bodies[ROBOT] = mjm.body(assemble.asset_name(config.robot.asset)).id
-    scene = SceneModel(config, spec, mjm, bodies, home_qpos, home_ctrl, _hash(config, spec))
+    scene = SceneModel(config, spec, mjm, bodies, home_qpos, home_ctrl, _hash(config, spec), couplings)
     for name, part in config.objects.items():
         if part.support is not None:
             scene.support_body(part.support.parent, f"{config.where}: objects.{name}.{part.support.word}")

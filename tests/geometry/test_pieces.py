@@ -9,6 +9,7 @@ import trimesh
 from scipy.spatial import ConvexHull
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import NotSupportedError
 from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces, hull_vertices
 from sceniris_gym.scene.model import build_model
 
@@ -169,3 +170,31 @@ def test_the_visual_meshes_of_assets_are_solids(asset: str):
         assert np.isclose(p.mesh.area, drawn.area)
         low, high = p.bounds()
         np.testing.assert_allclose(p.mesh.bounds, [low, high], atol=1e-6)
+
+
+CONTACT = '<contact selfcollide="none" contype="{0}" conaffinity="{0}"/>'
+FLEX = """<mujoco><worldbody><body name="pole"><geom size=".01"/></body><body name="mast"><geom size=".01"/>
+  <flexcomp name="flag" type="grid" count="3 3 {deep}" spacing=".05 .05 .05" dim="{dim}" radius=".005" mass=".1"
+    rgba="1 0 0 {alpha}" {dof}>{contact}</flexcomp></body></worldbody></mujoco>"""
+SOFT = {
+    "cloth": {"deep": 1, "dim": 2, "dof": ""},
+    "trilinear": {"deep": 3, "dim": 3, "dof": 'dof="trilinear"'},
+    "rigid": {"deep": 1, "dim": 2, "dof": 'rigid="true"'},
+}
+
+
+@pytest.mark.parametrize("flex", SOFT.values(), ids=SOFT)
+def test_a_flex_that_would_be_an_obstacle_is_refused_by_its_name(flex: dict):
+    """What collides in either geometry, and what is seen in the visual one; other bodies can be asked for."""
+    soft = mujoco.MjModel.from_xml_string(FLEX.format(contact=CONTACT.format(1), alpha=0, **flex))
+    where = dict.fromkeys(range(2, soft.nbody), "scene.yaml: objects.mast.asset")
+    for geometry in ("physics", "visual"):
+        with pytest.raises(NotSupportedError, match=r"^scene.yaml: objects.mast.asset: flex 'flag'.*contype=0"):
+            extract_pieces(soft, geometry, where=where)
+    assert len(extract_pieces(soft, "physics", bodies={1})) == 1
+    limp = mujoco.MjModel.from_xml_string(FLEX.format(contact=CONTACT.format(0), alpha=1, **flex))
+    assert len(extract_pieces(limp, "physics")) == 2
+    with pytest.raises(NotSupportedError, match=r"flex 'flag'.*alpha=0"):
+        extract_pieces(limp, "visual")
+    unseen = mujoco.MjModel.from_xml_string(FLEX.format(contact=CONTACT.format(0), alpha=0, **flex))
+    assert len(extract_pieces(unseen, "visual")) == 2

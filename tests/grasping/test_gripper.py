@@ -31,8 +31,11 @@ HAND = """
 </body></body></body></worldbody></mujoco>"""
 
 
-def _hand(left: str = "1", limits: str = "0 .03", at: float = 0.006) -> tuple[mujoco.MjModel, SerialArm, Gripper]:
-    mjm = mujoco.MjModel.from_xml_string(HAND.format(left=left, range=limits, at=at))
+def _hand(
+    left: str = "1", limits: str = "0 .03", at: float = 0.006, tie: str = ""
+) -> tuple[mujoco.MjModel, SerialArm, Gripper]:
+    tied = HAND.replace("</mujoco>", f"<equality>{tie}</equality></mujoco>")
+    mjm = mujoco.MjModel.from_xml_string(tied.format(left=left, range=limits, at=at))
     arm = SerialArm.from_model(mjm, "base")
     return mjm, arm, Gripper.from_model(mjm, arm, np.zeros(mjm.nq), extract_pieces(mjm, "physics"))
 
@@ -43,9 +46,10 @@ def test_a_gripper_opens_as_wide_as_its_fingers_go_apart(robot: str):
     s = Scene("can", robot)
     mjm, data = s.scene.mjm, mujoco.MjData(s.scene.mjm)
     left, right = (mjm.geom(f"{robot}/{name}").id for name in PADS[robot])
-    for gap, qpos in ((s.gripper.opening, s.gripper.open_qpos), (s.gripper.closed, s.gripper.closed_qpos)):
+    adr, fingers = s.gripper.poses(np.array([1.0, 0.0]))
+    for gap, qpos in zip((s.gripper.opening, s.gripper.closed), fingers, strict=True):
         data.qpos[:] = s.scene.home_qpos
-        data.qpos[s.gripper.qposadr] = qpos
+        data.qpos[adr] = qpos
         mujoco.mj_kinematics(mjm, data)
         assert gap == pytest.approx(max(mujoco.mj_geomDistance(mjm, data, left, right, 1.0, None), 0.0), abs=1e-6)
 
@@ -95,6 +99,39 @@ def test_fingers_that_do_not_meet_leave_a_gap():
     _, _, gripper = _hand(at=0.016)
     assert gripper.closed == pytest.approx(0.01)
     assert gripper.opening == pytest.approx(0.08)
+
+
+@pytest.mark.parametrize(
+    ("left", "limits", "tie", "opens"),
+    [
+        ("1", "0 .03", '<joint joint1="left" joint2="right"/>', {"right": 0.03}),
+        ("-1", "-.03 0", '<joint joint1="left" joint2="right" polycoef="0 -1"/>', {"right": 0.03}),
+        ("-1", "-.03 0", '<joint joint1="right" joint2="left" polycoef="0 -1"/>', {"left": -0.03}),
+        ("1", "0 .03", '<joint joint1="left" joint2="right" polycoef="0 .2 10"/>', {"right": 0.04}),
+        ("1", "0 .03", '<joint joint1="left" polycoef=".02"/>', {"right": 0.04}),
+    ],
+)
+def test_a_finger_that_follows_another_one_does_so_however_far_the_gripper_opens(
+    left: str, limits: str, tie: str, opens: dict[str, float]
+):
+    """By MuJoCo's own equality; the gap is what MuJoCo measures between the fingers so posed."""
+    mjm, _, gripper = _hand(left, limits, tie=tie)
+    assert gripper.qposadr.tolist() == [mjm.joint(name).qposadr[0] for name in opens]
+    np.testing.assert_allclose(gripper.open_qpos, list(opens.values()), atol=1e-8)
+    adr, fingers = gripper.poses(np.linspace(1.0, 0.0, 5))
+    mjm.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    data, gaps = mujoco.MjData(mjm), []
+    for qpos in fingers:
+        data.qpos[:] = 0.0
+        data.qpos[mjm.joint("left").qposadr] = 0.02  # where it is held, if it is
+        data.qpos[adr] = qpos
+        mujoco.mj_forward(mjm, data)
+        assert data.ne == 1
+        assert abs(data.efc_pos[0]) < 1e-9
+        ends = [mjm.body_geomadr[mjm.body(name).id] for name in ("left", "right")]
+        gaps.append(max(mujoco.mj_geomDistance(mjm, data, *ends, 1.0, None), 0.0))
+    assert gripper.opening == pytest.approx(gaps[0], abs=1e-6)
+    assert gripper.closed == pytest.approx(gaps[-1], abs=1e-6)
 
 
 def test_a_hand_is_what_the_last_joint_moves():

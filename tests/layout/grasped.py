@@ -107,7 +107,8 @@ def _grasped(compiled: CompiledScene, layouts: Layouts, which: str) -> Iterator[
             data.qpos[reaching.arm.qposadr] = rows[which][i, c, : len(reaching.arm.joints)]
             gap = min(grasp.opening + OPENING_MARGIN, gripper.opening)
             share = (gap - gripper.closed) / (gripper.opening - gripper.closed)
-            data.qpos[gripper.qposadr] = gripper.closed_qpos + share * (gripper.open_qpos - gripper.closed_qpos)
+            adr, fingers = gripper.poses(np.array([share]))
+            data.qpos[adr] = fingers[0]
             mujoco.mj_kinematics(compiled.mjm, data)
             yield data, column.name, grasp
 

@@ -12,6 +12,7 @@ from sceniris_gym.layout.reachability import OPENING_MARGIN
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.auditor import Auditor
+from sceniris_gym.tools.audit.equalities import equalities
 from sceniris_gym.tools.audit.reach import Claim, ReachAudit, Unreached
 from sceniris_gym.tools.tables import make_table
 
@@ -51,6 +52,7 @@ def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
         needed = np.array([g.opening for g in target.grasp_set.grasps])[np.maximum(table.grasp[:, k], 0)]
         gap = np.minimum(needed + OPENING_MARGIN, gripper.opening)
         share = np.clip((gap - gripper.closed) / max(gripper.opening - gripper.closed, 1e-6), 0.0, 1.0)
+        finger_adr, fingers = gripper.poses(share)
         claims.append(
             Claim(
                 name=target.name,
@@ -58,8 +60,8 @@ def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
                 pose=table.grasp_pose[:, k],
                 qpos=table.grasp_qpos[:, k],
                 pregrasp_qpos=table.pregrasp_qpos[:, k],
-                fingers=gripper.closed_qpos + share[:, None] * (gripper.open_qpos - gripper.closed_qpos),
-                finger_adr=gripper.qposadr,
+                fingers=fingers,
+                finger_adr=finger_adr,
             )
         )
     return claims
@@ -87,6 +89,7 @@ def judge(compiled: CompiledScene, layouts: int, rejected: int, settled: int, se
     auditor = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies)
     table = make_table(compiled, layouts, seed)
     report = auditor.judge(table, settled=settled)
+    ties = equalities(compiled.mjm, table)
     claims = reach_claims(compiled, table)
     unreached = judge_reach(compiled, table, claims)
     candidates, names = rejected_candidates(compiled, rejected, seed) if rejected else (table[slice(0, 0)], [])
@@ -106,6 +109,9 @@ def judge(compiled: CompiledScene, layouts: int, rejected: int, settled: int, se
         "false_alarm_pairs": dict(Counter(" ".join(a.owners or ()) for a in alarms)),
         "deepest_penetration_m": report.penetration.depth,
         "deepest_pair": " ".join(report.penetration.owners or ()),
+        "broken_equalities": ties.broken,
+        "equality_worst": ties.worst,
+        "worst_equality": ties.name,
         "misplaced": len({m.row for m in report.misplaced}),
         "misplaced_by": dict(Counter(f"{m.name} {m.cause}" for m in report.misplaced)),
         "relation_violations": report.relation_violations,

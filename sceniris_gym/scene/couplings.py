@@ -1,0 +1,197 @@
+"""Joints that follow others: MuJoCo's joint equalities, read once and in the order in which they are to be applied.
+
+An equality says `y - y0 = a0 + a1 (x - x0) + ... + a4 (x - x0)^4`, with y the position of its first joint, x that of
+its second one, and y0 and x0 those of `qpos0`. Without a second joint the first one is held at `y0 + a0`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.errors import CycleError, SceneKeyError
+
+# Positions that differ by less [m or rad] are the same one, rounded.
+_SAME = 1e-9
+# How far [m or rad] a joint without limits is followed until what follows it meets its own.
+_FAR = 1e3
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """A joint that follows another one, or is held.
+
+    Attributes:
+        label: The equality, as errors name it.
+        follower: The joint that follows.
+        driver: The joint that it follows, None where it is held.
+        adr: Address of the follower in qpos.
+        driver_adr: Address of the driver in qpos; the follower's own where it is held.
+        origin: Position x0 of the driver [m or rad].
+        offset: Position y0 + a0 of the follower [m or rad] where the driver is at x0.
+        coef: a1 to a4; zeros where it is held.
+        limits: Limits of the follower [m or rad], infinite where it has none.
+    """
+
+    label: str
+    follower: int
+    driver: int | None
+    adr: int
+    driver_adr: int
+    origin: float
+    offset: float
+    coef: tuple[float, float, float, float]
+    limits: tuple[float, float]
+
+    def at(self, x: np.ndarray | float) -> np.ndarray:
+        """Position of the follower [m or rad] where the driver is at x."""
+        return np.polyval((*reversed(self.coef), self.offset), np.asarray(x, float) - self.origin)
+
+    def over(self, low: float, high: float) -> tuple[float, float]:
+        """Least and greatest position of the follower [m or rad] while the driver is in [low, high]."""
+        turns = np.roots(np.polyder(np.poly1d((*reversed(self.coef), 0.0))).coeffs)
+        turns = self.origin + turns.real[np.abs(turns.imag) < _SAME]
+        values = self.at(np.array([low, high, *turns[(turns > low) & (turns < high)]]))
+        return float(values.min()), float(values.max())
+
+
+def joint_couplings(mjm: mujoco.MjModel, where: str) -> tuple[Coupling, ...]:
+    """Read the active joint equalities of a model, drivers before what follows them.
+
+    Args:
+        mjm: The model.
+        where: How errors begin.
+
+    Raises:
+        SceneKeyError: A joint that two equalities determine.
+        CycleError: Joints that follow each other.
+    """
+    found: dict[int, Coupling] = {}
+    for eq in active_equalities(mjm):
+        if mjm.eq_type[eq] != mujoco.mjtEq.mjEQ_JOINT:
+            continue
+        coupling = _coupling(mjm, eq)
+        other = found.setdefault(coupling.follower, coupling)
+        if other is not coupling:
+            raise SceneKeyError(
+                f"{where}: {coupling.label}: joint '{mjm.joint(coupling.follower).name}' is determined by "
+                f"{other.label} already. A joint should be the first one of one equality only; remove one of the two."
+            )
+    return tuple(_in_order(mjm, found, where))
+
+
+def active_equalities(mjm: mujoco.MjModel) -> list[int]:
+    """Return the ids of the equalities that MuJoCo enforces from the start."""
+    disabled = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT) | int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
+    if mjm.opt.disableflags & disabled:
+        return []
+    return [eq for eq in range(mjm.neq) if mjm.eq_active0[eq]]
+
+
+def equality_label(mjm: mujoco.MjModel, eq: int) -> str:
+    """Return an equality as errors name it: its kind and its name, or its number if it has none."""
+    kind = mujoco.mjtEq(int(mjm.eq_type[eq])).name.removeprefix("mjEQ_").lower()
+    name = mjm.equality(eq).name
+    return f"equality '{name}' ({kind})" if name else f"equality {eq} ({kind})"
+
+
+def follow(couplings: Iterable[Coupling], qpos: np.ndarray) -> None:
+    """Put all joints that follow others where they belong, in place.
+
+    Args:
+        couplings: In order, drivers before what follows them.
+        qpos: Positions, shape (..., nq).
+    """
+    for c in couplings:
+        wanted = c.at(qpos[..., c.driver_adr])
+        qpos[..., c.adr] = np.where(np.abs(qpos[..., c.adr] - wanted) < _SAME, qpos[..., c.adr], wanted)
+
+
+def driven_by(couplings: Iterable[Coupling], joints: Iterable[int]) -> list[Coupling]:
+    """Return the couplings that move along with any of these joints, directly or through others, in order."""
+    moving, found = set(joints), []
+    for c in couplings:
+        if c.driver in moving:
+            moving.add(c.follower)
+            found.append(c)
+    return found
+
+
+def free_range(mjm: mujoco.MjModel, couplings: Iterable[Coupling], joint: int, home: np.ndarray) -> tuple[float, float]:
+    """Return the interval around home in which a joint and all that follows it stay within their limits.
+
+    It is the joint's own interval of limits where nothing follows it.
+
+    Args:
+        mjm: The model.
+        couplings: Of the model, in order.
+        joint: The joint.
+        home: The start pose, shape (nq,).
+    """
+    low, high = (float(x) for x in mjm.jnt_range[joint]) if mjm.jnt_limited[joint] else (-np.inf, np.inf)
+    driven = driven_by(couplings, [joint])
+    if not driven:
+        return low, high
+    adr, qpos = int(mjm.jnt_qposadr[joint]), home.copy()
+
+    def within(x: float) -> bool:
+        qpos[adr] = x
+        for c in driven:
+            qpos[c.adr] = c.at(qpos[c.driver_adr])
+        return all(c.limits[0] - _SAME <= qpos[c.adr] <= c.limits[1] + _SAME for c in driven)
+
+    start = float(home[adr])
+    if not np.isfinite([c.limits for c in driven]).any() or not within(start):
+        return low, high
+    return _farthest(within, start, low), _farthest(within, start, high)
+
+
+def _farthest(within, start: float, end: float) -> float:
+    """The farthest position towards `end` up to which a joint may go, by bisection; `end` where it may go there."""
+    goal = end if np.isfinite(end) else float(np.copysign(_FAR, end))
+    if within(goal):
+        return end
+    good, bad = start, goal
+    for _ in range(80):
+        middle = 0.5 * (good + bad)
+        good, bad = (middle, bad) if within(middle) else (good, middle)
+    return good
+
+
+def _coupling(mjm: mujoco.MjModel, eq: int) -> Coupling:
+    follower, driver = int(mjm.eq_obj1id[eq]), int(mjm.eq_obj2id[eq])
+    held = driver < 0
+    data = mjm.eq_data[eq]
+    adr = int(mjm.jnt_qposadr[follower])
+    driver_adr = adr if held else int(mjm.jnt_qposadr[driver])
+    low, high = mjm.jnt_range[follower] if mjm.jnt_limited[follower] else (-np.inf, np.inf)
+    return Coupling(
+        label=equality_label(mjm, eq),
+        follower=follower,
+        driver=None if held else driver,
+        adr=adr,
+        driver_adr=driver_adr,
+        origin=float(mjm.qpos0[driver_adr]),
+        offset=float(mjm.qpos0[adr] + data[0]),
+        coef=(0.0, 0.0, 0.0, 0.0) if held else (float(data[1]), float(data[2]), float(data[3]), float(data[4])),
+        limits=(float(low), float(high)),
+    )
+
+
+def _in_order(mjm: mujoco.MjModel, found: dict[int, Coupling], where: str) -> list[Coupling]:
+    """The couplings, each after the one that its driver follows."""
+    ordered: dict[int, Coupling] = {}
+    for first in found:
+        chain: list[int] = []
+        joint: int | None = first
+        while joint in found and joint not in ordered:
+            if joint in chain:
+                names = [mjm.joint(j).name for j in chain[chain.index(joint) :]]
+                raise CycleError(where, names, "joints follow each other by equalities")
+            chain.append(joint)
+            joint = found[joint].driver
+        ordered |= {j: found[j] for j in reversed(chain)}
+    return list(ordered.values())
