@@ -9,6 +9,7 @@ import pytest
 import torch
 import warp as wp
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ContactBudgetError, MaskError, MaskTypeError, SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
@@ -261,7 +262,7 @@ def test_it_makes_its_own_layouts_of_a_scene():
         "floor": {"size": [1.6, 1.6]},
         "objects": {"block": {"on": "floor", "region": {"box": [[-0.3, -0.6], [0.3, 0.6]]}}},
     }
-    compiled = compile_scene(scene, "cpu", bank_size=4)
+    compiled = compile_scene(SceneConfig.load(scene, {"bank": 4}), "cpu")
     with wp.ScopedDevice("cpu"):
         model, data = mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, 3)
     randomizer = ResetRandomizer(compiled, model, data, seed=5, split="eval")
