@@ -140,7 +140,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         pending: list[tuple[str, int, Future[list[Kept]]]] = []
         for word, scene in scenes(Shapes(Path(folder))).items():
             if not args.words or word.startswith(tuple(args.words)):
-                compiled = compile_scene(SceneConfig.load(scene), args.device, bank_size=8)
+                compiled = compile_scene(SceneConfig.load(scene, {"bank": 8}), args.device)
                 table = make_table(compiled, args.layouts, 0)
                 judged = pool.submit(_judge, compiled.mjm, compiled.config, compiled.scene.bodies, table)
                 pending.append((word, int(table.valid.sum()), judged))

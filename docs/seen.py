@@ -63,7 +63,7 @@ class View:
 
     def __init__(self, config: SceneConfig, nworld: int) -> None:
         self.config = config
-        self.compiled = compile_scene(config, "cpu", bank_size=16)
+        self.compiled = compile_scene(SceneConfig.load(config, {"bank": 16}), "cpu")
         generator = LayoutGenerator(self.compiled, nworld)
         generator.generate()
         layouts = generator.layouts

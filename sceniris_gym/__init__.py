@@ -13,9 +13,11 @@ from sceniris_gym import registration
 if TYPE_CHECKING:
     from sceniris_gym.config.scene import SceneConfig as SceneConfig
     from sceniris_gym.errors import ArmError as ArmError
+    from sceniris_gym.errors import AttemptsWarning as AttemptsWarning
     from sceniris_gym.errors import ContactBudgetError as ContactBudgetError
     from sceniris_gym.errors import CycleError as CycleError
     from sceniris_gym.errors import ErodedSupportError as ErodedSupportError
+    from sceniris_gym.errors import FallbackWarning as FallbackWarning
     from sceniris_gym.errors import GraspError as GraspError
     from sceniris_gym.errors import InfeasibleSceneError as InfeasibleSceneError
     from sceniris_gym.errors import KeysLeftOutWarning as KeysLeftOutWarning
@@ -80,6 +82,8 @@ _HOME = {  # public name -> the module it lives in
             "SceneKeyError",
             "NotSupportedError",
             "ReachWarning",
+            "FallbackWarning",
+            "AttemptsWarning",
             "UnknownNameError",
             "NoSupportError",
             "ErodedSupportError",

@@ -247,6 +247,48 @@ class CountError(ScenirisError, ValueError):
     """A number of layouts, candidates or worlds that is too small."""
 
 
+class FallbackWarning(UserWarning):
+    """A scene whose worlds run out of attempts or restarts more often than they should.
+
+    Args:
+        where: The scene.
+        share: Share of the layouts made for the bank that ran out of restarts.
+        name: The object with the most rejections.
+        cause: The most frequent cause of them.
+        cures: What to write in the scene file, e.g. "'restarts' above 8".
+    """
+
+    def __init__(self, where: str, share: float, name: str, cause: str, cures: Iterable[str]) -> None:
+        self.where, self.share, self.name, self.cause, self.cures = where, share, name, cause, tuple(cures)
+        super().__init__(
+            f"{where}: {share:.0%} of the worlds run out of restarts and get a layout from the bank, mostly because of "
+            f"'{name}' ({cause}). Write {', or '.join(self.cures)}."
+        )
+
+    def __reduce__(self) -> tuple:
+        return type(self), (self.where, self.share, self.name, self.cause, self.cures)
+
+
+class AttemptsWarning(UserWarning):
+    """`attempts: auto` reached the largest number of attempts, and worlds still run out of them.
+
+    Args:
+        where: The scene.
+        attempts: That number.
+    """
+
+    def __init__(self, where: str, attempts: int) -> None:
+        self.where, self.attempts = where, attempts
+        super().__init__(
+            f"{where}: attempts: auto stopped at {attempts}, with which more than 1% of the worlds still start again. "
+            "Give the objects larger regions or fewer neighbours ('sceniris-gym check' shows which), or write "
+            "a number: where nothing is left for an object, attempts only take time."
+        )
+
+    def __reduce__(self) -> tuple:
+        return type(self), (self.where, self.attempts)
+
+
 class ReachWarning(UserWarning):
     """Reachability is decided in a different way than requested; the message says why."""
 

@@ -16,6 +16,7 @@ import torch
 pytest.importorskip("rsl_rl")
 
 from benchmarks import curves, honest_resets, layout_sources, reset_cost, task_scenes, train_rsl_rl
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ContactBudgetError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
@@ -26,7 +27,7 @@ from sceniris_gym.vector.vector_env import SceneVectorEnv
 @pytest.fixture(scope="module")
 def compiled() -> CompiledScene:
     """Return the CompiledScene of TabletopReach-v0."""
-    return compile_scene("tabletop_reach", "cpu", bank_size=8)
+    return compile_scene(SceneConfig.load("tabletop_reach", {"bank": 8}), "cpu")
 
 
 def test_a_bank_holds_valid_layouts_and_is_replayed_in_turn(compiled: CompiledScene):
@@ -53,7 +54,9 @@ def test_replayed_episodes_are_those_that_would_be_made(compiled: CompiledScene)
 
 def test_placement_without_checks_takes_the_first_candidate(compiled: CompiledScene):
     """No candidate collides any more, and objects lie where the first ones were drawn; the scene stays as it was."""
-    plain = compile_scene(task_scenes.scene_of("TabletopReach-v0", reachable=False), "cpu", bank_size=8)
+    plain = compile_scene(
+        SceneConfig.load(task_scenes.scene_of("TabletopReach-v0", reachable=False), {"bank": 8}), "cpu"
+    )
     generator = layout_sources.uniform()(plain, 64)
     generator.reseed(np.arange(64))
     generator.generate()
@@ -156,7 +159,7 @@ def test_doors_and_drawers_are_watched_too():
             },
         },
     }
-    compiled = compile_scene(scene, "cpu", bank_size=4)
+    compiled = compile_scene(SceneConfig.load(scene, {"bank": 4}), "cpu")
     dofs = {compiled.mjm.joint(i).name: int(compiled.mjm.jnt_dofadr[i]) for i in range(compiled.mjm.njnt)}
     options = honest_resets.Options(num_envs=4, nconmax=64, njmax=256)
     judge = honest_resets.Judge(compiled, LayoutGenerator(compiled, 4), options)
@@ -254,7 +257,9 @@ def test_what_is_written_is_strict_json():
 
 def test_placement_without_checks_rejects_nothing():
     """Neither for collisions nor for reach."""
-    plain = compile_scene(task_scenes.scene_of("TabletopReach-v0", reachable=False), "cpu", bank_size=8)
+    plain = compile_scene(
+        SceneConfig.load(task_scenes.scene_of("TabletopReach-v0", reachable=False), {"bank": 8}), "cpu"
+    )
     generator = layout_sources.uniform()(plain, 64)
     generator.generate()
     assert not any(any(causes.values()) for causes in generator.rejection_counts().values())

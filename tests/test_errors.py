@@ -11,8 +11,10 @@ import pytest
 
 from sceniris_gym import errors
 from sceniris_gym.errors import (
+    AttemptsWarning,
     ContactBudgetError,
     CycleError,
+    FallbackWarning,
     GraspError,
     InfeasibleSceneError,
     KeysLeftOutWarning,
@@ -44,6 +46,8 @@ EXAMPLES: dict[type, Exception] = {
         TaskError("Lift", "reward", "a float", "a tensor of shape (num_envs,)"),
         OutputError("/out/a.png", "no space left on device"),
         MissingExtraError("stable-baselines3", "sb3"),
+        FallbackWarning("scene.yaml", 0.45, "can", "blocked", ["'restarts' above 8", "a 'bank' above 64"]),
+        AttemptsWarning("scene.yaml", 10_000),
         KeysLeftOutWarning(["env.num_envs"], {"objects.can.distance": "cut off here"}, ["Give a robot."]),
     )
 }

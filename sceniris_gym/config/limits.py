@@ -1,5 +1,7 @@
 """Limits that are compiled into device code."""
 
+MOST_ATTEMPTS = 10_000
+"""Most candidates of one object between two restarts."""
 MAX_RELATIONS = 4
 """Most relations of one object."""
 MAX_ANCHORS = 8

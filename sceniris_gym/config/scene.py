@@ -7,15 +7,34 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, PrivateAttr, Strict, model_validator
+from pydantic import BeforeValidator, Field, PrivateAttr, Strict, model_validator
 
-from sceniris_gym.config.fields import Extents2, Number, ObjectName, Point3
+from sceniris_gym.config.fields import Extents2, Number, ObjectName, Point3, wrong
 from sceniris_gym.config.groups import GroupConfig
+from sceniris_gym.config.limits import MOST_ATTEMPTS
 from sceniris_gym.config.loader import override, read_scene
 from sceniris_gym.config.messages import reading, where_now
 from sceniris_gym.config.objects import JointConfig, ObjectConfig
 from sceniris_gym.config.section import Section
 from sceniris_gym.config.validation import SceneNames, check_names
+
+AUTO = "auto"
+"""`attempts` that `compile_scene` finds."""
+DEFAULT_BANK = 64
+"""Valid layouts that are kept for each split, for worlds that run out of restarts."""
+
+
+def _count_or_auto(value: Any) -> Any:
+    if isinstance(value, str) and value != AUTO:
+        raise wrong(f"should be a whole number or '{AUTO}'", value, [AUTO])
+    if value != AUTO and (isinstance(value, bool) or not isinstance(value, int)):
+        raise wrong(f"should be a whole number or '{AUTO}'")
+    if value != AUTO and not 1 <= value <= MOST_ATTEMPTS:
+        raise wrong("should be at least 1" if value < 1 else f"should be at most {MOST_ATTEMPTS}")
+    return value
+
+
+Attempts = Annotated[int | Literal["auto"], BeforeValidator(_count_or_auto)]
 
 
 class Floor(Section):
@@ -49,8 +68,9 @@ class SceneConfig(Section):
     objects: dict[ObjectName, ObjectConfig] = Field(default_factory=dict)
     groups: dict[ObjectName, GroupConfig] = Field(default_factory=dict)
     geometry: Literal["physics", "visual"] = "physics"
-    attempts: Annotated[int, Strict(), Field(ge=1, le=10_000)] = 10
+    attempts: Attempts = 10
     restarts: Annotated[int, Strict(), Field(ge=0, le=10_000)] = 8
+    bank: Annotated[int, Strict(), Field(ge=1, le=10_000)] = DEFAULT_BANK
     model: Path | None = None
     _where: str = PrivateAttr("SceneConfig")
 
@@ -89,9 +109,12 @@ class SceneConfig(Section):
     def canonical(self) -> str:
         """Return everything that shapes the layouts, defaults included, as JSON that is equal for equal scenes.
 
-        File names are left out: only the contents of the files matter.
+        File names are left out: only the contents of the files matter. Words that came later are left out at their
+        defaults, so that the hashes of older scenes stay as they are.
         """
         parts = {"name", "model"}
+        if self.bank == DEFAULT_BANK:
+            parts.add("bank")
         data = self.model_dump(mode="json", by_alias=True, exclude=parts)
         for part in (*data["objects"].values(), *filter(None, [data["robot"]])):
             part.pop("asset")

@@ -1,9 +1,12 @@
-"""The bank of valid layouts on the device: what a world gets that has run out of restarts."""
+"""The bank of valid layouts on the device: what a world gets that has run out of restarts.
+
+Each split has rows of its own, so that no world of an evaluation gets a layout that training may have seen.
+"""
 
 import warp as wp
 
 from sceniris_gym.layout.layouts import LayoutsView, Status
-from sceniris_gym.layout.random import BANK_STREAM, STREAM_BITS, philox
+from sceniris_gym.layout.random import BANK_STREAM, SPLITS, STREAM_BITS, philox
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_reach import Reach
 
@@ -12,19 +15,24 @@ wp.set_module_options({"enable_backward": False})
 _FALLBACK = wp.constant(int(Status.FALLBACK))
 _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
 _BANK_STREAM = wp.constant(wp.uint32(BANK_STREAM))
+_EVAL = wp.constant(wp.uint32(SPLITS["eval"]))
 
 
 @wp.func
 def _bank_row(program: Program, layouts: LayoutsView, worldid: int, split: wp.uint32) -> int:
-    """The world's entry of the bank; -1 in a CompiledScene whose bank is still being made."""
-    num = program.bank_qpos.shape[0]
+    """The world's entry of its split's bank; -1 in a CompiledScene whose bank is still being made."""
+    first = int(0)
+    num = program.bank_ntrain
+    if split == _EVAL:
+        first = program.bank_ntrain
+        num = program.bank_qpos.shape[0] - first
     if num == 0:
         return -1
     stream = (split << _STREAM_BITS) + _BANK_STREAM
     words = philox(
         layouts.seed[worldid], wp.vec4ui(wp.uint32(layouts.episode[worldid]), stream, wp.uint32(0), wp.uint32(0))
     )
-    return int(words[0] % wp.uint32(num))
+    return first + int(words[0] % wp.uint32(num))
 
 
 @wp.func

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,51 +12,57 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.fields import ROBOT
-from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import CountError, InfeasibleSceneError, NotSupportedError, UnknownNameError
+from sceniris_gym.config.scene import AUTO, SceneConfig
+from sceniris_gym.errors import FallbackWarning, InfeasibleSceneError, NotSupportedError, UnknownNameError
+from sceniris_gym.layout.attempts import find_attempts
 from sceniris_gym.layout.blame import obstructions
 from sceniris_gym.layout.collision import NODE_CAPACITY
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
-from sceniris_gym.program.device import Cause, Program, fill_struct
+from sceniris_gym.program.device import Cause, Program, copied, fill_struct
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.plan import UPRIGHT
 from sceniris_gym.scene.model import SceneModel, build_model
 
-# The probe makes layouts until the bank is full, in this many rounds at most.
+# The probe makes layouts until the bank is full, in this many rounds at most; where one split has layouts and the other
+# has none yet, in this many.
 _ROUNDS = 8
+_MOST_ROUNDS = 64
+# Above this share of layouts from the bank, a scene is worth a warning; so few of them say little of a small probe.
+_MOST_FALLBACKS = 0.05
+_FEWEST_FAILED = 3
 # Causes that only come up once all objects are placed.
 _LATE = (Cause.NO_IK.name.lower(), Cause.BLOCKED.name.lower())
+# Causes that end a layout without further attempts.
+_AT_ONCE = (Cause.EMPTY, Cause.REGION, Cause.NO_IK, Cause.BLOCKED)
 # What a row of the bank holds.
 _BANK = ("qpos", "mocap_pos", "mocap_quat", "present")
 _REACH_BANK = ("grasp", "grasp_qpos", "pregrasp_qpos")
 
 
-def compile_scene(
-    scene: str | Path | Mapping | SceneConfig | SceneModel, device: str | None = None, *, bank_size: int = 64
-) -> CompiledScene:
+def compile_scene(scene: str | Path | Mapping | SceneConfig | SceneModel, device: str | None = None) -> CompiledScene:
     """Compile a scene for a device, prove that layouts of it can be made, and fill its bank of valid layouts.
+
+    Where many worlds would get a layout from the bank, a FallbackWarning says how many, and what would help.
 
     Args:
         scene: A shipped scene's name, a path, a mapping, a SceneConfig, or a SceneModel.
         device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
-        bank_size: Number of valid layouts to keep for worlds that run out of attempts and restarts, at least 1.
 
     Raises:
-        CountError: `bank_size` is below 1.
         UnknownNameError: There is no such device.
         InfeasibleSceneError: No valid layout was found; the message says which object fails and why.
         ScenirisError: Something else is wrong with the scene; see `SceneConfig.load`, `build_model` and `build_plan`.
     """
-    if bank_size < 1:
-        raise CountError(f"compile_scene: bank_size={bank_size} should be 1 or more.")
     wp.init()
     name = device_name(device)
     model = scene if isinstance(scene, SceneModel) else build_model(SceneConfig.load(scene))
     compiled = upload_scene(model, name)
     _check_room(compiled)
-    return _with_bank(compiled, bank_size)
+    if model.config.attempts == AUTO:
+        compiled.program.attempts = find_attempts(compiled)
+    return _with_bank(compiled)
 
 
 def _check_room(compiled: CompiledScene) -> None:
@@ -85,33 +92,74 @@ def device_name(device: str | None, where: str = "compile_scene") -> str:
         raise UnknownNameError("device", device, where, [d.alias for d in wp.get_devices()]) from None
 
 
-def _with_bank(compiled: CompiledScene, size: int) -> CompiledScene:
-    probe = LayoutGenerator(compiled, size, seed=0, split="bank")
-    layouts = probe.layouts
-    found: list[tuple[np.ndarray, ...]] = []
-    for _ in range(_ROUNDS):
-        probe.generate()
-        valid = layouts.status.numpy() == Status.VALID
-        rows = [getattr(layouts, name).numpy()[valid] for name in (*_BANK, *_REACH_BANK)]
-        found += zip(*rows, strict=True)
-        if len(found) >= size:
-            break
-    if not found:
-        raise _infeasible(compiled, probe)
-    columns = (np.stack(rows) for rows in zip(*found[:size], strict=True))
+def _with_bank(compiled: CompiledScene) -> CompiledScene:
+    """The same scene with a bank for each split, made from streams that neither of them has."""
+    train, evaluation = _Probe(compiled, "train_bank"), _Probe(compiled, "eval_bank")
+    if not train.fill(_ROUNDS):
+        raise _infeasible(compiled, train.generator)
+    if not evaluation.fill(_ROUNDS, _MOST_ROUNDS):  # layouts are rare, but there are some
+        raise _infeasible(compiled, evaluation.generator)
+    _warn_of_fallbacks(compiled, train, evaluation)
+    columns = (np.stack(rows) for rows in zip(*train.found, *evaluation.found, strict=True))
     bank: dict[str, np.ndarray] = dict(zip((*_BANK, *_REACH_BANK), columns, strict=True))
     program = _with_rows(Program, compiled.program, bank, _BANK, compiled.device)
+    program.bank_ntrain = len(train.found)
     if compiled.reaching is None:
         return replace(compiled, program=program)
     view = _with_rows(Reach, compiled.reaching.view, bank, _REACH_BANK, compiled.device)
     return replace(compiled, program=program, reaching=replace(compiled.reaching, view=view))
 
 
+class _Probe:
+    """Makes layouts of one split's bank, and counts those that ran out of restarts."""
+
+    def __init__(self, compiled: CompiledScene, split: str) -> None:
+        self.size = compiled.config.bank
+        self.generator = LayoutGenerator(compiled, self.size, seed=0, split=split)
+        self.found: list[tuple[np.ndarray, ...]] = []
+        self.made = self.failed = 0
+
+    def fill(self, rounds: int, most: int = 0) -> bool:
+        """Make layouts until the bank is full, in `rounds` at most, or in `most` until there is one; is there one?"""
+        layouts = self.generator.layouts
+        done = 0
+        while len(self.found) < self.size and done < (rounds if self.found else max(rounds, most)):
+            self.generator.generate()
+            valid = layouts.status.numpy() == Status.VALID
+            rows = [getattr(layouts, name).numpy()[valid] for name in (*_BANK, *_REACH_BANK)]
+            self.found += zip(*rows, strict=True)
+            self.made += self.size
+            self.failed += int(self.size - valid.sum())
+            done += 1
+        self.found = self.found[: self.size]
+        return bool(self.found)
+
+
+def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:
+    """Warn of a scene whose worlds often get a layout from the bank, with what would help."""
+    failed = sum(probe.failed for probe in probes)
+    share = failed / sum(probe.made for probe in probes)
+    if share <= _MOST_FALLBACKS or failed < _FEWEST_FAILED:
+        return
+    # A restart takes as many rejections as there are attempts, but a single one of those that end a layout at once.
+    weights = {
+        (name, cause): n if Cause[cause.upper()] in _AT_ONCE else n / compiled.attempts
+        for probe in probes
+        for name, causes in probe.generator.rejection_counts().items()
+        for cause, n in causes.items()
+    }
+    name, cause = max(weights, key=weights.__getitem__)
+    config = compiled.config
+    cures = [f"'restarts' above {config.restarts}"]
+    if config.attempts != AUTO and Cause[cause.upper()] not in _AT_ONCE:
+        cures.append(f"'attempts: {AUTO}'")
+    cures += [f"a larger region for '{name}'", f"a 'bank' above {config.bank}, which repeats itself less often"]
+    warnings.warn(FallbackWarning(config.where, share, name, cause, cures), stacklevel=4)
+
+
 def _with_rows(declared: Any, instance: Any, bank: Mapping[str, np.ndarray], names: Sequence[str], device: str) -> Any:
     """A copy of a device struct whose fields `bank_*` hold these rows."""
-    other = declared()
-    for name in declared.vars:
-        setattr(other, name, getattr(instance, name))
+    other = copied(declared, instance)
     fill_struct(declared, other, {f"bank_{name}": bank[name] for name in names}, device)
     return other
 

@@ -76,7 +76,7 @@ class LayoutGenerator:
         compiled: The scene.
         nworld: Number of worlds.
         seed: World i gets seed + i; a sequence of length nworld is used as it is. 64-bit, not negative.
-        split: "train", "eval" or "bank": independent streams of the same seeds.
+        split: "train" or "eval": independent streams of the same seeds, each with a bank of its own.
         block_dim: Lanes per world on a GPU; affects the speed, never the layouts.
         rejected: Length of a record of the first candidates that collided, for audits.
 
@@ -160,18 +160,24 @@ class LayoutGenerator:
 
     def launch_generate(self, mask: wp.array | None) -> None:
         """See `LayoutSource`."""
-        device = self.compiled.device
-        view = self.layouts.view
+        self.launch_placing(mask)
         if not self._staged:
-            wp.launch(_advance, dim=self.nworld, inputs=[mask], outputs=[view.episode], device=device)
-            self._launch(self._place, mask, view)
             return
         # A place is a world's whole search; only a layout that its arm cannot reach goes on with the next restart.
-        rows = [view.episode, view.attempts, view.restart]
-        wp.launch(_advance_staged, dim=self.nworld, inputs=[mask], outputs=rows, device=device)
-        for _round in range(self.compiled.config.restarts + 1):
-            self._launch(self._place, mask, view)
-            self._launch(self._stage, view)
+        self._launch(self._stage, self.layouts.view)
+        for _round in range(self.compiled.config.restarts):
+            self._launch(self._place, mask, self.layouts.view)
+            self._launch(self._stage, self.layouts.view)
+
+    def launch_placing(self, mask: wp.array | None) -> None:
+        """Advance the masked worlds and place their objects, without the stages that may follow."""
+        view, device = self.layouts.view, self.compiled.device
+        if self._staged:
+            rows = [view.episode, view.attempts, view.restart]
+            wp.launch(_advance_staged, dim=self.nworld, inputs=[mask], outputs=rows, device=device)
+        else:
+            wp.launch(_advance, dim=self.nworld, inputs=[mask], outputs=[view.episode], device=device)
+        self._launch(self._place, mask, view)
 
     def _launch(self, kernel: wp.Kernel, *last: Any) -> None:
         wp.launch_tiled(

@@ -22,7 +22,7 @@ class Status(IntEnum):
     VALID = 1
     """A fresh layout that passed every test."""
     FALLBACK = 2
-    """Attempts and restarts ran out: a layout from the bank of valid ones in the CompiledScene."""
+    """Attempts and restarts ran out: a layout from the split's bank of valid ones in the CompiledScene."""
 
 
 @wp.struct

@@ -36,6 +36,7 @@ _DRAWS = wp.constant(1 << 20)
 _REDRAWS = wp.constant(64)
 # Pieces below this area [m^2] are rounding: a line of 1 mm, drawn 40 um wide, has 4e-8.
 _LEAST_AREA = wp.constant(1.0e-10)
+_HALF_STEP = wp.constant(2.0**-25)
 _NOBODY = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
 # A surface carries as long as it is level to 0.1 degree.
 _LEVEL = wp.constant(0.9999985)
@@ -69,6 +70,18 @@ def draw_in_triangle(program: Program, tri: int, u: float, v: float) -> wp.vec2:
     """A uniform point of a triangle. R. Osada et al., "Shape distributions", ACM Trans. Graphics 21(4), 2002."""
     s = wp.sqrt(u)
     return (1.0 - s) * program.tri_a[tri] + (s * (1.0 - v)) * program.tri_b[tri] + (s * v) * program.tri_c[tri]
+
+
+@wp.func
+def race_time(u: float, size: float) -> float:
+    """When a piece of this area [m^2] finishes the race that the smallest time wins, from a uniform number.
+
+    The number 0 stands for all below 2^-24, and is taken for their middle: at a time of 0 area would decide nothing.
+    """
+    run = -wp.log(1.0 - u)
+    if u == 0.0:
+        run = _HALF_STEP
+    return run / size
 
 
 @wp.func
@@ -199,7 +212,7 @@ def draw_related(
             size = area(polygon, num)
             if size > _LEAST_AREA:
                 race = uniforms(seed, episode, stream, trial, first_draw + 1 + i // 4)
-                finish = -wp.log(1.0 - race[i % 4]) / size
+                finish = race_time(race[i % 4], size)
                 best = wp.min(best, (wp.uint64(wp.cast(finish, wp.uint32)) << wp.uint64(32)) | wp.uint64(i))
         best = wp.tile_extract(wp.tile_min(wp.tile(best)), 0)
         if best == _NOBODY:

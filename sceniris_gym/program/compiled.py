@@ -9,14 +9,17 @@ import mujoco
 import numpy as np
 import warp as wp
 
-from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.config.scene import AUTO, SceneConfig
 from sceniris_gym.geometry.colliders import Colliders, collect_colliders, collider_arrays
 from sceniris_gym.program.device import Program, fill_struct
+from sceniris_gym.program.distance_check import check_distances
 from sceniris_gym.program.pack import pack_program
 from sceniris_gym.program.plan import Plan, build_plan
 from sceniris_gym.program.reach import Reaching, build_reaching
 from sceniris_gym.scene.model import SceneModel
 
+FEWEST_ATTEMPTS = 10
+"""The number from which `attempts: auto` is raised."""
 # Lanes of a warp, the fewest that a world gets on a GPU.
 _WARP = 32
 
@@ -94,14 +97,20 @@ class CompiledScene:
         return bool(self.program.obj_cutnum.numpy().any())
 
     @property
-    def bank_size(self) -> int:
-        """Number of valid layouts in the bank."""
-        return int(self.program.bank_qpos.shape[0])
+    def attempts(self) -> int:
+        """How many candidates an object gets before a layout starts again: as written, or as found for `auto`."""
+        return int(self.program.attempts)
+
+    def bank_rows(self, split: str) -> slice:
+        """Return the rows of `program.bank_*` that worlds of a split ("train" or "eval") fall back on."""
+        first, end = int(self.program.bank_ntrain), int(self.program.bank_qpos.shape[0])
+        return slice(first, end) if split == "eval" else slice(0, first)
 
 
 def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
     """Upload a scene to a device. The bank is still empty; `layout.compile.compile_scene` fills it."""
     plan = build_plan(scene)
+    check_distances(scene, plan)
     colliders = collect_colliders(plan.pieces, scene.config.geometry == "visual", device)
     lanes = _WARP if wp.get_device(device).is_cuda else 1
     arrays = pack_program(scene, plan, colliders, lanes) | collider_arrays(colliders)
@@ -115,8 +124,9 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
     program = Program()
     program.nobject = len(plan.objects)
     program.ngroup = len(scene.config.groups)
-    program.attempts = scene.config.attempts
+    program.attempts = FEWEST_ATTEMPTS if scene.config.attempts == AUTO else scene.config.attempts
     program.restarts = scene.config.restarts
+    program.bank_ntrain = 0
     fill_struct(Program, program, arrays, device)
     depth = sum(sorted(colliders.depth)[-2:])
     return CompiledScene(

@@ -218,10 +218,12 @@ class Program:
     pair_margin: wp.array(dtype=float)
     pair_touch: wp.array(dtype=float)  # the least distance [m] where the pair is an object and its support
     start: wp.array(dtype=wp.vec3i)  # (pair, node of a, node of b) that the collision test begins with
-    # What a world holds before anything is drawn, and the bank of valid layouts.
+    # What a world holds before anything is drawn.
     home_qpos: wp.array(dtype=float)
     home_place: wp.array(dtype=wp.vec4)
     home_bounds: wp.array(dtype=wp.vec4)
+    # The bank of valid layouts: rows of the split "train", then those of "eval".
+    bank_ntrain: int
     bank_present: wp.array2d(dtype=int)
     bank_qpos: wp.array2d(dtype=float)
     bank_mocap_pos: wp.array2d(dtype=wp.vec3)
@@ -234,3 +236,11 @@ def fill_struct(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], 
         field = declared.vars[name].type
         values = np.ascontiguousarray(values)
         setattr(instance, name, wp.array(values, dtype=field.dtype, ndim=field.ndim, device=device))
+
+
+def copied(declared: Any, instance: Any) -> Any:
+    """Return a copy of a struct instance, which shares its arrays."""
+    other = declared()
+    for name in declared.vars:
+        setattr(other, name, getattr(instance, name))
+    return other

@@ -49,7 +49,7 @@ class Reach:
     grip_coef: wp.array2d(dtype=wp.float64)
     gap_closed: float
     gap_open: float
-    # The bank of valid layouts, as in `Program`; rows by reach targets.
+    # The bank of valid layouts, its rows as in `Program`; by reach targets.
     bank_grasp: wp.array2d(dtype=int)
     bank_grasp_qpos: wp.array3d(dtype=float)
     bank_pregrasp_qpos: wp.array3d(dtype=float)

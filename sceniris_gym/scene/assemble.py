@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
+import numpy as np
 
 from sceniris_gym.config.loader import SHIPPED_NAME, shipped
 from sceniris_gym.config.objects import ObjectConfig
@@ -172,6 +173,29 @@ def _load_asset(asset: str, where: str) -> mujoco.MjSpec:
     return load_mjcf(assets[asset], where)
 
 
+def stand_at_keyframe(spec: mujoco.MjSpec, keyframe: str, where: str) -> None:
+    """Put the mocap bodies of a model where a keyframe has them, and leave that keyframe to repeat it.
+
+    Poses of mocap bodies in keyframes are told apart by their order alone, which changes with every body that becomes
+    one; the pose of a body stays with the body, and all that looks at the start pose finds it there.
+    """
+    bodies = [body for body in spec.bodies if body.mocap]
+    if not bodies or keyframe not in {key.name for key in spec.keys}:
+        return
+    model = compile_spec(spec, where)
+    key = model.key(keyframe)
+    for body in bodies:
+        i = int(model.body_mocapid[body.id])
+        pos, quat = np.reshape(key.mpos, (-1, 3))[i], np.reshape(key.mquat, (-1, 4))[i]
+        if np.allclose(pos, model.body_pos[body.id]) and np.allclose(quat, model.body_quat[body.id]):
+            continue
+        body.pos, body.quat, body.alt.type = pos.copy(), quat.copy(), mujoco.mjtOrientation.mjORIENTATION_QUAT
+        if body.frame is not None:
+            body.set_frame(spec.worldbody.add_frame())
+    wanted = next(key for key in spec.keys if key.name == keyframe)
+    wanted.mpos, wanted.mquat = [], []
+
+
 def _take_home(child: mujoco.MjSpec, name: str, keyframe: str | None, where: str) -> Home:
     """Take the start pose out of an asset: the named keyframe, or 'home' if there is one.
 
@@ -185,6 +209,7 @@ def _take_home(child: mujoco.MjSpec, name: str, keyframe: str | None, where: str
         raise UnknownNameError("keyframe", keyframe, where, keys)
     home = Home({}, {})
     if (wanted := keyframe or "home") in keys:
+        stand_at_keyframe(child, wanted, where)
         model = compile_spec(child, where)
         key = model.key(wanted)
         for joint in (model.joint(i) for i in range(model.njnt)):

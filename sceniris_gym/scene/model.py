@@ -216,6 +216,7 @@ def build_model(config: SceneConfig) -> SceneModel:
 def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, list[assemble.Home]]:
     if config.model is not None:
         spec = assemble.load_mjcf(config.model, f"{config.where}: model")
+        assemble.stand_at_keyframe(spec, HOME, f"{config.where}: model")
     else:
         spec = mujoco.MjSpec()
         backdrop.set_options(spec)

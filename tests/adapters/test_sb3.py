@@ -368,7 +368,7 @@ def test_ppo_gets_better_at_reaching_on_a_cpu(one_thread):
 @pytest.mark.cuda
 def test_worlds_on_a_gpu_are_seen_in_numpy():
     """The border is crossed for observations, rewards, dones and infos; PPO steps on it."""
-    compiled = compile_scene(SceneConfig.load(SCENE), "cuda:0", bank_size=8)
+    compiled = compile_scene(SceneConfig.load(SCENE, {"bank": 8}), "cuda:0")
     envs = SB3VecEnv(SceneVectorEnv(Reach, 4, scene=compiled, max_episode_steps=MAX_STEPS))
     envs.reset()
     envs.set_options({"reset_mask": torch.tensor([True, False, True, False], device="cuda")})

@@ -107,9 +107,29 @@ def test_reachable_is_false_true_or_a_tier():
     assert SceneConfig.load(SMALL, {**robot, "objects.apple.reachable": False}).canonical() == plain.canonical()
 
 
+def test_a_bank_of_another_size_is_in_the_canonical_form():
+    """The default is left out, written or not: hashes of scenes from before the word are as they were."""
+    plain = SceneConfig.load(SMALL)
+    assert plain.bank == 64
+    assert SceneConfig.load(SMALL, {"bank": 64}).canonical() == plain.canonical()
+    assert "bank" not in plain.canonical()
+    assert json.loads(SceneConfig.load(SMALL, {"bank": 65}).canonical())["bank"] == 65
+
+
+def test_attempts_may_be_found():
+    """`auto` is what is hashed, and survives overrides."""
+    config = SceneConfig.load(SMALL, {"attempts": "auto"})
+    assert config.attempts == "auto"
+    assert json.loads(config.canonical())["attempts"] == "auto"
+    assert SceneConfig.load(config, {"restarts": 3}).attempts == "auto"
+
+
 WRONG: dict[str, tuple] = {
     "fractional attempts": ({"attempts": 2.5}, SceneKeyError, ["attempts: 2.5", "whole number"]),
     "no attempts": ({"attempts": 0}, SceneKeyError, ["attempts: 0", "at least 1"]),
+    "attempts of another word": ({"attempts": "aut"}, SceneKeyError, ["attempts: 'aut'", "'auto'", "Did you mean"]),
+    "attempts as a truth": ({"attempts": True}, SceneKeyError, ["attempts: True", "whole number or 'auto'"]),
+    "an empty bank": ({"bank": 0}, SceneKeyError, ["bank: 0", "at least 1"]),
     "unknown geometry": ({"geometry": "visuel"}, SceneKeyError, ["geometry", "Did you mean 'visual'"]),
     "robot without asset": ({"robot.yaw": 3}, SceneKeyError, ["robot.asset", "missing"]),
 }
@@ -123,7 +143,7 @@ def test_a_wrong_setting_of_a_scene_is_refused(
     refused(tmp_path, SMALL, overrides, error, says)
 
 
-@pytest.mark.parametrize("word", ["attempts", "restarts"])
+@pytest.mark.parametrize("word", ["attempts", "restarts", "bank"])
 def test_counts_that_would_never_end_are_refused(word: str):
     """A thousand times more than any scene needs, and within what the device counts with."""
     with pytest.raises(SceneKeyError, match=f"{word}: 3000000000 should be"):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -23,7 +24,7 @@ ClutterPush = module.ClutterPush
 @pytest.fixture(scope="module")
 def compiled() -> CompiledScene:
     """Return the CompiledScene of the task, built once."""
-    return compile_scene("clutter_push", "cpu", bank_size=8)
+    return compile_scene(SceneConfig.load("clutter_push", {"bank": 8}), "cpu")
 
 
 def test_the_docstring_lists_what_is_observed(compiled):

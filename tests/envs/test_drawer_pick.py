@@ -15,6 +15,7 @@ import torch
 from gymnasium.utils.env_checker import check_env
 
 import sceniris_gym
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
@@ -30,7 +31,7 @@ DrawerPick = drawer_pick.DrawerPick
 @pytest.fixture(scope="session")
 def compiled() -> CompiledScene:
     """Return the CompiledScene of the task, built once."""
-    return compile_scene("drawer_pick", "cpu", bank_size=8)
+    return compile_scene(SceneConfig.load("drawer_pick", {"bank": 8}), "cpu")
 
 
 def host_data(envs: SceneVectorEnv, world: int) -> mujoco.MjData:

@@ -12,6 +12,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.arm_controller import TOOL_STEP, TURN_STEP
@@ -26,7 +27,7 @@ TabletopLift = module.TabletopLift
 @pytest.fixture(scope="module")
 def compiled() -> CompiledScene:
     """Return the CompiledScene of the task, built once."""
-    return compile_scene("tabletop_lift", "cpu", bank_size=8)
+    return compile_scene(SceneConfig.load("tabletop_lift", {"bank": 8}), "cpu")
 
 
 def scripted(envs: SceneVectorEnv, observation: dict, closed: Tensor) -> Tensor:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.arm_controller import JOINT_STEP
@@ -26,7 +27,7 @@ TabletopReach = module.TabletopReach
 @pytest.fixture(scope="module")
 def compiled() -> CompiledScene:
     """Return the CompiledScene of the task, built once."""
-    return compile_scene("tabletop_reach", "cpu", bank_size=8)
+    return compile_scene(SceneConfig.load("tabletop_reach", {"bank": 8}), "cpu")
 
 
 def test_the_docstring_lists_what_is_observed(compiled):

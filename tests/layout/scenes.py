@@ -39,10 +39,11 @@ class Rows:
 
 
 def compile_on_cpu(
-    scene: Mapping[str, Any] | str, overrides: Mapping[str, Any] | None = None, **options: Any
+    scene: Mapping[str, Any] | str, overrides: Mapping[str, Any] | None = None, *, bank: int | None = None
 ) -> CompiledScene:
-    """Build a scene's CompiledScene on the CPU."""
-    return compile_scene(SceneConfig.load(scene, overrides), "cpu", **options)
+    """Build a scene's CompiledScene on the CPU, with `bank` rows for worlds that run out of restarts."""
+    words = {**(overrides or {}), **({} if bank is None else {"bank": bank})}
+    return compile_scene(SceneConfig.load(scene, words), "cpu")
 
 
 def read(layouts: Layouts) -> Rows:

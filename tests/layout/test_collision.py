@@ -160,7 +160,7 @@ def test_true_primitives_are_kept_apart_to_a_tenth_of_a_millimetre(tmp_path: Pat
 
 def _collisions(scene: Mapping, name: str, nworld: int = 200) -> tuple[int, int]:
     """How many of `nworld` single candidates of an object collide, and how many worlds come out valid."""
-    compiled = compile_on_cpu({"attempts": 1, "restarts": 0, **scene}, bank_size=1)
+    compiled = compile_on_cpu({"attempts": 1, "restarts": 0, **scene}, bank=1)
     generator = LayoutGenerator(compiled, nworld)
     generator.generate()
     count = generator.layouts.rejections.numpy()[compiled.placed.index(name), Cause.COLLISION]
@@ -187,7 +187,7 @@ def test_what_is_wholly_inside_a_solid_collides(tmp_path: Path, geometry: str, s
         ({"asset": asset, "region": {"box": [[0, 0, -0.4], [1, 0, -0.4]]}}, {"asset": "apple", **still}),
     ):
         objects = {"apple": apple, "rock": rock}
-        compiled = compile_on_cpu({"geometry": geometry, "objects": objects}, bank_size=1)
+        compiled = compile_on_cpu({"geometry": geometry, "objects": objects}, bank=1)
         x = valid(make(compiled, 300)).qpos[:, 0]
         assert len(x) > 200
         assert x.min() > 0.3

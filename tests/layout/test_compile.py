@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import FrozenInstanceError
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import (
     CycleError,
     ErodedSupportError,
+    FallbackWarning,
     InfeasibleSceneError,
     MeshError,
     NoSupportError,
@@ -68,13 +70,13 @@ def test_every_way_to_name_a_scene_gives_the_same_world(tmp_path: Path):
         assert (compiled.program.bank_qpos.numpy() == first.program.bank_qpos.numpy()).all()
         assert compiled.object_names == compiled.placed == ("cabinet", "apple", "banana")
         assert compiled.device == "cpu"
-        assert compiled.bank_size == 64
+        assert (compiled.bank_rows("train"), compiled.bank_rows("eval")) == (slice(0, 64), slice(64, 128))
 
 
 def test_a_world_is_frozen():
     """Nothing of it can be set again."""
-    compiled = compile_on_cpu("mid", bank_size=3)
-    assert compiled.bank_size == 3
+    compiled = compile_on_cpu("mid", bank=3)
+    assert (compiled.bank_rows("train"), compiled.bank_rows("eval")) == (slice(0, 3), slice(3, 6))
     with pytest.raises(FrozenInstanceError):
         compiled.device = "cuda:0"  # type: ignore[misc]
 
@@ -93,11 +95,37 @@ def test_every_field_of_the_device_program_is_set(scene: str | dict, geometry: s
             assert np.isfinite(values.numpy().astype(float)).all(), name
 
 
-@pytest.mark.parametrize("size", [0, -1])
-def test_a_bank_without_room_is_refused(size: int):
-    """An exhausted world needs something to fall back on."""
-    with pytest.raises(ValueError, match="bank_size"):
-        compile_on_cpu("mid", bank_size=size)
+def test_many_fallbacks_are_told_with_what_cures_them(crate: dict):
+    """A crowded tray: the share, the object, the cause and the words; each of these words brings silence."""
+    one = {**crate, "orientation": "fixed", "region": {"box": [[-0.05, -0.05], [0.05, 0.05]]}}
+    scene = {"floor": FLOOR, "objects": {"a": one, "b": one}, "attempts": 1, "restarts": 0}
+    with pytest.warns(FallbackWarning) as told:
+        compiled = compile_on_cpu(scene)
+    warning = told[0].message
+    assert isinstance(warning, FallbackWarning)
+    rows = make(compiled, 2000)
+    assert warning.share == pytest.approx((rows.status == Status.FALLBACK).mean(), abs=0.1)
+    assert (warning.name, warning.cause) == ("b", "collision")
+    for words in ("'restarts' above 0", "'attempts: auto'", "a larger region for 'b'", "a 'bank' above 64"):
+        assert words in str(warning)
+    assert told[0].filename == compile_on_cpu.__code__.co_filename  # where compile_scene was called
+    for words in ({"restarts": 30}, {"attempts": "auto"}, {"objects.b.region": {"box": [[0.1, 0.1], [0.2, 0.2]]}}):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            compile_on_cpu(scene, words)
+
+
+def test_restarts_for_what_no_attempt_cures_are_blamed_on_it(tmp_path: Path, crate: dict):
+    """A lid that leans half of the time: `auto` is no cure for an empty region, and is not proposed."""
+    body = """<geom type="box" size=".2 .2 .01"/>
+      <body name="lid" pos="0 0 .3"><joint name="lid" axis="1 0 0" range="-90 90"/>
+        <geom type="box" size=".1 .1 .005"/></body>"""
+    lid = {"lid": {"choice": [0.0, 1.0]}}
+    rack = {"asset": write_mjcf(tmp_path, "rack", body), "kind": "fixture", "on": "floor", "joints": lid}
+    scene = {"floor": FLOOR, "objects": {"rack": rack, "crate": {**crate, "on": "rack/lid"}}, "restarts": 0}
+    with pytest.warns(FallbackWarning, match=r"'crate' \(empty\)") as told:
+        compile_on_cpu(scene)
+    assert "auto" not in str(told[0].message)
 
 
 def test_an_unknown_device_is_refused_with_those_there_are():

@@ -10,11 +10,14 @@ import pytest
 import warp as wp
 from scipy import stats
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import CountError, MaskError, MaskTypeError, SeedError
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator, as_seeds
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
+from sceniris_gym.scene.model import build_model
 from tests.layout.scenes import FLOOR, Rows, box_mjcf, compile_on_cpu, make, posed, read
 from tests.oracle.solids import Solids
 
@@ -31,9 +34,7 @@ def hard(tmp_path_factory) -> CompiledScene:
     folder = tmp_path_factory.mktemp("hard")
     crate = box_mjcf(folder, "crate", 0.1, 0.1, 0.05)
     objects = {f"crate_{i}": {"asset": crate, "on": "floor", "orientation": "fixed"} for i in range(3)}
-    return compile_on_cpu(
-        {"floor": {"size": [0.4, 0.4]}, "attempts": 1, "restarts": 0, "objects": objects}, bank_size=16
-    )
+    return compile_on_cpu({"floor": {"size": [0.4, 0.4]}, "attempts": 1, "restarts": 0, "objects": objects}, bank=16)
 
 
 def _mask(values: list[bool] | np.ndarray) -> wp.array:
@@ -269,10 +270,11 @@ def test_an_unknown_split_is_refused(mid: CompiledScene):
         LayoutGenerator(mid, 1, split="test")
 
 
-def test_an_exhausted_world_takes_an_entry_of_the_bank(hard: CompiledScene):
+@pytest.mark.parametrize("split", ["train", "eval"])
+def test_an_exhausted_world_takes_an_entry_of_the_bank(hard: CompiledScene, split: str):
     """Row Philox(seed, episode) of the bank, marked as such; which one depends on nothing else."""
-    bank = [row.tobytes() for row in hard.program.bank_qpos.numpy()]
-    generator = LayoutGenerator(hard, 400, seed=0)
+    bank = [row.tobytes() for row in hard.program.bank_qpos.numpy()[hard.bank_rows(split)]]
+    generator = LayoutGenerator(hard, 400, seed=0, split=split)
     generator.generate()
     rows = read(generator.layouts)
     fallen = rows.status == Status.FALLBACK
@@ -284,21 +286,42 @@ def test_an_exhausted_world_takes_an_entry_of_the_bank(hard: CompiledScene):
     assert (generator.layouts.first_pass_valid.numpy() == ~fallen).all()
     expected = _rows(generator)
     for seed in np.flatnonzero(fallen)[:20].tolist():
-        alone = LayoutGenerator(hard, 1, seed=seed)
+        alone = LayoutGenerator(hard, 1, seed=seed, split=split)
         alone.generate()
         assert _rows(alone)[seed, 0] == expected[seed, 0]
+
+
+def test_no_row_of_an_evaluation_is_one_of_training(hard: CompiledScene):
+    """Though half of the worlds fall back: each split has a bank of its own, and both are full."""
+    made = {split: make(hard, 2000, split=split) for split in ("train", "eval")}
+    assert all((rows.status == Status.FALLBACK).mean() > 0.3 for rows in made.values())
+    seen = {row.tobytes() for row in made["train"].qpos}
+    assert not any(row.tobytes() in seen for row in made["eval"].qpos)
+    assert len(hard.program.bank_qpos.numpy()) == 2 * hard.config.bank
+
+
+def test_the_size_of_the_bank_is_part_of_the_scene(hard: CompiledScene):
+    """Another size is another hash, and changes the worlds that fall back alone; the default leaves the hash."""
+    other = compile_scene(SceneConfig.load(hard.config, {"bank": 17}), "cpu")
+    assert other.hash != hard.hash
+    rows, others = make(hard, 400), make(other, 400)
+    fallen = rows.status == Status.FALLBACK
+    assert (rows.qpos == others.qpos)[~fallen].all()
+    assert (rows.qpos != others.qpos)[fallen].any(axis=1).mean() > 0.8
+    plain = SceneConfig.load("mid")
+    assert build_model(SceneConfig.load(plain, {"bank": 64})).hash == build_model(plain).hash
 
 
 def test_bank_entries_are_valid_layouts(hard: CompiledScene):
     """They keep every clearance, by FCL, and they differ."""
     qpos = hard.program.bank_qpos.numpy()
     solids = Solids(hard.mjm, "physics")
-    rows = Rows(qpos, hard.program.bank_mocap_pos.numpy(), hard.program.bank_mocap_quat.numpy(), *[np.zeros(16)] * 2)
+    rows = Rows(qpos, hard.program.bank_mocap_pos.numpy(), hard.program.bank_mocap_quat.numpy(), *[np.zeros(32)] * 2)
     names = list(hard.object_names)
     for data in posed(hard, rows):
         for i, a in enumerate(names):
             assert all(solids.distance(data, solids.geoms(a), solids.geoms(b)) >= 0.001 for b in names[:i])
-    assert len({row.tobytes() for row in qpos}) == 16
+    assert len({row.tobytes() for row in qpos}) == 32
 
 
 def test_a_failed_world_does_not_touch_its_neighbours(hard: CompiledScene):

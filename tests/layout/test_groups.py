@@ -233,7 +233,7 @@ def test_more_than_a_square_of_absent_objects_lie_at_rest(where: str, tmp_path: 
     model.write_text('<mujoco><worldbody><geom type="plane" size="1 1 1" pos="0 0 -1"/></worldbody></mujoco>')
     words: dict[str, Any] = {"model": str(model)} if where == "with a plane far below" else {}
     config = {"objects": dict.fromkeys(names, cube), "groups": {"some": {"of": names, "count": 0}}, **words}
-    compiled = compile_on_cpu(config, bank_size=1)
+    compiled = compile_on_cpu(config, bank=1)
     data = mujoco.MjData(compiled.mjm)
     make_table(compiled, 1, 0).put(data, 0)
     start = data.qpos.reshape(-1, 7)[:, :3].copy()
@@ -250,7 +250,7 @@ def test_a_plane_over_the_waiting_place_is_refused(tmp_path: Path):
     )
     cube = {"asset": box_mjcf(tmp_path, "cube", 0.05, 0.05, 0.05), "region": {"box": [[-1, -1, 1], [1, 1, 2]]}}
     config = {"model": str(model), "objects": {"cube": cube}}
-    assert compile_on_cpu(config, bank_size=1).placed == ("cube",)
+    assert compile_on_cpu(config, bank=1).placed == ("cube",)
     with pytest.raises(SceneKeyError, match=r"the plane 'top' lies above the ground .* at \(40, 40\) m"):
         compile_on_cpu({**config, "groups": {"some": {"of": ["cube"], "count": [0, 1]}}})
 

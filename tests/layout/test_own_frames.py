@@ -50,7 +50,7 @@ def test_sides_are_those_of_the_body_itself(anchor: str, tmp_path: Path):
     objects: dict[str, Any] = {side: _at(side) for side in SIDES}
     block = {"asset": box_mjcf(tmp_path, "block", 0.1, 0.06, 0.04), "on": "floor", "orientation": "fixed"}
     objects["block"] = {**block, "relations": [{"beside": "desk", "side": "front", "gap": 0.05}]}
-    compiled = compile_on_cpu(_scene(tmp_path, *ANCHORS[anchor], objects), bank_size=4)
+    compiled = compile_on_cpu(_scene(tmp_path, *ANCHORS[anchor], objects), bank=4)
     table = table_of(compiled, 8)
     for data in posed(compiled, valid(make(compiled, 8))):
         assert data.body("desk").xmat[[0, 3]] == pytest.approx([0.0, 1.0], abs=1e-5)
@@ -68,7 +68,7 @@ def test_the_frame_of_a_support_is_that_of_the_object(frame: str, tmp_path: Path
     (tmp_path / "table.xml").write_text(f"<mujoco><worldbody>{table}</worldbody></mujoco>")
     relation = {"right_of": "table", "angle": 2, "frame": frame, "distance": {"equal": 0.4, "tolerance": 0.001}}
     objects = {"table": {"kind": "static"}, "mark": {"kind": "marker", "on": "table", "relations": [relation]}}
-    rows = make(compile_on_cpu({"model": str(tmp_path / "table.xml"), "objects": objects}, bank_size=4), 8)
+    rows = make(compile_on_cpu({"model": str(tmp_path / "table.xml"), "objects": objects}, bank=4), 8)
     np.testing.assert_allclose(rows.mocap_pos[:, 0, :2], np.tile([0.0, 0.4], (8, 1)), atol=0.02)
 
 
@@ -88,7 +88,7 @@ def test_an_asset_that_is_turned_is_drawn_by_its_own_axes(orientation: Any, righ
     here = {"box": [[-1e-4, -1e-4], [1e-4, 1e-4]]}
     mark = {"kind": "marker", "region": {"box": [[0.6, 0.0, 0.0], [0.6, 0.0, 0.0]]}}
     body = '<body name="desk" euler="0 0 90"><geom type="box" size=".3 .2 .02" pos="0 0 .02"/></body>'
-    compiled = compile_on_cpu(_scene(tmp_path, body, {**desk, "region": here}, False, {"mark": mark}), bank_size=4)
+    compiled = compile_on_cpu(_scene(tmp_path, body, {**desk, "region": here}, False, {"mark": mark}), bank=4)
     table = table_of(compiled, 8)
     for data in posed(compiled, valid(make(compiled, 8))):
         if abs(data.body("desk").xmat[8]) > 0.99:
@@ -105,7 +105,7 @@ def test_a_robot_is_where_its_base_is(tmp_path: Path):
     beside = [{"beside": "robot", "side": "right", "gap": 0.05}]
     block = {"asset": box_mjcf(tmp_path, "block", 0.1, 0.1, 0.04), "on": "floor", "orientation": "fixed"}
     objects = {"mark": {"kind": "marker", "on": "floor", "relations": near}, "block": {**block, "relations": beside}}
-    compiled = compile_on_cpu({"floor": {"size": [3.0, 3.0]}, "robot": robot, "objects": objects}, bank_size=4)
+    compiled = compile_on_cpu({"floor": {"size": [3.0, 3.0]}, "robot": robot, "objects": objects}, bank=4)
     table = table_of(compiled, 8)
     for data in posed(compiled, valid(make(compiled, 8))):
         assert data.body("mark").xpos[:2] == pytest.approx((0.6, -0.2), abs=0.02)

@@ -46,7 +46,7 @@ def cube(folder: Path) -> str:
 @pytest.fixture(scope="module")
 def ring(crane: str, cube: str) -> CompiledScene:
     """The crane, and a cube anywhere on the floor where it reaches."""
-    return compile_on_cpu(crane_scene(crane, cube), bank_size=8)
+    return compile_on_cpu(crane_scene(crane, cube), bank=8)
 
 
 def tcps(compiled: CompiledScene, generator: LayoutGenerator, name: str = "thing") -> np.ndarray:
@@ -120,7 +120,7 @@ def test_a_layout_and_its_grasp_are_the_same_in_any_batch(folder: Path, crane: s
     """Alone, in another order and under a mask: the same bits, the grasp's among them."""
     sites = SITE.format("high", 0.6) + SITE.format("low", 0.02)
     thing = write_mjcf(folder, "two_sites", '<geom type="box" size="0.02 0.02 0.02" pos="0 0 0.02"/>' + sites)
-    compiled = compile_on_cpu(crane_scene(crane, thing), bank_size=4)
+    compiled = compile_on_cpu(crane_scene(crane, thing), bank=4)
     many = LayoutGenerator(compiled, 20, seed=30)
     many.generate()
     rows, grasps = read(many.layouts), many.layouts.grasp.numpy().copy()
@@ -138,7 +138,7 @@ def test_the_first_grasp_that_is_reached_is_taken(folder: Path, crane: str):
     both = write_mjcf(folder, "both", box + SITE.format("a", 0.03) + SITE.format("b", 0.02))
     second = write_mjcf(folder, "second", box + SITE.format("a", HEIGHT[1] + 0.01) + SITE.format("b", 0.02))
     for asset, expected in ((both, 0), (second, 1)):
-        compiled = compile_on_cpu(crane_scene(crane, asset), bank_size=4)
+        compiled = compile_on_cpu(crane_scene(crane, asset), bank=4)
         generator = LayoutGenerator(compiled, 50)
         generator.generate()
         assert (generator.layouts.grasp.numpy() == expected).all()
@@ -153,7 +153,7 @@ def test_a_handle_is_reached_where_its_drawer_is(folder: Path, crane: str):
     drawer = f'<body name="drawer" pos="0 0 0.05">{slide}{box}{SITE.format("handle", 0.02)}</body>'
     asset = write_mjcf(folder, "chest", box + drawer)
     words = {"kind": "fixture", "joints": {"slide": {"fraction": [0.0, 1.0]}}}
-    compiled = compile_on_cpu(crane_scene(crane, asset, **words), bank_size=4)
+    compiled = compile_on_cpu(crane_scene(crane, asset, **words), bank=4)
     generator = LayoutGenerator(compiled, 300)
     generator.generate()
     drawn = generator.layouts.qpos.numpy()[:, compiled.mjm.jnt_qposadr[compiled.mjm.joint("thing/slide").id]]
@@ -164,7 +164,7 @@ def test_a_handle_is_reached_where_its_drawer_is(folder: Path, crane: str):
 
 def test_strict_takes_less_than_the_majority(crane: str, cube: str, ring: CompiledScene):
     """`map_strict` stays a cell away from the edges of the ring."""
-    compiled = compile_on_cpu(crane_scene(crane, cube, reachable="map_strict"), bank_size=4)
+    compiled = compile_on_cpu(crane_scene(crane, cube, reachable="map_strict"), bank=4)
     generator = LayoutGenerator(compiled, 2000)
     generator.generate()
     r = np.hypot(*tcps(compiled, generator)[:, :2, 3].T)
@@ -179,11 +179,11 @@ def test_nothing_is_taken_from_below(folder: Path, cube: str):
     crane_map(asset, upwards=True)
     rising = write_mjcf(folder, "rising", '<geom type="sphere" size="0.02" pos="0 0 0.02"/><site name="grasp_up"/>')
     with pytest.raises(InfeasibleSceneError, match=r"because of unreachable.*Place it closer to the robot"):
-        compile_on_cpu(crane_scene(asset, rising), bank_size=1)
+        compile_on_cpu(crane_scene(asset, rising), bank=1)
     scene = crane_scene(asset, rising)
     del scene["objects"]["thing"]["on"]
     scene["objects"]["thing"]["region"] = {"box": [[-0.5, -0.5, 0.1], [0.5, 0.5, 0.3]]}
-    compiled = compile_on_cpu(scene, bank_size=4)
+    compiled = compile_on_cpu(scene, bank=4)
     generator = LayoutGenerator(compiled, 100)
     generator.generate()
     assert (tcps(compiled, generator)[:, 2, 2] > 0.99).all()
@@ -194,7 +194,7 @@ def test_absent_objects_have_no_grasp_and_the_bank_has_one(crane: str, cube: str
     scene = crane_scene(crane, cube)
     scene["objects"]["other"] = dict(scene["objects"]["thing"])
     scene |= {"groups": {"one": {"of": ["thing", "other"], "count": 1}}, "attempts": 1, "restarts": 0}
-    compiled = compile_on_cpu(scene, bank_size=16)
+    compiled = compile_on_cpu(scene, bank=16)
     generator = LayoutGenerator(compiled, 300)
     generator.generate()
     status, grasp = generator.layouts.status.numpy(), generator.layouts.grasp.numpy()

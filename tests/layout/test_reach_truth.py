@@ -26,7 +26,7 @@ def scene(robot: str, **words: object) -> CompiledScene:
             "attempts": 1,
             "restarts": 0,
         },
-        bank_size=1,
+        bank=1,
     )
 
 

@@ -39,7 +39,7 @@ def crane(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
     scene["objects"]["other"] = {"asset": cube, "on": "floor", "reachable": "map"}
     scene["objects"]["stand"] = {"asset": box_mjcf(folder, "stand", 0.1, 0.1, 0.02), "kind": "fixture", "on": "floor"}
     scene["groups"] = {"some": {"of": ["other"], "count": [0, 1]}}
-    return compile_on_cpu(scene, bank_size=4)
+    return compile_on_cpu(scene, bank=4)
 
 
 @pytest.fixture(scope="module")

@@ -83,7 +83,7 @@ def test_its_bank_is_empty_and_has_the_widths_of_its_rows():
     """What is uploaded can be made, but not yet fallen back on."""
     compiled = _uploaded()
     program = compiled.program
-    assert compiled.bank_size == 0
+    assert compiled.bank_rows("train") == compiled.bank_rows("eval") == slice(0, 0)
     assert program.bank_qpos.shape == (0, compiled.mjm.nq)
     assert program.bank_present.shape == (0, len(compiled.slots))
     assert program.bank_mocap_pos.shape == program.bank_mocap_quat.shape == (0, compiled.mjm.nmocap)

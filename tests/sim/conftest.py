@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import warp as wp
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.program.compiled import CompiledScene
@@ -27,7 +28,7 @@ def quaternions(rng: np.random.Generator, *shape: int) -> np.ndarray:
 @pytest.fixture(scope="session")
 def small_scene() -> CompiledScene:
     """Return the scene of the small arm, in which nothing is placed."""
-    return compile_scene({"model": str(SMALL_ARM)}, "cpu", bank_size=1)
+    return compile_scene(SceneConfig.load({"model": str(SMALL_ARM)}, {"bank": 1}), "cpu")
 
 
 @pytest.fixture(scope="session")

@@ -43,7 +43,7 @@ def randomizer(tmp_path) -> ResetRandomizer:
     """Return a randomizer over stored layouts of the arm, in two worlds."""
     path = tmp_path / "arm.xml"
     path.write_text(ARM)
-    compiled = compile_scene({"model": str(path)}, "cpu", bank_size=1)
+    compiled = compile_scene({"model": str(path)}, "cpu")
     qpos = np.random.default_rng(3).uniform(-0.8, 0.8, (NROW, 3)).astype(np.float32)
     nothing = np.zeros((NROW, 0, 3), np.float32), np.zeros((NROW, 0, 4), np.float32)
     rows = LayoutTable.from_states(qpos, *nothing, present=np.ones((NROW, 0), bool))

@@ -9,6 +9,7 @@ import pytest
 import torch
 import warp as wp
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ContactBudgetError, MaskError, MaskTypeError, SceneMismatchError, SeedError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
@@ -312,7 +313,7 @@ def test_it_makes_its_own_layouts_of_a_scene():
         "floor": {"size": [1.6, 1.6]},
         "objects": {"block": {"on": "floor", "region": {"box": [[-0.3, -0.6], [0.3, 0.6]]}}},
     }
-    compiled = compile_scene(scene, "cpu", bank_size=4)
+    compiled = compile_scene(SceneConfig.load(scene, {"bank": 4}), "cpu")
     with wp.ScopedDevice("cpu"):
         model, data = mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, 3)
     randomizer = ResetRandomizer(compiled, model, data, seed=5, split="eval")
@@ -340,7 +341,7 @@ def test_seeds_may_be_on_the_device(make_randomizer):
 def test_layouts_of_another_scene_are_refused(make_randomizer, small_scene):
     """Also where all sizes agree."""
     randomizer = make_randomizer(2)
-    other = compile_scene({"model": str(SMALL_ARM), "attempts": 11}, "cpu", bank_size=1)
+    other = compile_scene({"model": str(SMALL_ARM), "attempts": 11}, "cpu")
     source = LayoutGenerator(other, 2)
     with pytest.raises(SceneMismatchError, match="layout_source makes layouts of scene"):
         ResetRandomizer(small_scene, randomizer.model, randomizer.data, layout_source=source)

@@ -82,7 +82,7 @@ def field(d: mjw.Data, name: str) -> wp.array:
 @pytest.fixture(scope="module")
 def compiled() -> CompiledScene:
     """Return the scene of a model that has every kind of state."""
-    return compile_scene({"model": str(EVERYTHING)}, "cpu", bank_size=1)
+    return compile_scene({"model": str(EVERYTHING)}, "cpu")
 
 
 @pytest.fixture

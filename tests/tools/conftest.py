@@ -17,4 +17,4 @@ def crane(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
     crane_map(asset)
     scene = crane_scene(asset, cube)
     scene["objects"]["other"] = {"asset": cube, "on": "floor"}
-    return compile_on_cpu(scene, bank_size=4)
+    return compile_on_cpu(scene, bank=4)

@@ -32,7 +32,7 @@ def test_narrowing_is_the_share_that_is_left_however_many_are_looked_at(crane: C
 def test_narrowing_counts_what_later_stages_refuse(tmp_path: Path):
     """A crane that does not turn all around reaches a part of its ring alone, which `ik` finds without a map."""
     asset, cube = crane_mjcf(tmp_path, turn=1.0), box_mjcf(tmp_path, "cube", 0.04, 0.04, 0.04)
-    found = narrowing(compile_on_cpu(crane_scene(asset, cube, reachable="ik"), bank_size=4), 400, 0)
+    found = narrowing(compile_on_cpu(crane_scene(asset, cube, reachable="ik"), bank=4), 400, 0)
     share = np.pi * (RADIUS[1] ** 2 - RADIUS[0] ** 2) / FLOOR * (1.0 / np.pi)
     assert found.figures()["thing"]["kept"] == pytest.approx(share, abs=4 * np.sqrt(share * (1 - share) / 400))
 

@@ -74,7 +74,7 @@ class Reach(Task):
 @pytest.fixture(scope="session")
 def reach_scene() -> CompiledScene:
     """Return the CompiledScene of the reaching task, built once."""
-    return compile_scene(SceneConfig.load(SCENE), "cpu", bank_size=8)
+    return compile_scene(SceneConfig.load(SCENE, {"bank": 8}), "cpu")
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
@@ -26,7 +27,7 @@ SCENE = {
 @pytest.fixture(scope="module")
 def arm_scene() -> CompiledScene:
     """Return a CompiledScene with a Panda whose base is turned."""
-    return compile_scene(SCENE, "cpu", bank_size=8)
+    return compile_scene(SceneConfig.load(SCENE, {"bank": 8}), "cpu")
 
 
 @pytest.fixture

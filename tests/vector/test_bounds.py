@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import NotSupportedError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
@@ -31,7 +32,7 @@ SCENE = {
 @pytest.fixture(scope="module")
 def compiled() -> CompiledScene:
     """Return a CompiledScene with three things, built once."""
-    return compile_scene(SCENE, "cpu", bank_size=8)
+    return compile_scene(SceneConfig.load(SCENE, {"bank": 8}), "cpu")
 
 
 def lowest_points(envs: SceneVectorEnv) -> np.ndarray:

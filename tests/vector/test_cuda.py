@@ -19,7 +19,7 @@ pytestmark = pytest.mark.cuda
 @pytest.fixture(scope="module")
 def cuda_scene() -> CompiledScene:
     """Return the CompiledScene of the reaching task on the GPU."""
-    return compile_scene(SceneConfig.load(SCENE), "cuda:0", bank_size=8)
+    return compile_scene(SceneConfig.load(SCENE, {"bank": 8}), "cuda:0")
 
 
 def test_reset_states_have_the_same_bits_with_and_without_graphs(cuda_scene):

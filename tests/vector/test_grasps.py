@@ -31,7 +31,7 @@ def worlds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, CompiledScene]
         scene = crane_scene(asset, cube, reachable=tier)
         scene["objects"]["other"] = {"asset": cube, "on": "floor", "reachable": "map"}
         scene["groups"] = {"some": {"of": ["other"], "count": [0, 1]}}
-        found[tier] = compile_on_cpu(scene, bank_size=4)
+        found[tier] = compile_on_cpu(scene, bank=4)
     return found
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 import torch
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.vector.touch import Touch
@@ -25,7 +26,9 @@ SCENE = {
 
 def test_contacts_of_the_last_step_are_told_by_world_and_body():
     """Both things stand on the floor; in one world the block was put against the can."""
-    envs = SceneVectorEnv(Drive, 3, scene=compile_scene(SCENE, "cpu", bank_size=8), autoreset_mode="Disabled")
+    envs = SceneVectorEnv(
+        Drive, 3, scene=compile_scene(SceneConfig.load(SCENE, {"bank": 8}), "cpu"), autoreset_mode="Disabled"
+    )
     task: Any = envs.task
     task.move = lambda s, action: None
     envs.reset(seed=0)

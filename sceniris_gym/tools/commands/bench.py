@@ -78,7 +78,7 @@ def bench(
         "num_envs": num_envs,
         "geometry": compiled.config.geometry,
         "faces": faces(compiled),
-        "attempts": compiled.config.attempts,
+        "attempts": compiled.attempts,
         "restarts": compiled.config.restarts,
         "cold_s": cold,
         "warm_s": warm,

@@ -25,6 +25,7 @@ def check(compiled: CompiledScene, layouts: int, seed: int, picture: Path | None
         "hash": compiled.hash,
         "first_id": compiled.layout_id(seed, 0),
         "layouts": layouts,
+        "attempts": compiled.attempts,
         "valid": float(table.valid.mean()),
         "first_pass_valid": float(table.first_pass_valid.mean()),
         "attempts_per_layout": float(table.attempts.mean()),
@@ -40,8 +41,13 @@ def report(found: Mapping) -> str:
         f"{found['layouts']} layouts of '{found['scene']}': {found['valid']:.2%} valid, "
         f"{found['first_pass_valid']:.2%} on the first pass, {found['attempts_per_layout']:.2f} candidates per layout"
     )
-    lines = [shares, f"the first one is {found['first_id']}", table_of_rejections(found["rejections"])]
-    lines += [f"most in the way of {name}: {pair}" for name, pair in found["in_the_way"].items()]
+    lines = [
+        shares,
+        f"each object gets {found['attempts']} attempts before a layout starts again",
+        f"the first one is {found['first_id']}",
+        table_of_rejections(found["rejections"]),
+        *(f"most in the way of {name}: {pair}" for name, pair in found["in_the_way"].items()),
+    ]
     lines += [
         f"{name}: {part['kept']:.1%} of {part['candidates']} candidates are within reach"
         for name, part in found.get("narrowing", {}).items()

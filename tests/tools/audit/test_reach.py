@@ -27,7 +27,7 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
     crane_map(asset)
     scene = crane_scene(asset, cube, reachable="clear")
     scene["objects"]["other"] = {"asset": cube, "on": "floor", "reachable": "map"}
-    return compile_on_cpu(scene, bank_size=4)
+    return compile_on_cpu(scene, bank=4)
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +82,7 @@ def test_an_arm_that_hits_something_is_not_clear(tmp_path_factory: pytest.TempPa
     for tier, expected in (("clear", "hits something"), ("ik", None)):
         scene = crane_scene(asset, cube, reachable=tier)
         scene["objects"]["other"] = {"asset": cube, "on": "floor"}
-        compiled = compile_on_cpu(scene, bank_size=4)
+        compiled = compile_on_cpu(scene, bank=4)
         table = make_table(compiled, 5, 0)
         assert causes(compiled, table) == set()
         moved = table.qpos.copy()

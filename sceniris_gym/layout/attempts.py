@@ -1,0 +1,70 @@
+"""`attempts: auto`: how many candidates an object gets before a layout starts again, found by trying."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+
+from sceniris_gym.config.limits import MOST_ATTEMPTS
+from sceniris_gym.errors import AttemptsWarning
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.program.compiled import FEWEST_ATTEMPTS, CompiledScene
+from sceniris_gym.program.device import Cause, Program, copied
+
+# Worlds of the probe, how many of them are tried at a time, and how many may restart: less than 1%.
+_NWORLD = 1024
+_CHUNK = 128
+_MOST_RESTARTS = 10
+
+
+def find_attempts(compiled: CompiledScene) -> int:
+    """Return the attempts, 10 doubled as often as needed, with which less than 1% of the worlds would restart.
+
+    A function of the scene alone: seeds and streams are fixed. Worlds that end for a cause that no attempt cures (an
+    empty region) do not count, and what comes after placing is left out. More attempts change no layout that fewer
+    suffice for, so only worlds that have failed so far are tried again, and only until too many have failed.
+
+    Args:
+        compiled: A scene with an empty bank.
+    """
+    trial = replace(compiled, program=copied(Program, compiled.program))
+    trial.program.restarts = 0
+    attempts, pending = FEWEST_ATTEMPTS, np.arange(_NWORLD, dtype=np.uint64)
+    while True:
+        trial.program.attempts = attempts
+        pending, enough = _still_failing(trial, pending)
+        if enough:
+            return attempts
+        if attempts == MOST_ATTEMPTS:
+            break
+        attempts = min(2 * attempts, MOST_ATTEMPTS)
+    if len(pending) == _NWORLD:  # it can hardly be made at all, which is found out sooner with few attempts
+        return FEWEST_ATTEMPTS
+    warnings.warn(AttemptsWarning(compiled.config.where, attempts), stacklevel=3)
+    return attempts
+
+
+def _still_failing(trial: CompiledScene, seeds: np.ndarray) -> tuple[np.ndarray, bool]:
+    """The seeds whose worlds fail or are not tried any more, and whether few enough of them would restart."""
+    left: list[np.ndarray] = []
+    restarts = 0
+    for start in range(0, len(seeds), _CHUNK):
+        chunk = seeds[start : start + _CHUNK]
+        generator = LayoutGenerator(trial, len(chunk), seed=chunk, split="train_bank")
+        generator.launch_placing(None)
+        failed = chunk[generator.layouts.status.numpy() != Status.VALID]
+        left.append(failed)
+        restarts += len(failed) - _ended_at_once(generator)
+        if restarts > _MOST_RESTARTS:
+            return np.concatenate([*left, seeds[start + _CHUNK :]]), False
+    return np.concatenate(left), True
+
+
+def _ended_at_once(generator: LayoutGenerator) -> int:
+    """How many worlds had nothing left of a region, which ends a layout whatever attempts there are."""
+    insists = generator.compiled.program.obj_insists.numpy() != 0
+    counts = generator.layouts.rejections.numpy()[: len(insists), [Cause.EMPTY, Cause.REGION]]
+    return int(counts[~insists].sum())

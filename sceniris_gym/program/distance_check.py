@@ -1,0 +1,77 @@
+"""Checks that nothing stands or is placed where single precision is too coarse to tell whether it touches."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sceniris_gym.config.fields import FLOOR, MOST_FAR, ROBOT
+from sceniris_gym.errors import SceneKeyError
+from sceniris_gym.geometry.pieces import PieceType
+from sceniris_gym.program.plan import PlacedObject, Plan
+from sceniris_gym.scene.model import SceneModel
+
+MOST_WIDE = 1000.0
+"""Largest distance [m] from the world's origin, along each axis, to which what is near it may reach: single precision
+resolves 61 um there. Ground is better a plane, which has no corners."""
+
+
+def check_distances(scene: SceneModel, plan: Plan) -> None:
+    """Check that objects stay, and what they may meet ends, within distances that single precision resolves.
+
+    What stands beyond them as a whole and is no object of the scene can meet nothing, and is left alone.
+
+    Raises:
+        SceneKeyError: An object that stands too far away or may be placed there, or a geom that reaches too far.
+    """
+    for name in scene.bodies:
+        _check_start(scene, plan, name)
+    for o in plan.objects:
+        _check_region(scene, plan, o)
+    for p in plan.pieces:
+        if p.type == PieceType.PLANE:
+            continue
+        low, high = plan.home.xpos[p.body] + np.array(p.extents(plan.home.xmat[p.body].reshape(3, 3)))
+        reach = float(np.abs([low, high]).max())
+        if reach > MOST_WIDE and np.all(low <= MOST_FAR) and np.all(high >= -MOST_FAR):
+            geom = scene.mjm.geom(p.geom).name or f"{p.geom} of body '{scene.mjm.body(p.body).name}'"
+            raise SceneKeyError(
+                f"{scene.config.where}: geom {geom!r}: reaches {reach:.4g} m from the world's origin, and should end "
+                f"within {MOST_WIDE:g} m along each axis: rounding grows with distance. Use a plane, or smaller geoms."
+            )
+
+
+def _check_start(scene: SceneModel, plan: Plan, name: str) -> None:
+    """Check that what is not placed stands near enough."""
+    key = "robot.base" if name == ROBOT else f"objects.{name}"
+    if name != ROBOT and scene.config.objects[name].is_placed:
+        return
+    at = plan.home.xpos[scene.bodies[name]]
+    if np.abs(at).max() > MOST_FAR:
+        place = ", ".join(f"{x:.4g}" for x in at)
+        raise SceneKeyError(
+            f"{scene.config.where}: {key}: stands at ({place}) m, and should be within {MOST_FAR:g} m of the world's "
+            "origin along each axis: rounding grows with distance. Move the model to the origin."
+        )
+
+
+def _check_region(scene: SceneModel, plan: Plan, o: PlacedObject) -> None:
+    """Check that no point of a support on which an object may be placed is too far away.
+
+    On what is placed itself this is about its size: how far it may get is judged where it is placed.
+    """
+    if o.ground is None or o.config is None or o.config.support is None:
+        return
+    owner = o.config.support.parent.split("/")[0]
+    moves = owner != FLOOR and scene.config.objects[owner].is_placed
+    pos = np.zeros(3) if moves else plan.home.xpos[o.ground]
+    mat = np.eye(3) if moves else plan.home.xmat[o.ground].reshape(3, 3)
+    for surface in {id(s): s for surfaces in o.surfaces for s in surfaces}.values():
+        x0, y0, x1, y1 = surface.region.bounds
+        corners = np.array([[x, y, surface.height] for x in (x0, x1) for y in (y0, y1)]) @ mat.T + pos
+        reach = float(np.abs(corners).max())
+        if reach > MOST_FAR + 1e-6:
+            raise SceneKeyError(
+                f"{scene.config.where}: objects.{o.name}.{o.config.support.word}: '{o.config.support.parent}' reaches "
+                f"{reach:.4g} m from the world's origin, and objects should be placed within {MOST_FAR:g} m of it "
+                "along each axis: rounding grows with distance. Give it a 'region' nearer to the origin."
+            )
