@@ -12,6 +12,7 @@ from sceniris_gym.layout.reachability import OPENING_MARGIN
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.auditor import Auditor
+from sceniris_gym.tools.audit.contacts import Allowed
 from sceniris_gym.tools.audit.reach import Claim, ReachAudit, Unreached
 from sceniris_gym.tools.tables import make_table
 
@@ -104,8 +105,9 @@ def judge(compiled: CompiledScene, layouts: int, rejected: int, settled: int, se
         "rejected": len(candidates),
         "false_alarms": len(alarms),
         "false_alarm_pairs": dict(Counter(" ".join(a.owners or ()) for a in alarms)),
-        "deepest_penetration_m": report.penetration.depth,
-        "deepest_pair": " ".join(report.penetration.owners or ()),
+        "deepest_penetration_m": report.depth,
+        "deepest_pair": " ".join(report.penetration.owners) if report.penetration else "",
+        "allowed_contacts": {" ".join(a.names): f"{a.why}; {_depth(a)}" for a in report.allowed},
         "misplaced": len({m.row for m in report.misplaced}),
         "misplaced_by": dict(Counter(f"{m.name} {m.cause}" for m in report.misplaced)),
         "relation_violations": report.relation_violations,
@@ -116,8 +118,14 @@ def judge(compiled: CompiledScene, layouts: int, rejected: int, settled: int, se
         "unreached": len(unreached),
         "unreached_by": dict(Counter(f"{u.name} {u.cause}" for u in unreached)),
         "settled": report.settled,
+        "frozen_joints": list(report.frozen),
         "moved": report.moved,
         "moved_share": sum(report.moved.values()) / max(report.settled * len(report.moved), 1),
         "fast": report.fast,
         "top_speed_m_s": report.top_speed,
     }
+
+
+def _depth(allowed: Allowed) -> str:
+    """Return how deep contacts are that are allowed for."""
+    return f"{allowed.home:.2g} m deep there, {allowed.depth:.2g} m in layouts"

@@ -1,10 +1,13 @@
 """The generator before its judge, in a scene that uses every word of the language."""
 
+from pathlib import Path
+
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.tools.commands.audit import judge, rejected_candidates
+from tests.layout.scenes import compile_on_cpu, write_mjcf
 
 BUSY = {
     "floor": {"size": [2.0, 2.0]},
@@ -39,6 +42,66 @@ def test_no_fault_is_found_in_a_scene_of_every_word(geometry: str):
     assert found["rejected"] == 120
     for fault in ("missed_collisions", "false_alarms", "misplaced"):
         assert found[fault] == 0, found
+
+
+PRONGS = """
+<geom type="box" size="0.05 0.05 0.05" pos="0 0 0.05"/>
+<body name="left" pos="0 0 0.3"><joint name="left" type="slide" axis="0 1 0" range="-0.02 0.04"/>
+  <geom type="box" size="0.01 0.01 0.05" pos="0 0.01 0"/></body>
+<body name="right" pos="0 0 0.3"><joint name="right" type="slide" axis="0 -1 0" range="-0.02 0.04"/>
+  <geom type="box" size="0.01 0.01 0.05" pos="0 -0.01 0"/></body>
+"""
+
+
+def test_fingers_in_each_other_are_no_false_alarm(tmp_path: Path):
+    """Candidates of a robot that were rejected because its own parts collide, and those that were accepted."""
+    key = '<keyframe><key name="home" qpos="0.03 0.03"/></keyframe>'
+    robot = {"asset": write_mjcf(tmp_path, "prongs", PRONGS, key), "joints": {"*": {"fraction": [0, 1]}}}
+    scene = {"floor": {"size": [2.0, 2.0]}, "robot": robot, "objects": {"can": {"asset": "can", "on": "floor"}}}
+    found = judge(compile_on_cpu(scene), layouts=60, rejected=60, settled=0, seed=3)
+    assert found["rejected"] == 60
+    assert (found["false_alarms"], found["missed_collisions"]) == (0, 0), found
+
+
+LIMP = """
+<geom type="box" size="0.05 0.05 0.3" pos="0 0.3 0.3"/>
+<body name="link" pos="0 0 0.66"><joint name="shoulder" axis="0 1 0" range="-180 180"/>
+  <geom type="capsule" fromto="0.12 0 0 0.6 0 0" size="0.03" mass="3"/></body>
+"""
+
+
+@pytest.mark.parametrize("actuator", ["motor", "position"])
+def test_an_arm_is_held_while_objects_settle(tmp_path: Path, actuator: str):
+    """A torque-driven arm does not swing into oranges: it is frozen, and the report says so."""
+    gains = 'kp="5000" kv="500"' if actuator == "position" else ""
+    rest = (
+        f'<actuator><{actuator} joint="shoulder" {gains}/></actuator><keyframe><key name="home" qpos="0"/></keyframe>'
+    )
+    region = {"box": [[0.1, -0.05], [0.3, 0.05]]}
+    objects = {"orange": {"asset": "orange", "on": "floor", "region": region, "ratio_on_support": 1.0}}
+    robot = {"asset": write_mjcf(tmp_path, "limp", LIMP, rest)}
+    scene = {"floor": {"size": [2.0, 2.0]}, "robot": robot, "objects": objects}
+    found = judge(compile_on_cpu(scene), layouts=30, rejected=0, settled=30, seed=3)
+    assert found["moved"] == {"orange": 0}
+    assert found["frozen_joints"] == (["limp/shoulder"] if actuator == "motor" else [])
+
+
+def test_links_that_overlap_at_home_are_listed_and_no_penetration(tmp_path: Path):
+    """One verdict: no missed collision, so no depth either; what is allowed for stands beside it with the reason."""
+    key = '<keyframe><key name="home" qpos="0 0 0"/></keyframe>'
+    body = LIMP.replace("</body>", '<body pos="0.3 0 0"><joint axis="0 0 1" range="-90 90"/>')
+    body += '<geom type="sphere" size="0.04" pos="-0.2 0 0"/></body></body>'
+    body = '<body pos="0 0 0.01"><joint axis="0 0 1" range="-5 5"/><geom size="0.06" pos="0.1 0 0.65"/></body>' + body
+    objects = {"can": {"asset": "can", "on": "floor"}}
+    scene = {
+        "floor": {"size": [2.0, 2.0]},
+        "robot": {"asset": write_mjcf(tmp_path, "odd", body, key)},
+        "objects": objects,
+    }
+    found = judge(compile_on_cpu(scene), layouts=30, rejected=0, settled=0, seed=3)
+    assert found["missed_collisions"] == 0
+    assert found["deepest_penetration_m"] <= 1e-5
+    assert found["allowed_contacts"]
 
 
 def test_a_scene_that_rejects_nothing_gives_no_candidates():
