@@ -2,11 +2,15 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import SceneFileError, SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.tools.commands.audit import judge, rejected_candidates
+from sceniris_gym.program.compiled import upload_scene
+from sceniris_gym.scene.model import build_model
+from sceniris_gym.tools.commands.audit import judge, judge_rows, load_rows, make_rows, rejected_candidates, save_rows
 from tests.layout.scenes import compile_on_cpu, write_mjcf
 
 BUSY = {
@@ -112,3 +116,36 @@ def test_a_scene_that_rejects_nothing_gives_no_candidates():
     rows, names = rejected_candidates(compiled, 5, 0)
     assert len(rows) == 0
     assert names == []
+
+
+def test_saved_rows_are_judged_as_fresh_ones(tmp_path: Path):
+    """Layouts with their grasps, seeds and episodes, and candidates with object and cause; nothing is made anew."""
+    compiled = compile_scene("mid", "cpu")
+    rows = make_rows(compiled, 20, 20, 5)
+    save_rows(compiled, rows, tmp_path / "rows.npz")
+    bare = upload_scene(build_model(SceneConfig.load("mid")), "cpu")
+    again = load_rows(bare, tmp_path / "rows.npz")
+    assert judge_rows(bare, again) == judge_rows(compiled, rows)
+    with np.load(tmp_path / "rows.npz") as file:
+        assert str(file["hash"]) == compiled.hash
+        assert str(file["config"]) == compiled.config.canonical()
+        assert (str(file["split"]), int(file["seed"])) == ("train", 5)
+        assert file["layouts_seed"].tolist() == list(range(5, 25))
+        assert not file["layouts_episode"].any()
+        assert set(file["rejected_object"]) <= set(compiled.placed)
+        assert set(file["rejected_cause"]) == {"collision"}
+    assert [path.name for path in tmp_path.iterdir()] == ["rows.npz"]
+
+
+def test_rows_of_another_scene_are_refused(tmp_path: Path):
+    """With both hashes; and what is no such file is refused in words."""
+    scene = {"floor": {"size": [1.0, 1.0]}, "objects": {"can": {"asset": "can", "on": "floor"}}}
+    compiled = compile_on_cpu(scene)
+    save_rows(compiled, make_rows(compiled, 2, 0, 0), tmp_path / "rows.npz")
+    other = upload_scene(build_model(SceneConfig.load(scene, {"objects.can.clearance": 0.1})), "cpu")
+    with pytest.raises(SceneMismatchError, match=rf"{compiled.hash}.*{other.hash}"):
+        load_rows(other, tmp_path / "rows.npz")
+    (tmp_path / "text.npz").write_text("nothing")
+    for name in ("text.npz", "missing.npz"):
+        with pytest.raises(SceneFileError, match="--save"):
+            load_rows(compiled, tmp_path / name)
