@@ -117,6 +117,8 @@ def audit(
     rejected: Annotated[int, tyro.conf.arg(help="rejected candidates to judge")] = 1000,
     settled: Annotated[int | None, tyro.conf.arg(help="layouts to step for 0.5 s; by default all")] = None,
     seed: int = 0,
+    save: Annotated[Path | None, tyro.conf.arg(help="write the rows to this .npz instead of judging them")] = None,
+    rows: Annotated[Path | None, tyro.conf.arg(help="judge the rows of such a file, on a CPU; make none")] = None,
     device: Device = None,
     changes: Changes = (),
     json: Json = False,
@@ -124,9 +126,26 @@ def audit(
     """Make layouts and audit them with FCL, MuJoCo C and shapely, which share no code with the generator."""
     _at_least(1, layouts=layouts)
     _at_least(0, rejected=rejected, settled=settled or 0)
-    from sceniris_gym.tools.commands.audit import judge
+    from sceniris_gym.tools.commands import audit as tool
 
-    found = judge(_compiled(scene, changes, device), layouts, rejected, layouts if settled is None else settled, seed)
+    if rows is not None:
+        if save is not None:
+            raise NotSupportedError("audit: --save and --rows are separate commands. Give one at a time.")
+        from sceniris_gym.program.compiled import upload_scene
+        from sceniris_gym.scene.model import build_model
+
+        compiled = upload_scene(build_model(_config(scene, changes)), "cpu")
+        found = tool.judge_rows(compiled, tool.load_rows(compiled, rows), settled)
+        return dumps(found) if json else _listing(found)
+    target = None if save is None else _target(save)
+    compiled = _compiled(scene, changes, device)
+    made = tool.make_rows(compiled, layouts, rejected, seed)
+    if target is None:
+        found = tool.judge_rows(compiled, made, settled)
+    else:
+        tool.save_rows(compiled, made, target)
+        found = {"scene": compiled.config.name, "hash": compiled.hash, "seed": seed, "file": str(target)}
+        found |= {"layouts": len(made.table), "rejected": len(made.rejected)}
     return dumps(found) if json else _listing(found)
 
 

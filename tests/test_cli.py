@@ -61,6 +61,15 @@ def test_audit_of_the_mid_scene_finds_nothing(capfd: pytest.CaptureFixture):
     assert found["moved"].keys() == {"apple", "banana"}
 
 
+def test_an_audit_can_be_made_here_and_judged_elsewhere(capfd: pytest.CaptureFixture, tmp_path: Path):
+    """`--save` writes rows, `--rows` judges them as if they were fresh."""
+    words = ("audit", "mid", "--layouts", "20", "--rejected", "20")
+    fresh = answer(capfd, *words)
+    saved = answer(capfd, *words, "--save", str(tmp_path / "rows.npz"))
+    assert (saved["layouts"], saved["rejected"], saved["hash"]) == (20, 20, fresh["hash"])
+    assert answer(capfd, "audit", "mid", "--rows", str(tmp_path / "rows.npz")) == fresh
+
+
 def test_audit_of_fine_meshes_finds_nothing(capfd: pytest.CaptureFixture):
     """The same with triangle meshes of 16,000 faces."""
     found = answer(capfd, "audit", "mid_16k", "--layouts", "24", "--rejected", "24", "--settled", "0")

@@ -189,15 +189,17 @@ def _make_reachability(geometry: str, collides: wp.Function) -> wp.Kernel:
     ) -> bool:
         """Whether the map lets a grasp through and the hand alone is clear of the layout in it and its pre-grasp.
 
-        It stands there whatever the arm's joints are, so all starts of a grasp are spared at once.
+        It stands there whatever the arm's joints are, so all starts of a grasp are spared at once. The object itself it
+        may touch in the grasp alone.
         """
         clear = lets_through(reach, column, grasp, layouts.body_pos[worldid], layouts.body_quat[worldid])
-        pairs = program.nobject + 1 + layouts.grasp.shape[1] + column
+        columns = layouts.grasp.shape[1]
         step = int(0)
-        while step < 2 and clear:
-            if lane == 0:
+        while step < 3 and clear:
+            if lane == 0 and step < 2:
                 _pose_hand(program, reach, layouts, worldid, grasp, float(step) * PREGRASP_DISTANCE)
             block_sync()
+            pairs = program.nobject + 1 + wp.where(step < 2, columns, 2 * columns) + column
             clear = not collides(
                 program, nodes, leaves, lane, pairs, -1, layouts.arm_pos[worldid], layouts.arm_quat[worldid]
             )
@@ -227,7 +229,8 @@ def _make_reachability(geometry: str, collides: wp.Function) -> wp.Kernel:
         first = reach.reach_graspadr[column] + layouts.grasp[worldid, column]
         number = (reach.variant_graspadr[variant] + reach.variant_graspnum[variant] - first) * STARTS
         clear = reach.reach_tier[column] == _CLEAR
-        tests = wp.where(clear, 4, 1)  # against itself in the grasp; then against the layout, and both in the pre-grasp
+        # against itself in the grasp; then against the layout, both in the pre-grasp, and there the hand and the object
+        tests = wp.where(clear, 5, 1)
         tried = bool(False)  # whether this lane's grasp goes through inverse kinematics
         looked = first - 1  # the last grasp for which that is known
         blocked = clear  # whether the hand hits something in all of these
@@ -256,14 +259,18 @@ def _make_reachability(geometry: str, collides: wp.Function) -> wp.Kernel:
                 k = int(0)
                 hit = bool(False)
                 while k < tests and not hit:
-                    if k % 2 == 0:
+                    if k == 0 or k == 2:
                         if mine == least:
                             q = found.grasp
                             if k > 0:
                                 q = found.pregrasp
                             _pose_arm(program, reach, layouts, worldid, q, grasp)
                         block_sync()
-                    pairs = program.nobject + wp.where(k % 2 == 0, 0, 1 + column)
+                    pairs = int(program.nobject)
+                    if k == 4:
+                        pairs += 1 + 2 * layouts.grasp.shape[1] + column
+                    elif k % 2 == 1:
+                        pairs += 1 + column
                     hit = collides(program, nodes, leaves, lane, pairs, -1, arm_pos, arm_quat)
                     k += 1
                     if k == 1 and not hit:

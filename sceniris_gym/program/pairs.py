@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import product
 
 import mujoco
@@ -129,8 +130,8 @@ def arm_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[list[
 
     Returns:
         Lists like those of `collider_pairs`: the robot against itself, as MuJoCo would report it; then for each reach
-        target, in placement order, the robot against all but that object and markers; then the same for what the
-        robot's last joint carries.
+        target, in placement order, the robot against all but markers, where the hand (what the robot's last joint
+        carries) may touch the target; then the same for the hand alone; then the hand against the target.
     """
     targets = [o.name for o in plan.objects if o.config is not None and o.config.reachable]
     if not targets:
@@ -139,13 +140,22 @@ def arm_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[list[
     robot = scene.subtree(ROBOT)
     markers = {body for n, part in scene.config.objects.items() if part.kind == "marker" for body in scene.subtree(n)}
     moving = [c for c, body in enumerate(bodies) if body in robot and body != robot[0]]
-    hand = carried(mjm, robot_arm(scene))
     rules = PairRules(scene, colliders)
-    lists = [_among(rules, plan, robot)]
-    for own, name in product((moving, [c for c in moving if bodies[c] in hand]), targets):
-        apart = markers.union(robot, scene.subtree(name))
-        others = [c for c, body in enumerate(bodies) if body not in apart]
-        lists.append([(a, b, rules.touch(a, b)) for a, b in product(own, others) if rules.meet(a, b)])
+    carries = carried(mjm, robot_arm(scene))
+    hand = [c for c in moving if bodies[c] in carries]
+    arm = [c for c in moving if c not in hand]
+
+    def apart(own: list[int], others: Iterable[int]) -> list[tuple[int, int, float]]:
+        return [(a, b, rules.touch(a, b)) for a, b in product(own, others) if rules.meet(a, b)]
+
+    whole, alone, touched = [], [], []
+    for name in targets:
+        target = [c for c, body in enumerate(bodies) if body in scene.subtree(name)]
+        others = [c for c, body in enumerate(bodies) if body not in markers.union(robot) and c not in target]
+        whole.append(apart(moving, others) + apart(arm, target))
+        alone.append(apart(hand, others))
+        touched.append(apart(hand, target))
+    lists = [_among(rules, plan, robot), *whole, *alone, *touched]
     return [_planes_last(pairs, colliders.plane) for pairs in lists]
 
 

@@ -28,7 +28,7 @@ class Tier(IntEnum):
     IK = 2
     """Joints within limits bring the TCP within 1 mm and 0.5 degrees, and the arm does not hit itself."""
     CLEAR = 3
-    """At those joints and in the pre-grasp, the arm hits nothing in the finished layout but the object."""
+    """There and in the pre-grasp the arm hits nothing in the layout; in the grasp the hand may touch the object."""
 
     @classmethod
     def of(cls, word: str) -> Tier:

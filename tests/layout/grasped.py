@@ -16,7 +16,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import write_mjcf
 
 FINGER = '<joint name="{0}" type="slide" axis="0 {1} 0" range="0 0.04"/>'
-PAD = '<geom type="box" size="0.01 0.004 0.035" pos="0 {0} 0.03"/>'
+PAD = '<geom type="box" size="0.01 0.004 {1}" pos="0 {0} {2}"/>'
 LINKS = [  # position in the parent [m], joint, capsule along z from and to
     ("0 0 0.15", '<joint name="joint1" axis="0 0 1" range="-170 170"/>', (0.0, 0.1, 0.04)),
     ("0 0 0.15", '<joint name="joint2" axis="0 1 0" range="-120 120"/>', (0.06, 0.3, 0.035)),
@@ -28,26 +28,28 @@ LINKS = [  # position in the parent [m], joint, capsule along z from and to
 HOME = "0 -0.3 1.5 0 1.2 0 0.02 0.02"
 
 
-def arm_mjcf(folder: Path, on_base: str = "", name: str = "picker") -> str:
+def arm_mjcf(folder: Path, on_base: str = "", name: str = "picker", longer: float = 0.0) -> str:
     """Write an arm of six hinges, the last without limits, and a gripper that opens to 8 cm; return the file's path.
 
     Args:
         folder: Where to.
         on_base: More geoms of its base.
         name: Of the asset and its base.
+        longer: By how much its fingers are longer than 7 cm [m].
     """
     inertia = '<inertial pos="0 0 0" mass="0.1" diaginertia="1e-3 1e-3 1e-3"/>'
     body = f'<geom type="cylinder" size="0.06 0.05" pos="0 0 0.05"/>{on_base}'
-    for pos, joint, capsule in LINKS:
+    for i, (pos, joint, capsule) in enumerate(LINKS, start=1):
         shape = (
             ""
             if capsule is None
             else f'<geom type="capsule" fromto="0 0 {capsule[0]} 0 0 {capsule[1]}" size="{capsule[2]}"/>'
         )
-        body += f'<body pos="{pos}">{inertia}{joint}{shape}'
-    body += '<geom type="box" size="0.02 0.05 0.02"/><site name="tcp" pos="0 0 0.1"/>'
+        body += f'<body name="link{i}" pos="{pos}">{inertia}{joint}{shape}'
+    body += f'<geom type="box" size="0.02 0.05 0.02"/><site name="tcp" pos="0 0 {0.1 + longer}"/>'
     for side, sign in (("left", 1), ("right", -1)):
-        body += f'<body pos="0 0 0.05">{inertia}{FINGER.format(side, sign)}{PAD.format(0.004 * sign)}</body>'
+        pad = PAD.format(0.004 * sign, 0.035 + longer / 2, 0.03 + longer / 2)
+        body += f'<body name="{side}" pos="0 0 0.05">{inertia}{FINGER.format(side, sign)}{pad}</body>'
     rest = f'<keyframe><key name="home" qpos="{HOME}"/></keyframe>'
     return write_mjcf(folder, name, body + "</body>" * len(LINKS), rest)
 
@@ -63,6 +65,7 @@ class Taken:
         within: Whether all joints are within their limits.
         itself: Pairs of the robot's bodies in contact.
         others: Names of bodies, other than the object's, that the robot is in contact with.
+        on_target: Names of the robot's bodies that are in contact with the object.
     """
 
     name: str
@@ -71,6 +74,7 @@ class Taken:
     within: bool
     itself: list[tuple[str, str]]
     others: list[str]
+    on_target: list[str]
 
 
 def states(compiled: CompiledScene, layouts: Layouts, which: str) -> Iterator[tuple[mujoco.MjData, str]]:
@@ -135,4 +139,5 @@ def _taken(compiled: CompiledScene, data: mujoco.MjData, name: str, grasp: Grasp
         within=bool((q >= arm.lower).all() and (q <= arm.upper).all()),
         itself=[tuple(mjm.body(b).name for b in pair) for pair in pairs if pair <= robot],
         others=[mjm.body(b).name for pair in pairs if pair & robot for b in pair - robot - own],
+        on_target=[mjm.body(b).name for pair in pairs if pair & own for b in pair & robot],
     )

@@ -151,7 +151,7 @@ def test_the_absent_are_in_nobody_s_way(shapes: Shapes):
     assert not report.conflicts
     assert not report.misplaced
     assert not report.relation_violations
-    assert report.penetration.depth < 1e-4
+    assert report.depth < 1e-4
     assert not any(report.moved.values())
 
 

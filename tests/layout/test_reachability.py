@@ -19,11 +19,12 @@ from sceniris_gym.layout.reachability import SAME_BRANCH
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.reach.solve import POS_TOL, ROT_TOL
 from tests.layout.grasped import arm_mjcf, states, taken
-from tests.layout.scenes import box_mjcf, compile_on_cpu, read
+from tests.layout.scenes import box_mjcf, compile_on_cpu, read, write_mjcf
 from tests.oracle.solids import Solids
 
 FLOOR = {"size": [1.5, 1.5]}
 IN_FRONT = {"box": [[0.35, -0.15], [0.55, 0.15]]}
+HAND = {f"picker/{name}" for name in ("link6", "left", "right")}
 
 
 def scene(folder: Path, objects: Mapping[str, Any], robot: str | None = None, **words: Any) -> dict[str, Any]:
@@ -226,6 +227,34 @@ def test_an_arm_that_would_hit_itself_has_no_joints(tmp_path: Path):
     compile_on_cpu(scene(tmp_path, objects, restarts=1))
     with pytest.raises(InfeasibleSceneError, match="no_ik"):
         compile_on_cpu(scene(tmp_path, objects, robot=arm_mjcf(tmp_path, walls, "walled"), restarts=1))
+
+
+def test_only_the_hand_may_touch_what_it_grasps(tmp_path: Path):
+    """A handle at the foot of a wall of the same object: no forearm in the wall, and no hand before the grasp."""
+    body = '<geom type="box" size="0.02 0.02 0.02" pos="0.07 0 0.02"/>'
+    body += '<geom type="box" size="0.01 0.15 0.15" pos="-0.02 0 0.15"/>'
+    body += '<site name="grasp_handle" pos="0.07 0 0.02" quat="0 1 0 0"/>'
+    wall = {"asset": write_mjcf(tmp_path, "wall", body), "on": "floor", "region": IN_FRONT, "reachable": "clear"}
+    layouts = LayoutGenerator(compile_on_cpu(scene(tmp_path, {"wall": wall})), 300, seed=11)
+    layouts.generate()
+    grasps, before = (list(taken(layouts.compiled, layouts.layouts, f"{w}grasp_qpos")) for w in ("", "pre"))
+    assert len(grasps) == len(before) == 300
+    assert {name for t in grasps for name in t.on_target} <= HAND
+    assert not any(t.on_target for t in before)
+
+
+def test_long_fingers_may_surround_what_they_grasp_before_they_grasp_it(tmp_path: Path):
+    """Fingers of 15 cm around a post of 13 cm: 8 cm back they still stand beside it, and touch it nowhere."""
+    body = '<geom type="box" size="0.02 0.02 0.065" pos="0 0 0.065"/>'
+    body += '<site name="grasp_low" pos="0 0 0.02" quat="0 1 0 0"/>'
+    post = {"asset": write_mjcf(tmp_path, "post", body), "on": "floor", "region": IN_FRONT, "reachable": "clear"}
+    robot = arm_mjcf(tmp_path, name="grabber", longer=0.08)
+    layouts = LayoutGenerator(compile_on_cpu(scene(tmp_path, {"post": post}, robot)), 100, seed=12)
+    layouts.generate()
+    before = list(taken(layouts.compiled, layouts.layouts, "pregrasp_qpos"))
+    assert len(before) == 100
+    assert not any(t.on_target or t.others for t in before)
+    assert layouts.rejection_counts()["post"]["blocked"] == 0
 
 
 @pytest.mark.slow

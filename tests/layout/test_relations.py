@@ -215,7 +215,7 @@ def test_relations_and_supports_hold_at_the_corner_of_the_largest_floor(name: st
     assert not report.relation_violations
     assert not report.conflicts
     assert not report.misplaced
-    assert report.penetration.depth < 1e-4
+    assert report.depth < 1e-4
 
 
 TWO = [{"front_of": "a", "distance": {"min": 0.2}}, {"right_of": "b", "angle": 80}]

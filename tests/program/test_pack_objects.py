@@ -158,7 +158,7 @@ def test_pairs_are_those_of_objects_and_then_those_of_the_arm(tmp_path: Path):
         lists = [*collider_pairs(packed.scene, packed.plan, packed.colliders)]
         assert len(lists) == 2
         lists += arm_pairs(packed.scene, packed.plan, packed.colliders)
-        assert len(packed["obj_pairadr"]) == len(packed["obj_startadr"]) == len(lists) == 5
+        assert len(packed["obj_pairadr"]) == len(packed["obj_startadr"]) == len(lists) == 6
         rows = list(zip(packed["pair_a"], packed["pair_b"], packed["pair_margin"], strict=True))
         for i, expected in enumerate(lists):
             adr, num = packed["obj_pairadr"][i], packed["obj_pairnum"][i]

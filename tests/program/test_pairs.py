@@ -63,19 +63,27 @@ def test_self_contacts_are_those_that_mujoco_reports(tmp_path: Path, robot: str)
     assert seen <= listed
 
 
-def test_the_arm_meets_all_but_its_target_and_markers(tmp_path: Path):
-    """One list for each object to reach: floor and objects are in it, the object itself and the marker are not."""
+CARRIED = {"panda/link7", "panda/hand", "panda/left_finger", "panda/right_finger"}
+
+
+def test_the_arm_meets_all_but_markers_and_its_hand_all_but_its_target(tmp_path: Path):
+    """One list for each object to reach: only what the last joint carries may touch that object."""
     _, first, second, *_ = Scene(tmp_path, "panda").lists()
-    assert {name for pair in first for name in pair if "/" not in name} == {"world", "other", "second"}
-    assert {name for pair in second for name in pair if "/" not in name} == {"world", "other", "first"}
+    links = {f"panda/link{i}" for i in range(1, 7)}
+    for pairs, target, other in ((first, "first", "second"), (second, "second", "first")):
+        met = {name: {n for pair in pairs if name in pair for n in pair - {name}} for name in ("world", "other", other)}
+        assert all(found >= CARRIED | (links - {"panda/link1"}) for found in met.values())
+        assert {n for pair in pairs if target in pair for n in pair - {target}} == links
+        assert not any("goal" in pair for pair in pairs)
 
 
 def test_the_hand_has_lists_of_its_own(tmp_path: Path):
-    """They hold what the last joint carries, against the same as the whole arm."""
-    _, first, second, hand, other_hand = Scene(tmp_path, "panda").lists()
-    carried = {"panda/link7", "panda/hand", "panda/left_finger", "panda/right_finger"}
-    assert hand == {pair for pair in first if pair & carried}
-    assert other_hand == {pair for pair in second if pair & carried}
+    """They hold what the last joint carries: against all but the target, then against the target alone."""
+    _, first, second, hand, other_hand, on_first, on_second = Scene(tmp_path, "panda").lists()
+    assert hand == {pair for pair in first if pair & CARRIED}
+    assert other_hand == {pair for pair in second if pair & CARRIED}
+    assert on_first == {frozenset((name, "first")) for name in CARRIED}
+    assert on_second == {frozenset((name, "second")) for name in CARRIED}
 
 
 def test_a_scene_without_reach_has_no_lists(tmp_path: Path):

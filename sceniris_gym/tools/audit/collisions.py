@@ -1,8 +1,8 @@
-"""Checks layouts for missed collisions, and rejected candidates for false alarms."""
+"""Checks distances: layouts for pairs nearer than their clearance, and rejected candidates for false alarms."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +25,7 @@ class Conflict:
         geoms: Ids of the two geoms.
         owners: Names of the two objects.
         distance: Distance [m]; at most 0 if the surfaces cross, minus infinity if one is inside the other.
-        clearance: The least distance that they must keep [m].
+        clearance: The least distance that they must keep [m]; negative where they may be as deep as they are at home.
     """
 
     row: int
@@ -58,11 +58,21 @@ class CollisionAudit:
         solids: The solids of the model.
         geometry: "physics" or "visual".
         clearances: Clearance [m] of each placed object.
+        jointed: Names of the objects whose joints are drawn.
+        at_home: Pairs of bodies that touch at home, which are not judged here.
     """
 
-    def __init__(self, tree: Tree, solids: list[Solid], geometry: str, clearances: Mapping[str, float]) -> None:
+    def __init__(
+        self,
+        tree: Tree,
+        solids: list[Solid],
+        geometry: str,
+        clearances: Mapping[str, float],
+        jointed: Collection[str] = (),
+        at_home: Collection[tuple[int, int]] = (),
+    ) -> None:
         self.tree, self.solids = tree, solids
-        self.pairs = judged_pairs(tree, solids, geometry, clearances)
+        self.pairs = judged_pairs(tree, solids, geometry, clearances, jointed=jointed, at_home=at_home)
         self._narrow = Narrow(solids)
         self._body = [int(tree.mjm.geom_bodyid[s.geom]) for s in solids]
 
@@ -138,7 +148,7 @@ class CollisionAudit:
     def _required(self, pair: Judged, supporting: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
         """Return the distance [m] that the pair must keep in each of the rows."""
         nrow = len(next(iter(supporting.values()))) if supporting else int(rows.max(initial=-1)) + 1
-        return np.where(self._lifted(pair, supporting, nrow)[rows] != 0, 0.0, pair.clearance)
+        return np.where(self._lifted(pair, supporting, nrow)[rows] != 0, 0.0, max(pair.clearance, pair.margin))
 
     def _tolerance(self, pair: Judged) -> float:
         forms = {self.solids[i].form for i in (pair.first, pair.second)}
@@ -147,6 +157,8 @@ class CollisionAudit:
     def _takes_part(self, pair: Judged, candidate: np.ndarray, rank: Mapping[str, int]) -> np.ndarray:
         """Return the rows in which the pair is the candidate and something that is already there, shape (nrow,)."""
         mine = [candidate == owner for owner in pair.owners]
+        if pair.owners[0] == pair.owners[1]:
+            return mine[0]
         ranks = np.array([rank[name] for name in candidate])
         there = [rank.get(owner, -1) < ranks for owner in pair.owners]
         return (mine[0] & there[1]) | (mine[1] & there[0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import mujoco
@@ -20,13 +20,15 @@ class Judged:
     Attributes:
         first, second: Indices into the list of solids.
         clearance: Least distance between them [m], unless one supports the other.
-        owners: The objects they belong to.
+        owners: The objects they belong to; both the same for two parts of an object.
+        margin: The distance from which MuJoCo acts on the two [m].
     """
 
     first: int
     second: int
     clearance: float
     owners: tuple[str, str]
+    margin: float = 0.0
 
 
 class Tree:
@@ -55,32 +57,51 @@ class Tree:
         return [body for body, owner in enumerate(self.owner) if owner == name]
 
 
-def judged_pairs(tree: Tree, solids: list[Solid], geometry: str, clearances: Mapping[str, float]) -> list[Judged]:
-    """List the pairs of solids of different objects that a layout must keep apart.
+def judged_pairs(
+    tree: Tree,
+    solids: list[Solid],
+    geometry: str,
+    clearances: Mapping[str, float],
+    *,
+    jointed: Collection[str] = (),
+    at_home: Collection[tuple[int, int]] = (),
+) -> list[Judged]:
+    """List the pairs of solids that a layout must keep apart.
 
-    Contact bits (of the physics) and exclusions are honoured. Two bodies that no layout moves are not judged; fixtures
-    are kept apart from each other and from the static scene, although MuJoCo reports no contacts between them.
+    Contact bits (of the physics), explicit pairs and exclusions are honoured. Two bodies that no layout moves are not
+    judged; fixtures are kept apart from each other and from the static scene, although MuJoCo reports no contacts
+    between them. Parts of one object are judged as MuJoCo does, where a layout draws its joints.
 
     Args:
         tree: Owners of the bodies.
         solids: The solids of the model.
         geometry: "physics" or "visual".
         clearances: Clearance [m] of each placed object; a pair keeps the larger one.
+        jointed: Names of the objects whose joints are drawn.
+        at_home: Pairs of bodies, the lower id first, that touch at home; MuJoCo alone judges them.
     """
+    mjm = tree.mjm
+    explicit = {frozenset(p): float(m) for *p, m in zip(mjm.pair_geom1, mjm.pair_geom2, mjm.pair_margin, strict=True)}
     judged = []
     for first in range(len(solids)):
         for second in range(first + 1, len(solids)):
             geoms = solids[first].geom, solids[second].geom
-            body1, body2 = (int(tree.mjm.geom_bodyid[g]) for g in geoms)
+            body1, body2 = (int(mjm.geom_bodyid[g]) for g in geoms)
             owners = tree.owner[body1], tree.owner[body2]
-            if owners[0] == owners[1] or not (tree.movable[body1] or tree.movable[body2]):
+            own = owners[0] == owners[1]
+            if not (tree.movable[body1] or tree.movable[body2]) or (own and owners[0] not in jointed):
                 continue
-            if _excluded(tree.mjm, body1, body2) or (geometry == "physics" and not _bits_meet(tree.mjm, *geoms)):
+            if (min(body1, body2), max(body1, body2)) in at_home:
                 continue
-            if not (tree.fixture[body1] or tree.fixture[body2]) and _filtered(tree.mjm, body1, body2):
-                continue
-            clearance = max(clearances.get(owner, 0.0) for owner in owners)
-            judged.append(Judged(first, second, clearance, owners))
+            margin = explicit.get(frozenset(geoms))
+            if margin is None:
+                if _excluded(mjm, body1, body2) or (geometry == "physics" and not _bits_meet(mjm, *geoms)):
+                    continue
+                if (own or not (tree.fixture[body1] or tree.fixture[body2])) and _filtered(mjm, body1, body2):
+                    continue
+                margin = float(mjm.geom_margin[list(geoms)].sum())
+            clearance = 0.0 if own else max(clearances.get(owner, 0.0) for owner in owners)
+            judged.append(Judged(first, second, clearance, owners, margin if geometry == "physics" else 0.0))
     return judged
 
 
@@ -99,5 +120,7 @@ def _filtered(mjm: mujoco.MjModel, body1: int, body2: int) -> bool:
     weld1, weld2 = mjm.body_weldid[body1], mjm.body_weldid[body2]
     if weld1 == weld2:
         return True
+    if mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT:
+        return False
     parent1, parent2 = (mjm.body_weldid[mjm.body_parentid[w]] for w in (weld1, weld2))
-    return weld1 != 0 and weld2 != 0 and (weld1 == parent2 or weld2 == parent1)
+    return bool(weld1 != 0 and weld2 != 0 and (weld1 == parent2 or weld2 == parent1))

@@ -1,9 +1,10 @@
-"""Tests layouts in MuJoCo C: how deep bodies penetrate at the start, and whether objects stay where they are."""
+"""Tests layouts in MuJoCo C: whether objects stay where they are."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import mujoco
@@ -11,30 +12,15 @@ import mujoco.rollout
 import numpy as np
 
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.tools.audit.pairs import Tree
 
 SETTLE_SECONDS = 0.5
 STILL = 0.01  # m; a free object that moves more did not rest
 FAST = 1.0  # m/s
+_IMMOVABLE = 1e8  # kg m^2 or kg; a torque of 1,000 N m turns it by 1e-6 rad in half a second
 _FIRST_MOMENT = 0.005  # s; the contact solver's first push is not a motion
 _THREADS = os.cpu_count() or 1
 _CHUNK = 250  # rows whose states are kept at once
 _GIVEN = mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_MOCAP_POS | mujoco.mjtState.mjSTATE_MOCAP_QUAT
-
-
-@dataclass(frozen=True)
-class Penetration:
-    """The deepest contact in some layouts.
-
-    Attributes:
-        depth: Penetration [m], 0 if nothing touches.
-        row: The layout, -1 if nothing touches.
-        owners: Names of the two objects.
-    """
-
-    depth: float
-    row: int
-    owners: tuple[str, str] | None
 
 
 @dataclass(frozen=True)
@@ -50,29 +36,12 @@ class Settling:
     speed: dict[str, np.ndarray]
 
 
-def deepest(tree: Tree, table: LayoutTable) -> Penetration:
-    """Return the deepest contact that MuJoCo's collision pass finds in any row, in or between any objects."""
-    mjm = tree.mjm
-    data = mujoco.MjData(mjm)
-    depth = np.zeros(len(table))
-    pair = np.zeros((len(table), 2), int)
-    for i in range(len(table)):
-        table.put(data, i)
-        mujoco.mj_kinematics(mjm, data)
-        mujoco.mj_comPos(mjm, data)
-        mujoco.mj_collision(mjm, data)
-        if data.ncon:
-            k = int(data.contact.dist.argmin())
-            depth[i], pair[i] = max(-data.contact.dist[k], 0.0), data.contact.geom[k]
-    if not len(table) or depth.max() <= 0:
-        return Penetration(0.0, -1, None)
-    row = int(depth.argmax())
-    first, second = (tree.owner[mjm.geom_bodyid[g]] for g in pair[row])
-    return Penetration(float(depth[row]), row, (first, second))
-
-
 def settle(
-    mjm: mujoco.MjModel, bodies: Mapping[str, int], table: LayoutTable, seconds: float = SETTLE_SECONDS
+    mjm: mujoco.MjModel,
+    bodies: Mapping[str, int],
+    table: LayoutTable,
+    seconds: float = SETTLE_SECONDS,
+    frozen: Sequence[int] = (),
 ) -> Settling:
     """Step each layout for some time with the actuators holding the start pose.
 
@@ -81,7 +50,9 @@ def settle(
         bodies: Free object name -> its body id, which has a free joint.
         table: The layouts.
         seconds: Duration [s].
+        frozen: Ids of joints that stay where they are.
     """
+    mjm = _frozen(mjm, frozen)
     names = list(bodies)
     joints = [mjm.body_jntadr[bodies[name]] for name in names]
     place = 1 + mjm.jnt_qposadr[joints][:, None] + np.arange(3)  # a full state starts with the time
@@ -122,8 +93,52 @@ def hold(mjm: mujoco.MjModel, data: mujoco.MjData) -> None:
     if mjm.nkey:
         data.ctrl[:] = mjm.key_ctrl[0]
     mujoco.mj_fwdPosition(mjm, data)
-    gain, bias = mjm.actuator_gainprm[:, 0], mjm.actuator_biasprm
-    servo = (mjm.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE) & (bias[:, 1] < 0) & (gain > 0)
+    gain, bias, servo = mjm.actuator_gainprm[:, 0], mjm.actuator_biasprm, _servos(mjm)
     rest = -(bias[servo, 0] + bias[servo, 1] * data.actuator_length[servo]) / gain[servo]
     limits = np.where(mjm.actuator_ctrllimited[servo, None], mjm.actuator_ctrlrange[servo], [-np.inf, np.inf])
     data.ctrl[servo] = np.clip(rest, *limits.T)
+    for actuator in np.flatnonzero(mjm.actuator_history[:, 0] > 0):  # a delayed one has always been told so
+        past = np.full((int(mjm.actuator_history[actuator, 0]), 1), data.ctrl[actuator])
+        mujoco.mj_initCtrlHistory(mjm, data, int(actuator), None, past)
+
+
+def limp_joints(mjm: mujoco.MjModel, bodies: Collection[int]) -> list[int]:
+    """Return the joints of some bodies that no position servo holds, free joints aside.
+
+    A servo holds the joint it acts on, all joints of the tendon it acts on, and what an equality couples to these.
+    """
+    held: set[int] = set()
+    for actuator in np.flatnonzero(_servos(mjm)):
+        kind, driven = int(mjm.actuator_trntype[actuator]), int(mjm.actuator_trnid[actuator, 0])
+        if kind in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
+            held.add(driven)
+        elif kind == mujoco.mjtTrn.mjTRN_TENDON:
+            wraps = range(mjm.tendon_adr[driven], mjm.tendon_adr[driven] + mjm.tendon_num[driven])
+            held |= {int(mjm.wrap_objid[w]) for w in wraps if int(mjm.wrap_type[w]) == mujoco.mjtWrap.mjWRAP_JOINT}
+    coupled = [
+        {int(mjm.eq_obj1id[e]), int(mjm.eq_obj2id[e])}
+        for e in range(mjm.neq)
+        if int(mjm.eq_type[e]) == mujoco.mjtEq.mjEQ_JOINT and mjm.eq_active0[e]
+    ]
+    for _ in coupled:
+        held |= {j for pair in coupled if pair & held for j in pair}
+    return [
+        j
+        for j in range(mjm.njnt)
+        if int(mjm.jnt_bodyid[j]) in bodies and j not in held and int(mjm.jnt_type[j]) != mujoco.mjtJoint.mjJNT_FREE
+    ]
+
+
+def _servos(mjm: mujoco.MjModel) -> np.ndarray:
+    """Return which actuators are position servos, shape (nu,)."""
+    affine = mjm.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
+    return affine & (mjm.actuator_biasprm[:, 1] < 0) & (mjm.actuator_gainprm[:, 0] > 0)
+
+
+def _frozen(mjm: mujoco.MjModel, joints: Sequence[int]) -> mujoco.MjModel:
+    """Return the model with so much inertia in some joints that nothing moves them, as if they were held."""
+    frozen = copy(mjm)
+    for joint in joints:
+        size = 3 if int(mjm.jnt_type[joint]) == mujoco.mjtJoint.mjJNT_BALL else 1
+        frozen.dof_armature[mjm.jnt_dofadr[joint] : mjm.jnt_dofadr[joint] + size] = _IMMOVABLE
+    return frozen

@@ -2,7 +2,8 @@
 
 Joints, limits and hand are taken from the MjModel: the chain from the robot's root body to its site `tcp`. The search
 is damped least squares on MuJoCo's own kinematics and Jacobian, from the layout's joints and from random ones. How wide
-the fingers open for a grasp is taken as claimed; opened so, the hand must not touch anything but the object.
+the fingers open for a grasp is taken as claimed; opened so, the arm must not touch anything but the object, and that
+with its hand alone (what its last joint carries), in the grasp alone.
 """
 
 from __future__ import annotations
@@ -78,6 +79,7 @@ class ReachAudit:
         self.upper = np.where(limited, mjm.jnt_range[self.joints, 1], np.inf)
         self._of = {name: _inside(mjm, body) for name, body in bodies.items()}
         self._robot = _inside(mjm, root)
+        self._hand = _inside(mjm, int(mjm.jnt_bodyid[self.joints[-1]]))
 
     def judge(self, table: LayoutTable, claims: Sequence[Claim], present: dict[str, np.ndarray]) -> list[Unreached]:
         """Check the claims about layouts.
@@ -113,11 +115,11 @@ class ReachAudit:
         if cause is None and claim.tier == Tier.CLEAR:
             before = _matrix(pose)
             before[:3, 3] -= BACK * before[:3, 2]
-            cause = self._wrong_joints(claim, claim.pregrasp_qpos[row], before)
+            cause = self._wrong_joints(claim, claim.pregrasp_qpos[row], before, grasping=False)
             return None if cause is None else f"pre-grasp: {cause}"
         return cause
 
-    def _wrong_joints(self, claim: Claim, qpos: np.ndarray, pose: np.ndarray) -> str | None:
+    def _wrong_joints(self, claim: Claim, qpos: np.ndarray, pose: np.ndarray, *, grasping: bool = True) -> str | None:
         mjm, data = self.mjm, self.data
         if np.isnan(qpos).any():
             return "no joints"
@@ -135,8 +137,12 @@ class ReachAudit:
                 continue
             if mine == 2:
                 return "hits itself"
-            if claim.tier == Tier.CLEAR and not {first, second} & self._of[claim.name]:
+            if claim.tier < Tier.CLEAR:
+                continue
+            if not {first, second} & self._of[claim.name]:
                 return "hits something"
+            if not grasping or not {first, second} & self._hand:
+                return "hits its target"
         return None
 
     def _distance(self, name: str, point: np.ndarray) -> float:

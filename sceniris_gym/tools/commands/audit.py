@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
 from sceniris_gym.config.fields import ROBOT
+from sceniris_gym.errors import SceneFileError, SceneMismatchError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.reachability import OPENING_MARGIN
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.auditor import Auditor
+from sceniris_gym.tools.audit.contacts import Allowed
 from sceniris_gym.tools.audit.equalities import equalities
 from sceniris_gym.tools.audit.reach import Claim, ReachAudit, Unreached
+from sceniris_gym.tools.files import replacing
 from sceniris_gym.tools.tables import make_table
 
 _WORLDS = 1024  # worlds that are reset until enough candidates were rejected
@@ -76,6 +83,76 @@ def judge_reach(compiled: CompiledScene, table: LayoutTable, claims: list[Claim]
     return audit.judge(table, claims, present)
 
 
+@dataclass(frozen=True)
+class Rows:
+    """What the audit judges: layouts, and candidates that were rejected for collision.
+
+    Attributes:
+        table: The layouts.
+        rejected: Layouts in which the rejected objects stand at their candidate poses.
+        names: Names of these objects.
+        split: "train" or "eval".
+        seed: Seed of the first layout.
+    """
+
+    table: LayoutTable
+    rejected: LayoutTable
+    names: list[str]
+    split: str
+    seed: int
+
+
+def make_rows(compiled: CompiledScene, layouts: int, rejected: int, seed: int) -> Rows:
+    """Make layouts and rejected candidates of a scene, on its device."""
+    table = make_table(compiled, layouts, seed)
+    candidates, names = rejected_candidates(compiled, rejected, seed) if rejected else (table[slice(0, 0)], [])
+    return Rows(table, candidates, names, "train", seed)
+
+
+def save_rows(compiled: CompiledScene, rows: Rows, path: Path) -> None:
+    """Write rows to an npz file, whole or not at all, with all that tells which scene and seeds they are of."""
+    columns: dict[str, Any] = {f"layouts_{f.name}": getattr(rows.table, f.name) for f in fields(LayoutTable)}
+    columns |= {f"rejected_{f.name}": getattr(rows.rejected, f.name) for f in fields(LayoutTable)}
+    columns |= {
+        "rejected_object": np.array(rows.names, str),
+        "rejected_cause": np.array(["collision"] * len(rows.names), str),
+        "hash": np.array(compiled.hash),
+        "config": np.array(compiled.config.canonical()),
+        "split": np.array(rows.split),
+        "seed": np.array(rows.seed % 2**64, np.uint64),
+    }
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **columns)
+
+
+def load_rows(compiled: CompiledScene, path: Path) -> Rows:
+    """Read rows that `save_rows` has written.
+
+    Raises:
+        SceneFileError: The file is missing, or is something else.
+        SceneMismatchError: Its rows are of another scene.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            columns = {name: file[name] for name in file.files}
+        found = str(columns["hash"])
+        table, rejected = (
+            LayoutTable(**{f.name: columns[f"{part}_{f.name}"] for f in fields(LayoutTable)})
+            for part in ("layouts", "rejected")
+        )
+        names, split, seed = columns["rejected_object"].tolist(), str(columns["split"]), int(columns["seed"])
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+        raise SceneFileError(
+            f"--rows {path}: should be a file that 'sceniris-gym audit SCENE --save FILE' has written: {error}"
+        ) from error
+    if found != compiled.hash:
+        raise SceneMismatchError(
+            f"--rows {path}: its rows are of the scene with hash {found}, but '{compiled.config.name}' has hash "
+            f"{compiled.hash}. Give the scene, and the changes by --set, that the rows were made with."
+        )
+    return Rows(table, rejected, names, split, seed)
+
+
 def judge(compiled: CompiledScene, layouts: int, rejected: int, settled: int, seed: int) -> dict:
     """Make layouts and rejected candidates, and return the findings of the audit as plain numbers and names.
 
@@ -86,20 +163,24 @@ def judge(compiled: CompiledScene, layouts: int, rejected: int, settled: int, se
         settled: Number of layouts that are stepped for half a second.
         seed: Seed of the first layout.
     """
+    return judge_rows(compiled, make_rows(compiled, layouts, rejected, seed), settled)
+
+
+def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) -> dict:
+    """Return the findings of the audit on rows, without making any; `settled` as in `judge`, None for all of them."""
+    table, candidates, names = rows.table, rows.rejected, rows.names
     auditor = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies)
-    table = make_table(compiled, layouts, seed)
-    report = auditor.judge(table, settled=settled)
     ties = equalities(compiled.mjm, table)
+    report = auditor.judge(table, settled=len(table) if settled is None else settled)
     claims = reach_claims(compiled, table)
     unreached = judge_reach(compiled, table, claims)
-    candidates, names = rejected_candidates(compiled, rejected, seed) if rejected else (table[slice(0, 0)], [])
     alarms = auditor.judge_rejected(candidates, names, compiled.placed)
     return {
         "scene": compiled.config.name,
         "hash": compiled.hash,
         "geometry": compiled.config.geometry,
         "device": compiled.device,
-        "seed": seed,
+        "seed": rows.seed,
         "layouts": report.layouts,
         "valid": int(table.valid.sum()),
         "missed_collisions": report.colliding,
@@ -107,11 +188,12 @@ def judge(compiled: CompiledScene, layouts: int, rejected: int, settled: int, se
         "rejected": len(candidates),
         "false_alarms": len(alarms),
         "false_alarm_pairs": dict(Counter(" ".join(a.owners or ()) for a in alarms)),
-        "deepest_penetration_m": report.penetration.depth,
-        "deepest_pair": " ".join(report.penetration.owners or ()),
         "broken_equalities": ties.broken,
         "equality_worst": ties.worst,
         "worst_equality": ties.name,
+        "deepest_penetration_m": report.depth,
+        "deepest_pair": " ".join(report.penetration.owners) if report.penetration else "",
+        "allowed_contacts": {" ".join(a.names): f"{a.why}; {_depth(a)}" for a in report.allowed},
         "misplaced": len({m.row for m in report.misplaced}),
         "misplaced_by": dict(Counter(f"{m.name} {m.cause}" for m in report.misplaced)),
         "relation_violations": report.relation_violations,
@@ -122,8 +204,14 @@ def judge(compiled: CompiledScene, layouts: int, rejected: int, settled: int, se
         "unreached": len(unreached),
         "unreached_by": dict(Counter(f"{u.name} {u.cause}" for u in unreached)),
         "settled": report.settled,
+        "frozen_joints": list(report.frozen),
         "moved": report.moved,
         "moved_share": sum(report.moved.values()) / max(report.settled * len(report.moved), 1),
         "fast": report.fast,
         "top_speed_m_s": report.top_speed,
     }
+
+
+def _depth(allowed: Allowed) -> str:
+    """Return how deep contacts are that are allowed for."""
+    return f"{allowed.home:.2g} m deep there, {allowed.depth:.2g} m in layouts"

@@ -24,13 +24,13 @@ def test_reports_exactly_the_rows_with_a_pushed_and_an_enclosed_object(geometry:
 
 
 def test_absent_objects_are_judged_by_nothing_else():
-    """An absent crate that stands in a can is no conflict, is not misplaced, and has no relations."""
+    """An absent crate that stands in a can is not misplaced and has no relations, but in MuJoCo it collides."""
     rows = layout(MJM, 2, crate=(-0.3, 0.0, 0.5, 0.0), can=(-0.3, 0.0, 0.5, 0.0))
     config = {"floor": {"size": [1.0, 1.0]}, "objects": OBJECTS, "groups": {"some": {"of": ["crate"], "count": [0, 1]}}}
     judge = Auditor(MJM, SceneConfig.load(config), bodies(MJM))
     present = np.array([[1, 1, 1, 1], [1, 1, 1, 0]], bool)
     report = judge.judge(LayoutTable.from_states(rows.qpos, rows.mocap_pos, rows.mocap_quat, present))
-    assert {c.row for c in report.conflicts} == {0}
+    assert {c.row for c in report.conflicts} == {0, 1}
     assert {(m.row, m.name) for m in report.misplaced} == {(0, "crate"), (0, "can"), (1, "can")}
     assert report.relation_violations == 1
 
@@ -45,4 +45,5 @@ def test_rows_keep_their_numbers_however_many_are_judged():
     assert report.layouts == len(rows)
     assert [(c.row, set(c.owners)) for c in report.conflicts] == [(row, {"can", "world"}) for row in faulty]
     assert [m.row for m in report.misplaced if m.name == "gem"] == list(faulty)
+    assert report.penetration is not None
     assert report.penetration.row in faulty

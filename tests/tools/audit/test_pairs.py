@@ -72,6 +72,30 @@ def test_geoms_of_different_objects_are_judged_where_mujoco_collides_them():
     assert len(set(judged)) == len(judged) > 10
 
 
+def test_parts_of_an_object_are_judged_where_its_joints_are_drawn():
+    """As MuJoCo reports them, explicit pairs among them, but for those that touch at home."""
+    rule = '<exclude body1="a" body2="c"/>'
+    mjm = mujoco.MjModel.from_xml_string(HEAP.replace(rule, rule + '<pair geom1="base" geom2="upper" margin="0.01"/>'))
+    data = mujoco.MjData(mjm)
+    mujoco.mj_fwdPosition(mjm, data)
+    tree, solids = Tree(mjm, {name: mjm.body(name).id for name in ("arm", "a", "b", "c")}), solids_of(mjm, "physics")
+    judged = {
+        frozenset(mjm.geom(solids[i].geom).name for i in (pair.first, pair.second)): pair
+        for pair in judged_pairs(tree, solids, "physics", {"arm": 0.01}, jointed=["arm"])
+    }
+    reported = {frozenset(mjm.geom(g).name for g in contact.geom) for contact in data.contact[: data.ncon]}
+    assert set(judged) == reported
+    own = {pair for pair in reported if pair <= {"base", "upper", "glued", "hanging"}}
+    assert len(own) >= 3
+    assert {judged[pair].clearance for pair in own} == {0.0}
+    assert judged[frozenset(("base", "upper"))].margin == 0.01
+    assert not judged_pairs(tree, solids, "physics", {}, jointed=["arm"], at_home=_all_pairs(mjm))
+
+
+def _all_pairs(mjm: mujoco.MjModel) -> set[tuple[int, int]]:
+    return {(i, j) for i in range(mjm.nbody) for j in range(i, mjm.nbody)}
+
+
 def test_what_is_seen_collides_whatever_its_bits_are():
     """With visual geometry the bits of the physics do not count, but exclusions do."""
     mjm = mujoco.MjModel.from_xml_string(HEAP)

@@ -4,18 +4,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from sceniris_gym.tools.audit.physics import hold, settle
+from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.tools.audit.physics import hold, limp_joints, settle
 from tests.tools.audit.judging import MJM, auditor
 from tests.tools.scenes import layout, with_row
-
-
-def test_penetration_is_what_mujoco_measures():
-    """A crate 3 mm in the floor is 3 mm deep."""
-    rows = with_row(layout(MJM, 3), 1, layout(MJM, crate=(0.3, 0, -0.003, 0.5)))
-    found = auditor().judge(rows).penetration
-    assert found.depth == pytest.approx(0.003, abs=1e-6)
-    assert found.row == 1
-    assert set(found.owners or ()) == {"world", "crate"}
 
 
 def test_settling_counts_what_moves_and_what_is_fast():
@@ -66,3 +58,45 @@ def test_servos_pull_nowhere_and_motors_do_what_the_keyframe_says(angle: float):
         assert data.actuator(name).force[0] == pytest.approx(0.0, abs=1e-12)
     assert data.actuator("limited").ctrl[0] == pytest.approx(np.clip(angle, -0.1, 0.1))
     assert data.actuator("motor").force[0] == pytest.approx(0.7)
+
+
+ARM = """
+<mujoco>
+  <worldbody>
+    <body name="arm">
+      <joint name="servo" axis="0 1 0"/><geom size="0.05" pos="0.3 0 0"/>
+      <body><joint name="torque" axis="0 1 0"/><geom size="0.05" pos="0.6 0 0"/></body>
+      <body><joint name="left" type="slide"/><geom size="0.01"/></body>
+      <body><joint name="right" type="slide"/><geom size="0.01"/></body>
+      <body><joint name="mimic" type="slide"/><geom size="0.01"/></body>
+    </body>
+    <body name="ball"><freejoint/><geom size="0.05" pos="2 0 0"/></body>
+  </worldbody>
+  <tendon><fixed name="grip"><joint joint="left" coef="1"/><joint joint="right" coef="1"/></fixed></tendon>
+  <equality><joint joint1="mimic" joint2="left"/></equality>
+  <actuator>
+    <position joint="servo" kp="100"/><motor joint="torque"/><position tendon="grip" kp="10"/>
+  </actuator>
+</mujoco>
+"""
+
+
+def test_joints_without_a_position_servo_are_limp_and_can_be_frozen():
+    """A servo on a tendon holds its joints, an equality what it couples; a frozen joint does not move at all."""
+    mjm = mujoco.MjModel.from_xml_string(ARM)
+    names = [mjm.joint(j).name for j in limp_joints(mjm, range(mjm.nbody))]
+    assert names == ["torque"]
+    ball = mjm.body("ball").id
+    assert limp_joints(mjm, {ball}) == []
+    swinging = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body name='a'><joint type='ball'/><geom size='0.1' pos='1 0 0'/>"
+        "<body name='ball' pos='1 0 0'><geom size='0.1'/></body></body>"
+        "<body name='free' pos='1 0 0.2'><freejoint/><geom size='0.1'/></body></worldbody></mujoco>"
+    )
+    table = LayoutTable.from_states(
+        swinging.qpos0[None], np.zeros((1, 0, 3)), np.zeros((1, 0, 4)), present=np.ones((1, 1), bool)
+    )
+    free = {"free": swinging.body("free").id}
+    assert settle(swinging, free, table).moved["free"][0] > 0.1
+    assert settle(swinging, free, table, frozen=[0]).moved["free"][0] < 1e-3
+    assert not swinging.dof_armature.any()

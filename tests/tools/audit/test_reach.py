@@ -92,6 +92,30 @@ def test_an_arm_that_hits_something_is_not_clear(tmp_path_factory: pytest.TempPa
         assert causes(compiled, wrong) == ({(2, "thing", expected)} if expected else set())
 
 
+def test_only_the_hand_may_touch_its_target_and_only_in_the_grasp(tmp_path_factory: pytest.TempPathFactory):
+    """The same claims, of models in which a part of the crane has a knob that is in the post."""
+    folder = tmp_path_factory.mktemp("target")
+    asset, post = crane_mjcf(folder, solid=True), box_mjcf(folder, "post", 0.04, 0.04, 0.15)
+    crane_map(asset)
+    compiled = compile_on_cpu(crane_scene(asset, post, reachable="clear"), bank_size=4)
+    table = make_table(compiled, 5, 0)
+    assert causes(compiled, table) == set()
+    spec = compiled.scene.spec.copy()
+    bodies = compiled.scene.bodies
+    present = {"thing": np.ones(5, bool)}
+
+    def judged(body: str, at: float) -> set[str]:
+        changed = spec.copy()
+        size, pos = [0.005, 0.005, 0.005], [0.0, 0.0, at]
+        changed.body(f"crane/{body}").add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=size, pos=pos)
+        claims = reach_claims(compiled, table)
+        return {u.cause for u in ReachAudit(changed.compile(), bodies["robot"], bodies).judge(table, claims, present)}
+
+    assert judged("hand", 0.0) == set()  # at the TCP, 8 cm above where it grasps
+    assert judged("hand", 0.08) == {"pre-grasp: hits its target"}
+    assert judged("up", 0.0) == {"hits its target"}
+
+
 def test_hits_of_the_arm_with_itself_are_seen(compiled: CompiledScene, table: LayoutTable):
     """The same claims, of a model in which the crane's fingers are as wide as its hand is far."""
     spec = compiled.scene.spec.copy()

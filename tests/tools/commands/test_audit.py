@@ -1,10 +1,17 @@
 """The generator before its judge, in a scene that uses every word of the language."""
 
+from pathlib import Path
+
+import numpy as np
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import SceneFileError, SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.tools.commands.audit import judge, rejected_candidates
+from sceniris_gym.program.compiled import upload_scene
+from sceniris_gym.scene.model import build_model
+from sceniris_gym.tools.commands.audit import judge, judge_rows, load_rows, make_rows, rejected_candidates, save_rows
+from tests.layout.scenes import compile_on_cpu, write_mjcf
 
 BUSY = {
     "floor": {"size": [2.0, 2.0]},
@@ -41,6 +48,66 @@ def test_no_fault_is_found_in_a_scene_of_every_word(geometry: str):
         assert found[fault] == 0, found
 
 
+PRONGS = """
+<geom type="box" size="0.05 0.05 0.05" pos="0 0 0.05"/>
+<body name="left" pos="0 0 0.3"><joint name="left" type="slide" axis="0 1 0" range="-0.02 0.04"/>
+  <geom type="box" size="0.01 0.01 0.05" pos="0 0.01 0"/></body>
+<body name="right" pos="0 0 0.3"><joint name="right" type="slide" axis="0 -1 0" range="-0.02 0.04"/>
+  <geom type="box" size="0.01 0.01 0.05" pos="0 -0.01 0"/></body>
+"""
+
+
+def test_fingers_in_each_other_are_no_false_alarm(tmp_path: Path):
+    """Candidates of a robot that were rejected because its own parts collide, and those that were accepted."""
+    key = '<keyframe><key name="home" qpos="0.03 0.03"/></keyframe>'
+    robot = {"asset": write_mjcf(tmp_path, "prongs", PRONGS, key), "joints": {"*": {"fraction": [0, 1]}}}
+    scene = {"floor": {"size": [2.0, 2.0]}, "robot": robot, "objects": {"can": {"asset": "can", "on": "floor"}}}
+    found = judge(compile_on_cpu(scene), layouts=60, rejected=60, settled=0, seed=3)
+    assert found["rejected"] == 60
+    assert (found["false_alarms"], found["missed_collisions"]) == (0, 0), found
+
+
+LIMP = """
+<geom type="box" size="0.05 0.05 0.3" pos="0 0.3 0.3"/>
+<body name="link" pos="0 0 0.66"><joint name="shoulder" axis="0 1 0" range="-180 180"/>
+  <geom type="capsule" fromto="0.12 0 0 0.6 0 0" size="0.03" mass="3"/></body>
+"""
+
+
+@pytest.mark.parametrize("actuator", ["motor", "position"])
+def test_an_arm_is_held_while_objects_settle(tmp_path: Path, actuator: str):
+    """A torque-driven arm does not swing into oranges: it is frozen, and the report says so."""
+    gains = 'kp="5000" kv="500"' if actuator == "position" else ""
+    rest = (
+        f'<actuator><{actuator} joint="shoulder" {gains}/></actuator><keyframe><key name="home" qpos="0"/></keyframe>'
+    )
+    region = {"box": [[0.1, -0.05], [0.3, 0.05]]}
+    objects = {"orange": {"asset": "orange", "on": "floor", "region": region, "ratio_on_support": 1.0}}
+    robot = {"asset": write_mjcf(tmp_path, "limp", LIMP, rest)}
+    scene = {"floor": {"size": [2.0, 2.0]}, "robot": robot, "objects": objects}
+    found = judge(compile_on_cpu(scene), layouts=30, rejected=0, settled=30, seed=3)
+    assert found["moved"] == {"orange": 0}
+    assert found["frozen_joints"] == (["limp/shoulder"] if actuator == "motor" else [])
+
+
+def test_links_that_overlap_at_home_are_listed_and_no_penetration(tmp_path: Path):
+    """One verdict: no missed collision, so no depth either; what is allowed for stands beside it with the reason."""
+    key = '<keyframe><key name="home" qpos="0 0 0"/></keyframe>'
+    body = LIMP.replace("</body>", '<body pos="0.3 0 0"><joint axis="0 0 1" range="-90 90"/>')
+    body += '<geom type="sphere" size="0.04" pos="-0.2 0 0"/></body></body>'
+    body = '<body pos="0 0 0.01"><joint axis="0 0 1" range="-5 5"/><geom size="0.06" pos="0.1 0 0.65"/></body>' + body
+    objects = {"can": {"asset": "can", "on": "floor"}}
+    scene = {
+        "floor": {"size": [2.0, 2.0]},
+        "robot": {"asset": write_mjcf(tmp_path, "odd", body, key)},
+        "objects": objects,
+    }
+    found = judge(compile_on_cpu(scene), layouts=30, rejected=0, settled=0, seed=3)
+    assert found["missed_collisions"] == 0
+    assert found["deepest_penetration_m"] <= 1e-5
+    assert found["allowed_contacts"]
+
+
 def test_a_scene_that_rejects_nothing_gives_no_candidates():
     """One object alone on a floor never collides."""
     compiled = compile_scene(
@@ -49,3 +116,36 @@ def test_a_scene_that_rejects_nothing_gives_no_candidates():
     rows, names = rejected_candidates(compiled, 5, 0)
     assert len(rows) == 0
     assert names == []
+
+
+def test_saved_rows_are_judged_as_fresh_ones(tmp_path: Path):
+    """Layouts with their grasps, seeds and episodes, and candidates with object and cause; nothing is made anew."""
+    compiled = compile_scene("mid", "cpu")
+    rows = make_rows(compiled, 20, 20, 5)
+    save_rows(compiled, rows, tmp_path / "rows.npz")
+    bare = upload_scene(build_model(SceneConfig.load("mid")), "cpu")
+    again = load_rows(bare, tmp_path / "rows.npz")
+    assert judge_rows(bare, again) == judge_rows(compiled, rows)
+    with np.load(tmp_path / "rows.npz") as file:
+        assert str(file["hash"]) == compiled.hash
+        assert str(file["config"]) == compiled.config.canonical()
+        assert (str(file["split"]), int(file["seed"])) == ("train", 5)
+        assert file["layouts_seed"].tolist() == list(range(5, 25))
+        assert not file["layouts_episode"].any()
+        assert set(file["rejected_object"]) <= set(compiled.placed)
+        assert set(file["rejected_cause"]) == {"collision"}
+    assert [path.name for path in tmp_path.iterdir()] == ["rows.npz"]
+
+
+def test_rows_of_another_scene_are_refused(tmp_path: Path):
+    """With both hashes; and what is no such file is refused in words."""
+    scene = {"floor": {"size": [1.0, 1.0]}, "objects": {"can": {"asset": "can", "on": "floor"}}}
+    compiled = compile_on_cpu(scene)
+    save_rows(compiled, make_rows(compiled, 2, 0, 0), tmp_path / "rows.npz")
+    other = upload_scene(build_model(SceneConfig.load(scene, {"objects.can.clearance": 0.1})), "cpu")
+    with pytest.raises(SceneMismatchError, match=rf"{compiled.hash}.*{other.hash}"):
+        load_rows(other, tmp_path / "rows.npz")
+    (tmp_path / "text.npz").write_text("nothing")
+    for name in ("text.npz", "missing.npz"):
+        with pytest.raises(SceneFileError, match="--save"):
+            load_rows(compiled, tmp_path / name)
