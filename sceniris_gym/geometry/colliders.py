@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.geometry.box_tree import build_tree
-from sceniris_gym.geometry.pieces import Piece, PieceType
+from sceniris_gym.geometry.pieces import Piece, PieceType, flat_faces
 from sceniris_gym.geometry.ragged import ranges
 
 # Boxes are grown by this much [m] so that rounding to float32 cannot lose a leaf.
@@ -50,6 +50,7 @@ def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> Collide
         if visual:
             meshes = [pieces[i].mesh for i in solid]
             triangles = np.concatenate([m.triangles for m in meshes if m is not None])
+            triangles = triangles[~flat_faces(triangles)]  # their edges are those of their neighbours
             mesh = wp.Mesh(
                 points=wp.array(triangles.reshape(-1, 3), dtype=wp.vec3, device=device),
                 indices=wp.array(np.arange(3 * len(triangles)), dtype=int, device=device),

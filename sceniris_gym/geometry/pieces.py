@@ -41,6 +41,8 @@ _TYPES = {
     mujoco.mjtGeom.mjGEOM_MESH: PieceType.HULL,
 }
 _VISIBLE_GROUPS = range(3)
+# A triangle of less height than this share of its longest edge has none: in float32 that is rounding.
+_FLAT = 4.0e-7
 
 
 @dataclass(frozen=True)
@@ -131,7 +133,7 @@ def _piece(mjm: mujoco.MjModel, geom: int, geometry: str) -> Piece:
     kind = mujoco.mjtGeom(int(mjm.geom_type[geom]))
     if kind not in _TYPES:
         raise NotSupportedError(
-            f"geom '{_geom_name(mjm, geom)}': a {kind.name[len('mjGEOM_') :].lower()} cannot be an obstacle. "
+            f"geom '{geom_name(mjm, geom)}': a {kind.name[len('mjGEOM_') :].lower()} cannot be an obstacle. "
             "Use primitives or meshes, or turn its collisions off (contype=0, conaffinity=0)."
         )
     pos, quat = mjm.geom_pos[geom].copy(), mjm.geom_quat[geom].copy()
@@ -140,7 +142,7 @@ def _piece(mjm: mujoco.MjModel, geom: int, geometry: str) -> Piece:
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
         data = int(mjm.geom_dataid[geom])
         mesh = _surface(mjm, data, geom) if geometry == "visual" else None
-        vertices = hull_vertices(mjm, data, _geom_name(mjm, geom))
+        vertices = hull_vertices(mjm, data, geom_name(mjm, geom))
         middle = vertices.mean(axis=0)
         pos = pos + _matrix(quat) @ middle
         vertices = vertices - middle
@@ -184,9 +186,16 @@ def hull_vertices(mjm: mujoco.MjModel, mesh: int, name: str) -> np.ndarray:
         raise MeshError(f"mesh of geom '{name}' has no volume. It should have four points not in one plane.") from error
 
 
+def flat_faces(triangles: np.ndarray) -> np.ndarray:
+    """Which triangles, shape (n, 3, 3), have no area but for rounding, shape (n,): they are no more than edges."""
+    edges = np.roll(triangles, -1, axis=1) - triangles
+    longest = np.einsum("ijk,ijk->ij", edges, edges).max(axis=1)
+    return np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) <= _FLAT * longest
+
+
 def _surface(mjm: mujoco.MjModel, mesh: int, geom: int) -> trimesh.Trimesh:
     """The triangles of a mesh in the geom's frame, checked to form a closed surface."""
-    name = _geom_name(mjm, geom)
+    name = geom_name(mjm, geom)
     if mjm.mesh_facenum[mesh] == 0:
         raise MeshError(f"mesh of geom '{name}' has no faces. With `geometry: visual` it should be a closed surface.")
     vert, face = mjm.mesh_vertadr[mesh], mjm.mesh_faceadr[mesh]
@@ -220,7 +229,8 @@ def _primitive(kind: mujoco.mjtGeom, size: np.ndarray) -> trimesh.Trimesh:
     return ball
 
 
-def _geom_name(mjm: mujoco.MjModel, geom: int) -> str:
+def geom_name(mjm: mujoco.MjModel, geom: int) -> str:
+    """What messages call a geom: its name, or its number and body."""
     body = mjm.body(int(mjm.geom_bodyid[geom])).name
     return mjm.geom(geom).name or f"{geom} of body {body}"
 

@@ -12,6 +12,7 @@ import warp as wp
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.geometry.colliders import collect_colliders, collider_arrays
 from sceniris_gym.program.device import Program, fill_struct
+from sceniris_gym.program.oddities import warn_of_oddities
 from sceniris_gym.program.pack import pack_program
 from sceniris_gym.program.plan import Plan, build_plan
 from sceniris_gym.program.reach import Reaching, build_reaching
@@ -102,6 +103,7 @@ class CompiledScene:
 def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
     """Upload a scene to a device. The bank is still empty; `layout.compile.compile_scene` fills it."""
     plan = build_plan(scene)
+    warn_of_oddities(scene, plan)
     colliders = collect_colliders(plan.pieces, scene.config.geometry == "visual", device)
     lanes = _WARP if wp.get_device(device).is_cuda else 1
     arrays = pack_program(scene, plan, colliders, lanes) | collider_arrays(colliders)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import ModelWarning
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
@@ -191,6 +193,30 @@ def test_what_is_wholly_inside_a_solid_collides(tmp_path: Path, geometry: str, s
         x = valid(make(compiled, 300)).qpos[:, 0]
         assert len(x) > 200
         assert x.min() > 0.3
+
+
+def test_faces_without_area_are_no_obstacles(tmp_path: Path):
+    """A cube with a vertex in the middle of an edge, closed by a face without area: it has the layouts of the cube.
+
+    It is turned, so that the box around that face is a large one.
+    """
+    corners = [(x, y, z) for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1)]
+    vertices = " ".join(f"{v}" for corner in (*corners, (-0.1, -0.1, 0.0)) for v in corner)
+    sides = "0 2 6 0 6 4 1 5 7 1 7 3 2 3 7 2 7 6 4 6 7 4 7 5"
+    cubes = {"whole": "0 1 3 0 3 2 0 4 5 0 5 1", "split": "0 1 3 0 3 2 0 4 8 8 4 5 8 5 1 0 8 1"}
+    pea = {"asset": box_mjcf(tmp_path, "pea", 0.01, 0.01, 0.01)}
+    around = {"region": {"box": [[-0.3, -0.3, -0.1], [0.3, 0.3, 0.1]]}}
+    hits = []
+    for name, faces in cubes.items():
+        rest = f'<asset><mesh name="cube" vertex="{vertices}" face="{sides} {faces}"/></asset>'
+        asset = write_mjcf(tmp_path, name, '<geom name="cube" type="mesh" mesh="cube" euler="30 40 20"/>', rest)
+        scene = {"geometry": "visual", "objects": {"cube": {"asset": asset, "kind": "static"}, "pea": pea | around}}
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            hits.append(_collisions(scene, "pea", 2000)[0])
+        assert [w.category for w in caught] == [ModelWarning] * (name == "split")
+    assert hits[0] == hits[1]
+    assert 150 < hits[0] < 700
 
 
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
