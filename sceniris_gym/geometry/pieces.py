@@ -1,8 +1,8 @@
 """Pieces: the geoms of a model, as physics collides them or as they are rendered.
 
 `geometry: physics` takes the geoms that MuJoCo collides, meshes as their convex hulls. `geometry: visual` takes the
-visible geoms (groups 0 to 2) as closed triangle meshes. Either way a piece has a convex form, which stands in for it
-where only extents and shadows matter.
+visible geoms (groups 0 to 2): meshes and boxes as closed triangle meshes, round primitives as they are. Either way a
+piece has a convex form, which stands in for it where only extents and shadows matter.
 """
 
 from __future__ import annotations
@@ -31,6 +31,9 @@ class PieceType(IntEnum):
     SEGMENT = 7
 
 
+ROUND = (PieceType.SPHERE, PieceType.CAPSULE, PieceType.CYLINDER, PieceType.ELLIPSOID)
+"""Kinds that no triangles describe exactly."""
+
 _TYPES = {
     mujoco.mjtGeom.mjGEOM_PLANE: PieceType.PLANE,
     mujoco.mjtGeom.mjGEOM_SPHERE: PieceType.SPHERE,
@@ -57,8 +60,8 @@ class Piece:
         quat: Orientation of that form in the body's frame, wxyz.
         size: MuJoCo's sizes [m] of a primitive, shape (3,).
         vertices: Vertices [m] of a hull in the piece's frame, shape (n, 3); empty for primitives.
-        mesh: Its closed surface in the body's frame (a plane has none). Round primitives are tessellated; with
-            `geometry: physics` only their flat faces and outlines are taken from it.
+        mesh: Its closed surface in the body's frame (a plane has none). Round primitives are tessellated,
+            for flat faces, outlines and roofs; with `geometry: physics` nothing else is taken from it.
         contype, conaffinity: MuJoCo's contact bits; all are set with `geometry: visual`.
     """
 

@@ -11,6 +11,7 @@ import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.geometry.colliders import collect_colliders, collider_arrays
+from sceniris_gym.geometry.pieces import ROUND, Piece
 from sceniris_gym.program.device import Program, fill_struct
 from sceniris_gym.program.oddities import warn_of_oddities
 from sceniris_gym.program.pack import pack_program
@@ -95,9 +96,22 @@ class CompiledScene:
         return bool(self.program.obj_cutnum.numpy().any())
 
     @property
+    def leaves(self) -> str:
+        """What is tested at the leaves of its colliders: "physics", "visual", or "visual_round".
+
+        That is convex pieces, triangles, or triangles and the round primitives that the scene shows.
+        """
+        return leaf_kind(self.config.geometry, self.plan.pieces)
+
+    @property
     def bank_size(self) -> int:
         """Number of valid layouts in the bank."""
         return int(self.program.bank_qpos.shape[0])
+
+
+def leaf_kind(geometry: str, pieces: list[Piece]) -> str:
+    """See `CompiledScene.leaves`."""
+    return "visual_round" if geometry == "visual" and any(p.type in ROUND for p in pieces) else geometry
 
 
 def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
@@ -108,13 +122,17 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
     lanes = _WARP if wp.get_device(device).is_cuda else 1
     arrays = pack_program(scene, plan, colliders, lanes) | collider_arrays(colliders)
     mocap = max(scene.mjm.nmocap, 1)
+    program = Program()
+    if leaf_kind(scene.config.geometry, plan.pieces) == "visual_round":  # triangles are hulls as well
+        program.face_vertadr = len(arrays["vert"])
+        corners = np.stack([arrays[name] for name in ("face_a", "face_b", "face_c")], axis=1)
+        arrays["vert"] = np.concatenate([arrays["vert"], corners.reshape(-1, 3)])
     arrays |= {
         "bank_present": np.zeros((0, len(plan.slots))),
         "bank_qpos": np.zeros((0, scene.mjm.nq)),
         "bank_mocap_pos": np.zeros((0, mocap, 3)),
         "bank_mocap_quat": np.zeros((0, mocap, 4)),
     }
-    program = Program()
     program.nobject = len(plan.objects)
     program.ngroup = len(scene.config.groups)
     program.attempts = scene.config.attempts

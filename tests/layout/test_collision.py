@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -394,3 +395,59 @@ def test_a_door_hinged_inside_its_frame_is_no_collision_of_its_own(tmp_path: Pat
     apart = np.array([solids.distance(data, door, post) for data in posed(compiled, rows)])
     assert apart.min() > 0.0
     assert generator.rejection_counts()["cupboard"]["collision"] > 50
+
+
+@pytest.mark.parametrize("wall", ["ball", "pill", "drum", "egg", "box", "gem"])
+@pytest.mark.parametrize("other", ["ball", "pill", "drum", "egg"])
+def test_round_primitives_are_exact_as_they_are_seen(tmp_path: Path, wall: str, other: str):
+    """Half a metre large, around each other and around a mesh: MuJoCo C finds them apart by their clearance.
+
+    Its distances are good to 0.1 mm where both are curved; as inscribed meshes they would be off by up to 2 mm.
+    """
+    shapes = {
+        "ball": '<geom type="sphere" size=".5"/>',
+        "pill": '<geom type="capsule" size=".4 .3"/>',
+        "drum": '<geom type="cylinder" size=".5 .3"/>',
+        "egg": '<geom type="ellipsoid" size=".5 .3 .4"/>',
+        "box": '<geom type="box" size=".5 .3 .4"/>',
+        "gem": '<geom type="mesh" mesh="gem"/>',
+    }
+    gem = '<asset><mesh name="gem" vertex=".5 0 0 -.5 0 0 0 .5 0 0 -.5 0 0 0 .5 0 0 -.5"/></asset>'
+    paths = [write_mjcf(tmp_path, name, shapes[name], gem) for name in (wall, other)]
+    a, b = {"asset": paths[0]}, {"asset": paths[1]}
+    near = {"box": [[-1.2, -1.2, -1.2], [1.2, 1.2, 1.2]]}
+    a |= {"region": {"box": [[0, 0, 0], [0, 0, 0]]}, "orientation": "any", "clearance": 0.0}
+    b |= {"region": near, "orientation": "any", "clearance": 0.001}
+    scene = {"geometry": "visual", "attempts": 40, "restarts": 0, "objects": {"a": a, "b": b}}
+    compiled = compile_on_cpu(scene, bank_size=1)
+    generator = LayoutGenerator(compiled, 500, rejected=20_000)
+    generator.generate()
+    view = generator.layouts.view
+    count = int(view.rejected_count.numpy()[0])
+    poses = [v.numpy()[:count] for v in (view.rejected_qpos, view.rejected_mocap_pos, view.rejected_mocap_quat)]
+    judged = []
+    for rows in (valid(read(generator.layouts)), Rows(*poses, *[np.zeros(count)] * 2)[:500]):
+        geoms = [int(compiled.mjm.body_geomadr[compiled.mjm.body(n).id]) for n in "ab"]
+        judged.append(
+            np.array([mujoco.mj_geomDistance(compiled.mjm, d, *geoms, 1.0, None) for d in posed(compiled, rows)])
+        )
+    accepted, rejected = judged
+    slack = 1e-5 if {wall, other} <= {"ball", "pill", "box"} else 1e-4
+    assert len(accepted) > 200
+    assert len(rejected) > 50
+    assert 0.001 - slack <= accepted.min() < 0.05
+    assert rejected.max() <= 0.001 + slack
+
+
+def test_a_ball_in_a_crate_and_a_crate_in_a_ball_collide(tmp_path: Path):
+    """Seen as they are, far from each other's surface."""
+    small, large = (
+        '<geom type="{}" size="{} {} {}"/>'.format(k, *[s] * 3) for k, s in (("sphere", 0.01), ("box", 0.4))
+    )
+    tiny, round_large = '<geom type="box" size=".01 .01 .01"/>', '<geom type="sphere" size=".4"/>'
+    for i, (inner, outer) in enumerate([(small, large), (tiny, round_large), (small, round_large)]):
+        inside = {"asset": write_mjcf(tmp_path, f"in{i}", inner), "region": {"box": [[0, 0, 0], [1, 0, 0]]}}
+        around = {"asset": write_mjcf(tmp_path, f"out{i}", outer), "kind": "static"}
+        compiled = compile_on_cpu({"geometry": "visual", "objects": {"inner": inside, "outer": around}}, bank_size=1)
+        x = valid(make(compiled, 300)).qpos[:, 0]
+        assert x.min() > 0.4 and len(x) > 200
