@@ -6,6 +6,7 @@ import warnings
 from pathlib import Path
 
 import pytest
+import trimesh
 
 from sceniris_gym.config.loader import shipped
 from sceniris_gym.config.scene import SceneConfig
@@ -13,7 +14,7 @@ from sceniris_gym.errors import ModelWarning
 from sceniris_gym.program.oddities import warn_of_oddities
 from sceniris_gym.program.plan import build_plan
 from sceniris_gym.scene.model import build_model
-from tests.layout.scenes import write_mjcf
+from tests.layout.scenes import box_mjcf, write_mjcf
 
 # A cube with a vertex in the middle of an edge, closed by a face without area.
 _CORNERS = [(x, y, z) for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (0.0, 0.2)] + [(-0.1, -0.1, 0.1)]
@@ -41,6 +42,20 @@ def test_shipped_scenes_give_no_warning(scene: str):
         warn_of_oddities(model, plan)
 
 
+def test_shipped_assets_give_no_warning():
+    """Each of them alone, as MuJoCo collides it."""
+    for asset, path in shipped("assets", ".xml").items():
+        kind = "static" if "<freejoint" not in path.read_text() else "free"
+        assert (
+            warned(
+                {"thing": {"asset": asset, "kind": kind, "region": {"box": [[0, 0, 0], [0, 0, 0]]}}}
+                if kind == "free"
+                else {"thing": {"asset": asset, "kind": kind}}
+            )
+            == []
+        ), asset
+
+
 def test_faces_without_area_are_named_with_their_number(tmp_path: Path):
     """With the visual geometry alone, which has faces."""
     vertices = " ".join(f"{v}" for corner in _CORNERS for v in corner)
@@ -51,3 +66,36 @@ def test_faces_without_area_are_named_with_their_number(tmp_path: Path):
     (text,) = warned(objects, geometry="visual")
     assert "faces without area are left out: 1 of geom 'crate/skin'" in text
     assert "remove degenerate faces" in text
+
+
+def test_a_hull_that_fills_a_hollow_is_named_with_its_share(tmp_path: Path):
+    """A cup in one mesh: by shared volumes of its outer and inner cylinder."""
+    cup = trimesh.creation.annulus(r_min=0.03, r_max=0.04, height=0.1)
+    vertices = " ".join(f"{v:.7f}" for v in cup.vertices.ravel())
+    faces = " ".join(map(str, cup.faces.ravel()))
+    rest = f'<asset><mesh name="cup" vertex="{vertices}" face="{faces}"/></asset>'
+    asset = write_mjcf(tmp_path, "cup", '<geom name="wall" type="mesh" mesh="cup"/>', rest)
+    (text,) = warned({"cup": {"asset": asset, "kind": "static"}})
+    assert "geom 'cup/wall' (2.3 times its volume)" in text
+    assert "several convex geoms" in text
+    assert warned({"cup": {"asset": asset, "kind": "static"}}, geometry="visual") == []
+
+
+@pytest.mark.parametrize(("size", "said"), [(354.0, "354"), (0.0008, "0.0008"), (49.0, None), (0.002, None)])
+def test_an_implausible_size_is_named(size: float, said: str | None, tmp_path: Path):
+    """It is the largest extent that counts."""
+    found = warned({"rock": {"asset": box_mjcf(tmp_path, "rock", size, size / 2, size / 2), "kind": "static"}})
+    assert [f"'rock' ({said} m)" in text for text in found] == [True] * (said is not None)
+
+
+@pytest.mark.parametrize(("depth", "number"), [(0.015, 1), (0.0005, 0)])
+def test_what_stands_inside_of_something_else_is_named_with_the_depth(depth: float, number: int, tmp_path: Path):
+    """A static box sunk into a static desk, which MuJoCo does not report."""
+    geoms = f"""<mujoco><worldbody>
+      <body name="desk"><geom type="box" size=".5 .5 .05" pos="0 0 .05"/></body>
+      <body name="base"><geom type="box" size=".1 .1 .1" pos="0 0 {0.2 - depth}"/></body>
+      </worldbody></mujoco>"""
+    (tmp_path / "own.xml").write_text(geoms)
+    objects = {"desk": {"kind": "static"}, "base": {"kind": "static"}}
+    found = warned(objects, model=tmp_path / "own.xml")
+    assert ["'desk' is 15 mm inside 'base'" in text for text in found] == [True] * number
