@@ -293,6 +293,10 @@ class ReachWarning(UserWarning):
     """Reachability is decided in a different way than requested; the message says why."""
 
 
+class ModelWarning(UserWarning):
+    """Something in a model that is accepted but was probably not meant; the message says what, and what to do."""
+
+
 class OutputError(ScenirisError, OSError):
     """A file that cannot be written.
 

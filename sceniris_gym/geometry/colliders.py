@@ -8,11 +8,13 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.geometry.box_tree import build_tree
-from sceniris_gym.geometry.pieces import Piece, PieceType
+from sceniris_gym.geometry.pieces import ROUND, Piece, PieceType, flat_faces
 from sceniris_gym.geometry.ragged import ranges
 
 # Boxes are grown by this much [m] so that rounding to float32 cannot lose a leaf.
 _GROW = 1.0e-6
+PIECE_LEAF = 1 << 30
+"""Where some leaves are faces, this is added to the number of a piece that is one."""
 
 
 @dataclass
@@ -36,7 +38,11 @@ class Colliders:
 
 
 def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> Colliders:
-    """One collider for each body's solid pieces, and one for each plane; leaves are pieces, or faces if `visual`."""
+    """One collider for each body's solid pieces, and one for each plane; leaves are pieces, or faces if `visual`.
+
+    Round pieces are leaves of their own in either case: no faces describe them exactly. What their faces are good for
+    is containment and roofs, so the mesh of a collider has them.
+    """
     c = Colliders()
     by_class: dict[tuple[int, bool, int], list[int]] = {}
     for i, p in enumerate(pieces):
@@ -45,47 +51,59 @@ def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> Collide
         c.contact_class += [contact_class] * (len(solid) if is_plane else 1)
         if is_plane:
             for i in solid:
-                _add_tree(c, body, np.zeros((1, 3)), np.zeros((1, 3)), plane=i, mesh=0)
+                _add_tree(c, body, np.zeros((1, 3)), np.zeros((1, 3)), plane=i, mesh=0, leaves=np.zeros(1, int))
                 c.points.append(np.zeros((0, 3)))
             continue
         if visual:
             meshes = [pieces[i].mesh for i in solid]
             triangles = np.concatenate([m.triangles for m in meshes if m is not None])
+            triangles = triangles[~flat_faces(triangles)]
             mesh = wp.Mesh(
                 points=wp.array(triangles.reshape(-1, 3), dtype=wp.vec3, device=device),
                 indices=wp.array(np.arange(3 * len(triangles)), dtype=int, device=device),
                 support_winding_number=True,
             )
             c.keep.append(mesh)
-            _add_tree(c, body, triangles.min(axis=1), triangles.max(axis=1), plane=-1, mesh=mesh.id)
-            c.faces.append(triangles)
+            _add_faces(c, body, [(i, pieces[i]) for i in solid], mesh.id)
             parts = [part for m in meshes if m is not None for part in m.split(only_watertight=False)]
             c.points.append(np.array([part.vertices[0] for part in parts]))
         else:
             bounds = [pieces[i].bounds() for i in solid]
             lower, upper = np.array([b[0] for b in bounds]), np.array([b[1] for b in bounds])
-            _add_tree(c, body, lower, upper, plane=-1, mesh=0, first=solid[0])
+            _add_tree(c, body, lower, upper, plane=-1, mesh=0, leaves=np.array(solid))
             c.points.append(np.zeros((0, 3)))
     return c
 
 
+def _add_faces(c: Colliders, body: int, solid: list[tuple[int, Piece]], mesh: int) -> None:
+    """Append the collider of a body's visible pieces, given with their numbers."""
+    flat = [p.mesh.triangles for _, p in solid if p.mesh is not None and p.type not in ROUND]
+    triangles = np.concatenate([*flat, np.zeros((0, 3, 3))])
+    triangles = triangles[~flat_faces(triangles)]  # their edges are those of their neighbours
+    round_pieces = [(i, p.bounds()) for i, p in solid if p.type in ROUND]
+    lower = np.array([*triangles.min(axis=1), *(low for _, (low, _) in round_pieces)])
+    upper = np.array([*triangles.max(axis=1), *(high for _, (_, high) in round_pieces)])
+    leaves = [*range(c.leaves, c.leaves + len(triangles)), *(PIECE_LEAF + i for i, _ in round_pieces)]
+    _add_tree(c, body, lower, upper, plane=-1, mesh=mesh, leaves=np.array(leaves))
+    c.faces.append(triangles)
+    c.leaves += len(triangles)
+
+
 def _add_tree(
-    c: Colliders, body: int, lower: np.ndarray, upper: np.ndarray, *, plane: int, mesh: int, first: int | None = None
+    c: Colliders, body: int, lower: np.ndarray, upper: np.ndarray, *, plane: int, mesh: int, leaves: np.ndarray
 ) -> None:
-    """Append a collider. Its leaves are numbered from `first` on, or after all faces so far."""
+    """Append a collider with leaves of these numbers."""
     tree = build_tree(lower - _GROW, upper + _GROW)
-    leaf = c.leaves if first is None else first
     c.body.append(body)
     c.root.append(c.nodes)
     c.plane.append(plane)
     c.mesh.append(mesh)
     c.center.append(tree.center)
     c.half.append(tree.half)
-    c.child.append(np.where(tree.child < 0, ~(~tree.child + leaf), tree.child + c.nodes))
+    number = leaves[np.where(tree.child < 0, ~tree.child, 0)]
+    c.child.append(np.where(tree.child < 0, ~number, tree.child + c.nodes))
     c.depth.append(tree.depth)
     c.nodes += len(tree.child)
-    if first is None and plane < 0:
-        c.leaves += len(lower)
 
 
 def collider_arrays(c: Colliders) -> dict[str, np.ndarray]:

@@ -1,8 +1,8 @@
 """Pieces: the geoms of a model, as physics collides them or as they are rendered.
 
 `geometry: physics` takes the geoms that MuJoCo collides, meshes as their convex hulls. `geometry: visual` takes the
-visible geoms (groups 0 to 2) as closed triangle meshes. Either way a piece has a convex form, which stands in for it
-where only extents and shadows matter.
+visible geoms (groups 0 to 2): meshes and boxes as closed triangle meshes, round primitives as they are. Either way a
+piece has a convex form, which stands in for it where only extents and shadows matter.
 """
 
 from __future__ import annotations
@@ -32,6 +32,9 @@ class PieceType(IntEnum):
     SEGMENT = 7
 
 
+ROUND = (PieceType.SPHERE, PieceType.CAPSULE, PieceType.CYLINDER, PieceType.ELLIPSOID)
+"""Kinds that no triangles describe exactly."""
+
 _TYPES = {
     mujoco.mjtGeom.mjGEOM_PLANE: PieceType.PLANE,
     mujoco.mjtGeom.mjGEOM_SPHERE: PieceType.SPHERE,
@@ -42,6 +45,8 @@ _TYPES = {
     mujoco.mjtGeom.mjGEOM_MESH: PieceType.HULL,
 }
 _VISIBLE_GROUPS = range(3)
+# A triangle of less height than this share of its longest edge has none: in float32 that is rounding.
+_FLAT = 4.0e-7
 
 
 @dataclass(frozen=True)
@@ -56,8 +61,8 @@ class Piece:
         quat: Orientation of that form in the body's frame, wxyz.
         size: MuJoCo's sizes [m] of a primitive, shape (3,).
         vertices: Vertices [m] of a hull in the piece's frame, shape (n, 3); empty for primitives.
-        mesh: Its closed surface in the body's frame (a plane has none). Round primitives are tessellated; with
-            `geometry: physics` only their flat faces and outlines are taken from it.
+        mesh: Its closed surface in the body's frame (a plane has none). Round primitives are tessellated,
+            for flat faces, outlines and roofs; with `geometry: physics` nothing else is taken from it.
         contact_class: Its class in `ContactRules`.
     """
 
@@ -157,7 +162,7 @@ def _piece(mjm: mujoco.MjModel, geom: int, geometry: str, contact_class: int) ->
     kind = mujoco.mjtGeom(int(mjm.geom_type[geom]))
     if kind not in _TYPES:
         raise NotSupportedError(
-            f"geom '{_geom_name(mjm, geom)}': a {kind.name[len('mjGEOM_') :].lower()} cannot be an obstacle. "
+            f"geom '{geom_name(mjm, geom)}': a {kind.name[len('mjGEOM_') :].lower()} cannot be an obstacle. "
             "Use primitives or meshes, or turn its collisions off (contype=0, conaffinity=0)."
         )
     pos, quat = mjm.geom_pos[geom].copy(), mjm.geom_quat[geom].copy()
@@ -166,7 +171,7 @@ def _piece(mjm: mujoco.MjModel, geom: int, geometry: str, contact_class: int) ->
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
         data = int(mjm.geom_dataid[geom])
         mesh = _surface(mjm, data, geom) if geometry == "visual" else None
-        vertices = hull_vertices(mjm, data, _geom_name(mjm, geom))
+        vertices = hull_vertices(mjm, data, geom_name(mjm, geom))
         middle = vertices.mean(axis=0)
         pos = pos + _matrix(quat) @ middle
         vertices = vertices - middle
@@ -207,9 +212,16 @@ def hull_vertices(mjm: mujoco.MjModel, mesh: int, name: str) -> np.ndarray:
         raise MeshError(f"mesh of geom '{name}' has no volume. It should have four points not in one plane.") from error
 
 
+def flat_faces(triangles: np.ndarray) -> np.ndarray:
+    """Which triangles, shape (n, 3, 3), have no area but for rounding, shape (n,): they are no more than edges."""
+    edges = np.roll(triangles, -1, axis=1) - triangles
+    longest = np.einsum("ijk,ijk->ij", edges, edges).max(axis=1)
+    return np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) <= _FLAT * longest
+
+
 def _surface(mjm: mujoco.MjModel, mesh: int, geom: int) -> trimesh.Trimesh:
     """The triangles of a mesh in the geom's frame, checked to form a closed surface."""
-    name = _geom_name(mjm, geom)
+    name = geom_name(mjm, geom)
     if mjm.mesh_facenum[mesh] == 0:
         raise MeshError(f"mesh of geom '{name}' has no faces. With `geometry: visual` it should be a closed surface.")
     vert, face = mjm.mesh_vertadr[mesh], mjm.mesh_faceadr[mesh]
@@ -243,7 +255,8 @@ def _primitive(kind: mujoco.mjtGeom, size: np.ndarray) -> trimesh.Trimesh:
     return ball
 
 
-def _geom_name(mjm: mujoco.MjModel, geom: int) -> str:
+def geom_name(mjm: mujoco.MjModel, geom: int) -> str:
+    """What messages call a geom: its name, or its number and body."""
     body = mjm.body(int(mjm.geom_bodyid[geom])).name
     return mjm.geom(geom).name or f"{geom} of body {body}"
 

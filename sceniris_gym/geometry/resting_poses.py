@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 import trimesh
+from scipy.spatial import KDTree
 
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry.pieces import Piece, PieceType
@@ -26,6 +27,7 @@ _ROCKING = 2.5
 # In how many directions it is tilted: few at first, which rules out most faces of something round.
 _SIDES = (24, 360)
 _STEP = 0.1  # degrees, from one tilt to the next
+_FINER = ((24, _ROCKING), (24, _STEP), (360, _STEP))  # the same, with steps, where the bottom is curved
 # If the centre of mass rises by less than this [m] as the tilt grows by a step, the object rolls.
 _LEVEL = 1.0e-8
 # An x axis whose horizontal part is shorter than this points straight up or down, up to rounding.
@@ -104,7 +106,8 @@ class HomeShape:
         """Stable poses on a plane: orientations of the root (wxyz, of heading 0) and their probabilities.
 
         The poses and how often each comes up are the quasi-static estimate of K. Goldberg et al., "Part pose
-        statistics", 1999; those that do not come back from tilts up to `STABLE_TILT` are left out.
+        statistics", 1999; those that do not come back from tilts up to `STABLE_TILT` are left out. Where many small
+        faces form a curved bottom, the lowest of them stands for all.
 
         Raises:
             SceneKeyError: There is no stable pose, or the centre of mass is outside the hull; begins with `where`.
@@ -124,6 +127,10 @@ class HomeShape:
                 break
             if all(self._comes_back(transforms[i][:3, :3], sides) for sides in _SIDES):
                 kept.append(int(i))
+        regions = self._rocking_regions(transforms[:, :3, :3], probability, kept)
+        kept += regions
+        probability = probability.copy()
+        probability[list(regions)] = list(regions.values())
         if not kept:
             raise SceneKeyError(
                 f"{where}: it has no stable pose: in each, a tilt of {STABLE_TILT:g} degrees tips it over or sets it "
@@ -132,17 +139,57 @@ class HomeShape:
         share = probability[kept] / probability[kept].sum()
         return [(of_heading_zero(transforms[i][:3, :3]), float(p)) for i, p in zip(kept, share, strict=True)]
 
+    def _rocking_regions(self, turns: np.ndarray, probability: np.ndarray, kept: list[int]) -> dict[int, float]:
+        """Poses on a curved bottom of many small faces: none of these comes back alone, but all lead to the lowest one.
+
+        Args:
+            turns: Orientations that lie on a face, shape (n, 3, 3).
+            probability: How often each of them comes up.
+            kept: Those that are stable by themselves; what is near them belongs to them.
+
+        Returns:
+            The lowest pose of each region, with the probability of all of it.
+        """
+        ups = turns[:, 2]
+        tree, height = KDTree(ups), self._height(ups)
+        near = 2.0 * np.sin(0.5 * np.radians(STABLE_TILT))
+        around = tree.query_ball_point(ups, near)
+        lowest = np.array([min(others, key=lambda i: (height[i], i)) for others in around])
+        while (lowest[lowest] != lowest).any():
+            lowest = lowest[lowest]
+        found = {}
+        for i in np.unique(lowest):
+            share = float(probability[lowest == i].sum())
+            alone = not kept or np.linalg.norm(ups[kept] - ups[i], axis=1).min() > 2.0 * near
+            if share > _RARE and alone and all(self._rocks_back(turns[i], *fine) for fine in _FINER):
+                found[int(i)] = share
+        return found
+
+    def _rocks_back(self, turn: np.ndarray, sides: int, step: float) -> bool:
+        """As `_comes_back`, in steps of so many degrees, but height rises over each span of the rocking angle only.
+
+        So that a ripple beyond does not hold it, the heights are looked at up to one such angle beyond the tilt.
+        """
+        tilts = np.arange(0.0, STABLE_TILT + _ROCKING + 0.5 * step, step)
+        span = round(_ROCKING / step)
+        height = self._tilted(turn, sides, tilts)
+        return bool((height[span:] - height[:-span] > _LEVEL).all())
+
     def _comes_back(self, turn: np.ndarray, sides: int) -> bool:
         """Whether gravity turns the pose (3, 3) back from every tilt that counts, in `sides` directions.
 
         It does if the height of the centre of mass above the lowest point keeps rising as the tilt grows.
         """
+        height = self._tilted(turn, sides, np.arange(_ROCKING, STABLE_TILT + _STEP, _STEP))
+        return bool((np.diff(height, axis=0) > _LEVEL).all())
+
+    def _tilted(self, turn: np.ndarray, sides: int, degrees: np.ndarray) -> np.ndarray:
+        """Heights of the pose (3, 3) tilted by so many degrees in `sides` directions, shape (ntilt, sides)."""
         angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
         across = np.stack([np.cos(angle), np.sin(angle), np.zeros(sides)], axis=1) @ turn
-        tilts = np.radians(np.arange(_ROCKING, STABLE_TILT + _STEP, _STEP))[:, None, None]
+        tilts = np.radians(degrees)[:, None, None]
         up = np.cos(tilts) * turn[2] + np.sin(tilts) * across
-        height = self._height(up.reshape(-1, 3)).reshape(len(tilts), sides)
-        return bool((np.diff(height, axis=0) > _LEVEL).all())
+        return self._height(up.reshape(-1, 3)).reshape(len(tilts), sides)
 
     def _height(self, up: np.ndarray) -> np.ndarray:
         """How far the centre of mass is above the lowest point [m], for each direction `up` in the root's frame."""

@@ -2,7 +2,8 @@
 
 Two trees of boxes are descended together by all lanes of a world's thread block: a shared stack holds the box pairs
 still to be looked at, every lane takes one, and what overlaps comes back as two smaller pairs. At the leaves stand
-convex pieces (`geometry: physics`) or triangles (`geometry: visual`). The answer is an "or" over leaves, so it depends
+convex pieces (`geometry: physics`) or triangles (`geometry: visual`), with round primitives among them where a scene
+shows any (`visual_round`). The answer is an "or" over leaves, so it depends
 neither on how many lanes there are nor on which lane takes what.
 """
 
@@ -10,8 +11,10 @@ from typing import Any
 
 import warp as wp
 
+from sceniris_gym.geometry.colliders import PIECE_LEAF
+from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.layout.blocks import block_any
-from sceniris_gym.layout.convex import least_extent, piece_shape, separated
+from sceniris_gym.layout.convex import Shape, least_extent, piece_shape, separated
 from sceniris_gym.layout.transforms import Pose, apply, compose, pose_of, relative
 from sceniris_gym.layout.triangles import triangles_separated
 from sceniris_gym.program.device import Program
@@ -19,7 +22,7 @@ from sceniris_gym.program.device import Program
 # Room for the box pairs of one world. A pass takes at most one pair a lane and leaves one more behind for each, so a
 # block of n lanes needs about n times the depth of both trees; `generate.py` bounds n by that. Shared memory limits how
 # many worlds are under way at once, so a few convex pieces get less than thousands of triangles.
-NODE_CAPACITY = {"physics": 512, "visual": 1536}
+NODE_CAPACITY = {"physics": 512, "visual": 1536, "visual_round": 1536}
 # Leaf pairs wait until there is one for every lane, so that their long tests run side by side. There are always fewer
 # than two a lane.
 LEAF_CAPACITY = 256
@@ -28,6 +31,8 @@ LEAF_CAPACITY = 256
 SKIN = 5.0e-6
 
 _SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
+_PIECE_LEAF = wp.constant(PIECE_LEAF)
+_HULL = wp.constant(int(PieceType.HULL))
 
 
 @wp.func
@@ -115,6 +120,52 @@ def visual_over_plane(program: Program, a: int, plane: int, normal: wp.vec3, hei
         wp.min(wp.dot(normal, program.face_a[a]), wp.dot(normal, program.face_b[a])), wp.dot(normal, program.face_c[a])
     )
     return height + low > margin
+
+
+@wp.func
+def _leaf_shape(program: Program, leaf: int) -> Shape:
+    """A leaf of `visual_round`: a round piece, or a triangle as the hull of its corners."""
+    s = Shape()
+    if leaf >= _PIECE_LEAF:
+        s = piece_shape(program, leaf - _PIECE_LEAF)
+    else:
+        s.kind = _HULL
+        s.size = wp.vec3(0.0)
+        s.vertadr = program.face_vertadr + 3 * leaf
+        s.vertnum = int(3)
+        s.radius = float(0.0)
+    return s
+
+
+@wp.func
+def _leaf_pose(program: Program, leaf: int) -> Pose:
+    """Its frame in its body's."""
+    p = Pose()
+    p.pos = wp.vec3(0.0)
+    p.rot = wp.identity(n=3, dtype=float)
+    if leaf >= _PIECE_LEAF:
+        p = piece_pose(program, leaf - _PIECE_LEAF)
+    return p
+
+
+@wp.func
+def visual_round_separated(program: Program, a: int, b: int, rel: Pose, margin: float) -> bool:
+    """Leaves of `geometry: visual` in a scene that shows round primitives: triangles, or convex pieces."""
+    if a < _PIECE_LEAF:
+        if b < _PIECE_LEAF:
+            return visual_separated(program, a, b, rel, margin)
+    frame = relative(_leaf_pose(program, a), compose(rel, _leaf_pose(program, b)))
+    return separated(program.vert, _leaf_shape(program, a), _leaf_shape(program, b), frame, _SPACE, margin)
+
+
+@wp.func
+def visual_round_over_plane(
+    program: Program, a: int, plane: int, normal: wp.vec3, height: float, margin: float
+) -> bool:
+    """The same over a plane."""
+    if a < _PIECE_LEAF:
+        return visual_over_plane(program, a, plane, normal, height, margin)
+    return height + lowest(program, a - _PIECE_LEAF, normal) > margin
 
 
 @wp.func
@@ -313,3 +364,7 @@ def make_collides(leaf_separated: wp.Function, leaf_over_plane: wp.Function, dis
 
 collides_physics = make_collides(physics_separated, physics_over_plane, physics_disjoint)
 collides_visual = make_collides(visual_separated, visual_over_plane, visual_disjoint)
+collides_visual_round = make_collides(visual_round_separated, visual_round_over_plane, visual_disjoint)
+
+COLLIDES = {"physics": collides_physics, "visual": collides_visual, "visual_round": collides_visual_round}
+"""The test of one object, by the kinds of leaves in a scene: see `CompiledScene.leaves`."""

@@ -67,7 +67,7 @@ def compile_scene(scene: str | Path | Mapping | SceneConfig | SceneModel, device
 
 def _check_room(compiled: CompiledScene) -> None:
     """Refuse a scene of which an object is kept apart from more bodies than the collision test has room for."""
-    room, starts = NODE_CAPACITY[compiled.config.geometry], compiled.program.obj_startnum.numpy()
+    room, starts = NODE_CAPACITY[compiled.leaves], compiled.program.obj_startnum.numpy()
     names = [*compiled.placed, *["robot"] * (len(starts) - len(compiled.placed))]
     for name, count in zip(names, starts.tolist(), strict=True):
         if count > room:

@@ -110,8 +110,8 @@ class LayoutGenerator:
         reaching = compiled.reaching
         self._staged = reaching is not None and reaching.staged
         decided_by = "" if reaching is None else "stages" if reaching.staged else "map"
-        self._place = PLACE[compiled.config.geometry, compiled.related, decided_by]
-        self._stage = REACHABILITY[compiled.config.geometry]
+        self._place = PLACE[compiled.leaves, compiled.related, decided_by]
+        self._stage = REACHABILITY[compiled.leaves]
         self._reach = Reach() if reaching is None else reaching.view
         self.reseed(seed)
 
@@ -209,7 +209,7 @@ def max_block_dim(compiled: CompiledScene) -> int:
 
     A pass leaves behind at most one box pair for each lane and level of both trees.
     """
-    lanes = min(NODE_CAPACITY[compiled.config.geometry] // (compiled.depth + 2), LEAF_CAPACITY // 2)
+    lanes = min(NODE_CAPACITY[compiled.leaves] // (compiled.depth + 2), LEAF_CAPACITY // 2)
     return 1 << max(lanes.bit_length() - 1, 0)
 
 

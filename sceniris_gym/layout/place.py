@@ -11,7 +11,7 @@ import warp as wp
 
 from sceniris_gym.layout.bank import fall_back, fall_back_reaching
 from sceniris_gym.layout.blocks import block_any, block_sync
-from sceniris_gym.layout.collision import LEAF_CAPACITY, NODE_CAPACITY, collides_physics, collides_visual
+from sceniris_gym.layout.collision import COLLIDES, LEAF_CAPACITY, NODE_CAPACITY
 from sceniris_gym.layout.grasps import first_on_map
 from sceniris_gym.layout.groups import draw_groups, parking_place
 from sceniris_gym.layout.kinematics import draw_joints, follow_joints, pose_bodies
@@ -32,7 +32,7 @@ wp.set_module_options({"enable_backward": False})
 # and a few spills it holds 16, which makes 1.2 times the layouts on an H200.
 _MAX_REGISTERS = 128
 
-_GEOMETRY = {"physics": (collides_physics, roof_physics), "visual": (collides_visual, roof_visual)}
+_ROOF_OF = {"physics": roof_physics, "visual": roof_visual, "visual_round": roof_visual}
 
 _STATIC = wp.constant(int(ObjectKind.STATIC))
 _FREE = wp.constant(int(ObjectKind.FREE))
@@ -99,7 +99,7 @@ def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
     """The kernel for one kind of geometry, with or without relations and reach: what is not used costs registers."""
     reaching = reach_by != ""
     staged = reach_by == "stages"
-    collides, roof = _GEOMETRY[geometry]
+    collides, roof = COLLIDES[geometry], _ROOF_OF[geometry]
     draw_spot = draw_related if related else draw_unrelated
 
     @wp.func
@@ -357,7 +357,8 @@ def _make_place(geometry: str, related: bool, reach_by: str) -> wp.Kernel:
 
 PLACE = {
     (geometry, related, reach_by): _make_place(geometry, related, reach_by)
-    for geometry, related, reach_by in product(_GEOMETRY, (False, True), ("", "map", "stages"))
+    for geometry, related, reach_by in product(COLLIDES, (False, True), ("", "map", "stages"))
 }
-"""The kernel for a scene, by its geometry, by whether any of its regions differs between worlds, and by what decides
-whether things are reachable: nothing, the arm's map, or later stages too, which may ask for another start."""
+"""The kernel for a scene, by the leaves of its colliders, by whether any of its regions differs between worlds, and
+by what decides whether things are reachable: nothing, the arm's map, or later stages too, which may ask for another
+start."""

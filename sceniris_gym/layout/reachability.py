@@ -12,7 +12,7 @@ import warp as wp
 
 from sceniris_gym.layout.bank import fall_back_reaching
 from sceniris_gym.layout.blocks import block_sync
-from sceniris_gym.layout.collision import LEAF_CAPACITY, NODE_CAPACITY, collides_physics, collides_visual
+from sceniris_gym.layout.collision import COLLIDES, LEAF_CAPACITY, NODE_CAPACITY
 from sceniris_gym.layout.grasps import lets_through
 from sceniris_gym.layout.kinematics import follow_joint, pose_body
 from sceniris_gym.layout.layouts import LayoutsView
@@ -337,8 +337,5 @@ def _make_reachability(geometry: str, collides: wp.Function) -> wp.Kernel:
     return wp.Kernel(reachability, key=name, module=wp.get_module(f"{__name__}.{name}"), options=options)
 
 
-REACHABILITY = {
-    geometry: _make_reachability(geometry, collides)
-    for geometry, collides in (("physics", collides_physics), ("visual", collides_visual))
-}
-"""The kernel for a scene, by its geometry."""
+REACHABILITY = {geometry: _make_reachability(geometry, collides) for geometry, collides in COLLIDES.items()}
+"""The kernel for a scene, by the leaves of its colliders."""

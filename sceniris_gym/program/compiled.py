@@ -11,8 +11,10 @@ import warp as wp
 
 from sceniris_gym.config.scene import AUTO, SceneConfig
 from sceniris_gym.geometry.colliders import Colliders, collect_colliders, collider_arrays
+from sceniris_gym.geometry.pieces import ROUND, Piece
 from sceniris_gym.program.device import Program, fill_struct
 from sceniris_gym.program.distance_check import check_distances
+from sceniris_gym.program.oddities import warn_of_oddities
 from sceniris_gym.program.pack import pack_program
 from sceniris_gym.program.plan import Plan, build_plan
 from sceniris_gym.program.reach import Reaching, build_reaching
@@ -106,22 +108,40 @@ class CompiledScene:
         first, end = int(self.program.bank_ntrain), int(self.program.bank_qpos.shape[0])
         return slice(first, end) if split == "eval" else slice(0, first)
 
+    @property
+    def leaves(self) -> str:
+        """What is tested at the leaves of its colliders: "physics", "visual", or "visual_round".
+
+        That is convex pieces, triangles, or triangles and the round primitives that the scene shows.
+        """
+        return leaf_kind(self.config.geometry, self.plan.pieces)
+
+
+def leaf_kind(geometry: str, pieces: list[Piece]) -> str:
+    """See `CompiledScene.leaves`."""
+    return "visual_round" if geometry == "visual" and any(p.type in ROUND for p in pieces) else geometry
+
 
 def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
     """Upload a scene to a device. The bank is still empty; `layout.compile.compile_scene` fills it."""
     plan = build_plan(scene)
     check_distances(scene, plan)
+    warn_of_oddities(scene, plan)
     colliders = collect_colliders(plan.pieces, scene.config.geometry == "visual", device)
     lanes = _WARP if wp.get_device(device).is_cuda else 1
     arrays = pack_program(scene, plan, colliders, lanes) | collider_arrays(colliders)
     mocap = max(scene.mjm.nmocap, 1)
+    program = Program()
+    if leaf_kind(scene.config.geometry, plan.pieces) == "visual_round":  # triangles are hulls as well
+        program.face_vertadr = len(arrays["vert"])
+        corners = np.stack([arrays[name] for name in ("face_a", "face_b", "face_c")], axis=1)
+        arrays["vert"] = np.concatenate([arrays["vert"], corners.reshape(-1, 3)])
     arrays |= {
         "bank_present": np.zeros((0, len(plan.slots))),
         "bank_qpos": np.zeros((0, scene.mjm.nq)),
         "bank_mocap_pos": np.zeros((0, mocap, 3)),
         "bank_mocap_quat": np.zeros((0, mocap, 4)),
     }
-    program = Program()
     program.nobject = len(plan.objects)
     program.ngroup = len(scene.config.groups)
     program.attempts = FEWEST_ATTEMPTS if scene.config.attempts == AUTO else scene.config.attempts

@@ -84,6 +84,7 @@ class Program:
     ngroup: int
     attempts: int
     restarts: int
+    face_vertadr: int  # where `vert` has the corners of faces, if the scene shows round primitives
     # Bodies and joints: what forward kinematics needs, as in mjModel.
     body_parent: wp.array(dtype=int)
     body_pos: wp.array(dtype=wp.vec3)

@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
-from sceniris_gym.geometry.colliders import Colliders, collect_colliders, collider_arrays
+from sceniris_gym.geometry.colliders import PIECE_LEAF, Colliders, collect_colliders, collider_arrays
 from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
 
 # Two tetrahedra in one mesh, beside each other.
@@ -71,7 +71,7 @@ def test_a_body_has_one_collider_for_all_that_is_solid_and_one_for_each_plane(mj
 
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
 def test_every_node_belongs_to_one_collider_and_every_leaf_to_one_node(mjm: mujoco.MjModel, geometry: str):
-    """The leaves of `physics` are pieces, those of `visual` faces; no tree is deeper than it says."""
+    """The leaves of `physics` are pieces, those of `visual` faces and round pieces; no tree is deeper than it says."""
     pieces, c, arrays = _collected(mjm, geometry)
     found, nodes = [], []
     for root, plane, depth in zip(arrays["collider_root"], arrays["collider_plane"], c.depth, strict=True):
@@ -80,7 +80,9 @@ def test_every_node_belongs_to_one_collider_and_every_leaf_to_one_node(mjm: mujo
         nodes += {node for way in below.values() for node in way}
         assert max(map(len, below.values())) == depth + 1
     solid = [i for i, p in enumerate(pieces) if p.type != PieceType.PLANE]
-    assert sorted(found) == (solid if geometry == "physics" else list(range(len(arrays["face_a"]))))
+    rounded = [PIECE_LEAF + i for i in solid if pieces[i].type not in (PieceType.BOX, PieceType.HULL)]
+    assert len(rounded) == 4
+    assert sorted(found) == (solid if geometry == "physics" else [*range(len(arrays["face_a"])), *rounded])
     assert sorted(nodes) == list(range(len(arrays["node_child"])))
 
 
@@ -102,8 +104,18 @@ def test_the_boxes_over_a_face_hold_its_corners(mjm: mujoco.MjModel):
     center, half = (arrays[name].astype(np.float32) for name in ("node_center", "node_half"))
     for root in arrays["collider_root"][arrays["collider_plane"] < 0]:
         for leaf, way in _leaves(arrays, int(root)).items():
-            for node in way:
+            for node in way if leaf < PIECE_LEAF else ():
                 assert (np.abs(corners[leaf] - center[node]) <= half[node]).all()
+
+
+def test_the_boxes_over_a_round_piece_that_is_seen_hold_all_of_its_surface(mjm: mujoco.MjModel):
+    """Finer meshes of them than those that stand for their roofs."""
+    pieces, _, arrays = _collected(mjm, "visual")
+    for root in arrays["collider_root"][arrays["collider_plane"] < 0]:
+        for leaf, way in _leaves(arrays, int(root)).items():
+            for node in way if leaf >= PIECE_LEAF else ():
+                points = _surface(mjm, pieces[leaf - PIECE_LEAF].geom)
+                assert (np.abs(points - arrays["node_center"][node]) <= arrays["node_half"][node]).all()
 
 
 def test_faces_are_those_that_mujoco_draws(mjm: mujoco.MjModel):

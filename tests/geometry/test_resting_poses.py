@@ -7,6 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
@@ -126,6 +127,36 @@ def test_an_uneven_bottom_still_carries(tmp_path: Path):
     asset = f'<asset><mesh name="hull" vertex="{vertices}"/></asset>'
     poses = stable_poses(write_mjcf(tmp_path, "boat", '<geom type="mesh" mesh="hull"/>', asset))
     assert sum(matrix(p.quat)[2, 2] > 0.99 for p in poses) == 2
+
+
+@pytest.mark.parametrize(("radius", "fineness"), [(0.06, 4), (0.08, 3), (0.1, 3), (0.12, 3)])
+def test_a_duck_of_small_faces_rests_on_its_curved_bottom(radius: float, fineness: int, tmp_path: Path):
+    """No face of it comes back from 5 degrees by itself; in MuJoCo C it comes back from 12 directions, and stays."""
+    body = trimesh.creation.icosphere(subdivisions=fineness)
+    body.apply_scale([0.05, 0.035, 0.03])
+    points = np.array(body.vertices)
+    points[:, 2] = np.maximum(points[:, 2], -0.024 + (points[:, :2] ** 2).sum(axis=1) / (2.0 * radius))
+    head = trimesh.creation.icosphere(subdivisions=2, radius=0.02).vertices + [0.03, 0.0, 0.035]
+    vertices = " ".join(f"{v:.7f}" for v in np.concatenate([points, head]).ravel())
+    asset = f'<asset><mesh name="duck" vertex="{vertices}"/></asset>'
+    path = write_mjcf(tmp_path, "duck", '<geom type="mesh" mesh="duck"/>', asset)
+    model, (pose,) = model_of(path), stable_poses(path)
+    assert pose.probability == 1.0
+    up = matrix(pose.quat)[2]
+    assert up[2] > 0.98
+    assert max(moved(model, pose, yaw) for yaw in (0.0, 1.0, 2.0)) < 0.01
+    for side in np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False):
+        turn = Rotation.from_rotvec(np.radians(5.0) * np.array([np.cos(side), np.sin(side), 0.0]))
+        start = turn * Rotation.from_quat(pose.quat, scalar_first=True)
+        data = mujoco.MjData(model.mjm)
+        mjm = model.mjm
+        corners = mjm.mesh_vert @ matrix(mjm.geom_quat[-1]).T + mjm.geom_pos[-1]
+        adr = mjm.joint("thing/free").qposadr[0]
+        data.qpos[adr : adr + 3] = [0.0, 0.0, 5e-4 - start.apply(corners)[:, 2].min()]
+        data.qpos[adr + 3 : adr + 7] = start.as_quat(scalar_first=True)
+        while data.time < 3.0:
+            mujoco.mj_step(mjm, data)
+        assert matrix(data.qpos[adr + 3 : adr + 7])[2] @ up > np.cos(np.radians(2.5))
 
 
 @pytest.mark.parametrize("sides", [48, 72, 100, 144, 360])

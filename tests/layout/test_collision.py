@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import ModelWarning
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
@@ -193,6 +196,30 @@ def test_what_is_wholly_inside_a_solid_collides(tmp_path: Path, geometry: str, s
         assert x.min() > 0.3
 
 
+def test_faces_without_area_are_no_obstacles(tmp_path: Path):
+    """A cube with a vertex in the middle of an edge, closed by a face without area: it has the layouts of the cube.
+
+    It is turned, so that the box around that face is a large one.
+    """
+    corners = [(x, y, z) for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1)]
+    vertices = " ".join(f"{v}" for corner in (*corners, (-0.1, -0.1, 0.0)) for v in corner)
+    sides = "0 2 6 0 6 4 1 5 7 1 7 3 2 3 7 2 7 6 4 6 7 4 7 5"
+    cubes = {"whole": "0 1 3 0 3 2 0 4 5 0 5 1", "split": "0 1 3 0 3 2 0 4 8 8 4 5 8 5 1 0 8 1"}
+    pea = {"asset": box_mjcf(tmp_path, "pea", 0.01, 0.01, 0.01)}
+    around = {"region": {"box": [[-0.3, -0.3, -0.1], [0.3, 0.3, 0.1]]}}
+    hits = []
+    for name, faces in cubes.items():
+        rest = f'<asset><mesh name="cube" vertex="{vertices}" face="{sides} {faces}"/></asset>'
+        asset = write_mjcf(tmp_path, name, '<geom name="cube" type="mesh" mesh="cube" euler="30 40 20"/>', rest)
+        scene = {"geometry": "visual", "objects": {"cube": {"asset": asset, "kind": "static"}, "pea": pea | around}}
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            hits.append(_collisions(scene, "pea", 2000)[0])
+        assert [w.category for w in caught] == [ModelWarning] * (name == "split")
+    assert hits[0] == hits[1]
+    assert 150 < hits[0] < 700
+
+
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
 def test_what_is_in_the_hollow_of_a_mug_is_free(tmp_path: Path, geometry: str):
     """A pea floats inside the mug: neither its visual mesh nor its walls of convex pieces fill the hollow."""
@@ -368,3 +395,59 @@ def test_a_door_hinged_inside_its_frame_is_no_collision_of_its_own(tmp_path: Pat
     apart = np.array([solids.distance(data, door, post) for data in posed(compiled, rows)])
     assert apart.min() > 0.0
     assert generator.rejection_counts()["cupboard"]["collision"] > 50
+
+
+@pytest.mark.parametrize("wall", ["ball", "pill", "drum", "egg", "box", "gem"])
+@pytest.mark.parametrize("other", ["ball", "pill", "drum", "egg"])
+def test_round_primitives_are_exact_as_they_are_seen(tmp_path: Path, wall: str, other: str):
+    """Half a metre large, around each other and around a mesh: MuJoCo C finds them apart by their clearance.
+
+    Its distances are good to 0.1 mm where both are curved; as inscribed meshes they would be off by up to 2 mm.
+    """
+    shapes = {
+        "ball": '<geom type="sphere" size=".5"/>',
+        "pill": '<geom type="capsule" size=".4 .3"/>',
+        "drum": '<geom type="cylinder" size=".5 .3"/>',
+        "egg": '<geom type="ellipsoid" size=".5 .3 .4"/>',
+        "box": '<geom type="box" size=".5 .3 .4"/>',
+        "gem": '<geom type="mesh" mesh="gem"/>',
+    }
+    gem = '<asset><mesh name="gem" vertex=".5 0 0 -.5 0 0 0 .5 0 0 -.5 0 0 0 .5 0 0 -.5"/></asset>'
+    paths = [write_mjcf(tmp_path, name, shapes[name], gem) for name in (wall, other)]
+    a, b = {"asset": paths[0]}, {"asset": paths[1]}
+    near = {"box": [[-1.2, -1.2, -1.2], [1.2, 1.2, 1.2]]}
+    a |= {"region": {"box": [[0, 0, 0], [0, 0, 0]]}, "orientation": "any", "clearance": 0.0}
+    b |= {"region": near, "orientation": "any", "clearance": 0.001}
+    scene = {"geometry": "visual", "attempts": 40, "restarts": 0, "objects": {"a": a, "b": b}}
+    compiled = compile_on_cpu(scene, bank_size=1)
+    generator = LayoutGenerator(compiled, 500, rejected=20_000)
+    generator.generate()
+    view = generator.layouts.view
+    count = int(view.rejected_count.numpy()[0])
+    poses = [v.numpy()[:count] for v in (view.rejected_qpos, view.rejected_mocap_pos, view.rejected_mocap_quat)]
+    judged = []
+    for rows in (valid(read(generator.layouts)), Rows(*poses, *[np.zeros(count)] * 2)[:500]):
+        geoms = [int(compiled.mjm.body_geomadr[compiled.mjm.body(n).id]) for n in "ab"]
+        judged.append(
+            np.array([mujoco.mj_geomDistance(compiled.mjm, d, *geoms, 1.0, None) for d in posed(compiled, rows)])
+        )
+    accepted, rejected = judged
+    slack = 1e-5 if {wall, other} <= {"ball", "pill", "box"} else 1e-4
+    assert len(accepted) > 200
+    assert len(rejected) > 50
+    assert 0.001 - slack <= accepted.min() < 0.05
+    assert rejected.max() <= 0.001 + slack
+
+
+def test_a_ball_in_a_crate_and_a_crate_in_a_ball_collide(tmp_path: Path):
+    """Seen as they are, far from each other's surface."""
+    small, large = (
+        '<geom type="{}" size="{} {} {}"/>'.format(k, *[s] * 3) for k, s in (("sphere", 0.01), ("box", 0.4))
+    )
+    tiny, round_large = '<geom type="box" size=".01 .01 .01"/>', '<geom type="sphere" size=".4"/>'
+    for i, (inner, outer) in enumerate([(small, large), (tiny, round_large), (small, round_large)]):
+        inside = {"asset": write_mjcf(tmp_path, f"in{i}", inner), "region": {"box": [[0, 0, 0], [1, 0, 0]]}}
+        around = {"asset": write_mjcf(tmp_path, f"out{i}", outer), "kind": "static"}
+        compiled = compile_on_cpu({"geometry": "visual", "objects": {"inner": inside, "outer": around}}, bank_size=1)
+        x = valid(make(compiled, 300)).qpos[:, 0]
+        assert x.min() > 0.4 and len(x) > 200

@@ -124,7 +124,7 @@ def test_a_home_full_of_meshes_is_no_overflow(tmp_path: Path, monkeypatch: pytes
     )
     toy = {"asset": str(tmp_path / "toy.xml"), "kind": "fixture", "on": "floor", "joints": {"*": {"fraction": [0, 1]}}}
     compiled = compile_on_cpu({"floor": {"size": [6.0, 6.0]}, "objects": {"toy": toy, **objects}})
-    assert len(compiled.bank_rows("train")) == 64
+    assert compiled.bank_rows("train") == slice(0, 64)
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
 
 

@@ -97,7 +97,7 @@ def test_only_the_hand_may_touch_its_target_and_only_in_the_grasp(tmp_path_facto
     folder = tmp_path_factory.mktemp("target")
     asset, post = crane_mjcf(folder, solid=True), box_mjcf(folder, "post", 0.04, 0.04, 0.15)
     crane_map(asset)
-    compiled = compile_on_cpu(crane_scene(asset, post, reachable="clear"), bank_size=4)
+    compiled = compile_on_cpu(crane_scene(asset, post, reachable="clear"))
     table = make_table(compiled, 5, 0)
     assert causes(compiled, table) == set()
     spec = compiled.scene.spec.copy()

@@ -1,0 +1,125 @@
+"""What is accepted although it was probably not meant: one warning for each kind, with its extent and the remedy."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from itertools import combinations
+
+import mujoco
+import numpy as np
+import trimesh
+
+from sceniris_gym.errors import ModelWarning
+from sceniris_gym.geometry.pieces import Piece, PieceType, flat_faces, geom_name
+from sceniris_gym.program.plan import Plan
+from sceniris_gym.scene.model import SceneModel
+
+# A hull that is larger than its mesh by more than this factor fills something in.
+_FILLED = 1.3
+# The largest extent of a thing [m]; beyond, its units are probably others.
+_SMALLEST, _LARGEST = 1.0e-3, 50.0
+# How deep [m] two things that stand still may overlap: files are rounded.
+_SUNK = 1.0e-3
+
+
+def warn_of_oddities(scene: SceneModel, plan: Plan) -> None:
+    """Warn of what is odd in a scene: `ModelWarning`, once for each kind of oddity."""
+    for text in (*_flat(scene, plan), *_filled(scene, plan), *_sizes(scene, plan), *_sunk(scene, plan)):
+        warnings.warn(f"{scene.config.where}: {text}", ModelWarning, stacklevel=2)
+
+
+def _flat(scene: SceneModel, plan: Plan) -> Iterator[str]:
+    """Faces without area, which have no inside and no normal."""
+    if scene.config.geometry != "visual":
+        return
+    counts = {p.geom: int(flat_faces(p.mesh.triangles).sum()) for p in plan.pieces if p.mesh is not None}
+    found = [f"{count} of geom '{geom_name(scene.mjm, geom)}'" for geom, count in counts.items() if count]
+    if found:
+        yield (
+            f"faces without area are left out: {_some(found)}. Nothing is lost if the mesh is closed without them; "
+            "merge its vertices and remove degenerate faces to be rid of this."
+        )
+
+
+def _filled(scene: SceneModel, plan: Plan) -> Iterator[str]:
+    """Meshes that collide as a hull much larger than they are."""
+    if scene.config.geometry != "physics":
+        return
+    mjm, found = scene.mjm, []
+    for p in plan.pieces:
+        if p.type == PieceType.HULL and p.mesh is not None:
+            mesh = int(mjm.geom_dataid[p.geom])
+            vert, face = mjm.mesh_vertadr[mesh], mjm.mesh_faceadr[mesh]
+            surface = trimesh.Trimesh(
+                mjm.mesh_vert[vert : vert + mjm.mesh_vertnum[mesh]].astype(float),
+                mjm.mesh_face[face : face + mjm.mesh_facenum[mesh]],
+            )
+            ratio = p.mesh.volume / abs(surface.volume) if surface.is_watertight and surface.volume else 1.0
+            if ratio > _FILLED:
+                found.append(f"geom '{geom_name(mjm, p.geom)}' ({ratio:.2g} times its volume)")
+    if found:
+        yield (
+            f"MuJoCo collides meshes as their convex hulls, which fill the hollows of {_some(found)}. Compose them of "
+            "several convex geoms, or use `geometry: visual` if only placing should see the hollows."
+        )
+
+
+def _sizes(scene: SceneModel, plan: Plan) -> Iterator[str]:
+    """Objects of a size that suggests other units."""
+    found = []
+    for name in plan.slots:
+        bodies = set(scene.subtree(name))
+        ends = [_extents(plan, p) for p in plan.pieces if p.body in bodies and p.type != PieceType.PLANE]
+        if ends:
+            size = float((np.max([high for _, high in ends], 0) - np.min([low for low, _ in ends], 0)).max())
+            if not _SMALLEST <= size <= _LARGEST:
+                found.append(f"'{name}' ({size:.3g} m)")
+    if found:
+        yield (
+            f"implausible sizes, as {_SMALLEST:g} to {_LARGEST:g} m are usual: {_some(found)}. Lengths are in metres: "
+            "give a mesh in other units a `scale`, e.g. 0.001 for millimetres."
+        )
+
+
+def _sunk(scene: SceneModel, plan: Plan) -> Iterator[str]:
+    """What stands still for good and is inside of something else that does; MuJoCo never reports such contacts."""
+    if scene.config.geometry != "physics":
+        return
+    mjm, config = scene.mjm, scene.config
+    placed = {body for n, part in config.objects.items() if part.kind != "static" for body in scene.subtree(n)}
+    still = [p for p in plan.pieces if p.body not in placed]
+    excluded = {int(s) for s in mjm.exclude_signature}
+    deepest: dict[tuple[str, str], float] = {}
+    for a, b in combinations(still, 2):
+        roots = [int(mjm.body_rootid[p.body]) for p in (a, b)]
+        bits = (a.contype & b.conaffinity) | (b.contype & a.conaffinity)
+        low, high = sorted((a.body, b.body))
+        if roots[0] == roots[1] or not bits or (low << 16) + high in excluded:
+            continue
+        radii = mjm.geom_rbound[[a.geom, b.geom]]  # 0 for a plane
+        apart = np.linalg.norm(plan.home.geom_xpos[a.geom] - plan.home.geom_xpos[b.geom])
+        if radii.all() and apart > radii.sum():
+            continue
+        depth = -mujoco.mj_geomDistance(mjm, plan.home, a.geom, b.geom, 0.0, None)
+        if depth > _SUNK:
+            names = mjm.body(roots[0]).name, mjm.body(roots[1]).name
+            deepest[names] = max(depth, deepest.get(names, 0.0))
+    if deepest:
+        found = [f"'{one}' is {1e3 * depth:.3g} mm inside '{other}'" for (one, other), depth in deepest.items()]
+        yield (
+            f"what stands still overlaps: {_some(found)}. Nothing moves them apart; correct their positions (for the "
+            "robot `robot.base`), or exclude the pair if that is meant."
+        )
+
+
+def _extents(plan: Plan, piece: Piece) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds [m] of a piece at home along the world's axes."""
+    low, high = piece.extents(plan.home.xmat[piece.body].reshape(3, 3))
+    return low + plan.home.xpos[piece.body], high + plan.home.xpos[piece.body]
+
+
+def _some(found: list[str], most: int = 5) -> str:
+    """The first of a list of findings, and how many more there are."""
+    more = f", and {len(found) - most} more" if len(found) > most else ""
+    return ", ".join(found[:most]) + more

@@ -1,0 +1,101 @@
+"""Warnings of what is accepted but was probably not meant."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import pytest
+import trimesh
+
+from sceniris_gym.config.loader import shipped
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import ModelWarning
+from sceniris_gym.program.oddities import warn_of_oddities
+from sceniris_gym.program.plan import build_plan
+from sceniris_gym.scene.model import build_model
+from tests.layout.scenes import box_mjcf, write_mjcf
+
+# A cube with a vertex in the middle of an edge, closed by a face without area.
+_CORNERS = [(x, y, z) for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (0.0, 0.2)] + [(-0.1, -0.1, 0.1)]
+_FACES = "0 2 6 0 6 4 1 5 7 1 7 3 2 3 7 2 7 6 4 6 7 4 7 5 0 1 3 0 3 2 0 4 8 8 4 5 8 5 1 0 8 1"
+
+
+def warned(objects: dict, **others: object) -> list[str]:
+    """The texts of all warnings about a scene of these objects."""
+    scene = build_model(SceneConfig.load({"objects": objects, **others}))
+    plan = build_plan(scene)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        warn_of_oddities(scene, plan)
+    assert all(w.category is ModelWarning for w in caught)
+    return [str(w.message) for w in caught]
+
+
+@pytest.mark.parametrize("scene", shipped("envs", ".yaml"))
+def test_shipped_scenes_give_no_warning(scene: str):
+    """Nor do the assets in them."""
+    model = build_model(SceneConfig.load(scene))
+    plan = build_plan(model)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warn_of_oddities(model, plan)
+
+
+def test_shipped_assets_give_no_warning():
+    """Each of them alone, as MuJoCo collides it."""
+    for asset, path in shipped("assets", ".xml").items():
+        kind = "static" if "<freejoint" not in path.read_text() else "free"
+        assert (
+            warned(
+                {"thing": {"asset": asset, "kind": kind, "region": {"box": [[0, 0, 0], [0, 0, 0]]}}}
+                if kind == "free"
+                else {"thing": {"asset": asset, "kind": kind}}
+            )
+            == []
+        ), asset
+
+
+def test_faces_without_area_are_named_with_their_number(tmp_path: Path):
+    """With the visual geometry alone, which has faces."""
+    vertices = " ".join(f"{v}" for corner in _CORNERS for v in corner)
+    rest = f'<asset><mesh name="cube" vertex="{vertices}" face="{_FACES}"/></asset>'
+    asset = write_mjcf(tmp_path, "crate", '<geom name="skin" type="mesh" mesh="cube"/>', rest)
+    objects = {"crate": {"asset": asset, "kind": "static"}}
+    assert warned(objects) == []
+    (text,) = warned(objects, geometry="visual")
+    assert "faces without area are left out: 1 of geom 'crate/skin'" in text
+    assert "remove degenerate faces" in text
+
+
+def test_a_hull_that_fills_a_hollow_is_named_with_its_share(tmp_path: Path):
+    """A cup in one mesh: by shared volumes of its outer and inner cylinder."""
+    cup = trimesh.creation.annulus(r_min=0.03, r_max=0.04, height=0.1)
+    vertices = " ".join(f"{v:.7f}" for v in cup.vertices.ravel())
+    faces = " ".join(map(str, cup.faces.ravel()))
+    rest = f'<asset><mesh name="cup" vertex="{vertices}" face="{faces}"/></asset>'
+    asset = write_mjcf(tmp_path, "cup", '<geom name="wall" type="mesh" mesh="cup"/>', rest)
+    (text,) = warned({"cup": {"asset": asset, "kind": "static"}})
+    assert "geom 'cup/wall' (2.3 times its volume)" in text
+    assert "several convex geoms" in text
+    assert warned({"cup": {"asset": asset, "kind": "static"}}, geometry="visual") == []
+
+
+@pytest.mark.parametrize(("size", "said"), [(354.0, "354"), (0.0008, "0.0008"), (49.0, None), (0.002, None)])
+def test_an_implausible_size_is_named(size: float, said: str | None, tmp_path: Path):
+    """It is the largest extent that counts."""
+    found = warned({"rock": {"asset": box_mjcf(tmp_path, "rock", size, size / 2, size / 2), "kind": "static"}})
+    assert [f"'rock' ({said} m)" in text for text in found] == [True] * (said is not None)
+
+
+@pytest.mark.parametrize(("depth", "number"), [(0.015, 1), (0.0005, 0)])
+def test_what_stands_inside_of_something_else_is_named_with_the_depth(depth: float, number: int, tmp_path: Path):
+    """A static box sunk into a static desk, which MuJoCo does not report."""
+    geoms = f"""<mujoco><worldbody>
+      <body name="desk"><geom type="box" size=".5 .5 .05" pos="0 0 .05"/></body>
+      <body name="base"><geom type="box" size=".1 .1 .1" pos="0 0 {0.2 - depth}"/></body>
+      </worldbody></mujoco>"""
+    (tmp_path / "own.xml").write_text(geoms)
+    objects = {"desk": {"kind": "static"}, "base": {"kind": "static"}}
+    found = warned(objects, model=tmp_path / "own.xml")
+    assert ["'desk' is 15 mm inside 'base'" in text for text in found] == [True] * number
