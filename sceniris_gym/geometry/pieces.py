@@ -41,6 +41,8 @@ _TYPES = {
     mujoco.mjtGeom.mjGEOM_MESH: PieceType.HULL,
 }
 _VISIBLE_GROUPS = range(3)
+# Primitives of less than this size [m] are tessellated so much larger; a power of two leaves their bits.
+_SMALL, _ENLARGED = 0.01, 1024.0
 
 
 @dataclass(frozen=True)
@@ -207,6 +209,10 @@ def _surface(mjm: mujoco.MjModel, mesh: int, geom: int) -> trimesh.Trimesh:
 
 
 def _primitive(kind: mujoco.mjtGeom, size: np.ndarray) -> trimesh.Trimesh:
+    if size.max() < _SMALL:  # trimesh drops faces of less than a few hundredths of a millimetre
+        mesh = _primitive(kind, size * _ENLARGED)
+        mesh.apply_scale(1.0 / _ENLARGED)
+        return mesh
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         return trimesh.creation.box(2.0 * size)
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
