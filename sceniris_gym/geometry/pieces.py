@@ -47,6 +47,8 @@ _TYPES = {
 _VISIBLE_GROUPS = range(3)
 # A triangle of less height than this share of its longest edge has none: in float32 that is rounding.
 _FLAT = 4.0e-7
+# Primitives of less than this size [m] are tessellated so much larger; a power of two leaves their bits.
+_SMALL, _ENLARGED = 0.01, 1024.0
 
 
 @dataclass(frozen=True)
@@ -242,6 +244,10 @@ def _surface(mjm: mujoco.MjModel, mesh: int, geom: int) -> trimesh.Trimesh:
 
 
 def _primitive(kind: mujoco.mjtGeom, size: np.ndarray) -> trimesh.Trimesh:
+    if size.max() < _SMALL:  # trimesh drops faces of less than a few hundredths of a millimetre
+        mesh = _primitive(kind, size * _ENLARGED)
+        mesh.apply_scale(1.0 / _ENLARGED)
+        return mesh
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         return trimesh.creation.box(2.0 * size)
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:

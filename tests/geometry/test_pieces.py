@@ -118,6 +118,16 @@ def test_the_mesh_of_a_piece_is_closed_and_has_the_geom_s_bounds(workshop: mujoc
     assert (heights >= low - 1e-9).all()
 
 
+@pytest.mark.parametrize("geometry", ["physics", "visual"])
+@pytest.mark.parametrize("kind", ["capsule", "cylinder", "sphere", "ellipsoid", "box"])
+def test_primitives_of_a_millimetre_have_a_mesh_too(kind: str, geometry: str):
+    """Closed and as large as the geom, although its faces are tiny."""
+    text = f'<mujoco><worldbody><geom name="grain" type="{kind}" size=".0005 .0004 .0003"/></worldbody></mujoco>'
+    (piece,) = extract_pieces(mujoco.MjModel.from_xml_string(text), geometry)
+    assert piece.mesh is not None and piece.mesh.is_watertight
+    np.testing.assert_allclose(piece.mesh.bounds, piece.bounds(), atol=1e-5)
+
+
 def test_a_hull_is_that_of_all_vertices_and_has_none_inside(workshop: mujoco.MjModel):
     """The gem's inner vertex is left out; the piece's frame is shifted only, so the geom's points are met."""
     piece = _named(workshop, "physics")["gem"]
