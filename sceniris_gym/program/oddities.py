@@ -11,6 +11,7 @@ import numpy as np
 import trimesh
 
 from sceniris_gym.errors import ModelWarning
+from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.pieces import Piece, PieceType, flat_faces, geom_name
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.scene.model import SceneModel
@@ -89,13 +90,12 @@ def _sunk(scene: SceneModel, plan: Plan) -> Iterator[str]:
     mjm, config = scene.mjm, scene.config
     placed = {body for n, part in config.objects.items() if part.kind != "static" for body in scene.subtree(n)}
     still = [p for p in plan.pieces if p.body not in placed]
-    excluded = {int(s) for s in mjm.exclude_signature}
+    excluded, rules = {int(s) for s in mjm.exclude_signature}, ContactRules(mjm, "physics")
     deepest: dict[tuple[str, str], float] = {}
     for a, b in combinations(still, 2):
         roots = [int(mjm.body_rootid[p.body]) for p in (a, b)]
-        bits = (a.contype & b.conaffinity) | (b.contype & a.conaffinity)
         low, high = sorted((a.body, b.body))
-        if roots[0] == roots[1] or not bits or (low << 16) + high in excluded:
+        if roots[0] == roots[1] or (low << 16) + high in excluded or not rules.meet(a.contact_class, b.contact_class):
             continue
         radii = mjm.geom_rbound[[a.geom, b.geom]]  # 0 for a plane
         apart = np.linalg.norm(plan.home.geom_xpos[a.geom] - plan.home.geom_xpos[b.geom])

@@ -21,6 +21,12 @@ def _is_kept(rank: wp.array[int], conid: int) -> bool:
     return rank[conid] != before
 
 
+@wp.func
+def _copy_words(words: wp.array2d[int], source: int, target: int):
+    for i in range(words.shape[1]):
+        words[target, i] = words[source, i]
+
+
 @wp.kernel
 def _mark_kept(mask: wp.array[wp.bool], nacon: wp.array[int], worldid: wp.array[int], kept_out: wp.array[int]):
     conid = wp.tid()
@@ -41,12 +47,6 @@ def _list_movers(rank: wp.array[int], mover_out: wp.array[int], nacon_out: wp.ar
         nacon_out[0] = total
     if conid >= total and _is_kept(rank, conid):
         mover_out[rank[conid] - rank[total - 1] - 1] = conid
-
-
-@wp.func
-def _copy_words(words: wp.array2d[int], source: int, target: int):
-    for i in range(words.shape[1]):
-        words[target, i] = words[source, i]
 
 
 @wp.kernel

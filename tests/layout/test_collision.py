@@ -419,7 +419,7 @@ def test_round_primitives_are_exact_as_they_are_seen(tmp_path: Path, wall: str, 
     a |= {"region": {"box": [[0, 0, 0], [0, 0, 0]]}, "orientation": "any", "clearance": 0.0}
     b |= {"region": near, "orientation": "any", "clearance": 0.001}
     scene = {"geometry": "visual", "attempts": 40, "restarts": 0, "objects": {"a": a, "b": b}}
-    compiled = compile_on_cpu(scene, bank_size=1)
+    compiled = compile_on_cpu(scene, bank=1)
     generator = LayoutGenerator(compiled, 500, rejected=20_000)
     generator.generate()
     view = generator.layouts.view
@@ -448,6 +448,6 @@ def test_a_ball_in_a_crate_and_a_crate_in_a_ball_collide(tmp_path: Path):
     for i, (inner, outer) in enumerate([(small, large), (tiny, round_large), (small, round_large)]):
         inside = {"asset": write_mjcf(tmp_path, f"in{i}", inner), "region": {"box": [[0, 0, 0], [1, 0, 0]]}}
         around = {"asset": write_mjcf(tmp_path, f"out{i}", outer), "kind": "static"}
-        compiled = compile_on_cpu({"geometry": "visual", "objects": {"inner": inside, "outer": around}}, bank_size=1)
+        compiled = compile_on_cpu({"geometry": "visual", "objects": {"inner": inside, "outer": around}}, bank=1)
         x = valid(make(compiled, 300)).qpos[:, 0]
         assert x.min() > 0.4 and len(x) > 200
