@@ -39,7 +39,7 @@ class Obstruction:
         return f"{self.pair} ({gap}, {1e3 * self.margin:.3g} mm apart is asked for; {self.share:.0%} of them)"
 
 
-def obstructions(compiled: CompiledScene, split: str = "bank") -> dict[str, Obstruction]:
+def obstructions(compiled: CompiledScene, split: str) -> dict[str, Obstruction]:
     """Return for each object that candidates are rejected of for collision what is in its way most.
 
     Distances are those of MuJoCo C, between what it collides, also with `geometry: visual`.
