@@ -16,8 +16,8 @@ _TWO_SPHERES = """<mujoco><worldbody>
 class ContactRules:
     """Which geoms of a model collide, by contact class: geoms of one class meet the same others from the same distance.
 
-    Explicit `<pair>`s come before contact bits, and have margins of their own. Rules about bodies (excludes, parents,
-    what never moves) are in `program/pairs.py`.
+    Explicit `<pair>`s come before contact bits, and have margins of their own. How excludes, parents and
+    what never moves bear on them is in `program/pairs.py`.
 
     Args:
         mjm: The model.
@@ -30,6 +30,7 @@ class ContactRules:
     def __init__(self, mjm: mujoco.MjModel, geometry: str) -> None:
         self._mjm, self._visual = mjm, geometry == "visual"
         self._paired: dict[frozenset[int], float] = {}
+        self._excluded = {int(signature) for signature in mjm.exclude_signature}
         if self._visual:
             self.classes = np.zeros(mjm.ngeom, int)
             return
@@ -59,6 +60,10 @@ class ContactRules:
     def is_explicit(self, a: int, b: int) -> bool:
         """Whether geoms of two classes are an explicit `<pair>`, to which excludes and parents are nothing."""
         return frozenset((a, b)) in self._paired
+
+    def excludes(self, body: int, other: int) -> bool:
+        """Whether the model excludes the contacts of two bodies."""
+        return (min(body, other) << 16) + max(body, other) in self._excluded
 
     def meet(self, a: int, b: int) -> bool:
         """Whether geoms of two classes collide: an explicit pair, or the contype of either meets the other's bits."""

@@ -17,6 +17,7 @@ import trimesh
 
 from sceniris_gym.errors import MeshError, NotSupportedError
 from sceniris_gym.geometry.contacts import ContactRules
+from sceniris_gym.geometry.rotations import matrix, pose_matrix
 
 
 class PieceType(IntEnum):
@@ -84,7 +85,7 @@ class Piece:
 
     def extents(self, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Least and greatest extent [m] of the convex form along the rows of `axes`, given in the body's frame."""
-        local = axes @ _matrix(self.quat)
+        local = axes @ matrix(self.quat)
         middle = axes @ self.pos
         if self.type == PieceType.HULL:
             heights = self.vertices @ local.T
@@ -175,14 +176,14 @@ def _piece(mjm: mujoco.MjModel, geom: int, geometry: str, contact_class: int) ->
         mesh = _surface(mjm, data, geom) if geometry == "visual" else None
         vertices = hull_vertices(mjm, data, geom_name(mjm, geom))
         middle = vertices.mean(axis=0)
-        pos = pos + _matrix(quat) @ middle
+        pos = pos + matrix(quat) @ middle
         vertices = vertices - middle
         if mesh is None:
             mesh = trimesh.convex.convex_hull(vertices + middle)
-        mesh.apply_transform(_transform(mjm.geom_pos[geom], quat))
+        mesh.apply_transform(pose_matrix(mjm.geom_pos[geom], quat))
     elif kind != mujoco.mjtGeom.mjGEOM_PLANE:
         mesh = _primitive(kind, mjm.geom_size[geom])
-        mesh.apply_transform(_transform(pos, quat))
+        mesh.apply_transform(pose_matrix(pos, quat))
     return Piece(
         geom=geom,
         body=int(mjm.geom_bodyid[geom]),
@@ -265,16 +266,3 @@ def geom_name(mjm: mujoco.MjModel, geom: int) -> str:
     """What messages call a geom: its name, or its number and body."""
     body = mjm.body(int(mjm.geom_bodyid[geom])).name
     return mjm.geom(geom).name or f"{geom} of body {body}"
-
-
-def _matrix(quat: np.ndarray) -> np.ndarray:
-    mat = np.empty(9)
-    mujoco.mju_quat2Mat(mat, np.asarray(quat, float))
-    return mat.reshape(3, 3)
-
-
-def _transform(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
-    matrix = np.eye(4)
-    matrix[:3, :3] = _matrix(quat)
-    matrix[:3, 3] = pos
-    return matrix

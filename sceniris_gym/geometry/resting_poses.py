@@ -11,6 +11,7 @@ from scipy.spatial import KDTree
 
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry.pieces import Piece, PieceType
+from sceniris_gym.geometry.rotations import matrix
 
 # Stable poses rarer than the most frequent one by this factor are left out, and at most this many are kept: each of the
 # many narrow faces of something round is rare, but together they are what it lies on.
@@ -216,10 +217,3 @@ def of_heading_zero(mat: np.ndarray) -> np.ndarray:
     quat = np.empty(4)
     mujoco.mju_mat2Quat(quat, (turn @ mat).ravel())
     return quat
-
-
-def matrix(quat: np.ndarray) -> np.ndarray:
-    """The rotation matrix (3, 3) of a wxyz quaternion."""
-    mat = np.empty(9)
-    mujoco.mju_quat2Mat(mat, np.asarray(quat, float))
-    return mat.reshape(3, 3)

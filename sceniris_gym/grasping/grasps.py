@@ -17,7 +17,8 @@ import numpy as np
 
 from sceniris_gym.errors import GraspError
 from sceniris_gym.geometry.pieces import Piece
-from sceniris_gym.geometry.resting_poses import Variant, matrix
+from sceniris_gym.geometry.resting_poses import Variant
+from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.grasping.gripper import Gripper
 from sceniris_gym.scene.model import SceneModel
 

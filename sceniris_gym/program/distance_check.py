@@ -30,7 +30,7 @@ def check_distances(scene: SceneModel, plan: Plan) -> None:
     for p in plan.pieces:
         if p.type == PieceType.PLANE:
             continue
-        low, high = plan.home.xpos[p.body] + np.array(p.extents(plan.home.xmat[p.body].reshape(3, 3)))
+        low, high = plan.extents(p)
         reach = float(np.abs([low, high]).max())
         if reach > MOST_WIDE and np.all(low <= MOST_FAR) and np.all(high >= -MOST_FAR):
             geom = scene.mjm.geom(p.geom).name or f"{p.geom} of body '{scene.mjm.body(p.body).name}'"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
-from itertools import combinations
 
 import mujoco
 import numpy as np
@@ -71,7 +70,7 @@ def _sizes(scene: SceneModel, plan: Plan) -> Iterator[str]:
     found = []
     for name in plan.slots:
         bodies = set(scene.subtree(name))
-        ends = [_extents(plan, p) for p in plan.pieces if p.body in bodies and p.type != PieceType.PLANE]
+        ends = [plan.extents(p) for p in plan.pieces if p.body in bodies and p.type != PieceType.PLANE]
         if ends:
             size = float((np.max([high for _, high in ends], 0) - np.min([low for low, _ in ends], 0)).max())
             if not _SMALLEST <= size <= _LARGEST:
@@ -90,16 +89,12 @@ def _sunk(scene: SceneModel, plan: Plan) -> Iterator[str]:
     mjm, config = scene.mjm, scene.config
     placed = {body for n, part in config.objects.items() if part.kind != "static" for body in scene.subtree(n)}
     still = [p for p in plan.pieces if p.body not in placed]
-    excluded, rules = {int(s) for s in mjm.exclude_signature}, ContactRules(mjm, "physics")
+    rules = ContactRules(mjm, "physics")
     deepest: dict[tuple[str, str], float] = {}
-    for a, b in combinations(still, 2):
+    for a, b in _near(mjm, plan.home, still):
         roots = [int(mjm.body_rootid[p.body]) for p in (a, b)]
-        low, high = sorted((a.body, b.body))
-        if roots[0] == roots[1] or (low << 16) + high in excluded or not rules.meet(a.contact_class, b.contact_class):
-            continue
-        radii = mjm.geom_rbound[[a.geom, b.geom]]  # 0 for a plane
-        apart = np.linalg.norm(plan.home.geom_xpos[a.geom] - plan.home.geom_xpos[b.geom])
-        if radii.all() and apart > radii.sum():
+        excluded = roots[0] == roots[1] or rules.excludes(a.body, b.body)
+        if excluded or not rules.meet(a.contact_class, b.contact_class):
             continue
         depth = -mujoco.mj_geomDistance(mjm, plan.home, a.geom, b.geom, 0.0, None)
         if depth > _SUNK:
@@ -113,10 +108,15 @@ def _sunk(scene: SceneModel, plan: Plan) -> Iterator[str]:
         )
 
 
-def _extents(plan: Plan, piece: Piece) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds [m] of a piece at home along the world's axes."""
-    low, high = piece.extents(plan.home.xmat[piece.body].reshape(3, 3))
-    return low + plan.home.xpos[piece.body], high + plan.home.xpos[piece.body]
+def _near(mjm: mujoco.MjModel, home: mujoco.MjData, pieces: list[Piece]) -> Iterator[tuple[Piece, Piece]]:
+    """Pairs of pieces whose geoms' bounding spheres meet at home. All of a row at once: scenes have thousands."""
+    geoms = [p.geom for p in pieces]
+    at, radius = home.geom_xpos[geoms], mjm.geom_rbound[geoms]
+    radius = np.where(radius > 0.0, radius, np.inf)  # 0 for a plane
+    for i, one in enumerate(pieces):
+        apart = np.linalg.norm(at[i + 1 :] - at[i], axis=1)
+        for j in np.flatnonzero(apart <= radius[i + 1 :] + radius[i]):
+            yield one, pieces[i + 1 + j]
 
 
 def _some(found: list[str], most: int = 5) -> str:

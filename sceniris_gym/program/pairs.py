@@ -34,7 +34,6 @@ class PairRules:
         self.contacts = ContactRules(scene.mjm, scene.config.geometry)
         is_physics = scene.config.geometry == "physics"
         self._simulated = self.contacts if is_physics else ContactRules(scene.mjm, "physics")
-        self._excluded = {int(signature) for signature in scene.mjm.exclude_signature}
         self._filters_parents = not scene.mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
 
     def touch(self, a: int, b: int) -> float:
@@ -48,9 +47,8 @@ class PairRules:
             return False
         if self._is_explicit(a, b):
             return True
-        signature = (min(first, second) << 16) + max(first, second)
         classes = self.colliders.contact_class
-        return signature not in self._excluded and self.contacts.meet(classes[a], classes[b])
+        return not self.contacts.excludes(first, second) and self.contacts.meet(classes[a], classes[b])
 
     def meet_within(self, a: int, b: int) -> bool:
         """The same for two colliders of one object, of which MuJoCo filters neighbours."""

@@ -58,7 +58,7 @@ def _home_corners(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
     for p in plan.pieces:
         if p.type == PieceType.PLANE:
             continue
-        high = plan.home.xpos[p.body] + p.extents(plan.home.xmat[p.body].reshape(3, 3))[1]
+        high = plan.extents(p)[1]
         if high[2] > LEVEL:
             name = str(names.get(p.body) or scene.mjm.body(p.body).name)
             corners[name] = np.maximum(corners[name], high[:2]) if name in corners else high[:2]

@@ -15,7 +15,8 @@ from sceniris_gym.config.objects import JointConfig, ObjectConfig
 from sceniris_gym.errors import CycleError, NoSupportError, NotSupportedError, SceneKeyError
 from sceniris_gym.geometry import supports
 from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
-from sceniris_gym.geometry.resting_poses import HomeShape, Variant, heading_of, matrix, of_heading_zero
+from sceniris_gym.geometry.resting_poses import HomeShape, Variant, heading_of, of_heading_zero
+from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.geometry.supports import SupportSurface
 from sceniris_gym.program.constraints import check_constraints
 from sceniris_gym.program.couplings import Follower, followers_of
@@ -101,6 +102,11 @@ class Plan:
     place: np.ndarray
     bounds: np.ndarray
     home: mujoco.MjData
+
+    def extents(self, piece: Piece) -> tuple[np.ndarray, np.ndarray]:
+        """Return the least and the greatest extent [m] of a piece at home along the world's axes, shape (3,) each."""
+        low, high = piece.extents(self.home.xmat[piece.body].reshape(3, 3))
+        return low + self.home.xpos[piece.body], high + self.home.xpos[piece.body]
 
 
 def placement_order(scene: SceneModel) -> list[str]:

@@ -18,6 +18,7 @@ from PIL import Image, ImageDraw, ImageFont
 from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError
+from sceniris_gym.geometry.rotations import matrix, pose_matrix
 from sceniris_gym.grasping.grasps import comes_from_below
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
@@ -172,7 +173,7 @@ def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, n
     target = reaching.targets[reaching.names.index(name)]
     placed = compiled.plan.objects[target.number]
     grasps = [np.concatenate([g.pos, g.quat]) for g in target.grasp_set.grasps]
-    ups = np.array([_matrix(np.zeros(3), v.quat)[2, :3] for v in placed.variants])  # world's z in the root's frame
+    ups = np.array([matrix(v.quat)[2] for v in placed.variants])  # world's z in the root's frame
     rows = np.flatnonzero(table.present[:, plain.slots.index(name)] & table.valid)
     poses, of = [], []
     data = mujoco.MjData(plain.mjm)
@@ -183,7 +184,7 @@ def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, n
         first, number = target.grasp_set.spans[int((ups @ root[2, :3]).argmax())]
         base = np.linalg.inv(_frame_of(data, reaching.arm.base_body))
         for k in range(first, first + number):
-            tcp = _frame_of(data, target.grasp_set.grasps[k].body) @ _matrix(grasps[k][:3], grasps[k][3:])
+            tcp = _frame_of(data, target.grasp_set.grasps[k].body) @ pose_matrix(grasps[k][:3], grasps[k][3:])
             if placed.ground is None or not comes_from_below(tcp[2, 2]):
                 poses.append(base @ tcp)
                 of.append(row)
@@ -211,15 +212,7 @@ def _staged(
 
 
 def _frame_of(data: mujoco.MjData, body: int) -> np.ndarray:
-    return _matrix(data.xpos[body], data.xquat[body])
-
-
-def _matrix(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
-    """Return a pose, position [m] and unit quaternion wxyz, as a matrix (4, 4)."""
-    frame, turn = np.eye(4), np.zeros(9)
-    mujoco.mju_quat2Mat(turn, np.asarray(quat, float))
-    frame[:3, :3], frame[:3, 3] = turn.reshape(3, 3), pos
-    return frame
+    return pose_matrix(data.xpos[body], data.xquat[body])
 
 
 def _frame(compiled: CompiledScene, points: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

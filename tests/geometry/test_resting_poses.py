@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry.pieces import extract_pieces
-from sceniris_gym.geometry.resting_poses import STABLE_TILT, HomeShape, Variant, heading_of, matrix, of_heading_zero
+from sceniris_gym.geometry.resting_poses import STABLE_TILT, HomeShape, Variant, heading_of, of_heading_zero
+from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.program.plan import build_plan
 from sceniris_gym.scene.model import SceneModel, build_model
 from tests.layout.scenes import box_mjcf, write_mjcf

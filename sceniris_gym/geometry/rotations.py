@@ -1,0 +1,20 @@
+"""Unit quaternions (wxyz) and poses as matrices, computed by MuJoCo."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+
+def matrix(quat: np.ndarray) -> np.ndarray:
+    """Return the rotation matrix (3, 3) of a wxyz quaternion."""
+    mat = np.empty(9)
+    mujoco.mju_quat2Mat(mat, np.asarray(quat, float))
+    return mat.reshape(3, 3)
+
+
+def pose_matrix(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
+    """Return a pose, position [m] and wxyz quaternion, as a homogeneous matrix (4, 4)."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = matrix(quat), pos
+    return pose
