@@ -65,6 +65,6 @@ def _still_failing(trial: CompiledScene, seeds: np.ndarray) -> tuple[np.ndarray,
 
 def _ended_at_once(generator: LayoutGenerator) -> int:
     """How many worlds had nothing left of a region, which ends a layout whatever attempts there are."""
-    insists = generator.compiled.program.obj_insists.numpy() != 0
-    counts = generator.layouts.rejections.numpy()[: len(insists), [Cause.EMPTY, Cause.REGION]]
-    return int(counts[~insists].sum())
+    retries = generator.compiled.program.obj_retry_if_empty.numpy() != 0
+    counts = generator.layouts.rejections.numpy()[: len(retries), [Cause.EMPTY, Cause.REGION]]
+    return int(counts[~retries].sum())

@@ -59,18 +59,8 @@ def _take_grasps(reach: Reach, layouts: LayoutsView, worldid: int, row: int):
 
 
 @wp.func
-def fall_back(program: Program, layouts: LayoutsView, worldid: int, split: wp.uint32) -> int:
+def fall_back(program: Program, reach: Reach, layouts: LayoutsView, worldid: int, split: wp.uint32) -> int:
     """Take the world's entry of the bank, and return the status of its row."""
-    row = _bank_row(program, layouts, worldid, split)
-    if row < 0:
-        return 0
-    _take(program, layouts, worldid, row)
-    return _FALLBACK
-
-
-@wp.func
-def fall_back_reaching(program: Program, reach: Reach, layouts: LayoutsView, worldid: int, split: wp.uint32) -> int:
-    """The same for a scene in which something is to be reachable."""
     row = _bank_row(program, layouts, worldid, split)
     if row < 0:
         return 0

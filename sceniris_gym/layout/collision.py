@@ -14,7 +14,8 @@ import warp as wp
 from sceniris_gym.geometry.colliders import PIECE_LEAF
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.layout.blocks import block_any
-from sceniris_gym.layout.convex import Shape, least_extent, piece_shape, separated
+from sceniris_gym.layout.convex import Shape, piece_shape, separated
+from sceniris_gym.layout.leaves import lowest, piece_pose
 from sceniris_gym.layout.transforms import Pose, apply, compose, pose_of, relative
 from sceniris_gym.layout.triangles import triangles_separated
 from sceniris_gym.program.device import Program
@@ -66,18 +67,6 @@ def boxes_separated(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pos
             if wp.abs(t[i2] * r[i1, j] - t[i1] * r[i2, j]) - reach > margin:
                 return True
     return False
-
-
-@wp.func
-def piece_pose(program: Program, piece: int) -> Pose:
-    """A piece's frame in its body's."""
-    return pose_of(program.piece_pos[piece], program.piece_quat[piece])
-
-
-@wp.func
-def lowest(program: Program, piece: int, in_body: wp.vec3) -> float:
-    """Least extent of a convex piece along the direction `in_body`, both in the body's frame."""
-    return least_extent(program.vert, piece_shape(program, piece), piece_pose(program, piece), in_body)
 
 
 @wp.func

@@ -3,54 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import CountError, MaskError, MaskTypeError, SeedError
+from sceniris_gym.layout.accept import launch_accept
+from sceniris_gym.layout.boxes import launch_test_boxes
 from sceniris_gym.layout.collision import LEAF_CAPACITY, NODE_CAPACITY
+from sceniris_gym.layout.containment import launch_test_containment
+from sceniris_gym.layout.draw import launch_draw
 from sceniris_gym.layout.layouts import Layouts
-from sceniris_gym.layout.place import PLACE
+from sceniris_gym.layout.leaves import launch_test_leaves
+from sceniris_gym.layout.points import launch_draw_points
 from sceniris_gym.layout.random import SPLITS, USER_SPLITS
 from sceniris_gym.layout.reachability import REACHABILITY
+from sceniris_gym.layout.rounds import launch_open_rows, launch_plan_wave, launch_reopen, launch_settle, launch_start
+from sceniris_gym.layout.screen import launch_screen
+from sceniris_gym.layout.search import SearchSize, create_search, default_size
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
 from sceniris_gym.program.device_reach import Reach
 
-# Lanes for each world: one warp; on an H200 two and four made a sixth and a third fewer layouts of the Mid scene.
+# Lanes for each world in the stages after placing: one warp.
 _BLOCK_DIM = 32
-
-
-@wp.kernel(enable_backward=False)
-def _advance(
-    mask: wp.array(dtype=bool),
-    # Layouts in and out:
-    episode: wp.array(dtype=int),
-):
-    worldid = wp.tid()
-    if mask:
-        if not mask[worldid]:
-            return
-    episode[worldid] = episode[worldid] + 1
-
-
-@wp.kernel(enable_backward=False)
-def _advance_staged(
-    mask: wp.array(dtype=bool),
-    # Layouts in and out:
-    episode: wp.array(dtype=int),
-    attempts: wp.array(dtype=int),
-    restart: wp.array(dtype=int),
-):
-    worldid = wp.tid()
-    restart[worldid] = -1
-    if mask:
-        if not mask[worldid]:
-            return
-    episode[worldid] = episode[worldid] + 1
-    attempts[worldid] = 0
-    restart[worldid] = 0
 
 
 @wp.kernel(enable_backward=False)
@@ -77,12 +55,12 @@ class LayoutGenerator:
         nworld: Number of worlds.
         seed: World i gets seed + i; a sequence of length nworld is used as it is. 64-bit, not negative.
         split: "train" or "eval": independent streams of the same seeds, each with a bank of its own.
-        block_dim: Lanes per world on a GPU; affects the speed, never the layouts.
+        size: Capacities, which affect the speed and never the layouts; None for what suits the device.
         rejected: Length of a record of the first candidates that collided, for audits.
 
     Raises:
         SeedError: A seed that is not a 64-bit integer, or a wrong number of them.
-        ValueError: An unknown split, or a `block_dim` that the collision test has no room for.
+        ValueError: An unknown split.
     """
 
     def __init__(
@@ -92,27 +70,26 @@ class LayoutGenerator:
         *,
         seed: int | Sequence[int] | np.ndarray = 0,
         split: str = "train",
-        block_dim: int | None = None,
+        size: SearchSize | None = None,
         rejected: int = 0,
     ) -> None:
         if split not in SPLITS:
             raise ValueError(f"LayoutGenerator: unknown split '{split}'. Valid: {', '.join(USER_SPLITS)}.")
         if nworld < 1:
             raise CountError(f"LayoutGenerator: nworld should be at least 1, got {nworld}.")
-        most = max_block_dim(compiled)
-        block_dim = min(_BLOCK_DIM, most) if block_dim is None else block_dim
-        if not 1 <= block_dim <= most:
-            raise ValueError(f"LayoutGenerator: block_dim={block_dim} should be from 1 to {most} for this scene.")
-        self.compiled = compiled
-        self.split = split
-        self.block_dim = block_dim
-        self.layouts = Layouts.create(compiled, nworld, rejected=rejected)
+        size = default_size(compiled.device) if size is None else size
+        if rejected > 0:
+            size = replace(size, rows=0)  # rows of restarts that may not be reached are not recorded
+        self.compiled, self.split, self.size = compiled, split, size
+        self.layouts = Layouts.create(compiled, nworld, rejected=rejected, rows=size.rows)
+        self._search = create_search(compiled, nworld, size)
         reaching = compiled.reaching
         self._staged = reaching is not None and reaching.staged
-        decided_by = "" if reaching is None else "stages" if reaching.staged else "map"
-        self._place = PLACE[compiled.leaves, compiled.related, decided_by]
-        self._stage = REACHABILITY[compiled.leaves]
         self._reach = Reach() if reaching is None else reaching.view
+        self._related = compiled.related
+        self._faces = compiled.config.geometry == "visual"
+        self._stage = REACHABILITY[compiled.leaves]
+        self._lanes = min(_BLOCK_DIM, max_block_dim(compiled))
         self.reseed(seed)
 
     @property
@@ -163,30 +140,52 @@ class LayoutGenerator:
         self.launch_placing(mask)
         if not self._staged:
             return
-        # A place is a world's whole search; only a layout that its arm cannot reach goes on with the next restart.
-        self._launch(self._stage, self.layouts.view)
-        for _round in range(self.compiled.config.restarts):
-            self._launch(self._place, mask, self.layouts.view)
-            self._launch(self._stage, self.layouts.view)
+        self._launch_stage()
+        for _restart in range(self.compiled.config.restarts):
+            launch_reopen(self._search, self.compiled.device)
+            wp.capture_while(self._search.worlds_left, self._round)
+            self._launch_stage()
 
     def launch_placing(self, mask: wp.array | None) -> None:
         """Advance the masked worlds and place their objects, without the stages that may follow."""
-        view, device = self.layouts.view, self.compiled.device
-        if self._staged:
-            rows = [view.episode, view.attempts, view.restart]
-            wp.launch(_advance_staged, dim=self.nworld, inputs=[mask], outputs=rows, device=device)
-        else:
-            wp.launch(_advance, dim=self.nworld, inputs=[mask], outputs=[view.episode], device=device)
-        self._launch(self._place, mask, view)
+        launch_start(self.compiled.program, mask, SPLITS[self.split], self.layouts.view, self._search, self._device)
+        wp.capture_while(self._search.worlds_left, self._round)
 
-    def _launch(self, kernel: wp.Kernel, *last: Any) -> None:
+    def _round(self) -> None:
+        """Let every pending world try its next restart, or several."""
+        program, reach, view, search = self.compiled.program, self._reach, self.layouts.view, self._search
+        launch_open_rows(program, reach, self.size.busy, view, search, self._device)
+        wp.capture_while(search.rows_left, self._wave)
+        launch_settle(program, reach, SPLITS[self.split], self._staged, view, search, self._device)
+
+    def _wave(self) -> None:
+        """Draw candidates of all rows, test them, and accept the first of each row that passes."""
+        program, reach, view, search = self.compiled.program, self._reach, self.layouts.view, self._search
+        split, size, device = SPLITS[self.split], self.size, self._device
+        launch_plan_wave(program, size.busy, search, device)
+        launch_draw(program, split, size.lanes, view, search, device)
+        if self._related:
+            launch_draw_points(program, split, size.lanes, view, search, device)
+        launch_screen(program, reach, size.lanes, view, search, device)
+        launch_test_boxes(program, size.lanes, size.lanes_each, view, search, device)
+        if size.leaves > 0:
+            launch_test_leaves(program, size.lanes, view, search, device)
+        if self._faces:
+            launch_test_containment(program, size.lanes, size.lanes_each, view, search, device)
+        launch_accept(program, reach, size.lanes, view, search, device)
+
+    def _launch_stage(self) -> None:
         wp.launch_tiled(
-            kernel,
+            self._stage,
             dim=[self.nworld],
-            inputs=[self.compiled.program, self._reach, SPLITS[self.split], *last],
-            block_dim=self.block_dim,
-            device=self.compiled.device,
+            inputs=[self.compiled.program, self._reach, SPLITS[self.split], self.layouts.view, self._search],
+            block_dim=self._lanes,
+            device=self._device,
         )
+
+    @property
+    def _device(self) -> str:
+        return self.compiled.device
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """How many candidates were rejected so far, by object and cause. Synchronises with the device."""

@@ -3,9 +3,7 @@
 import warp as wp
 
 from sceniris_gym.grasping.grasps import MOST_RISING
-from sceniris_gym.layout.blocks import block_any
 from sceniris_gym.layout.transforms import Pose, apply, pose_of, quat_mat, relative
-from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.reach.lookup import map_verdict
 from sceniris_gym.reach.quaternions import mul_quat
@@ -13,14 +11,14 @@ from sceniris_gym.reach.quaternions import mul_quat
 wp.set_module_options({"enable_backward": False})
 
 _RISING = wp.constant(MOST_RISING)
-_NO_GRASP = wp.constant(1 << 30)
 
 
 @wp.func
-def grasp_pose(reach: Reach, grasp: int, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)) -> Pose:
+def grasp_pose(
+    reach: Reach, grasp: int, base: Pose, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
+) -> Pose:
     """The TCP of a grasp in the frame of the arm's base, both in the poses of their world."""
     body = reach.grasp_body[grasp]
-    base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
     quat = mul_quat(body_quat[body], reach.grasp_quat[grasp])
     return relative(base, pose_of(apply(pose_of(body_pos[body], body_quat[body]), reach.grasp_pos[grasp]), quat))
 
@@ -33,15 +31,20 @@ def from_below(reach: Reach, grasp: int, body_quat: wp.array(dtype=wp.vec4)) -> 
 
 
 @wp.func
-def lets_through(
-    reach: Reach, column: int, grasp: int, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
+def passes_map(
+    reach: Reach,
+    column: int,
+    grasp: int,
+    base: Pose,
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
 ) -> bool:
     """Whether a grasp does not come from below, and the arm's map, if there is one, lets it through."""
     through = bool(True)
     if reach.reach_below[column] != 0:
         through = not from_below(reach, grasp, body_quat)
     if reach.mapped != 0 and through:
-        tcp = grasp_pose(reach, grasp, body_pos, body_quat)
+        tcp = grasp_pose(reach, grasp, base, body_pos, body_quat)
         approach = wp.vec3(tcp.rot[0, 2], tcp.rot[1, 2], tcp.rot[2, 2])
         through = map_verdict(reach.map, tcp.pos, approach) >= reach.reach_least[column]
     return through
@@ -49,29 +52,19 @@ def lets_through(
 
 @wp.func
 def first_on_map(
-    program: Program,
     reach: Reach,
-    lane: int,
     column: int,
     variant: int,
+    base: Pose,
     body_pos: wp.array(dtype=wp.vec3),
     body_quat: wp.array(dtype=wp.vec4),
 ) -> int:
     """The first grasp of a posed object that the map lets through, among all of the object's; -1 if there is none.
 
-    The lanes of a block share the grasps. Without a map it is the first that does not come from below.
+    Without a map it is the first that does not come from below.
     """
     adr = reach.variant_graspadr[variant]
-    num = reach.variant_graspnum[variant]
-    found = int(_NO_GRASP)
-    first = int(0)
-    while first < num:
-        if first + lane < num:
-            grasp = adr + first + lane
-            if lets_through(reach, column, grasp, body_pos, body_quat):
-                found = grasp
-        if block_any(wp.where(found < _NO_GRASP, 1, 0)) != 0:
-            first = num
-        first += wp.block_dim()
-    least = wp.tile_extract(wp.tile_min(wp.tile(found)), 0)
-    return wp.where(least < _NO_GRASP, least - reach.reach_graspadr[column], -1)
+    for grasp in range(adr, adr + reach.variant_graspnum[variant]):
+        if passes_map(reach, column, grasp, base, body_pos, body_quat):
+            return grasp - reach.reach_graspadr[column]
+    return -1

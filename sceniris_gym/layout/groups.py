@@ -5,12 +5,17 @@
 
 import warp as wp
 
+from sceniris_gym.layout.kinematics import follow_joints, pose_bodies
+from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.random import GROUP_STREAM, STREAM_BITS, uniforms
-from sceniris_gym.program.device import Program
+from sceniris_gym.layout.transforms import quat_mat
+from sceniris_gym.program.device import ObjectKind, Program
+from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.scene.parking import PARKING_COLUMNS, PARKING_FROM, PARKING_SPACING
 
 _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
 _GROUP_STREAM = wp.constant(wp.uint32(GROUP_STREAM))
+_FREE = wp.constant(int(ObjectKind.FREE))
 _FAR = wp.constant(PARKING_FROM)
 _SPACING = wp.constant(PARKING_SPACING)
 _COLUMNS = wp.constant(PARKING_COLUMNS)
@@ -40,6 +45,49 @@ def draw_groups(program: Program, seed: wp.uint64, episode: int, split: wp.uint3
 
 
 @wp.func
-def parking_place(slot: int) -> wp.vec3:
+def _parking_place(slot: int) -> wp.vec3:
     """Where an absent object's pivot lies [m], world frame, on the ground plane."""
     return wp.vec3(_FAR + _SPACING * float(slot % _COLUMNS), _FAR + _SPACING * float(slot // _COLUMNS), 0.0)
+
+
+@wp.func
+def _park_absent(program: Program, layouts: LayoutsView, row: int, obj: int):
+    """Park an absent object, its joints at home."""
+    qpos = layouts.qpos[row]
+    for i in range(program.obj_drawadr[obj], program.obj_drawadr[obj] + program.obj_drawnum[obj]):
+        adr = program.draw_qposadr[i]
+        qpos[adr] = program.home_qpos[adr]
+    follow_joints(program, obj, qpos)
+    variant = program.obj_variantadr[obj]
+    slot = program.obj_slot[obj]
+    pivot = _parking_place(slot) + wp.vec3(0.0, 0.0, program.obj_gap[obj])
+    quat = wp.normalize(program.variant_quat[variant])
+    pos = pivot - quat_mat(quat) * program.variant_pivot[variant]
+    root = program.obj_body[obj]
+    layouts.body_pos[row, root] = pos
+    layouts.body_quat[row, root] = quat
+    pose_bodies(program, obj, 1, qpos, layouts.body_pos[row], layouts.body_quat[row])
+    layouts.place[row, slot] = wp.vec4(pivot[0], pivot[1], pivot[2], 0.0)
+    layouts.bounds[row, slot] = program.variant_bounds[variant]
+    adr = program.obj_adr[obj]
+    if program.obj_kind[obj] == _FREE:
+        for i in range(3):
+            qpos[adr + i] = pos[i]
+        for i in range(4):
+            qpos[adr + 3 + i] = quat[i]
+    else:
+        layouts.mocap_pos[row, adr] = pos
+        layouts.mocap_quat[row, adr] = wp.quat(quat[0], quat[1], quat[2], quat[3])
+
+
+@wp.func
+def next_object(program: Program, reach: Reach, layouts: LayoutsView, row: int, obj: int) -> int:
+    """The first object from `obj` on that is present; absent ones on the way are parked."""
+    found = int(obj)
+    while found < program.nobject and layouts.present[row, program.obj_slot[found]] == 0:
+        _park_absent(program, layouts, row, found)
+        if reach.obj_reach.shape[0] > 0:
+            if reach.obj_reach[found] >= 0:
+                layouts.grasp[row, reach.obj_reach[found]] = -1
+        found += 1
+    return found

@@ -6,8 +6,6 @@ from enum import IntEnum
 import numpy as np
 import warp as wp
 
-from sceniris_gym.config.limits import MAX_ANCHORS, MAX_RELATIONS
-from sceniris_gym.layout.relations import Sight
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause
 from sceniris_gym.program.reach import Reaching
@@ -45,14 +43,9 @@ class LayoutsView:
     place: wp.array2d(dtype=wp.vec4)
     bounds: wp.array2d(dtype=wp.vec4)
     variant: wp.array2d(dtype=int)
-    sights: wp.array2d(dtype=Sight)
-    hulls: wp.array2d(dtype=wp.vec2)
-    drawn: wp.array(dtype=wp.vec3)
     body_pos: wp.array2d(dtype=wp.vec3)
     body_quat: wp.array2d(dtype=wp.vec4)
-    # Of scenes whose reach is decided in stages: the next restart, or -1 where the row is final, and the robot posed in
-    # grasps, in a state and body poses of their own.
-    restart: wp.array(dtype=int)
+    # Of scenes whose reach is decided in stages: the robot posed in grasps, in a state and body poses of their own.
     arm_qpos: wp.array2d(dtype=float)
     arm_pos: wp.array2d(dtype=wp.vec3)
     arm_quat: wp.array2d(dtype=wp.vec4)
@@ -69,7 +62,7 @@ class Layouts:
 
     Attributes:
         compiled: The scene that the rows belong to.
-        view: The arrays as device code takes them.
+        view: The arrays as device code takes them; see `create` for their length.
         seed: 64-bit seed of each world, shape (nworld,), uint64.
         episode: Episode of the current row, -1 before the first, shape (nworld,), int32.
         qpos: Joint positions [m, rad] in the order of the MjModel, quaternions wxyz, shape (nworld, nq).
@@ -92,8 +85,11 @@ class Layouts:
     view: LayoutsView
 
     @classmethod
-    def create(cls, compiled: CompiledScene, nworld: int, *, rejected: int = 0) -> "Layouts":
-        """Allocate room for `nworld` layouts, and for a record of the first `rejected` candidates that collided."""
+    def create(cls, compiled: CompiledScene, nworld: int, *, rejected: int = 0, rows: int = 0) -> "Layouts":
+        """Allocate room for `nworld` layouts, and for a record of the first `rejected` candidates that collided.
+
+        `rows` more layouts that are being made follow those of the worlds in `view`.
+        """
         device = compiled.device
         mjm = compiled.mjm
         nmocap = max(mjm.nmocap, 1)
@@ -101,34 +97,29 @@ class Layouts:
         mocap = np.flatnonzero(mjm.body_mocapid >= 0)
         mocap_pos[mjm.body_mocapid[mocap]] = mjm.body_pos[mocap]  # where those stay that are never placed
         mocap_quat[mjm.body_mocapid[mocap]] = mjm.body_quat[mocap]
-        nslot = len(compiled.home_place)
+        nslot, nrow = len(compiled.home_place), nworld + rows
         view = LayoutsView()
         with wp.ScopedDevice(device):
             view.seed = wp.zeros(nworld, dtype=wp.uint64)
             view.episode = wp.full(nworld, -1, dtype=int)
-            view.qpos = wp.array(np.tile(compiled.home_qpos, (nworld, 1)), dtype=float, shape=(nworld, mjm.nq))
-            view.mocap_pos = wp.array(np.tile(mocap_pos, (nworld, 1, 1)), dtype=wp.vec3)
-            view.mocap_quat = wp.array(np.tile(mocap_quat, (nworld, 1, 1)), dtype=wp.quat)
+            view.qpos = wp.array(np.tile(compiled.home_qpos, (nrow, 1)), dtype=float, shape=(nrow, mjm.nq))
+            view.mocap_pos = wp.array(np.tile(mocap_pos, (nrow, 1, 1)), dtype=wp.vec3)
+            view.mocap_quat = wp.array(np.tile(mocap_quat, (nrow, 1, 1)), dtype=wp.quat)
             view.status = wp.zeros(nworld, dtype=int)
             view.attempts = wp.zeros(nworld, dtype=int)
             view.first_pass_valid = wp.zeros(nworld, dtype=int)
             view.rejections = wp.zeros((max(len(compiled.placed), 1), len(Cause)), dtype=int)
-            view.present = wp.ones((nworld, nslot), dtype=int)
-            view.place = wp.array(np.tile(compiled.home_place, (nworld, 1, 1)), dtype=wp.vec4, shape=(nworld, nslot))
-            view.bounds = wp.array(np.tile(compiled.home_bounds, (nworld, 1, 1)), dtype=wp.vec4, shape=(nworld, nslot))
+            view.present = wp.ones((nrow, nslot), dtype=int)
+            view.place = wp.array(np.tile(compiled.home_place, (nrow, 1, 1)), dtype=wp.vec4, shape=(nrow, nslot))
+            view.bounds = wp.array(np.tile(compiled.home_bounds, (nrow, 1, 1)), dtype=wp.vec4, shape=(nrow, nslot))
             nreach = 0 if compiled.reaching is None else len(compiled.reaching.targets)
-            view.variant = wp.zeros((nworld, nreach), dtype=int)
-            view.grasp = wp.full((nworld, nreach), -1, dtype=int)
+            view.variant = wp.zeros((nrow, nreach), dtype=int)
+            view.grasp = wp.full((nrow if nreach else nworld, nreach), -1, dtype=int)
             view.grasp_qpos = wp.full((nworld, nreach, MAX_JOINTS), wp.nan, dtype=float)
             view.pregrasp_qpos = wp.full((nworld, nreach, MAX_JOINTS), wp.nan, dtype=float)
-            related = nworld if compiled.related else 0
-            view.sights = wp.zeros((related, MAX_RELATIONS), dtype=Sight)
-            view.hulls = wp.zeros((related, MAX_RELATIONS * MAX_ANCHORS), dtype=wp.vec2)
-            view.drawn = wp.zeros(related, dtype=wp.vec3)
-            view.body_pos = wp.array(np.tile(compiled.home_xpos, (nworld, 1, 1)), dtype=wp.vec3)
-            view.body_quat = wp.array(np.tile(compiled.home_xquat, (nworld, 1, 1)), dtype=wp.vec4)
+            view.body_pos = wp.array(np.tile(compiled.home_xpos, (nrow, 1, 1)), dtype=wp.vec3)
+            view.body_quat = wp.array(np.tile(compiled.home_xquat, (nrow, 1, 1)), dtype=wp.vec4)
             staged = nworld if compiled.reaching is not None and compiled.reaching.staged else 0
-            view.restart = wp.full(staged, -1, dtype=int)
             view.arm_qpos = wp.zeros((staged, mjm.nq), dtype=float)
             view.arm_pos = wp.zeros((staged, mjm.nbody), dtype=wp.vec3)
             view.arm_quat = wp.zeros((staged, mjm.nbody), dtype=wp.vec4)
@@ -138,6 +129,12 @@ class Layouts:
             view.rejected_mocap_pos = wp.zeros((rejected, nmocap), dtype=wp.vec3)
             view.rejected_mocap_quat = wp.zeros((rejected, nmocap), dtype=wp.quat)
         return cls(compiled, view)
+
+    def _of_worlds(self, array: wp.array) -> wp.array:
+        """The rows of the worlds, without those that are being made."""
+        if array.shape[0] == self.nworld or array.size == 0:  # Warp cannot slice an array without elements
+            return array
+        return array[: self.nworld]
 
     @property
     def nworld(self) -> int:
@@ -162,17 +159,17 @@ class Layouts:
     @property
     def qpos(self) -> wp.array:
         """See the class."""
-        return self.view.qpos
+        return self._of_worlds(self.view.qpos)
 
     @property
     def mocap_pos(self) -> wp.array:
         """See the class."""
-        return self.view.mocap_pos
+        return self._of_worlds(self.view.mocap_pos)
 
     @property
     def mocap_quat(self) -> wp.array:
         """See the class."""
-        return self.view.mocap_quat
+        return self._of_worlds(self.view.mocap_quat)
 
     @property
     def status(self) -> wp.array:
@@ -192,12 +189,12 @@ class Layouts:
     @property
     def present(self) -> wp.array:
         """See the class."""
-        return self.view.present
+        return self._of_worlds(self.view.present)
 
     @property
     def grasp(self) -> wp.array:
         """See the class."""
-        return self.view.grasp
+        return self._of_worlds(self.view.grasp)
 
     @property
     def grasp_qpos(self) -> wp.array:

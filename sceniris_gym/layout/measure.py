@@ -1,12 +1,8 @@
-"""How far a posed object reaches: down to what it stands on, and to the sides as relations see it.
-
-A block's lanes share an object's pieces; all lanes must call together, and all get the same.
-"""
+"""How far a posed object reaches: down to what it stands on, and to the sides as relations see it."""
 
 import warp as wp
 
-from sceniris_gym.layout.blocks import block_sync
-from sceniris_gym.layout.collision import lowest
+from sceniris_gym.layout.leaves import lowest
 from sceniris_gym.layout.kinematics import pose_bodies
 from sceniris_gym.layout.orientations import DrawnVariant
 from sceniris_gym.layout.transforms import quat_mat, unit_circle
@@ -20,7 +16,6 @@ _WHOLE = wp.constant(int(Measure.WHOLE))
 def measure(
     program: Program,
     obj: int,
-    lane: int,
     turn: DrawnVariant,
     qpos: wp.array(dtype=float),
     body_pos: wp.array(dtype=wp.vec3),
@@ -31,15 +26,13 @@ def measure(
     The bodies are left posed at the origin with heading 0. The pivot stays the centre of the bounds in the home state
     where joints are drawn; with a free orientation there is no such state, and it is the centre of the bounds drawn.
     """
-    if lane == 0:
-        body_pos[program.obj_body[obj]] = wp.vec3(0.0)
-        body_quat[program.obj_body[obj]] = turn.quat
-        pose_bodies(program, obj, 1, qpos, body_pos, body_quat)
-    block_sync()
+    body_pos[program.obj_body[obj]] = wp.vec3(0.0)
+    body_quat[program.obj_body[obj]] = turn.quat
+    pose_bodies(program, obj, 1, qpos, body_pos, body_quat)
     whole = program.obj_measured[obj] == _WHOLE
     low = wp.vec3(1.0e30)
     high = wp.vec3(1.0e30)  # of the extent to the other side
-    for i in range(lane, program.obj_piecenum[obj], wp.block_dim()):
+    for i in range(program.obj_piecenum[obj]):
         piece = program.piece_list[program.obj_pieceadr[obj] + i]
         body = program.piece_body[piece]
         back = wp.transpose(quat_mat(body_quat[body]))
@@ -50,12 +43,10 @@ def measure(
                 at = body_pos[body][axis]
                 low[axis] = wp.min(low[axis], at + lowest(program, piece, along))
                 high[axis] = wp.min(high[axis], lowest(program, piece, -along) - at)
-    low[2] = wp.tile_extract(wp.tile_min(wp.tile(low[2])), 0)
     bottom = quat_mat(turn.quat) * turn.pivot
     if whole:
         for axis in range(2):
-            low[axis] = wp.tile_extract(wp.tile_min(wp.tile(low[axis])), 0)
-            high[axis] = -wp.tile_extract(wp.tile_min(wp.tile(high[axis])), 0)
+            high[axis] = -high[axis]
             if program.obj_orientation[obj] == _ANY:
                 bottom[axis] = 0.5 * (low[axis] + high[axis])
         turn.bounds = wp.vec4(low[0] - bottom[0], low[1] - bottom[1], high[0] - bottom[0], high[1] - bottom[1])
@@ -68,7 +59,6 @@ def measure(
 def _extent(
     program: Program,
     obj: int,
-    lane: int,
     axis: wp.vec3,
     body_pos: wp.array(dtype=wp.vec3),
     body_quat: wp.array(dtype=wp.vec4),
@@ -76,21 +66,20 @@ def _extent(
     """Least and greatest extent [m] of the posed object along a unit vector of the world, from the origin on."""
     low = float(1.0e30)
     high = float(1.0e30)  # to the other side
-    for i in range(lane, program.obj_piecenum[obj], wp.block_dim()):
+    for i in range(program.obj_piecenum[obj]):
         piece = program.piece_list[program.obj_pieceadr[obj] + i]
         body = program.piece_body[piece]
         along = wp.transpose(quat_mat(body_quat[body])) * axis
         at = wp.dot(body_pos[body], axis)
         low = wp.min(low, at + lowest(program, piece, along))
         high = wp.min(high, lowest(program, piece, -along) - at)
-    return wp.vec2(wp.tile_extract(wp.tile_min(wp.tile(low)), 0), -wp.tile_extract(wp.tile_min(wp.tile(high)), 0))
+    return wp.vec2(low, -high)
 
 
 @wp.func
-def see(
+def bounds_of(
     program: Program,
     obj: int,
-    lane: int,
     place: wp.vec4,
     body_pos: wp.array(dtype=wp.vec3),
     body_quat: wp.array(dtype=wp.vec4),
@@ -100,8 +89,8 @@ def see(
     ahead = wp.vec3(to[0], to[1], 0.0)
     across = wp.vec3(-ahead[1], ahead[0], 0.0)
     pivot = wp.vec3(place[0], place[1], 0.0)
-    x = _extent(program, obj, lane, ahead, body_pos, body_quat)
-    y = _extent(program, obj, lane, across, body_pos, body_quat)
+    x = _extent(program, obj, ahead, body_pos, body_quat)
+    y = _extent(program, obj, across, body_pos, body_quat)
     px = wp.dot(pivot, ahead)
     py = wp.dot(pivot, across)
     return wp.vec4(x[0] - px, y[0] - py, x[1] - px, y[1] - py)

@@ -3,30 +3,30 @@
 Without relations the region is the same in every world and its triangles are cut once, on the host. With relations
 each triangle is clipped against the relations' pieces in the world at hand; what is left is chosen by area in one pass
 without any sum: piece i runs an exponential race at the rate of its area, and the first one wins (P(i) = area_i /
-total), so the choice does not depend on how many lanes share the work.
+total).
 """
 
 import warp as wp
 
 from sceniris_gym.config.limits import MAX_ANCHORS, MAX_CORNERS
-from sceniris_gym.layout.blocks import block_sync
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.orientations import DrawnVariant, facing
+from sceniris_gym.layout.orientations import facing
 from sceniris_gym.layout.placed import Placed
 from sceniris_gym.layout.polygons import area, clip, draw_in_polygon, set_triangle
 from sceniris_gym.layout.random import uniforms
 from sceniris_gym.layout.regions import outline_distance
-from sceniris_gym.layout.relations import holds, look, piece_side, side_num
-from sceniris_gym.layout.transforms import Pose, apply
-from sceniris_gym.program.device import Cause, OrientationType, Program
+from sceniris_gym.layout.relations import piece_side, relation_holds, resolve, side_num
+from sceniris_gym.layout.search import Search, row_of, trial_of, stream_of
+from sceniris_gym.layout.transforms import Pose, apply, pose_of
+from sceniris_gym.program.device import Cause, ObjectKind, OrientationType, Program
 
 _MAX_ANCHORS = wp.constant(MAX_ANCHORS)
 _MAX_CORNERS = wp.constant(MAX_CORNERS)
 _NONE = wp.constant(int(Cause.NONE))
 _EMPTY = wp.constant(int(Cause.EMPTY))
 _REGION = wp.constant(int(Cause.REGION))
-_ANY = wp.constant(int(OrientationType.ANY))
 _FACE_TO = wp.constant(int(OrientationType.FACE_TO))
+_STATIC = wp.constant(int(ObjectKind.STATIC))
 # Draws of a trial from here on belong to the region: a block of them for each redraw, one number for each piece.
 _FIRST_DRAW = wp.constant(1 << 16)
 _DRAWS = wp.constant(1 << 20)
@@ -40,15 +40,6 @@ _HALF_STEP = wp.constant(2.0**-25)
 _NOBODY = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
 # A surface carries as long as it is level to 0.1 degree.
 _LEVEL = wp.constant(0.9999985)
-
-
-@wp.struct
-class Spot:
-    """A point on a surface: its number, where in the world [m], and why there is none."""
-
-    surface: int
-    at: wp.vec3
-    cause: int
 
 
 @wp.func
@@ -109,18 +100,19 @@ def _keeps_off(program: Program, obj: int, tri: int, frame: Pose, own: Placed) -
 
 
 @wp.func
-def _look_around(program: Program, layouts: LayoutsView, worldid: int, obj: int, own: Placed, support_heading: float):
-    """What each of the object's relations comes to in this world, into `layouts.sights` and `layouts.hulls`."""
+def _resolve_relations(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, own: Placed):
+    """What each of the object's relations comes to in this row, into `search.relations` and `search.hulls`."""
+    support_heading = _support_heading(program, layouts, row, obj)
     for i in range(program.obj_relnum[obj]):
-        layouts.sights[worldid, i] = look(
+        search.relations[c, i] = resolve(
             program,
             program.obj_reladr[obj] + i,
             own,
             support_heading,
-            layouts.place[worldid],
-            layouts.bounds[worldid],
-            layouts.present[worldid],
-            layouts.hulls[worldid],
+            layouts.place[row],
+            layouts.bounds[row],
+            layouts.present[row],
+            search.hulls[c],
             i * _MAX_ANCHORS,
         )
 
@@ -128,8 +120,8 @@ def _look_around(program: Program, layouts: LayoutsView, worldid: int, obj: int,
 @wp.func
 def _cut(
     program: Program,
-    layouts: LayoutsView,
-    worldid: int,
+    search: Search,
+    c: int,
     obj: int,
     variant: int,
     index: int,
@@ -151,117 +143,121 @@ def _cut(
     )
     for i in range(program.obj_relnum[obj]):
         rel = program.obj_reladr[obj] + i
-        sight = layouts.sights[worldid, i]
+        resolved = search.relations[c, i]
         piece = rest % program.rel_piecenum[rel]
         rest = rest // program.rel_piecenum[rel]
         # a relation that is not active has one piece, the whole plane
-        if not sight.active and piece > 0:
+        if not resolved.active and piece > 0:
             num = int(0)
-        for side in range(side_num(program, rel, sight)):
+        for side in range(side_num(program, rel, resolved)):
             if num > 0:
-                plane = piece_side(program, rel, piece, side, sight, layouts.hulls[worldid], i * _MAX_ANCHORS)
+                plane = piece_side(program, rel, piece, side, resolved, search.hulls[c], i * _MAX_ANCHORS)
                 if plane.normal[0] != 0.0 or plane.normal[1] != 0.0:  # the whole plane cuts nothing
                     num = clip(polygon, num, plane)
     return num
 
 
 @wp.func
-def draw_related(
-    program: Program,
-    layouts: LayoutsView,
-    worldid: int,
-    lane: int,
-    obj: int,
-    turn: DrawnVariant,
-    frame: Pose,
-    support_heading: float,
-    stream: wp.uint32,
-    trial: int,
-) -> Spot:
-    """A uniform point of the region in this world. All lanes of the block must call it together; all get the same.
+def _all_hold(
+    program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, tri: int, frame: Pose, own: Placed
+) -> bool:
+    """Do all relations hold exactly at the drawn point, and does the pivot keep off the outline?"""
+    for i in range(program.obj_relnum[obj]):
+        resolved = search.relations[c, i]
+        rel = program.obj_reladr[obj] + i
+        if not relation_holds(program, rel, resolved, own, layouts.place[row], layouts.bounds[row]):
+            return False
+    return program.obj_erosion[obj] <= 0.0 or _keeps_off(program, obj, tri, frame, own)
 
-    Lane 0 looks at the relations, all lanes cut and measure, and the lane that cut the winning piece draws the point: a
-    polygon is memory of a lane's own, and 32 copies of the same one would be 32 times the traffic.
-    """
-    spot = Spot()
-    spot.surface = int(-1)
-    spot.cause = _EMPTY
-    if frame.rot[2, 2] < _LEVEL:
-        return spot
-    seed = layouts.seed[worldid]
-    episode = layouts.episode[worldid]
+
+@wp.func
+def _draw_related(
+    program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, frame: Pose, stream: wp.uint32, trial: int
+) -> int:
+    """Draw a uniform point of the region that is left in this row. Returns why there is none, or NONE."""
+    seed = layouts.seed[search.row_world[row]]
+    episode = layouts.episode[search.row_world[row]]
+    turn = search.turn[c]
     own = Placed()
-    own.heading = turn.yaw
-    if program.obj_orientation[obj] != _ANY:
-        own.heading += support_heading
+    own.heading = search.heading[c]
     own.low = wp.vec2(turn.bounds[0], turn.bounds[1])
     own.high = wp.vec2(turn.bounds[2], turn.bounds[3])
     polygon = wp.zeros(shape=(_MAX_CORNERS,), dtype=wp.vec2)
-    if lane == 0:
-        _look_around(program, layouts, worldid, obj, own, support_heading)
-    block_sync()
+    _resolve_relations(program, layouts, search, c, row, obj, own)
     pieces = program.variant_trinum[turn.variant] * program.obj_cutnum[obj]
     for redraw in range(_REDRAWS):
         first_draw = _FIRST_DRAW + redraw * _DRAWS
         best = _NOBODY
-        cut = int(-1)
-        num = int(0)
-        for i in range(lane, pieces, wp.block_dim()):
-            cut = i
-            num = _cut(program, layouts, worldid, obj, turn.variant, i, frame, polygon)
-            size = area(polygon, num)
+        race = wp.vec4(0.0)
+        for i in range(pieces):
+            size = area(polygon, _cut(program, search, c, obj, turn.variant, i, frame, polygon))
             if size > _LEAST_AREA:
                 race = uniforms(seed, episode, stream, trial, first_draw + 1 + i // 4)
                 finish = race_time(race[i % 4], size)
                 best = wp.min(best, (wp.uint64(wp.cast(finish, wp.uint32)) << wp.uint64(32)) | wp.uint64(i))
-        best = wp.tile_extract(wp.tile_min(wp.tile(best)), 0)
         if best == _NOBODY:
-            spot.cause = _EMPTY
-            return spot
+            return _EMPTY
         index = int(best & wp.uint64(0xFFFFFFFF))
         tri = program.variant_triadr[turn.variant] + index % program.variant_trinum[turn.variant]
-        if lane == index % wp.block_dim():
-            u = uniforms(seed, episode, stream, trial, first_draw)
-            if cut != index:  # the lane has cut another piece since
-                num = _cut(program, layouts, worldid, obj, turn.variant, index, frame, polygon)
-            own.at = draw_in_polygon(polygon, num, u[0], u[1], u[2])
-            target = program.obj_target[obj]
-            if program.obj_orientation[obj] == _FACE_TO and layouts.present[worldid, target] != 0:
-                at = layouts.place[worldid, target]
-                own.heading = turn.yaw + facing(own.at, wp.vec2(at[0], at[1]))
-            held = int(1)
-            for i in range(program.obj_relnum[obj]):
-                sight = layouts.sights[worldid, i]
-                rel = program.obj_reladr[obj] + i
-                if not holds(program, rel, sight, own, layouts.place[worldid], layouts.bounds[worldid]):
-                    held = int(0)
-            if program.obj_erosion[obj] > 0.0:
-                if not _keeps_off(program, obj, tri, frame, own):
-                    held = int(0)
-            layouts.drawn[worldid] = wp.vec3(own.at[0], own.at[1], float(held))
-        block_sync()
-        drawn = layouts.drawn[worldid]
-        spot.cause = _REGION
-        if drawn[2] > 0.0:
-            spot.cause = _NONE
-            spot.surface = program.tri_surface[tri]
-            spot.at = _on_surface(frame, program.surface_height[spot.surface], wp.vec2(drawn[0], drawn[1]))
-            return spot
-    return spot
+        u = uniforms(seed, episode, stream, trial, first_draw)
+        num = _cut(program, search, c, obj, turn.variant, index, frame, polygon)
+        own.at = draw_in_polygon(polygon, num, u[0], u[1], u[2])
+        target = program.obj_target[obj]
+        if program.obj_orientation[obj] == _FACE_TO and layouts.present[row, target] != 0:
+            at = layouts.place[row, target]
+            own.heading = turn.yaw + facing(own.at, wp.vec2(at[0], at[1]))
+        if _all_hold(program, layouts, search, c, row, obj, tri, frame, own):
+            surface = program.tri_surface[tri]
+            point = _on_surface(frame, program.surface_height[surface], own.at)
+            if program.obj_ground[obj] >= 0:
+                search.surface[c] = surface
+            else:
+                point[2] = search.point[c][2]
+            search.point[c] = point
+            return _NONE
+    return _REGION
 
 
 @wp.func
-def draw_unrelated(
+def _frame(program: Program, layouts: LayoutsView, row: int, obj: int) -> Pose:
+    """The pose of what carries the object; that of the world where nothing does."""
+    frame = pose_of(wp.vec3(0.0), wp.vec4(1.0, 0.0, 0.0, 0.0))
+    ground = program.obj_ground[obj]
+    if ground >= 0:
+        frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])
+    return frame
+
+
+@wp.func
+def _support_heading(program: Program, layouts: LayoutsView, row: int, obj: int) -> float:
+    """The heading [rad] of what carries the object."""
+    frame = _frame(program, layouts, row, obj)
+    return wp.atan2(frame.rot[1, 0], frame.rot[0, 0])
+
+
+@wp.kernel
+def _draw_points(
     program: Program,
+    split: wp.uint32,
+    lanes: int,
     layouts: LayoutsView,
-    worldid: int,
-    lane: int,
-    obj: int,
-    turn: DrawnVariant,
-    frame: Pose,
-    support_heading: float,
-    stream: wp.uint32,
-    trial: int,
-) -> Spot:
-    """Stands for `draw_related` in scenes without relations, whose kernel need not carry it; never called there."""
-    return Spot()
+    # Search in and out:
+    search: Search,
+):
+    for c in range(wp.tid(), search.candidates[0], lanes):
+        row = row_of(search, c)
+        obj = search.row_object[row]
+        if search.cause[c] == _NONE and program.obj_kind[obj] != _STATIC and program.obj_cutnum[obj] > 0:
+            frame = _frame(program, layouts, row, obj)
+            search.cause[c] = _EMPTY
+            if frame.rot[2, 2] >= _LEVEL:
+                trial = trial_of(program, search, c, row)
+                stream = stream_of(program, split, obj)
+                search.cause[c] = _draw_related(program, layouts, search, c, row, obj, frame, stream, trial)
+
+
+def launch_draw_points(
+    program: Program, split: int, lanes: int, layouts: LayoutsView, search: Search, device: str
+) -> None:
+    """Draw the points of candidates whose region differs between worlds."""
+    wp.launch(_draw_points, dim=lanes, inputs=[program, split, lanes, layouts], outputs=[search], device=device)

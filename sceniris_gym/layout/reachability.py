@@ -10,12 +10,14 @@ from typing import Any
 
 import warp as wp
 
-from sceniris_gym.layout.bank import fall_back_reaching
+from sceniris_gym.layout.bank import fall_back
 from sceniris_gym.layout.blocks import block_sync
 from sceniris_gym.layout.collision import COLLIDES, LEAF_CAPACITY, NODE_CAPACITY
-from sceniris_gym.layout.grasps import lets_through
+from sceniris_gym.layout.grasps import passes_map
 from sceniris_gym.layout.kinematics import follow_joint, pose_body
 from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.search import Search
+from sceniris_gym.layout.transforms import Pose, pose_of
 from sceniris_gym.layout.random import REACH_STREAM, STREAM_BITS, uniforms
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
@@ -56,6 +58,12 @@ class Reached:
     ok: bool
     grasp: vec8
     pregrasp: vec8
+
+
+@wp.func
+def _base(reach: Reach, layouts: LayoutsView, worldid: int) -> Pose:
+    """The pose of the arm's base."""
+    return pose_of(layouts.body_pos[worldid, reach.base_body], layouts.body_quat[worldid, reach.base_body])
 
 
 @wp.func
@@ -192,7 +200,9 @@ def _make_reachability(geometry: str, collides: wp.Function) -> wp.Kernel:
         It stands there whatever the arm's joints are, so all starts of a grasp are spared at once. The object itself it
         may touch in the grasp alone.
         """
-        clear = lets_through(reach, column, grasp, layouts.body_pos[worldid], layouts.body_quat[worldid])
+        clear = passes_map(
+            reach, column, grasp, _base(reach, layouts, worldid), layouts.body_pos[worldid], layouts.body_quat[worldid]
+        )
         columns = layouts.grasp.shape[1]
         step = int(0)
         while step < 3 and clear:
@@ -249,7 +259,9 @@ def _make_reachability(geometry: str, collides: wp.Function) -> wp.Kernel:
                     if looked == grasp:
                         tried = through
             else:
-                tried = lets_through(reach, column, wp.min(grasp, last), body_pos, body_quat)
+                tried = passes_map(
+                    reach, column, wp.min(grasp, last), _base(reach, layouts, worldid), body_pos, body_quat
+                )
             if base + lane < number and tried:
                 found = _try(reach, layouts, worldid, column, grasp, (base + lane) % STARTS, stream, trial)
                 if found.ok:
@@ -295,11 +307,13 @@ def _make_reachability(geometry: str, collides: wp.Function) -> wp.Kernel:
         split: wp.uint32,
         # Layouts in and out:
         layouts: LayoutsView,
+        # Search in and out:
+        search: Search,
     ):
         worldid, lane = wp.tid()
-        restart = layouts.restart[worldid]
-        if restart < 0:
+        if not search.waiting[worldid]:
             return
+        restart = search.restart[worldid]
         nodes = wp.tile_stack(capacity=wp.static(NODE_CAPACITY[geometry]), dtype=wp.vec3i)
         leaves = wp.tile_stack(capacity=wp.static(LEAF_CAPACITY), dtype=wp.vec3i)
         for i in range(lane, layouts.arm_qpos.shape[1], wp.block_dim()):
@@ -323,13 +337,13 @@ def _make_reachability(geometry: str, collides: wp.Function) -> wp.Kernel:
         block_sync()
         if lane == 0:
             if cause == _NONE:
-                layouts.restart[worldid] = -1
+                search.waiting[worldid] = False
             else:
                 wp.atomic_add(layouts.rejections, reach.reach_obj[column - 1], cause, 1)
                 layouts.first_pass_valid[worldid] = 0
                 if restart > program.restarts:
-                    layouts.status[worldid] = fall_back_reaching(program, reach, layouts, worldid, split)
-                    layouts.restart[worldid] = -1
+                    layouts.status[worldid] = fall_back(program, reach, layouts, worldid, split)
+                    search.waiting[worldid] = False
 
     name = f"reachability_{geometry}"
     reachability.__name__ = reachability.__qualname__ = name

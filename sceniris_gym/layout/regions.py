@@ -2,8 +2,7 @@
 
 import warp as wp
 
-from sceniris_gym.layout.blocks import block_any
-from sceniris_gym.layout.collision import piece_pose
+from sceniris_gym.layout.leaves import piece_pose
 from sceniris_gym.layout.convex import piece_shape, segment_shape, separated
 from sceniris_gym.layout.transforms import Pose, compose, pose_of, relative
 from sceniris_gym.program.device import Program
@@ -28,7 +27,7 @@ def _upward(point: wp.vec3) -> Pose:
 
 
 @wp.func
-def roof_physics(
+def _is_under_piece(
     program: Program, piece: int, point: wp.vec3, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
 ) -> bool:
     """Is a convex piece above `point` (world frame)?"""
@@ -39,7 +38,7 @@ def roof_physics(
 
 
 @wp.func
-def roof_visual(
+def _is_under_faces(
     program: Program,
     collider: int,
     point: wp.vec3,
@@ -52,6 +51,16 @@ def roof_visual(
     back = wp.transpose(frame.rot)
     start = back * (point + wp.vec3(0.0, 0.0, _ROOF_START) - frame.pos)
     return wp.mesh_query_ray(program.collider_mesh[collider], start, back * wp.vec3(0.0, 0.0, 1.0), _ROOF_REACH).result
+
+
+@wp.func
+def is_under_roof(
+    program: Program, entry: int, point: wp.vec3, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
+) -> bool:
+    """Is an entry of `roof_list` above `point` (world frame): a convex piece, or where faces are tested a collider?"""
+    if program.faces != 0:
+        return _is_under_faces(program, entry, point, body_pos, body_quat)
+    return _is_under_piece(program, entry, point, body_pos, body_quat)
 
 
 @wp.func
@@ -101,22 +110,19 @@ def shadow_on_edge(program: Program, piece: int, edge: int, rel: Pose) -> bool:
 def overhangs(
     program: Program,
     obj: int,
-    lane: int,
     surface: int,
+    ground: Pose,
     body_pos: wp.array(dtype=wp.vec3),
     body_quat: wp.array(dtype=wp.vec4),
 ) -> bool:
-    """Does any of the posed object's footprint lie off the surface?"""
-    ground = program.obj_ground[obj]
-    frame = pose_of(body_pos[ground], body_quat[ground])
-    off = int(0)
+    """Does any of the posed object's footprint lie off the surface, whose body has the pose `ground`?"""
     sides = program.surface_edgenum[surface]
-    for i in range(lane, program.obj_shadownum[obj] * sides, wp.block_dim()):
+    for i in range(program.obj_shadownum[obj] * sides):
         piece = program.shadow_list[program.obj_shadowadr[obj] + i // sides]
         body = program.piece_body[piece]
-        rel = relative(frame, compose(pose_of(body_pos[body], body_quat[body]), piece_pose(program, piece)))
+        rel = relative(ground, compose(pose_of(body_pos[body], body_quat[body]), piece_pose(program, piece)))
         if shadow_on_edge(program, piece, program.surface_edgeadr[surface] + i % sides, rel):
-            off = 1
+            return True
         if i % sides == 0 and not inside_outline(program, surface, wp.vec2(rel.pos[0], rel.pos[1])):
-            off = 1
-    return block_any(off) != 0
+            return True
+    return False

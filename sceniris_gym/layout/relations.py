@@ -30,7 +30,7 @@ _LINE = wp.constant(2.0e-5)
 
 
 @wp.struct
-class Sight:
+class ResolvedRelation:
     """What one relation comes to in one world.
 
     A sector: apex, direction of its axis and half angle [rad], least and greatest distance that its pieces hold [m]. A
@@ -63,9 +63,9 @@ def load_placed(place: wp.array(dtype=wp.vec4), bounds: wp.array(dtype=wp.vec4),
 @wp.func
 def _between(
     width: float, points: wp.array(dtype=wp.vec2), num: int, hull: wp.array(dtype=wp.vec2), first: int
-) -> Sight:
+) -> ResolvedRelation:
     """The hull of the anchors; a strip around the longest segment if they lie on a line; a square around one point."""
-    s = Sight()
+    s = ResolvedRelation()
     s.active = num >= 2
     a = int(0)
     b = int(0)
@@ -99,9 +99,9 @@ def _between(
 
 
 @wp.func
-def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float) -> Sight:
+def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float) -> ResolvedRelation:
     """The line on which the pivot lies where the bounds are `gap` apart and the narrower lies within the wider."""
-    s = Sight()
+    s = ResolvedRelation()
     s.active = True
     side = turned(wp.vec2(1.0, 0.0), axis)
     s.along = wp.vec2(-side[1], side[0])
@@ -117,7 +117,7 @@ def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float
 
 
 @wp.func
-def look(
+def resolve(
     program: Program,
     rel: int,
     own: Placed,
@@ -127,7 +127,7 @@ def look(
     present: wp.array(dtype=int),
     hull: wp.array(dtype=wp.vec2),
     first: int,
-) -> Sight:
+) -> ResolvedRelation:
     """What a relation comes to for an object (its bounds and heading; where it is does not matter) in one world.
 
     Absent anchors count as not named; a relation that is left without enough of them is not active. The corners of a
@@ -148,7 +148,7 @@ def look(
             width = wp.min(size[0], size[1])
         return _between(width, points, num, hull, first)
 
-    s = Sight()
+    s = ResolvedRelation()
     frame = program.rel_frame[rel]
     axis = program.rel_heading[rel]
     s.active = num > 0
@@ -174,7 +174,7 @@ def look(
 
 
 @wp.func
-def side_num(program: Program, rel: int, s: Sight) -> int:
+def side_num(program: Program, rel: int, s: ResolvedRelation) -> int:
     """How many half-planes hold one piece of a relation."""
     if not s.active:
         return 0
@@ -185,7 +185,7 @@ def side_num(program: Program, rel: int, s: Sight) -> int:
 
 @wp.func
 def piece_side(
-    program: Program, rel: int, piece: int, side: int, s: Sight, hull: wp.array(dtype=wp.vec2), first: int
+    program: Program, rel: int, piece: int, side: int, s: ResolvedRelation, hull: wp.array(dtype=wp.vec2), first: int
 ) -> HalfPlane:
     """One of the half-planes that hold a piece of a relation."""
     if s.hullnum > 0:
@@ -218,10 +218,10 @@ def piece_side(
 
 
 @wp.func
-def holds(
+def relation_holds(
     program: Program,
     rel: int,
-    s: Sight,
+    s: ResolvedRelation,
     own: Placed,
     place: wp.array(dtype=wp.vec4),
     bounds: wp.array(dtype=wp.vec4),

@@ -142,6 +142,7 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
         "bank_mocap_pos": np.zeros((0, mocap, 3)),
         "bank_mocap_quat": np.zeros((0, mocap, 4)),
     }
+    program.faces = int(scene.config.geometry == "visual")
     program.nobject = len(plan.objects)
     program.ngroup = len(scene.config.groups)
     program.attempts = FEWEST_ATTEMPTS if scene.config.attempts == AUTO else scene.config.attempts

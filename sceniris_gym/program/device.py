@@ -84,6 +84,7 @@ class Program:
     ngroup: int
     attempts: int
     restarts: int
+    faces: int  # 1: leaves are faces, and round pieces beside them; 0: leaves are convex pieces
     face_vertadr: int  # where `vert` has the corners of faces, if the scene shows round primitives
     # Bodies and joints: what forward kinematics needs, as in mjModel.
     body_parent: wp.array(dtype=int)
@@ -139,7 +140,7 @@ class Program:
     obj_roofnum: wp.array(dtype=int)
     obj_cutnum: wp.array(dtype=int)  # pieces that relations cut a triangle into; 0: the same region in every world
     obj_erosion: wp.array(dtype=float)  # distance from the outline, in shares of the drawn bounds' shorter edge
-    obj_insists: wp.array(dtype=int)  # 1: redrawing its own bounds or turn may open a region that was empty
+    obj_retry_if_empty: wp.array(dtype=int)  # 1: redrawing its own bounds or turn may open a region that was empty
     obj_reladr: wp.array(dtype=int)
     obj_relnum: wp.array(dtype=int)
     # Lists of pairs: after those of objects come the robot against itself, then against all but each reach target
@@ -216,6 +217,7 @@ class Program:
     point: wp.array(dtype=wp.vec3)  # one of each closed component, for containment
     pair_a: wp.array(dtype=int)
     pair_b: wp.array(dtype=int)
+    pair_own: wp.array(dtype=int)  # bits: 1, a is of the object that is placed (or of the robot); 2, b is
     pair_margin: wp.array(dtype=float)
     pair_touch: wp.array(dtype=float)  # the least distance [m] where the pair is an object and its support
     start: wp.array(dtype=wp.vec3i)  # (pair, node of a, node of b) that the collision test begins with

@@ -10,6 +10,7 @@ import numpy as np
 from sceniris_gym.config.fields import LEAST_GAP
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.orientation import DrawnOrientation
+from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.geometry.colliders import Colliders
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.geometry.ragged import ranges
@@ -125,7 +126,11 @@ def _pairs(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int) -> d
     start, startadr, startnum = ranges(
         first_nodes(colliders, part, int(first), lanes) for part, first in zip(lists, pairadr, strict=True)
     )
+    robot = scene.subtree(ROBOT) if ROBOT in scene.bodies else []
+    owners = [o.bodies for o in plan.objects] + [robot] * (len(lists) - len(plan.objects))
+    own = [[int(colliders.body[c] in owners[i]) for c in p[:2]] for i, part in enumerate(lists) for p in part]
     return {
+        "pair_own": np.array([a + 2 * b for a, b in own], int),
         "obj_pairadr": pairadr,
         "obj_pairnum": pairnum,
         "obj_startadr": startadr,

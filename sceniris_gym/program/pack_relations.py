@@ -41,7 +41,7 @@ def pack_relations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
         _check_size(scene, o)
     return {
         "obj_reladr": reladr,
-        "obj_insists": np.array([_insists(o) for o in plan.objects]),
+        "obj_retry_if_empty": np.array([_insists(o) for o in plan.objects]),
         "obj_relnum": relnum,
         "rel_type": np.array([_TYPES[r.kind] for r in relations], int),
         "rel_anchoradr": anchoradr,

@@ -175,7 +175,7 @@ def test_an_object_insists_where_its_own_draw_may_open_a_region(case: str, folde
     box = {"asset": str(folder / "box.xml"), "on": "floor"}
     objects = {"post": {**box, "kind": "fixture"}, "tail": {**box, "kind": "fixture"}, "thing": {**box, **words}}
     packed = pack(scene_of(objects))
-    assert bool(packed["obj_insists"][packed.number("thing")]) is insists
+    assert bool(packed["obj_retry_if_empty"][packed.number("thing")]) is insists
 
 
 def test_what_does_not_know_its_turn_cannot_be_beside(folder: Path):

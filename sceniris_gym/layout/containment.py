@@ -1,0 +1,63 @@
+"""Surfaces that do not meet may still enclose one another: points of each against the winding number of the other."""
+
+import warp as wp
+
+from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.leaves import pair_poses
+from sceniris_gym.layout.search import Search, list_of, row_of
+from sceniris_gym.layout.transforms import Pose, relative
+from sceniris_gym.program.device import Cause, Program
+
+wp.set_module_options({"enable_backward": False})
+
+_NONE = wp.constant(int(Cause.NONE))
+_COLLISION = wp.constant(int(Cause.COLLISION))
+
+
+@wp.func
+def _has_points_inside(program: Program, a: int, b: int, rel: Pose) -> bool:
+    """Is a component of collider a inside the solid of b? `rel` is b in a's frame."""
+    root = program.collider_root[b]
+    at = wp.transpose(rel.rot)
+    for i in range(program.collider_pointnum[a]):
+        p = at * (program.point[program.collider_pointadr[a] + i] - rel.pos)
+        d = p - program.node_center[root]
+        half = program.node_half[root]
+        if wp.abs(d[0]) <= half[0] and wp.abs(d[1]) <= half[1] and wp.abs(d[2]) <= half[2]:
+            query = wp.mesh_query_point_sign_winding_number(program.collider_mesh[b], p, 4.0 * wp.length(half))
+            if query.result and query.sign < 0.0:
+                return True
+    return False
+
+
+@wp.kernel
+def _test_containment(
+    program: Program,
+    lanes: int,
+    lanes_each: int,
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+):
+    for i in range(wp.tid(), search.screened[0] * lanes_each, lanes):
+        c = search.survivor[i // lanes_each]
+        row = row_of(search, c)
+        tests = list_of(search, row)
+        adr = program.obj_pairadr[tests]
+        for pair in range(adr + i % lanes_each, adr + program.obj_pairnum[tests], lanes_each):
+            a = program.pair_a[pair]
+            b = program.pair_b[pair]
+            if search.cause[c] == _NONE and program.collider_plane[b] < 0:
+                poses = pair_poses(program, layouts, search, c, row, pair)
+                if _has_points_inside(program, a, b, relative(poses.a, poses.b)):
+                    search.cause[c] = _COLLISION
+                elif _has_points_inside(program, b, a, relative(poses.b, poses.a)):
+                    search.cause[c] = _COLLISION
+
+
+def launch_test_containment(
+    program: Program, lanes: int, lanes_each: int, layouts: LayoutsView, search: Search, device: str
+) -> None:
+    """Test whether a candidate encloses, or is enclosed by, what stands; for `geometry: visual`."""
+    inputs = [program, lanes, lanes_each, layouts]
+    wp.launch(_test_containment, dim=lanes, inputs=inputs, outputs=[search], device=device)

@@ -1,0 +1,100 @@
+"""Candidates are drawn: a lane for each trial of each row's object. Joints first, then orientation, then a point.
+
+Where relations leave a different region in every world, `points.py` draws the point.
+"""
+
+import warp as wp
+
+from sceniris_gym.layout.kinematics import draw_joints, pose_bodies
+from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.measure import bounds_of, measure
+from sceniris_gym.layout.orientations import draw_turn
+from sceniris_gym.layout.points import draw_in_triangle, draw_triangle
+from sceniris_gym.layout.random import uniforms
+from sceniris_gym.layout.search import Search, row_of, stream_of, trial_of, turn_of
+from sceniris_gym.layout.transforms import apply, pose_of
+from sceniris_gym.program.device import Cause, Measure, ObjectKind, OrientationType, Program
+
+wp.set_module_options({"enable_backward": False})
+
+_STATIC = wp.constant(int(ObjectKind.STATIC))
+_ANY = wp.constant(int(OrientationType.ANY))
+_WHOLE = wp.constant(int(Measure.WHOLE))
+_NONE = wp.constant(int(Cause.NONE))
+_EMPTY = wp.constant(int(Cause.EMPTY))
+
+
+@wp.func
+def _draw_static(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int):
+    """Pose what stays where the model has it, its joints drawn."""
+    pose_bodies(program, obj, 0, search.qpos[c], search.body_pos[c], search.body_quat[c])
+    if program.obj_measured[obj] == _WHOLE:
+        place = layouts.place[row, program.obj_slot[obj]]
+        search.bounds[c] = bounds_of(program, obj, place, search.body_pos[c], search.body_quat[c])
+
+
+@wp.func
+def _draw_point(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, u: wp.vec4):
+    """Draw the point under the pivot, and the heading, in a region that is the same in every world."""
+    turn = search.turn[c]
+    ground = program.obj_ground[obj]
+    box = program.obj_box_upper[obj] - program.obj_box_lower[obj]
+    search.point[c] = program.obj_box_lower[obj] + wp.cw_mul(wp.vec3(u[1], u[2], u[3]), box)
+    search.heading[c] = turn.yaw
+    if ground < 0:
+        return
+    frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])
+    if program.obj_orientation[obj] != _ANY:
+        search.heading[c] = turn.yaw + wp.atan2(frame.rot[1, 0], frame.rot[0, 0])
+    if program.obj_cutnum[obj] > 0:
+        return
+    if program.variant_trinum[turn.variant] == 0:
+        search.cause[c] = _EMPTY
+        return
+    tri = draw_triangle(program, turn.variant, u[1])
+    at = draw_in_triangle(program, tri, u[2], u[3])
+    surface = program.tri_surface[tri]
+    search.surface[c] = surface
+    search.point[c] = apply(frame, wp.vec3(at[0], at[1], program.surface_height[surface]))
+
+
+@wp.kernel
+def _draw(
+    program: Program,
+    split: wp.uint32,
+    lanes: int,
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+):
+    for c in range(wp.tid(), search.candidates[0], lanes):
+        row = row_of(search, c)
+        obj = search.row_object[row]
+        if turn_of(search, c, row) >= program.attempts:
+            search.cause[c] = _EMPTY  # nothing is drawn, and nothing looks
+            continue
+        trial = trial_of(program, search, c, row)
+        seed = layouts.seed[search.row_world[row]]
+        episode = layouts.episode[search.row_world[row]]
+        stream = stream_of(program, split, obj)
+        search.cause[c] = _NONE
+        search.surface[c] = -1
+        search.grasp[c] = -1
+        draw_joints(program, obj, seed, episode, stream, trial, search.qpos[c])
+        if program.obj_kind[obj] == _STATIC:
+            _draw_static(program, layouts, search, c, row, obj)
+            continue
+        u = uniforms(seed, episode, stream, trial, 0)
+        w = wp.vec4(0.0)
+        if program.obj_orientation[obj] == _ANY or program.obj_variantnum[obj] > 1:
+            w = uniforms(seed, episode, stream, trial, 1)
+        turn = draw_turn(program, obj, u, w)
+        if program.obj_measured[obj] != 0:
+            turn = measure(program, obj, turn, search.qpos[c], search.body_pos[c], search.body_quat[c])
+        search.turn[c] = turn
+        _draw_point(program, layouts, search, c, row, obj, u)
+
+
+def launch_draw(program: Program, split: int, lanes: int, layouts: LayoutsView, search: Search, device: str) -> None:
+    """Draw the candidates of this wave."""
+    wp.launch(_draw, dim=lanes, inputs=[program, split, lanes, layouts], outputs=[search], device=device)

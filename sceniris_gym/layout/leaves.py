@@ -1,0 +1,200 @@
+"""Leaves of box trees against each other: convex pieces, triangles, and planes.
+
+With `geometry: physics` a leaf is a convex piece, with `geometry: visual` a triangle or a round piece. A candidate with
+one pair of leaves that are not further apart than they have to be is rejected, so the order of the pairs cannot matter.
+"""
+
+import warp as wp
+
+from sceniris_gym.geometry.colliders import PIECE_LEAF
+from sceniris_gym.geometry.pieces import PieceType
+from sceniris_gym.layout.convex import Shape, least_extent, piece_shape, separated
+from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.search import Search, list_of, row_of
+from sceniris_gym.layout.transforms import Pose, apply, compose, pose_of, relative
+from sceniris_gym.layout.triangles import triangles_separated
+from sceniris_gym.program.device import Cause, ObjectKind, Program
+
+wp.set_module_options({"enable_backward": False})
+
+# Distances are compared with the margin plus this [m]: above the rounding of float32 poses and vertices within a few
+# metres, below the 10 um to which a rejection must be right.
+SKIN = 5.0e-6
+
+_SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
+_PIECE_LEAF = wp.constant(PIECE_LEAF)
+_HULL = wp.constant(int(PieceType.HULL))
+_COLLISION = wp.constant(int(Cause.COLLISION))
+_STATIC = wp.constant(int(ObjectKind.STATIC))
+_OWN_A = wp.constant(1)
+_OWN_B = wp.constant(2)
+
+
+@wp.struct
+class PairPoses:
+    """The bodies of a pair of colliders in the world."""
+
+    a: Pose
+    b: Pose
+
+
+@wp.struct
+class OverPlane:
+    """A plane seen from a body: its normal in the body's frame, and the height of the body's origin over it."""
+
+    normal: wp.vec3
+    height: float
+
+
+@wp.func
+def pair_poses(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, pair: int) -> PairPoses:
+    """Where a candidate has a pair's bodies: its own where it was posed, all others where the row has them."""
+    own = program.pair_own[pair]
+    a = program.collider_body[program.pair_a[pair]]
+    b = program.collider_body[program.pair_b[pair]]
+    p = PairPoses()
+    if (own & _OWN_A) != 0:
+        p.a = pose_of(search.body_pos[c, a], search.body_quat[c, a])
+    else:
+        p.a = pose_of(layouts.body_pos[row, a], layouts.body_quat[row, a])
+    if (own & _OWN_B) != 0:
+        p.b = pose_of(search.body_pos[c, b], search.body_quat[c, b])
+    else:
+        p.b = pose_of(layouts.body_pos[row, b], layouts.body_quat[row, b])
+    return p
+
+
+@wp.func
+def margin_of(program: Program, pair: int, support_body: int) -> float:
+    """The least distance [m] of a pair; to the body that the object stands on without its clearance."""
+    margin = program.pair_margin[pair]
+    if program.collider_body[program.pair_b[pair]] == support_body:
+        margin = program.pair_touch[pair]
+    return margin + wp.static(SKIN)
+
+
+@wp.func
+def support_of(program: Program, tests: int) -> int:
+    """The body that the object of a list of pairs stands on, to which its clearance does not apply; -1 for none."""
+    if tests >= program.nobject or program.obj_kind[tests] == _STATIC:
+        return -1
+    return program.obj_ground[tests]
+
+
+@wp.func
+def piece_pose(program: Program, piece: int) -> Pose:
+    """A piece's frame in its body's."""
+    return pose_of(program.piece_pos[piece], program.piece_quat[piece])
+
+
+@wp.func
+def lowest(program: Program, piece: int, in_body: wp.vec3) -> float:
+    """Least extent of a convex piece along the direction `in_body`, both in the body's frame."""
+    return least_extent(program.vert, piece_shape(program, piece), piece_pose(program, piece), in_body)
+
+
+@wp.func
+def over_plane(program: Program, pose: Pose, plane_pose: Pose, plane: int) -> OverPlane:
+    """A plane seen from a body, both bodies posed in the world."""
+    up = compose(plane_pose, piece_pose(program, plane))
+    axis = wp.vec3(up.rot[0, 2], up.rot[1, 2], up.rot[2, 2])
+    over = OverPlane()
+    over.normal = wp.transpose(pose.rot) * axis
+    over.height = wp.dot(axis, pose.pos - up.pos)
+    return over
+
+
+@wp.func
+def _leaf_shape(program: Program, leaf: int) -> Shape:
+    """The shape of a leaf: that of a piece, or of a triangle as the hull of its corners."""
+    s = Shape()
+    if program.faces == 0:
+        s = piece_shape(program, leaf)
+    elif leaf >= _PIECE_LEAF:
+        s = piece_shape(program, leaf - _PIECE_LEAF)
+    else:
+        s.kind = _HULL
+        s.size = wp.vec3(0.0)
+        s.vertadr = program.face_vertadr + 3 * leaf
+        s.vertnum = int(3)
+        s.radius = float(0.0)
+    return s
+
+
+@wp.func
+def _leaf_pose(program: Program, leaf: int) -> Pose:
+    """Its frame in its body's."""
+    p = Pose()
+    p.pos = wp.vec3(0.0)
+    p.rot = wp.identity(n=3, dtype=float)
+    if program.faces == 0:
+        p = piece_pose(program, leaf)
+    elif leaf >= _PIECE_LEAF:
+        p = piece_pose(program, leaf - _PIECE_LEAF)
+    return p
+
+
+@wp.func
+def _separated(program: Program, a: int, b: int, rel: Pose, margin: float) -> bool:
+    """Are two leaves further apart than `margin` [m]? `rel` is b's body in a's frame."""
+    if program.faces != 0 and a < _PIECE_LEAF and b < _PIECE_LEAF:
+        return triangles_separated(
+            program.face_a[a],
+            program.face_b[a],
+            program.face_c[a],
+            apply(rel, program.face_a[b]),
+            apply(rel, program.face_b[b]),
+            apply(rel, program.face_c[b]),
+            margin,
+        )
+    frame = relative(_leaf_pose(program, a), compose(rel, _leaf_pose(program, b)))
+    return separated(program.vert, _leaf_shape(program, a), _leaf_shape(program, b), frame, _SPACE, margin)
+
+
+@wp.func
+def _lowest_of_leaf(program: Program, leaf: int, in_body: wp.vec3) -> float:
+    """Least extent [m] of a leaf along a direction, both in the body's frame."""
+    if program.faces != 0 and leaf < _PIECE_LEAF:
+        return wp.min(
+            wp.min(wp.dot(in_body, program.face_a[leaf]), wp.dot(in_body, program.face_b[leaf])),
+            wp.dot(in_body, program.face_c[leaf]),
+        )
+    piece = leaf
+    if program.faces != 0:
+        piece = leaf - _PIECE_LEAF
+    return lowest(program, piece, in_body)
+
+
+@wp.func
+def leaves_touch(program: Program, pair: int, node_a: int, node_b: int, poses: PairPoses, margin: float) -> bool:
+    """Are the leaves of two nodes of a pair no further apart than `margin` [m]?"""
+    a = ~program.node_child[node_a]
+    plane = program.collider_plane[program.pair_b[pair]]
+    if plane >= 0:
+        over = over_plane(program, poses.a, poses.b, plane)
+        return over.height + _lowest_of_leaf(program, a, over.normal) <= margin
+    return not _separated(program, a, ~program.node_child[node_b], relative(poses.a, poses.b), margin)
+
+
+@wp.kernel
+def _test_leaves(
+    program: Program,
+    lanes: int,
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+):
+    for i in range(wp.tid(), wp.min(search.leaves[0], search.leaf.shape[0]), lanes):
+        entry = search.leaf[i]
+        c = entry[0]
+        if search.cause[c] != _COLLISION:
+            row = row_of(search, c)
+            poses = pair_poses(program, layouts, search, c, row, entry[1])
+            margin = margin_of(program, entry[1], support_of(program, list_of(search, row)))
+            if leaves_touch(program, entry[1], entry[2], entry[3], poses, margin):
+                search.cause[c] = _COLLISION
+
+
+def launch_test_leaves(program: Program, lanes: int, layouts: LayoutsView, search: Search, device: str) -> None:
+    """Test the pairs of leaves that wait."""
+    wp.launch(_test_leaves, dim=lanes, inputs=[program, lanes, layouts], outputs=[search], device=device)

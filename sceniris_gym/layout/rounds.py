@@ -1,0 +1,238 @@
+"""Rounds of restarts: every pending world tries one restart, or several where rows are free, and the lowest that placed
+everything is its layout."""
+
+import warp as wp
+
+from sceniris_gym.layout.bank import fall_back
+from sceniris_gym.layout.groups import draw_groups, next_object
+from sceniris_gym.layout.layouts import LayoutsView, Status
+from sceniris_gym.layout.search import Search
+from sceniris_gym.program.device import Program
+from sceniris_gym.program.device_reach import Reach
+
+wp.set_module_options({"enable_backward": False})
+
+_VALID = wp.constant(int(Status.VALID))
+_NEVER = wp.constant(1 << 30)
+
+
+@wp.kernel
+def _start(
+    program: Program,
+    mask: wp.array(dtype=bool),
+    split: wp.uint32,
+    # Layouts in and out:
+    layouts: LayoutsView,
+    # Search out:
+    search: Search,
+):
+    worldid = wp.tid()
+    search.waiting[worldid] = False
+    if mask:
+        if not mask[worldid]:
+            return
+    layouts.episode[worldid] = layouts.episode[worldid] + 1
+    layouts.attempts[worldid] = 0
+    search.pending[worldid] = True
+    search.restart[worldid] = 0
+    wp.atomic_add(search.worlds_left, 0, 1)
+    draw_groups(program, layouts.seed[worldid], layouts.episode[worldid], split, layouts.present[worldid])
+
+
+def launch_start(
+    program: Program, mask: wp.array | None, split: int, layouts: LayoutsView, search: Search, device: str
+) -> None:
+    """Advance the masked worlds by an episode; all of them are pending then."""
+    dim = search.pending.shape[0]
+    wp.launch(_start, dim=dim, inputs=[program, mask, split], outputs=[layouts, search], device=device)
+
+
+@wp.kernel
+def _plan_round(
+    program: Program,
+    busy: int,
+    # Search in and out:
+    search: Search,
+):
+    worlds = search.worlds_left[0]
+    extra = search.row_rejections.shape[0]
+    search.restarts_at_once[0] = wp.clamp(wp.min(extra // worlds + 1, busy // worlds), 1, program.restarts + 1)
+    search.worlds_left[0] = 0
+    search.tickets[0] = 0
+
+
+@wp.func
+def _open_row(program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, worldid: int, restart: int):
+    """Let a row try a restart of a world."""
+    nworld = search.pending.shape[0]
+    if row >= nworld:
+        for i in range(layouts.present.shape[1]):
+            layouts.present[row, i] = layouts.present[worldid, i]
+        for i in range(search.row_rejections.shape[1]):
+            for j in range(search.row_rejections.shape[2]):
+                search.row_rejections[row - nworld, i, j] = 0
+    search.row_world[row] = worldid
+    search.row_restart[row] = restart
+    search.row_trial[row] = 0
+    search.row_attempts[row] = 0
+    search.row_object[row] = next_object(program, reach, layouts, row, 0)
+    if search.row_object[row] < program.nobject:
+        search.queue[1 - search.source[0], wp.atomic_add(search.rows_left, 0, 1)] = row
+    else:
+        wp.atomic_min(search.best, worldid, restart)
+
+
+@wp.func
+def _row_of_restart(search: Search, worldid: int, number: int) -> int:
+    """The row of a world's restart of this round, by its number among them."""
+    if number == 0:
+        return worldid
+    return search.pending.shape[0] + search.ticket[worldid] * (search.restarts_at_once[0] - 1) + number - 1
+
+
+@wp.kernel
+def _open_rows(
+    program: Program,
+    reach: Reach,
+    # Layouts in and out:
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+):
+    worldid = wp.tid()
+    if not search.pending[worldid]:
+        return
+    search.ticket[worldid] = wp.atomic_add(search.tickets, 0, 1)
+    search.best[worldid] = _NEVER
+    for i in range(search.restarts_at_once[0]):
+        restart = search.restart[worldid] + i
+        if restart <= program.restarts:
+            _open_row(program, reach, layouts, search, _row_of_restart(search, worldid, i), worldid, restart)
+
+
+def launch_open_rows(
+    program: Program, reach: Reach, busy: int, layouts: LayoutsView, search: Search, device: str
+) -> None:
+    """Give the pending worlds rows."""
+    wp.launch(_plan_round, dim=1, inputs=[program, busy], outputs=[search], device=device)
+    dim = search.pending.shape[0]
+    wp.launch(_open_rows, dim=dim, inputs=[program, reach], outputs=[layouts, search], device=device)
+
+
+@wp.kernel
+def _plan_wave(
+    program: Program,
+    busy: int,
+    # Search in and out:
+    search: Search,
+):
+    rows = search.rows_left[0]
+    capacity = search.cause.shape[0]
+    trials = wp.clamp(wp.min(busy, capacity) // rows, 1, program.attempts)
+    search.trials_at_once[0] = trials
+    search.candidates[0] = wp.min(rows * trials, capacity)
+    search.rows[0] = rows
+    search.source[0] = 1 - search.source[0]
+    search.rows_left[0] = 0
+    search.screened[0] = 0
+    search.leaves[0] = 0
+
+
+def launch_plan_wave(program: Program, busy: int, search: Search, device: str) -> None:
+    """Decide how many trials of each row are drawn at once."""
+    wp.launch(_plan_wave, dim=1, inputs=[program, busy], outputs=[search], device=device)
+
+
+@wp.func
+def _count_row(layouts: LayoutsView, search: Search, worldid: int, row: int):
+    """Count the attempts of a restart that was reached, and its rejections if they were not counted at once."""
+    nworld = search.pending.shape[0]
+    layouts.attempts[worldid] += search.row_attempts[row]
+    if row >= nworld:
+        for i in range(search.row_rejections.shape[1]):
+            for j in range(search.row_rejections.shape[2]):
+                number = search.row_rejections[row - nworld, i, j]
+                if number > 0:
+                    wp.atomic_add(layouts.rejections, i, j, number)
+
+
+@wp.func
+def _copy_row(layouts: LayoutsView, row: int, worldid: int):
+    """Copy a finished row into that of its world."""
+    for i in range(layouts.qpos.shape[1]):
+        layouts.qpos[worldid, i] = layouts.qpos[row, i]
+    for i in range(layouts.mocap_pos.shape[1]):
+        layouts.mocap_pos[worldid, i] = layouts.mocap_pos[row, i]
+        layouts.mocap_quat[worldid, i] = layouts.mocap_quat[row, i]
+    for i in range(layouts.place.shape[1]):
+        layouts.place[worldid, i] = layouts.place[row, i]
+        layouts.bounds[worldid, i] = layouts.bounds[row, i]
+    for i in range(layouts.grasp.shape[1]):
+        layouts.grasp[worldid, i] = layouts.grasp[row, i]
+        layouts.variant[worldid, i] = layouts.variant[row, i]
+    for i in range(layouts.body_pos.shape[1]):
+        layouts.body_pos[worldid, i] = layouts.body_pos[row, i]
+        layouts.body_quat[worldid, i] = layouts.body_quat[row, i]
+
+
+@wp.kernel
+def _settle(
+    program: Program,
+    reach: Reach,
+    split: wp.uint32,
+    staged: bool,
+    # Layouts in and out:
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+):
+    worldid = wp.tid()
+    if not search.pending[worldid]:
+        return
+    first = search.restart[worldid]
+    best = search.best[worldid]
+    last = wp.min(wp.min(first + search.restarts_at_once[0] - 1, program.restarts), best)
+    row = worldid
+    for i in range(last - first + 1):
+        row = _row_of_restart(search, worldid, i)
+        _count_row(layouts, search, worldid, row)
+    search.restart[worldid] = last + 1
+    if best < _NEVER:
+        if row != worldid:
+            _copy_row(layouts, row, worldid)
+        layouts.status[worldid] = _VALID
+        layouts.first_pass_valid[worldid] = wp.where(best == 0, 1, 0)
+        search.pending[worldid] = False
+        search.waiting[worldid] = staged
+    elif last == program.restarts:
+        layouts.status[worldid] = fall_back(program, reach, layouts, worldid, split)
+        layouts.first_pass_valid[worldid] = 0
+        search.pending[worldid] = False
+    else:
+        wp.atomic_add(search.worlds_left, 0, 1)
+
+
+def launch_settle(
+    program: Program, reach: Reach, split: int, staged: bool, layouts: LayoutsView, search: Search, device: str
+) -> None:
+    """End a round: worlds with a layout are done, those out of restarts fall back, and the others stay pending."""
+    inputs = [program, reach, split, staged]
+    dim = search.pending.shape[0]
+    wp.launch(_settle, dim=dim, inputs=inputs, outputs=[layouts, search], device=device)
+
+
+@wp.kernel
+def _reopen(
+    # Search in and out:
+    search: Search,
+):
+    worldid = wp.tid()
+    if search.waiting[worldid]:
+        search.waiting[worldid] = False
+        search.pending[worldid] = True
+        wp.atomic_add(search.worlds_left, 0, 1)
+
+
+def launch_reopen(search: Search, device: str) -> None:
+    """Let worlds that still wait for a layout within reach go on with their next restart."""
+    wp.launch(_reopen, dim=search.pending.shape[0], inputs=[], outputs=[search], device=device)

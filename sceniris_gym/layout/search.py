@@ -1,0 +1,162 @@
+"""`Search`: what is kept while layouts are looked for: rows, candidates, and queues of fixed capacity.
+
+A *row* is one restart of one world: the objects placed so far, and the next one with its next trial. The first
+`nworld` rows are those of the worlds themselves; the others try later restarts of worlds at the same time. A
+*candidate* is one trial of one row's object. Counts that steer loops are arrays of one element, read on the device.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from sceniris_gym.config.limits import MAX_ANCHORS, MAX_RELATIONS
+from sceniris_gym.layout.orientations import DrawnVariant
+from sceniris_gym.layout.relations import ResolvedRelation
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.layout.random import STREAM_BITS
+from sceniris_gym.program.device import Cause, Program
+
+_STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
+
+
+@wp.struct
+class Search:
+    """The arrays of a search as device code takes them."""
+
+    # Worlds
+    pending: wp.array(dtype=bool)  # no layout yet
+    waiting: wp.array(dtype=bool)  # placed, but whether the arm reaches it is open
+    restart: wp.array(dtype=int)  # the next one to try
+    ticket: wp.array(dtype=int)  # number among the pending worlds of this round
+    best: wp.array(dtype=int)  # the lowest restart of this round that has placed everything
+    # Rows
+    row_world: wp.array(dtype=int)
+    row_restart: wp.array(dtype=int)
+    row_object: wp.array(dtype=int)  # the object to place next; all are placed if there is no such object
+    row_trial: wp.array(dtype=int)  # its next trial, from 0
+    row_attempts: wp.array(dtype=int)  # candidates drawn in this restart
+    row_rejections: wp.array3d(dtype=int)  # of rows beyond those of worlds: by object and cause
+    queue: wp.array2d(dtype=int)  # rows that still place objects; two lists, of which one is read and one written
+    # Counts
+    worlds_left: wp.array(dtype=int)
+    rows_left: wp.array(dtype=int)
+    tickets: wp.array(dtype=int)
+    restarts_at_once: wp.array(dtype=int)
+    trials_at_once: wp.array(dtype=int)
+    source: wp.array(dtype=int)  # which list of `queue` is read
+    rows: wp.array(dtype=int)  # number of rows in it
+    candidates: wp.array(dtype=int)
+    screened: wp.array(dtype=int)
+    leaves: wp.array(dtype=int)
+    # Candidates
+    cause: wp.array(dtype=int)
+    turn: wp.array(dtype=DrawnVariant)
+    heading: wp.array(dtype=float)
+    point: wp.array(dtype=wp.vec3)  # under the pivot [m]
+    surface: wp.array(dtype=int)
+    place: wp.array(dtype=wp.vec4)
+    bounds: wp.array(dtype=wp.vec4)
+    grasp: wp.array(dtype=int)
+    qpos: wp.array2d(dtype=float)
+    body_pos: wp.array2d(dtype=wp.vec3)
+    body_quat: wp.array2d(dtype=wp.vec4)
+    relations: wp.array2d(dtype=ResolvedRelation)
+    hulls: wp.array2d(dtype=wp.vec2)
+    survivor: wp.array(dtype=int)  # candidates that passed the screen
+    leaf: wp.array(dtype=wp.vec4i)  # (candidate, pair, node of a, node of b)
+
+
+@wp.func
+def row_of(search: Search, candidate: int) -> int:
+    """The row whose object a candidate is drawn for."""
+    return search.queue[search.source[0], candidate // search.trials_at_once[0]]
+
+
+@wp.func
+def turn_of(search: Search, candidate: int, row: int) -> int:
+    """Which of its object's trials in this restart a candidate is, from 0."""
+    return search.row_trial[row] + candidate % search.trials_at_once[0]
+
+
+@wp.func
+def trial_of(program: Program, search: Search, candidate: int, row: int) -> int:
+    """The number of a candidate's trial, all restarts together."""
+    return search.row_restart[row] * program.attempts + turn_of(search, candidate, row)
+
+
+@wp.func
+def stream_of(program: Program, split: wp.uint32, obj: int) -> wp.uint32:
+    """The stream of random numbers that an object's candidates are drawn from."""
+    return (split << _STREAM_BITS) + wp.uint32(program.obj_stream[obj])
+
+
+@wp.func
+def list_of(search: Search, row: int) -> int:
+    """The list of pairs that the candidates of a row are tested against."""
+    return search.row_object[row]
+
+
+@dataclass(frozen=True)
+class SearchSize:
+    """Capacities, which affect the speed and never the layouts.
+
+    Attributes:
+        rows: Rows beyond one for each world, for restarts that are tried at the same time.
+        candidates: Candidates of one wave.
+        busy: Candidates of a wave up to which further trials and restarts are tried at the same time.
+        leaves: Pairs of leaves that wait for lanes of their own; what does not fit is tested where it is found.
+        lanes: Lanes of a launch.
+        lanes_each: Lanes that share the pairs of one candidate.
+    """
+
+    rows: int
+    candidates: int
+    busy: int
+    leaves: int
+    lanes: int
+    lanes_each: int
+
+
+def default_size(device: str) -> SearchSize:
+    """What suits a device: on a CPU one lane does everything and nothing waits."""
+    if wp.get_device(device).is_cuda:
+        return SearchSize(rows=8192, candidates=1 << 17, busy=1 << 14, leaves=1 << 19, lanes=1 << 18, lanes_each=32)
+    return SearchSize(rows=0, candidates=512, busy=1, leaves=0, lanes=1, lanes_each=1)
+
+
+def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Search:
+    """Allocate the arrays of a search for `nworld` worlds."""
+    nrow, ncand, mjm = nworld + size.rows, size.candidates, compiled.mjm
+    nbody = mjm.nbody
+    s = Search()
+    with wp.ScopedDevice(compiled.device):
+        s.pending = wp.zeros(nworld, dtype=bool)
+        s.waiting = wp.zeros(nworld, dtype=bool)
+        for name in ("restart", "ticket", "best"):
+            setattr(s, name, wp.zeros(nworld, dtype=int))
+        for name in ("row_world", "row_restart", "row_object", "row_trial", "row_attempts"):
+            setattr(s, name, wp.zeros(nrow, dtype=int))
+        s.row_rejections = wp.zeros((size.rows, max(len(compiled.placed), 1), len(Cause)), dtype=int)
+        s.queue = wp.zeros((2, nrow), dtype=int)
+        for name in ("worlds_left", "rows_left", "tickets", "restarts_at_once", "trials_at_once", "source", "rows"):
+            setattr(s, name, wp.zeros(1, dtype=int))
+        for name in ("candidates", "screened", "leaves"):
+            setattr(s, name, wp.zeros(1, dtype=int))
+        for name in ("cause", "surface", "grasp", "survivor"):
+            setattr(s, name, wp.zeros(ncand, dtype=int))
+        s.turn = wp.zeros(ncand, dtype=DrawnVariant)
+        s.heading = wp.zeros(ncand, dtype=float)
+        s.point = wp.zeros(ncand, dtype=wp.vec3)
+        s.place = wp.zeros(ncand, dtype=wp.vec4)
+        s.bounds = wp.zeros(ncand, dtype=wp.vec4)
+        s.qpos = wp.array(np.tile(compiled.home_qpos, (ncand, 1)), dtype=float, shape=(ncand, mjm.nq))
+        s.body_pos = wp.array(np.tile(compiled.home_xpos, (ncand, 1, 1)), dtype=wp.vec3, shape=(ncand, nbody))
+        s.body_quat = wp.array(np.tile(compiled.home_xquat, (ncand, 1, 1)), dtype=wp.vec4, shape=(ncand, nbody))
+        related = ncand if compiled.related else 0
+        s.relations = wp.zeros((related, MAX_RELATIONS), dtype=ResolvedRelation)
+        s.hulls = wp.zeros((related, MAX_RELATIONS * MAX_ANCHORS), dtype=wp.vec2)
+        s.leaf = wp.zeros(size.leaves, dtype=wp.vec4i)
+    return s
