@@ -7,6 +7,7 @@ piece has a convex form, which stands in for it where only extents and shadows m
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
@@ -82,6 +83,20 @@ class Piece:
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Least box of the convex form in the body's frame: lower and upper corner [m]."""
         return self.extents(np.eye(3))
+
+    @property
+    def radius(self) -> float:
+        """Radius [m] of a sphere around the frame's origin that holds the convex form; infinite for a plane."""
+        if self.type == PieceType.HULL:
+            return float(np.linalg.norm(self.vertices, axis=1).max())
+        sx, sy, _ = self.size
+        return {
+            PieceType.PLANE: math.inf,
+            PieceType.SPHERE: sx,
+            PieceType.CAPSULE: sx + sy,
+            PieceType.CYLINDER: math.hypot(sx, sy),
+            PieceType.ELLIPSOID: float(max(self.size)),
+        }.get(self.type, float(np.linalg.norm(self.size)))
 
     def extents(self, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Least and greatest extent [m] of the convex form along the rows of `axes`, given in the body's frame."""

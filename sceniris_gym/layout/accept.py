@@ -4,7 +4,7 @@ import warp as wp
 
 from sceniris_gym.layout.groups import next_object
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.search import Search
+from sceniris_gym.layout.search import UNPROVEN, Search
 from sceniris_gym.program.device import Cause, ObjectKind, Program
 from sceniris_gym.program.device_reach import Reach
 
@@ -13,6 +13,7 @@ wp.set_module_options({"enable_backward": False})
 _STATIC = wp.constant(int(ObjectKind.STATIC))
 _FREE = wp.constant(int(ObjectKind.FREE))
 _NONE = wp.constant(int(Cause.NONE))
+_UNPROVEN = wp.constant(UNPROVEN)
 _EMPTY = wp.constant(int(Cause.EMPTY))
 _REGION = wp.constant(int(Cause.REGION))
 _COLLISION = wp.constant(int(Cause.COLLISION))
@@ -121,7 +122,7 @@ def _accept_first(
     for t in range(trials):
         cause = search.cause[first + t]
         search.row_attempts[row] += 1
-        if cause == _NONE:
+        if cause == _NONE or cause == _UNPROVEN:  # nothing is unproven any more
             _place(program, reach, layouts, search, first + t, row, obj)
             return 0
         _count_rejection(layouts, search, row, obj, cause)

@@ -1,24 +1,29 @@
 """Trees of boxes against each other: which leaves of a candidate come near what stands already?
 
-A lane takes a pair of nodes with which the descent begins, and goes down both trees by itself. Leaves that come near
-each other wait in a queue for lanes of their own; what does not fit into the queue is tested at once.
+The lanes of a block share a candidate: a stack holds the pairs of nodes still to be looked at, every lane takes one, and
+what overlaps comes back as two smaller pairs. Leaves that come near each other wait in a queue for lanes of their own.
+Candidates for which it has no room, and those of triangles, where most leaves near each other mean a hit soon, are
+tested as a whole instead.
 """
 
 import warp as wp
 
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.leaves import PairPoses, leaves_touch, margin_of, over_plane, pair_poses, support_of
-from sceniris_gym.layout.search import Search, list_of, row_of
+from sceniris_gym.layout.search import UNPROVEN, Search, SearchSize, list_of, row_of
 from sceniris_gym.layout.transforms import Pose, apply, relative
 from sceniris_gym.program.device import Cause, Program
 
 wp.set_module_options({"enable_backward": False})
 
-STACK = 64
-"""Nodes that a descent may leave behind: one for each level of both trees."""
-_STACK = wp.constant(STACK)
+SHARED_STACK = 512
+"""Room for the pairs of nodes that a block's lanes leave behind: one for each lane and level of both trees."""
+OWN_STACK = 64
+"""Room for those that a lane by itself leaves behind: one for each level of both trees."""
+_OWN_STACK = wp.constant(OWN_STACK)
 _NONE = wp.constant(int(Cause.NONE))
 _COLLISION = wp.constant(int(Cause.COLLISION))
+_UNPROVEN = wp.constant(UNPROVEN)
 
 
 @wp.func
@@ -55,7 +60,7 @@ def boxes_separated(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pos
 
 
 @wp.func
-def _nodes_separated(program: Program, pair: int, na: int, nb: int, poses: PairPoses, rel: Pose, margin: float) -> bool:
+def _nodes_separated(program: Program, pair: int, na: int, nb: int, poses: PairPoses, margin: float) -> bool:
     """Are the boxes of two nodes of a pair further apart than `margin` [m]?"""
     center = program.node_center[na]
     half = program.node_half[na]
@@ -65,59 +70,109 @@ def _nodes_separated(program: Program, pair: int, na: int, nb: int, poses: PairP
         n = over.normal
         reach = wp.abs(n[0]) * half[0] + wp.abs(n[1]) * half[1] + wp.abs(n[2]) * half[2]
         return over.height + wp.dot(n, center) - reach > margin
+    rel = relative(poses.a, poses.b)
     return boxes_separated(center, half, program.node_center[nb], program.node_half[nb], rel, margin)
 
 
-@wp.func
-def _leave_to_queue(search: Search, c: int, pair: int, na: int, nb: int) -> bool:
-    """Queue a pair of leaves; false if there is no room."""
-    if search.leaf.shape[0] == 0:
-        return False
-    slot = wp.atomic_add(search.leaves, 0, 1)
-    if slot >= search.leaf.shape[0]:
-        return False
-    search.leaf[slot] = wp.vec4i(c, pair, na, nb)
-    return True
+@wp.struct
+class _Step:
+    """What a pair of nodes leads to: nothing, two smaller pairs, or a test of the leaves themselves."""
+
+    inner: bool
+    leaf: bool
+    left: wp.vec3i
+    right: wp.vec3i
 
 
 @wp.func
-def _descend(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, start: wp.vec3i, support: int):
-    """Go down both trees from a pair of nodes, until all leaves below are apart, queued, or one of them touches."""
+def _step(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> _Step:
+    """One step down both trees from an entry (pair, node of a, node of b)."""
+    step = _Step()
+    pair = entry[0]
+    na = entry[1]
+    nb = entry[2]
+    if _nodes_separated(program, pair, na, nb, poses, margin):
+        return step
+    child_a = program.node_child[na]
+    child_b = program.node_child[nb]
+    if child_a < 0 and child_b < 0:
+        step.leaf = True
+        return step
+    step.inner = True
+    if child_b < 0 or (child_a >= 0 and wp.max(program.node_half[na]) > wp.max(program.node_half[nb])):
+        step.left = wp.vec3i(pair, child_a, nb)
+        step.right = wp.vec3i(pair, child_a + 1, nb)
+    else:
+        step.left = wp.vec3i(pair, na, child_b)
+        step.right = wp.vec3i(pair, na, child_b + 1)
+    return step
+
+
+@wp.kernel(grid_stride=False)
+def _queue_leaves(
+    program: Program,
+    blocks: int,
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+):
+    block, lane = wp.tid()
+    nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
+    for i in range(block, search.screened[0], blocks):
+        c = search.survivor[i]
+        row = row_of(search, c)
+        tests = list_of(search, row)
+        support = support_of(program, tests)
+        last = program.obj_startadr[tests] + program.obj_startnum[tests]
+        for base in range(program.obj_startadr[tests], last, wp.block_dim()):
+            wp.tile_stack_push(nodes, program.start[wp.min(base + lane, last - 1)], base + lane < last)
+            while wp.tile_stack_count(nodes) > 0:
+                entry, slot = wp.tile_stack_pop(nodes)
+                step = _Step()
+                if slot >= 0:
+                    poses = pair_poses(program, layouts, search, c, row, entry[0])
+                    step = _step(program, entry, poses, margin_of(program, entry[0], support))
+                wp.tile_stack_push(nodes, step.left, step.inner)
+                wp.tile_stack_push(nodes, step.right, step.inner)
+                if step.leaf:
+                    at = wp.atomic_add(search.leaves, 0, 1)
+                    if at < search.leaf.shape[0]:
+                        search.leaf[at] = wp.vec4i(c, entry[0], entry[1], entry[2])
+                    else:
+                        search.cause[c] = _UNPROVEN
+
+
+@wp.func
+def _some_leaves_touch(
+    program: Program, layouts: LayoutsView, search: Search, c: int, row: int, start: wp.vec3i, support: int, wanted: int
+) -> bool:
+    """Are any leaves below an entry (pair, node of a, node of b) too near? Not asked on once another lane knows."""
     pair = start[0]
     poses = pair_poses(program, layouts, search, c, row, pair)
-    rel = relative(poses.a, poses.b)
     margin = margin_of(program, pair, support)
-    stack = wp.zeros(shape=(_STACK,), dtype=wp.vec2i)
-    stack[0] = wp.vec2i(start[1], start[2])
+    stack = wp.zeros(shape=(_OWN_STACK,), dtype=wp.vec3i)
+    stack[0] = start
     count = int(1)
-    while count > 0:
+    while count > 0 and search.cause[c] == wanted:
         count -= 1
-        na = stack[count][0]
-        nb = stack[count][1]
-        if _nodes_separated(program, pair, na, nb, poses, rel, margin):
-            continue
-        child_a = program.node_child[na]
-        child_b = program.node_child[nb]
-        if child_a < 0 and child_b < 0:
-            if not _leave_to_queue(search, c, pair, na, nb):
-                if leaves_touch(program, pair, na, nb, poses, margin):
-                    search.cause[c] = _COLLISION
-                    return
-            continue
-        if child_b < 0 or (child_a >= 0 and wp.max(program.node_half[na]) > wp.max(program.node_half[nb])):
-            stack[count] = wp.vec2i(child_a, nb)
-            stack[count + 1] = wp.vec2i(child_a + 1, nb)
-        else:
-            stack[count] = wp.vec2i(na, child_b)
-            stack[count + 1] = wp.vec2i(na, child_b + 1)
-        count += 2
+        entry = stack[count]
+        step = _step(program, entry, poses, margin)
+        if step.leaf:
+            if leaves_touch(program, pair, entry[1], entry[2], poses, margin):
+                return True
+        elif step.inner:
+            stack[count] = step.left
+            stack[count + 1] = step.right
+            count += 2
+    return False
 
 
 @wp.kernel
-def _test_boxes(
+def _test_whole(
     program: Program,
     lanes: int,
     lanes_each: int,
+    wanted: int,
     layouts: LayoutsView,
     # Search in and out:
     search: Search,
@@ -126,15 +181,29 @@ def _test_boxes(
         c = search.survivor[i // lanes_each]
         row = row_of(search, c)
         tests = list_of(search, row)
-        adr = program.obj_startadr[tests]
-        for s in range(adr + i % lanes_each, adr + program.obj_startnum[tests], lanes_each):
-            if search.cause[c] == _NONE:
-                _descend(program, layouts, search, c, row, program.start[s], support_of(program, tests))
+        support = support_of(program, tests)
+        first = program.obj_startadr[tests]
+        for s in range(first + i % lanes_each, first + program.obj_startnum[tests], lanes_each):
+            if search.cause[c] == wanted:
+                if _some_leaves_touch(program, layouts, search, c, row, program.start[s], support, wanted):
+                    search.cause[c] = _COLLISION
 
 
-def launch_test_boxes(
-    program: Program, lanes: int, lanes_each: int, layouts: LayoutsView, search: Search, device: str
+def launch_test_boxes(program: Program, size: SearchSize, layouts: LayoutsView, search: Search, device: str) -> None:
+    """Test the candidates that passed the screen against all that stands; leaves that come near are queued."""
+    wp.launch_tiled(
+        _queue_leaves,
+        dim=[size.blocks],
+        inputs=[program, size.blocks, layouts, search],
+        block_dim=size.block_dim,
+        device=device,
+    )
+
+
+def launch_test_whole(
+    program: Program, size: SearchSize, unproven: bool, layouts: LayoutsView, search: Search, device: str
 ) -> None:
-    """Test the candidates that passed the screen against all that stands."""
-    inputs = [program, lanes, lanes_each, layouts]
-    wp.launch(_test_boxes, dim=lanes, inputs=inputs, outputs=[search], device=device)
+    """Test candidates, leaves and all: those that passed the screen, or those for which the queue had no room."""
+    wanted = UNPROVEN if unproven else Cause.NONE
+    inputs = [program, size.lanes, size.block_dim, int(wanted), layouts, search]
+    wp.launch(_test_whole, dim=size.lanes, inputs=inputs, device=device)

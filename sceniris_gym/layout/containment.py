@@ -4,7 +4,7 @@ import warp as wp
 
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.leaves import pair_poses
-from sceniris_gym.layout.search import Search, list_of, row_of
+from sceniris_gym.layout.search import Search, SearchSize, list_of, row_of
 from sceniris_gym.layout.transforms import Pose, relative
 from sceniris_gym.program.device import Cause, Program
 
@@ -30,21 +30,21 @@ def _has_points_inside(program: Program, a: int, b: int, rel: Pose) -> bool:
     return False
 
 
-@wp.kernel
+@wp.kernel(grid_stride=False)
 def _test_containment(
     program: Program,
-    lanes: int,
-    lanes_each: int,
+    blocks: int,
     layouts: LayoutsView,
     # Search in and out:
     search: Search,
 ):
-    for i in range(wp.tid(), search.screened[0] * lanes_each, lanes):
-        c = search.survivor[i // lanes_each]
+    block, lane = wp.tid()
+    for i in range(block, search.screened[0], blocks):
+        c = search.survivor[i]
         row = row_of(search, c)
         tests = list_of(search, row)
         adr = program.obj_pairadr[tests]
-        for pair in range(adr + i % lanes_each, adr + program.obj_pairnum[tests], lanes_each):
+        for pair in range(adr + lane, adr + program.obj_pairnum[tests], wp.block_dim()):
             a = program.pair_a[pair]
             b = program.pair_b[pair]
             if search.cause[c] == _NONE and program.collider_plane[b] < 0:
@@ -56,8 +56,13 @@ def _test_containment(
 
 
 def launch_test_containment(
-    program: Program, lanes: int, lanes_each: int, layouts: LayoutsView, search: Search, device: str
+    program: Program, size: SearchSize, layouts: LayoutsView, search: Search, device: str
 ) -> None:
     """Test whether a candidate encloses, or is enclosed by, what stands; for `geometry: visual`."""
-    inputs = [program, lanes, lanes_each, layouts]
-    wp.launch(_test_containment, dim=lanes, inputs=inputs, outputs=[search], device=device)
+    wp.launch_tiled(
+        _test_containment,
+        dim=[size.blocks],
+        inputs=[program, size.blocks, layouts, search],
+        block_dim=size.block_dim,
+        device=device,
+    )

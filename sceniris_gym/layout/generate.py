@@ -11,7 +11,7 @@ import warp as wp
 
 from sceniris_gym.errors import CountError, MaskError, MaskTypeError, SeedError
 from sceniris_gym.layout.accept import launch_accept
-from sceniris_gym.layout.boxes import launch_test_boxes
+from sceniris_gym.layout.boxes import launch_test_boxes, launch_test_whole
 from sceniris_gym.layout.collision import LEAF_CAPACITY, NODE_CAPACITY
 from sceniris_gym.layout.containment import launch_test_containment
 from sceniris_gym.layout.draw import launch_draw
@@ -165,13 +165,16 @@ class LayoutGenerator:
         launch_plan_wave(program, size.busy, search, device)
         launch_draw(program, split, size.lanes, view, search, device)
         if self._related:
-            launch_draw_points(program, split, size.lanes, view, search, device)
+            launch_draw_points(program, split, size, view, search, device)
         launch_screen(program, reach, size.lanes, view, search, device)
-        launch_test_boxes(program, size.lanes, size.lanes_each, view, search, device)
-        if size.leaves > 0:
+        if size.leaves > 0 and not self._faces:
+            launch_test_boxes(program, size, view, search, device)
             launch_test_leaves(program, size.lanes, view, search, device)
+            launch_test_whole(program, size, True, view, search, device)
+        else:
+            launch_test_whole(program, size, False, view, search, device)
         if self._faces:
-            launch_test_containment(program, size.lanes, size.lanes_each, view, search, device)
+            launch_test_containment(program, size, view, search, device)
         launch_accept(program, reach, size.lanes, view, search, device)
 
     def _launch_stage(self) -> None:

@@ -24,6 +24,7 @@ SKIN = 5.0e-6
 _SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
 _PIECE_LEAF = wp.constant(PIECE_LEAF)
 _HULL = wp.constant(int(PieceType.HULL))
+_NONE = wp.constant(int(Cause.NONE))
 _COLLISION = wp.constant(int(Cause.COLLISION))
 _STATIC = wp.constant(int(ObjectKind.STATIC))
 _OWN_A = wp.constant(1)
@@ -187,7 +188,7 @@ def _test_leaves(
     for i in range(wp.tid(), wp.min(search.leaves[0], search.leaf.shape[0]), lanes):
         entry = search.leaf[i]
         c = entry[0]
-        if search.cause[c] != _COLLISION:
+        if search.cause[c] == _NONE:
             row = row_of(search, c)
             poses = pair_poses(program, layouts, search, c, row, entry[1])
             margin = margin_of(program, entry[1], support_of(program, list_of(search, row)))

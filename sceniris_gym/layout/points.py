@@ -9,14 +9,15 @@ total).
 import warp as wp
 
 from sceniris_gym.config.limits import MAX_ANCHORS, MAX_CORNERS
+from sceniris_gym.layout.blocks import block_any, block_sync
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.orientations import facing
 from sceniris_gym.layout.placed import Placed
-from sceniris_gym.layout.polygons import area, clip, draw_in_polygon, set_triangle
+from sceniris_gym.layout.polygons import HalfPlane, area, clip, draw_in_polygon, set_triangle
 from sceniris_gym.layout.random import uniforms
 from sceniris_gym.layout.regions import outline_distance
 from sceniris_gym.layout.relations import piece_side, relation_holds, resolve, side_num
-from sceniris_gym.layout.search import Search, row_of, trial_of, stream_of
+from sceniris_gym.layout.search import Search, SearchSize, row_of, stream_of, trial_of
 from sceniris_gym.layout.transforms import Pose, apply, pose_of
 from sceniris_gym.program.device import Cause, ObjectKind, OrientationType, Program
 
@@ -118,6 +119,24 @@ def _resolve_relations(program: Program, layouts: LayoutsView, search: Search, c
 
 
 @wp.func
+def _build_sides(program: Program, search: Search, c: int, obj: int, lane: int):
+    """The half-planes around all pieces of the object's relations, into `search.sides`; the lanes share them."""
+    for i in range(program.obj_relnum[obj]):
+        rel = program.obj_reladr[obj] + i
+        resolved = search.relations[c, i]
+        sides = side_num(program, rel, resolved)
+        for k in range(lane, program.rel_piecenum[rel] * sides, wp.block_dim()):
+            side = piece_side(program, rel, k // sides, k % sides, resolved, search.hulls[c], i * _MAX_ANCHORS)
+            search.sides[c, program.rel_sideadr[rel] + k] = side
+
+
+@wp.func
+def _beyond(h: HalfPlane, p: wp.vec2) -> bool:
+    """Is a point outside a half-plane?"""
+    return wp.dot(h.normal, p - h.origin) - h.offset > 0.0
+
+
+@wp.func
 def _cut(
     program: Program,
     search: Search,
@@ -130,29 +149,35 @@ def _cut(
 ) -> int:
     """Piece `index` of the region: a triangle of the support within one convex piece of every relation.
 
-    Returns the number of corners of `polygon`.
+    Returns the number of corners of `polygon`. Most triangles lie wholly beyond a side of most pieces, so that is
+    asked before anything is cut.
     """
     tri = program.variant_triadr[variant] + index % program.variant_trinum[variant]
-    rest = index // program.variant_trinum[variant]
     height = program.surface_height[program.tri_surface[tri]]
-    num = set_triangle(
-        polygon,
-        _xy(frame, program.tri_a[tri], height),
-        _xy(frame, program.tri_b[tri], height),
-        _xy(frame, program.tri_c[tri], height),
-    )
-    for i in range(program.obj_relnum[obj]):
-        rel = program.obj_reladr[obj] + i
-        resolved = search.relations[c, i]
-        piece = rest % program.rel_piecenum[rel]
-        rest = rest // program.rel_piecenum[rel]
-        # a relation that is not active has one piece, the whole plane
-        if not resolved.active and piece > 0:
-            num = int(0)
-        for side in range(side_num(program, rel, resolved)):
-            if num > 0:
-                plane = piece_side(program, rel, piece, side, resolved, search.hulls[c], i * _MAX_ANCHORS)
-                if plane.normal[0] != 0.0 or plane.normal[1] != 0.0:  # the whole plane cuts nothing
+    ta = _xy(frame, program.tri_a[tri], height)
+    tb = _xy(frame, program.tri_b[tri], height)
+    tc = _xy(frame, program.tri_c[tri], height)
+    for look in range(2):
+        num = int(3)
+        if look == 1:
+            num = set_triangle(polygon, ta, tb, tc)
+        rest = index // program.variant_trinum[variant]
+        for i in range(program.obj_relnum[obj]):
+            rel = program.obj_reladr[obj] + i
+            resolved = search.relations[c, i]
+            piece = rest % program.rel_piecenum[rel]
+            rest = rest // program.rel_piecenum[rel]
+            # a relation that is not active has one piece, the whole plane
+            if not resolved.active and piece > 0:
+                return 0
+            sides = side_num(program, rel, resolved)
+            adr = program.rel_sideadr[rel] + piece * sides
+            for k in range(adr, adr + sides):
+                plane = search.sides[c, k]
+                if look == 0:
+                    if _beyond(plane, ta) and _beyond(plane, tb) and _beyond(plane, tc):
+                        return 0
+                elif num > 0 and (plane.normal[0] != 0.0 or plane.normal[1] != 0.0):  # the whole plane cuts nothing
                     num = clip(polygon, num, plane)
     return num
 
@@ -171,10 +196,57 @@ def _all_hold(
 
 
 @wp.func
+def _least_piece(
+    program: Program,
+    search: Search,
+    c: int,
+    obj: int,
+    lane: int,
+    frame: Pose,
+    seed: wp.uint64,
+    counter: wp.vec4ui,
+    polygon: wp.array(dtype=wp.vec2),
+) -> wp.uint64:
+    """The piece that wins the race among a lane's: its time in the upper word, its number in the lower."""
+    variant = search.turn[c].variant
+    best = _NOBODY
+    for i in range(lane, program.variant_trinum[variant] * program.obj_cutnum[obj], wp.block_dim()):
+        size = area(polygon, _cut(program, search, c, obj, variant, i, frame, polygon))
+        if size > _LEAST_AREA:
+            race = uniforms(seed, int(counter[0]), counter[1], int(counter[2]), int(counter[3]) + 1 + i // 4)
+            finish = race_time(race[i % 4], size)
+            best = wp.min(best, (wp.uint64(wp.cast(finish, wp.uint32)) << wp.uint64(32)) | wp.uint64(i))
+    return best
+
+
+@wp.func
+def _keep_point(program: Program, search: Search, c: int, obj: int, tri: int, frame: Pose, at: wp.vec2):
+    """Write the candidate's point: on the surface, or at the drawn height where nothing carries the object."""
+    surface = program.tri_surface[tri]
+    if program.obj_ground[obj] >= 0:
+        search.surface[c] = surface
+        search.point[c] = _on_surface(frame, program.surface_height[surface], at)
+    else:
+        search.point[c] = wp.vec3(at[0], at[1], search.point[c][2])
+
+
+@wp.func
 def _draw_related(
-    program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, frame: Pose, stream: wp.uint32, trial: int
+    program: Program,
+    layouts: LayoutsView,
+    search: Search,
+    c: int,
+    row: int,
+    obj: int,
+    lane: int,
+    frame: Pose,
+    stream: wp.uint32,
+    trial: int,
 ) -> int:
-    """Draw a uniform point of the region that is left in this row. Returns why there is none, or NONE."""
+    """Draw a uniform point of the region that is left in this row. Returns why there is none, or NONE.
+
+    All lanes of a block call it together, and cut and measure; the first draws the point of the piece that wins.
+    """
     seed = layouts.seed[search.row_world[row]]
     episode = layouts.episode[search.row_world[row]]
     turn = search.turn[c]
@@ -183,37 +255,33 @@ def _draw_related(
     own.low = wp.vec2(turn.bounds[0], turn.bounds[1])
     own.high = wp.vec2(turn.bounds[2], turn.bounds[3])
     polygon = wp.zeros(shape=(_MAX_CORNERS,), dtype=wp.vec2)
-    _resolve_relations(program, layouts, search, c, row, obj, own)
-    pieces = program.variant_trinum[turn.variant] * program.obj_cutnum[obj]
+    if lane == 0:
+        _resolve_relations(program, layouts, search, c, row, obj, own)
+    block_sync()
+    _build_sides(program, search, c, obj, lane)
+    block_sync()
     for redraw in range(_REDRAWS):
         first_draw = _FIRST_DRAW + redraw * _DRAWS
-        best = _NOBODY
-        race = wp.vec4(0.0)
-        for i in range(pieces):
-            size = area(polygon, _cut(program, search, c, obj, turn.variant, i, frame, polygon))
-            if size > _LEAST_AREA:
-                race = uniforms(seed, episode, stream, trial, first_draw + 1 + i // 4)
-                finish = race_time(race[i % 4], size)
-                best = wp.min(best, (wp.uint64(wp.cast(finish, wp.uint32)) << wp.uint64(32)) | wp.uint64(i))
+        counter = wp.vec4ui(wp.uint32(episode), stream, wp.uint32(trial), wp.uint32(first_draw))
+        best = _least_piece(program, search, c, obj, lane, frame, seed, counter, polygon)
+        best = wp.tile_extract(wp.tile_min(wp.tile(best)), 0)
         if best == _NOBODY:
             return _EMPTY
-        index = int(best & wp.uint64(0xFFFFFFFF))
-        tri = program.variant_triadr[turn.variant] + index % program.variant_trinum[turn.variant]
-        u = uniforms(seed, episode, stream, trial, first_draw)
-        num = _cut(program, search, c, obj, turn.variant, index, frame, polygon)
-        own.at = draw_in_polygon(polygon, num, u[0], u[1], u[2])
-        target = program.obj_target[obj]
-        if program.obj_orientation[obj] == _FACE_TO and layouts.present[row, target] != 0:
-            at = layouts.place[row, target]
-            own.heading = turn.yaw + facing(own.at, wp.vec2(at[0], at[1]))
-        if _all_hold(program, layouts, search, c, row, obj, tri, frame, own):
-            surface = program.tri_surface[tri]
-            point = _on_surface(frame, program.surface_height[surface], own.at)
-            if program.obj_ground[obj] >= 0:
-                search.surface[c] = surface
-            else:
-                point[2] = search.point[c][2]
-            search.point[c] = point
+        held = int(0)
+        if lane == 0:
+            index = int(best & wp.uint64(0xFFFFFFFF))
+            tri = program.variant_triadr[turn.variant] + index % program.variant_trinum[turn.variant]
+            u = uniforms(seed, episode, stream, trial, first_draw)
+            num = _cut(program, search, c, obj, turn.variant, index, frame, polygon)
+            own.at = draw_in_polygon(polygon, num, u[0], u[1], u[2])
+            target = program.obj_target[obj]
+            if program.obj_orientation[obj] == _FACE_TO and layouts.present[row, target] != 0:
+                at = layouts.place[row, target]
+                own.heading = turn.yaw + facing(own.at, wp.vec2(at[0], at[1]))
+            if _all_hold(program, layouts, search, c, row, obj, tri, frame, own):
+                held = int(1)
+                _keep_point(program, search, c, obj, tri, frame, own.at)
+        if block_any(held) != 0:
             return _NONE
     return _REGION
 
@@ -235,29 +303,39 @@ def _support_heading(program: Program, layouts: LayoutsView, row: int, obj: int)
     return wp.atan2(frame.rot[1, 0], frame.rot[0, 0])
 
 
-@wp.kernel
+@wp.kernel(grid_stride=False)
 def _draw_points(
     program: Program,
     split: wp.uint32,
-    lanes: int,
+    blocks: int,
     layouts: LayoutsView,
     # Search in and out:
     search: Search,
 ):
-    for c in range(wp.tid(), search.candidates[0], lanes):
+    block, lane = wp.tid()
+    for c in range(block, search.candidates[0], blocks):
         row = row_of(search, c)
         obj = search.row_object[row]
         if search.cause[c] == _NONE and program.obj_kind[obj] != _STATIC and program.obj_cutnum[obj] > 0:
             frame = _frame(program, layouts, row, obj)
-            search.cause[c] = _EMPTY
+            cause = _EMPTY
             if frame.rot[2, 2] >= _LEVEL:
                 trial = trial_of(program, search, c, row)
                 stream = stream_of(program, split, obj)
-                search.cause[c] = _draw_related(program, layouts, search, c, row, obj, frame, stream, trial)
+                cause = _draw_related(program, layouts, search, c, row, obj, lane, frame, stream, trial)
+            block_sync()
+            if lane == 0:
+                search.cause[c] = cause
 
 
 def launch_draw_points(
-    program: Program, split: int, lanes: int, layouts: LayoutsView, search: Search, device: str
+    program: Program, split: int, size: SearchSize, layouts: LayoutsView, search: Search, device: str
 ) -> None:
     """Draw the points of candidates whose region differs between worlds."""
-    wp.launch(_draw_points, dim=lanes, inputs=[program, split, lanes, layouts], outputs=[search], device=device)
+    wp.launch_tiled(
+        _draw_points,
+        dim=[size.blocks],
+        inputs=[program, split, size.blocks, layouts, search],
+        block_dim=size.block_dim,
+        device=device,
+    )

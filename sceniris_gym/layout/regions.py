@@ -3,10 +3,12 @@
 import warp as wp
 
 from sceniris_gym.layout.leaves import piece_pose
+from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.layout.convex import piece_shape, segment_shape, separated
 from sceniris_gym.layout.transforms import Pose, compose, pose_of, relative
 from sceniris_gym.program.device import Program
 
+_BOX = wp.constant(int(PieceType.BOX))
 _SHADOW = wp.constant(wp.vec3(1.0, 1.0, 0.0))
 _SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
 # How far up a roof is looked for [m], and how far over the surface the look begins: surfaces of one height but of two
@@ -27,6 +29,25 @@ def _upward(point: wp.vec3) -> Pose:
 
 
 @wp.func
+def _crosses_box(half: wp.vec3, rel: Pose) -> bool:
+    """Does the segment in which a roof is looked for cross a box, posed in the segment's frame? By slabs."""
+    start = -(wp.transpose(rel.rot) * rel.pos)
+    low = float(-0.5 * _ROOF_REACH)
+    high = float(0.5 * _ROOF_REACH)
+    for i in range(3):
+        along = rel.rot[0, i]
+        if wp.abs(along) < 1.0e-9:
+            if wp.abs(start[i]) > half[i]:
+                return False
+        else:
+            a = (-half[i] - start[i]) / along
+            b = (half[i] - start[i]) / along
+            low = wp.max(low, wp.min(a, b))
+            high = wp.min(high, wp.max(a, b))
+    return low <= high
+
+
+@wp.func
 def _is_under_piece(
     program: Program, piece: int, point: wp.vec3, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
 ) -> bool:
@@ -34,6 +55,10 @@ def _is_under_piece(
     body = program.piece_body[piece]
     frame = compose(pose_of(body_pos[body], body_quat[body]), piece_pose(program, piece))
     rel = relative(_upward(point), frame)
+    if wp.length(wp.vec2(rel.pos[1], rel.pos[2])) > program.piece_radius[piece]:
+        return False
+    if program.piece_type[piece] == _BOX:
+        return _crosses_box(program.piece_size[piece], rel)
     return not separated(program.vert, segment_shape(0.5 * _ROOF_REACH), piece_shape(program, piece), rel, _SPACE, 0.0)
 
 
@@ -102,8 +127,11 @@ def shadow_on_edge(program: Program, piece: int, edge: int, rel: Pose) -> bool:
     frame = Pose()
     frame.pos = wp.vec3(0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.0)
     frame.rot = wp.mat33(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
-    shape = piece_shape(program, piece)
-    return not separated(program.vert, segment_shape(0.5 * length), shape, relative(frame, rel), _SHADOW, _RIM)
+    seen = relative(frame, rel)
+    beside = wp.max(wp.abs(seen.pos[0]) - 0.5 * length, 0.0)
+    if wp.length(wp.vec2(beside, seen.pos[1])) > program.piece_radius[piece]:
+        return False
+    return not separated(program.vert, segment_shape(0.5 * length), piece_shape(program, piece), seen, _SHADOW, _RIM)
 
 
 @wp.func

@@ -14,10 +14,17 @@ import warp as wp
 
 from sceniris_gym.config.limits import MAX_ANCHORS, MAX_RELATIONS
 from sceniris_gym.layout.orientations import DrawnVariant
+from sceniris_gym.layout.polygons import HalfPlane
 from sceniris_gym.layout.relations import ResolvedRelation
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.layout.random import STREAM_BITS
 from sceniris_gym.program.device import Cause, Program
+
+UNPROVEN = -1
+"""In place of a cause: the queue had no room for all leaves of a candidate."""
+
+# Half-planes of all candidates of a wave; more candidates than these leave room for wait for the next one.
+_MOST_SIDES = 1 << 23
 
 _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
 
@@ -65,6 +72,7 @@ class Search:
     body_quat: wp.array2d(dtype=wp.vec4)
     relations: wp.array2d(dtype=ResolvedRelation)
     hulls: wp.array2d(dtype=wp.vec2)
+    sides: wp.array2d(dtype=HalfPlane)  # around the pieces of its relations
     survivor: wp.array(dtype=int)  # candidates that passed the screen
     leaf: wp.array(dtype=wp.vec4i)  # (candidate, pair, node of a, node of b)
 
@@ -107,9 +115,9 @@ class SearchSize:
         rows: Rows beyond one for each world, for restarts that are tried at the same time.
         candidates: Candidates of one wave.
         busy: Candidates of a wave up to which further trials and restarts are tried at the same time.
-        leaves: Pairs of leaves that wait for lanes of their own; what does not fit is tested where it is found.
-        lanes: Lanes of a launch.
-        lanes_each: Lanes that share the pairs of one candidate.
+        leaves: Pairs of leaves that wait for lanes of their own; 0: candidates are tested as a whole.
+        lanes: Lanes of a launch in which each works for itself.
+        blocks, block_dim: Blocks of a launch in which a block's lanes share a candidate, and their number.
     """
 
     rows: int
@@ -117,19 +125,22 @@ class SearchSize:
     busy: int
     leaves: int
     lanes: int
-    lanes_each: int
+    blocks: int
+    block_dim: int
 
 
 def default_size(device: str) -> SearchSize:
     """What suits a device: on a CPU one lane does everything and nothing waits."""
     if wp.get_device(device).is_cuda:
-        return SearchSize(rows=8192, candidates=1 << 17, busy=1 << 14, leaves=1 << 19, lanes=1 << 18, lanes_each=32)
-    return SearchSize(rows=0, candidates=512, busy=1, leaves=0, lanes=1, lanes_each=1)
+        return SearchSize(rows=8192, candidates=1 << 17, busy=1 << 14, leaves=1 << 19, lanes=1 << 18, blocks=1 << 12, block_dim=32)
+    return SearchSize(rows=0, candidates=512, busy=1, leaves=0, lanes=1, blocks=1, block_dim=1)
 
 
 def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Search:
     """Allocate the arrays of a search for `nworld` worlds."""
     nrow, ncand, mjm = nworld + size.rows, size.candidates, compiled.mjm
+    if compiled.related:
+        ncand = min(ncand, max(_MOST_SIDES // compiled.sides, 1))
     nbody = mjm.nbody
     s = Search()
     with wp.ScopedDevice(compiled.device):
@@ -158,5 +169,6 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         related = ncand if compiled.related else 0
         s.relations = wp.zeros((related, MAX_RELATIONS), dtype=ResolvedRelation)
         s.hulls = wp.zeros((related, MAX_RELATIONS * MAX_ANCHORS), dtype=wp.vec2)
+        s.sides = wp.zeros((related, compiled.sides), dtype=HalfPlane)
         s.leaf = wp.zeros(size.leaves, dtype=wp.vec4i)
     return s

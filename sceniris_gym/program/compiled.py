@@ -16,6 +16,7 @@ from sceniris_gym.program.device import Program, fill_struct
 from sceniris_gym.program.distance_check import check_distances
 from sceniris_gym.program.oddities import warn_of_oddities
 from sceniris_gym.program.pack import pack_program
+from sceniris_gym.program.pack_relations import most_sides
 from sceniris_gym.program.plan import Plan, build_plan
 from sceniris_gym.program.reach import Reaching, build_reaching
 from sceniris_gym.scene.model import SceneModel
@@ -97,6 +98,11 @@ class CompiledScene:
     def related(self) -> bool:
         """Whether any object's region differs between worlds."""
         return bool(self.program.obj_cutnum.numpy().any())
+
+    @property
+    def sides(self) -> int:
+        """The most half-planes that hold the pieces of one object's relations."""
+        return most_sides(self.plan)
 
     @property
     def attempts(self) -> int:

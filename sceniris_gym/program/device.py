@@ -174,6 +174,7 @@ class Program:
     rel_width: wp.array(dtype=float)  # negative: the shorter edge of the object's own bounds
     rel_gap: wp.array(dtype=float)
     rel_piecenum: wp.array(dtype=int)
+    rel_sideadr: wp.array(dtype=int)  # where the sides of its pieces begin among those of its object
     # Groups: their members' slots and how many of them are present.
     group_adr: wp.array(dtype=int)
     group_num: wp.array(dtype=int)
@@ -199,6 +200,7 @@ class Program:
     piece_size: wp.array(dtype=wp.vec3)
     piece_vertadr: wp.array(dtype=int)
     piece_vertnum: wp.array(dtype=int)
+    piece_radius: wp.array(dtype=float)  # of the sphere around its frame's origin that holds it [m]
     vert: wp.array(dtype=wp.vec3)
     # Colliders: a binary tree of boxes in the body's frame. `node_child` is the left child (the right one follows it),
     # or ~leaf: a piece (physics) or a face (visual).

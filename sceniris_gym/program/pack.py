@@ -56,6 +56,7 @@ def pack_pieces(pieces: list[Piece]) -> dict[str, np.ndarray]:
         "piece_pos": np.reshape([p.pos for p in pieces], (-1, 3)),
         "piece_quat": np.reshape([p.quat for p in pieces], (-1, 4)),
         "piece_size": np.reshape([p.size for p in pieces], (-1, 3)),
+        "piece_radius": np.array([p.radius for p in pieces], float),
         "piece_vertadr": adr,
         "piece_vertnum": num,
         "vert": np.reshape(vert, (-1, 3)),

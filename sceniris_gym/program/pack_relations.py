@@ -55,6 +55,7 @@ def pack_relations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
         "rel_bounds": np.array([r.bounds for r in relations], int),
         "rel_width": np.array([-1.0 if r.width is None else r.width for r in relations], float),
         "rel_gap": np.array([r.gap for r in relations], float),
+        "rel_sideadr": np.array([sum(map(_sides, r[:i])) for r in map(relations_of, plan.objects) for i in range(len(r))], int),
         "rel_piecenum": np.array([region_pieces(r) for r in relations], int),
     }
 
@@ -79,6 +80,16 @@ def region_pieces(relation: Relation) -> int:
         thin = 2.0 * math.sqrt(width / relation.high) if relation.high < math.inf else _SLICE
         angle = max(min(thin, _SLICE), 2.0 * relation.half_angle / MOST_SLICES)
     return math.ceil(2.0 * relation.half_angle / angle - 1e-9)
+
+
+def most_sides(plan: Plan) -> int:
+    """The most half-planes that hold the pieces of one object's relations."""
+    return max((sum(map(_sides, relations_of(o))) for o in plan.objects), default=0)
+
+
+def _sides(relation: Relation) -> int:
+    """How many half-planes hold the pieces of a relation, at most."""
+    return max(4, len(relation.anchors)) * region_pieces(relation)
 
 
 def _insists(o: PlacedObject) -> bool:
