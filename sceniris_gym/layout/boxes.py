@@ -8,8 +8,9 @@ tested as a whole instead.
 
 import warp as wp
 
+from sceniris_gym.layout.blocks import block_any
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.leaves import PairPoses, leaves_touch, margin_of, over_plane, pair_poses, support_of
+from sceniris_gym.layout.leaves import PairPoses, launch_test_leaves, leaves_touch, margin_of, over_plane, pair_poses, support_of
 from sceniris_gym.layout.search import UNPROVEN, Search, SearchSize, list_of, row_of
 from sceniris_gym.layout.transforms import Pose, apply, relative
 from sceniris_gym.program.device import Cause, Program
@@ -20,6 +21,8 @@ SHARED_STACK = 512
 """Room for the pairs of nodes that a block's lanes leave behind: one for each lane and level of both trees."""
 OWN_STACK = 64
 """Room for those that a lane by itself leaves behind: one for each level of both trees."""
+WAITING = 64
+"""Room for pairs of leaves that wait until there is one for every lane; there are fewer than two a lane."""
 _OWN_STACK = wp.constant(OWN_STACK)
 _NONE = wp.constant(int(Cause.NONE))
 _COLLISION = wp.constant(int(Cause.COLLISION))
@@ -142,23 +145,74 @@ def _queue_leaves(
                         search.cause[c] = _UNPROVEN
 
 
+@wp.kernel(grid_stride=False)
+def _test_together(
+    program: Program,
+    blocks: int,
+    wanted: int,
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+):
+    block, lane = wp.tid()
+    nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
+    leaves = wp.tile_stack(capacity=wp.static(WAITING), dtype=wp.vec3i)
+    if wanted == _UNPROVEN and search.leaves[0] <= search.leaf.shape[0]:
+        return
+    for i in range(block, search.screened[0], blocks):
+        c = search.survivor[i]
+        if search.cause[c] != wanted:
+            continue
+        row = row_of(search, c)
+        tests = list_of(search, row)
+        support = support_of(program, tests)
+        last = program.obj_startadr[tests] + program.obj_startnum[tests]
+        base = int(program.obj_startadr[tests])
+        hit = int(0)
+        while base < last or wp.tile_stack_count(nodes) + wp.tile_stack_count(leaves) > 0:
+            if wp.tile_stack_count(nodes) == 0 and base < last:
+                wp.tile_stack_push(nodes, program.start[wp.min(base + lane, last - 1)], base + lane < last)
+                base += wp.block_dim()
+            elif wp.tile_stack_count(leaves) >= wp.block_dim() or wp.tile_stack_count(nodes) == 0:
+                entry, slot = wp.tile_stack_pop(leaves)
+                if slot >= 0:
+                    poses = pair_poses(program, layouts, search, c, row, entry[0])
+                    if leaves_touch(program, entry, poses, margin_of(program, entry[0], support)):
+                        hit = 1
+                if block_any(hit) != 0:
+                    hit = 1
+                    base = last
+                    wp.tile_stack_clear(nodes)
+                    wp.tile_stack_clear(leaves)
+            else:
+                entry, slot = wp.tile_stack_pop(nodes)
+                step = _Step()
+                if slot >= 0:
+                    poses = pair_poses(program, layouts, search, c, row, entry[0])
+                    step = _step(program, entry, poses, margin_of(program, entry[0], support))
+                wp.tile_stack_push(nodes, step.left, step.inner)
+                wp.tile_stack_push(nodes, step.right, step.inner)
+                wp.tile_stack_push(leaves, entry, step.leaf)
+        if lane == 0:
+            search.cause[c] = wp.where(hit != 0, _COLLISION, _NONE)
+
+
 @wp.func
 def _some_leaves_touch(
-    program: Program, layouts: LayoutsView, search: Search, c: int, row: int, start: wp.vec3i, support: int, wanted: int
+    program: Program, layouts: LayoutsView, search: Search, c: int, row: int, start: wp.vec3i, support: int
 ) -> bool:
-    """Are any leaves below an entry (pair, node of a, node of b) too near? Not asked on once another lane knows."""
-    pair = start[0]
-    poses = pair_poses(program, layouts, search, c, row, pair)
-    margin = margin_of(program, pair, support)
+    """Are any leaves below an entry (pair, node of a, node of b) too near?"""
+    poses = pair_poses(program, layouts, search, c, row, start[0])
+    margin = margin_of(program, start[0], support)
     stack = wp.zeros(shape=(_OWN_STACK,), dtype=wp.vec3i)
     stack[0] = start
     count = int(1)
-    while count > 0 and search.cause[c] == wanted:
+    while count > 0:
         count -= 1
         entry = stack[count]
         step = _step(program, entry, poses, margin)
         if step.leaf:
-            if leaves_touch(program, pair, entry[1], entry[2], poses, margin):
+            if leaves_touch(program, entry, poses, margin):
                 return True
         elif step.inner:
             stack[count] = step.left
@@ -168,42 +222,36 @@ def _some_leaves_touch(
 
 
 @wp.kernel
-def _test_whole(
+def _test_alone(
     program: Program,
     lanes: int,
-    lanes_each: int,
-    wanted: int,
     layouts: LayoutsView,
     # Search in and out:
     search: Search,
 ):
-    for i in range(wp.tid(), search.screened[0] * lanes_each, lanes):
-        c = search.survivor[i // lanes_each]
+    for i in range(wp.tid(), search.screened[0], lanes):
+        c = search.survivor[i]
         row = row_of(search, c)
         tests = list_of(search, row)
         support = support_of(program, tests)
-        first = program.obj_startadr[tests]
-        for s in range(first + i % lanes_each, first + program.obj_startnum[tests], lanes_each):
-            if search.cause[c] == wanted:
-                if _some_leaves_touch(program, layouts, search, c, row, program.start[s], support, wanted):
-                    search.cause[c] = _COLLISION
+        adr = program.obj_startadr[tests]
+        for s in range(adr, adr + program.obj_startnum[tests]):
+            if _some_leaves_touch(program, layouts, search, c, row, program.start[s], support):
+                search.cause[c] = _COLLISION
+                break
 
 
-def launch_test_boxes(program: Program, size: SearchSize, layouts: LayoutsView, search: Search, device: str) -> None:
-    """Test the candidates that passed the screen against all that stands; leaves that come near are queued."""
-    wp.launch_tiled(
-        _queue_leaves,
-        dim=[size.blocks],
-        inputs=[program, size.blocks, layouts, search],
-        block_dim=size.block_dim,
-        device=device,
-    )
-
-
-def launch_test_whole(
-    program: Program, size: SearchSize, unproven: bool, layouts: LayoutsView, search: Search, device: str
+def launch_test_boxes(
+    program: Program, size: SearchSize, faces: bool, layouts: LayoutsView, search: Search, device: str
 ) -> None:
-    """Test candidates, leaves and all: those that passed the screen, or those for which the queue had no room."""
-    wanted = UNPROVEN if unproven else Cause.NONE
-    inputs = [program, size.lanes, size.block_dim, int(wanted), layouts, search]
-    wp.launch(_test_whole, dim=size.lanes, inputs=inputs, device=device)
+    """Test the candidates that passed the screen against all that stands."""
+    if size.block_dim == 1:
+        wp.launch(_test_alone, dim=size.lanes, inputs=[program, size.lanes, layouts, search], device=device)
+        return
+    blocks = {"dim": [size.blocks], "block_dim": size.block_dim, "device": device}
+    wanted = Cause.NONE
+    if not faces:
+        wp.launch_tiled(_queue_leaves, inputs=[program, size.blocks, layouts, search], **blocks)
+        launch_test_leaves(program, size.lanes, layouts, search, device)
+        wanted = UNPROVEN
+    wp.launch_tiled(_test_together, inputs=[program, size.blocks, int(wanted), layouts, search], **blocks)

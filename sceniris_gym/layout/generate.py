@@ -11,12 +11,11 @@ import warp as wp
 
 from sceniris_gym.errors import CountError, MaskError, MaskTypeError, SeedError
 from sceniris_gym.layout.accept import launch_accept
-from sceniris_gym.layout.boxes import launch_test_boxes, launch_test_whole
+from sceniris_gym.layout.boxes import launch_test_boxes
 from sceniris_gym.layout.collision import LEAF_CAPACITY, NODE_CAPACITY
 from sceniris_gym.layout.containment import launch_test_containment
 from sceniris_gym.layout.draw import launch_draw
 from sceniris_gym.layout.layouts import Layouts
-from sceniris_gym.layout.leaves import launch_test_leaves
 from sceniris_gym.layout.points import launch_draw_points
 from sceniris_gym.layout.random import SPLITS, USER_SPLITS
 from sceniris_gym.layout.reachability import REACHABILITY
@@ -166,13 +165,8 @@ class LayoutGenerator:
         launch_draw(program, split, size.lanes, view, search, device)
         if self._related:
             launch_draw_points(program, split, size, view, search, device)
-        launch_screen(program, reach, size.lanes, view, search, device)
-        if size.leaves > 0 and not self._faces:
-            launch_test_boxes(program, size, view, search, device)
-            launch_test_leaves(program, size.lanes, view, search, device)
-            launch_test_whole(program, size, True, view, search, device)
-        else:
-            launch_test_whole(program, size, False, view, search, device)
+        launch_screen(program, reach, size, view, search, device)
+        launch_test_boxes(program, size, self._faces, view, search, device)
         if self._faces:
             launch_test_containment(program, size, view, search, device)
         launch_accept(program, reach, size.lanes, view, search, device)

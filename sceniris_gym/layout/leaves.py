@@ -167,14 +167,14 @@ def _lowest_of_leaf(program: Program, leaf: int, in_body: wp.vec3) -> float:
 
 
 @wp.func
-def leaves_touch(program: Program, pair: int, node_a: int, node_b: int, poses: PairPoses, margin: float) -> bool:
-    """Are the leaves of two nodes of a pair no further apart than `margin` [m]?"""
-    a = ~program.node_child[node_a]
-    plane = program.collider_plane[program.pair_b[pair]]
+def leaves_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> bool:
+    """Are the leaves of an entry (pair, node of a, node of b) no further apart than `margin` [m]?"""
+    a = ~program.node_child[entry[1]]
+    plane = program.collider_plane[program.pair_b[entry[0]]]
     if plane >= 0:
         over = over_plane(program, poses.a, poses.b, plane)
         return over.height + _lowest_of_leaf(program, a, over.normal) <= margin
-    return not _separated(program, a, ~program.node_child[node_b], relative(poses.a, poses.b), margin)
+    return not _separated(program, a, ~program.node_child[entry[2]], relative(poses.a, poses.b), margin)
 
 
 @wp.kernel
@@ -186,13 +186,13 @@ def _test_leaves(
     search: Search,
 ):
     for i in range(wp.tid(), wp.min(search.leaves[0], search.leaf.shape[0]), lanes):
-        entry = search.leaf[i]
-        c = entry[0]
+        c = search.leaf[i][0]
+        entry = wp.vec3i(search.leaf[i][1], search.leaf[i][2], search.leaf[i][3])
         if search.cause[c] == _NONE:
             row = row_of(search, c)
-            poses = pair_poses(program, layouts, search, c, row, entry[1])
-            margin = margin_of(program, entry[1], support_of(program, list_of(search, row)))
-            if leaves_touch(program, entry[1], entry[2], entry[3], poses, margin):
+            poses = pair_poses(program, layouts, search, c, row, entry[0])
+            margin = margin_of(program, entry[0], support_of(program, list_of(search, row)))
+            if leaves_touch(program, entry, poses, margin):
                 search.cause[c] = _COLLISION
 
 

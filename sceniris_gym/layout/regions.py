@@ -4,6 +4,7 @@ import warp as wp
 
 from sceniris_gym.layout.leaves import piece_pose
 from sceniris_gym.geometry.pieces import PieceType
+from sceniris_gym.layout.blocks import block_any
 from sceniris_gym.layout.convex import piece_shape, segment_shape, separated
 from sceniris_gym.layout.transforms import Pose, compose, pose_of, relative
 from sceniris_gym.program.device import Program
@@ -139,18 +140,22 @@ def overhangs(
     program: Program,
     obj: int,
     surface: int,
+    lane: int,
     ground: Pose,
     body_pos: wp.array(dtype=wp.vec3),
     body_quat: wp.array(dtype=wp.vec4),
 ) -> bool:
     """Does any of the posed object's footprint lie off the surface, whose body has the pose `ground`?"""
+    off = int(0)
     sides = program.surface_edgenum[surface]
-    for i in range(program.obj_shadownum[obj] * sides):
+    for i in range(lane, program.obj_shadownum[obj] * sides, wp.block_dim()):
         piece = program.shadow_list[program.obj_shadowadr[obj] + i // sides]
         body = program.piece_body[piece]
         rel = relative(ground, compose(pose_of(body_pos[body], body_quat[body]), piece_pose(program, piece)))
         if shadow_on_edge(program, piece, program.surface_edgeadr[surface] + i % sides, rel):
-            return True
+            off = 1
+            break
         if i % sides == 0 and not inside_outline(program, surface, wp.vec2(rel.pos[0], rel.pos[1])):
-            return True
-    return False
+            off = 1
+            break
+    return block_any(off) != 0

@@ -2,12 +2,13 @@
 
 import warp as wp
 
+from sceniris_gym.layout.blocks import block_any, block_sync
 from sceniris_gym.layout.grasps import first_on_map
 from sceniris_gym.layout.kinematics import pose_bodies
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.orientations import facing
 from sceniris_gym.layout.regions import is_under_roof, overhangs
-from sceniris_gym.layout.search import Search, row_of
+from sceniris_gym.layout.search import Search, SearchSize, row_of
 from sceniris_gym.layout.transforms import pose_of, quat_mat, quat_z
 from sceniris_gym.program.device import Cause, ObjectKind, OrientationType, Program, Roof
 from sceniris_gym.program.device_reach import Reach
@@ -49,72 +50,103 @@ def _pose(program: Program, layouts: LayoutsView, search: Search, c: int, row: i
 
 
 @wp.func
-def _has_its_roof(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int) -> bool:
+def _has_its_roof(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, lane: int) -> bool:
     """Is the candidate's point covered or open, as the object is to be?"""
     rule = program.obj_roof[obj]
     if rule == _EITHER:
         return True
-    adr = program.obj_roofadr[obj]
-    covered = bool(False)
-    for i in range(adr, adr + program.obj_roofnum[obj]):
-        if is_under_roof(program, program.roof_list[i], search.point[c], layouts.body_pos[row], layouts.body_quat[row]):
-            covered = True
+    covered = int(0)
+    for i in range(lane, program.obj_roofnum[obj], wp.block_dim()):
+        roof = program.roof_list[program.obj_roofadr[obj] + i]
+        if is_under_roof(program, roof, search.point[c], layouts.body_pos[row], layouts.body_quat[row]):
+            covered = 1
             break
-    return covered == (rule == _COVERED)
+    return (block_any(covered) != 0) == (rule == _COVERED)
 
 
 @wp.func
-def _is_within_reach(program: Program, reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int) -> bool:
+def _is_within_reach(
+    reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, lane: int
+) -> bool:
     """Whether the map lets a grasp of the posed object through, which is kept; true for what need not be reachable."""
     column = reach.obj_reach[obj]
     if column < 0:
         return True
     base = pose_of(layouts.body_pos[row, reach.base_body], layouts.body_quat[row, reach.base_body])
     variant = search.turn[c].variant
-    search.grasp[c] = first_on_map(reach, column, variant, base, search.body_pos[c], search.body_quat[c])
-    return search.grasp[c] >= 0
+    grasp = first_on_map(reach, column, variant, lane, base, search.body_pos[c], search.body_quat[c])
+    if lane == 0:
+        search.grasp[c] = grasp
+    return grasp >= 0
 
 
 @wp.func
-def _screen_one(program: Program, reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int) -> int:
-    """Pose a candidate and screen it. Returns why it is rejected, or NONE."""
+def _screen_one(
+    program: Program, reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, lane: int
+) -> int:
+    """Why a posed candidate is rejected, or NONE; the same on all lanes of the block."""
     if program.obj_kind[obj] == _STATIC:
         return _NONE
-    _pose(program, layouts, search, c, row, obj)
     if reach.obj_reach.shape[0] > 0:
-        if not _is_within_reach(program, reach, layouts, search, c, row, obj):
+        if not _is_within_reach(reach, layouts, search, c, row, obj, lane):
             return _UNREACHABLE
-    if not _has_its_roof(program, layouts, search, c, row, obj):
+    if not _has_its_roof(program, layouts, search, c, row, obj, lane):
         return _ROOF
     surface = search.surface[c]
     if program.obj_footprint[obj] != 0 and surface >= 0:
         ground = program.obj_ground[obj]
         frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])
-        if overhangs(program, obj, surface, frame, search.body_pos[c], search.body_quat[c]):
+        if overhangs(program, obj, surface, lane, frame, search.body_pos[c], search.body_quat[c]):
             return _FOOTPRINT
     return _NONE
 
 
 @wp.kernel
-def _screen(
+def _pose_candidates(
     program: Program,
-    reach: Reach,
     lanes: int,
     layouts: LayoutsView,
     # Search in and out:
     search: Search,
 ):
     for c in range(wp.tid(), search.candidates[0], lanes):
-        if search.cause[c] == _NONE:
+        row = row_of(search, c)
+        obj = search.row_object[row]
+        if search.cause[c] == _NONE and program.obj_kind[obj] != _STATIC:
+            _pose(program, layouts, search, c, row, obj)
+
+
+@wp.kernel(grid_stride=False)
+def _screen(
+    program: Program,
+    reach: Reach,
+    blocks: int,
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+):
+    block, lane = wp.tid()
+    for c in range(block, search.candidates[0], blocks):
+        cause = search.cause[c]
+        block_sync()  # all lanes have read it
+        if cause == _NONE:
             row = row_of(search, c)
-            cause = _screen_one(program, reach, layouts, search, c, row, search.row_object[row])
-            search.cause[c] = cause
-            if cause == _NONE:
-                search.survivor[wp.atomic_add(search.screened, 0, 1)] = c
+            cause = _screen_one(program, reach, layouts, search, c, row, search.row_object[row], lane)
+            if lane == 0:
+                search.cause[c] = cause
+                if cause == _NONE:
+                    search.survivor[wp.atomic_add(search.screened, 0, 1)] = c
 
 
 def launch_screen(
-    program: Program, reach: Reach, lanes: int, layouts: LayoutsView, search: Search, device: str
+    program: Program, reach: Reach, size: SearchSize, layouts: LayoutsView, search: Search, device: str
 ) -> None:
     """Pose the candidates of this wave, and keep those that pass for the test of collision."""
-    wp.launch(_screen, dim=lanes, inputs=[program, reach, lanes, layouts], outputs=[search], device=device)
+    wp.launch(_pose_candidates, dim=size.lanes, inputs=[program, size.lanes, layouts, search], device=device)
+    wp.launch_tiled(
+        _screen,
+        dim=[size.blocks],
+        inputs=[program, reach, size.blocks, layouts, search],
+        block_dim=size.block_dim,
+        device=device,
+    )
