@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.geometry.box_tree import build_tree
+from sceniris_gym.geometry.depth import most_depth
 from sceniris_gym.geometry.pieces import ROUND, Piece, PieceType, flat_faces
 from sceniris_gym.geometry.ragged import ranges
 
@@ -24,6 +25,7 @@ class Colliders:
     body: list[int] = field(default_factory=list)
     contact_class: list[int] = field(default_factory=list)
     root: list[int] = field(default_factory=list)
+    depth_inside: list[float] = field(default_factory=list)
     plane: list[int] = field(default_factory=list)
     mesh: list[int] = field(default_factory=list)
     points: list[np.ndarray] = field(default_factory=list)
@@ -53,6 +55,7 @@ def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> Collide
             for i in solid:
                 _add_tree(c, body, np.zeros((1, 3)), np.zeros((1, 3)), plane=i, mesh=0, leaves=np.zeros(1, int))
                 c.points.append(np.zeros((0, 3)))
+                c.depth_inside.append(0.0)
             continue
         if visual:
             meshes = [pieces[i].mesh for i in solid]
@@ -64,6 +67,7 @@ def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> Collide
                 support_winding_number=True,
             )
             c.keep.append(mesh)
+            c.depth_inside.append(most_depth(mesh, triangles.min((0, 1)), triangles.max((0, 1)), device))
             _add_faces(c, body, [(i, pieces[i]) for i in solid], mesh.id)
             parts = [part for m in meshes if m is not None for part in m.split(only_watertight=False)]
             c.points.append(np.array([part.vertices[0] for part in parts]))
@@ -72,6 +76,7 @@ def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> Collide
             lower, upper = np.array([b[0] for b in bounds]), np.array([b[1] for b in bounds])
             _add_tree(c, body, lower, upper, plane=-1, mesh=0, leaves=np.array(solid))
             c.points.append(np.zeros((0, 3)))
+            c.depth_inside.append(0.0)
     return c
 
 
@@ -115,6 +120,7 @@ def collider_arrays(c: Colliders) -> dict[str, np.ndarray]:
         "collider_root": np.array(c.root, int),
         "collider_plane": np.array(c.plane, int),
         "collider_mesh": np.array(c.mesh, np.uint64),
+        "collider_depth": np.array(c.depth_inside),
         "collider_pointadr": adr,
         "collider_pointnum": num,
         "node_center": np.concatenate([*c.center, np.zeros((0, 3))]),

@@ -134,7 +134,7 @@ def _accept_first(
     return search.row_trial[row] + trials
 
 
-@wp.kernel
+@wp.kernel(grid_stride=False)
 def _accept(
     program: Program,
     reach: Reach,

@@ -145,7 +145,7 @@ def _queue_leaves(
                         search.cause[c] = _UNPROVEN
 
 
-@wp.kernel(grid_stride=False)
+@wp.kernel(grid_stride=False, cuda_max_registers=128)
 def _test_together(
     program: Program,
     blocks: int,

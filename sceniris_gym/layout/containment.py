@@ -24,7 +24,7 @@ def _has_points_inside(program: Program, a: int, b: int, rel: Pose) -> bool:
         d = p - program.node_center[root]
         half = program.node_half[root]
         if wp.abs(d[0]) <= half[0] and wp.abs(d[1]) <= half[1] and wp.abs(d[2]) <= half[2]:
-            query = wp.mesh_query_point_sign_winding_number(program.collider_mesh[b], p, 4.0 * wp.length(half))
+            query = wp.mesh_query_point_sign_winding_number(program.collider_mesh[b], p, program.collider_depth[b])
             if query.result and query.sign < 0.0:
                 return True
     return False

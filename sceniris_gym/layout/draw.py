@@ -58,7 +58,7 @@ def _draw_point(program: Program, layouts: LayoutsView, search: Search, c: int, 
     search.point[c] = apply(frame, wp.vec3(at[0], at[1], program.surface_height[surface]))
 
 
-@wp.kernel
+@wp.kernel(grid_stride=False)
 def _draw(
     program: Program,
     split: wp.uint32,

@@ -177,7 +177,8 @@ def leaves_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: fl
     return not _separated(program, a, ~program.node_child[entry[2]], relative(poses.a, poses.b), margin)
 
 
-@wp.kernel
+# With all the registers that it would take, a multiprocessor holds few warps, and each waits for its own arithmetic.
+@wp.kernel(grid_stride=False, cuda_max_registers=128)
 def _test_leaves(
     program: Program,
     lanes: int,

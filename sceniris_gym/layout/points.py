@@ -37,6 +37,8 @@ _DRAWS = wp.constant(1 << 20)
 _REDRAWS = wp.constant(64)
 # Pieces below this area [m^2] are rounding: a line of 1 mm, drawn 40 um wide, has 4e-8.
 _LEAST_AREA = wp.constant(1.0e-10)
+# A triangle further beyond a side than this [m] has nothing left, however the cut rounds.
+_SURE = wp.constant(1.0e-5)
 _HALF_STEP = wp.constant(2.0**-25)
 _NOBODY = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
 # A surface carries as long as it is level to 0.1 degree.
@@ -130,10 +132,45 @@ def _build_sides(program: Program, search: Search, c: int, obj: int, lane: int):
             search.sides[c, program.rel_sideadr[rel] + k] = side
 
 
+@wp.struct
+class _Triangle:
+    """A triangle of the region, seen from above in the world [m]."""
+
+    a: wp.vec2
+    b: wp.vec2
+    c: wp.vec2
+
+
 @wp.func
-def _beyond(h: HalfPlane, p: wp.vec2) -> bool:
-    """Is a point outside a half-plane?"""
-    return wp.dot(h.normal, p - h.origin) - h.offset > 0.0
+def _triangle(program: Program, tri: int, frame: Pose) -> _Triangle:
+    """Triangle `tri` of the support that is posed at `frame`."""
+    height = program.surface_height[program.tri_surface[tri]]
+    t = _Triangle()
+    t.a = _xy(frame, program.tri_a[tri], height)
+    t.b = _xy(frame, program.tri_b[tri], height)
+    t.c = _xy(frame, program.tri_c[tri], height)
+    return t
+
+
+@wp.func
+def _is_out_of_reach(program: Program, search: Search, c: int, obj: int, t: _Triangle) -> bool:
+    """Do the bounds of a triangle lie beyond the circle that holds all pieces of one of the relations?"""
+    low = wp.min(wp.min(t.a, t.b), t.c)
+    high = wp.max(wp.max(t.a, t.b), t.c)
+    for i in range(program.obj_relnum[obj]):
+        resolved = search.relations[c, i]
+        if resolved.active:
+            off = wp.max(wp.max(low - resolved.apex, resolved.apex - high), wp.vec2(0.0))
+            if wp.length(off) > resolved.reach:
+                return True
+    return False
+
+
+@wp.func
+def _lies_beyond(h: HalfPlane, t: _Triangle) -> bool:
+    """Are all corners of a triangle outside a half-plane?"""
+    limit = h.offset + wp.dot(h.normal, h.origin)
+    return wp.min(wp.min(wp.dot(h.normal, t.a), wp.dot(h.normal, t.b)), wp.dot(h.normal, t.c)) > limit + _SURE
 
 
 @wp.func
@@ -142,26 +179,19 @@ def _cut(
     search: Search,
     c: int,
     obj: int,
-    variant: int,
-    index: int,
-    frame: Pose,
+    combination: int,
+    t: _Triangle,
     polygon: wp.array(dtype=wp.vec2),
 ) -> int:
-    """Piece `index` of the region: a triangle of the support within one convex piece of every relation.
+    """What is left of a triangle within one convex piece of every relation: the number of corners of `polygon`.
 
-    Returns the number of corners of `polygon`. Most triangles lie wholly beyond a side of most pieces, so that is
-    asked before anything is cut.
+    Most triangles lie wholly beyond a side of most pieces, so that is asked before anything is cut.
     """
-    tri = program.variant_triadr[variant] + index % program.variant_trinum[variant]
-    height = program.surface_height[program.tri_surface[tri]]
-    ta = _xy(frame, program.tri_a[tri], height)
-    tb = _xy(frame, program.tri_b[tri], height)
-    tc = _xy(frame, program.tri_c[tri], height)
     for look in range(2):
         num = int(3)
         if look == 1:
-            num = set_triangle(polygon, ta, tb, tc)
-        rest = index // program.variant_trinum[variant]
+            num = set_triangle(polygon, t.a, t.b, t.c)
+        rest = int(combination)
         for i in range(program.obj_relnum[obj]):
             rel = program.obj_reladr[obj] + i
             resolved = search.relations[c, i]
@@ -175,7 +205,7 @@ def _cut(
             for k in range(adr, adr + sides):
                 plane = search.sides[c, k]
                 if look == 0:
-                    if _beyond(plane, ta) and _beyond(plane, tb) and _beyond(plane, tc):
+                    if _lies_beyond(plane, t):
                         return 0
                 elif num > 0 and (plane.normal[0] != 0.0 or plane.normal[1] != 0.0):  # the whole plane cuts nothing
                     num = clip(polygon, num, plane)
@@ -209,13 +239,19 @@ def _least_piece(
 ) -> wp.uint64:
     """The piece that wins the race among a lane's: its time in the upper word, its number in the lower."""
     variant = search.turn[c].variant
+    triangles = program.variant_trinum[variant]
     best = _NOBODY
-    for i in range(lane, program.variant_trinum[variant] * program.obj_cutnum[obj], wp.block_dim()):
-        size = area(polygon, _cut(program, search, c, obj, variant, i, frame, polygon))
-        if size > _LEAST_AREA:
-            race = uniforms(seed, int(counter[0]), counter[1], int(counter[2]), int(counter[3]) + 1 + i // 4)
-            finish = race_time(race[i % 4], size)
-            best = wp.min(best, (wp.uint64(wp.cast(finish, wp.uint32)) << wp.uint64(32)) | wp.uint64(i))
+    for k in range(lane, triangles, wp.block_dim()):
+        t = _triangle(program, program.variant_triadr[variant] + k, frame)
+        if _is_out_of_reach(program, search, c, obj, t):
+            continue
+        for combination in range(program.obj_cutnum[obj]):
+            size = area(polygon, _cut(program, search, c, obj, combination, t, polygon))
+            if size > _LEAST_AREA:
+                i = combination * triangles + k
+                race = uniforms(seed, int(counter[0]), counter[1], int(counter[2]), int(counter[3]) + 1 + i // 4)
+                finish = race_time(race[i % 4], size)
+                best = wp.min(best, (wp.uint64(wp.cast(finish, wp.uint32)) << wp.uint64(32)) | wp.uint64(i))
     return best
 
 
@@ -270,9 +306,10 @@ def _draw_related(
         held = int(0)
         if lane == 0:
             index = int(best & wp.uint64(0xFFFFFFFF))
-            tri = program.variant_triadr[turn.variant] + index % program.variant_trinum[turn.variant]
+            triangles = program.variant_trinum[turn.variant]
+            tri = program.variant_triadr[turn.variant] + index % triangles
             u = uniforms(seed, episode, stream, trial, first_draw)
-            num = _cut(program, search, c, obj, turn.variant, index, frame, polygon)
+            num = _cut(program, search, c, obj, index // triangles, _triangle(program, tri, frame), polygon)
             own.at = draw_in_polygon(polygon, num, u[0], u[1], u[2])
             target = program.obj_target[obj]
             if program.obj_orientation[obj] == _FACE_TO and layouts.present[row, target] != 0:

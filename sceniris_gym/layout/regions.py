@@ -5,7 +5,7 @@ import warp as wp
 from sceniris_gym.layout.leaves import piece_pose
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.layout.blocks import block_any
-from sceniris_gym.layout.convex import piece_shape, segment_shape, separated
+from sceniris_gym.layout.convex import least_extent, piece_shape, segment_shape, separated
 from sceniris_gym.layout.transforms import Pose, compose, pose_of, relative
 from sceniris_gym.program.device import Program
 
@@ -136,6 +136,16 @@ def shadow_on_edge(program: Program, piece: int, edge: int, rel: Pose) -> bool:
 
 
 @wp.func
+def _extends_beyond(program: Program, piece: int, edge: int, turn: int, rel: Pose) -> bool:
+    """Does a piece extend beyond an edge of a convex outline that turns left (1) or right (-1)? `rel`: see `shadow_on_edge`."""
+    a = program.edge_a[edge]
+    along = wp.normalize(program.edge_b[edge] - a)
+    inward = float(turn) * wp.vec3(-along[1], along[0], 0.0)
+    least = least_extent(program.vert, piece_shape(program, piece), rel, inward)
+    return least < inward[0] * a[0] + inward[1] * a[1] + _RIM
+
+
+@wp.func
 def overhangs(
     program: Program,
     obj: int,
@@ -152,7 +162,13 @@ def overhangs(
         piece = program.shadow_list[program.obj_shadowadr[obj] + i // sides]
         body = program.piece_body[piece]
         rel = relative(ground, compose(pose_of(body_pos[body], body_quat[body]), piece_pose(program, piece)))
-        if shadow_on_edge(program, piece, program.surface_edgeadr[surface] + i % sides, rel):
+        edge = program.surface_edgeadr[surface] + i % sides
+        if program.surface_convex[surface] != 0:
+            if _extends_beyond(program, piece, edge, program.surface_convex[surface], rel):
+                off = 1
+                break
+            continue
+        if shadow_on_edge(program, piece, edge, rel):
             off = 1
             break
         if i % sides == 0 and not inside_outline(program, surface, wp.vec2(rel.pos[0], rel.pos[1])):

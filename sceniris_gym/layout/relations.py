@@ -35,7 +35,7 @@ class ResolvedRelation:
 
     A sector: apex, direction of its axis and half angle [rad], least and greatest distance that its pieces hold [m]. A
     strip or a line: `apex` and the unit vector `along`, from `low` to `high` along it and `half` to both sides. A hull:
-    its number of corners, which are kept beside.
+    its number of corners, which are kept beside. `reach` is a radius around `apex` that holds all pieces [m].
     """
 
     active: bool
@@ -47,6 +47,7 @@ class ResolvedRelation:
     low: float
     high: float
     half: float
+    reach: float
 
 
 @wp.func
@@ -67,6 +68,7 @@ def _between(
     """The hull of the anchors; a strip around the longest segment if they lie on a line; a square around one point."""
     s = ResolvedRelation()
     s.active = num >= 2
+    s.reach = _NO_LIMIT
     a = int(0)
     b = int(0)
     longest = float(0.0)
@@ -103,6 +105,7 @@ def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float
     """The line on which the pivot lies where the bounds are `gap` apart and the narrower lies within the wider."""
     s = ResolvedRelation()
     s.active = True
+    s.reach = _NO_LIMIT
     side = turned(wp.vec2(1.0, 0.0), axis)
     s.along = wp.vec2(-side[1], side[0])
     offset = bounds_extent(anchor, side)[1] + program.rel_gap[rel] - bounds_extent(own, side)[0]
@@ -149,6 +152,7 @@ def resolve(
         return _between(width, points, num, hull, first)
 
     s = ResolvedRelation()
+    s.reach = _NO_LIMIT
     frame = program.rel_frame[rel]
     axis = program.rel_heading[rel]
     s.active = num > 0
@@ -170,6 +174,9 @@ def resolve(
     if program.rel_bounds[rel] != 0:
         s.low -= bounds_offset(anchor) + bounds_offset(own)
         s.high += bounds_radius(anchor) + bounds_radius(own)
+    if s.high < _NO_LIMIT:
+        # where the tangents of two slices meet, and more than what rounds
+        s.reach = 1.001 * s.high / unit_circle(s.half_angle / float(program.rel_piecenum[rel]))[0]
     return s
 
 

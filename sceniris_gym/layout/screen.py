@@ -101,7 +101,7 @@ def _screen_one(
     return _NONE
 
 
-@wp.kernel
+@wp.kernel(grid_stride=False)
 def _pose_candidates(
     program: Program,
     lanes: int,
@@ -116,7 +116,7 @@ def _pose_candidates(
             _pose(program, layouts, search, c, row, obj)
 
 
-@wp.kernel(grid_stride=False)
+@wp.kernel(grid_stride=False, cuda_max_registers=128)
 def _screen(
     program: Program,
     reach: Reach,

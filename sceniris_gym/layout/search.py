@@ -132,7 +132,7 @@ class SearchSize:
 def default_size(device: str) -> SearchSize:
     """What suits a device: on a CPU one lane does everything and nothing waits."""
     if wp.get_device(device).is_cuda:
-        return SearchSize(rows=8192, candidates=1 << 17, busy=1 << 14, leaves=1 << 19, lanes=1 << 18, blocks=1 << 12, block_dim=32)
+        return SearchSize(rows=8192, candidates=1 << 17, busy=1 << 14, leaves=1 << 19, lanes=1 << 16, blocks=1 << 12, block_dim=32)
     return SearchSize(rows=0, candidates=512, busy=1, leaves=0, lanes=1, blocks=1, block_dim=1)
 
 

@@ -190,6 +190,7 @@ class Program:
     surface_height: wp.array(dtype=float)
     surface_edgeadr: wp.array(dtype=int)
     surface_edgenum: wp.array(dtype=int)
+    surface_convex: wp.array(dtype=int)  # 1 or -1: its outline is convex, and runs counter-clockwise or clockwise; else 0
     edge_a: wp.array(dtype=wp.vec2)
     edge_b: wp.array(dtype=wp.vec2)
     # Convex pieces: their frame in the body's, and for hulls their vertices in the piece's frame.
@@ -208,6 +209,7 @@ class Program:
     collider_root: wp.array(dtype=int)
     collider_plane: wp.array(dtype=int)  # piece of a plane, else -1
     collider_mesh: wp.array(dtype=wp.uint64)
+    collider_depth: wp.array(dtype=float)  # no point inside it is further from its surface than this [m]
     collider_pointadr: wp.array(dtype=int)
     collider_pointnum: wp.array(dtype=int)
     node_center: wp.array(dtype=wp.vec3)

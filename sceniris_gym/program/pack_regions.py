@@ -50,9 +50,21 @@ def pack_regions(plan: Plan, where: str) -> dict[str, np.ndarray]:
         "surface_height": np.array([s.height for s in surfaces]),
         "surface_edgeadr": edgeadr,
         "surface_edgenum": edgenum,
+        "surface_convex": np.array([_convex_turn(np.reshape(supports.edges(s.outline), (-1, 2, 2))) for s in surfaces], int),
         "edge_a": side[:, 0],
         "edge_b": side[:, 1],
     }
+
+
+def _convex_turn(edges: np.ndarray) -> int:
+    """1 or -1 for the edges, one after the other, of a convex ring that runs counter-clockwise or clockwise; else 0."""
+    sides = edges[:, 1] - edges[:, 0]
+    after = np.roll(sides, -1, axis=0)
+    turns = np.arctan2(sides[:, 0] * after[:, 1] - sides[:, 1] * after[:, 0], (sides * after).sum(axis=1))
+    sign = 1 if turns.sum() > 0.0 else -1
+    is_ring = np.array_equal(edges[:, 1], np.roll(edges[:, 0], -1, axis=0))
+    is_convex = is_ring and (sign * turns >= 0.0).all() and abs(turns.sum()) < 2.0 * np.pi + 1e-6
+    return sign if is_convex else 0
 
 
 def _cuts(o: PlacedObject) -> int:
