@@ -237,11 +237,16 @@ def map_file(asset: str) -> Path | None:
     return path if path.is_file() else None
 
 
-def why_not_map(arm: SerialArm, reach_map: ReachMap | None) -> str | None:
-    """Return why no map, or not this one, can decide for an arm, so that inverse kinematics does; None if it can."""
+def why_not_map(arm: SerialArm, reach_map: ReachMap | None, asset: str) -> str | None:
+    """Return why no map, or not this one, should decide for an arm (an asset's name, or your own MJCF).
+
+    Inverse kinematics then does. None if the map should.
+    """
     if arm.no_map is not None:
         return arm.no_map
-    if reach_map is not None and reach_map.limited:
+    if reach_map is None:
+        return f"it has no map yet; build one with {build_command(asset)}"
+    if reach_map.limited:
         return (
             "what the arm reaches depends on turns of base and wrist that a map does not know: its map is wrong about "
             f"{reach_map.turn_error:.1%} of the poses it reaches, over all orientations or straight up or down"
@@ -250,8 +255,8 @@ def why_not_map(arm: SerialArm, reach_map: ReachMap | None) -> str | None:
 
 
 def default_tier(arm: SerialArm, reach_map: ReachMap | None) -> Tier:
-    """Return the tier that decides if none is named: `map` if there is a map that fits the arm, else `ik`."""
-    return Tier.MAP if reach_map is not None and why_not_map(arm, reach_map) is None else Tier.IK
+    """Return the tier that decides if none is named: `map` if there is a map that is right often enough, else `ik`."""
+    return Tier.MAP if why_not_map(arm, reach_map, arm.name) is None else Tier.IK
 
 
 def build_command(asset: str) -> str:
