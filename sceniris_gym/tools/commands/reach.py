@@ -202,6 +202,7 @@ def describe(name: str, arm: SerialArm, reach_map: ReachMap | None) -> dict[str,
             "map_bytes": memory,
             "witness_bytes": witnesses,
             "turn_error": reach_map.turn_error,
+            "false_accepts": reach_map.false_accepts,
         }
     found["default_tier"] = default_tier(arm, reach_map).word
     why = why_not_map(arm, reach_map, name)
