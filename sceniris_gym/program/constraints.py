@@ -123,9 +123,10 @@ def _check_tendons(where: str, label: str, drawn: _Drawn, tendons: list[int]) ->
 def _check_spatial(where: str, drawn: _Drawn, tendon: int) -> None:
     """Check that a spatial tendon is not stretched by draws if it has limits, nor between objects if it is a spring."""
     mjm = drawn.mjm
-    limited = has_active_limits(mjm, tendon)
+    limited, springs = has_active_limits(mjm, tendon), not mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_SPRING
     stretched = drawn.apart(_bodies_of(mjm, tendon))
-    if tendon_joints(mjm, tendon) or not stretched or not (limited or np.any(mjm.tendon_stiffness[tendon])):
+    pulls = limited or (springs and bool(np.any(mjm.tendon_stiffness[tendon])))
+    if tendon_joints(mjm, tendon) or not stretched or not pulls:
         return
     owners, name = {drawn.owner[body] for body in _bodies_of(mjm, tendon)}, mjm.tendon(tendon).name
     if len(owners) > 1:

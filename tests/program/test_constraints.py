@@ -114,7 +114,9 @@ def test_an_equality_of_tendons_is_refused_where_their_joints_are_drawn(tmp_path
 def test_a_spatial_tendon_that_pulls_is_refused_between_objects_and_allowed_within_one(tmp_path: Path):
     """Limits or stiffness; a slack one does nothing."""
     strap = '<tendon><spatial name="strap" {}><site site="ear"/><site site="hook"/></spatial></tendon>'
-    for words in ('limited="true" range="0 .3"', 'stiffness="5"'):
+    for words, flag in (('limited="true" range="0 .3"', "limit"), ('stiffness="5"', "spring")):
+        off = f'<option><flag {flag}="disable"/></option>'
+        build_plan(own(tmp_path, off + strap.format(words), {"cup": PLACED}))
         with pytest.raises(NotSupportedError, match=r"tendon 'strap' has limits or stiffness.*'cup', 'world'"):
             build_plan(own(tmp_path, strap.format(words), {"cup": PLACED}))
         build_plan(own(tmp_path, strap.format(words), {"cup": {}}))
