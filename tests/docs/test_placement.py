@@ -132,9 +132,10 @@ def test_warnings_are_listed_with_their_numbers() -> None:
         f"{oddities._FILLED:g} times",
         f"{1e3 * least:g} mm or above {most:g} m",
         f"{1e3 * oddities._SUNK:g} mm",
+        f"{oddities._FINE:g} m",
     ):
         assert number in text
     rows = [line for line in text.splitlines() if line.startswith("| ")][1:]
     assert len(rows) == len(
-        re.findall(r"\*_\w+\(scene, plan\)", Path(str(oddities.__file__)).read_text(encoding="utf-8"))
+        re.findall(r" _\w+\(scene, plan\)", Path(str(oddities.__file__)).read_text(encoding="utf-8"))
     )
