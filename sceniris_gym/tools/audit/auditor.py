@@ -105,7 +105,9 @@ class Auditor:
         jointed = {name for name, part in config.objects.items() if part.joints}
         if config.robot is not None and config.robot.joints:
             jointed.add(ROBOT)
-        self.collisions = CollisionAudit(self.tree, solids, config.geometry, clearances, jointed, self.contacts.at_home)
+        self.collisions = CollisionAudit(
+            self.tree, solids, config.geometry, clearances, jointed, self.contacts.at_home, {*drawn, *jointed}
+        )
         home = home_of(mjm)
         outlines = Outlines(self.tree, solids, config, bodies, pose_of(home))
         self.standing = StandingAudit(self.tree, solids, config, outlines, pose_of(home))

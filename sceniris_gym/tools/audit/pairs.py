@@ -65,6 +65,7 @@ def judged_pairs(
     *,
     jointed: Collection[str] = (),
     at_home: Collection[tuple[int, int]] = (),
+    moved: Collection[str] | None = None,
 ) -> list[Judged]:
     """List the pairs of solids that a layout must keep apart.
 
@@ -79,6 +80,8 @@ def judged_pairs(
         clearances: Clearance [m] of each placed object; a pair keeps the larger one.
         jointed: Names of the objects whose joints are drawn.
         at_home: Pairs of bodies, the lower id first, that touch at home; MuJoCo alone judges them.
+        moved: Names of the objects that layouts move, None for all that can move. MuJoCo alone judges two others: they
+            are as they are at home.
     """
     mjm = tree.mjm
     explicit = {frozenset(p): float(m) for *p, m in zip(mjm.pair_geom1, mjm.pair_geom2, mjm.pair_margin, strict=True)}
@@ -92,6 +95,8 @@ def judged_pairs(
             if not (tree.movable[body1] or tree.movable[body2]) or (own and owners[0] not in jointed):
                 continue
             if (min(body1, body2), max(body1, body2)) in at_home:
+                continue
+            if moved is not None and not {*owners} & {*moved}:
                 continue
             margin = explicit.get(frozenset(geoms))
             if margin is None:
