@@ -213,7 +213,7 @@ def _over_plane(program: Program, pose: Pose, plane_pose: Pose, plane: int) -> _
 
 @wp.func
 def _margin(program: Program, pair: int, support_body: int) -> float:
-    """The least distance [m] of a pair; to the body that the object stands on without its clearance."""
+    """The least distance [m] of a pair, negative for a depth; without clearance to the body that it stands on."""
     margin = program.pair_margin[pair]
     if program.collider_body[program.pair_b[pair]] == support_body:
         margin = program.pair_touch[pair]
@@ -261,8 +261,11 @@ def _descend(
         reach = wp.abs(n[0]) * half[0] + wp.abs(n[1]) * half[1] + wp.abs(n[2]) * half[2]
         if over.height + wp.dot(n, center) - reach > margin:
             return step
-    elif boxes_separated(center, half, program.node_center[nb], half_b, relative(pose_a, pose_b), margin):
-        return step
+    else:
+        # Only leaves may be in each other: of boxes no depth is proven.
+        apart = wp.max(margin, 0.0)
+        if boxes_separated(center, half, program.node_center[nb], half_b, relative(pose_a, pose_b), apart):
+            return step
     if child_a < 0 and child_b < 0:
         step.leaf = True
         return step
@@ -300,7 +303,21 @@ def make_collides(leaf_separated: wp.Function, leaf_over_plane: wp.Function, dis
             over = _over_plane(program, pose_a, pose_b, plane)
             apart = leaf_over_plane(program, leaf_a, plane, over.normal, over.height, margin)
         else:
-            apart = leaf_separated(program, leaf_a, ~program.node_child[entry[2]], relative(pose_a, pose_b), margin)
+            rel = relative(pose_a, pose_b)
+            here = rel.pos
+            ways = int(0)
+            if margin < 0.0:
+                ways = program.pair_waynum[entry[0]]
+            # What may be in each other is no deeper than that if it is apart as it is, or moved by so much any way.
+            for i in range(1 + ways):
+                if i > 0:
+                    way = program.way[program.pair_wayadr[entry[0]] + i - 1]
+                    if 2 * i > ways:
+                        way = rel.rot * way
+                    rel.pos = here - margin * way
+                apart = leaf_separated(program, leaf_a, ~program.node_child[entry[2]], rel, wp.max(margin, 0.0))
+                if apart:
+                    break
         return wp.where(apart, 0, 1)
 
     @wp.func
