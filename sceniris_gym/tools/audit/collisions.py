@@ -59,7 +59,7 @@ class CollisionAudit:
         geometry: "physics" or "visual".
         clearances: Clearance [m] of each placed object.
         jointed: Names of the objects whose joints are drawn.
-        at_home: Pairs of bodies that touch at home, which are not judged here.
+        at_home: Pairs of geoms that touch at home, which are not judged here.
     """
 
     def __init__(
