@@ -12,6 +12,7 @@ import numpy as np
 from sceniris_gym.layout.collision import SKIN
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.home_touch import HomeTouch
 from sceniris_gym.program.pairs import PairRules, collider_pairs
 
 _WORLDS = 64
@@ -46,7 +47,8 @@ class Obstruction:
 def obstructions(compiled: CompiledScene, split: str) -> dict[str, Obstruction]:
     """Return for each object that candidates are rejected of for collision what is in its way most.
 
-    Distances are those of MuJoCo C, between what it collides, also with `geometry: visual`.
+    Distances are those of MuJoCo C, between what it collides, also with `geometry: visual`. Depths of geoms that are in
+    each other at home are measured as they were there.
     """
     generator = LayoutGenerator(compiled, _WORLDS, split=split, rejected=_RECORDED)
     generator.generate()
@@ -65,7 +67,7 @@ def obstructions(compiled: CompiledScene, split: str) -> dict[str, Obstruction]:
             if mjm.nmocap:
                 data.mocap_pos[:], data.mocap_quat[:] = states[1][row], states[2][row]
             mujoco.mj_kinematics(mjm, data)
-            for pair, distance in _hits(mjm, data, tests).items():
+            for pair, distance in _hits(compiled, data, tests).items():
                 seen[pair] += 1
                 distances.setdefault(pair, []).append(distance)
         if seen:
@@ -91,17 +93,23 @@ def _tests(compiled: CompiledScene, number: int) -> dict[tuple[int, int], float]
 
 
 def _hits(
-    mjm: mujoco.MjModel, data: mujoco.MjData, tests: dict[tuple[int, int], float]
+    compiled: CompiledScene, data: mujoco.MjData, tests: dict[tuple[int, int], float]
 ) -> dict[tuple[int, int], float]:
-    found = {}
+    mjm, depths, found = compiled.mjm, HomeTouch(compiled.mjm, data), {}
+    pieces = {piece.geom: piece for piece in compiled.plan.pieces}
     for (a, b), margin in tests.items():
-        apart = max(margin, 0.0)
-        reach = mjm.geom_rbound[a] + mjm.geom_rbound[b] + apart
+        nearest = margin + SKIN + _UNDECIDED
+        if margin < 0.0:
+            touch = depths.between(pieces[a], pieces[b], nearest)
+            if touch is not None:
+                found[a, b] = touch.distance
+            continue
+        reach = mjm.geom_rbound[a] + mjm.geom_rbound[b] + margin
         bounded = mjm.geom_rbound[a] > 0.0 and mjm.geom_rbound[b] > 0.0  # a plane is not
         if bounded and np.linalg.norm(data.geom_xpos[a] - data.geom_xpos[b]) > reach:
             continue
-        distance = mujoco.mj_geomDistance(mjm, data, a, b, apart + 1e-3, None)
-        if distance <= margin + SKIN + _UNDECIDED:
+        distance = mujoco.mj_geomDistance(mjm, data, a, b, margin + 1e-3, None)
+        if distance <= nearest:
             found[a, b] = distance
     return found
 

@@ -81,10 +81,29 @@ def lowest(program: Program, piece: int, in_body: wp.vec3) -> float:
 
 
 @wp.func
-def physics_separated(program: Program, a: int, b: int, rel: Pose, margin: float) -> bool:
-    """Leaves of `geometry: physics`: two convex pieces."""
-    frame = relative(piece_pose(program, a), compose(rel, piece_pose(program, b)))
-    return separated(program.vert, piece_shape(program, a), piece_shape(program, b), frame, _SPACE, margin)
+def physics_separated(program: Program, pair: int, a: int, b: int, rel: Pose, margin: float) -> bool:
+    """Leaves of `geometry: physics`: two convex pieces.
+
+    They are no deeper in each other than a negative margin allows if they are apart, or would be with b moved by so
+    much in any direction. Those of the pair are tried.
+    """
+    piece = piece_pose(program, a)
+    frame = relative(piece, compose(rel, piece_pose(program, b)))
+    shape_a = piece_shape(program, a)
+    shape_b = piece_shape(program, b)
+    if margin >= 0.0:
+        return separated(program.vert, shape_a, shape_b, frame, _SPACE, margin)
+    here = frame.pos
+    num = program.pair_waynum[pair]
+    for i in range(1 + num):
+        if i > 0:
+            way = program.way[program.pair_wayadr[pair] + i - 1]
+            if 2 * i > num:
+                way = rel.rot * way
+            frame.pos = here - margin * (wp.transpose(piece.rot) * way)
+        if separated(program.vert, shape_a, shape_b, frame, _SPACE, 0.0):
+            return True
+    return False
 
 
 @wp.func
@@ -100,7 +119,7 @@ def physics_disjoint(program: Program, a: int, b: int, rel: Pose) -> bool:
 
 
 @wp.func
-def visual_separated(program: Program, a: int, b: int, rel: Pose, margin: float) -> bool:
+def visual_separated(program: Program, pair: int, a: int, b: int, rel: Pose, margin: float) -> bool:
     """Leaves of `geometry: visual`: two triangles."""
     return triangles_separated(
         program.face_a[a],
@@ -149,11 +168,11 @@ def _leaf_pose(program: Program, leaf: int) -> Pose:
 
 
 @wp.func
-def visual_round_separated(program: Program, a: int, b: int, rel: Pose, margin: float) -> bool:
+def visual_round_separated(program: Program, pair: int, a: int, b: int, rel: Pose, margin: float) -> bool:
     """Leaves of `geometry: visual` in a scene that shows round primitives: triangles, or convex pieces."""
     if a < _PIECE_LEAF:
         if b < _PIECE_LEAF:
-            return visual_separated(program, a, b, rel, margin)
+            return visual_separated(program, pair, a, b, rel, margin)
     frame = relative(_leaf_pose(program, a), compose(rel, _leaf_pose(program, b)))
     return separated(program.vert, _leaf_shape(program, a), _leaf_shape(program, b), frame, _SPACE, margin)
 
@@ -303,21 +322,8 @@ def make_collides(leaf_separated: wp.Function, leaf_over_plane: wp.Function, dis
             over = _over_plane(program, pose_a, pose_b, plane)
             apart = leaf_over_plane(program, leaf_a, plane, over.normal, over.height, margin)
         else:
-            rel = relative(pose_a, pose_b)
-            here = rel.pos
-            ways = int(0)
-            if margin < 0.0:
-                ways = program.pair_waynum[entry[0]]
-            # What may be in each other is no deeper than that if it is apart as it is, or moved by so much any way.
-            for i in range(1 + ways):
-                if i > 0:
-                    way = program.way[program.pair_wayadr[entry[0]] + i - 1]
-                    if 2 * i > ways:
-                        way = rel.rot * way
-                    rel.pos = here - margin * way
-                apart = leaf_separated(program, leaf_a, ~program.node_child[entry[2]], rel, wp.max(margin, 0.0))
-                if apart:
-                    break
+            leaf_b = ~program.node_child[entry[2]]
+            apart = leaf_separated(program, entry[0], leaf_a, leaf_b, relative(pose_a, pose_b), margin)
         return wp.where(apart, 0, 1)
 
     @wp.func

@@ -42,7 +42,7 @@ class HomeTouch:
 
     Args:
         mjm: The model.
-        home: Its poses at home.
+        home: Its poses at home, or any others.
     """
 
     def __init__(self, mjm: mujoco.MjModel, home: mujoco.MjData) -> None:
