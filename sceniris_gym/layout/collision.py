@@ -81,10 +81,29 @@ def lowest(program: Program, piece: int, in_body: wp.vec3) -> float:
 
 
 @wp.func
-def physics_separated(program: Program, a: int, b: int, rel: Pose, margin: float) -> bool:
-    """Leaves of `geometry: physics`: two convex pieces."""
-    frame = relative(piece_pose(program, a), compose(rel, piece_pose(program, b)))
-    return separated(program.vert, piece_shape(program, a), piece_shape(program, b), frame, _SPACE, margin)
+def physics_separated(program: Program, pair: int, a: int, b: int, rel: Pose, margin: float) -> bool:
+    """Leaves of `geometry: physics`: two convex pieces.
+
+    They are no deeper in each other than a negative margin allows if they are apart, or would be with b moved by so
+    much in any direction. Those of the pair are tried.
+    """
+    piece = piece_pose(program, a)
+    frame = relative(piece, compose(rel, piece_pose(program, b)))
+    shape_a = piece_shape(program, a)
+    shape_b = piece_shape(program, b)
+    if margin >= 0.0:
+        return separated(program.vert, shape_a, shape_b, frame, _SPACE, margin)
+    here = frame.pos
+    num = program.pair_waynum[pair]
+    for i in range(1 + num):
+        if i > 0:
+            way = program.way[program.pair_wayadr[pair] + i - 1]
+            if 2 * i > num:
+                way = rel.rot * way
+            frame.pos = here - margin * (wp.transpose(piece.rot) * way)
+        if separated(program.vert, shape_a, shape_b, frame, _SPACE, 0.0):
+            return True
+    return False
 
 
 @wp.func
@@ -100,7 +119,7 @@ def physics_disjoint(program: Program, a: int, b: int, rel: Pose) -> bool:
 
 
 @wp.func
-def visual_separated(program: Program, a: int, b: int, rel: Pose, margin: float) -> bool:
+def visual_separated(program: Program, pair: int, a: int, b: int, rel: Pose, margin: float) -> bool:
     """Leaves of `geometry: visual`: two triangles."""
     return triangles_separated(
         program.face_a[a],
@@ -149,11 +168,11 @@ def _leaf_pose(program: Program, leaf: int) -> Pose:
 
 
 @wp.func
-def visual_round_separated(program: Program, a: int, b: int, rel: Pose, margin: float) -> bool:
+def visual_round_separated(program: Program, pair: int, a: int, b: int, rel: Pose, margin: float) -> bool:
     """Leaves of `geometry: visual` in a scene that shows round primitives: triangles, or convex pieces."""
     if a < _PIECE_LEAF:
         if b < _PIECE_LEAF:
-            return visual_separated(program, a, b, rel, margin)
+            return visual_separated(program, pair, a, b, rel, margin)
     frame = relative(_leaf_pose(program, a), compose(rel, _leaf_pose(program, b)))
     return separated(program.vert, _leaf_shape(program, a), _leaf_shape(program, b), frame, _SPACE, margin)
 
@@ -213,7 +232,7 @@ def _over_plane(program: Program, pose: Pose, plane_pose: Pose, plane: int) -> _
 
 @wp.func
 def _margin(program: Program, pair: int, support_body: int) -> float:
-    """The least distance [m] of a pair; to the body that the object stands on without its clearance."""
+    """The least distance [m] of a pair, negative for a depth; without clearance to the body that it stands on."""
     margin = program.pair_margin[pair]
     if program.collider_body[program.pair_b[pair]] == support_body:
         margin = program.pair_touch[pair]
@@ -261,8 +280,11 @@ def _descend(
         reach = wp.abs(n[0]) * half[0] + wp.abs(n[1]) * half[1] + wp.abs(n[2]) * half[2]
         if over.height + wp.dot(n, center) - reach > margin:
             return step
-    elif boxes_separated(center, half, program.node_center[nb], half_b, relative(pose_a, pose_b), margin):
-        return step
+    else:
+        # Only leaves may be in each other: of boxes no depth is proven.
+        apart = wp.max(margin, 0.0)
+        if boxes_separated(center, half, program.node_center[nb], half_b, relative(pose_a, pose_b), apart):
+            return step
     if child_a < 0 and child_b < 0:
         step.leaf = True
         return step
@@ -300,7 +322,8 @@ def make_collides(leaf_separated: wp.Function, leaf_over_plane: wp.Function, dis
             over = _over_plane(program, pose_a, pose_b, plane)
             apart = leaf_over_plane(program, leaf_a, plane, over.normal, over.height, margin)
         else:
-            apart = leaf_separated(program, leaf_a, ~program.node_child[entry[2]], relative(pose_a, pose_b), margin)
+            leaf_b = ~program.node_child[entry[2]]
+            apart = leaf_separated(program, entry[0], leaf_a, leaf_b, relative(pose_a, pose_b), margin)
         return wp.where(apart, 0, 1)
 
     @wp.func

@@ -72,9 +72,9 @@ def _check_room(compiled: CompiledScene) -> None:
     for name, count in zip(names, starts.tolist(), strict=True):
         if count > room:
             raise NotSupportedError(
-                f"{compiled.config.where}: '{name}' is kept apart from others in {count} pairs of bodies, and there is "
-                f"room for {room}. Make one body of several that never move against each other: geoms of one body "
-                "count as one."
+                f"{compiled.config.where}: '{name}' is kept apart from others in {count} pairs of bodies, or of geoms "
+                f"that touch at home, and there is room for {room}. Make one body of several that never move against "
+                "each other: geoms of one body count as one, unless they touch others of their object at home."
             )
 
 

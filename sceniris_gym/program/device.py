@@ -216,8 +216,13 @@ class Program:
     point: wp.array(dtype=wp.vec3)  # one of each closed component, for containment
     pair_a: wp.array(dtype=int)
     pair_b: wp.array(dtype=int)
-    pair_margin: wp.array(dtype=float)
+    pair_margin: wp.array(dtype=float)  # negative: how deep two pieces may be that are in each other at home
     pair_touch: wp.array(dtype=float)  # the least distance [m] where the pair is an object and its support
+    pair_wayadr: wp.array(dtype=int)
+    pair_waynum: wp.array(dtype=int)
+    way: wp.array(
+        dtype=wp.vec3
+    )  # unit vectors out of a: half of them in the frame of a's body, the others in that of b's
     start: wp.array(dtype=wp.vec3i)  # (pair, node of a, node of b) that the collision test begins with
     # What a world holds before anything is drawn.
     home_qpos: wp.array(dtype=float)

@@ -130,7 +130,7 @@ class Auditor:
         conflicts: list[Conflict] = []
         misplaced: list[Misplaced] = []
         kept: list[Kept] = []
-        tally = ContactTally(self.mjm, self.contacts.at_home, self.config.geometry)
+        tally = ContactTally(self.mjm, self.config.geometry)
         for start, some in table.chunks(CHUNK):
             poses = poses_of(self.mjm, some)
             there = presence(self.config, some)
@@ -209,7 +209,7 @@ class Auditor:
                 hit = {
                     int(rows[c.row])
                     for c in self.contacts.contacts(some[rows], carrying)
-                    if c.excess > 0.0 and _takes_part(c, mine[rows[c.row]], rank)
+                    if c.acts and _takes_part(c, mine[rows[c.row]], rank)
                 }
                 found = [a for a in found if a.row not in hit]
             alarms += [FalseAlarm(start + a.row, a.owners, a.surplus) for a in found]

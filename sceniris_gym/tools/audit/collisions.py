@@ -59,7 +59,7 @@ class CollisionAudit:
         geometry: "physics" or "visual".
         clearances: Clearance [m] of each placed object.
         jointed: Names of the objects whose joints are drawn.
-        at_home: Pairs of bodies that touch at home, which are not judged here.
+        at_home: Pairs of geoms that touch at home, which are not judged here.
         moved: Names of the objects that layouts move, None for all that can move; pairs of others are not judged here.
     """
 

@@ -116,7 +116,7 @@ def test_parts_of_an_object_are_judged_where_its_joints_are_drawn():
 
 
 def _all_pairs(mjm: mujoco.MjModel) -> set[tuple[int, int]]:
-    return {(i, j) for i in range(mjm.nbody) for j in range(i, mjm.nbody)}
+    return {(i, j) for i in range(mjm.ngeom) for j in range(i, mjm.ngeom)}
 
 
 def test_what_is_seen_collides_whatever_its_bits_are():
