@@ -32,7 +32,8 @@ def most_depth(mesh: wp.Mesh, lower: np.ndarray, upper: np.ndarray, device: str)
 
     Args:
         mesh: The mesh, with winding numbers.
-        lower, upper: Its bounds [m], shape (3,).
+        lower: Lower corner of its bounds [m], shape (3,).
+        upper: Upper corner, likewise.
         device: Where it is.
     """
     cell = max(float((upper - lower).max()) / _CELLS, 1e-6)

@@ -7,20 +7,26 @@ the approach axis, +y the closing axis.
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
+from sceniris_gym.errors import NotSupportedError
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.reach.arm import SerialArm
-from sceniris_gym.scene.couplings import Coupling, driven_by, follow, free_range, joint_couplings
+from sceniris_gym.scene.couplings import Coupling, driven_by, equality_label, follow, free_range, joint_couplings
 from sceniris_gym.scene.model import subtree
 
 # A tool without fingers takes no room, and may touch objects of any width.
 _NO_LIMIT = 1.0e3
 # How deep a grasp may be where nothing stands behind the TCP [m].
 _DEEP = 0.1
+# How far [m or rad] equalities may be missed beyond the start pose while the gripper opens, and in how many steps that
+# is looked at.
+_KEPT = 1e-4
+_SHARES = 17
 
 
 @dataclass(frozen=True)
@@ -60,6 +66,9 @@ class Gripper:
             arm: The arm in it.
             home_qpos: A pose of the model, shape (nq,); the fingers are measured at the limits of their joints.
             pieces: Obstacles of the model.
+
+        Raises:
+            NotSupportedError: Fingers in a loop that opening them would break.
         """
         hand = carried(mjm, arm)
         own = [p for p in pieces if p.body in hand and p.type != PieceType.PLANE]
@@ -83,7 +92,7 @@ class Gripper:
         _, _, closed = _fingers(mjm, data, arm, own, adr, narrow, driven)
         at = (low[:, 2] <= 0.0) & (high[:, 2] >= 0.0)
         between = ~at & (high[:, 2] < 0.0) & (low[:, 1] < 0.5 * opening) & (high[:, 1] > -0.5 * opening)
-        return cls(
+        gripper = cls(
             opening=opening,
             closed=closed,
             tip=float(high[at, 2].max(initial=0.0)),
@@ -95,6 +104,8 @@ class Gripper:
             closed_qpos=narrow,
             couplings=driven,
         )
+        gripper._check_loops(mjm, arm, home_qpos)
+        return gripper
 
     def poses(self, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return how the fingers stand when the gripper is opened by shares of its way.
@@ -111,6 +122,35 @@ class Gripper:
         qpos[:, self.qposadr] = self.closed_qpos + share[:, None] * (self.open_qpos - self.closed_qpos)
         follow(self.couplings, qpos)
         return adr, qpos[:, adr]
+
+    def _check_loops(self, mjm: mujoco.MjModel, arm: SerialArm, home_qpos: np.ndarray) -> None:
+        """Check that opening the gripper breaks no equality, by MuJoCo's own account."""
+        alone = copy.copy(mjm)
+        alone.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+        data = mujoco.MjData(alone)
+        data.qpos[:] = home_qpos
+        follow(self.couplings, data.qpos)
+        home = _missed(alone, data)
+        adr, poses = self.poses(np.linspace(0.0, 1.0, _SHARES))
+        for qpos in poses:
+            data.qpos[adr] = qpos
+            for eq, missed in _missed(alone, data).items():
+                if missed > home.get(eq, 0.0) + _KEPT:
+                    raise NotSupportedError(
+                        f"arm '{arm.name}': opening its gripper would break {equality_label(mjm, eq)} by {missed:.3g} "
+                        "m or rad: fingers that are joined to a loop cannot be measured. Let one of their joints drive "
+                        "the others by <equality><joint>, as the loop does, or leave out 'reachable'."
+                    )
+
+
+def _missed(mjm: mujoco.MjModel, data: mujoco.MjData) -> dict[int, float]:
+    """By how much each active equality is missed [m or rad]."""
+    mujoco.mj_fwdPosition(mjm, data)
+    found: dict[int, float] = {}
+    for row in np.flatnonzero(data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY):
+        eq = int(data.efc_id[row])
+        found[eq] = max(found.get(eq, 0.0), abs(float(data.efc_pos[row])))
+    return found
 
 
 def carried(mjm: mujoco.MjModel, arm: SerialArm) -> set[int]:

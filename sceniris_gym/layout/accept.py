@@ -4,7 +4,7 @@ import warp as wp
 
 from sceniris_gym.layout.groups import next_object
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.search import UNPROVEN, Search
+from sceniris_gym.layout.search import Search
 from sceniris_gym.program.device import Cause, ObjectKind, Program
 from sceniris_gym.program.device_reach import Reach
 
@@ -13,7 +13,6 @@ wp.set_module_options({"enable_backward": False})
 _STATIC = wp.constant(int(ObjectKind.STATIC))
 _FREE = wp.constant(int(ObjectKind.FREE))
 _NONE = wp.constant(int(Cause.NONE))
-_UNPROVEN = wp.constant(UNPROVEN)
 _EMPTY = wp.constant(int(Cause.EMPTY))
 _REGION = wp.constant(int(Cause.REGION))
 _COLLISION = wp.constant(int(Cause.COLLISION))
@@ -122,14 +121,15 @@ def _accept_first(
     for t in range(trials):
         cause = search.cause[first + t]
         search.row_attempts[row] += 1
-        if cause == _NONE or cause == _UNPROVEN:  # nothing is unproven any more
+        if cause == _NONE:
             _place(program, reach, layouts, search, first + t, row, obj)
             return 0
         _count_rejection(layouts, search, row, obj, cause)
         if cause == _COLLISION and layouts.rejected_object.shape[0] > 0:
             _record(program, layouts, search, first + t, row, obj)
         # what no draw of the object itself can open, only a new start can
-        if (cause == _EMPTY or cause == _REGION) and program.obj_retry_if_empty[obj] == 0:
+        nothing_left = cause == _EMPTY or cause == _REGION
+        if nothing_left and program.obj_retry_if_empty[obj] == 0:
             return program.attempts
     return search.row_trial[row] + trials
 

@@ -6,11 +6,21 @@ Candidates for which it has no room, and those of triangles, where most leaves n
 tested as a whole instead.
 """
 
+from typing import Any
+
 import warp as wp
 
-from sceniris_gym.layout.blocks import block_any
+from sceniris_gym.layout.blocks import block_any, block_sync
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.leaves import PairPoses, launch_test_leaves, leaves_touch, margin_of, over_plane, pair_poses, support_of
+from sceniris_gym.layout.leaves import (
+    PairPoses,
+    launch_test_leaves,
+    leaves_touch,
+    margin_of,
+    over_plane,
+    pair_poses,
+    support_of,
+)
 from sceniris_gym.layout.search import UNPROVEN, Search, SearchSize, list_of, row_of
 from sceniris_gym.layout.transforms import Pose, apply, relative
 from sceniris_gym.program.device import Cause, Program
@@ -74,7 +84,8 @@ def _nodes_separated(program: Program, pair: int, na: int, nb: int, poses: PairP
         reach = wp.abs(n[0]) * half[0] + wp.abs(n[1]) * half[1] + wp.abs(n[2]) * half[2]
         return over.height + wp.dot(n, center) - reach > margin
     rel = relative(poses.a, poses.b)
-    return boxes_separated(center, half, program.node_center[nb], program.node_half[nb], rel, margin)
+    # only leaves may be in each other: of boxes no depth is proven
+    return boxes_separated(center, half, program.node_center[nb], program.node_half[nb], rel, wp.max(margin, 0.0))
 
 
 @wp.struct
@@ -133,77 +144,32 @@ def _queue_leaves(
                 entry, slot = wp.tile_stack_pop(nodes)
                 step = _Step()
                 if slot >= 0:
-                    poses = pair_poses(program, layouts, search, c, row, entry[0])
+                    poses = pair_poses(
+                        program,
+                        entry[0],
+                        search.body_pos[c],
+                        search.body_quat[c],
+                        layouts.body_pos[row],
+                        layouts.body_quat[row],
+                    )
                     step = _step(program, entry, poses, margin_of(program, entry[0], support))
-                wp.tile_stack_push(nodes, step.left, step.inner)
-                wp.tile_stack_push(nodes, step.right, step.inner)
+                at_left = wp.tile_stack_push(nodes, step.left, step.inner)
+                at_right = wp.tile_stack_push(nodes, step.right, step.inner)
+                if step.inner and wp.min(at_left, at_right) < 0:
+                    search.cause[c] = _UNPROVEN
+                    search.unproven[0] = 1
                 if step.leaf:
                     at = wp.atomic_add(search.leaves, 0, 1)
                     if at < search.leaf.shape[0]:
                         search.leaf[at] = wp.vec4i(c, entry[0], entry[1], entry[2])
                     else:
                         search.cause[c] = _UNPROVEN
-
-
-@wp.kernel(grid_stride=False, cuda_max_registers=128)
-def _test_together(
-    program: Program,
-    blocks: int,
-    wanted: int,
-    layouts: LayoutsView,
-    # Search in and out:
-    search: Search,
-):
-    block, lane = wp.tid()
-    nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
-    leaves = wp.tile_stack(capacity=wp.static(WAITING), dtype=wp.vec3i)
-    if wanted == _UNPROVEN and search.leaves[0] <= search.leaf.shape[0]:
-        return
-    for i in range(block, search.screened[0], blocks):
-        c = search.survivor[i]
-        if search.cause[c] != wanted:
-            continue
-        row = row_of(search, c)
-        tests = list_of(search, row)
-        support = support_of(program, tests)
-        last = program.obj_startadr[tests] + program.obj_startnum[tests]
-        base = int(program.obj_startadr[tests])
-        hit = int(0)
-        while base < last or wp.tile_stack_count(nodes) + wp.tile_stack_count(leaves) > 0:
-            if wp.tile_stack_count(nodes) == 0 and base < last:
-                wp.tile_stack_push(nodes, program.start[wp.min(base + lane, last - 1)], base + lane < last)
-                base += wp.block_dim()
-            elif wp.tile_stack_count(leaves) >= wp.block_dim() or wp.tile_stack_count(nodes) == 0:
-                entry, slot = wp.tile_stack_pop(leaves)
-                if slot >= 0:
-                    poses = pair_poses(program, layouts, search, c, row, entry[0])
-                    if leaves_touch(program, entry, poses, margin_of(program, entry[0], support)):
-                        hit = 1
-                if block_any(hit) != 0:
-                    hit = 1
-                    base = last
-                    wp.tile_stack_clear(nodes)
-                    wp.tile_stack_clear(leaves)
-            else:
-                entry, slot = wp.tile_stack_pop(nodes)
-                step = _Step()
-                if slot >= 0:
-                    poses = pair_poses(program, layouts, search, c, row, entry[0])
-                    step = _step(program, entry, poses, margin_of(program, entry[0], support))
-                wp.tile_stack_push(nodes, step.left, step.inner)
-                wp.tile_stack_push(nodes, step.right, step.inner)
-                wp.tile_stack_push(leaves, entry, step.leaf)
-        if lane == 0:
-            search.cause[c] = wp.where(hit != 0, _COLLISION, _NONE)
+                        search.unproven[0] = 1
 
 
 @wp.func
-def _some_leaves_touch(
-    program: Program, layouts: LayoutsView, search: Search, c: int, row: int, start: wp.vec3i, support: int
-) -> bool:
-    """Are any leaves below an entry (pair, node of a, node of b) too near?"""
-    poses = pair_poses(program, layouts, search, c, row, start[0])
-    margin = margin_of(program, start[0], support)
+def _leaves_below_touch(program: Program, start: wp.vec3i, poses: PairPoses, margin: float) -> bool:
+    """Are any leaves below an entry (pair, node of a, node of b) too near? A lane goes down both trees by itself."""
     stack = wp.zeros(shape=(_OWN_STACK,), dtype=wp.vec3i)
     stack[0] = start
     count = int(1)
@@ -221,6 +187,92 @@ def _some_leaves_touch(
     return False
 
 
+@wp.func
+def collides(
+    program: Program,
+    tests: int,
+    nodes: Any,
+    leaves: Any,
+    lane: int,
+    own_pos: wp.array(dtype=wp.vec3),
+    own_quat: wp.array(dtype=wp.vec4),
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+) -> bool:
+    """Is any pair of a list too near, leaves and all? All lanes of a block call it together, with empty stacks.
+
+    `own_pos` and `own_quat` pose what is tested, `body_pos` and `body_quat` all others.
+    """
+    support = support_of(program, tests)
+    base = int(program.obj_startadr[tests])
+    last = base + program.obj_startnum[tests]
+    hit = int(0)
+    while base < last or wp.tile_stack_count(nodes) + wp.tile_stack_count(leaves) > 0:
+        if wp.tile_stack_count(nodes) == 0 and base < last:
+            wp.tile_stack_push(nodes, program.start[wp.min(base + lane, last - 1)], base + lane < last)
+            base += wp.block_dim()
+        elif wp.tile_stack_count(leaves) >= wp.block_dim() or wp.tile_stack_count(nodes) == 0:
+            entry, slot = wp.tile_stack_pop(leaves)
+            if slot >= 0:
+                poses = pair_poses(program, entry[0], own_pos, own_quat, body_pos, body_quat)
+                if leaves_touch(program, entry, poses, margin_of(program, entry[0], support)):
+                    hit = 1
+            if block_any(hit) != 0:
+                hit = 1
+                base = last
+                wp.tile_stack_clear(nodes)
+                wp.tile_stack_clear(leaves)
+        else:
+            entry, slot = wp.tile_stack_pop(nodes)
+            step = _Step()
+            if slot >= 0:
+                poses = pair_poses(program, entry[0], own_pos, own_quat, body_pos, body_quat)
+                step = _step(program, entry, poses, margin_of(program, entry[0], support))
+            at_left = wp.tile_stack_push(nodes, step.left, step.inner)
+            at_right = wp.tile_stack_push(nodes, step.right, step.inner)
+            wp.tile_stack_push(leaves, entry, step.leaf)
+            if step.inner and wp.min(at_left, at_right) < 0:  # no room: this lane sees to it by itself
+                poses = pair_poses(program, entry[0], own_pos, own_quat, body_pos, body_quat)
+                if _leaves_below_touch(program, entry, poses, margin_of(program, entry[0], support)):
+                    hit = 1
+    return hit != 0
+
+
+@wp.kernel(grid_stride=False, cuda_max_registers=128)
+def _test_together(
+    program: Program,
+    blocks: int,
+    wanted: int,
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+):
+    block, lane = wp.tid()
+    nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
+    leaves = wp.tile_stack(capacity=wp.static(WAITING), dtype=wp.vec3i)
+    if wanted == _UNPROVEN and search.unproven[0] == 0:
+        return
+    for i in range(block, search.screened[0], blocks):
+        c = search.survivor[i]
+        cause = search.cause[c]
+        block_sync()  # all lanes have read it
+        if cause == wanted:
+            row = row_of(search, c)
+            hit = collides(
+                program,
+                list_of(search, row),
+                nodes,
+                leaves,
+                lane,
+                search.body_pos[c],
+                search.body_quat[c],
+                layouts.body_pos[row],
+                layouts.body_quat[row],
+            )
+            if lane == 0:
+                search.cause[c] = wp.where(hit, _COLLISION, _NONE)
+
+
 @wp.kernel
 def _test_alone(
     program: Program,
@@ -236,7 +288,16 @@ def _test_alone(
         support = support_of(program, tests)
         adr = program.obj_startadr[tests]
         for s in range(adr, adr + program.obj_startnum[tests]):
-            if _some_leaves_touch(program, layouts, search, c, row, program.start[s], support):
+            start = program.start[s]
+            poses = pair_poses(
+                program,
+                start[0],
+                search.body_pos[c],
+                search.body_quat[c],
+                layouts.body_pos[row],
+                layouts.body_quat[row],
+            )
+            if _leaves_below_touch(program, start, poses, margin_of(program, start[0], support)):
                 search.cause[c] = _COLLISION
                 break
 

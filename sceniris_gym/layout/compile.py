@@ -13,10 +13,9 @@ import warp as wp
 
 from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.scene import AUTO, SceneConfig
-from sceniris_gym.errors import FallbackWarning, InfeasibleSceneError, NotSupportedError, UnknownNameError
+from sceniris_gym.errors import FallbackWarning, InfeasibleSceneError, UnknownNameError
 from sceniris_gym.layout.attempts import find_attempts
 from sceniris_gym.layout.blame import obstructions
-from sceniris_gym.layout.collision import NODE_CAPACITY
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
@@ -59,23 +58,9 @@ def compile_scene(scene: str | Path | Mapping | SceneConfig | SceneModel, device
     name = device_name(device)
     model = scene if isinstance(scene, SceneModel) else build_model(SceneConfig.load(scene))
     compiled = upload_scene(model, name)
-    _check_room(compiled)
     if model.config.attempts == AUTO:
         compiled.program.attempts = find_attempts(compiled)
     return _with_bank(compiled)
-
-
-def _check_room(compiled: CompiledScene) -> None:
-    """Refuse a scene of which an object is kept apart from more bodies than the collision test has room for."""
-    room, starts = NODE_CAPACITY[compiled.leaves], compiled.program.obj_startnum.numpy()
-    names = [*compiled.placed, *["robot"] * (len(starts) - len(compiled.placed))]
-    for name, count in zip(names, starts.tolist(), strict=True):
-        if count > room:
-            raise NotSupportedError(
-                f"{compiled.config.where}: '{name}' is kept apart from others in {count} pairs of bodies, and there is "
-                f"room for {room}. Make one body of several that never move against each other: geoms of one body "
-                "count as one."
-            )
 
 
 def device_name(device: str | None, where: str = "compile_scene") -> str:

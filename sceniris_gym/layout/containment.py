@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from sceniris_gym.layout.blocks import block_any, block_sync
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.leaves import pair_poses
 from sceniris_gym.layout.search import Search, SearchSize, list_of, row_of
@@ -30,6 +31,31 @@ def _has_points_inside(program: Program, a: int, b: int, rel: Pose) -> bool:
     return False
 
 
+@wp.func
+def encloses(
+    program: Program,
+    tests: int,
+    lane: int,
+    own_pos: wp.array(dtype=wp.vec3),
+    own_quat: wp.array(dtype=wp.vec4),
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+) -> bool:
+    """Is one collider of any pair of a list inside the other? All lanes of a block call it together; see `collides`."""
+    adr = program.obj_pairadr[tests]
+    inside = int(0)
+    for pair in range(adr + lane, adr + program.obj_pairnum[tests], wp.block_dim()):
+        a = program.pair_a[pair]
+        b = program.pair_b[pair]
+        if inside == 0 and program.collider_plane[b] < 0:
+            poses = pair_poses(program, pair, own_pos, own_quat, body_pos, body_quat)
+            if _has_points_inside(program, a, b, relative(poses.a, poses.b)) or _has_points_inside(
+                program, b, a, relative(poses.b, poses.a)
+            ):
+                inside = 1
+    return block_any(inside) != 0
+
+
 @wp.kernel(grid_stride=False)
 def _test_containment(
     program: Program,
@@ -41,18 +67,21 @@ def _test_containment(
     block, lane = wp.tid()
     for i in range(block, search.screened[0], blocks):
         c = search.survivor[i]
-        row = row_of(search, c)
-        tests = list_of(search, row)
-        adr = program.obj_pairadr[tests]
-        for pair in range(adr + lane, adr + program.obj_pairnum[tests], wp.block_dim()):
-            a = program.pair_a[pair]
-            b = program.pair_b[pair]
-            if search.cause[c] == _NONE and program.collider_plane[b] < 0:
-                poses = pair_poses(program, layouts, search, c, row, pair)
-                if _has_points_inside(program, a, b, relative(poses.a, poses.b)):
-                    search.cause[c] = _COLLISION
-                elif _has_points_inside(program, b, a, relative(poses.b, poses.a)):
-                    search.cause[c] = _COLLISION
+        cause = search.cause[c]
+        block_sync()  # all lanes have read it
+        if cause == _NONE:
+            row = row_of(search, c)
+            hit = encloses(
+                program,
+                list_of(search, row),
+                lane,
+                search.body_pos[c],
+                search.body_quat[c],
+                layouts.body_pos[row],
+                layouts.body_quat[row],
+            )
+            if lane == 0 and hit:
+                search.cause[c] = _COLLISION
 
 
 def launch_test_containment(

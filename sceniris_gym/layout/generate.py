@@ -12,22 +12,18 @@ import warp as wp
 from sceniris_gym.errors import CountError, MaskError, MaskTypeError, SeedError
 from sceniris_gym.layout.accept import launch_accept
 from sceniris_gym.layout.boxes import launch_test_boxes
-from sceniris_gym.layout.collision import LEAF_CAPACITY, NODE_CAPACITY
 from sceniris_gym.layout.containment import launch_test_containment
 from sceniris_gym.layout.draw import launch_draw
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.points import launch_draw_points
 from sceniris_gym.layout.random import SPLITS, USER_SPLITS
-from sceniris_gym.layout.reachability import REACHABILITY
+from sceniris_gym.layout.reachability import launch_reachability
 from sceniris_gym.layout.rounds import launch_open_rows, launch_plan_wave, launch_reopen, launch_settle, launch_start
 from sceniris_gym.layout.screen import launch_screen
 from sceniris_gym.layout.search import SearchSize, create_search, default_size
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
 from sceniris_gym.program.device_reach import Reach
-
-# Lanes for each world in the stages after placing: one warp.
-_BLOCK_DIM = 32
 
 
 @wp.kernel(enable_backward=False)
@@ -87,8 +83,6 @@ class LayoutGenerator:
         self._reach = Reach() if reaching is None else reaching.view
         self._related = compiled.related
         self._faces = compiled.config.geometry == "visual"
-        self._stage = REACHABILITY[compiled.leaves]
-        self._lanes = min(_BLOCK_DIM, max_block_dim(compiled))
         self.reseed(seed)
 
     @property
@@ -172,13 +166,8 @@ class LayoutGenerator:
         launch_accept(program, reach, size.lanes, view, search, device)
 
     def _launch_stage(self) -> None:
-        wp.launch_tiled(
-            self._stage,
-            dim=[self.nworld],
-            inputs=[self.compiled.program, self._reach, SPLITS[self.split], self.layouts.view, self._search],
-            block_dim=self._lanes,
-            device=self._device,
-        )
+        size, split, view = self.size, SPLITS[self.split], self.layouts.view
+        launch_reachability(self.compiled.program, self._reach, split, size.block_dim, view, self._search, self._device)
 
     @property
     def _device(self) -> str:
@@ -198,15 +187,6 @@ def rejection_counts(layouts: Layouts) -> dict[str, dict[str, int]]:
     unused = {Cause.NONE, *(REACH_CAUSES if layouts.compiled.reaching is None else ())}
     causes = [c for c in Cause if c not in unused]
     return {name: {c.name.lower(): int(counts[i, c]) for c in causes} for i, name in enumerate(layouts.compiled.placed)}
-
-
-def max_block_dim(compiled: CompiledScene) -> int:
-    """The most lanes, a power of two, for which the stacks of the collision test suffice whatever the poses.
-
-    A pass leaves behind at most one box pair for each lane and level of both trees.
-    """
-    lanes = min(NODE_CAPACITY[compiled.leaves] // (compiled.depth + 2), LEAF_CAPACITY // 2)
-    return 1 << max(lanes.bit_length() - 1, 0)
 
 
 def check_mask(mask: wp.array | None, nworld: int) -> None:

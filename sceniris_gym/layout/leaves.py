@@ -48,26 +48,33 @@ class OverPlane:
 
 
 @wp.func
-def pair_poses(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, pair: int) -> PairPoses:
-    """Where a candidate has a pair's bodies: its own where it was posed, all others where the row has them."""
+def pair_poses(
+    program: Program,
+    pair: int,
+    own_pos: wp.array(dtype=wp.vec3),
+    own_quat: wp.array(dtype=wp.vec4),
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+) -> PairPoses:
+    """Where a pair's bodies are: those of what is tested as it is posed, all others as they stand."""
     own = program.pair_own[pair]
     a = program.collider_body[program.pair_a[pair]]
     b = program.collider_body[program.pair_b[pair]]
     p = PairPoses()
     if (own & _OWN_A) != 0:
-        p.a = pose_of(search.body_pos[c, a], search.body_quat[c, a])
+        p.a = pose_of(own_pos[a], own_quat[a])
     else:
-        p.a = pose_of(layouts.body_pos[row, a], layouts.body_quat[row, a])
+        p.a = pose_of(body_pos[a], body_quat[a])
     if (own & _OWN_B) != 0:
-        p.b = pose_of(search.body_pos[c, b], search.body_quat[c, b])
+        p.b = pose_of(own_pos[b], own_quat[b])
     else:
-        p.b = pose_of(layouts.body_pos[row, b], layouts.body_quat[row, b])
+        p.b = pose_of(body_pos[b], body_quat[b])
     return p
 
 
 @wp.func
 def margin_of(program: Program, pair: int, support_body: int) -> float:
-    """The least distance [m] of a pair; to the body that the object stands on without its clearance."""
+    """The least distance [m] of a pair, negative for a depth; without clearance to the body that it stands on."""
     margin = program.pair_margin[pair]
     if program.collider_body[program.pair_b[pair]] == support_body:
         margin = program.pair_touch[pair]
@@ -136,8 +143,12 @@ def _leaf_pose(program: Program, leaf: int) -> Pose:
 
 
 @wp.func
-def _separated(program: Program, a: int, b: int, rel: Pose, margin: float) -> bool:
-    """Are two leaves further apart than `margin` [m]? `rel` is b's body in a's frame."""
+def _separated(program: Program, pair: int, a: int, b: int, rel: Pose, margin: float) -> bool:
+    """Are two leaves further apart than `margin` [m]? `rel` is b's body in a's frame.
+
+    They are no deeper in each other than a negative margin allows if they are apart, or would be with b moved by so
+    much in any direction. Those of the pair are tried.
+    """
     if program.faces != 0 and a < _PIECE_LEAF and b < _PIECE_LEAF:
         return triangles_separated(
             program.face_a[a],
@@ -148,8 +159,23 @@ def _separated(program: Program, a: int, b: int, rel: Pose, margin: float) -> bo
             apply(rel, program.face_c[b]),
             margin,
         )
-    frame = relative(_leaf_pose(program, a), compose(rel, _leaf_pose(program, b)))
-    return separated(program.vert, _leaf_shape(program, a), _leaf_shape(program, b), frame, _SPACE, margin)
+    piece = _leaf_pose(program, a)
+    frame = relative(piece, compose(rel, _leaf_pose(program, b)))
+    shape_a = _leaf_shape(program, a)
+    shape_b = _leaf_shape(program, b)
+    if margin >= 0.0:
+        return separated(program.vert, shape_a, shape_b, frame, _SPACE, margin)
+    here = frame.pos
+    num = program.pair_waynum[pair]
+    for i in range(1 + num):
+        if i > 0:
+            way = program.way[program.pair_wayadr[pair] + i - 1]
+            if 2 * i > num:
+                way = rel.rot * way
+            frame.pos = here - margin * (wp.transpose(piece.rot) * way)
+        if separated(program.vert, shape_a, shape_b, frame, _SPACE, 0.0):
+            return True
+    return False
 
 
 @wp.func
@@ -174,7 +200,7 @@ def leaves_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: fl
     if plane >= 0:
         over = over_plane(program, poses.a, poses.b, plane)
         return over.height + _lowest_of_leaf(program, a, over.normal) <= margin
-    return not _separated(program, a, ~program.node_child[entry[2]], relative(poses.a, poses.b), margin)
+    return not _separated(program, entry[0], a, ~program.node_child[entry[2]], relative(poses.a, poses.b), margin)
 
 
 # With all the registers that it would take, a multiprocessor holds few warps, and each waits for its own arithmetic.
@@ -191,7 +217,14 @@ def _test_leaves(
         entry = wp.vec3i(search.leaf[i][1], search.leaf[i][2], search.leaf[i][3])
         if search.cause[c] == _NONE:
             row = row_of(search, c)
-            poses = pair_poses(program, layouts, search, c, row, entry[0])
+            poses = pair_poses(
+                program,
+                entry[0],
+                search.body_pos[c],
+                search.body_quat[c],
+                layouts.body_pos[row],
+                layouts.body_quat[row],
+            )
             margin = margin_of(program, entry[0], support_of(program, list_of(search, row)))
             if leaves_touch(program, entry, poses, margin):
                 search.cause[c] = _COLLISION

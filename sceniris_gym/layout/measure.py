@@ -2,8 +2,8 @@
 
 import warp as wp
 
-from sceniris_gym.layout.leaves import lowest
 from sceniris_gym.layout.kinematics import pose_bodies
+from sceniris_gym.layout.leaves import lowest
 from sceniris_gym.layout.orientations import DrawnVariant
 from sceniris_gym.layout.transforms import quat_mat, unit_circle
 from sceniris_gym.program.device import Measure, OrientationType, Program

@@ -214,7 +214,15 @@ def _cut(
 
 @wp.func
 def _all_hold(
-    program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, tri: int, frame: Pose, own: Placed
+    program: Program,
+    layouts: LayoutsView,
+    search: Search,
+    c: int,
+    row: int,
+    obj: int,
+    tri: int,
+    frame: Pose,
+    own: Placed,
 ) -> bool:
     """Do all relations hold exactly at the drawn point, and does the pivot keep off the outline?"""
     for i in range(program.obj_relnum[obj]):

@@ -12,13 +12,14 @@ import warp as wp
 
 from sceniris_gym.layout.bank import fall_back
 from sceniris_gym.layout.blocks import block_sync
-from sceniris_gym.layout.collision import COLLIDES, LEAF_CAPACITY, NODE_CAPACITY
+from sceniris_gym.layout.boxes import SHARED_STACK, WAITING, collides
+from sceniris_gym.layout.containment import encloses
 from sceniris_gym.layout.grasps import passes_map
 from sceniris_gym.layout.kinematics import follow_joint, pose_body
 from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.random import REACH_STREAM, STREAM_BITS, uniforms
 from sceniris_gym.layout.search import Search
 from sceniris_gym.layout.transforms import Pose, pose_of
-from sceniris_gym.layout.random import REACH_STREAM, STREAM_BITS, uniforms
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.reach.arm import MAX_JOINTS
@@ -180,176 +181,186 @@ def _keep(layouts: LayoutsView, worldid: int, column: int, grasp: int, njoint: i
         layouts.pregrasp_qpos[worldid, column, i] = wp.where(i < njoint and clear, found.pregrasp[i], wp.nan)
 
 
-def _make_reachability(geometry: str, collides: wp.Function) -> wp.Kernel:
-    """The kernel for one kind of geometry."""
+@wp.func
+def _hits(program: Program, layouts: LayoutsView, nodes: Any, leaves: Any, worldid: int, lane: int, tests: int) -> bool:
+    """Whether the posed arm hits anything of a list of pairs."""
+    pos = layouts.arm_pos[worldid]
+    quat = layouts.arm_quat[worldid]
+    if collides(program, tests, nodes, leaves, lane, pos, quat, pos, quat):
+        return True
+    if program.faces == 0:
+        return False
+    return encloses(program, tests, lane, pos, quat, pos, quat)
 
-    @wp.func
-    def hand_is_clear(
-        program: Program,
-        reach: Reach,
-        layouts: LayoutsView,
-        nodes: Any,
-        leaves: Any,
-        worldid: int,
-        lane: int,
-        column: int,
-        grasp: int,
-    ) -> bool:
-        """Whether the map lets a grasp through and the hand alone is clear of the layout in it and its pre-grasp.
 
-        It stands there whatever the arm's joints are, so all starts of a grasp are spared at once. The object itself it
-        may touch in the grasp alone.
-        """
-        clear = passes_map(
-            reach, column, grasp, _base(reach, layouts, worldid), layouts.body_pos[worldid], layouts.body_quat[worldid]
-        )
-        columns = layouts.grasp.shape[1]
-        step = int(0)
-        while step < 3 and clear:
-            if lane == 0 and step < 2:
-                _pose_hand(program, reach, layouts, worldid, grasp, float(step) * PREGRASP_DISTANCE)
-            block_sync()
-            pairs = program.nobject + 1 + wp.where(step < 2, columns, 2 * columns) + column
-            clear = not collides(
-                program, nodes, leaves, lane, pairs, -1, layouts.arm_pos[worldid], layouts.arm_quat[worldid]
-            )
-            step += 1
-        return clear
+@wp.func
+def _hand_is_clear(
+    program: Program,
+    reach: Reach,
+    layouts: LayoutsView,
+    nodes: Any,
+    leaves: Any,
+    worldid: int,
+    lane: int,
+    column: int,
+    grasp: int,
+) -> bool:
+    """Whether the map lets a grasp through and the hand alone is clear of the layout in it and its pre-grasp.
 
-    @wp.func
-    def reach_object(
-        program: Program,
-        reach: Reach,
-        layouts: LayoutsView,
-        nodes: Any,
-        leaves: Any,
-        worldid: int,
-        lane: int,
-        column: int,
-        stream: wp.uint32,
-        trial: int,
-    ) -> int:
-        """Find and keep the first grasp and start that pass. Returns why there is none, or NONE."""
-        body_pos = layouts.body_pos[worldid]
-        body_quat = layouts.body_quat[worldid]
-        arm_pos = layouts.arm_pos[worldid]
-        arm_quat = layouts.arm_quat[worldid]
-        variant = layouts.variant[worldid, column]
-        # placing has found that the map lets none through before this one
-        first = reach.reach_graspadr[column] + layouts.grasp[worldid, column]
-        number = (reach.variant_graspadr[variant] + reach.variant_graspnum[variant] - first) * STARTS
-        clear = reach.reach_tier[column] == _CLEAR
-        # against itself in the grasp; then against the layout, both in the pre-grasp, and there the hand and the object
-        tests = wp.where(clear, 5, 1)
-        tried = bool(False)  # whether this lane's grasp goes through inverse kinematics
-        looked = first - 1  # the last grasp for which that is known
-        blocked = clear  # whether the hand hits something in all of these
-        cause = int(_NO_IK)
-        base = int(0)
-        while base < number and cause != _NONE:
-            mine = int(_NO_CANDIDATE)
-            grasp = first + (base + lane) // STARTS
-            found = Reached()
-            last = first + (wp.min(base + wp.block_dim(), number) - 1) // STARTS
-            if clear:
-                while looked < last:
-                    looked += 1
-                    through = hand_is_clear(program, reach, layouts, nodes, leaves, worldid, lane, column, looked)
-                    blocked = blocked and not through
-                    if looked == grasp:
-                        tried = through
+    It stands there whatever the arm's joints are, so all starts of a grasp are spared at once. The object itself it
+    may touch in the grasp alone.
+    """
+    clear = passes_map(
+        reach, column, grasp, _base(reach, layouts, worldid), layouts.body_pos[worldid], layouts.body_quat[worldid]
+    )
+    columns = layouts.grasp.shape[1]
+    step = int(0)
+    while step < 3 and clear:
+        if lane == 0 and step < 2:
+            _pose_hand(program, reach, layouts, worldid, grasp, float(step) * PREGRASP_DISTANCE)
+        block_sync()
+        pairs = program.nobject + 1 + wp.where(step < 2, columns, 2 * columns) + column
+        clear = not _hits(program, layouts, nodes, leaves, worldid, lane, pairs)
+        step += 1
+    return clear
+
+
+@wp.func
+def _reach_object(
+    program: Program,
+    reach: Reach,
+    layouts: LayoutsView,
+    nodes: Any,
+    leaves: Any,
+    worldid: int,
+    lane: int,
+    column: int,
+    stream: wp.uint32,
+    trial: int,
+) -> int:
+    """Find and keep the first grasp and start that pass. Returns why there is none, or NONE."""
+    body_pos = layouts.body_pos[worldid]
+    body_quat = layouts.body_quat[worldid]
+    variant = layouts.variant[worldid, column]
+    # placing has found that the map lets none through before this one
+    first = reach.reach_graspadr[column] + layouts.grasp[worldid, column]
+    number = (reach.variant_graspadr[variant] + reach.variant_graspnum[variant] - first) * STARTS
+    clear = reach.reach_tier[column] == _CLEAR
+    # against itself in the grasp; then against the layout, both in the pre-grasp, and there the hand and the object
+    tests = wp.where(clear, 5, 1)
+    tried = bool(False)  # whether this lane's grasp goes through inverse kinematics
+    looked = first - 1  # the last grasp for which that is known
+    blocked = clear  # whether the hand hits something in all of these
+    cause = int(_NO_IK)
+    base = int(0)
+    while base < number and cause != _NONE:
+        mine = int(_NO_CANDIDATE)
+        grasp = first + (base + lane) // STARTS
+        found = Reached()
+        last = first + (wp.min(base + wp.block_dim(), number) - 1) // STARTS
+        if clear:
+            while looked < last:
+                looked += 1
+                through = _hand_is_clear(program, reach, layouts, nodes, leaves, worldid, lane, column, looked)
+                blocked = blocked and not through
+                if looked == grasp:
+                    tried = through
+        else:
+            tried = passes_map(reach, column, wp.min(grasp, last), _base(reach, layouts, worldid), body_pos, body_quat)
+        if base + lane < number and tried:
+            found = _try(reach, layouts, worldid, column, grasp, (base + lane) % STARTS, stream, trial)
+            if found.ok:
+                mine = base + lane
+        least = wp.tile_extract(wp.tile_min(wp.tile(mine)), 0)
+        while least < _NO_CANDIDATE and cause != _NONE:
+            k = int(0)
+            hit = bool(False)
+            while k < tests and not hit:
+                if k == 0 or k == 2:
+                    if mine == least:
+                        q = found.grasp
+                        if k > 0:
+                            q = found.pregrasp
+                        _pose_arm(program, reach, layouts, worldid, q, grasp)
+                    block_sync()
+                pairs = int(program.nobject)
+                if k == 4:
+                    pairs += 1 + 2 * layouts.grasp.shape[1] + column
+                elif k % 2 == 1:
+                    pairs += 1 + column
+                hit = _hits(program, layouts, nodes, leaves, worldid, lane, pairs)
+                k += 1
+                if k == 1 and not hit:
+                    cause = _BLOCKED
+            if hit:
+                if mine == least:
+                    mine = _NO_CANDIDATE
+                least = wp.tile_extract(wp.tile_min(wp.tile(mine)), 0)
             else:
-                tried = passes_map(
-                    reach, column, wp.min(grasp, last), _base(reach, layouts, worldid), body_pos, body_quat
-                )
-            if base + lane < number and tried:
-                found = _try(reach, layouts, worldid, column, grasp, (base + lane) % STARTS, stream, trial)
-                if found.ok:
-                    mine = base + lane
-            least = wp.tile_extract(wp.tile_min(wp.tile(mine)), 0)
-            while least < _NO_CANDIDATE and cause != _NONE:
-                k = int(0)
-                hit = bool(False)
-                while k < tests and not hit:
-                    if k == 0 or k == 2:
-                        if mine == least:
-                            q = found.grasp
-                            if k > 0:
-                                q = found.pregrasp
-                            _pose_arm(program, reach, layouts, worldid, q, grasp)
-                        block_sync()
-                    pairs = int(program.nobject)
-                    if k == 4:
-                        pairs += 1 + 2 * layouts.grasp.shape[1] + column
-                    elif k % 2 == 1:
-                        pairs += 1 + column
-                    hit = collides(program, nodes, leaves, lane, pairs, -1, arm_pos, arm_quat)
-                    k += 1
-                    if k == 1 and not hit:
-                        cause = _BLOCKED
-                if hit:
-                    if mine == least:
-                        mine = _NO_CANDIDATE
-                    least = wp.tile_extract(wp.tile_min(wp.tile(mine)), 0)
-                else:
-                    cause = _NONE
-                    if mine == least:
-                        name = grasp - reach.reach_graspadr[column]
-                        _keep(layouts, worldid, column, name, reach.arm.njoint, found, clear)
-            base += wp.block_dim()
-        if blocked:
-            cause = _BLOCKED
-        return cause
+                cause = _NONE
+                if mine == least:
+                    name = grasp - reach.reach_graspadr[column]
+                    _keep(layouts, worldid, column, name, reach.arm.njoint, found, clear)
+        base += wp.block_dim()
+    if blocked:
+        cause = _BLOCKED
+    return cause
 
-    def reachability(
-        program: Program,
-        reach: Reach,
-        split: wp.uint32,
-        # Layouts in and out:
-        layouts: LayoutsView,
-        # Search in and out:
-        search: Search,
-    ):
-        worldid, lane = wp.tid()
-        if not search.waiting[worldid]:
-            return
-        restart = search.restart[worldid]
-        nodes = wp.tile_stack(capacity=wp.static(NODE_CAPACITY[geometry]), dtype=wp.vec3i)
-        leaves = wp.tile_stack(capacity=wp.static(LEAF_CAPACITY), dtype=wp.vec3i)
-        for i in range(lane, layouts.arm_qpos.shape[1], wp.block_dim()):
-            layouts.arm_qpos[worldid, i] = layouts.qpos[worldid, i]
-        for i in range(lane, layouts.arm_pos.shape[1], wp.block_dim()):
-            layouts.arm_pos[worldid, i] = layouts.body_pos[worldid, i]
-            layouts.arm_quat[worldid, i] = layouts.body_quat[worldid, i]
-        block_sync()
-        stream = (split << _STREAM_BITS) + _REACH_STREAM
-        columns = layouts.grasp.shape[1]
-        cause = int(_NONE)
-        column = int(0)
-        while column < columns and cause == _NONE:
-            if layouts.present[worldid, reach.reach_slot[column]] == 0:
-                if lane == 0:
-                    _keep(layouts, worldid, column, -1, 0, Reached(), False)
-            elif reach.reach_tier[column] >= _IK:
-                trial = (restart - 1) * columns + column
-                cause = reach_object(program, reach, layouts, nodes, leaves, worldid, lane, column, stream, trial)
-            column += 1
-        block_sync()
-        if lane == 0:
-            if cause == _NONE:
+
+@wp.kernel(grid_stride=False)
+def _reachability(
+    program: Program,
+    reach: Reach,
+    split: wp.uint32,
+    # Layouts in and out:
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+):
+    worldid, lane = wp.tid()
+    if not search.waiting[worldid]:
+        return
+    restart = search.restart[worldid]
+    nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
+    leaves = wp.tile_stack(capacity=wp.static(WAITING), dtype=wp.vec3i)
+    for i in range(lane, layouts.arm_qpos.shape[1], wp.block_dim()):
+        layouts.arm_qpos[worldid, i] = layouts.qpos[worldid, i]
+    for i in range(lane, layouts.arm_pos.shape[1], wp.block_dim()):
+        layouts.arm_pos[worldid, i] = layouts.body_pos[worldid, i]
+        layouts.arm_quat[worldid, i] = layouts.body_quat[worldid, i]
+    block_sync()
+    stream = (split << _STREAM_BITS) + _REACH_STREAM
+    columns = layouts.grasp.shape[1]
+    cause = int(_NONE)
+    column = int(0)
+    while column < columns and cause == _NONE:
+        if layouts.present[worldid, reach.reach_slot[column]] == 0:
+            if lane == 0:
+                _keep(layouts, worldid, column, -1, 0, Reached(), False)
+        elif reach.reach_tier[column] >= _IK:
+            trial = (restart - 1) * columns + column
+            cause = _reach_object(program, reach, layouts, nodes, leaves, worldid, lane, column, stream, trial)
+        column += 1
+    block_sync()
+    if lane == 0:
+        if cause == _NONE:
+            search.waiting[worldid] = False
+        else:
+            wp.atomic_add(layouts.rejections, reach.reach_obj[column - 1], cause, 1)
+            layouts.first_pass_valid[worldid] = 0
+            if restart > program.restarts:
+                layouts.status[worldid] = fall_back(program, reach, layouts, worldid, split)
                 search.waiting[worldid] = False
-            else:
-                wp.atomic_add(layouts.rejections, reach.reach_obj[column - 1], cause, 1)
-                layouts.first_pass_valid[worldid] = 0
-                if restart > program.restarts:
-                    layouts.status[worldid] = fall_back(program, reach, layouts, worldid, split)
-                    search.waiting[worldid] = False
-
-    name = f"reachability_{geometry}"
-    reachability.__name__ = reachability.__qualname__ = name
-    options = {"enable_backward": False, "grid_stride": False}
-    return wp.Kernel(reachability, key=name, module=wp.get_module(f"{__name__}.{name}"), options=options)
 
 
-REACHABILITY = {geometry: _make_reachability(geometry, collides) for geometry, collides in COLLIDES.items()}
-"""The kernel for a scene, by the leaves of its colliders."""
+def launch_reachability(
+    program: Program, reach: Reach, split: int, block_dim: int, layouts: LayoutsView, search: Search, device: str
+) -> None:
+    """Find joints for the grasps of all worlds that wait for them."""
+    wp.launch_tiled(
+        _reachability,
+        dim=[search.waiting.shape[0]],
+        inputs=[program, reach, split, layouts, search],
+        block_dim=block_dim,
+        device=device,
+    )

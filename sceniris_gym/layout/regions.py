@@ -2,10 +2,10 @@
 
 import warp as wp
 
-from sceniris_gym.layout.leaves import piece_pose
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.layout.blocks import block_any
 from sceniris_gym.layout.convex import least_extent, piece_shape, segment_shape, separated
+from sceniris_gym.layout.leaves import piece_pose
 from sceniris_gym.layout.transforms import Pose, compose, pose_of, relative
 from sceniris_gym.program.device import Program
 

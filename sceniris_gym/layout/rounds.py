@@ -1,5 +1,6 @@
 """Rounds of restarts: every pending world tries one restart, or several where rows are free, and the lowest that placed
-everything is its layout."""
+everything is its layout.
+"""
 
 import warp as wp
 
@@ -62,7 +63,9 @@ def _plan_round(
 
 
 @wp.func
-def _open_row(program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, worldid: int, restart: int):
+def _open_row(
+    program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, worldid: int, restart: int
+):
     """Let a row try a restart of a world."""
     nworld = search.pending.shape[0]
     if row >= nworld:
@@ -136,6 +139,7 @@ def _plan_wave(
     search.rows_left[0] = 0
     search.screened[0] = 0
     search.leaves[0] = 0
+    search.unproven[0] = 0
 
 
 def launch_plan_wave(program: Program, busy: int, search: Search, device: str) -> None:

@@ -50,7 +50,9 @@ def _pose(program: Program, layouts: LayoutsView, search: Search, c: int, row: i
 
 
 @wp.func
-def _has_its_roof(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, lane: int) -> bool:
+def _has_its_roof(
+    program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, lane: int
+) -> bool:
     """Is the candidate's point covered or open, as the object is to be?"""
     rule = program.obj_roof[obj]
     if rule == _EITHER:
@@ -65,9 +67,7 @@ def _has_its_roof(program: Program, layouts: LayoutsView, search: Search, c: int
 
 
 @wp.func
-def _is_within_reach(
-    reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, lane: int
-) -> bool:
+def _is_within_reach(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, lane: int) -> bool:
     """Whether the map lets a grasp of the posed object through, which is kept; true for what need not be reachable."""
     column = reach.obj_reach[obj]
     if column < 0:

@@ -15,9 +15,9 @@ import warp as wp
 from sceniris_gym.config.limits import MAX_ANCHORS, MAX_RELATIONS
 from sceniris_gym.layout.orientations import DrawnVariant
 from sceniris_gym.layout.polygons import HalfPlane
+from sceniris_gym.layout.random import STREAM_BITS
 from sceniris_gym.layout.relations import ResolvedRelation
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.layout.random import STREAM_BITS
 from sceniris_gym.program.device import Cause, Program
 
 UNPROVEN = -1
@@ -58,6 +58,7 @@ class Search:
     candidates: wp.array(dtype=int)
     screened: wp.array(dtype=int)
     leaves: wp.array(dtype=int)
+    unproven: wp.array(dtype=int)  # 1: some candidate is UNPROVEN
     # Candidates
     cause: wp.array(dtype=int)
     turn: wp.array(dtype=DrawnVariant)
@@ -132,7 +133,9 @@ class SearchSize:
 def default_size(device: str) -> SearchSize:
     """What suits a device: on a CPU one lane does everything and nothing waits."""
     if wp.get_device(device).is_cuda:
-        return SearchSize(rows=8192, candidates=1 << 17, busy=1 << 14, leaves=1 << 19, lanes=1 << 16, blocks=1 << 12, block_dim=32)
+        return SearchSize(
+            rows=8192, candidates=1 << 17, busy=1 << 14, leaves=1 << 19, lanes=1 << 16, blocks=1 << 12, block_dim=32
+        )
     return SearchSize(rows=0, candidates=512, busy=1, leaves=0, lanes=1, blocks=1, block_dim=1)
 
 
@@ -154,7 +157,7 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         s.queue = wp.zeros((2, nrow), dtype=int)
         for name in ("worlds_left", "rows_left", "tickets", "restarts_at_once", "trials_at_once", "source", "rows"):
             setattr(s, name, wp.zeros(1, dtype=int))
-        for name in ("candidates", "screened", "leaves"):
+        for name in ("candidates", "screened", "leaves", "unproven"):
             setattr(s, name, wp.zeros(1, dtype=int))
         for name in ("cause", "surface", "grasp", "survivor"):
             setattr(s, name, wp.zeros(ncand, dtype=int))

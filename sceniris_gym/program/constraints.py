@@ -10,6 +10,7 @@ import numpy as np
 
 from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.errors import NotSupportedError
+from sceniris_gym.program.tendon_limits import has_active_limits, tendon_joints
 from sceniris_gym.scene.couplings import active_equalities, equality_label
 from sceniris_gym.scene.model import SceneModel
 
@@ -21,9 +22,10 @@ _FLEXES = (mujoco.mjtEq.mjEQ_FLEX, mujoco.mjtEq.mjEQ_FLEXVERT, mujoco.mjtEq.mjEQ
 
 
 def check_constraints(scene: SceneModel) -> None:
-    """Check that every layout keeps the model's equalities and does not stretch its tendons between objects.
+    """Check that every layout keeps the model's equalities, and does not stretch spatial tendons that would mind.
 
-    Equalities of joints are not looked at: what they tie follows.
+    Equalities of joints are not looked at: what they tie follows. Limits of fixed tendons are judged in
+    `tendon_limits.py`, where it is known from what joints are drawn.
 
     Raises:
         NotSupportedError: A weld, connect or tendon that layouts would break, or that the start pose breaks.
@@ -48,7 +50,7 @@ def check_constraints(scene: SceneModel) -> None:
             )
     _check_start(scene, checked)
     for tendon in range(mjm.ntendon):
-        _check_limits(where, drawn, tendon)
+        _check_spatial(where, drawn, tendon)
 
 
 class _Drawn:
@@ -118,17 +120,24 @@ def _check_tendons(where: str, label: str, drawn: _Drawn, tendons: list[int]) ->
         )
 
 
-def _check_limits(where: str, drawn: _Drawn, tendon: int) -> None:
-    """Check that a tendon that pulls or limits does not run between things that are drawn apart."""
+def _check_spatial(where: str, drawn: _Drawn, tendon: int) -> None:
+    """Check that a spatial tendon is not stretched by draws if it has limits, nor between objects if it is a spring."""
     mjm = drawn.mjm
-    if not (mjm.tendon_limited[tendon] or np.any(mjm.tendon_stiffness[tendon])):
+    limited, springs = has_active_limits(mjm, tendon), not mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_SPRING
+    stretched = drawn.apart(_bodies_of(mjm, tendon))
+    pulls = limited or (springs and bool(np.any(mjm.tendon_stiffness[tendon])))
+    if tendon_joints(mjm, tendon) or not stretched or not pulls:
         return
-    owners = {drawn.owner[body] for body in _bodies_of(mjm, tendon)}
-    if len(owners) > 1 and _stretched_by(drawn, tendon):
+    owners, name = {drawn.owner[body] for body in _bodies_of(mjm, tendon)}, mjm.tendon(tendon).name
+    if len(owners) > 1:
         raise NotSupportedError(
-            f"{where}: tendon '{mjm.tendon(tendon).name}' has limits or stiffness and runs between "
-            f"{_quoted(owners)}, which layouts draw apart from each other. Take it out, or make all of them parts of "
-            "one asset."
+            f"{where}: tendon '{name}' has limits or stiffness and runs between {_quoted(owners)}, which layouts draw "
+            "apart from each other. Take it out, or make all of them parts of one asset."
+        )
+    if limited:
+        raise NotSupportedError(
+            f"{where}: tendon '{name}' is spatial and has limits, and drawing {drawn.names(stretched)} changes its "
+            f"length. Leave these joints out of the 'joints' of {_quoted(owners)}, or take the limits out."
         )
 
 
@@ -161,19 +170,18 @@ def _ends(mjm: mujoco.MjModel, eq: int) -> tuple[int, int]:
 
 def _stretched_by(drawn: _Drawn, tendon: int) -> frozenset[int | str]:
     """What changes the length of a tendon: drawn joints, or poses of objects."""
-    joints = _wrapped(drawn.mjm, tendon, mujoco.mjtWrap.mjWRAP_JOINT)
+    joints = tendon_joints(drawn.mjm, tendon)
     if joints:
         return frozenset(drawn.joints.intersection(joints))
     return drawn.apart(_bodies_of(drawn.mjm, tendon))
 
 
 def _bodies_of(mjm: mujoco.MjModel, tendon: int) -> list[int]:
-    """The bodies that a tendon runs along, or those of its joints."""
+    """The bodies that a spatial tendon runs along."""
     wrap = mujoco.mjtWrap
     sites = _wrapped(mjm, tendon, wrap.mjWRAP_SITE)
     geoms = _wrapped(mjm, tendon, wrap.mjWRAP_SPHERE) + _wrapped(mjm, tendon, wrap.mjWRAP_CYLINDER)
-    joints = _wrapped(mjm, tendon, wrap.mjWRAP_JOINT)
-    return [int(b) for b in (*mjm.site_bodyid[sites], *mjm.geom_bodyid[geoms], *mjm.jnt_bodyid[joints])]
+    return [int(b) for b in (*mjm.site_bodyid[sites], *mjm.geom_bodyid[geoms])]
 
 
 def _wrapped(mjm: mujoco.MjModel, tendon: int, kind: mujoco.mjtWrap) -> list[int]:

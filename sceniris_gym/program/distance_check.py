@@ -12,7 +12,8 @@ from sceniris_gym.scene.model import SceneModel
 
 MOST_WIDE = 1000.0
 """Largest distance [m] from the world's origin, along each axis, to which what is near it may reach: single precision
-resolves 61 um there. Ground is better a plane, which has no corners."""
+resolves 61 um there, and layouts keep their distances to that. Where this matters there is a warning (`oddities.py`).
+Ground is better a plane, which has no corners."""
 
 
 def check_distances(scene: SceneModel, plan: Plan) -> None:

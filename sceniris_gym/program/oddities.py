@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import warnings
 from collections.abc import Iterator
 
@@ -9,6 +10,7 @@ import mujoco
 import numpy as np
 import trimesh
 
+from sceniris_gym.config.fields import MOST_FAR
 from sceniris_gym.errors import ModelWarning
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.pieces import Piece, PieceType, flat_faces, geom_name
@@ -21,11 +23,14 @@ _FILLED = 1.3
 _SMALLEST, _LARGEST = 1.0e-3, 50.0
 # How deep [m] two things that stand still may overlap: files are rounded.
 _SUNK = 1.0e-3
+# How far [m] geoms may reach from the origin, along an axis: up to there rounding stays below what counts as touching.
+_FINE = 128.0
 
 
 def warn_of_oddities(scene: SceneModel, plan: Plan) -> None:
     """Warn of what is odd in a scene: `ModelWarning`, once for each kind of oddity."""
-    for text in (*_flat(scene, plan), *_filled(scene, plan), *_sizes(scene, plan), *_sunk(scene, plan)):
+    kinds = _flat(scene, plan), _filled(scene, plan), _sizes(scene, plan), _sunk(scene, plan), _coarse(scene, plan)
+    for text in itertools.chain(*kinds):
         warnings.warn(f"{scene.config.where}: {text}", ModelWarning, stacklevel=2)
 
 
@@ -105,6 +110,26 @@ def _sunk(scene: SceneModel, plan: Plan) -> Iterator[str]:
         yield (
             f"what stands still overlaps: {_some(found)}. Nothing moves them apart; correct their positions (for the "
             "robot `robot.base`), or exclude the pair if that is meant."
+        )
+
+
+def _coarse(scene: SceneModel, plan: Plan) -> Iterator[str]:
+    """What reaches so far that rounding there may use up the clearance of something that is placed or drawn."""
+    mjm, found = scene.mjm, []
+    drawn = [o.config for o in plan.objects if o.config is None or o.config.kind != "marker"]
+    least = min((c.clearance if c is not None and c.is_placed else 0.0 for c in drawn), default=np.inf)
+    if np.any(mjm.geom_margin > 0.0) or np.any(mjm.pair_margin > 0.0):  # nothing may come into a margin
+        least = min(least, 0.0)
+    for p in (p for p in plan.pieces if drawn and p.type != PieceType.PLANE):
+        low, high = plan.extents(p)
+        reach = float(np.abs([low, high]).max())
+        resolution = float(np.spacing(np.float32(reach)))
+        if reach > _FINE and resolution > least and np.all(low <= MOST_FAR) and np.all(high >= -MOST_FAR):
+            found.append(f"geom '{geom_name(mjm, p.geom)}' ({reach:.4g} m, {1e6 * resolution:.2g} um)")
+    if found:
+        yield (
+            f"what reaches beyond {_FINE:g} m from the world's origin is rounded, and things of less 'clearance' "
+            f"may touch it: {_some(found)}. Use a plane or smaller geoms, or a 'clearance' of 0.0001 or more."
         )
 
 

@@ -7,17 +7,17 @@ from itertools import product
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.fields import LEAST_GAP
+from sceniris_gym.config.fields import LEAST_GAP, ROBOT
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.orientation import DrawnOrientation
-from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.geometry.colliders import Colliders
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.geometry.ragged import ranges
 from sceniris_gym.program.couplings import coupling_arrays
+from sceniris_gym.program.descent import first_nodes
 from sceniris_gym.program.device import Measure, ObjectKind, OrientationType, Roof
 from sceniris_gym.program.pack_relations import has_own_width, relations_of
-from sceniris_gym.program.pairs import PairRules, arm_pairs, collider_pairs, first_nodes
+from sceniris_gym.program.pairs import PairRules, arm_pairs, collider_pairs
 from sceniris_gym.program.plan import PlacedObject, Plan, roof_rule
 from sceniris_gym.scene.model import SceneModel
 
@@ -124,11 +124,13 @@ def _pairs(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int) -> d
     rules = PairRules(scene, colliders)
     pairs, pairadr, pairnum = ranges(lists)
     start, startadr, startnum = ranges(
-        first_nodes(colliders, part, int(first), lanes) for part, first in zip(lists, pairadr, strict=True)
+        first_nodes(colliders, [(int(first) + i, *nodes) for i, p in enumerate(part) for nodes in p.starts], lanes)
+        for part, first in zip(lists, pairadr, strict=True)
     )
     robot = scene.subtree(ROBOT) if ROBOT in scene.bodies else []
     owners = [o.bodies for o in plan.objects] + [robot] * (len(lists) - len(plan.objects))
-    own = [[int(colliders.body[c] in owners[i]) for c in p[:2]] for i, part in enumerate(lists) for p in part]
+    own = [[int(colliders.body[c] in owners[i]) for c in (p.a, p.b)] for i, part in enumerate(lists) for p in part]
+    way, wayadr, waynum = ranges([*p.ways[0], *p.ways[1]] for p in pairs)
     return {
         "pair_own": np.array([a + 2 * b for a, b in own], int),
         "obj_pairadr": pairadr,
@@ -136,10 +138,13 @@ def _pairs(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int) -> d
         "obj_startadr": startadr,
         "obj_startnum": startnum,
         "start": np.reshape(start, (-1, 3)).astype(int),
-        "pair_a": np.array([p[0] for p in pairs], int),
-        "pair_b": np.array([p[1] for p in pairs], int),
-        "pair_margin": np.array([p[2] for p in pairs], float),
-        "pair_touch": np.array([rules.touch(a, b) for a, b, _ in pairs], float),
+        "pair_a": np.array([p.a for p in pairs], int),
+        "pair_b": np.array([p.b for p in pairs], int),
+        "pair_margin": np.array([p.margin for p in pairs], float),
+        "pair_touch": np.array([rules.touch(p.a, p.b) if p.geoms is None else p.margin for p in pairs], float),
+        "pair_wayadr": wayadr,
+        "pair_waynum": waynum,
+        "way": np.reshape(way, (-1, 3)),
     }
 
 

@@ -55,7 +55,9 @@ def pack_relations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
         "rel_bounds": np.array([r.bounds for r in relations], int),
         "rel_width": np.array([-1.0 if r.width is None else r.width for r in relations], float),
         "rel_gap": np.array([r.gap for r in relations], float),
-        "rel_sideadr": np.array([sum(map(_sides, r[:i])) for r in map(relations_of, plan.objects) for i in range(len(r))], int),
+        "rel_sideadr": np.array(
+            [sum(map(_sides, r[:i])) for r in map(relations_of, plan.objects) for i in range(len(r))], int
+        ),
         "rel_piecenum": np.array([region_pieces(r) for r in relations], int),
     }
 

@@ -1,8 +1,14 @@
-"""Which colliders an object is kept apart from when it is placed, and by how much; the same for an arm in a grasp."""
+"""Which colliders an object is kept apart from when it is placed, and by how much; the same for an arm in a grasp.
+
+Parts of one object may touch at home already. With `geometry: physics` such geoms stay as far apart as at home, or get
+no deeper into each other; the other geoms of their bodies are kept apart. What is seen (`geometry: visual`) has no
+depth, so colliders that touch at home are left alone there.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from itertools import product
 
 import mujoco
@@ -11,14 +17,42 @@ import numpy as np
 from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.geometry.colliders import Colliders
 from sceniris_gym.geometry.contacts import ContactRules
+from sceniris_gym.geometry.pieces import Piece
+from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.grasping.gripper import carried
+from sceniris_gym.program.descent import leaf_nodes, nodes_without
 from sceniris_gym.program.device import ObjectKind
+from sceniris_gym.program.home_touch import HomeTouch
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.reach import robot_arm
 from sceniris_gym.scene.model import SceneModel
 
 # What is nearer at home than this [m] touches: distances are compared with a skin of half as much.
 _NEAR = 1.0e-5
+# How much nearer than at home [m] geoms may come that touch there, the skin included: half of it is left for rounding.
+_DEEPER = 1.0e-5
+_NO_WAYS = np.zeros((0, 3))
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two colliders that are kept apart, or one geom of each that touch at home.
+
+    Attributes:
+        a, b: The colliders; a plane is the second.
+        margin: The least distance [m]; negative: how deep they may be in each other.
+        starts: Nodes of a and b that the descent of their trees begins with.
+        geoms: The two geoms that touch at home, None for all other pairs.
+        ways: Ways of b's geom out of a's, that are tried to prove how deep they are: unit vectors in the frame of a's
+            body, and others in that of b's, shape (n, 3) each; the shortest one at home comes first.
+    """
+
+    a: int
+    b: int
+    margin: float
+    starts: tuple[tuple[int, int], ...]
+    geoms: tuple[int, int] | None = None
+    ways: tuple[np.ndarray, np.ndarray] = (_NO_WAYS, _NO_WAYS)
 
 
 class PairRules:
@@ -32,17 +66,28 @@ class PairRules:
     def __init__(self, scene: SceneModel, colliders: Colliders) -> None:
         self.mjm, self.colliders = scene.mjm, colliders
         self.contacts = ContactRules(scene.mjm, scene.config.geometry)
-        is_physics = scene.config.geometry == "physics"
-        self._simulated = self.contacts if is_physics else ContactRules(scene.mjm, "physics")
+        self.is_physics = scene.config.geometry == "physics"
+        self._simulated = self.contacts if self.is_physics else ContactRules(scene.mjm, "physics")
         self._filters_parents = not scene.mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
 
     def touch(self, a: int, b: int) -> float:
         """From which distance [m] on MuJoCo acts on two colliders."""
         return self.contacts.distance(self.colliders.contact_class[a], self.colliders.contact_class[b])
 
+    def apart(self, a: int, b: int, margin: float) -> Pair:
+        """The pair of two colliders, in either order, that keep a distance [m]."""
+        if self.colliders.plane[a] >= 0:
+            a, b = b, a
+        return Pair(a, b, margin, ((self.colliders.root[a], self.colliders.root[b]),))
+
     def meet(self, a: int, b: int) -> bool:
-        """Whether two colliders can touch at all. Fixtures are kept apart also where MuJoCo would not report them."""
+        """Whether two colliders can touch at all; no two planes do.
+
+        Fixtures are kept apart also where MuJoCo would not report them.
+        """
         first, second = self.colliders.body[a], self.colliders.body[b]
+        if min(self.colliders.plane[a], self.colliders.plane[b]) >= 0:
+            return False
         if self._is_fixed(first) and self._is_fixed(second):
             return False
         if self._is_explicit(a, b):
@@ -77,7 +122,7 @@ class PairRules:
         return bool(self.mjm.body_weldid[body] == 0 and self.mjm.body_mocapid[self.mjm.body_rootid[body]] < 0)
 
 
-def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[list[tuple[int, int, float]]]:
+def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[list[Pair]]:
     """For each object of the plan, which colliders to keep apart when it is placed, and the least gap [m].
 
     Args:
@@ -86,7 +131,7 @@ def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[
         colliders: Its colliders.
 
     Returns:
-        Per object a list of (own collider, other collider, clearance).
+        A list for each object, of its own colliders with others.
     """
     mjm, bodies = scene.mjm, colliders.body
     rules = PairRules(scene, colliders)
@@ -107,18 +152,18 @@ def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[
         pairs = []
         if o.config is None or o.config.kind != "marker":
             pairs = [
-                (a, b, max(rules.touch(a, b), 0.0 if is_static else max(clearance, standing[bodies[b]])))
+                rules.apart(a, b, max(rules.touch(a, b), 0.0 if is_static else max(clearance, standing[bodies[b]])))
                 for a, b in product(own, others)
                 if rules.meet(a, b)
             ]
             if o.joint_ranges:
                 pairs += _among(rules, plan, o.bodies)
             standing.update(dict.fromkeys(o.bodies, clearance))
-        result.append(_planes_last(pairs, colliders.plane))
+        result.append(pairs)
     return result
 
 
-def arm_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[list[tuple[int, int, float]]]:
+def arm_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[list[Pair]]:
     """Which colliders an arm in a grasp is kept apart from; no lists for a scene without reach targets.
 
     Args:
@@ -143,8 +188,8 @@ def arm_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[list[
     hand = [c for c in moving if bodies[c] in carries]
     arm = [c for c in moving if c not in hand]
 
-    def apart(own: list[int], others: Iterable[int]) -> list[tuple[int, int, float]]:
-        return [(a, b, rules.touch(a, b)) for a, b in product(own, others) if rules.meet(a, b)]
+    def apart(own: list[int], others: Iterable[int]) -> list[Pair]:
+        return [rules.apart(a, b, rules.touch(a, b)) for a, b in product(own, others) if rules.meet(a, b)]
 
     whole, alone, touched = [], [], []
     for name in targets:
@@ -153,60 +198,44 @@ def arm_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[list[
         whole.append(apart(moving, others) + apart(arm, target))
         alone.append(apart(hand, others))
         touched.append(apart(hand, target))
-    lists = [_among(rules, plan, robot), *whole, *alone, *touched]
-    return [_planes_last(pairs, colliders.plane) for pairs in lists]
+    return [_among(rules, plan, robot), *whole, *alone, *touched]
 
 
-def first_nodes(
-    c: Colliders, pairs: list[tuple[int, int, float]], first: int, lanes: int
-) -> list[tuple[int, int, int]]:
-    """Where the descent of both trees begins: (pair, node of a, node of b).
-
-    The largest boxes are opened ahead of time, whatever the poses, until there is an entry for every lane: that saves
-    the first passes of every test, in which most lanes would have nothing to do.
-
-    Args:
-        c: All colliders.
-        pairs: The pairs of one object.
-        first: Number of the first of them among all pairs.
-        lanes: How many lanes share the work; a single one does best to start from the roots.
-    """
-    half, child = np.concatenate([*c.half, np.zeros((0, 3))]), np.concatenate([*c.child, np.zeros(0, int)])
-    entries = [(first + i, c.root[a], c.root[b]) for i, (a, b, _) in enumerate(pairs)]
-    while 0 < len(entries) < lanes:
-        sizes = [max(half[node].max() if child[node] >= 0 else 0.0 for node in e[1:]) for e in entries]
-        widest = int(np.argmax(sizes))
-        if sizes[widest] <= 0.0:
-            break
-        pair, a, b = entries.pop(widest)
-        if child[b] < 0 or (child[a] >= 0 and half[a].max() > half[b].max()):
-            entries += [(pair, int(child[a]), b), (pair, int(child[a]) + 1, b)]
-        else:
-            entries += [(pair, a, int(child[b])), (pair, a, int(child[b]) + 1)]
-    return entries
-
-
-def _among(rules: PairRules, plan: Plan, bodies: list[int]) -> list[tuple[int, int, float]]:
-    """Pairs within one object, except neighbours and what touches at home."""
+def _among(rules: PairRules, plan: Plan, bodies: list[int]) -> list[Pair]:
+    """Pairs within one object, except neighbours."""
     own = [c for c, body in enumerate(rules.colliders.body) if body in bodies]
-    return [
-        (a, b, rules.touch(a, b))
-        for a, b in product(own, own)
-        if a < b and rules.meet_within(a, b) and not _touch_at_home(rules, plan, a, b)
-    ]
+    pairs = [rules.apart(a, b, rules.touch(a, b)) for a, b in product(own, own) if a < b and rules.meet_within(a, b)]
+    if not rules.is_physics:
+        return [pair for pair in pairs if not _touch_at_home(rules, plan, pair)]
+    home = HomeTouch(rules.mjm, plan.home)
+    return [part for pair in pairs for part in _as_at_home(rules, plan, home, pair)]
 
 
-def _touch_at_home(rules: PairRules, plan: Plan, a: int, b: int) -> bool:
-    """Whether two colliders touch in the start pose of the model: those cannot be kept apart.
+def _touch_at_home(rules: PairRules, plan: Plan, pair: Pair) -> bool:
+    """Whether two colliders touch in the start pose of the model.
 
     Geom by geom: all that is not placed yet is at the origin there, and more contacts than MuJoCo has room for.
     """
-    near = max(rules.touch(a, b), _NEAR)
-    geoms = [rules.geoms(collider) for collider in (a, b)]
+    near = max(pair.margin, _NEAR)
+    geoms = [rules.geoms(collider) for collider in (pair.a, pair.b)]
     return any(mujoco.mj_geomDistance(rules.mjm, plan.home, g, h, near, None) < near for g, h in product(*geoms))
 
 
-def _planes_last(pairs: list[tuple[int, int, float]], planes: list[int]) -> list[tuple[int, int, float]]:
-    """The same pairs as the collision test takes them: a plane comes second, and two planes never meet."""
-    turned = [(b, a, margin) if planes[a] >= 0 else (a, b, margin) for a, b, margin in pairs]
-    return [p for p in turned if planes[p[0]] < 0]
+def _as_at_home(rules: PairRules, plan: Plan, home: HomeTouch, pair: Pair) -> list[Pair]:
+    """Two colliders without those of their geoms that touch at home, and these as pairs of their own."""
+    touching = []
+    leaves = [leaf_nodes(rules.colliders, collider).items() for collider in (pair.a, pair.b)]
+    for (node, first), (other, second) in product(*leaves):
+        a, b = plan.pieces[first], plan.pieces[second]
+        touch = home.between(a, b, max(pair.margin, _NEAR))
+        if touch is not None:
+            margin, ways = touch.distance - _DEEPER, (_ways(plan, a, touch.way), _ways(plan, b, touch.way))
+            touching.append(Pair(pair.a, pair.b, margin, ((node, other),), (a.geom, b.geom), ways))
+    rest = nodes_without(rules.colliders, pair.a, pair.b, [part.starts[0] for part in touching])
+    return [*([replace(pair, starts=tuple(rest))] if rest else []), *touching]
+
+
+def _ways(plan: Plan, piece: Piece, way: np.ndarray) -> np.ndarray:
+    """Directions in the frame of a piece's body: one of the world at home, and the piece's axes, to and fro."""
+    found = np.vstack([plan.home.xmat[piece.body].reshape(3, 3).T @ way, matrix(piece.quat).T])
+    return np.concatenate([found, -found])

@@ -21,6 +21,7 @@ from sceniris_gym.geometry.supports import SupportSurface
 from sceniris_gym.program.constraints import check_constraints
 from sceniris_gym.program.couplings import Follower, followers_of
 from sceniris_gym.program.device import ObjectKind, Roof
+from sceniris_gym.program.tendon_limits import check_tendon_limits
 from sceniris_gym.scene.couplings import free_range
 from sceniris_gym.scene.model import SceneModel
 
@@ -138,7 +139,7 @@ def build_plan(scene: SceneModel) -> Plan:
         ErodedSupportError: Nothing is left of a support after its erosion and region.
         MeshError, NotSupportedError: A geom that cannot be an obstacle, a support that leans, or a constraint that
             layouts would break.
-        SceneKeyError: A drawn joint that takes one which follows it beyond its limits.
+        SceneKeyError: Drawn joints that take one which follows them, or a fixed tendon, beyond its limits.
     """
     check_constraints(scene)
     home = mujoco.MjData(scene.mjm)
@@ -147,6 +148,7 @@ def build_plan(scene: SceneModel) -> Plan:
     mujoco.mj_comPos(scene.mjm, home)
     pieces = sorted(_pieces(scene), key=lambda p: (p.body, p.type != PieceType.PLANE, p.contact_class, p.geom))
     objects = [_placed_object(scene, name, pieces, home) for name in placement_order(scene)]
+    check_tendon_limits(scene, {d.qposadr: d.intervals for o in objects for d in o.joint_ranges})
     slots = (*scene.config.objects, *([ROBOT] if scene.config.robot is not None else []))
     standing = [_standing(scene, name, pieces, home) for name in slots]
     place = np.reshape([s[0] for s in standing], (-1, 4))

@@ -149,8 +149,8 @@ def _tiers(scene: SceneModel, names: list[str], arm: SerialArm, reach_map: Reach
     assert robot is not None
     words = {name: scene.config.objects[name].reachable for name in names}
     by_map = [name for name, word in words.items() if word is True or Tier.of(str(word)).needs_map]
-    why = why_not_map(arm, reach_map)
-    if by_map and why is None and reach_map is None:
+    why = why_not_map(arm, reach_map, robot.asset)
+    if by_map and reach_map is None and arm.no_map is None:
         raise MapError(
             f"{where}: objects.{by_map[0]}.reachable: there is no map of the arm '{robot.asset}'. Build it with "
             f"'{build_command(robot.asset)}', or ask for 'ik', which needs none."

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from sceniris_gym.errors import ArmError, MapError
+from sceniris_gym.reach.acceptance import measure_false_accepts
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.checkpoint import Checkpoint
 from sceniris_gym.reach.forward import tcp_axes
@@ -260,7 +261,7 @@ def build_map(
     first = surfaces[0]
     rows, codes = pack_rows(first.codes())
     cells, joints = gather_witnesses(grid.shape, first.level, first.joints)
-    return ReachMap(
+    built = ReachMap(
         arm=arm,
         step=step,
         tilt_step=float(grid.step[1]),
@@ -279,6 +280,7 @@ def build_map(
         turn_error=max(map(turn_error, surfaces)),
         seed=seed,
     )
+    return replace(built, false_accepts=measure_false_accepts(built, device, progress))
 
 
 def lattices(height: float, radius: float, step: float, tilt_step: float) -> tuple[Lattice, tuple[Lattice, Lattice]]:

@@ -38,11 +38,14 @@ far and near; 8 and 9: in at least half, near and far. 10 to 15: in every turn, 
 """
 MOST_TURN_ERROR = 0.005
 """A map is `limited` if a larger share of its verdicts than this holds only in some turns."""
+MOST_FALSE_ACCEPTS = 0.005
+"""A map is `coarse` if a larger share of the poses that it accepts than this is out of reach."""
 
 _FORMAT = 1
 _UNREADABLE = (OSError, ValueError, TypeError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
 _ARRAYS = ("rows", "codes", "poles", "wit_cells", "wit_joints")
 _NUMBERS = ("step", "tilt_step", "z_low", "u_low", "nz", "ntilt", "nu", "pole_step", "pole_z_low", "turn_error", "seed")
+_MEASURED = "false_accepts"  # only in files of maps for which it was measured
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +67,8 @@ class ReachMap:
         turn_error: Share of verdicts on reachable poses that are wrong because limits of base and wrist matter in some
             turns only: the largest among the grid and both poles.
         seed: Seed of the starts from which the map was solved.
+        false_accepts: Share of the accepted poses that are out of reach, as acceptance.py measures it; None if it was
+            not measured, as in files from before there was such a figure.
     """
 
     arm: SerialArm
@@ -83,11 +88,17 @@ class ReachMap:
     wit_joints: np.ndarray
     turn_error: float
     seed: int
+    false_accepts: float | None = None
 
     @property
     def limited(self) -> bool:
         """Whether too many verdicts depend on turns of base or wrist, so that poses are better solved one by one."""
         return self.turn_error > MOST_TURN_ERROR
+
+    @property
+    def coarse(self) -> bool:
+        """Whether too many of the accepted poses are out of reach; a map for which it was not measured is not."""
+        return self.false_accepts is not None and self.false_accepts > MOST_FALSE_ACCEPTS
 
     @property
     def nbytes(self) -> tuple[int, int]:
@@ -111,7 +122,8 @@ class ReachMap:
 
     def write(self, file: BinaryIO) -> None:
         """Write the map into an open file."""
-        numbers = {name: np.array(getattr(self, name)) for name in _NUMBERS}
+        known = _NUMBERS if self.false_accepts is None else (*_NUMBERS, _MEASURED)
+        numbers = {name: np.array(getattr(self, name)) for name in known}
         arrays = {name: getattr(self, name) for name in _ARRAYS}
         np.savez_compressed(file, format=np.array(_FORMAT), arm=np.array(self.arm.hash), **numbers, **arrays)
 
@@ -135,7 +147,8 @@ class ReachMap:
             with path.open("rb") as file:
                 held = _members(file)
             version, made_for = int(held.pop("format")), str(held.pop("arm"))
-            fields = {name: held[name] for name in _ARRAYS} | {name: held[name].item() for name in _NUMBERS}
+            known = (*_NUMBERS, _MEASURED) if _MEASURED in held else _NUMBERS
+            fields = {name: held[name] for name in _ARRAYS} | {name: held[name].item() for name in known}
         except _UNREADABLE as error:
             raise MapError(f"{path}: this is not a reachability map, or a damaged one ({error}). {again}") from error
         if version != _FORMAT:
@@ -237,21 +250,32 @@ def map_file(asset: str) -> Path | None:
     return path if path.is_file() else None
 
 
-def why_not_map(arm: SerialArm, reach_map: ReachMap | None) -> str | None:
-    """Return why no map, or not this one, can decide for an arm, so that inverse kinematics does; None if it can."""
+def why_not_map(arm: SerialArm, reach_map: ReachMap | None, asset: str) -> str | None:
+    """Return why no map, or not this one, should decide for an arm (an asset's name, or your own MJCF).
+
+    Inverse kinematics then does. None if the map should.
+    """
     if arm.no_map is not None:
         return arm.no_map
-    if reach_map is not None and reach_map.limited:
+    if reach_map is None:
+        return f"it has no map yet; build one with {build_command(asset)}"
+    if reach_map.limited:
         return (
             "what the arm reaches depends on turns of base and wrist that a map does not know: its map is wrong about "
             f"{reach_map.turn_error:.1%} of the poses it reaches, over all orientations or straight up or down"
+        )
+    if reach_map.coarse:
+        return (
+            f"its map is too coarse: {reach_map.false_accepts:.2%} of the poses that it accepts, over all orientations "
+            f"or straight up or down, are out of reach (build it with finer steps than --step {reach_map.step:g} "
+            f"--tilt-step {math.degrees(reach_map.tilt_step):.3g})"
         )
     return None
 
 
 def default_tier(arm: SerialArm, reach_map: ReachMap | None) -> Tier:
-    """Return the tier that decides if none is named: `map` if there is a map that fits the arm, else `ik`."""
-    return Tier.MAP if reach_map is not None and why_not_map(arm, reach_map) is None else Tier.IK
+    """Return the tier that decides if none is named: `map` if there is a map that is right often enough, else `ik`."""
+    return Tier.MAP if why_not_map(arm, reach_map, arm.name) is None else Tier.IK
 
 
 def build_command(asset: str) -> str:
@@ -276,6 +300,9 @@ def _faults(fields: dict[str, Any], njoint: int) -> Iterator[str]:
         value = fields[name]
         if type(value) is not float or not math.isfinite(value) or (name.endswith("step") and value <= 0.0):
             yield f"{name} is {value!r}"
+    share = fields.get(_MEASURED, 0.0)
+    if type(share) is not float or not 0.0 <= share <= 1.0:
+        yield f"{_MEASURED} is {share!r}"
     nz, ntilt, nu = fields["nz"], fields["ntilt"], fields["nu"]
     shapes = {
         "rows": (np.int32, (nz * nu, 3)),

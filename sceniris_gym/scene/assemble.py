@@ -275,9 +275,13 @@ def _make_kind(spec: mujoco.MjSpec, root: mujoco.MjsBody, name: str, kind: str, 
             spec.delete(joint)
     if kind in ("fixture", "marker"):
         root.mocap = True  # moved per world by mocap_pos; moving body_pos would leave static geoms behind
-    if kind == "marker":
-        for geom in root.find_all("geom"):
+    if kind == "marker":  # touches nothing, by bits or by explicit pairs
+        geoms = root.find_all("geom")
+        for geom in geoms:
             geom.contype = geom.conaffinity = 0
+        own = {geom.name for geom in geoms if geom.name}
+        for pair in [pair for pair in spec.pairs if own & {pair.geomname1, pair.geomname2}]:
+            spec.delete(pair)
 
 
 def compile_spec(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:

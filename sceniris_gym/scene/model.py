@@ -88,8 +88,8 @@ class SceneModel:
 
         Raises:
             UnknownNameError: A name or a pattern that no joint matches.
-            SceneKeyError: A fraction of a joint without limits, values outside its limits, or a joint that follows
-                another one.
+            SceneKeyError: A fraction of a joint without limits, values or a start pose with noise outside its limits,
+                or a joint that follows another one.
             NotSupportedError: A ball joint.
         """
         part = self.config.robot if name == ROBOT else self.config.objects[name]
@@ -143,6 +143,12 @@ class SceneModel:
                 raise SceneKeyError(f"{where}.fraction: '{name}' has no limits. Give a 'range' in m or rad.")
             return
         low, high = self.mjm.jnt_range[joint]
+        start = self.home_qpos[self.mjm.jnt_qposadr[joint]]
+        if config.noise is not None and not low - 1e-6 <= start <= high + 1e-6:
+            raise SceneKeyError(
+                f"{where}.noise: '{name}' starts at {start:g}, which should be inside its limits [{low:g}, {high:g}]. "
+                "Correct the start pose, or give a 'range'."
+            )
         for word in ("range", "choice", "value"):
             values = np.atleast_1d([]) if getattr(config, word) is None else np.atleast_1d(getattr(config, word))
             if np.any(values < low - 1e-6) or np.any(values > high + 1e-6):

@@ -14,7 +14,9 @@ from sceniris_gym.sim.write import rest_map
 
 
 class JointWriter:
-    """Writes the positions of some hinges and slides, zero velocities, and the controls that depend on them.
+    """Writes the positions of some hinges and slides, zero velocities, and what their actuators hold them by.
+
+    That is controls and activations, as a reset writes them.
 
     Args:
         mjm: The model.
@@ -26,22 +28,32 @@ class JointWriter:
         rest = rest_map(mjm, np.zeros(mjm.nu), np.zeros(mjm.na), "cpu")
         rowadr, qposadr, coef = rest.rowadr.numpy(), rest.qposadr.numpy(), rest.coef.numpy()
         columns = [int(mjm.jnt_qposadr[j]) for j in joints]
-        rows = [slice(rowadr[e], rowadr[e + 1]) for e in range(mjm.nu)]
-        held = [e for e in range(mjm.nu) if np.isin(qposadr[rows[e]], columns).any()]
+        rows = [slice(rowadr[e], rowadr[e + 1]) for e in range(mjm.nu + mjm.na)]
+        held = np.array([e for e, row in enumerate(rows) if np.isin(qposadr[row], columns).any()], int)
         matrix = np.zeros((mjm.nq, len(held)))
         for k, e in enumerate(held):
             np.add.at(matrix[:, k], qposadr[rows[e]], coef[rows[e]])
         samples, controls = history_samples(mjm)
         delayed = np.isin(controls, held)
-        numbers = (columns, [int(mjm.jnt_dofadr[j]) for j in joints], held, samples[delayed], controls[delayed])
+        dofs = [int(mjm.jnt_dofadr[j]) for j in joints]
+        self._number = int((held < mjm.nu).sum())
+        numbers = (columns, dofs, held[: self._number], held[self._number :] - mjm.nu)
+        numbers = (*numbers, samples[delayed], controls[delayed])
         numbers = (torch.as_tensor(np.array(n, int), device=device) for n in numbers)
-        self._columns, self._dofs, self._held, self._samples, self._sampled = numbers
+        self._columns, self._dofs, self._controls, self._activations, self._samples, self._sampled = numbers
         values = (matrix, *(getattr(rest, name).numpy()[held] for name in ("bias", "lower", "upper")))
         floats = (torch.tensor(v, dtype=torch.float32, device=device) for v in values)
         self._matrix, self._bias, self._lower, self._upper = floats
 
     def write(
-        self, qpos: Tensor, qvel: Tensor, ctrl: Tensor, values: Tensor, mask: Tensor, history: Tensor | None = None
+        self,
+        qpos: Tensor,
+        qvel: Tensor,
+        ctrl: Tensor,
+        act: Tensor,
+        values: Tensor,
+        mask: Tensor,
+        history: Tensor | None = None,
     ) -> None:
         """Set the joints of masked worlds to `values` (num_envs, njoint), in place; the other worlds keep theirs.
 
@@ -51,6 +63,7 @@ class JointWriter:
         qpos[:, self._columns] = torch.where(mask, values, qpos[:, self._columns])
         qvel[:, self._dofs] = torch.where(mask, 0.0, qvel[:, self._dofs])
         holding = (qpos @ self._matrix + self._bias).clamp(self._lower, self._upper)
-        ctrl[:, self._held] = torch.where(mask, holding, ctrl[:, self._held])
+        ctrl[:, self._controls] = torch.where(mask, holding[:, : self._number], ctrl[:, self._controls])
+        act[:, self._activations] = torch.where(mask, holding[:, self._number :], act[:, self._activations])
         if history is not None and len(self._samples):
             history[:, self._samples] = torch.where(mask, ctrl[:, self._sampled], history[:, self._samples])

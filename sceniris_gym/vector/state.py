@@ -61,7 +61,7 @@ class State:
         d = batch.data
         self.ctrl = wp.to_torch(d.ctrl)
         self.control_range = torch.tensor(self.mjm.actuator_ctrlrange, dtype=torch.float32, device=self.device)
-        self._qpos, self._qvel = wp.to_torch(d.qpos), wp.to_torch(d.qvel)
+        self._qpos, self._qvel, self._act = wp.to_torch(d.qpos), wp.to_torch(d.qvel), wp.to_torch(d.act)
         self._history = wp.to_torch(d.history) if self.mjm.nhistory else None
         self._xpos, self._xquat = wp.to_torch(d.xpos), wp.to_torch(d.xquat)
         self._site_xpos = wp.to_torch(d.site_xpos)
@@ -198,7 +198,7 @@ class State:
             joints = self._joints(name, "put_joints")[: qpos.shape[1]]
             self._writers[key] = JointWriter(self.mjm, joints, self.device)
         given = mask & qpos.isfinite().all(dim=1)
-        self._writers[key].write(self._qpos, self._qvel, self.ctrl, qpos, given, self._history)
+        self._writers[key].write(self._qpos, self._qvel, self.ctrl, self._act, qpos, given, self._history)
         self._batch.update()
 
     def actuator(self, name: str) -> int:

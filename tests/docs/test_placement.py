@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import re
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,11 +14,13 @@ from PIL import Image
 
 from docs.examples import FOLDER, TEXT_KEY, Example, read_examples
 from docs.seen import View
+from sceniris_gym import errors
 from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.objects import JointConfig, ObjectConfig, RegionConfig
 from sceniris_gym.config.orientation import Orientation, Stable
 from sceniris_gym.config.relations import Distance, Relation
 from sceniris_gym.config.scene import Floor, RobotConfig, SceneConfig
+from sceniris_gym.program import oddities
 from sceniris_gym.program.device import Cause
 
 PAGE = FOLDER / "placement.md"
@@ -85,3 +90,52 @@ def test_bounds_of_an_object_that_is_faced_are_seen_in_its_heading() -> None:
         chair, cabinet = view.bounds("chair", i), view.bounds("cabinet", i)
         ahead = (cabinet.pivot - chair.pivot)[:2]
         np.testing.assert_allclose(ahead / np.linalg.norm(ahead), chair.front, atol=1e-4)
+
+
+def _section(heading: str) -> str:
+    text = PAGE.read_text(encoding="utf-8")
+    return text.split(f"## {heading}\n")[1].split("\n## ")[0]
+
+
+def _raised() -> Iterator[tuple[str, str]]:
+    """The name and the words of every error that the package raises."""
+    assert errors.__file__ is not None
+    for path in Path(errors.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
+                texts = [
+                    n.value for n in ast.walk(node.exc) if isinstance(n, ast.Constant) and isinstance(n.value, str)
+                ]
+                yield ast.unparse(node.exc.func), " ... ".join(texts)
+
+
+def test_what_is_not_supported_is_listed_in_the_words_of_its_error() -> None:
+    """Each row quotes an error; each NotSupportedError about a model is quoted by a row."""
+    rows = [line.split("|")[2] for line in _section("What is not supported").splitlines() if line.startswith("| ")][1:]
+    quotes = [re.findall(r'"([^"]+)"', row) for row in rows]
+    assert len(rows) > 15
+    assert all(quotes)
+    raised = list(_raised())
+    for quote in (q for row in quotes for q in row):
+        assert any(quote in words for _, words in raised), quote
+    about_models = [words for name, words in raised if name == "NotSupportedError"]
+    others = ("separate commands", "should be a PNG", "--tier clear", "the audit cannot judge", "no geom that collides")
+    for words in (w for w in about_models if not any(other in w for other in others)):
+        assert any(quote in words for row in quotes for quote in row), words
+
+
+def test_warnings_are_listed_with_their_numbers() -> None:
+    """Those of the code."""
+    text = _section("Warnings")
+    least, most = oddities._SMALLEST, oddities._LARGEST
+    for number in (
+        f"{oddities._FILLED:g} times",
+        f"{1e3 * least:g} mm or above {most:g} m",
+        f"{1e3 * oddities._SUNK:g} mm",
+        f"{oddities._FINE:g} m",
+    ):
+        assert number in text
+    rows = [line for line in text.splitlines() if line.startswith("| ")][1:]
+    assert len(rows) == len(
+        re.findall(r" _\w+\(scene, plan\)", Path(str(oddities.__file__)).read_text(encoding="utf-8"))
+    )

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from sceniris_gym.errors import NotSupportedError
 from sceniris_gym.geometry.pieces import extract_pieces
 from sceniris_gym.grasping.gripper import Gripper, carried
 from sceniris_gym.program.reach import robot_arm
@@ -132,6 +133,56 @@ def test_a_finger_that_follows_another_one_does_so_however_far_the_gripper_opens
         gaps.append(max(mujoco.mj_geomDistance(mjm, data, *ends, 1.0, None), 0.0))
     assert gripper.opening == pytest.approx(gaps[0], abs=1e-6)
     assert gripper.closed == pytest.approx(gaps[-1], abs=1e-6)
+
+
+# Two fingers that stay parallel: a crank on the palm with a pad at its end, which a second crank ties to the palm.
+LOOPED = """
+<mujoco><compiler angle="radian"/><worldbody><body name="base">
+  <body name="upper" pos="0 0 .3"><joint axis="0 0 1" range="-3 3"/>
+    <geom type="capsule" size=".04" fromto="0 0 0 0 0 .2"/>
+    <body name="hand" pos="0 0 .3" euler="0 .4 0"><joint axis="0 1 0" range="-2 2"/>
+      <geom name="palm" type="box" size=".05 .08 .01" pos="0 0 .01"/><site name="tcp" pos="0 0 .1"/>
+      {fingers}
+</body></body></body></worldbody><equality>{ties}{rest}</equality></mujoco>"""
+FINGER = """
+<body name="{n}crank" pos="0 {y} .04"><joint name="{n}crank" axis="{s} 0 0" range="-.7 .7"/>
+  <geom type="box" size=".002 .002 .01" pos="0 0 .02" contype="0" conaffinity="0"/>
+  <body name="{n}pad" pos="0 0 .04"><joint name="{n}pad" axis="{s} 0 0" range="-.8 .8"/>
+    <geom name="{n}pad" type="box" size=".01 .005 .03" pos="0 0 .03"/></body></body>
+<body name="{n}rod" pos="0 {z} .04"><joint name="{n}rod" axis="{s} 0 0" range="-.8 .8"/>
+  <geom type="box" size=".002 .002 .01" pos="0 0 .02"/></body>"""
+
+
+def _looped(rest: str = "") -> tuple[mujoco.MjModel, SerialArm]:
+    sides = (("l", 1, 0.045, 0.06), ("r", -1, -0.045, -0.06))
+    fingers = "".join(FINGER.format(n=n, s=s, y=y, z=z) for n, s, y, z in sides)
+    ties = "".join(f'<connect name="{n}pin" body1="{n}rod" body2="{n}pad" anchor="0 0 .04"/>' for n in "lr")
+    mjm = mujoco.MjModel.from_xml_string(LOOPED.format(fingers=fingers, ties=ties, rest=rest))
+    return mjm, SerialArm.from_model(mjm, "base")
+
+
+def test_fingers_in_a_loop_are_refused_unless_they_follow_one_driver_as_the_loop_does():
+    """By the name of what closes it; with couplings that keep the loop all poses do, by MuJoCo's own rows."""
+    mjm, arm = _looped()
+    pieces = extract_pieces(mjm, "physics")
+    with pytest.raises(
+        NotSupportedError, match=r"arm 'base': .* break equality 'lpin' \(connect\) by .*<equality><joint>"
+    ):
+        Gripper.from_model(mjm, arm, np.zeros(mjm.nq), pieces)
+    kept = "".join(
+        f'<joint joint1="{n}pad" joint2="lcrank" polycoef="0 -1"/><joint joint1="{n}rod" joint2="lcrank"/>'
+        for n in "lr"
+    )
+    mjm, arm = _looped(kept + '<joint joint1="rcrank" joint2="lcrank"/>')
+    gripper = Gripper.from_model(mjm, arm, np.zeros(mjm.nq), pieces)
+    assert [mjm.joint(j).name for j in range(mjm.njnt) if mjm.jnt_qposadr[j] in gripper.qposadr] == ["lcrank"]
+    data = mujoco.MjData(mjm)
+    adr, poses = gripper.poses(np.linspace(0.0, 1.0, 9))
+    for qpos in poses:
+        data.qpos[adr] = qpos
+        mujoco.mj_forward(mjm, data)
+        assert np.abs(data.efc_pos[data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY]).max() < 1e-9
+    assert gripper.opening == pytest.approx(2 * (0.04 + 0.04 * np.sin(0.7)))
 
 
 def test_a_hand_is_what_the_last_joint_moves():

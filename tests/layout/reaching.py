@@ -62,12 +62,20 @@ def crane_mjcf(
     return str(path)
 
 
-def crane_map(asset: str, *, turn_error: float = 0.0, step: float = 0.01, upwards: bool = False) -> Path:
+def crane_map(
+    asset: str,
+    *,
+    turn_error: float = 0.0,
+    false_accepts: float | None = None,
+    step: float = 0.01,
+    upwards: bool = False,
+) -> Path:
     """Write the map of a crane beside it, from what is known of its reach.
 
     Args:
         asset: the crane.
         turn_error: share of verdicts that depend on turns.
+        false_accepts: share of accepted poses that are out of reach; None for a map that was not measured.
         step: of the map's tables [m].
         upwards: whether it is the map of a crane whose hand points up.
     """
@@ -98,6 +106,7 @@ def crane_map(asset: str, *, turn_error: float = 0.0, step: float = 0.01, upward
         wit_joints=np.zeros((0, len(arm.joints)), np.float16),
         turn_error=turn_error,
         seed=0,
+        false_accepts=false_accepts,
     )
     path = path.with_suffix(".reach")
     made.save(path)

@@ -451,3 +451,32 @@ def test_a_ball_in_a_crate_and_a_crate_in_a_ball_collide(tmp_path: Path):
         compiled = compile_on_cpu({"geometry": "visual", "objects": {"inner": inside, "outer": around}}, bank=1)
         x = valid(make(compiled, 300)).qpos[:, 0]
         assert x.min() > 0.4 and len(x) > 200
+
+
+@pytest.mark.parametrize("geometry", ["physics", "visual"])
+@pytest.mark.parametrize(("half", "share"), [(60.0, 0.9), (450.0, 0.9), (880.0, 0.0)])
+def test_things_keep_off_what_reaches_far_to_what_single_precision_resolves(
+    tmp_path: Path, half: float, share: float, geometry: str
+):
+    """Up to 128 m nothing is deeper in it than the skin; beyond, no deeper than numbers of that size resolve."""
+    turn = np.radians(33.0)
+    along = np.array([np.cos(turn), np.sin(turn)])
+    x, y = half * share * along
+    (tmp_path / "own.xml").write_text(
+        f"""<mujoco><worldbody><body name="wall" pos="{x} {y} .5" euler="0 0 33">
+        <geom name="wall" type="box" size="{half} .05 .5"/></body>
+        <body name="crate"><freejoint/><geom type="box" size=".05 .05 .05"/></body></worldbody></mujoco>"""
+    )
+    crate = {"on": "floor", "clearance": 0.0, "region": {"box": [[-0.12, -0.12], [0.12, 0.12]]}}
+    words = {"model": str(tmp_path / "own.xml"), "geometry": geometry, "floor": {"size": [1, 1]}}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        rows = make(compile_on_cpu({**words, "objects": {"crate": crate}}), 20_000)
+    mats = Rotation.from_quat(rows.qpos[:, 3:7].astype(float), scalar_first=True).as_matrix()
+    across = np.array([-along[1], along[0]])
+    middle = rows.qpos[:, :2].astype(float) @ across
+    size = 0.05 * np.abs(np.einsum("nij,i->nj", mats[:, :2], across)).sum(axis=1)
+    gap = np.abs(middle) - size - 0.05
+    reach = half * (1.0 + share) * along[0]
+    assert gap.min() < 2e-4  # they come close
+    assert gap.min() > -max(1e-5, float(np.spacing(np.float32(reach))))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,11 @@ import pytest
 from scipy import stats
 
 from sceniris_gym.errors import InfeasibleSceneError
+from sceniris_gym.layout import relations
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
+from sceniris_gym.program import pack_relations
+from sceniris_gym.program.device import RelationType
 from sceniris_gym.tools.audit.auditor import Auditor
 from sceniris_gym.tools.tables import make_table
 from tests.layout.related import Shapes, judged, near_middle, related, scene, table_of
@@ -322,6 +326,19 @@ def test_an_empty_region_is_a_cause_of_its_own(shapes: Shapes):
     table = make_table(compiled, 500, 0)
     assert table.valid.mean() > 0.05
     assert not [k for k in judged(compiled, table) if k.broken]  # those of the bank keep their relations too
+
+
+def test_every_type_of_relation_has_a_case_in_the_kernels():
+    """A new one must be named in each function that tells types apart; what these leave to `else` is listed here."""
+    left_to_else = {
+        relations.look: {RelationType.BESIDE},
+        relations.piece_side: {RelationType.BETWEEN, RelationType.BESIDE},
+        relations.holds: {RelationType.BETWEEN, RelationType.BESIDE},
+    }
+    for function, rest in left_to_else.items():
+        named = {t for t in RelationType if f"_{t.name}" in inspect.getsource(function.func)}
+        assert named | rest == set(RelationType), function.key
+    assert set(pack_relations._TYPES.values()) == set(RelationType)
 
 
 def test_a_region_that_is_always_empty_is_infeasible(shapes: Shapes):

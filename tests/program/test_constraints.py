@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from sceniris_gym.errors import NotSupportedError
+from sceniris_gym.errors import NotSupportedError, SceneKeyError
 from sceniris_gym.program.constraints import check_constraints
 from sceniris_gym.program.plan import build_plan
 from tests.layout.scenes import write_mjcf
@@ -114,7 +114,9 @@ def test_an_equality_of_tendons_is_refused_where_their_joints_are_drawn(tmp_path
 def test_a_spatial_tendon_that_pulls_is_refused_between_objects_and_allowed_within_one(tmp_path: Path):
     """Limits or stiffness; a slack one does nothing."""
     strap = '<tendon><spatial name="strap" {}><site site="ear"/><site site="hook"/></spatial></tendon>'
-    for words in ('limited="true" range="0 .3"', 'stiffness="5"'):
+    for words, flag in (('limited="true" range="0 .3"', "limit"), ('stiffness="5"', "spring")):
+        off = f'<option><flag {flag}="disable"/></option>'
+        build_plan(own(tmp_path, off + strap.format(words), {"cup": PLACED}))
         with pytest.raises(NotSupportedError, match=r"tendon 'strap' has limits or stiffness.*'cup', 'world'"):
             build_plan(own(tmp_path, strap.format(words), {"cup": PLACED}))
         build_plan(own(tmp_path, strap.format(words), {"cup": {}}))
@@ -124,6 +126,26 @@ def test_a_spatial_tendon_that_pulls_is_refused_between_objects_and_allowed_with
     rest = '<tendon><spatial name="strap" stiffness="5"><site site="s"/><site site="t"/></spatial></tendon>'
     hook = {"asset": write_mjcf(tmp_path, "hook", within, rest), "joints": {"j": {"noise": 0.1}}, **PLACED}
     check_constraints(scene_of({"hook": hook}))
+    write_mjcf(tmp_path, "hook", within, rest.replace('stiffness="5"', 'limited="false" range="0 1"'))
+    check_constraints(scene_of({"hook": hook}))
+    write_mjcf(tmp_path, "hook", within, rest.replace('stiffness="5"', 'limited="true" range="0 1"'))
+    check_constraints(scene_of({"hook": {**hook, "joints": {}}}))
+    with pytest.raises(NotSupportedError, match=r"tendon 'hook/strap' is spatial and has limits.*'hook/j' changes"):
+        check_constraints(scene_of({"hook": hook}))
+
+
+def test_a_fixed_tendon_may_run_between_objects(tmp_path: Path):
+    """As a spring it is none of the layouts' business; what its limits allow is judged by what is drawn."""
+    doors = "".join(
+        f'<body name="{n}" pos="{x} 2 0"><joint name="{n}" range="-60 60"/><geom size=".1"/></body>'
+        for x, n in enumerate("de")
+    )
+    band = '<tendon><fixed name="band" {}><joint joint="d" coef="1"/><joint joint="e" coef="1"/></fixed></tendon>'
+    objects = {"d": {"kind": "static", "joints": {"d": {"value": 0.5}}}, "e": {"kind": "static"}}
+    build_plan(own(tmp_path, band.format('stiffness="5"'), objects, doors))
+    build_plan(own(tmp_path, band.format('limited="true" range="0 1"'), objects, doors))
+    with pytest.raises(SceneKeyError, match="drawing 'd' would make tendon 'band'"):
+        build_plan(own(tmp_path, band.format('limited="true" range="0 .2"'), objects, doors))
 
 
 def test_an_equality_of_a_flex_is_refused_by_its_name(tmp_path: Path):

@@ -99,3 +99,37 @@ def test_what_stands_inside_of_something_else_is_named_with_the_depth(depth: flo
     objects = {"desk": {"kind": "static"}, "base": {"kind": "static"}}
     found = warned(objects, model=tmp_path / "own.xml")
     assert ["'desk' is 15 mm inside 'base'" in text for text in found] == [True] * number
+
+
+WALL = """<mujoco><worldbody>
+  <body name="wall" pos="{at} 3 .5"><geom name="wall" type="box" size="{half} .05 .5"/></body>
+  <body name="crate"><freejoint/><geom type="box" size=".05 .05 .05" margin="{margin}"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("half", "at", "words", "margin", "says"),
+    [
+        (400, 390, {"clearance": 0.0}, 0, "'wall' (790 m, 61 um)"),
+        (200, 0, {"clearance": 0.0}, 0, "'wall' (200 m, 15 um)"),
+        (400, 390, {}, 0.01, "'wall' (790 m, 61 um)"),
+        (400, 390, {}, 0, None),  # the usual clearance is far larger
+        (120, 0, {"clearance": 0.0}, 0, None),
+        (200, 600, {"clearance": 0.0}, 0, None),  # does not come near
+        (400, 390, {"kind": "marker"}, 0, None),
+    ],
+)
+def test_what_reaches_far_is_named_where_rounding_may_use_up_a_clearance(
+    tmp_path: Path, half: float, at: float, words: dict, margin: float, says: str | None
+):
+    """With how far it reaches, and the rounding there."""
+    text = WALL.format(half=half, at=at, margin=margin)
+    if words.get("kind") == "marker":
+        text = text.replace("<freejoint/>", "")
+    (tmp_path / "own.xml").write_text(text)
+    crate = {"crate": {"on": "floor", **words}}
+    found = warned(crate, model=str(tmp_path / "own.xml"), floor={"size": [2, 2]})
+    assert len(found) == (says is not None)
+    if says is not None:
+        assert says in found[0]
+        assert "128 m" in found[0]
+        assert "'clearance' of 0.0001" in found[0]

@@ -162,7 +162,7 @@ def test_pairs_are_those_of_objects_and_then_those_of_the_arm(tmp_path: Path):
         rows = list(zip(packed["pair_a"], packed["pair_b"], packed["pair_margin"], strict=True))
         for i, expected in enumerate(lists):
             adr, num = packed["obj_pairadr"][i], packed["obj_pairnum"][i]
-            assert rows[adr : adr + num] == expected
+            assert rows[adr : adr + num] == [(p.a, p.b, p.margin) for p in expected]
             start = packed["start"][packed["obj_startadr"][i] :][: packed["obj_startnum"][i]]
             assert set(start[:, 0]) == set(range(adr, adr + num))
             assert len(start) == num if lanes == 1 else len(start) >= min(num, lanes)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.geometry.box_tree import build_tree
 from sceniris_gym.geometry.colliders import Colliders, collect_colliders
-from sceniris_gym.program.pairs import arm_pairs, collider_pairs, first_nodes
+from sceniris_gym.program.descent import leaf_nodes
+from sceniris_gym.program.pairs import Pair, arm_pairs, collider_pairs
 from sceniris_gym.program.plan import Plan, build_plan
 from sceniris_gym.scene.model import SceneModel, build_model
 from tests.layout.scenes import box_mjcf
@@ -39,7 +39,7 @@ class Scene:
         """The lists as pairs of names of bodies."""
         lists, body = arm_pairs(self.model, self.plan, self.colliders), self.colliders.body
         mjm = self.model.mjm
-        return [{frozenset((mjm.body(body[a]).name, mjm.body(body[b]).name)) for a, b, _ in pairs} for pairs in lists]
+        return [{frozenset((mjm.body(body[p.a]).name, mjm.body(body[p.b]).name)) for p in pairs} for pairs in lists]
 
 
 @pytest.mark.parametrize("robot", ["panda", "ur5e", "heron"])
@@ -96,14 +96,13 @@ def test_a_scene_without_reach_has_no_lists(tmp_path: Path):
 def _meetings(scene: SceneModel, plan: Plan | None = None) -> dict[tuple[str, str], float]:
     """Which bodies are kept apart when the first of each pair is placed, and the least gap."""
     plan = plan or build_plan(scene)
-    bodies = list(range(scene.mjm.nbody))
-    name = {b: scene.mjm.body(b).name for b in bodies}
-    classes = [int(np.flatnonzero(scene.mjm.geom_contype)[0])] * len(bodies)  # all geoms collide alike
+    colliders = collect_colliders(plan.pieces, False, "cpu")
     found = {}
-    for pairs in collider_pairs(scene, plan, Colliders(body=bodies, contact_class=classes, plane=[-1] * len(bodies))):
-        for a, b, gap in pairs:
-            assert (name[a], name[b]) not in found
-            found[name[a], name[b]] = gap
+    for pairs in collider_pairs(scene, plan, colliders):
+        for pair in pairs:
+            names = tuple(scene.mjm.body(colliders.body[c]).name for c in (pair.a, pair.b))
+            assert names not in found
+            found[names] = pair.margin
     return found
 
 
@@ -126,7 +125,7 @@ def test_an_object_keeps_the_larger_clearance_to_what_stands_before_it(folder: P
 
 
 def test_an_arm_with_drawn_joints_keeps_off_itself_the_floor_and_what_is_static(folder: Path):
-    """No clearance is asked of it; links that are neighbours or touch at home are left alone, its base is fixed."""
+    """No clearance is asked of it; links that are neighbours are left alone, its base is fixed."""
     wall = {"asset": str(folder / "box.xml"), "kind": "static", "clearance": 0.02}
     robot = {"asset": "panda", "joints": {"*": {"noise": 0.1}}}
     pairs = _meetings(scene_of({"wall": wall}, robot=robot))
@@ -149,47 +148,71 @@ def test_what_stays_at_home_without_drawn_joints_is_there_from_the_start(folder:
     assert {a for a, _ in pairs} == {"a"}
 
 
-def _leaves(child: np.ndarray, node: int) -> list[int]:
-    """Leaves below a node of the trees of all colliders."""
-    return [node] if child[node] < 0 else _leaves(child, child[node]) + _leaves(child, child[node] + 1)
+BESIDE = """<mujoco><worldbody><body name="thing">
+  <body name="left"><joint name="left" axis="0 0 1" range="-90 90"/>
+    <geom name="l0" type="box" size=".05 .05 .05" {margin}/><geom name="l1" size=".02" pos="0 0 .5" {margin}/>
+    <geom name="l2" size=".02" pos="0 0 .7" {margin}/></body>
+  <body name="right" pos="{at} 0 0"><joint name="right" axis="0 0 1" range="-90 90"/>
+    <geom name="r0" type="box" size=".05 .05 .05"/><geom name="r1" size=".02" pos="0 0 .6"/></body>
+  </body></worldbody></mujoco>"""
 
 
-def _random_colliders(sizes: list[int]) -> Colliders:
-    """Colliders, one a body, over so many random boxes each."""
-    colliders, draws = Colliders(), np.random.default_rng(3)
-    for body, size in enumerate(sizes):
-        middle, half = draws.normal(size=(size, 3)), draws.uniform(0.0, 0.3, (size, 3))
-        tree = build_tree(middle - half, middle + half)
-        colliders.body.append(body)
-        colliders.root.append(colliders.nodes)
-        colliders.half.append(tree.half)
-        colliders.child.append(np.where(tree.child < 0, tree.child, tree.child + colliders.nodes))
-        colliders.nodes += len(tree.child)
-    return colliders
+ALL_AXES = {tuple(sign * axis) for axis in np.eye(3) for sign in (-1.0, 1.0)}
 
 
-@pytest.mark.parametrize("lanes", [1, 4, 32, 33, 10_000])
-@pytest.mark.parametrize("sizes", [[1, 1], [1, 40], [7, 13, 1, 30]], ids=str)
-def test_lanes_begin_with_what_meets_every_pair_of_leaves_once(sizes: list[int], lanes: int):
-    """Whatever is opened ahead of time: nothing is left out and nothing tested twice, and no lane is without work."""
-    colliders = _random_colliders(sizes)
-    pairs = [(a, b, 0.0) for a in range(len(sizes)) for b in range(a + 1, len(sizes))]
-    entries = first_nodes(colliders, pairs, 5, lanes)
+def _beside(
+    folder: Path, at: float, margin: str = "", geometry: str = "physics"
+) -> tuple[SceneModel, list[Pair], Colliders]:
+    """Two bodies of boxes at this distance [m], with small balls above them: the pairs among them."""
+    (folder / "beside.xml").write_text(BESIDE.format(at=at, margin=margin))
+    thing = {"asset": str(folder / "beside.xml"), "kind": "static", "joints": {"*": {"noise": 0.1}}}
+    scene = scene_of({"thing": thing}, geometry=geometry)
+    plan = build_plan(scene)
+    colliders = collect_colliders(plan.pieces, geometry == "visual", "cpu")
+    (pairs,) = collider_pairs(scene, plan, colliders)
+    own = set(scene.subtree("thing"))
+    return scene, [p for p in pairs if {colliders.body[p.a], colliders.body[p.b]} <= own], colliders
+
+
+@pytest.mark.parametrize(
+    ("at", "margin", "expected"),
+    [(0.0998, "", -0.0002), (0.1, "", 0.0), (0.11, 'margin=".02"', 0.01)],
+    ids=["overlap", "touch", "within the margin"],
+)
+def test_geoms_that_touch_at_home_are_a_pair_of_their_own(tmp_path: Path, at: float, margin: str, expected: float):
+    """It may come nearer by 10 um, less the skin of the device; all others of the two bodies are one pair."""
+    scene, pairs, colliders = _beside(tmp_path, at, margin)
+    rest, touching = pairs
+    name = {i: scene.mjm.geom(i).name for i in range(scene.mjm.ngeom)}
+    assert touching.geoms is not None
+    assert [name[g] for g in touching.geoms] == ["thing/l0", "thing/r0"]
+    assert touching.margin == pytest.approx(expected - 1e-5, abs=1e-9)
+    np.testing.assert_allclose([ways[0] for ways in touching.ways], [[1, 0, 0], [1, 0, 0]], atol=1e-9)
+    assert [{tuple(np.round(way).tolist()) for way in ways} for ways in touching.ways] == [ALL_AXES, ALL_AXES]
+    assert rest.margin == (0.02 if margin else 0.0)
+    assert (rest.geoms, len(rest.ways[0]), len(rest.ways[1])) == (None, 0, 0)
+    met = sorted(_geoms_met(scene, colliders, rest) + _geoms_met(scene, colliders, touching))
+    assert met == sorted((f"thing/l{i}", f"thing/r{j}") for i in range(3) for j in range(2))
+
+
+def _geoms_met(scene: SceneModel, colliders: Colliders, pair: Pair) -> list[tuple[str, str]]:
+    """Names of the geoms that a pair tests."""
+    pieces = build_plan(scene).pieces
     child = np.concatenate(colliders.child)
-    for i, (a, b, _) in enumerate(pairs):
-        met = [
-            (x, y)
-            for pair, node, other in entries
-            if pair == 5 + i
-            for x in _leaves(child, node)
-            for y in _leaves(child, other)
-        ]
-        wanted = [(x, y) for x in _leaves(child, colliders.root[a]) for y in _leaves(child, colliders.root[b])]
-        assert sorted(met) == sorted(wanted)
-    every = sum(sizes[a] * sizes[b] for a, b, _ in pairs)
-    assert min(max(lanes, len(pairs)), every) <= len(entries) <= max(lanes, len(pairs))
+
+    def below(node: int, names: dict[int, str]) -> list[str]:
+        first = int(child[node])
+        return [names[node]] if first < 0 else below(first, names) + below(first + 1, names)
+
+    first, second = (
+        {node: scene.mjm.geom(pieces[piece].geom).name for node, piece in leaf_nodes(colliders, collider).items()}
+        for collider in (pair.a, pair.b)
+    )
+    return [(x, y) for a, b in pair.starts for x in below(a, first) for y in below(b, second)]
 
 
-def test_without_pairs_no_lane_has_anything_to_begin_with():
-    """An object that meets nothing is an object."""
-    assert first_nodes(_random_colliders([3]), [], 0, 32) == []
+def test_what_is_apart_at_home_is_one_pair(tmp_path: Path):
+    """And what is seen is left alone where it touches there."""
+    assert [p.geoms for p in _beside(tmp_path, 0.11)[1]] == [None]
+    assert len(_beside(tmp_path, 0.11, geometry="visual")[1]) == 1
+    assert _beside(tmp_path, 0.0998, geometry="visual")[1] == []

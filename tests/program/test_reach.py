@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -60,23 +61,43 @@ def test_a_map_of_another_arm_is_refused(folder: Path, cube: str):
 
 
 @pytest.mark.parametrize(
-    ("form", "says"),
+    ("form", "error", "says"),
     [
-        ({"tilt": 0.1}, "first joint"),
-        ({"offset": 0.02}, "TCP is 20 mm off"),
-        ({}, "a map does not know"),
+        ({"tilt": 0.1}, {}, "first joint"),
+        ({"offset": 0.02}, {}, "TCP is 20 mm off"),
+        ({}, {"turn_error": 0.2}, "a map does not know"),
+        (
+            {},
+            {"false_accepts": 0.0051},
+            r"too coarse: 0\.51% of the poses .* \(build it with finer steps than --step 0\.2",
+        ),
     ],
-    ids=["leaning", "off axis", "limited"],
+    ids=["leaning", "off axis", "limited", "coarse"],
 )
-def test_an_arm_that_a_map_does_not_fit_goes_through_ik(folder: Path, cube: str, form: dict[str, Any], says: str):
+def test_an_arm_that_a_map_does_not_fit_goes_through_ik(
+    folder: Path, cube: str, form: dict[str, Any], error: dict[str, Any], says: str
+):
     """With a warning where a map was asked for, without one where the default was."""
-    asset = crane_mjcf(folder, f"odd_{'_'.join(form) or 'limited'}", **form)
-    if not form:
-        crane_map(asset, turn_error=0.2)
+    asset = crane_mjcf(folder, f"odd_{'_'.join([*form, *error])}", **form)
+    if error:
+        crane_map(asset, **error)
     with pytest.warns(ReachWarning, match=f"objects.thing.reachable: .*{says}.*, so 'ik' decides"):
         assert reaching(crane_scene(asset, cube)).targets[0].tier == Tier.IK
-    assert reaching(crane_scene(asset, cube, reachable=True)).targets[0].tier == Tier.IK
-    assert reaching(crane_scene(asset, cube, reachable="clear")).targets[0].tier == Tier.CLEAR
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ReachWarning)
+        assert reaching(crane_scene(asset, cube, reachable=True)).targets[0].tier == Tier.IK
+        assert reaching(crane_scene(asset, cube, reachable="clear")).targets[0].tier == Tier.CLEAR
+
+
+@pytest.mark.parametrize("false_accepts", [None, 0.0, 0.005])
+def test_a_map_that_is_right_often_enough_decides(folder: Path, cube: str, false_accepts: float | None):
+    """So does one from before this was measured; nothing is said about it."""
+    asset = crane_mjcf(folder, f"right_{false_accepts}")
+    crane_map(asset, false_accepts=false_accepts)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ReachWarning)
+        for word in ("map", True):
+            assert reaching(crane_scene(asset, cube, reachable=word)).targets[0].tier == Tier.MAP
 
 
 def test_a_robot_without_a_tcp_is_refused(folder: Path, cube: str):

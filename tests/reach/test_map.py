@@ -3,6 +3,7 @@
 import gc
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,17 @@ import pytest
 
 from sceniris_gym.errors import MapError
 from sceniris_gym.reach.arm import SerialArm
-from sceniris_gym.reach.map import CODE_VALUES, ReachMap, map_file, pack
+from sceniris_gym.reach.map import (
+    CODE_VALUES,
+    MOST_FALSE_ACCEPTS,
+    MOST_TURN_ERROR,
+    ReachMap,
+    default_tier,
+    map_file,
+    pack,
+    why_not_map,
+)
+from sceniris_gym.reach.tier import Tier
 from tests.reach.shapes import ball, gantry, map_of, poses, random_axes
 
 
@@ -40,6 +51,49 @@ def test_a_saved_map_comes_back_whole(shell: ReachMap, arm: SerialArm, tmp_path:
     pos = np.random.default_rng(0).uniform(-0.8, 0.8, (2_000, 3))
     asked = poses(pos, random_axes(2_000, 1), np.zeros(2_000))
     assert np.array_equal(again.verdict(asked, "cpu"), shell.verdict(asked, "cpu"))
+
+
+@pytest.mark.parametrize("share", [None, 0.0, 0.0123])
+def test_the_share_of_false_accepts_is_kept(shell: ReachMap, arm: SerialArm, tmp_path: Path, share: float | None):
+    """A file from before it was measured has none, and loads as a map that was not; verdicts are the same."""
+    path = tmp_path / "a.reach"
+    replace(shell, false_accepts=share).save(path)
+    with np.load(path) as stored:
+        assert ("false_accepts" in stored.files) is (share is not None)
+        assert stored["format"] == 1
+    again = ReachMap.load(path, arm)
+    assert again.false_accepts == share
+    assert type(again.false_accepts) is type(share)
+    assert again.coarse is (share == 0.0123)
+    assert np.array_equal(again.codes, shell.codes)
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.1, np.nan, 1, "few"])
+def test_a_share_that_is_none_is_refused(shell: ReachMap, arm: SerialArm, tmp_path: Path, share: float | str):
+    """Below nothing, above all, and no number."""
+    path = tmp_path / "a.reach"
+    shell.save(path)
+    with np.load(path) as stored:
+        fields = {name: stored[name] for name in stored.files}
+    with path.open("wb") as file:
+        np.savez(file, allow_pickle=False, **fields, false_accepts=np.array(share))
+    with pytest.raises(MapError, match="a damaged reachability map: false_accepts is"):
+        ReachMap.load(path, arm)
+
+
+def test_why_a_map_does_not_decide(shell: ReachMap):
+    """There is none, its verdicts depend on turns, or it accepts what is out of reach; only then is it not default."""
+    known = {
+        "it has no map yet; build one with sceniris-gym reach own --build": None,
+        "does not know: its map is wrong about 0.6%": replace(shell, turn_error=0.006, false_accepts=0.02),
+        "too coarse: 2.00% of the poses that it accepts": replace(shell, false_accepts=0.02),
+    }
+    for says, reach_map in known.items():
+        assert says in str(why_not_map(shell.arm, reach_map, "own"))
+        assert default_tier(shell.arm, reach_map) == Tier.IK
+    for reach_map in (shell, replace(shell, false_accepts=MOST_FALSE_ACCEPTS, turn_error=MOST_TURN_ERROR)):
+        assert why_not_map(shell.arm, reach_map, "own") is None
+        assert default_tier(shell.arm, reach_map) == Tier.MAP
 
 
 def test_a_map_of_another_arm_is_refused(shell: ReachMap, tmp_path: Path):

@@ -44,7 +44,7 @@ BALL = '<mujoco><worldbody><body name="b"><geom name="g" type="sphere" size=".03
 ARM = """
 <mujoco>
   <worldbody><body name="base"><geom name="foot" type="box" size=".05 .05 .05"/>
-    <body name="link"><joint name="joint1" type="hinge" axis="0 0 1" range="-2 2"/>
+    <body name="link"><joint name="joint1" type="hinge" axis="0 0 1" range="-115 115"/>
       <geom name="link" type="box" size=".2 .02 .02"/></body></body></worldbody>
   <actuator><position name="motor" joint="joint1"/></actuator>
   <keyframe><key name="home" qpos=".5" ctrl=".4"/><key name="up" qpos="1.5" ctrl="1.4"/></keyframe>

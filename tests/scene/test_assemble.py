@@ -67,6 +67,26 @@ def test_each_kind_is_the_body_it_should_be(folder: Path):
     assert mjm.body("goal").mass == 0
 
 
+def test_explicit_pairs_make_no_marker_touch_anything(folder: Path):
+    """Of a body of the own model and of an asset; other pairs stay."""
+    two = '<geom name="low" size=".1" pos="0 0 -.3"/><body name="in"><geom name="up" size=".1"/></body>'
+    pairs = '<contact><pair geom1="low" geom2="{0}"/><pair geom1="{0}" geom2="up"/>{1}</contact>'
+    (folder / "lamp.xml").write_text(
+        f'<mujoco><worldbody><body name="lamp">{two}</body></worldbody>'
+        + '<contact><pair geom1="low" geom2="up"/></contact></mujoco>'
+    )
+    others = '<geom name="one" size=".1" pos="2 0 0"/><body name="b"><joint/><geom name="other" size=".1"/></body>'
+    (folder / "own.xml").write_text(
+        f'<mujoco><worldbody>{others}<body name="mine">{two}</body></worldbody>'
+        + pairs.format("one", '<pair geom1="one" geom2="other"/>')
+        + "</mujoco>"
+    )
+    objects = {"mine": {"kind": "marker", "on": "floor"}, "lamp": {"asset": "lamp", "kind": "marker", "on": "floor"}}
+    mjm = build(folder, objects, model=str(folder / "own.xml")).mjm
+    left = [{mjm.geom(int(g)).name for g in pair} for pair in zip(mjm.pair_geom1, mjm.pair_geom2, strict=True)]
+    assert left == [{"one", "other"}]
+
+
 BAD_ASSETS = {
     "no XML": ("<mujoco>", SceneFileError, "MuJoCo cannot read"),
     "no body": ("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>", SceneKeyError, "one body.*found none"),

@@ -89,6 +89,25 @@ def test_an_own_model_keeps_its_names_options_and_start_pose(folder: Path):
     np.testing.assert_allclose(scene.home_qpos[: mjm.nq - 7], [0.1, 0, 0, 0.2, 1, 0, 0, 0, 0.7])
 
 
+def test_noise_around_a_start_pose_beyond_the_limits_is_refused(folder: Path):
+    """It would be cut off at limits that the joint has left already; a rounded keyframe is fine."""
+    lid = '<joint name="lid" type="slide" range="0 .2"/><geom size=".1"/>'
+    for start, fits in ((0.3, False), (-0.1, False), (0.2, True), (0.2 + 1e-7, True)):
+        key = f'<keyframe><key name="home" qpos="{start}"/></keyframe>'
+        (folder / "pot.xml").write_text(
+            f'<mujoco><worldbody><body name="pot"><body>{lid}</body></body></worldbody>{key}</mujoco>'
+        )
+        pot = {"asset": "pot", "kind": "fixture", "joints": {"*": {"noise": 0.15}}}
+        if fits:
+            build(folder, {"pot": dict(pot)})
+        else:
+            with pytest.raises(
+                SceneKeyError, match=r"pot\.joints\.\*\.noise: 'pot/lid' starts at .* limits \[0, 0\.2\]"
+            ):
+                build(folder, {"pot": dict(pot)})
+        build(folder, {"pot": {**pot, "joints": {"lid": {"range": [0, 0.1]}}}})
+
+
 def test_the_scene_opens_in_stock_mujoco_from_its_zip(folder: Path):
     """Meshes travel inside; names, poses and masses survive."""
     scene = build(folder, {"a": {"asset": "chest", "kind": "fixture"}, "b": {"asset": "chest", "kind": "static"}})

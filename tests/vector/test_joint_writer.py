@@ -44,6 +44,9 @@ ARM = """
     <position name="over both" tendon="sum" kp="20" gear="0.5"/>
     <position name="limited" joint="out" kp="10" ctrlrange="-0.1 0.1"/>
     <motor name="motor" joint="spin"/>
+    <position name="filtered" joint="spin" kp="10" gear="2" timeconst="0.05"/>
+    <intvelocity name="integrated" joint="out" kp="10" actrange="-0.2 0.2"/>
+    <position name="filtered elsewhere" joint="other" kp="10" timeconst="0.05"/>
   </actuator>
 </mujoco>
 """
@@ -53,7 +56,8 @@ def written(names: list[str], values: list[list[float]], mask: list[bool]) -> tu
     """Put joints of worlds whose state is all sevens; return the model and the state."""
     mjm = mujoco.MjModel.from_xml_string(ARM)
     state = {
-        name: torch.full((len(mask), n), 7.0) for name, n in (("qpos", mjm.nq), ("qvel", mjm.nv), ("ctrl", mjm.nu))
+        name: torch.full((len(mask), n), 7.0)
+        for name, n in (("qpos", mjm.nq), ("qvel", mjm.nv), ("ctrl", mjm.nu), ("act", mjm.na))
     }
     writer = JointWriter(mjm, [mjm.joint(name).id for name in names], torch.device("cpu"))
     writer.write(**state, values=torch.tensor(values), mask=torch.tensor(mask))
@@ -65,12 +69,15 @@ def test_actuators_of_the_written_joints_exert_nothing():
     mjm, state = written(["spin", "out"], [[0.4, -0.3], [1.0, 0.05]], [True, True])
     data = mujoco.MjData(mjm)
     for world in range(2):
-        data.qpos[:], data.qvel[:], data.ctrl[:] = (state[name][world] for name in ("qpos", "qvel", "ctrl"))
+        for name in state:
+            getattr(data, name)[:] = state[name][world]
         data.qpos[3:7] = [1.0, 0.0, 0.0, 0.0]
         mujoco.mj_forward(mjm, data)
-        for name in ("geared", "over both"):
+        for name in ("geared", "over both", "filtered"):
             assert data.actuator(name).force[0] == pytest.approx(0.0, abs=2e-5)
         assert data.actuator("limited").ctrl[0] == pytest.approx(-0.1 if world == 0 else 0.05)
+        assert data.act_dot[0] == pytest.approx(0.0, abs=1e-4)
+        assert data.act[1] == pytest.approx(-0.2 if world == 0 else 0.05)
         assert (data.joint("spin").qvel[0], data.joint("out").qvel[0]) == (0.0, 0.0)
 
 
@@ -78,8 +85,9 @@ def test_all_else_stays_as_it_is():
     """Worlds without a mask, other joints, and controls that the written joints have nothing to do with."""
     mjm, state = written(["spin"], [[0.4], [0.5], [torch.nan]], [True, False, False])
     kept = {"qpos": np.ones(mjm.nq, bool), "qvel": np.ones(mjm.nv, bool), "ctrl": np.ones(mjm.nu, bool)}
+    kept["act"] = np.array([False, True, True])
     kept["qpos"][mjm.joint("spin").qposadr[0]] = kept["qvel"][mjm.joint("spin").dofadr[0]] = False
-    for name in ("geared", "over both"):
+    for name in ("geared", "over both", "filtered"):
         kept["ctrl"][mjm.actuator(name).id] = False
     for name, values in state.items():
         assert (values[1:] == 7.0).all()
@@ -104,7 +112,7 @@ def test_delayed_actuators_read_the_new_control_from_the_past():
     """All that a delayed actuator remembers is the control that holds the joint; others remember what they did."""
     mjm = mujoco.MjModel.from_xml_string(DELAYED)
     data = mujoco.MjData(mjm)
-    state = {"qpos": torch.zeros(2, 2), "qvel": torch.zeros(2, 2), "ctrl": torch.zeros(2, 2)}
+    state = {"qpos": torch.zeros(2, 2), "qvel": torch.zeros(2, 2), "ctrl": torch.zeros(2, 2), "act": torch.zeros(2, 0)}
     state["history"] = torch.tensor(data.history, dtype=torch.float32).repeat(2, 1)
     before = state["history"].clone()
     writer = JointWriter(mjm, [mjm.joint("one").id], torch.device("cpu"))

@@ -105,7 +105,9 @@ class Auditor:
         jointed = {name for name, part in config.objects.items() if part.joints}
         if config.robot is not None and config.robot.joints:
             jointed.add(ROBOT)
-        self.collisions = CollisionAudit(self.tree, solids, config.geometry, clearances, jointed, self.contacts.at_home)
+        self.collisions = CollisionAudit(
+            self.tree, solids, config.geometry, clearances, jointed, self.contacts.at_home, {*drawn, *jointed}
+        )
         home = home_of(mjm)
         outlines = Outlines(self.tree, solids, config, bodies, pose_of(home))
         self.standing = StandingAudit(self.tree, solids, config, outlines, pose_of(home))
@@ -128,7 +130,7 @@ class Auditor:
         conflicts: list[Conflict] = []
         misplaced: list[Misplaced] = []
         kept: list[Kept] = []
-        tally = ContactTally(self.mjm, self.contacts.at_home, self.config.geometry)
+        tally = ContactTally(self.mjm, self.config.geometry)
         for start, some in table.chunks(CHUNK):
             poses = poses_of(self.mjm, some)
             there = presence(self.config, some)
@@ -207,7 +209,7 @@ class Auditor:
                 hit = {
                     int(rows[c.row])
                     for c in self.contacts.contacts(some[rows], carrying)
-                    if c.excess > 0.0 and _takes_part(c, mine[rows[c.row]], rank)
+                    if c.acts and _takes_part(c, mine[rows[c.row]], rank)
                 }
                 found = [a for a in found if a.row not in hit]
             alarms += [FalseAlarm(start + a.row, a.owners, a.surplus) for a in found]

@@ -59,7 +59,8 @@ class CollisionAudit:
         geometry: "physics" or "visual".
         clearances: Clearance [m] of each placed object.
         jointed: Names of the objects whose joints are drawn.
-        at_home: Pairs of bodies that touch at home, which are not judged here.
+        at_home: Pairs of geoms that touch at home, which are not judged here.
+        moved: Names of the objects that layouts move, None for all that can move; pairs of others are not judged here.
     """
 
     def __init__(
@@ -70,9 +71,10 @@ class CollisionAudit:
         clearances: Mapping[str, float],
         jointed: Collection[str] = (),
         at_home: Collection[tuple[int, int]] = (),
+        moved: Collection[str] | None = None,
     ) -> None:
         self.tree, self.solids = tree, solids
-        self.pairs = judged_pairs(tree, solids, geometry, clearances, jointed=jointed, at_home=at_home)
+        self.pairs = judged_pairs(tree, solids, geometry, clearances, jointed=jointed, at_home=at_home, moved=moved)
         self._narrow = Narrow(solids)
         self._body = [int(tree.mjm.geom_bodyid[s.geom]) for s in solids]
 

@@ -4,8 +4,8 @@ MuJoCo's own rules hold as it applies them: contact bits, `exclude` and `pair`, 
 kinds of contact are allowed for:
 
 - What carries an object may come within the margin of the pair, but not intersect it.
-- Bodies that touch at home already, in poses relative to each other that no placing changes: links of a robot, doors of
-  a cabinet, a robot and the desk it is mounted on. They may be as deep as they are at home.
+- Geoms that touch at home already, in poses relative to each other that no placing changes: of links of a robot, of
+  doors of a cabinet, of a robot and the desk it is mounted on. They may be as deep as they are at home.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from sceniris_gym.tools.audit.geometry import home_of
 from sceniris_gym.tools.audit.pairs import Tree
 
 CONTACT_TOLERANCE = 1e-5  # m; deeper than that is a collision
+ROUNDING = 1e-6  # m; contacts of geoms that stay as they are at home are deeper and less deep by this
 _APART = 1000.0  # m; distance between placed objects where contacts at home are looked for
 
 
@@ -35,7 +36,7 @@ class Contact:
         owners: Names of the two objects.
         depth: By how much they are nearer than the distance from which MuJoCo acts [m]; that distance is 0 for what
             carries an object, and where there is no margin.
-        home: The same at home where the two bodies touch there, else None.
+        home: The same at home where the two geoms touch there, else None.
     """
 
     row: int
@@ -48,6 +49,11 @@ class Contact:
     def excess(self) -> float:
         """How much deeper it is than it may be [m]."""
         return self.depth - (self.home or 0.0)
+
+    @property
+    def acts(self) -> bool:
+        """Whether it is deeper than it may be, by however little."""
+        return self.excess > (0.0 if self.home is None else ROUNDING)
 
 
 @dataclass(frozen=True)
@@ -76,7 +82,7 @@ class ContactAudit:
         markers: Names of objects that may be in anything.
 
     Attributes:
-        at_home: Pairs of bodies, the lower id first, that touch at home -> how deep they are in each other there [m].
+        at_home: Pairs of geoms, the lower id first, that touch at home -> how deep they are in each other there [m].
     """
 
     def __init__(self, tree: Tree, placed: Mapping[str, int], markers: set[str]) -> None:
@@ -108,11 +114,10 @@ class ContactAudit:
                 first, second = (int(mjm.geom_bodyid[g]) for g in geoms)
                 owners = owner[first], owner[second]
                 if depth > 0.0 and not self._markers.intersection(owners):
-                    home = self.at_home.get((min(first, second), max(first, second)))
-                    yield Contact(row, geoms, owners, depth, home)
+                    yield Contact(row, geoms, owners, depth, self.at_home.get(geoms))
 
     def _touching_at_home(self, placed: Mapping[str, int]) -> dict[tuple[int, int], float]:
-        """Find bodies that touch at home, each placed object far from all others, so that nothing is said of these."""
+        """Find geoms that touch at home, each placed object far from all others, so that nothing is said of these."""
         mjm, owner, data = self.tree.mjm, self.tree.owner, home_of(self.tree.mjm)
         for i, body in enumerate(placed.values(), start=1):
             away = [_APART * i, 0.0, _APART]
@@ -128,10 +133,10 @@ class ContactAudit:
         found: dict[tuple[int, int], float] = {}
         for model in (wide, mjm):
             for geoms, dist, margin in _pairs(model, data):
-                first, second = sorted(int(mjm.geom_bodyid[g]) for g in geoms)
-                if owner[first] == owner[second] or not {owner[first], owner[second]} & set(placed):
+                owners = {owner[int(mjm.geom_bodyid[g])] for g in geoms}
+                if len(owners) == 1 or not owners & set(placed):
                     depth = margin - dist if model is mjm else -dist
-                    found[first, second] = max(depth, found.get((first, second), 0.0))
+                    found[geoms] = max(depth, found.get(geoms, 0.0))
         return found
 
 
@@ -140,25 +145,23 @@ class ContactTally:
 
     Args:
         mjm: The model.
-        at_home: Pairs of bodies that touch at home; see `ContactAudit`.
         geometry: "physics" or "visual"; with the latter all contacts are allowed for.
 
     Attributes:
         deepest: The contact that is deepest beyond what it may be, None if there is none.
     """
 
-    def __init__(self, mjm: mujoco.MjModel, at_home: Mapping[tuple[int, int], float], geometry: str) -> None:
-        self._mjm, self._at_home, self._visual = mjm, at_home, geometry == "visual"
-        self._depths: dict[tuple[int, int], float] = {}
+    def __init__(self, mjm: mujoco.MjModel, geometry: str) -> None:
+        self._mjm, self._visual = mjm, geometry == "visual"
+        self._allowed: dict[tuple[int, int], Allowed] = {}
         self.deepest: Contact | None = None
 
     def add(self, start: int, contacts: Iterable[Contact]) -> list[Contact]:
         """Return those of some contacts that are missed collisions; their rows are counted from `start` on."""
         missed = []
         for c in contacts:
-            first, second = sorted(int(self._mjm.geom_bodyid[g]) for g in c.geoms)
             if self._visual or c.home is not None:
-                self._depths[first, second] = max(c.depth, self._depths.get((first, second), 0.0))
+                self._allow(c)
             if self._visual or c.excess <= 0.0:
                 continue
             if self.deepest is None or c.excess > self.deepest.excess:
@@ -169,13 +172,18 @@ class ContactTally:
 
     def allowed(self) -> list[Allowed]:
         """Return the pairs of bodies whose contacts were allowed for."""
-        found = []
-        for bodies, depth in sorted(self._depths.items()):
-            home = self._at_home.get(bodies)
-            why = "the scene keeps what is drawn apart" if home is None else "they touch at home"
-            first, second = (self._mjm.body(b).name or f"body {b}" for b in bodies)
-            found.append(Allowed((first, second), why, home or 0.0, depth))
-        return found
+        return [self._allowed[bodies] for bodies in sorted(self._allowed)]
+
+    def _allow(self, c: Contact) -> None:
+        first, second = sorted(int(self._mjm.geom_bodyid[g]) for g in c.geoms)
+        names = tuple(self._mjm.body(b).name or f"body {b}" for b in (first, second))
+        why = "the scene keeps what is drawn apart" if c.home is None else "they touch at home"
+        other = self._allowed.get((first, second))
+        home, depth = c.home or 0.0, c.depth
+        if other is not None:
+            why = other.why if c.home is None else why
+            home, depth = max(home, other.home), max(depth, other.depth)
+        self._allowed[first, second] = Allowed((names[0], names[1]), why, home, depth)
 
 
 def _pairs(mjm: mujoco.MjModel, data: mujoco.MjData) -> Iterator[tuple[tuple[int, int], float, float]]:

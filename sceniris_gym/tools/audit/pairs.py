@@ -65,6 +65,7 @@ def judged_pairs(
     *,
     jointed: Collection[str] = (),
     at_home: Collection[tuple[int, int]] = (),
+    moved: Collection[str] | None = None,
 ) -> list[Judged]:
     """List the pairs of solids that a layout must keep apart.
 
@@ -78,9 +79,13 @@ def judged_pairs(
         geometry: "physics" or "visual".
         clearances: Clearance [m] of each placed object; a pair keeps the larger one.
         jointed: Names of the objects whose joints are drawn.
-        at_home: Pairs of bodies, the lower id first, that touch at home; MuJoCo alone judges them.
+        at_home: Pairs of geoms, the lower id first, that touch at home; MuJoCo alone judges them. What is seen of
+            their bodies ("visual") is not judged at all.
+        moved: Names of the objects that layouts move, None for all that can move. MuJoCo alone judges two others: they
+            are as they are at home.
     """
     mjm = tree.mjm
+    touching = {frozenset(mjm.geom_bodyid[list(geoms)].tolist()) for geoms in at_home if geometry == "visual"}
     explicit = {frozenset(p): float(m) for *p, m in zip(mjm.pair_geom1, mjm.pair_geom2, mjm.pair_margin, strict=True)}
     judged = []
     for first in range(len(solids)):
@@ -91,7 +96,9 @@ def judged_pairs(
             own = owners[0] == owners[1]
             if not (tree.movable[body1] or tree.movable[body2]) or (own and owners[0] not in jointed):
                 continue
-            if (min(body1, body2), max(body1, body2)) in at_home:
+            if geoms in at_home or frozenset((body1, body2)) in touching:
+                continue
+            if moved is not None and not {*owners} & {*moved}:
                 continue
             margin = explicit.get(frozenset(geoms))
             if margin is None:

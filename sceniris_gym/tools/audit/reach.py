@@ -3,12 +3,14 @@
 Joints, limits and hand are taken from the MjModel: the chain from the robot's root body to its site `tcp`. The search
 is damped least squares on MuJoCo's own kinematics and Jacobian, from the layout's joints and from random ones. How wide
 the fingers open for a grasp is taken as claimed; opened so, the arm must not touch anything but the object, and that
-with its hand alone (what its last joint carries), in the grasp alone.
+with its hand alone (what its last joint carries), in the grasp alone. Parts of the robot that touch each other at home
+may be as deep as they are there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import mujoco
@@ -16,6 +18,7 @@ import numpy as np
 
 from sceniris_gym.reach.tier import Tier
 from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.tools.audit.geometry import home_of
 
 POSITION = 1e-3  # m
 ROTATION = np.radians(0.5)
@@ -80,6 +83,7 @@ class ReachAudit:
         self._of = {name: _inside(mjm, body) for name, body in bodies.items()}
         self._robot = _inside(mjm, root)
         self._hand = _inside(mjm, int(mjm.jnt_bodyid[self.joints[-1]]))
+        self._at_home = self._touching_at_home()
 
     def judge(self, table: LayoutTable, claims: Sequence[Claim], present: dict[str, np.ndarray]) -> list[Unreached]:
         """Check the claims about layouts.
@@ -136,6 +140,8 @@ class ReachAudit:
             if contact.dist > -_DEEP or not mine:
                 continue
             if mine == 2:
+                if contact.dist > self._at_home.get(frozenset(contact.geom.tolist()), 0.0) - _DEEP:
+                    continue
                 return "hits itself"
             if claim.tier < Tier.CLEAR:
                 continue
@@ -144,6 +150,19 @@ class ReachAudit:
             if not grasping or not {first, second} & self._hand:
                 return "hits its target"
         return None
+
+    def _touching_at_home(self) -> dict[frozenset[int], float]:
+        """Return the geoms of the robot that are in contact with each other at home, and their least distance [m]."""
+        alone = copy(self.mjm)  # all that is placed is at the origin there
+        others = ~np.isin(alone.geom_bodyid, list(self._robot))
+        alone.geom_contype[others] = alone.geom_conaffinity[others] = 0
+        data = home_of(alone)
+        mujoco.mj_collision(alone, data)
+        found: dict[frozenset[int], float] = {}
+        for contact in data.contact[: data.ncon]:
+            geoms = frozenset(contact.geom.tolist())
+            found[geoms] = min(float(contact.dist), found.get(geoms, 0.0))
+        return found
 
     def _distance(self, name: str, point: np.ndarray) -> float:
         """Return the distance [m] from a point to the nearest box of an object's geoms; 0 for one without geoms."""

@@ -86,7 +86,7 @@ def build(
     figures = {"seconds": round(time.perf_counter() - start, 1), "file": str(out), "file_bytes": out.stat().st_size}
     if out.resolve() != map_path(name).resolve():
         figures["used_with"] = f"--map {out}"
-    return describe(arm, built) | figures
+    return describe(name, arm, built) | figures
 
 
 def default_map(name: str) -> Path:
@@ -108,14 +108,14 @@ def judge(
     needed = path is not None or by_map
     reach_map = find_map(name, arm, path) if needed or _has_map(name, arm) else None
     used = default_tier(arm, reach_map) if tier is None else tier
-    if tier is not None and by_map and reach_map is not None and reach_map.limited:
-        warnings.warn(f"reach {name} --tier {tier.word}: {why_ik(name, arm, reach_map)}.", ReachWarning, stacklevel=2)
+    why = why_not_map(arm, reach_map, name)
+    if tier is not None and by_map and why is not None:
+        warnings.warn(f"reach {name} --tier {tier.word}: {why}.", ReachWarning, stacklevel=2)
     verdicts = judge_poses(mjm, arm, reach_map, asked, used, device_name(device, "reach"))
     with replacing(out) as temporary, temporary.open("wb") as file:
         np.save(file, verdicts)
     found = {"arm": arm.name, "tier": used.word, "poses": len(asked), "reached": int(verdicts.sum()), "file": str(out)}
-    why = None if tier is not None else why_ik(name, arm, reach_map)
-    return found if why is None else found | {"why_ik": why}
+    return found if why is None or tier is not None else found | {"why_ik": why}
 
 
 def show(name: str, path: Path | None, out: Path, height: float, device: str | None = None) -> dict[str, Any]:
@@ -126,15 +126,14 @@ def show(name: str, path: Path | None, out: Path, height: float, device: str | N
     """
     _, arm = read_arm(name)
     if path is None and not _has_map(name, arm):
-        return describe(arm, None) | {"why_ik": why_ik(name, arm, None)}
+        return describe(name, arm, None)
     check_picture(out)
     reach_map = find_map(name, arm, path)
     low, high = reach_map.z_low, reach_map.z_low + reach_map.step * (reach_map.nz - 1)
     if not low <= height <= high:  # NaN, too
         raise MapError(f"reach {name} --height {height:g}: should be from {low:.2f} to {high:.2f} m, as the map is.")
     save(draw(reach_map, height, device_name(device, "reach")), out)
-    why = why_ik(name, arm, reach_map)
-    return describe(arm, reach_map) | ({} if why is None else {"why_ik": why}) | {"picture": str(out)}
+    return describe(name, arm, reach_map) | {"picture": str(out)}
 
 
 def narrowed(
@@ -163,13 +162,6 @@ def _same(name: str, asset: str) -> bool:
     return name == asset or (name.endswith(".xml") and Path(name).resolve() == Path(asset).resolve())
 
 
-def why_ik(name: str, arm: SerialArm, reach_map: ReachMap | None) -> str | None:
-    """Return why poses are solved one by one when no tier is given; None if the arm's map is used."""
-    if reach_map is None and arm.no_map is None:
-        return f"it has no map yet; build one with {build_command(name)}"
-    return why_not_map(arm, reach_map)
-
-
 def _has_map(name: str, arm: SerialArm) -> bool:
     return arm.no_map is None and map_file(name) is not None
 
@@ -187,11 +179,11 @@ def find_map(name: str, arm: SerialArm, path: Path | None) -> ReachMap:
         another = f"Build one: {build_command(name)}." if own is None else "Leave out --map: this arm has its own."
         return ReachMap.load(path, arm, another)
     if own is None:
-        raise MapError(f"reach: '{name}': {why_ik(name, arm, None)}.")
+        raise MapError(f"reach: '{name}': {why_not_map(arm, None, name)}.")
     return ReachMap.load(own, arm, f"Build it again: {build_command(name)}.")
 
 
-def describe(arm: SerialArm, reach_map: ReachMap | None) -> dict[str, Any]:
+def describe(name: str, arm: SerialArm, reach_map: ReachMap | None) -> dict[str, Any]:
     """Return the properties of an arm and its map, by name."""
     found: dict[str, Any] = {
         "arm": arm.name,
@@ -201,16 +193,20 @@ def describe(arm: SerialArm, reach_map: ReachMap | None) -> dict[str, Any]:
         "full_turn_of_wrist": arm.free_wrist,
     }
     if reach_map is None:
-        return found | {"map": None, "default_tier": default_tier(arm, None).word}
-    memory, witnesses = reach_map.nbytes
-    return found | {
-        "step_m": reach_map.step,
-        "tilt_step_degrees": float(np.degrees(reach_map.tilt_step)),
-        "map_bytes": memory,
-        "witness_bytes": witnesses,
-        "turn_error": reach_map.turn_error,
-        "default_tier": default_tier(arm, reach_map).word,
-    }
+        found["map"] = None
+    else:
+        memory, witnesses = reach_map.nbytes
+        found |= {
+            "step_m": reach_map.step,
+            "tilt_step_degrees": float(np.degrees(reach_map.tilt_step)),
+            "map_bytes": memory,
+            "witness_bytes": witnesses,
+            "turn_error": reach_map.turn_error,
+            "false_accepts": reach_map.false_accepts,
+        }
+    found["default_tier"] = default_tier(arm, reach_map).word
+    why = why_not_map(arm, reach_map, name)
+    return found if why is None else found | {"why_ik": why}
 
 
 def read_poses(path: Path) -> np.ndarray:

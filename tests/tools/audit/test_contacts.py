@@ -36,10 +36,15 @@ OBJECTS = {name: {"asset": name, "region": {"box": [[-0.9, -0.9, 0], [0.9, 0.9, 
 
 
 def judged(
-    *rows: tuple[float, float, float], geometry: str = "physics", can: str = "", cup: str = "", contact: str = ""
+    *rows: tuple[float, float, float],
+    geometry: str = "physics",
+    can: str = "",
+    cup: str = "",
+    contact: str = "",
+    model: str = MODEL,
 ) -> Report:
     """The report on rows of (left door, right door, distance between can and cup) [m]."""
-    mjm = mujoco.MjModel.from_xml_string(MODEL.format(can=can, cup=cup, contact=contact))
+    mjm = mujoco.MjModel.from_xml_string(model.format(can=can, cup=cup, contact=contact))
     objects = OBJECTS | {"machine": {"asset": "machine", "kind": "static", "joints": {"*": {"noise": 0.1}}}}
     config = SceneConfig.load({"geometry": geometry, "objects": objects})
     qpos = np.repeat(mjm.qpos0[None], len(rows), axis=0)
@@ -72,6 +77,16 @@ def test_what_touches_at_home_may_be_as_deep_as_there():
     found = {a.names: (a.home, a.depth) for a in report.allowed}
     assert found["left", "right"] == pytest.approx((0.002, 0.003), abs=1e-9)
     assert found["world", "column"] == pytest.approx((0.001, 0.001), abs=1e-9)
+
+
+def test_other_geoms_of_bodies_that_touch_at_home_are_kept_apart():
+    """A latch of the left door that is pulled into a stop of the right one, while the doors themselves part."""
+    latch = ('<geom name="left"', '<geom name="latch" size="0.01" pos="0.30 0 0.3"/><geom name="left"')
+    stop = ('<geom name="right"', '<geom name="stop" size="0.01" pos="0.25 0 0.3"/><geom name="right"')
+    model = MODEL.replace(*latch).replace(*stop)
+    report = judged((0.0, 0.0, 0.1), (-0.02, 0.0, 0.1), (-0.045, 0.0, 0.1), model=model)
+    mjm = mujoco.MjModel.from_xml_string(model.format(can="", cup="", contact=""))
+    assert [(c.row, {mjm.geom(g).name for g in c.geoms}) for c in report.conflicts] == [(2, {"latch", "stop"})]
 
 
 def test_without_a_missed_collision_nothing_is_deeper_than_the_tolerance():
@@ -109,5 +124,6 @@ def test_placed_objects_say_nothing_at_home():
     placed = {name: MJM.body(name).id for name in ("can", "crate", "gem", "shelf")}
     assert ContactAudit(tree, placed, set()).at_home == {}
     assert ("can", "crate") in {
-        tuple(sorted((tree.owner[a], tree.owner[b]))) for a, b in ContactAudit(tree, {}, set()).at_home
+        tuple(sorted(tree.owner[int(MJM.geom_bodyid[g])] for g in geoms))
+        for geoms in ContactAudit(tree, {}, set()).at_home
     }

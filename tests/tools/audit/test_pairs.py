@@ -1,7 +1,11 @@
 """Which pairs of geoms must be apart, against the contacts that MuJoCo finds where everything overlaps."""
 
+from pathlib import Path
+
 import mujoco
 
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.scene.model import build_model
 from sceniris_gym.tools.audit.auditor import Auditor
 from sceniris_gym.tools.audit.geometry import solids_of
 from sceniris_gym.tools.audit.pairs import Tree, judged_pairs
@@ -30,6 +34,25 @@ def test_fixtures_are_kept_from_the_static_world_though_mujoco_is_silent():
     mjm = spec.compile()
     report = Auditor(mjm, small_config(), bodies(mjm)).judge(layout(mjm, shelf=(0, 0.35, GAP, 0)))
     assert {frozenset(c.owners) for c in report.conflicts} == {frozenset({"shelf", "pillar"})}
+
+
+def test_what_no_layout_moves_is_judged_by_mujoco_alone(tmp_path: Path):
+    """A mocap body in a static wall, and two loose ones with contacts off: as at home. What is placed there is not."""
+    walls = """<geom type="box" size=".1 .1 .1" pos="1 0 .1"/>
+      <body name="guide" mocap="true" pos="1 0 .2"><geom size=".05"/></body>
+      <body name="one" pos="0 1 .3"><freejoint/><geom size=".05"/></body>
+      <body name="two" pos="0 1 .32"><freejoint/><geom size=".05"/></body>"""
+    (tmp_path / "own.xml").write_text(
+        f'<mujoco><option><flag contact="disable"/></option><worldbody>{walls}</worldbody></mujoco>'
+    )
+    scene = {"model": str(tmp_path / "own.xml"), "floor": {"size": [1, 1]}}
+    for objects, owners in (({}, set()), ({"one": {"on": "floor"}}, {"one", "two"}), ({"two": {}}, set())):
+        config = SceneConfig.load({**scene, "objects": objects})
+        mjm = build_model(config).mjm
+        judged = Auditor(mjm, config, {name: mjm.body(name).id for name in objects})
+        found = {frozenset(pair.owners) for pair in judged.collisions.pairs}
+        assert (frozenset(owners) in found) if owners else not found
+        assert frozenset({"guide", "world"}) not in found
 
 
 HEAP = """
@@ -93,7 +116,7 @@ def test_parts_of_an_object_are_judged_where_its_joints_are_drawn():
 
 
 def _all_pairs(mjm: mujoco.MjModel) -> set[tuple[int, int]]:
-    return {(i, j) for i in range(mjm.nbody) for j in range(i, mjm.nbody)}
+    return {(i, j) for i in range(mjm.ngeom) for j in range(i, mjm.ngeom)}
 
 
 def test_what_is_seen_collides_whatever_its_bits_are():

@@ -116,14 +116,20 @@ def test_only_the_hand_may_touch_its_target_and_only_in_the_grasp(tmp_path_facto
     assert judged("up", 0.0) == {"hits its target"}
 
 
-def test_hits_of_the_arm_with_itself_are_seen(compiled: CompiledScene, table: LayoutTable):
-    """The same claims, of a model in which the crane's fingers are as wide as its hand is far."""
+@pytest.mark.parametrize(("width", "cause"), [(0.042, {"hits itself"}), (0.2, set())], ids=["apart", "in each other"])
+def test_hits_of_the_arm_with_itself_are_seen(
+    compiled: CompiledScene, table: LayoutTable, width: float, cause: set[str]
+):
+    """The same claims, of models in which the crane's fingers are wide: in a grasp they are in each other.
+
+    But those that are so at home, where they are open, may be as deep as there.
+    """
     spec = compiled.scene.spec.copy()
     for name in ("left", "right"):
         (pad,) = spec.body(f"crane/{name}").geoms
-        pad.size, pad.contype, pad.conaffinity = [0.01, 0.2, 0.02], 1, 1
+        pad.size, pad.contype, pad.conaffinity = [0.01, width, 0.02], 1, 1
     mjm: mujoco.MjModel = spec.compile()
     audit = ReachAudit(mjm, compiled.scene.bodies["robot"], compiled.scene.bodies)
     claims = reach_claims(compiled, table)[:1]
     present = {"thing": np.ones(N, bool)}
-    assert {u.cause for u in audit.judge(table, claims, present)} == {"hits itself"}
+    assert {u.cause for u in audit.judge(table, claims, present)} == cause

@@ -67,6 +67,20 @@ def test_fingers_in_each_other_are_no_false_alarm(tmp_path: Path):
     assert (found["false_alarms"], found["missed_collisions"]) == (0, 0), found
 
 
+def test_doors_deeper_than_at_home_are_no_false_alarm(tmp_path: Path):
+    """Rejected for nothing else; those that are free are as deep as at home, and listed as allowed for."""
+    leaf = '<joint name="{0}" axis="0 0 1" range="-30 30"/><geom type="box" size="0.101 0.01 0.3" pos="{1} 0 0"/>'
+    doors = f"""<geom type="box" size="0.3 0.02 0.3" pos="0 0.3 0.3"/>
+      <body name="left" pos="-0.2 0 0.31">{leaf.format("left", 0.1)}</body>
+      <body name="right" pos="0.2 0 0.31">{leaf.format("right", -0.1)}</body>"""
+    thing = {"asset": write_mjcf(tmp_path, "doors", doors), "kind": "static", "joints": {"*": {"range": [-0.3, 0.3]}}}
+    scene = {"floor": {"size": [2.0, 2.0]}, "objects": {"doors": thing, "can": {"asset": "can", "on": "floor"}}}
+    found = judge(compile_on_cpu(scene), layouts=60, rejected=60, settled=0, seed=3)
+    assert found["rejected"] == 60
+    assert (found["false_alarms"], found["missed_collisions"]) == (0, 0), found
+    assert "they touch at home; 0.002 m deep there" in found["allowed_contacts"]["doors/left doors/right"]
+
+
 LIMP = """
 <geom type="box" size="0.05 0.05 0.3" pos="0 0.3 0.3"/>
 <body name="link" pos="0 0 0.66"><joint name="shoulder" axis="0 1 0" range="-180 180"/>

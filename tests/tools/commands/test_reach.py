@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import warnings
 from pathlib import Path
 
@@ -77,7 +78,6 @@ def test_a_map_is_described_and_drawn(arm: Path, tmp_path: Path, capfd: pytest.C
     found = answer(capfd, arm, "-o", tmp_path / "map.png", "--height", "0.4")
     assert found["joints"] == 6
     assert found["full_turn_of_base"] is found["full_turn_of_wrist"] is True
-    assert found["default_tier"] == "map"
     picture = np.asarray(Image.open(tmp_path / "map.png"))
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20
 
@@ -87,7 +87,9 @@ def test_poses_get_verdicts(arm: Path, tmp_path: Path, capfd: pytest.CaptureFixt
     made = random_poses(400)
     verdicts = {}
     for tier in ("map", "map_strict", "ik"):
-        found = answer(capfd, arm, "--poses", asked(tmp_path, made), "-o", tmp_path / f"{tier}.npy", "--tier", tier)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ReachWarning)  # of so coarse a map
+            found = answer(capfd, arm, "--poses", asked(tmp_path, made), "-o", tmp_path / f"{tier}.npy", "--tier", tier)
         verdicts[tier] = np.load(tmp_path / f"{tier}.npy")
         assert verdicts[tier].dtype == bool
         assert verdicts[tier].shape == (400,)
@@ -233,7 +235,7 @@ def test_a_map_goes_where_it_is_looked_for(tmp_path: Path, capfd: pytest.Capture
     found = answer(capfd, tmp_path / "new.xml", "--build", *steps)
     assert found["file"] == str(tmp_path / "new.reach")
     assert "used_with" not in found
-    assert answer(capfd, tmp_path / "new.xml", "-o", tmp_path / "a.png")["default_tier"] == "map"
+    assert answer(capfd, tmp_path / "new.xml", "-o", tmp_path / "a.png")["step_m"] == 0.4
     found = answer(capfd, tmp_path / "new.xml", "--build", *steps, "-o", tmp_path / "other.reach")
     assert found["used_with"] == f"--map {tmp_path / 'other.reach'}"
     assert reach.default_map("panda") == Path("panda.reach")
@@ -294,3 +296,31 @@ def test_a_map_that_depends_on_turns_is_used_with_a_warning(tmp_path: Path):
         reach.judge("panda", None, poses_file, out, Tier.of("map"), "cpu")
     assert found["tier"] == "ik"
     assert "does not know" in found["why_ik"]
+
+
+def test_a_map_that_is_too_coarse_says_so(arm: Path, tmp_path: Path, capfd: pytest.CaptureFixture):
+    """Once built and whenever it is described, with the share that it accepts wrongly; asked for, it is used."""
+    found = answer(capfd, arm, "--build", "-o", tmp_path / "again.reach", "--step", "0.2", "--tilt-step", "30")
+    shown = answer(capfd, arm, "-o", tmp_path / "a.png", "--height", "0.4")
+    share = found["false_accepts"]
+    assert share > 0.02
+    assert shown["false_accepts"] == share
+    says = rf"too coarse: {share:.2%} of the poses that it accepts, .* finer steps than --step 0\.2 --tilt-step 30\)"
+    for told in (found, shown):
+        assert told["default_tier"] == "ik"
+        assert re.search(says, told["why_ik"])
+    poses_file, out = asked(tmp_path, random_poses(20)), tmp_path / "out.npy"
+    with pytest.warns(ReachWarning, match=f"--tier map: its map is {says}"):
+        assert reach.judge(str(arm), None, poses_file, out, Tier.MAP, "cpu")["tier"] == "map"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ReachWarning)
+        judged = reach.judge(str(arm), None, poses_file, out, None, "cpu")
+    assert (judged["tier"], judged["why_ik"]) == ("ik", shown["why_ik"])
+
+
+def test_a_map_that_was_not_measured_is_used():
+    """The shipped ones are such; their default is what it was."""
+    for name, tier in (("panda", "map"), ("ur5e", "map"), ("heron", "ik")):
+        _, arm = reach.read_arm(name)
+        found = reach.describe(name, arm, reach.find_map(name, arm, None))
+        assert (found["false_accepts"], found["default_tier"]) == (None, tier)
