@@ -86,12 +86,12 @@ class Piece:
 
     @property
     def radius(self) -> float:
-        """Radius [m] of a sphere around the frame's origin that holds the convex form; infinite for a plane."""
+        """Radius [m] of a sphere around the frame's origin that holds the convex form; 1e30 for a plane."""
         if self.type == PieceType.HULL:
             return float(np.linalg.norm(self.vertices, axis=1).max())
         sx, sy, _ = self.size
         return {
-            PieceType.PLANE: math.inf,
+            PieceType.PLANE: 1.0e30,
             PieceType.SPHERE: sx,
             PieceType.CAPSULE: sx + sy,
             PieceType.CYLINDER: math.hypot(sx, sy),

@@ -113,6 +113,14 @@ def _go_on(program: Program, search: Search, row: int, trial: int):
 
 
 @wp.func
+def _leaves_nothing(cause: int) -> bool:
+    """Was nothing of the region left to draw from?"""
+    if cause == _EMPTY:
+        return True
+    return cause == _REGION
+
+
+@wp.func
 def _accept_first(
     program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, first: int, trials: int
 ) -> int:
@@ -128,8 +136,10 @@ def _accept_first(
         if cause == _COLLISION and layouts.rejected_object.shape[0] > 0:
             _record(program, layouts, search, first + t, row, obj)
         # what no draw of the object itself can open, only a new start can
-        nothing_left = cause == _EMPTY or cause == _REGION
-        if nothing_left and program.obj_retry_if_empty[obj] == 0:
+        if (
+            program.obj_retry_if_empty[obj] == 0
+            and wp.max(wp.where(cause == _EMPTY, 1, 0), wp.where(cause == _REGION, 1, 0)) > 0
+        ):
             return program.attempts
     return search.row_trial[row] + trials
 

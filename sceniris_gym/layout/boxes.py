@@ -1,9 +1,9 @@
 """Trees of boxes against each other: which leaves of a candidate come near what stands already?
 
-The lanes of a block share a candidate: a stack holds the pairs of nodes still to be looked at, every lane takes one, and
-what overlaps comes back as two smaller pairs. Leaves that come near each other wait in a queue for lanes of their own.
-Candidates for which it has no room, and those of triangles, where most leaves near each other mean a hit soon, are
-tested as a whole instead.
+The lanes of a block share a candidate: a stack holds the pairs of nodes still to be looked at, every lane takes one,
+and what overlaps comes back as two smaller pairs. Leaves that come near each other wait in a queue for lanes of their
+own. Candidates for which it has no room, and those of triangles, where most leaves near each other mean a hit soon,
+are tested as a whole instead.
 """
 
 from typing import Any
@@ -14,6 +14,7 @@ from sceniris_gym.layout.blocks import block_any, block_sync
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.leaves import (
     PairPoses,
+    candidate_poses,
     launch_test_leaves,
     leaves_touch,
     margin_of,
@@ -144,14 +145,7 @@ def _queue_leaves(
                 entry, slot = wp.tile_stack_pop(nodes)
                 step = _Step()
                 if slot >= 0:
-                    poses = pair_poses(
-                        program,
-                        entry[0],
-                        search.body_pos[c],
-                        search.body_quat[c],
-                        layouts.body_pos[row],
-                        layouts.body_quat[row],
-                    )
+                    poses = candidate_poses(program, layouts, search, c, row, entry[0])
                     step = _step(program, entry, poses, margin_of(program, entry[0], support))
                 at_left = wp.tile_stack_push(nodes, step.left, step.inner)
                 at_right = wp.tile_stack_push(nodes, step.right, step.inner)
@@ -235,7 +229,7 @@ def collides(
                 poses = pair_poses(program, entry[0], own_pos, own_quat, body_pos, body_quat)
                 if _leaves_below_touch(program, entry, poses, margin_of(program, entry[0], support)):
                     hit = 1
-    return hit != 0
+    return block_any(hit) != 0
 
 
 @wp.kernel(grid_stride=False, cuda_max_registers=128)
@@ -289,14 +283,7 @@ def _test_alone(
         adr = program.obj_startadr[tests]
         for s in range(adr, adr + program.obj_startnum[tests]):
             start = program.start[s]
-            poses = pair_poses(
-                program,
-                start[0],
-                search.body_pos[c],
-                search.body_quat[c],
-                layouts.body_pos[row],
-                layouts.body_quat[row],
-            )
+            poses = candidate_poses(program, layouts, search, c, row, start[0])
             if _leaves_below_touch(program, start, poses, margin_of(program, start[0], support)):
                 search.cause[c] = _COLLISION
                 break

@@ -49,9 +49,8 @@ def encloses(
         b = program.pair_b[pair]
         if inside == 0 and program.collider_plane[b] < 0:
             poses = pair_poses(program, pair, own_pos, own_quat, body_pos, body_quat)
-            if _has_points_inside(program, a, b, relative(poses.a, poses.b)) or _has_points_inside(
-                program, b, a, relative(poses.b, poses.a)
-            ):
+            a_in_b = _has_points_inside(program, a, b, relative(poses.a, poses.b))
+            if a_in_b or _has_points_inside(program, b, a, relative(poses.b, poses.a)):
                 inside = 1
     return block_any(inside) != 0
 

@@ -73,6 +73,14 @@ def pair_poses(
 
 
 @wp.func
+def candidate_poses(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, pair: int) -> PairPoses:
+    """The same for a candidate of a row."""
+    own_pos = search.body_pos[c]
+    own_quat = search.body_quat[c]
+    return pair_poses(program, pair, own_pos, own_quat, layouts.body_pos[row], layouts.body_quat[row])
+
+
+@wp.func
 def margin_of(program: Program, pair: int, support_body: int) -> float:
     """The least distance [m] of a pair, negative for a depth; without clearance to the body that it stands on."""
     margin = program.pair_margin[pair]
@@ -217,14 +225,7 @@ def _test_leaves(
         entry = wp.vec3i(search.leaf[i][1], search.leaf[i][2], search.leaf[i][3])
         if search.cause[c] == _NONE:
             row = row_of(search, c)
-            poses = pair_poses(
-                program,
-                entry[0],
-                search.body_pos[c],
-                search.body_quat[c],
-                layouts.body_pos[row],
-                layouts.body_quat[row],
-            )
+            poses = candidate_poses(program, layouts, search, c, row, entry[0])
             margin = margin_of(program, entry[0], support_of(program, list_of(search, row)))
             if leaves_touch(program, entry, poses, margin):
                 search.cause[c] = _COLLISION

@@ -137,7 +137,7 @@ def shadow_on_edge(program: Program, piece: int, edge: int, rel: Pose) -> bool:
 
 @wp.func
 def _extends_beyond(program: Program, piece: int, edge: int, turn: int, rel: Pose) -> bool:
-    """Does a piece extend beyond an edge of a convex outline that turns left (1) or right (-1)? `rel`: see `shadow_on_edge`."""
+    """Does a piece extend beyond an edge of a convex outline? `turn`: -1 if it runs clockwise, else 1."""
     a = program.edge_a[edge]
     along = wp.normalize(program.edge_b[edge] - a)
     inward = float(turn) * wp.vec3(-along[1], along[0], 0.0)

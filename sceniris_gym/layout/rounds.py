@@ -1,5 +1,6 @@
-"""Rounds of restarts: every pending world tries one restart, or several where rows are free, and the lowest that placed
-everything is its layout.
+"""Rounds of restarts: every pending world tries one restart, or several where rows are free.
+
+The lowest restart that placed everything is the world's layout; what later ones drew is not counted.
 """
 
 import warp as wp

@@ -143,7 +143,7 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
     """Allocate the arrays of a search for `nworld` worlds."""
     nrow, ncand, mjm = nworld + size.rows, size.candidates, compiled.mjm
     if compiled.related:
-        ncand = min(ncand, max(_MOST_SIDES // compiled.sides, 1))
+        ncand = min(ncand, max(_MOST_SIDES // max(compiled.sides, 1), 1))
     nbody = mjm.nbody
     s = Search()
     with wp.ScopedDevice(compiled.device):

@@ -190,9 +190,7 @@ class Program:
     surface_height: wp.array(dtype=float)
     surface_edgeadr: wp.array(dtype=int)
     surface_edgenum: wp.array(dtype=int)
-    surface_convex: wp.array(
-        dtype=int
-    )  # 1 or -1: its outline is convex, and runs counter-clockwise or clockwise; else 0
+    surface_convex: wp.array(dtype=int)  # 1 or -1 for a convex outline, counter-clockwise or clockwise
     edge_a: wp.array(dtype=wp.vec2)
     edge_b: wp.array(dtype=wp.vec2)
     # Convex pieces: their frame in the body's, and for hulls their vertices in the piece's frame.
@@ -228,9 +226,7 @@ class Program:
     pair_touch: wp.array(dtype=float)  # the least distance [m] where the pair is an object and its support
     pair_wayadr: wp.array(dtype=int)
     pair_waynum: wp.array(dtype=int)
-    way: wp.array(
-        dtype=wp.vec3
-    )  # unit vectors out of a: half of them in the frame of a's body, the others in that of b's
+    way: wp.array(dtype=wp.vec3)  # unit vectors out of a: half in the frame of a's body, half in that of b's
     start: wp.array(dtype=wp.vec3i)  # (pair, node of a, node of b) that the collision test begins with
     # What a world holds before anything is drawn.
     home_qpos: wp.array(dtype=float)

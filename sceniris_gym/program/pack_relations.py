@@ -55,9 +55,7 @@ def pack_relations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
         "rel_bounds": np.array([r.bounds for r in relations], int),
         "rel_width": np.array([-1.0 if r.width is None else r.width for r in relations], float),
         "rel_gap": np.array([r.gap for r in relations], float),
-        "rel_sideadr": np.array(
-            [sum(map(_sides, r[:i])) for r in map(relations_of, plan.objects) for i in range(len(r))], int
-        ),
+        "rel_sideadr": np.array([a for o in plan.objects for a in _side_addresses(relations_of(o))], int),
         "rel_piecenum": np.array([region_pieces(r) for r in relations], int),
     }
 
@@ -87,6 +85,10 @@ def region_pieces(relation: Relation) -> int:
 def most_sides(plan: Plan) -> int:
     """The most half-planes that hold the pieces of one object's relations."""
     return max((sum(map(_sides, relations_of(o))) for o in plan.objects), default=0)
+
+
+def _side_addresses(relations: tuple[Relation, ...]) -> list[int]:
+    return [sum(map(_sides, relations[:i])) for i in range(len(relations))]
 
 
 def _sides(relation: Relation) -> int:
