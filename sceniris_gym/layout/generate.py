@@ -18,7 +18,13 @@ from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.points import launch_draw_points
 from sceniris_gym.layout.random import SPLITS, USER_SPLITS
 from sceniris_gym.layout.reachability import launch_reachability
-from sceniris_gym.layout.rounds import launch_open_rows, launch_plan_wave, launch_reopen, launch_settle, launch_start
+from sceniris_gym.layout.rounds import (
+    launch_open_candidates,
+    launch_open_rows,
+    launch_reopen,
+    launch_settle,
+    launch_start,
+)
 from sceniris_gym.layout.screen import launch_screen
 from sceniris_gym.layout.search import SearchSize, create_search, default_size
 from sceniris_gym.program.compiled import CompiledScene
@@ -155,7 +161,7 @@ class LayoutGenerator:
         """Draw candidates of all rows, test them, and accept the first of each row that passes."""
         program, reach, view, search = self.compiled.program, self._reach, self.layouts.view, self._search
         split, size, device = SPLITS[self.split], self.size, self._device
-        launch_plan_wave(program, size.busy, search, device)
+        launch_open_candidates(program, size, search, device)
         launch_draw(program, split, size.lanes, view, search, device)
         if self._related:
             launch_draw_points(program, split, size, view, search, device)
