@@ -27,7 +27,7 @@ def add_contact_rules(parts: Parts, objects: list[str]) -> None:
                 margin = min(float(rng.uniform(0.1, 0.6)) * parts.unit, 0.05)
                 pair.set("margin", text(margin))
                 pair.set("gap", text(margin * float(rng.choice([0.0, 0.5]))))
-    for _ in range(int(rng.integers(1, 4)) if parts.has("exclude") else 0):
+    for _ in range(int(rng.integers(1, 4)) if len(parts.bodies) > 1 and parts.has("exclude") else 0):
         one = str(rng.choice([b for b, owner in parts.bodies.items() if owner in objects]))
         other = str(rng.choice([b for b in parts.bodies if b != one]))
         SubElement(contact, "exclude", body1=one, body2=other)
