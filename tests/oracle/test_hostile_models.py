@@ -47,6 +47,12 @@ def test_a_model_is_a_function_of_its_seed():
     assert len({model.files["model.xml"] for model in models()}) == len(models())
 
 
+def test_a_model_of_one_body_has_no_exclude():
+    """There is nothing to exclude its contacts with."""
+    assert "exclude" in wanted_features(916)
+    assert fromstring(make(916).files["model.xml"]).find(".//exclude") is None
+
+
 def test_every_feature_occurs_about_as_often_as_it_says():
     """All of them, none much more often than drawn, and at most one model in twenty beyond 512 start pairs."""
     count = Counter(feature for model in models() for feature in model.features)
