@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from itertools import product
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain, product
 
 import mujoco
 import numpy as np
@@ -65,7 +65,7 @@ def stable_poses(
     _check_weight(scene.mjm, bodies, where)
     resting, margins = [p for p, _ in carried], np.array([distance for _, distance in carried])
     poses = HomeShape(home, bodies[0], resting, margins).stable(where)
-    states = [home, *_drawn_states(scene, home, drawn, followers)]
+    states = chain([home], _drawn_states(scene, home, drawn, followers))
     shapes = [(HomeShape(s, bodies[0], resting, margins), HomeShape(s, bodies[0], pieces)) for s in states]
     is_seen = scene.config.geometry == "visual"  # then it stands on what is seen, whatever carries it
     kept = [pose for pose in poses if is_seen or all(_drop(*shape, pose[0]) <= _FALL for shape in shapes)]
@@ -103,7 +103,7 @@ def _check_weight(mjm: mujoco.MjModel, bodies: list[int], where: str) -> None:
 def _touch_distances(scene: SceneModel, pieces: list[Piece], ground: int) -> list[float | None]:
     """From which distance [m] on MuJoCo lets each piece rest on a body; None for what it does not let rest there."""
     rules = ContactRules(scene.mjm, "physics")
-    under = {p.contact_class for p in extract_pieces(scene.mjm, "physics", {ground})}
+    under = {int(rules.classes[g]) for g in np.flatnonzero(scene.mjm.geom_bodyid == ground) if rules.collides(int(g))}
 
     def meets(p: Piece, other: int) -> bool:
         excluded = rules.excludes(p.body, ground) and not rules.is_explicit(p.contact_class, other)
@@ -120,11 +120,14 @@ def _drawn_states(
     home: mujoco.MjData,
     drawn: Mapping[int, Sequence[tuple[float, float]]],
     followers: Sequence[Follower],
-) -> list[mujoco.MjData]:
-    """States that joints are drawn in: their ends and what is between, on a grid, or at random where there are many."""
+) -> Iterator[mujoco.MjData]:
+    """States that joints are drawn in: their ends and what is between, on a grid, or at random where there are many.
+
+    All of them in the same MjData, which is spared the making of many.
+    """
     levels = [np.unique([np.linspace(low, high, _LEVELS) for low, high in parts]) for parts in drawn.values()]
     if not levels:
-        return []
+        return
     most = max(int(_STATES ** (1.0 / len(levels))), 2)
     if most ** len(levels) <= _STATES:
         thin = [values[np.unique(np.linspace(0, len(values) - 1, most).round().astype(int))] for values in levels]
@@ -134,16 +137,14 @@ def _drawn_states(
         inner = [[rng.choice(values) for values in levels] for _ in range(_STATES // 2)]
         ends = [[rng.choice(values[[0, -1]]) for values in levels] for _ in range(_STATES // 2)]
         chosen = [np.array(values) for values in (*ends, *inner)]
-    states = []
+    state = mujoco.MjData(scene.mjm)
+    state.qpos[:] = home.qpos
     for values in chosen:
-        state = mujoco.MjData(scene.mjm)
-        state.qpos[:] = home.qpos
         state.qpos[list(drawn)] = values
         follow([f.coupling for f in followers], state.qpos)
         mujoco.mj_kinematics(scene.mjm, state)
         mujoco.mj_comPos(scene.mjm, state)
-        states.append(state)
-    return states
+        yield state
 
 
 def _drop(resting: HomeShape, whole: HomeShape, quat: np.ndarray) -> float:
