@@ -22,7 +22,7 @@ _STATES = 128
 _LEVELS = 33
 # How far [m] an object may fall until it is carried; more moves it by a centimetre as it tilts.
 _FALL = 2.5e-3
-# What weighs less than this share of its mass floats.
+# What weighs less than this share of its mass does not rest.
 _LEAST_WEIGHT = 1.0e-3
 
 
@@ -92,11 +92,12 @@ def _carrier(scene: SceneModel, name: str) -> int | None:
 
 
 def _check_weight(mjm: mujoco.MjModel, bodies: list[int], where: str) -> None:
-    """Refuse what does not press on its support."""
-    if weights(mjm)[bodies].sum() <= _LEAST_WEIGHT * mjm.body_mass[bodies].sum():
+    """Refuse what does not press on its support; what nothing pulls at stays wherever it is."""
+    left, least = weights(mjm)[bodies], _LEAST_WEIGHT * mjm.body_mass[bodies].sum()
+    if left.sum() <= least and np.abs(left).max() > least:
         raise SceneKeyError(
-            f"{where}: it floats, as 'gravcomp' takes its weight away, so no pose is stable. Lower the gravcomp of its "
-            "bodies, or give it another orientation."
+            f"{where}: 'gravcomp' leaves it no weight that holds it down, so no pose is stable. Lower the gravcomp of "
+            "its bodies, or give it another orientation."
         )
 
 

@@ -74,13 +74,14 @@ LOAD = '<body name="load" pos=".08 0 .01"><geom type="box" size=".01 .01 .008" m
 
 
 def test_weight_counts_and_not_mass(tmp_path: Path):
-    """A block that floats stands no more where its load is beside it; one that weighs nothing rests nowhere."""
+    """A block that floats stands no more where its load is beside it; what rises rests nowhere, what floats does."""
     assert has(poses(tmp_path, thing(LOAD.format(""))), 0, 0, 1)
     found = poses(tmp_path, thing(LOAD.format(""), gravcomp=1.0))
     assert len(found) > 0
     assert not has(found, 0, 0, 1)
-    with pytest.raises(SceneKeyError, match=r"objects.thing.orientation: it floats, as 'gravcomp'"):
-        poses(tmp_path, thing("", gravcomp=1.0))
+    with pytest.raises(SceneKeyError, match=r"objects.thing.orientation: 'gravcomp' leaves it no weight"):
+        poses(tmp_path, thing("", gravcomp=1.1))
+    assert len(poses(tmp_path, thing("", gravcomp=1.0))) == 6
 
 
 def test_what_would_drop_through_a_margin_is_refused(tmp_path: Path):
