@@ -146,6 +146,8 @@ def add_actuator(parts: Parts, feature: str, joint: Joint, gain: float) -> None:
         actuator.set("gainprm", text(gain))
         actuator.set("biastype", "affine")
         actuator.set("biasprm", text(0, -gain, -0.1 * gain))
+    if feature == "muscle":  # else MuJoCo simulates until it has found it, which may take for ever
+        actuator.set("lengthrange", text(abs(gear) * joint.low, abs(gear) * joint.high))
     if feature == "velocity":
         actuator.set("kv", text(0.1 * gain))
     if feature == "damper":
