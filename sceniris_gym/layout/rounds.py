@@ -56,7 +56,7 @@ def _plan_round(
     # Search in and out:
     search: Search,
 ):
-    worlds = search.worlds_left[0]
+    worlds = wp.max(search.worlds_left[0], 1)
     extra = search.row_rejections.shape[0]
     search.restarts_at_once[0] = wp.clamp(wp.min(extra // worlds + 1, busy // worlds), 1, program.restarts + 1)
     search.worlds_left[0] = 0
@@ -130,7 +130,7 @@ def _plan_wave(
     search: Search,
 ):
     rows = search.rows_left[0]
-    search.trials_scale[0] = float(busy) / float(rows)
+    search.trials_scale[0] = float(busy) / float(wp.max(rows, 1))
     search.candidates[0] = 0
     search.rows[0] = rows
     search.source[0] = 1 - search.source[0]

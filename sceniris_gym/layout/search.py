@@ -136,8 +136,8 @@ def default_size(device: str) -> SearchSize:
         return SearchSize(
             rows=8192,
             candidates=1 << 17,
-            busy=1 << 14,
-            leaves=1 << 19,
+            busy=3 << 12,
+            leaves=1 << 21,
             lanes=1 << 16,
             parts=8,
             blocks=1 << 12,
