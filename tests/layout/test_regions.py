@@ -18,6 +18,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.compiled import upload_scene
 from sceniris_gym.scene.model import build_model
+from tests.layout.candidates import refused
 from tests.layout.scenes import FLOOR, Rows, compile_on_cpu, make, posed, read, write_mjcf
 from tests.oracle.solids import Solids
 
@@ -160,25 +161,28 @@ def test_at_ratio_one_the_whole_footprint_lies_on_the_support(tmp_path: Path, as
         asset: {"asset": asset, "on": "slab", "ratio_on_support": 1.0},
     }
     config = {"floor": FLOOR, "geometry": geometry, "attempts": 1, "restarts": 0, "objects": objects}
-    compiled = upload_scene(
-        build_model(SceneConfig.load(config)), "cpu"
-    )  # without a bank: a refused candidate is left there
+    compiled = upload_scene(build_model(SceneConfig.load(config)), "cpu")
     generator = LayoutGenerator(compiled, 300, seed=3)
     generator.generate()
     rows, solids = read(generator.layouts), Solids(compiled.mjm, geometry)
-    outside = []
-    for data in posed(compiled, rows):
-        body = compiled.mjm.body("slab").id
-        frame = data.xmat[body].reshape(3, 3)
-        points = [(solids.points(data, g) - data.xpos[body]) @ frame for g in solids.geoms(asset)]
-        footprint = MultiPoint(np.concatenate(points)[:, :2]).convex_hull
-        outside.append(footprint.difference(SHAPE.buffer(1e-5, join_style="mitre")).area)
-    accepted = rows.status == Status.VALID
+
+    def outside(rows: Rows) -> np.ndarray:
+        areas = []
+        for data in posed(compiled, rows):
+            body = compiled.mjm.body("slab").id
+            frame = data.xmat[body].reshape(3, 3)
+            points = [(solids.points(data, g) - data.xpos[body]) @ frame for g in solids.geoms(asset)]
+            footprint = MultiPoint(np.concatenate(points)[:, :2]).convex_hull
+            areas.append(footprint.difference(SHAPE.buffer(1e-5, join_style="mitre")).area)
+        return np.array(areas)
+
+    accepted, (others, causes) = rows.status == Status.VALID, refused(generator)
     assert 50 < accepted.sum() < 280
-    assert np.array(outside)[accepted].max() == 0.0
+    assert outside(rows[accepted]).max() == 0.0
     counts = {cause: n for cause, n in generator.rejection_counts()[asset].items() if n}
     assert counts == {"footprint": int((~accepted).sum())}
-    assert np.array(outside)[~accepted].min() > 0.0
+    assert len(causes) == counts["footprint"]
+    assert outside(others).min() > 0.0
 
 
 def _drawer(word: str, opening: float, geometry: str, **others) -> dict:
