@@ -105,6 +105,20 @@ def test_extents_are_those_of_the_geom_along_any_axis(workshop: mujoco.MjModel, 
 
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
 @pytest.mark.parametrize("name", SOLID)
+def test_the_radius_is_that_of_the_least_sphere_about_the_frame(workshop: mujoco.MjModel, name: str, geometry: str):
+    """It holds every point of the surface, and one of them is on it."""
+    piece, points = _named(workshop, geometry)[name], _points(workshop, name)
+    distance = np.linalg.norm(points - piece.pos, axis=1).max()
+    assert distance - 1e-8 <= piece.radius <= distance + 2e-4
+
+
+def test_no_sphere_holds_a_plane(workshop: mujoco.MjModel):
+    """Its radius is larger than any scene."""
+    assert _named(workshop, "physics")["ground"].radius > 1e20
+
+
+@pytest.mark.parametrize("geometry", ["physics", "visual"])
+@pytest.mark.parametrize("name", SOLID)
 def test_the_mesh_of_a_piece_is_closed_and_has_the_geom_s_bounds(workshop: mujoco.MjModel, name: str, geometry: str):
     """In the body's frame, outward, and inside of the round geom that it stands for."""
     piece = _named(workshop, geometry)[name]

@@ -1,19 +1,22 @@
-"""A small arm that has no map, and what MuJoCo C says of the grasps of finished layouts."""
+"""A small arm that has no map, scenes with it, and what MuJoCo C says of the grasps of finished layouts."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.grasping.grasps import Grasp
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.layout.reachability import OPENING_MARGIN, PREGRASP_DISTANCE
 from sceniris_gym.program.compiled import CompiledScene
-from tests.layout.scenes import write_mjcf
+from tests.layout.scenes import box_mjcf, write_mjcf
 
 FINGER = '<joint name="{0}" type="slide" axis="0 {1} 0" range="0 0.04"/>'
 PAD = '<geom type="box" size="0.01 0.004 {1}" pos="0 {0} {2}"/>'
@@ -52,6 +55,26 @@ def arm_mjcf(folder: Path, on_base: str = "", name: str = "picker", longer: floa
         body += f'<body name="{side}" pos="0 0 0.05">{inertia}{FINGER.format(side, sign)}{pad}</body>'
     rest = f'<keyframe><key name="home" qpos="{HOME}"/></keyframe>'
     return write_mjcf(folder, name, body + "</body>" * len(LINKS), rest)
+
+
+def scene(folder: Path, objects: Mapping[str, Any], robot: str | None = None, **words: Any) -> dict[str, Any]:
+    """A floor, the small arm at the origin, and objects."""
+    arm = robot or arm_mjcf(folder)
+    return {"floor": {"size": [1.5, 1.5]}, "robot": {"asset": arm, "yaw": 30.0}, "objects": dict(objects), **words}
+
+
+def cluttered(folder: Path, tier: str, device: str = "cpu", **words: Any) -> CompiledScene:
+    """A block and a can to reach among posts and a case, anywhere on a floor that is larger than the arm's reach."""
+    post = box_mjcf(folder, "post", 0.08, 0.08, 0.4)
+    bar = box_mjcf(folder, "bar", 0.12, 0.05, 0.04)
+    case = box_mjcf(folder, "case", 0.3, 0.2, 0.25)
+    objects = {
+        "case": {"asset": case, "kind": "fixture", "on": "floor"},
+        "bar": {"asset": bar, "on": "floor", "reachable": tier},
+        **{f"post_{i}": {"asset": post, "on": "floor"} for i in range(4)},
+        "can": {"asset": "can", "on": "floor", "reachable": tier},
+    }
+    return compile_scene(SceneConfig.load(scene(folder, objects, **words), {"bank": 8}), device)
 
 
 @dataclass(frozen=True)

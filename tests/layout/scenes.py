@@ -15,6 +15,7 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import Cause
 
 FLOOR = {"size": [1.0, 1.0]}
 ANYWHERE = [[-0.2, -0.2, 0.2], [0.2, 0.2, 0.6]]
@@ -73,6 +74,15 @@ def posed(compiled: CompiledScene, rows: Rows) -> Iterator[mujoco.MjData]:
 def valid(rows: Rows) -> Rows:
     """The rows that are fresh and valid."""
     return rows[rows.status == Status.VALID]
+
+
+def collisions(scene: Mapping, name: str, nworld: int = 200) -> tuple[int, int]:
+    """How many of `nworld` single candidates of an object collide, and how many worlds come out valid."""
+    compiled = compile_on_cpu({"attempts": 1, "restarts": 0, **scene}, bank=1)
+    generator = LayoutGenerator(compiled, nworld)
+    generator.generate()
+    count = generator.layouts.rejections.numpy()[compiled.placed.index(name), Cause.COLLISION]
+    return int(count), int((generator.layouts.status.numpy() == Status.VALID).sum())
 
 
 def write_mjcf(folder: Path, name: str, body: str, rest: str = "") -> str:

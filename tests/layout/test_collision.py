@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import ModelWarning
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.device import Cause
 from sceniris_gym.scene.model import build_model
-from tests.layout.scenes import FLOOR, Rows, box_mjcf, compile_on_cpu, make, posed, read, valid, write_mjcf
+from tests.layout.scenes import FLOOR, Rows, box_mjcf, collisions, compile_on_cpu, make, posed, read, valid, write_mjcf
 from tests.oracle.solids import Solids
 
 ROUND = {
@@ -161,75 +155,6 @@ def test_true_primitives_are_kept_apart_to_a_tenth_of_a_millimetre(tmp_path: Pat
     assert rejected.max() <= 0.002 + 1e-4
 
 
-def _collisions(scene: Mapping, name: str, nworld: int = 200) -> tuple[int, int]:
-    """How many of `nworld` single candidates of an object collide, and how many worlds come out valid."""
-    compiled = compile_on_cpu({"attempts": 1, "restarts": 0, **scene}, bank=1)
-    generator = LayoutGenerator(compiled, nworld)
-    generator.generate()
-    count = generator.layouts.rejections.numpy()[compiled.placed.index(name), Cause.COLLISION]
-    return int(count), int((generator.layouts.status.numpy() == Status.VALID).sum())
-
-
-@pytest.mark.parametrize("geometry", ["physics", "visual"])
-@pytest.mark.parametrize("solid", ["box", "hull", "apart"])
-def test_what_is_wholly_inside_a_solid_collides(tmp_path: Path, geometry: str, solid: str):
-    """An apple in the heart of a large solid, far from every face of it; and the same the other way round."""
-    (tmp_path / "gem.obj").write_text(
-        "v .5 0 0\nv -.5 0 0\nv 0 .5 0\nv 0 -.5 0\nv 0 0 .5\nv 0 0 -.5\n"
-        "f 1 3 5\nf 3 2 5\nf 2 4 5\nf 4 1 5\nf 3 1 6\nf 2 3 6\nf 4 2 6\nf 1 4 6\n"
-    )
-    geoms = {
-        "box": '<geom type="box" size=".4 .4 .4"/>',
-        "hull": '<geom type="mesh" mesh="gem"/>',
-        "apart": '<geom type="box" size=".1 .1 .1" pos="0 0 2"/><geom type="box" size=".4 .4 .4"/>',
-    }
-    asset = write_mjcf(tmp_path, "rock", geoms[solid], '<asset><mesh name="gem" file="gem.obj"/></asset>')
-    still, low = {"kind": "static"}, -0.05  # the apple's middle, and so the solid's, is 4 cm above its bottom
-    for rock, apple in (
-        ({"asset": asset, **still}, {"asset": "apple", "region": {"box": [[0, 0, low], [1, 0, low]]}}),
-        ({"asset": asset, "region": {"box": [[0, 0, -0.4], [1, 0, -0.4]]}}, {"asset": "apple", **still}),
-    ):
-        objects = {"apple": apple, "rock": rock}
-        compiled = compile_on_cpu({"geometry": geometry, "objects": objects}, bank=1)
-        x = valid(make(compiled, 300)).qpos[:, 0]
-        assert len(x) > 200
-        assert x.min() > 0.3
-
-
-def test_faces_without_area_are_no_obstacles(tmp_path: Path):
-    """A cube with a vertex in the middle of an edge, closed by a face without area: it has the layouts of the cube.
-
-    It is turned, so that the box around that face is a large one.
-    """
-    corners = [(x, y, z) for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1)]
-    vertices = " ".join(f"{v}" for corner in (*corners, (-0.1, -0.1, 0.0)) for v in corner)
-    sides = "0 2 6 0 6 4 1 5 7 1 7 3 2 3 7 2 7 6 4 6 7 4 7 5"
-    cubes = {"whole": "0 1 3 0 3 2 0 4 5 0 5 1", "split": "0 1 3 0 3 2 0 4 8 8 4 5 8 5 1 0 8 1"}
-    pea = {"asset": box_mjcf(tmp_path, "pea", 0.01, 0.01, 0.01)}
-    around = {"region": {"box": [[-0.3, -0.3, -0.1], [0.3, 0.3, 0.1]]}}
-    hits = []
-    for name, faces in cubes.items():
-        rest = f'<asset><mesh name="cube" vertex="{vertices}" face="{sides} {faces}"/></asset>'
-        asset = write_mjcf(tmp_path, name, '<geom name="cube" type="mesh" mesh="cube" euler="30 40 20"/>', rest)
-        scene = {"geometry": "visual", "objects": {"cube": {"asset": asset, "kind": "static"}, "pea": pea | around}}
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            hits.append(_collisions(scene, "pea", 2000)[0])
-        assert [w.category for w in caught] == [ModelWarning] * (name == "split")
-    assert hits[0] == hits[1]
-    assert 150 < hits[0] < 700
-
-
-@pytest.mark.parametrize("geometry", ["physics", "visual"])
-def test_what_is_in_the_hollow_of_a_mug_is_free(tmp_path: Path, geometry: str):
-    """A pea floats inside the mug: neither its visual mesh nor its walls of convex pieces fill the hollow."""
-    pea = {"asset": box_mjcf(tmp_path, "pea", 0.008, 0.008, 0.008)}
-    mug = {"asset": "mug", "kind": "static"}
-    hollow = {"box": [[-0.02, -0.005, 0.03], [-0.01, 0.005, 0.05]]}
-    scene = {"geometry": geometry, "objects": {"mug": mug, "pea": {**pea, "region": hollow}}}
-    assert _collisions(scene, "pea") == (0, 200)
-
-
 def _two_boxes(tmp_path: Path, first: str, second: str, rest: str = "", kinds: tuple[str, str] = ("free", "free")):
     """Two equal boxes of an own model at one place, with attributes of their geoms; true if both may stand there."""
     joint = {"free": "<freejoint/>", "fixture": "", "static": ""}
@@ -290,9 +215,9 @@ def test_a_marker_is_no_obstacle_and_meets_none(geometry: str):
         "ghost": {"asset": "mug", "kind": "marker", "region": one},
         "apple": {"asset": "apple", "region": one},
     }
-    hits, fine = _collisions({"geometry": geometry, "objects": objects}, "apple")
+    hits, fine = collisions({"geometry": geometry, "objects": objects}, "apple")
     assert (hits, fine) == (0, 200)
-    hits, fine = _collisions({"geometry": geometry, "objects": objects}, "goal")
+    hits, fine = collisions({"geometry": geometry, "objects": objects}, "goal")
     assert (hits, fine) == (0, 200)
 
 
@@ -335,7 +260,7 @@ def test_a_support_is_exempt_from_clearance_but_not_from_touch(tmp_path: Path, g
     at = np.abs(valid(make(compiled, 2000)).qpos[:, :2]).max(axis=1)
     assert 0.039 <= at.min() < 0.041
     lower = {**objects, "brick": {**objects["brick"], "gap": 0.0}}
-    hits, _ = _collisions(
+    hits, _ = collisions(
         {"geometry": geometry, "floor": FLOOR, "objects": {**lower, "brick": {**lower["brick"], "gap": 1e-4}}}, "brick"
     )
     assert 0 < hits < 100
@@ -395,88 +320,3 @@ def test_a_door_hinged_inside_its_frame_is_no_collision_of_its_own(tmp_path: Pat
     apart = np.array([solids.distance(data, door, post) for data in posed(compiled, rows)])
     assert apart.min() > 0.0
     assert generator.rejection_counts()["cupboard"]["collision"] > 50
-
-
-@pytest.mark.parametrize("wall", ["ball", "pill", "drum", "egg", "box", "gem"])
-@pytest.mark.parametrize("other", ["ball", "pill", "drum", "egg"])
-def test_round_primitives_are_exact_as_they_are_seen(tmp_path: Path, wall: str, other: str):
-    """Half a metre large, around each other and around a mesh: MuJoCo C finds them apart by their clearance.
-
-    Its distances are good to 0.1 mm where both are curved; as inscribed meshes they would be off by up to 2 mm.
-    """
-    shapes = {
-        "ball": '<geom type="sphere" size=".5"/>',
-        "pill": '<geom type="capsule" size=".4 .3"/>',
-        "drum": '<geom type="cylinder" size=".5 .3"/>',
-        "egg": '<geom type="ellipsoid" size=".5 .3 .4"/>',
-        "box": '<geom type="box" size=".5 .3 .4"/>',
-        "gem": '<geom type="mesh" mesh="gem"/>',
-    }
-    gem = '<asset><mesh name="gem" vertex=".5 0 0 -.5 0 0 0 .5 0 0 -.5 0 0 0 .5 0 0 -.5"/></asset>'
-    paths = [write_mjcf(tmp_path, name, shapes[name], gem) for name in (wall, other)]
-    a, b = {"asset": paths[0]}, {"asset": paths[1]}
-    near = {"box": [[-1.2, -1.2, -1.2], [1.2, 1.2, 1.2]]}
-    a |= {"region": {"box": [[0, 0, 0], [0, 0, 0]]}, "orientation": "any", "clearance": 0.0}
-    b |= {"region": near, "orientation": "any", "clearance": 0.001}
-    scene = {"geometry": "visual", "attempts": 40, "restarts": 0, "objects": {"a": a, "b": b}}
-    compiled = compile_on_cpu(scene, bank=1)
-    generator = LayoutGenerator(compiled, 500, rejected=20_000)
-    generator.generate()
-    view = generator.layouts.view
-    count = int(view.rejected_count.numpy()[0])
-    poses = [v.numpy()[:count] for v in (view.rejected_qpos, view.rejected_mocap_pos, view.rejected_mocap_quat)]
-    judged = []
-    for rows in (valid(read(generator.layouts)), Rows(*poses, *[np.zeros(count)] * 2)[:500]):
-        geoms = [int(compiled.mjm.body_geomadr[compiled.mjm.body(n).id]) for n in "ab"]
-        judged.append(
-            np.array([mujoco.mj_geomDistance(compiled.mjm, d, *geoms, 1.0, None) for d in posed(compiled, rows)])
-        )
-    accepted, rejected = judged
-    slack = 1e-5 if {wall, other} <= {"ball", "pill", "box"} else 1e-4
-    assert len(accepted) > 200
-    assert len(rejected) > 50
-    assert 0.001 - slack <= accepted.min() < 0.05
-    assert rejected.max() <= 0.001 + slack
-
-
-def test_a_ball_in_a_crate_and_a_crate_in_a_ball_collide(tmp_path: Path):
-    """Seen as they are, far from each other's surface."""
-    small, large = (
-        '<geom type="{}" size="{} {} {}"/>'.format(k, *[s] * 3) for k, s in (("sphere", 0.01), ("box", 0.4))
-    )
-    tiny, round_large = '<geom type="box" size=".01 .01 .01"/>', '<geom type="sphere" size=".4"/>'
-    for i, (inner, outer) in enumerate([(small, large), (tiny, round_large), (small, round_large)]):
-        inside = {"asset": write_mjcf(tmp_path, f"in{i}", inner), "region": {"box": [[0, 0, 0], [1, 0, 0]]}}
-        around = {"asset": write_mjcf(tmp_path, f"out{i}", outer), "kind": "static"}
-        compiled = compile_on_cpu({"geometry": "visual", "objects": {"inner": inside, "outer": around}}, bank=1)
-        x = valid(make(compiled, 300)).qpos[:, 0]
-        assert x.min() > 0.4 and len(x) > 200
-
-
-@pytest.mark.parametrize("geometry", ["physics", "visual"])
-@pytest.mark.parametrize(("half", "share"), [(60.0, 0.9), (450.0, 0.9), (880.0, 0.0)])
-def test_things_keep_off_what_reaches_far_to_what_single_precision_resolves(
-    tmp_path: Path, half: float, share: float, geometry: str
-):
-    """Up to 128 m nothing is deeper in it than the skin; beyond, no deeper than numbers of that size resolve."""
-    turn = np.radians(33.0)
-    along = np.array([np.cos(turn), np.sin(turn)])
-    x, y = half * share * along
-    (tmp_path / "own.xml").write_text(
-        f"""<mujoco><worldbody><body name="wall" pos="{x} {y} .5" euler="0 0 33">
-        <geom name="wall" type="box" size="{half} .05 .5"/></body>
-        <body name="crate"><freejoint/><geom type="box" size=".05 .05 .05"/></body></worldbody></mujoco>"""
-    )
-    crate = {"on": "floor", "clearance": 0.0, "region": {"box": [[-0.12, -0.12], [0.12, 0.12]]}}
-    words = {"model": str(tmp_path / "own.xml"), "geometry": geometry, "floor": {"size": [1, 1]}}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        rows = make(compile_on_cpu({**words, "objects": {"crate": crate}}), 20_000)
-    mats = Rotation.from_quat(rows.qpos[:, 3:7].astype(float), scalar_first=True).as_matrix()
-    across = np.array([-along[1], along[0]])
-    middle = rows.qpos[:, :2].astype(float) @ across
-    size = 0.05 * np.abs(np.einsum("nij,i->nj", mats[:, :2], across)).sum(axis=1)
-    gap = np.abs(middle) - size - 0.05
-    reach = half * (1.0 + share) * along[0]
-    assert gap.min() < 2e-4  # they come close
-    assert gap.min() > -max(1e-5, float(np.spacing(np.float32(reach))))

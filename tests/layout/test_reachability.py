@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,41 +10,19 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import InfeasibleSceneError
-from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.layout.reachability import SAME_BRANCH
+from sceniris_gym.layout.search import default_size
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.reach.solve import POS_TOL, ROT_TOL
-from tests.layout.grasped import arm_mjcf, states, taken
+from tests.layout.grasped import arm_mjcf, cluttered, scene, states, taken
 from tests.layout.scenes import box_mjcf, compile_on_cpu, read, write_mjcf
 from tests.oracle.solids import Solids
 
-FLOOR = {"size": [1.5, 1.5]}
 IN_FRONT = {"box": [[0.35, -0.15], [0.55, 0.15]]}
 HAND = {f"picker/{name}" for name in ("link6", "left", "right")}
-
-
-def scene(folder: Path, objects: Mapping[str, Any], robot: str | None = None, **words: Any) -> dict[str, Any]:
-    """A floor, the small arm at the origin, and objects."""
-    arm = robot or arm_mjcf(folder)
-    return {"floor": FLOOR, "robot": {"asset": arm, "yaw": 30.0}, "objects": dict(objects), **words}
-
-
-def cluttered(folder: Path, tier: str, device: str = "cpu", **words: Any) -> CompiledScene:
-    """A block and a can to reach among posts and a case, anywhere on a floor that is larger than the arm's reach."""
-    post = box_mjcf(folder, "post", 0.08, 0.08, 0.4)
-    bar = box_mjcf(folder, "bar", 0.12, 0.05, 0.04)
-    case = box_mjcf(folder, "case", 0.3, 0.2, 0.25)
-    objects = {
-        "case": {"asset": case, "kind": "fixture", "on": "floor"},
-        "bar": {"asset": bar, "on": "floor", "reachable": tier},
-        **{f"post_{i}": {"asset": post, "on": "floor"} for i in range(4)},
-        "can": {"asset": "can", "on": "floor", "reachable": tier},
-    }
-    return compile_scene(SceneConfig.load(scene(folder, objects, **words), {"bank": 8}), device)
 
 
 @pytest.fixture(scope="module", params=["ik", "clear"])
@@ -139,7 +117,8 @@ def test_the_number_of_lanes_changes_no_bit(tmp_path: Path, tier: str):
     compiled = cluttered(tmp_path, tier, device="cuda:0")
     rows = []
     for lanes in (1, 8, 32, 64):
-        generator = LayoutGenerator(compiled, 256, seed=6, block_dim=lanes)
+        size = replace(default_size("cuda:0"), block_dim=lanes)
+        generator = LayoutGenerator(compiled, 256, seed=6, size=size)
         for _ in range(2):
             generator.generate()
         rows.append(bits(generator.layouts))
@@ -273,16 +252,21 @@ def test_what_is_drawn_is_kept_clear_of(tmp_path: Path):
 
 
 @pytest.mark.parametrize("tier", ["ik", None])
-def test_only_stages_cost_more_than_one_launch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tier: str | None):
-    """A scene without them is placed by one launch; with them, the number is fixed by the restarts."""
+def test_the_restarts_fix_how_often_the_stage_is_launched(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tier: str | None
+):
+    """Once after placing and once for every restart, whether worlds wait or not; never in a scene without it."""
     bar = box_mjcf(tmp_path, "bar", 0.12, 0.05, 0.04)
     words = {"asset": bar, "on": "floor", "region": IN_FRONT, "reachable": tier}
     objects = {"bar": {k: v for k, v in words.items() if v is not None}}
     generator = LayoutGenerator(compile_on_cpu(scene(tmp_path, objects, restarts=2)), 4)
-    launched = []
-    monkeypatch.setattr(wp, "launch_tiled", lambda kernel, **words: launched.append(kernel.key))
+    launched, launch = [], wp.launch_tiled
+
+    def recorded(kernel: wp.Kernel, **words: Any) -> None:
+        launched.append(kernel.key)
+        launch(kernel, **words)
+
+    monkeypatch.setattr(wp, "launch_tiled", recorded)
     generator.generate()
-    if tier is None:
-        assert launched == ["place_physics"]
-    else:
-        assert launched == ["place_physics_stages", "reachability_physics"] * 3
+    assert launched.count("_screen") > 0
+    assert launched.count("_reachability") == (0 if tier is None else 3)

@@ -8,16 +8,23 @@ import mujoco
 import numpy as np
 import pytest
 import shapely
+import warp as wp
 from scipy import stats
+from scipy.spatial.transform import Rotation
 from shapely.geometry import MultiPoint, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import InfeasibleSceneError
+from sceniris_gym.geometry.pieces import PieceType
+from sceniris_gym.layout import regions
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.transforms import Pose, relative
 from sceniris_gym.program.compiled import upload_scene
+from sceniris_gym.program.device import Program, fill_struct
 from sceniris_gym.scene.model import build_model
+from tests.layout.candidates import refused
 from tests.layout.scenes import FLOOR, Rows, compile_on_cpu, make, posed, read, write_mjcf
 from tests.oracle.solids import Solids
 
@@ -30,16 +37,17 @@ TILES = [
     ((0.0, -0.3), (0.1, -0.1)),
     ((0.3, -0.3), (0.4, -0.1)),
 ]
+PLATE = [((-0.3, -0.2), (0.3, 0.2))]
 SHAPE = shapely.union_all([box(*low, *high) for low, high in TILES])
 SHELF = """<geom type="box" size=".3 .2 .01" pos="0 0 .01"/><geom type="box" size=".3 .01 .2" pos="0 .21 .2"/>
   <geom type="box" size=".1 .2 .01" pos=".2 0 .39"/>"""
 
 
-def _tiles(folder: Path) -> str:
-    """Write the asset of the L-shaped support."""
+def _tiles(folder: Path, tiles: list[tuple[tuple[float, float], tuple[float, float]]] = TILES) -> str:
+    """Write the asset of a support of tiles, by default the L."""
     geoms = [
         f'<geom type="box" size="{(x1 - x0) / 2} {(y1 - y0) / 2} .03" pos="{(x0 + x1) / 2} {(y0 + y1) / 2} .03"/>'
-        for (x0, y0), (x1, y1) in TILES
+        for (x0, y0), (x1, y1) in tiles
     ]
     return write_mjcf(folder, "slab", "".join(geoms))
 
@@ -151,34 +159,39 @@ def test_the_support_is_eroded_by_the_ratio_times_half_the_shorter_edge(tmp_path
     assert 0.04 * ratio - 1e-6 <= reach < 0.04 * ratio + 0.001
 
 
+@pytest.mark.parametrize("tiles", [TILES, PLATE], ids=["hollow", "convex"])
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
 @pytest.mark.parametrize("asset", ["banana", "mug"])
-def test_at_ratio_one_the_whole_footprint_lies_on_the_support(tmp_path: Path, asset: str, geometry: str):
-    """The shadow of the posed meshes is inside of the L and off its hole; and what was refused was not."""
+def test_at_ratio_one_the_whole_footprint_lies_on_the_support(tmp_path: Path, asset: str, geometry: str, tiles: list):
+    """The shadow of the posed meshes is inside of the L and off its hole, or on the plate; what was refused was not."""
+    shape = shapely.union_all([box(*low, *high) for low, high in tiles])
     objects = {
-        "slab": {"asset": _tiles(tmp_path), "kind": "fixture", "on": "floor"},
+        "slab": {"asset": _tiles(tmp_path, tiles), "kind": "fixture", "on": "floor"},
         asset: {"asset": asset, "on": "slab", "ratio_on_support": 1.0},
     }
     config = {"floor": FLOOR, "geometry": geometry, "attempts": 1, "restarts": 0, "objects": objects}
-    compiled = upload_scene(
-        build_model(SceneConfig.load(config)), "cpu"
-    )  # without a bank: a refused candidate is left there
+    compiled = upload_scene(build_model(SceneConfig.load(config)), "cpu")
     generator = LayoutGenerator(compiled, 300, seed=3)
     generator.generate()
     rows, solids = read(generator.layouts), Solids(compiled.mjm, geometry)
-    outside = []
-    for data in posed(compiled, rows):
-        body = compiled.mjm.body("slab").id
-        frame = data.xmat[body].reshape(3, 3)
-        points = [(solids.points(data, g) - data.xpos[body]) @ frame for g in solids.geoms(asset)]
-        footprint = MultiPoint(np.concatenate(points)[:, :2]).convex_hull
-        outside.append(footprint.difference(SHAPE.buffer(1e-5, join_style="mitre")).area)
-    accepted = rows.status == Status.VALID
+
+    def outside(rows: Rows, slack: float) -> np.ndarray:
+        areas, allowed = [], shape.buffer(slack, join_style="mitre")
+        for data in posed(compiled, rows):
+            body = compiled.mjm.body("slab").id
+            frame = data.xmat[body].reshape(3, 3)
+            points = [(solids.points(data, g) - data.xpos[body]) @ frame for g in solids.geoms(asset)]
+            footprint = MultiPoint(np.concatenate(points)[:, :2]).convex_hull
+            areas.append(footprint.difference(allowed).area)
+        return np.array(areas)
+
+    accepted, (others, causes) = rows.status == Status.VALID, refused(generator)
     assert 50 < accepted.sum() < 280
-    assert np.array(outside)[accepted].max() == 0.0
+    assert outside(rows[accepted], 2e-6).max() == 0.0
     counts = {cause: n for cause, n in generator.rejection_counts()[asset].items() if n}
     assert counts == {"footprint": int((~accepted).sum())}
-    assert np.array(outside)[~accepted].min() > 0.0
+    assert len(causes) == counts["footprint"]
+    assert outside(others, 0.0).min() > 0.0
 
 
 def _drawer(word: str, opening: float, geometry: str, **others) -> dict:
@@ -255,3 +268,118 @@ def test_a_roof_of_another_object_does_not_count(tmp_path: Path):
         "goal": {"kind": "marker", "on": "crate"},
     }
     assert len(_points({"objects": objects}, 50)) == 50
+
+
+@wp.kernel(enable_backward=False)
+def _crosses(
+    point: wp.array(dtype=wp.vec3),
+    half: wp.array(dtype=wp.vec3),
+    pos: wp.array(dtype=wp.vec3),
+    rot: wp.array(dtype=wp.mat33),
+    out: wp.array(dtype=bool),
+):
+    i = wp.tid()
+    frame = Pose()
+    frame.pos = pos[i]
+    frame.rot = rot[i]
+    out[i] = regions._crosses_box(half[i], relative(regions._upward(point[i]), frame))
+
+
+def _above(point: np.ndarray, half: np.ndarray, pos: np.ndarray, rot: np.ndarray) -> np.ndarray:
+    """In double precision: is any of the 5 m from 0.1 mm over each point on within its box? By what its sides leave."""
+    start = np.einsum("nij,ni->nj", rot, point + [0.0, 0.0, 1e-4] - pos)
+    low, high = np.zeros(len(point)), np.full(len(point), 5.0)
+    for axis in range(3):
+        for sign in (1.0, -1.0):  # sign * (start + t * along) <= half
+            along, room = sign * rot[:, 2, axis], half[:, axis] - sign * start[:, axis]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                limit = room / along
+            high = np.where(along > 0.0, np.minimum(high, limit), high)
+            low = np.where(along < 0.0, np.maximum(low, limit), low)
+            low = np.where((along == 0.0) & (room < 0.0), np.inf, low)
+    return low <= high
+
+
+def test_a_box_is_a_roof_where_a_line_straight_up_crosses_it():
+    """Turned any way, upright, or flat on a side; beginning and ending inside of it too; to 5 um."""
+    n, rng = 60_000, np.random.default_rng(2)
+    point, half = rng.uniform(-0.3, 0.3, (n, 3)), rng.uniform(0.002, 0.3, (n, 3))
+    pos = rng.uniform([-0.3, -0.3, -0.5], [0.3, 0.3, 0.8], (n, 3))
+    pos[: n // 3, 2] += 4.8
+    turns = Rotation.random(n, rng=rng).as_matrix()
+    turns[::3] = Rotation.from_rotvec(rng.uniform(-4, 4, (n, 1)) * [0.0, 0.0, 1.0]).as_matrix()[::3]
+    turns[::7] = np.eye(3)
+    arrays = [wp.array(a, dtype=wp.vec3, device="cpu") for a in (point, half, pos)]
+    out = wp.zeros(n, dtype=bool, device="cpu")
+    inputs = [*arrays, wp.array(turns, dtype=wp.mat33, device="cpu")]
+    wp.launch(_crosses, dim=n, inputs=inputs, outputs=[out], device="cpu")
+    found = out.numpy()
+    assert not (found & ~_above(point, half + 5e-6, pos, turns)).any()
+    assert not (~found & _above(point, half - 5e-6, pos, turns)).any()
+    assert 0.1 < found.mean() < 0.5
+
+
+@wp.kernel(enable_backward=False)
+def _extends(
+    program: Program,
+    piece: wp.array(dtype=int),
+    first: wp.array(dtype=int),
+    number: wp.array(dtype=int),
+    turn: wp.array(dtype=int),
+    pos: wp.array(dtype=wp.vec3),
+    rot: wp.array(dtype=wp.mat33),
+    out: wp.array(dtype=bool),
+):
+    i = wp.tid()
+    rel = Pose()
+    rel.pos = pos[i]
+    rel.rot = rot[i]
+    for edge in range(first[i], first[i] + number[i]):
+        if regions._extends_beyond(program, piece[i], edge, turn[i], rel):
+            out[i] = True
+
+
+def test_what_extends_beyond_a_convex_outline_is_what_shapely_says():
+    """Hulls and boxes in any pose on random convex outlines, of which half run clockwise: to 2 um."""
+    n, rng = 3000, np.random.default_rng(6)
+    hulls = [rng.normal(size=(k, 3)) * [0.05, 0.03, 0.02] for k in (4, 9, 40)]
+    size = np.array([0.06, 0.03, 0.01])
+    corners = [*hulls, np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size]
+    outlines, edges, turn = [], [], rng.choice([-1, 1], n)
+    for i in range(n):
+        outline = MultiPoint(rng.normal(size=(int(rng.integers(3, 12)), 2)) * 0.12).convex_hull
+        ring = np.asarray(outline.exterior.coords)
+        ring = ring if outline.exterior.is_ccw == (turn[i] > 0) else ring[::-1]
+        outlines.append(outline)
+        edges.append(np.stack([ring[:-1], ring[1:]], axis=1))
+    count = np.array([len(e) for e in edges])
+    sides = np.concatenate(edges)
+    lengths = np.array([len(h) for h in hulls] + [0])
+    program = Program()
+    arrays = {
+        "piece_type": np.array([PieceType.HULL] * 3 + [PieceType.BOX]),
+        "piece_size": np.array([[0.0] * 3] * 3 + [size.tolist()]),
+        "piece_vertnum": lengths,
+        "piece_vertadr": np.cumsum(lengths) - lengths,
+        "vert": np.concatenate(hulls),
+        "edge_a": sides[:, 0],
+        "edge_b": sides[:, 1],
+    }
+    fill_struct(Program, program, arrays, "cpu")
+    piece, rot = rng.integers(4, size=n), Rotation.random(n, rng=rng).as_matrix()
+    pos = np.concatenate([rng.uniform(-0.1, 0.1, (n, 2)), rng.uniform(0.0, 0.5, (n, 1))], axis=1)
+    ints = [wp.array(a, dtype=int, device="cpu") for a in (piece, np.cumsum(count) - count, count, turn)]
+    poses = [wp.array(pos, dtype=wp.vec3, device="cpu"), wp.array(rot, dtype=wp.mat33, device="cpu")]
+    out = wp.zeros(n, dtype=bool, device="cpu")
+    wp.launch(_extends, dim=n, inputs=[program, *ints, *poses], outputs=[out], device="cpu")
+    beyond = np.empty(n)
+    for i in range(n):
+        shadow = shapely.points((corners[piece[i]] @ rot[i].T + pos[i])[:, :2])
+        inside = shapely.covers(outlines[i], shadow)
+        distance = shapely.distance(outlines[i].boundary, shadow)
+        beyond[i] = np.where(inside, -distance, distance).max()
+    found = out.numpy()
+    assert 0.1 < found.mean() < 0.9
+    assert (np.abs(beyond) < 2e-4).any()
+    assert not found[beyond < -2e-6].any()
+    assert found[beyond > 3e-6].all()

@@ -331,9 +331,9 @@ def test_an_empty_region_is_a_cause_of_its_own(shapes: Shapes):
 def test_every_type_of_relation_has_a_case_in_the_kernels():
     """A new one must be named in each function that tells types apart; what these leave to `else` is listed here."""
     left_to_else = {
-        relations.look: {RelationType.BESIDE},
+        relations.resolve: {RelationType.BESIDE},
         relations.piece_side: {RelationType.BETWEEN, RelationType.BESIDE},
-        relations.holds: {RelationType.BETWEEN, RelationType.BESIDE},
+        relations.relation_holds: {RelationType.BETWEEN, RelationType.BESIDE},
     }
     for function, rest in left_to_else.items():
         named = {t for t in RelationType if f"_{t.name}" in inspect.getsource(function.func)}

@@ -14,6 +14,7 @@ from shapely.ops import polygonize
 
 from sceniris_gym.config.limits import MAX_PIECES
 from sceniris_gym.errors import SceneKeyError
+from sceniris_gym.program.pack_regions import _convex_turn
 from sceniris_gym.program.pack_relations import region_pieces
 from tests.layout.scenes import box_mjcf, write_mjcf
 from tests.program.scenes import Packed, pack, scene_of
@@ -97,6 +98,37 @@ def test_edges_are_the_outlines_of_their_surfaces(rack: dict, brick: dict):
         around = shapely.union_all([p for p in polygons if surface.outline.covers(p.representative_point())])
         assert around.symmetric_difference(surface.outline).area < 1e-9
     assert {len(p.interiors) for s in surfaces for p in s.outline.geoms} == {0, 1}
+
+
+def _ring(corners: Any) -> np.ndarray:
+    return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+
+
+def test_outlines_that_are_convex_are_known_with_their_direction():
+    """Random ones against shapely, both ways round, and with corners in the middle of edges."""
+    rng = np.random.default_rng(5)
+    for _ in range(300):
+        points = rng.normal(size=(int(rng.integers(3, 9)), 2))
+        hull = np.asarray(shapely.MultiPoint(points).convex_hull.exterior.coords)[:-1]
+        ccw = hull if shapely.LinearRing(hull).is_ccw else hull[::-1]
+        assert _convex_turn(_ring(ccw)) == 1
+        assert _convex_turn(_ring(ccw[::-1])) == -1
+        about = points - points.mean(axis=0)
+        star = points[np.argsort(np.arctan2(about[:, 1], about[:, 0]))]
+        if len(hull) < len(points):
+            assert _convex_turn(_ring(star)) == 0
+    square = np.array([[0, 0], [1, 0], [2, 0], [2, 1], [2, 2], [0, 2]], float)
+    assert _convex_turn(_ring(square)) == 1
+    assert _convex_turn(_ring(square[::-1])) == -1
+
+
+def test_outlines_with_holes_of_two_parts_or_that_wind_twice_are_not_convex():
+    """Though each ring by itself may be."""
+    square = np.array([[0, 0], [4, 0], [4, 4], [0, 4]], float)
+    assert _convex_turn(np.concatenate([_ring(square), _ring(square[::-1] / 4 + 1)])) == 0
+    assert _convex_turn(np.concatenate([_ring(square), _ring(square + 9)])) == 0
+    angles = np.arange(5) * 2 * np.radians(72)
+    assert _convex_turn(_ring(np.stack([np.cos(angles), np.sin(angles)], axis=1))) == 0
 
 
 def test_what_is_not_placed_on_anything_has_no_triangles():
