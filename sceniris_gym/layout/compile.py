@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -90,7 +89,7 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
     bank: dict[str, np.ndarray] = dict(zip((*_BANK, *_REACH_BANK), columns, strict=True))
     program = _with_rows(Program, compiled.program, bank, _BANK, compiled.device)
     program.bank_ntrain = len(train.found)
-    program.likely_restarts = _likely_restarts(train, evaluation)
+    program.restart_rate = _restart_rate(train, evaluation)
     program.obj_effort = wp.array(_effort(train, evaluation), dtype=float, device=compiled.device)
     if compiled.reaching is None:
         return replace(compiled, program=program)
@@ -124,11 +123,10 @@ class _Probe:
         return bool(self.found)
 
 
-def _likely_restarts(*probes: _Probe) -> int:
-    """In how many restarts all but one in 50 worlds get a layout: what rounds try at once, which changes no layout."""
+def _restart_rate(*probes: _Probe) -> float:
+    """Which share of the restarts place not everything: what rounds try at once, which changes no layout."""
     made, first = sum(probe.made for probe in probes), sum(probe.first for probe in probes)
-    again = 1.0 - min(max(first, 0.5), made - 0.5) / made
-    return max(1, math.ceil(math.log(0.02) / math.log(again)))
+    return (made - first + 0.5) / (made + 1.0)
 
 
 def _effort(*probes: _Probe) -> np.ndarray:

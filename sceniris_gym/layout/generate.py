@@ -90,9 +90,9 @@ class LayoutGenerator:
         self._reach = Reach() if reaching is None else reaching.view
         self._related = compiled.related
         self._faces = compiled.config.geometry == "visual"
-        # one row and trial a wave, if need be
-        crowds = -(-(nworld + size.rows) // self._search.cause.shape[0])
-        self._most_waves = len(compiled.placed) * compiled.attempts * crowds
+        # as long as rows do not fit, all candidates are used; then every row has one in every wave
+        most_trials, capacity = len(compiled.placed) * compiled.attempts, self._search.cause.shape[0]
+        self._most_waves = most_trials + -(-(nworld + size.rows) * most_trials // capacity)
         self._mask, self._all = (wp.ones(nworld, dtype=wp.bool, device=compiled.device) for _ in range(2))
         self._generate = LaunchSequence(lambda: self.launch_generate(self._mask), wp.get_device(compiled.device))
         self.reseed(seed)
@@ -173,7 +173,7 @@ class LayoutGenerator:
     def _round(self) -> None:
         """Let every pending world try its next restart, or several."""
         program, reach, view, search = self.compiled.program, self._reach, self.layouts.view, self._search
-        launch_open_rows(program, reach, self.size.busy, view, search, self._device)
+        launch_open_rows(program, reach, view, search, self._device)
         self._repeat(search.rows_left, self._wave, self._most_waves)
         launch_settle(program, reach, SPLITS[self.split], self._staged, view, search, self._device)
 

@@ -52,14 +52,14 @@ def launch_start(
 @wp.kernel
 def _plan_round(
     program: Program,
-    busy: int,
     # Search in and out:
     search: Search,
 ):
     worlds = wp.max(search.worlds_left[0], 1)
     extra = search.row_rejections.shape[0]
-    room = wp.min(extra // worlds + 1, busy // worlds)
-    search.restarts_at_once[0] = wp.clamp(room, 1, wp.min(program.likely_restarts, program.restarts + 1))
+    # so many that less than half a world is expected to be left
+    wanted = int(wp.ceil(wp.log(2.0 * float(worlds)) / -wp.log(program.restart_rate)))
+    search.restarts_at_once[0] = wp.clamp(wp.min(extra // worlds + 1, wanted), 1, program.restarts + 1)
     search.worlds_left[0] = 0
     search.tickets[0] = 0
 
@@ -115,11 +115,9 @@ def _open_rows(
             _open_row(program, reach, layouts, search, _row_of_restart(search, worldid, i), worldid, restart)
 
 
-def launch_open_rows(
-    program: Program, reach: Reach, busy: int, layouts: LayoutsView, search: Search, device: str
-) -> None:
+def launch_open_rows(program: Program, reach: Reach, layouts: LayoutsView, search: Search, device: str) -> None:
     """Give the pending worlds rows."""
-    wp.launch(_plan_round, dim=1, inputs=[program, busy], outputs=[search], device=device)
+    wp.launch(_plan_round, dim=1, inputs=[program], outputs=[search], device=device)
     dim = search.pending.shape[0]
     wp.launch(_open_rows, dim=dim, inputs=[program, reach], outputs=[layouts, search], device=device)
 

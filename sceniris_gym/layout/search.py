@@ -136,7 +136,7 @@ def default_size(device: str) -> SearchSize:
         return SearchSize(
             rows=8192,
             candidates=1 << 17,
-            busy=3 << 12,
+            busy=1 << 13,
             leaves=1 << 21,
             lanes=1 << 16,
             parts=8,
