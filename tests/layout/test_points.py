@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import shapely
 import warp as wp
+from shapely.geometry.base import BaseGeometry
 
 from sceniris_gym.config.limits import MAX_CORNERS
 from sceniris_gym.layout import points
@@ -88,7 +89,7 @@ def _cut_all(
         left[c, k, combination] = area(polygon, points._cut(program, search, c, obj, combination, t, polygon))
 
 
-def _within(shape: shapely.Polygon, sides: np.ndarray) -> shapely.Polygon:
+def _within(shape: BaseGeometry, sides: np.ndarray) -> BaseGeometry:
     """In double precision: what half-planes (normal, origin, offset) leave of a shape."""
     for side in sides:
         normal = side["normal"].astype(float)
