@@ -25,9 +25,12 @@ _MOST_POSES = 256
 STABLE_TILT = 5.0
 # What happens before this tilt, in degrees, is part of the pose: an uneven bottom may rock by less.
 _ROCKING = 2.5
+# The same in a state that its joints are drawn in, where the pose is that of another state and may lean by as much.
+_LEANING = 1.0
 # In how many directions it is tilted: few at first, which rules out most faces of something round.
 _SIDES = (24, 360)
 _STEP = 0.1  # degrees, from one tilt to the next
+_COARSE = 0.5  # the same for one of many states
 _FINER = ((24, _ROCKING), (24, _STEP), (360, _STEP))  # the same, with steps, where the bottom is curved
 # If the centre of mass rises by less than this [m] as the tilt grows by a step, the object rolls.
 _LEVEL = 1.0e-8
@@ -58,14 +61,22 @@ class Variant:
 
 
 class HomeShape:
-    """The pieces of an object in its home state, in the frame of its root."""
+    """The pieces of an object in its home state, in the frame of its root.
 
-    def __init__(self, home: mujoco.MjData, root: int, pieces: list[Piece]) -> None:
+    Args:
+        home: MjData in that state.
+        root: Its root body, a child of the world where `gravcomp` is to count.
+        pieces: Its pieces.
+        margins: From which distance [m] on each of them is carried, shape (npiece,); 0 by default.
+    """
+
+    def __init__(self, home: mujoco.MjData, root: int, pieces: list[Piece], margins: np.ndarray | None = None) -> None:
         self._pieces = pieces
+        self.margins = np.zeros(len(pieces)) if margins is None else margins
         back = home.xmat[root].reshape(3, 3).T
         self._mats = [back @ home.xmat[p.body].reshape(3, 3) for p in pieces]
         self._at = [back @ (home.xpos[p.body] - home.xpos[root]) for p in pieces]
-        self.center_of_mass = back @ (home.subtree_com[root] - home.xpos[root])
+        self.center_of_mass = back @ (_center_of_weight(home, root) - home.xpos[root])
 
     def variant(self, quat: np.ndarray, probability: float = 1.0) -> Variant:
         """The pose with the root's orientation `quat` (of heading 0)."""
@@ -103,6 +114,28 @@ class HomeShape:
         ]
         return np.concatenate(points)
 
+    def _carried_points(self) -> np.ndarray:
+        """The same, with pieces that are carried from further away than others grown by that, but for their edges."""
+        more = self.margins - self.margins.min()
+        if not more.any():
+            return self._points()
+        points = []
+        for p, mat, at, by in zip(self._pieces, self._mats, self._at, more, strict=True):
+            if p.mesh is not None:
+                grown = p.mesh.triangles + by * p.mesh.face_normals[:, None]
+                points.append(at + grown.reshape(-1, 3) @ mat.T)
+        return np.concatenate(points)
+
+    def bottom(self, quat: np.ndarray) -> float:
+        """Height [m] over the root at which the pose is carried, its margins being part of it; negative below."""
+        up = matrix(quat)[2:]
+        return float((up @ self.center_of_mass - self._height(up))[0])
+
+    def holds(self, quat: np.ndarray) -> bool:
+        """Whether gravity turns a pose back from all tilts from 1 to `STABLE_TILT` degrees, in 24 directions."""
+        height = self._tilted(matrix(quat), _SIDES[0], np.arange(_LEANING, STABLE_TILT + _COARSE, _COARSE))
+        return bool((np.diff(height, axis=0) > _LEVEL).all())
+
     def stable(self, where: str) -> list[tuple[np.ndarray, float]]:
         """Stable poses on a plane: orientations of the root (wxyz, of heading 0) and their probabilities.
 
@@ -113,7 +146,7 @@ class HomeShape:
         Raises:
             SceneKeyError: There is no stable pose, or the centre of mass is outside the hull; begins with `where`.
         """
-        hull = trimesh.convex.convex_hull(self._points())
+        hull = trimesh.convex.convex_hull(self._carried_points())
         if (((self.center_of_mass - hull.triangles_center) * hull.face_normals).sum(axis=1) >= 0.0).any():
             raise SceneKeyError(
                 f"{where}: its centre of mass {np.round(self.center_of_mass, 4).tolist()} is outside the hull of "
@@ -195,9 +228,24 @@ class HomeShape:
     def _height(self, up: np.ndarray) -> np.ndarray:
         """How far the centre of mass is above the lowest point [m], for each direction `up` in the root's frame."""
         lowest = np.full(len(up), np.inf)
-        for p, mat, at in zip(self._pieces, self._mats, self._at, strict=True):
-            lowest = np.minimum(lowest, p.extents(up @ mat)[0] + up @ at)
+        for p, mat, at, margin in zip(self._pieces, self._mats, self._at, self.margins, strict=True):
+            lowest = np.minimum(lowest, p.extents(up @ mat)[0] + up @ at - margin)
         return up @ self.center_of_mass - lowest
+
+
+def weights(mjm: mujoco.MjModel) -> np.ndarray:
+    """Return what gravity leaves of each body's mass [kg], shape (nbody,): `gravcomp` takes some of it away."""
+    return mjm.body_mass * (1.0 - mjm.body_gravcomp)
+
+
+def _center_of_weight(home: mujoco.MjData, root: int) -> np.ndarray:
+    """Where the weight of a body and all below it acts [m]: the centre of mass, unless `gravcomp` takes some away."""
+    mjm = home.model
+    inside = mjm.body_rootid == root
+    weight = weights(mjm)[inside]
+    if not mjm.body_gravcomp[inside].any() or weight.sum() <= 0.0:
+        return home.subtree_com[root]
+    return weight @ home.xipos[inside] / weight.sum()
 
 
 def heading_of(mat: np.ndarray) -> float:

@@ -136,10 +136,7 @@ def _accept_first(
         if cause == _COLLISION and layouts.rejected_object.shape[0] > 0:
             _record(program, layouts, search, first + t, row, obj)
         # what no draw of the object itself can open, only a new start can
-        if (
-            program.obj_retry_if_empty[obj] == 0
-            and wp.max(wp.where(cause == _EMPTY, 1, 0), wp.where(cause == _REGION, 1, 0)) > 0
-        ):
+        if program.obj_retry_if_empty[obj] == 0 and _leaves_nothing(cause):
             return program.attempts
     return search.row_trial[row] + trials
 
@@ -156,12 +153,11 @@ def _accept(
 ):
     for i in range(wp.tid(), search.rows[0], lanes):
         row = search.queue[search.source[0], i]
-        trials = search.trials_at_once[0]
-        if (i + 1) * trials > search.candidates[0]:  # the wave had no room for it
+        trials = search.row_trials[row]
+        if trials == 0:  # the wave had no room for it
             _go_on(program, search, row, search.row_trial[row])
             continue
-        trials = wp.min(trials, program.attempts - search.row_trial[row])
-        trial = _accept_first(program, reach, layouts, search, row, i * search.trials_at_once[0], trials)
+        trial = _accept_first(program, reach, layouts, search, row, search.row_first[row], trials)
         if trial == 0:
             obj = next_object(program, reach, layouts, row, search.row_object[row] + 1)
             search.row_object[row] = obj

@@ -22,7 +22,7 @@ from sceniris_gym.layout.leaves import (
     pair_poses,
     support_of,
 )
-from sceniris_gym.layout.search import UNPROVEN, Search, SearchSize, list_of, row_of
+from sceniris_gym.layout.search import UNPROVEN, Search, SearchSize, list_of
 from sceniris_gym.layout.transforms import Pose, apply, relative
 from sceniris_gym.program.device import Cause, Program
 
@@ -135,7 +135,7 @@ def _queue_leaves(
     nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
     for i in range(block, search.screened[0], blocks):
         c = search.survivor[i]
-        row = row_of(search, c)
+        row = search.row[c]
         tests = list_of(search, row)
         support = support_of(program, tests)
         last = program.obj_startadr[tests] + program.obj_startnum[tests]
@@ -251,7 +251,7 @@ def _test_together(
         cause = search.cause[c]
         block_sync()  # all lanes have read it
         if cause == wanted:
-            row = row_of(search, c)
+            row = search.row[c]
             hit = collides(
                 program,
                 list_of(search, row),
@@ -277,7 +277,7 @@ def _test_alone(
 ):
     for i in range(wp.tid(), search.screened[0], lanes):
         c = search.survivor[i]
-        row = row_of(search, c)
+        row = search.row[c]
         tests = list_of(search, row)
         support = support_of(program, tests)
         adr = program.obj_startadr[tests]

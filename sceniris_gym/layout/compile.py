@@ -89,6 +89,7 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
     bank: dict[str, np.ndarray] = dict(zip((*_BANK, *_REACH_BANK), columns, strict=True))
     program = _with_rows(Program, compiled.program, bank, _BANK, compiled.device)
     program.bank_ntrain = len(train.found)
+    program.obj_effort = wp.array(_effort(train, evaluation), dtype=float, device=compiled.device)
     if compiled.reaching is None:
         return replace(compiled, program=program)
     view = _with_rows(Reach, compiled.reaching.view, bank, _REACH_BANK, compiled.device)
@@ -118,6 +119,12 @@ class _Probe:
             done += 1
         self.found = self.found[: self.size]
         return bool(self.found)
+
+
+def _effort(*probes: _Probe) -> np.ndarray:
+    """About how many candidates it takes to place each object: what waves draw at once, which changes no layout."""
+    rejected = sum(probe.generator.layouts.rejections.numpy().sum(axis=1) for probe in probes)
+    return 1.0 + rejected / sum(probe.made for probe in probes)
 
 
 def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:

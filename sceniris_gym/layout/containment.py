@@ -5,7 +5,7 @@ import warp as wp
 from sceniris_gym.layout.blocks import block_any, block_sync
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.leaves import pair_poses
-from sceniris_gym.layout.search import Search, SearchSize, list_of, row_of
+from sceniris_gym.layout.search import Search, SearchSize, list_of
 from sceniris_gym.layout.transforms import Pose, relative
 from sceniris_gym.program.device import Cause, Program
 
@@ -69,7 +69,7 @@ def _test_containment(
         cause = search.cause[c]
         block_sync()  # all lanes have read it
         if cause == _NONE:
-            row = row_of(search, c)
+            row = search.row[c]
             hit = encloses(
                 program,
                 list_of(search, row),

@@ -21,6 +21,11 @@ _SEGMENT = wp.constant(int(PieceType.SEGMENT))
 # Bounds from below and above meet to 1 um: ten times the float32 rounding of a 1 m scene, a tenth of what a false alarm
 # may be off.
 _TOLERANCE = wp.constant(1.0e-6)
+# Height of a tetrahedron, in shares of its longest edge, below which it is flat.
+_FLAT = wp.constant(1.0e-4)
+# How often a test begins anew where rounding has led it astray, and bounds [m] that need not be brought any closer.
+_MAX_RESTARTS = wp.constant(3)
+_SETTLED = wp.constant(1.0e-5)
 # Polytopes end in under 20; a cylinder or ellipsoid that needs more is known to far better than 0.1 mm by then.
 _MAX_ITERATIONS = wp.constant(48)
 
@@ -149,6 +154,19 @@ def _beyond(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3) -> bool:
     return origin * toward < 0.0 or toward == 0.0
 
 
+@wp.func
+def _is_flat(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3) -> bool:
+    """Is a tetrahedron so flat that rounding decides on which side of its faces a point is?"""
+    ab = b - a
+    ac = c - a
+    ad = d - a
+    longest = wp.max(wp.max(wp.length(ab), wp.length(ac)), wp.length(ad))
+    n = wp.cross(ab, ac)
+    widest = wp.max(wp.max(wp.length(n), wp.length(wp.cross(ab, ad))), wp.length(wp.cross(ac, ad)))
+    widest = wp.max(widest, wp.length(wp.cross(c - b, d - b)))
+    return wp.abs(wp.dot(n, ad)) <= _FLAT * longest * widest
+
+
 # One copy for roofs, footprints and obstacles rather than one each: with it, and the map asked before the roof, an H200
 # makes 1.065 times the layouts of the scene `mid`.
 @wp.func(inline=False)
@@ -169,6 +187,7 @@ def separated(vert: wp.array(dtype=wp.vec3), sa: Shape, sb: Shape, rel: Pose, ma
     p3 = wp.vec3(0.0)
     count = int(0)
     upper = float(1.0e30)
+    restarts = int(0)
     for _iteration in range(_MAX_ITERATIONS):
         on_b = rel.pos + rel.rot * support(vert, sb, to_b * v)
         w = wp.cw_mul(mask, support(vert, sa, -v) - on_b)
@@ -221,7 +240,14 @@ def separated(vert: wp.array(dtype=wp.vec3), sa: Shape, sb: Shape, rel: Pose, ma
                     v = u
                     bits = k << 1
             if bits == 15:
-                return False  # the origin lies inside
+                if restarts == _MAX_RESTARTS or not _is_flat(p0, p1, p2, p3):
+                    return False  # the origin lies inside
+                # of a flat tetrahedron rounding decides: begin anew from the last point
+                restarts += 1
+                p0 = w
+                v = w
+                bits = int(1)
+                upper = float(1.0e30)
         # keep the vertices that the nearest point rests on
         count = 0
         if (bits & 1) != 0:
@@ -246,8 +272,15 @@ def separated(vert: wp.array(dtype=wp.vec3), sa: Shape, sb: Shape, rel: Pose, ma
             count += 1
 
         nearest = wp.length(v)
-        if nearest <= limit or nearest >= upper:
-            # within the margin, or rounding has stopped all progress
+        if nearest <= limit:
             return False
+        if nearest >= upper:  # rounding has stopped all progress
+            if restarts == _MAX_RESTARTS or upper - lower < _SETTLED:
+                return False
+            restarts += 1
+            p0 = w
+            count = int(1)
+            v = w
+            nearest = wp.length(w)
         upper = nearest
     return False

@@ -11,7 +11,7 @@ from sceniris_gym.layout.measure import bounds_of, measure
 from sceniris_gym.layout.orientations import draw_turn
 from sceniris_gym.layout.points import draw_in_triangle, draw_triangle
 from sceniris_gym.layout.random import uniforms
-from sceniris_gym.layout.search import Search, row_of, stream_of, trial_of, turn_of
+from sceniris_gym.layout.search import Search, stream_of, trial_of
 from sceniris_gym.layout.transforms import apply, pose_of
 from sceniris_gym.program.device import Cause, Measure, ObjectKind, OrientationType, Program
 
@@ -67,13 +67,10 @@ def _draw(
     # Search in and out:
     search: Search,
 ):
-    for c in range(wp.tid(), search.candidates[0], lanes):
-        row = row_of(search, c)
+    for c in range(wp.tid(), wp.min(search.candidates[0], search.cause.shape[0]), lanes):
+        row = search.row[c]
         obj = search.row_object[row]
-        if turn_of(search, c, row) >= program.attempts:
-            search.cause[c] = _EMPTY  # nothing is drawn, and nothing looks
-            continue
-        trial = trial_of(program, search, c, row)
+        trial = trial_of(program, search, c)
         seed = layouts.seed[search.row_world[row]]
         episode = layouts.episode[search.row_world[row]]
         stream = stream_of(program, split, obj)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,9 +18,16 @@ from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.points import launch_draw_points
 from sceniris_gym.layout.random import SPLITS, USER_SPLITS
 from sceniris_gym.layout.reachability import launch_reachability
-from sceniris_gym.layout.rounds import launch_open_rows, launch_plan_wave, launch_reopen, launch_settle, launch_start
+from sceniris_gym.layout.rounds import (
+    launch_open_candidates,
+    launch_open_rows,
+    launch_reopen,
+    launch_settle,
+    launch_start,
+)
 from sceniris_gym.layout.screen import launch_screen
 from sceniris_gym.layout.search import SearchSize, create_search, default_size
+from sceniris_gym.layout.sequence import LaunchSequence
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
 from sceniris_gym.program.device_reach import Reach
@@ -83,6 +90,11 @@ class LayoutGenerator:
         self._reach = Reach() if reaching is None else reaching.view
         self._related = compiled.related
         self._faces = compiled.config.geometry == "visual"
+        # one row and trial a wave, if need be
+        crowds = -(-(nworld + size.rows) // self._search.cause.shape[0])
+        self._most_waves = len(compiled.placed) * compiled.attempts * crowds
+        self._mask, self._all = (wp.ones(nworld, dtype=wp.bool, device=compiled.device) for _ in range(2))
+        self._generate = LaunchSequence(lambda: self.launch_generate(self._mask), wp.get_device(compiled.device))
         self.reseed(seed)
 
     @property
@@ -117,7 +129,8 @@ class LayoutGenerator:
     def generate(self, mask: wp.array | None = None) -> None:
         """Advance the masked worlds by one episode and write their new layouts into `layouts`.
 
-        A fixed sequence of launches without allocation or host synchronisation, so it can be part of a captured graph.
+        Launches without allocation or host synchronisation, captured into a graph at the first call. They can also be
+        part of a capture of the caller's.
 
         Args:
             mask: Which worlds, shape (nworld,), bool; all if None.
@@ -126,7 +139,8 @@ class LayoutGenerator:
             MaskError, MaskTypeError: A mask of the wrong shape, or not of booleans.
         """
         check_mask(mask, self.nworld)
-        self.launch_generate(mask)
+        wp.copy(self._mask, self._all if mask is None else mask)
+        self._generate()
 
     def launch_generate(self, mask: wp.array | None) -> None:
         """See `LayoutSource`."""
@@ -136,26 +150,38 @@ class LayoutGenerator:
         self._launch_stage()
         for _restart in range(self.compiled.config.restarts):
             launch_reopen(self._search, self.compiled.device)
-            wp.capture_while(self._search.worlds_left, self._round)
+            self._place()
             self._launch_stage()
 
     def launch_placing(self, mask: wp.array | None) -> None:
         """Advance the masked worlds and place their objects, without the stages that may follow."""
         launch_start(self.compiled.program, mask, SPLITS[self.split], self.layouts.view, self._search, self._device)
-        wp.capture_while(self._search.worlds_left, self._round)
+        self._place()
+
+    def _place(self) -> None:
+        self._repeat(self._search.worlds_left, self._round, self.compiled.config.restarts + 1)
+
+    def _repeat(self, left: wp.array, launches: Callable[[], None], most: int) -> None:
+        """Make launches as long as anything is left; where a capture cannot tell, as often as the worst case needs."""
+        device = wp.get_device(self._device)
+        if device.is_capturing and device.is_cuda and not wp.is_conditional_graph_supported():
+            for _ in range(most):
+                launches()
+        else:
+            wp.capture_while(left, launches)
 
     def _round(self) -> None:
         """Let every pending world try its next restart, or several."""
         program, reach, view, search = self.compiled.program, self._reach, self.layouts.view, self._search
         launch_open_rows(program, reach, self.size.busy, view, search, self._device)
-        wp.capture_while(search.rows_left, self._wave)
+        self._repeat(search.rows_left, self._wave, self._most_waves)
         launch_settle(program, reach, SPLITS[self.split], self._staged, view, search, self._device)
 
     def _wave(self) -> None:
         """Draw candidates of all rows, test them, and accept the first of each row that passes."""
         program, reach, view, search = self.compiled.program, self._reach, self.layouts.view, self._search
         split, size, device = SPLITS[self.split], self.size, self._device
-        launch_plan_wave(program, size.busy, search, device)
+        launch_open_candidates(program, size, search, device)
         launch_draw(program, split, size.lanes, view, search, device)
         if self._related:
             launch_draw_points(program, split, size, view, search, device)

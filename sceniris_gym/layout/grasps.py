@@ -10,7 +10,6 @@ from sceniris_gym.reach.quaternions import mul_quat
 
 wp.set_module_options({"enable_backward": False})
 
-_NO_GRASP = wp.constant(1 << 30)
 _RISING = wp.constant(MOST_RISING)
 
 
@@ -49,30 +48,3 @@ def passes_map(
         approach = wp.vec3(tcp.rot[0, 2], tcp.rot[1, 2], tcp.rot[2, 2])
         through = map_verdict(reach.map, tcp.pos, approach) >= reach.reach_least[column]
     return through
-
-
-@wp.func
-def first_on_map(
-    reach: Reach,
-    column: int,
-    variant: int,
-    lane: int,
-    base: Pose,
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
-) -> int:
-    """The first grasp of a posed object that the map lets through, among all of the object's; -1 if there is none.
-
-    The lanes of a block share the grasps. Without a map it is the first that does not come from below.
-    """
-    first = reach.variant_graspadr[variant]
-    last = first + reach.variant_graspnum[variant]
-    for group in range(first, last, wp.block_dim()):
-        found = int(_NO_GRASP)
-        if group + lane < last:
-            if passes_map(reach, column, group + lane, base, body_pos, body_quat):
-                found = group + lane
-        least = wp.tile_extract(wp.tile_min(wp.tile(found)), 0)
-        if least < _NO_GRASP:
-            return least - reach.reach_graspadr[column]
-    return -1

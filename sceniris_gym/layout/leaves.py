@@ -10,7 +10,7 @@ from sceniris_gym.geometry.colliders import PIECE_LEAF
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.layout.convex import Shape, least_extent, piece_shape, separated
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.search import Search, list_of, row_of
+from sceniris_gym.layout.search import Search, list_of
 from sceniris_gym.layout.transforms import Pose, apply, compose, pose_of, relative
 from sceniris_gym.layout.triangles import triangles_separated
 from sceniris_gym.program.device import Cause, ObjectKind, Program
@@ -224,7 +224,7 @@ def _test_leaves(
         c = search.leaf[i][0]
         entry = wp.vec3i(search.leaf[i][1], search.leaf[i][2], search.leaf[i][3])
         if search.cause[c] == _NONE:
-            row = row_of(search, c)
+            row = search.row[c]
             poses = candidate_poses(program, layouts, search, c, row, entry[0])
             margin = margin_of(program, entry[0], support_of(program, list_of(search, row)))
             if leaves_touch(program, entry, poses, margin):

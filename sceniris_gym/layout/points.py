@@ -17,7 +17,7 @@ from sceniris_gym.layout.polygons import HalfPlane, area, clip, draw_in_polygon,
 from sceniris_gym.layout.random import uniforms
 from sceniris_gym.layout.regions import outline_distance
 from sceniris_gym.layout.relations import piece_side, relation_holds, resolve, side_num
-from sceniris_gym.layout.search import Search, SearchSize, row_of, stream_of, trial_of
+from sceniris_gym.layout.search import Search, SearchSize, stream_of, trial_of
 from sceniris_gym.layout.transforms import Pose, apply, pose_of
 from sceniris_gym.program.device import Cause, ObjectKind, OrientationType, Program
 
@@ -123,13 +123,18 @@ def _resolve_relations(program: Program, layouts: LayoutsView, search: Search, c
 @wp.func
 def _build_sides(program: Program, search: Search, c: int, obj: int, lane: int):
     """The half-planes around all pieces of the object's relations, into `search.sides`; the lanes share them."""
+    nums = wp.vec4i(0)
     for i in range(program.obj_relnum[obj]):
         rel = program.obj_reladr[obj] + i
         resolved = search.relations[c, i]
         sides = side_num(program, rel, resolved)
+        nums[i] = wp.where(resolved.active, sides, -1)
         for k in range(lane, program.rel_piecenum[rel] * sides, wp.block_dim()):
             side = piece_side(program, rel, k // sides, k % sides, resolved, search.hulls[c], i * _MAX_ANCHORS)
             search.sides[c, program.rel_sideadr[rel] + k] = side
+    if lane == 0:
+        search.side_num[c] = nums
+        search.pieces[c] = 0
 
 
 @wp.struct
@@ -187,6 +192,7 @@ def _cut(
 
     Most triangles lie wholly beyond a side of most pieces, so that is asked before anything is cut.
     """
+    nums = search.side_num[c]
     for look in range(2):
         num = int(3)
         if look == 1:
@@ -194,13 +200,14 @@ def _cut(
         rest = int(combination)
         for i in range(program.obj_relnum[obj]):
             rel = program.obj_reladr[obj] + i
-            resolved = search.relations[c, i]
             piece = rest % program.rel_piecenum[rel]
             rest = rest // program.rel_piecenum[rel]
+            sides = nums[i]
             # a relation that is not active has one piece, the whole plane
-            if not resolved.active and piece > 0:
-                return 0
-            sides = side_num(program, rel, resolved)
+            if sides < 0:
+                if piece > 0:
+                    return 0
+                continue
             adr = program.rel_sideadr[rel] + piece * sides
             for k in range(adr, adr + sides):
                 plane = search.sides[c, k]
@@ -234,32 +241,32 @@ def _all_hold(
 
 
 @wp.func
-def _least_piece(
-    program: Program,
-    search: Search,
-    c: int,
-    obj: int,
-    lane: int,
-    frame: Pose,
-    seed: wp.uint64,
-    counter: wp.vec4ui,
-    polygon: wp.array(dtype=wp.vec2),
-) -> wp.uint64:
-    """The piece that wins the race among a lane's: its time in the upper word, its number in the lower."""
+def _measure_pieces(
+    program: Program, search: Search, c: int, obj: int, lane: int, frame: Pose, polygon: wp.array(dtype=wp.vec2)
+):
+    """List the pieces of the candidate's region that have any area; the lanes of a block share the triangles."""
     variant = search.turn[c].variant
     triangles = program.variant_trinum[variant]
-    best = _NOBODY
     for k in range(lane, triangles, wp.block_dim()):
         t = _triangle(program, program.variant_triadr[variant] + k, frame)
-        if _is_out_of_reach(program, search, c, obj, t):
-            continue
-        for combination in range(program.obj_cutnum[obj]):
-            size = area(polygon, _cut(program, search, c, obj, combination, t, polygon))
-            if size > _LEAST_AREA:
-                i = combination * triangles + k
-                race = uniforms(seed, int(counter[0]), counter[1], int(counter[2]), int(counter[3]) + 1 + i // 4)
-                finish = race_time(race[i % 4], size)
-                best = wp.min(best, (wp.uint64(wp.cast(finish, wp.uint32)) << wp.uint64(32)) | wp.uint64(i))
+        if not _is_out_of_reach(program, search, c, obj, t):
+            for combination in range(program.obj_cutnum[obj]):
+                size = area(polygon, _cut(program, search, c, obj, combination, t, polygon))
+                if size > _LEAST_AREA:
+                    i = wp.atomic_add(search.pieces, c, 1)
+                    search.piece[c, i] = combination * triangles + k
+                    search.piece_area[c, i] = size
+
+
+@wp.func
+def _fastest_piece(search: Search, c: int, lane: int, seed: wp.uint64, counter: wp.vec4ui) -> wp.uint64:
+    """The piece that wins the race among a lane's: its time in the upper word, its number in the lower."""
+    best = _NOBODY
+    for k in range(lane, search.pieces[c], wp.block_dim()):
+        i = search.piece[c, k]
+        race = uniforms(seed, int(counter[0]), counter[1], int(counter[2]), int(counter[3]) + 1 + i // 4)
+        finish = race_time(race[i % 4], search.piece_area[c, k])
+        best = wp.min(best, (wp.uint64(wp.cast(finish, wp.uint32)) << wp.uint64(32)) | wp.uint64(i))
     return best
 
 
@@ -304,10 +311,12 @@ def _draw_related(
     block_sync()
     _build_sides(program, search, c, obj, lane)
     block_sync()
+    _measure_pieces(program, search, c, obj, lane, frame, polygon)
+    block_sync()
     for redraw in range(_REDRAWS):
         first_draw = _FIRST_DRAW + redraw * _DRAWS
         counter = wp.vec4ui(wp.uint32(episode), stream, wp.uint32(trial), wp.uint32(first_draw))
-        best = _least_piece(program, search, c, obj, lane, frame, seed, counter, polygon)
+        best = _fastest_piece(search, c, lane, seed, counter)
         best = wp.tile_extract(wp.tile_min(wp.tile(best)), 0)
         if best == _NOBODY:
             return _EMPTY
@@ -358,14 +367,14 @@ def _draw_points(
     search: Search,
 ):
     block, lane = wp.tid()
-    for c in range(block, search.candidates[0], blocks):
-        row = row_of(search, c)
+    for c in range(block, wp.min(search.candidates[0], search.cause.shape[0]), blocks):
+        row = search.row[c]
         obj = search.row_object[row]
         if search.cause[c] == _NONE and program.obj_kind[obj] != _STATIC and program.obj_cutnum[obj] > 0:
             frame = _frame(program, layouts, row, obj)
             cause = _EMPTY
             if frame.rot[2, 2] >= _LEVEL:
-                trial = trial_of(program, search, c, row)
+                trial = trial_of(program, search, c)
                 stream = stream_of(program, split, obj)
                 cause = _draw_related(program, layouts, search, c, row, obj, lane, frame, stream, trial)
             block_sync()

@@ -3,7 +3,6 @@
 import warp as wp
 
 from sceniris_gym.geometry.pieces import PieceType
-from sceniris_gym.layout.blocks import block_any
 from sceniris_gym.layout.convex import least_extent, piece_shape, segment_shape, separated
 from sceniris_gym.layout.leaves import piece_pose
 from sceniris_gym.layout.transforms import Pose, compose, pose_of, relative
@@ -150,28 +149,22 @@ def overhangs(
     program: Program,
     obj: int,
     surface: int,
-    lane: int,
+    index: int,
     ground: Pose,
     body_pos: wp.array(dtype=wp.vec3),
     body_quat: wp.array(dtype=wp.vec4),
 ) -> bool:
-    """Does any of the posed object's footprint lie off the surface, whose body has the pose `ground`?"""
-    off = int(0)
+    """Does a piece of the posed object's footprint lie off the surface at an edge? `index`: of both, edges first.
+
+    `ground` is the pose of the surface's body. A footprint lies on the surface if none of its pieces does that.
+    """
     sides = program.surface_edgenum[surface]
-    for i in range(lane, program.obj_shadownum[obj] * sides, wp.block_dim()):
-        piece = program.shadow_list[program.obj_shadowadr[obj] + i // sides]
-        body = program.piece_body[piece]
-        rel = relative(ground, compose(pose_of(body_pos[body], body_quat[body]), piece_pose(program, piece)))
-        edge = program.surface_edgeadr[surface] + i % sides
-        if program.surface_convex[surface] != 0:
-            if _extends_beyond(program, piece, edge, program.surface_convex[surface], rel):
-                off = 1
-                break
-            continue
-        if shadow_on_edge(program, piece, edge, rel):
-            off = 1
-            break
-        if i % sides == 0 and not inside_outline(program, surface, wp.vec2(rel.pos[0], rel.pos[1])):
-            off = 1
-            break
-    return block_any(off) != 0
+    piece = program.shadow_list[program.obj_shadowadr[obj] + index // sides]
+    body = program.piece_body[piece]
+    rel = relative(ground, compose(pose_of(body_pos[body], body_quat[body]), piece_pose(program, piece)))
+    edge = program.surface_edgeadr[surface] + index % sides
+    if program.surface_convex[surface] != 0:
+        return _extends_beyond(program, piece, edge, program.surface_convex[surface], rel)
+    if shadow_on_edge(program, piece, edge, rel):
+        return True
+    return index % sides == 0 and not inside_outline(program, surface, wp.vec2(rel.pos[0], rel.pos[1]))

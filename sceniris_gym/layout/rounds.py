@@ -8,7 +8,7 @@ import warp as wp
 from sceniris_gym.layout.bank import fall_back
 from sceniris_gym.layout.groups import draw_groups, next_object
 from sceniris_gym.layout.layouts import LayoutsView, Status
-from sceniris_gym.layout.search import Search
+from sceniris_gym.layout.search import Search, SearchSize
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_reach import Reach
 
@@ -56,7 +56,7 @@ def _plan_round(
     # Search in and out:
     search: Search,
 ):
-    worlds = search.worlds_left[0]
+    worlds = wp.max(search.worlds_left[0], 1)
     extra = search.row_rejections.shape[0]
     search.restarts_at_once[0] = wp.clamp(wp.min(extra // worlds + 1, busy // worlds), 1, program.restarts + 1)
     search.worlds_left[0] = 0
@@ -125,16 +125,13 @@ def launch_open_rows(
 
 @wp.kernel
 def _plan_wave(
-    program: Program,
     busy: int,
     # Search in and out:
     search: Search,
 ):
     rows = search.rows_left[0]
-    capacity = search.cause.shape[0]
-    trials = wp.clamp(wp.min(busy, capacity) // rows, 1, program.attempts)
-    search.trials_at_once[0] = trials
-    search.candidates[0] = wp.min(rows * trials, capacity)
+    search.trials_scale[0] = float(busy) / float(wp.max(rows, 1))
+    search.candidates[0] = 0
     search.rows[0] = rows
     search.source[0] = 1 - search.source[0]
     search.rows_left[0] = 0
@@ -143,9 +140,31 @@ def _plan_wave(
     search.unproven[0] = 0
 
 
-def launch_plan_wave(program: Program, busy: int, search: Search, device: str) -> None:
-    """Decide how many trials of each row are drawn at once."""
-    wp.launch(_plan_wave, dim=1, inputs=[program, busy], outputs=[search], device=device)
+@wp.kernel(grid_stride=False)
+def _open_candidates(
+    program: Program,
+    lanes: int,
+    # Search in and out:
+    search: Search,
+):
+    capacity = search.cause.shape[0]
+    for i in range(wp.tid(), search.rows[0], lanes):
+        row = search.queue[search.source[0], i]
+        usual = program.obj_effort[search.row_object[row]]
+        trials = wp.clamp(int(search.trials_scale[0] * usual), 1, program.attempts - search.row_trial[row])
+        first = wp.atomic_add(search.candidates, 0, trials)
+        trials = wp.clamp(capacity - first, 0, trials)
+        search.row_first[row] = first
+        search.row_trials[row] = trials
+        for t in range(trials):
+            search.row[first + t] = row
+            search.turn_number[first + t] = search.row_trial[row] + t
+
+
+def launch_open_candidates(program: Program, size: SearchSize, search: Search, device: str) -> None:
+    """Give rows candidates: the more, the fewer rows there are, and the more their objects usually need."""
+    wp.launch(_plan_wave, dim=1, inputs=[size.busy], outputs=[search], device=device)
+    wp.launch(_open_candidates, dim=size.lanes, inputs=[program, size.lanes], outputs=[search], device=device)
 
 
 @wp.func

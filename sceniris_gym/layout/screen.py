@@ -2,13 +2,12 @@
 
 import warp as wp
 
-from sceniris_gym.layout.blocks import block_any, block_sync
-from sceniris_gym.layout.grasps import first_on_map
+from sceniris_gym.layout.grasps import passes_map
 from sceniris_gym.layout.kinematics import pose_bodies
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.orientations import facing
 from sceniris_gym.layout.regions import is_under_roof, overhangs
-from sceniris_gym.layout.search import Search, SearchSize, row_of
+from sceniris_gym.layout.search import Search, SearchSize
 from sceniris_gym.layout.transforms import pose_of, quat_mat, quat_z
 from sceniris_gym.program.device import Cause, ObjectKind, OrientationType, Program, Roof
 from sceniris_gym.program.device_reach import Reach
@@ -20,6 +19,7 @@ _STATIC = wp.constant(int(ObjectKind.STATIC))
 _FACE_TO = wp.constant(int(OrientationType.FACE_TO))
 _EITHER = wp.constant(int(Roof.EITHER))
 _COVERED = wp.constant(int(Roof.COVERED))
+_NO_GRASP = wp.constant(1 << 30)
 _NONE = wp.constant(int(Cause.NONE))
 _ROOF = wp.constant(int(Cause.ROOF))
 _FOOTPRINT = wp.constant(int(Cause.FOOTPRINT))
@@ -50,55 +50,42 @@ def _pose(program: Program, layouts: LayoutsView, search: Search, c: int, row: i
 
 
 @wp.func
-def _has_its_roof(
-    program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, lane: int
-) -> bool:
-    """Is the candidate's point covered or open, as the object is to be?"""
-    rule = program.obj_roof[obj]
-    if rule == _EITHER:
-        return True
-    covered = int(0)
-    for i in range(lane, program.obj_roofnum[obj], wp.block_dim()):
-        roof = program.roof_list[program.obj_roofadr[obj] + i]
-        if is_under_roof(program, roof, search.point[c], layouts.body_pos[row], layouts.body_quat[row]):
-            covered = 1
-            break
-    return (block_any(covered) != 0) == (rule == _COVERED)
-
-
-@wp.func
-def _is_within_reach(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, lane: int) -> bool:
-    """Whether the map lets a grasp of the posed object through, which is kept; true for what need not be reachable."""
+def _look_up(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int):
+    """Find the first of a candidate's grasps that the map lets through."""
     column = reach.obj_reach[obj]
-    if column < 0:
-        return True
     base = pose_of(layouts.body_pos[row, reach.base_body], layouts.body_quat[row, reach.base_body])
     variant = search.turn[c].variant
-    grasp = first_on_map(reach, column, variant, lane, base, search.body_pos[c], search.body_quat[c])
-    if lane == 0:
-        search.grasp[c] = grasp
-    return grasp >= 0
+    adr = reach.variant_graspadr[variant]
+    for grasp in range(adr + part, adr + reach.variant_graspnum[variant], parts):
+        if search.grasp[c] > grasp - reach.reach_graspadr[column]:
+            if passes_map(reach, column, grasp, base, search.body_pos[c], search.body_quat[c]):
+                wp.atomic_min(search.grasp, c, grasp - reach.reach_graspadr[column])
 
 
 @wp.func
-def _screen_one(
-    program: Program, reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, lane: int
-) -> int:
-    """Why a posed candidate is rejected, or NONE; the same on all lanes of the block."""
-    if program.obj_kind[obj] == _STATIC:
-        return _NONE
-    if reach.obj_reach.shape[0] > 0:
-        if not _is_within_reach(reach, layouts, search, c, row, obj, lane):
-            return _UNREACHABLE
-    if not _has_its_roof(program, layouts, search, c, row, obj, lane):
-        return _ROOF
+def _look_up_to_roofs(
+    program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int
+):
+    """Find whether anything is above the candidate's point."""
+    for i in range(part, program.obj_roofnum[obj], parts):
+        roof = program.roof_list[program.obj_roofadr[obj] + i]
+        if search.covered[c] == 0:
+            if is_under_roof(program, roof, search.point[c], layouts.body_pos[row], layouts.body_quat[row]):
+                search.covered[c] = 1
+
+
+@wp.func
+def _look_at_footprint(
+    program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int
+):
+    """Find whether any of the posed object's footprint lies off its support."""
     surface = search.surface[c]
-    if program.obj_footprint[obj] != 0 and surface >= 0:
-        ground = program.obj_ground[obj]
-        frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])
-        if overhangs(program, obj, surface, lane, frame, search.body_pos[c], search.body_quat[c]):
-            return _FOOTPRINT
-    return _NONE
+    ground = program.obj_ground[obj]
+    frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])
+    for i in range(part, program.obj_shadownum[obj] * program.surface_edgenum[surface], parts):
+        if search.off[c] == 0:
+            if overhangs(program, obj, surface, i, frame, search.body_pos[c], search.body_quat[c]):
+                search.off[c] = 1
 
 
 @wp.kernel(grid_stride=False)
@@ -109,44 +96,82 @@ def _pose_candidates(
     # Search in and out:
     search: Search,
 ):
-    for c in range(wp.tid(), search.candidates[0], lanes):
-        row = row_of(search, c)
+    for c in range(wp.tid(), wp.min(search.candidates[0], search.cause.shape[0]), lanes):
+        row = search.row[c]
         obj = search.row_object[row]
         if search.cause[c] == _NONE and program.obj_kind[obj] != _STATIC:
             _pose(program, layouts, search, c, row, obj)
+            search.grasp[c] = _NO_GRASP
+            search.covered[c] = 0
+            search.off[c] = 0
 
 
-@wp.kernel(grid_stride=False, cuda_max_registers=128)
-def _screen(
+@wp.kernel(grid_stride=False)
+def _look(
     program: Program,
     reach: Reach,
-    blocks: int,
+    lanes: int,
+    parts: int,
     layouts: LayoutsView,
     # Search in and out:
     search: Search,
 ):
-    block, lane = wp.tid()
-    for c in range(block, search.candidates[0], blocks):
-        cause = search.cause[c]
-        block_sync()  # all lanes have read it
-        if cause == _NONE:
-            row = row_of(search, c)
-            cause = _screen_one(program, reach, layouts, search, c, row, search.row_object[row], lane)
-            if lane == 0:
-                search.cause[c] = cause
-                if cause == _NONE:
-                    search.survivor[wp.atomic_add(search.screened, 0, 1)] = c
+    for i in range(wp.tid(), parts * wp.min(search.candidates[0], search.cause.shape[0]), lanes):
+        c = i // parts
+        row = search.row[c]
+        obj = search.row_object[row]
+        if search.cause[c] == _NONE and program.obj_kind[obj] != _STATIC:
+            if reach.obj_reach.shape[0] > 0:
+                if reach.obj_reach[obj] >= 0:
+                    _look_up(reach, layouts, search, c, row, obj, i % parts, parts)
+                    if parts == 1 and search.grasp[c] == _NO_GRASP:
+                        continue
+            if program.obj_roof[obj] != _EITHER:
+                _look_up_to_roofs(program, layouts, search, c, row, obj, i % parts, parts)
+                if parts == 1 and (search.covered[c] != 0) != (program.obj_roof[obj] == _COVERED):
+                    continue
+            if program.obj_footprint[obj] != 0 and search.surface[c] >= 0:
+                _look_at_footprint(program, layouts, search, c, row, obj, i % parts, parts)
+
+
+@wp.func
+def _why_not(program: Program, reach: Reach, search: Search, c: int, obj: int) -> int:
+    """Why a candidate does not pass the screen, or NONE."""
+    if program.obj_kind[obj] == _STATIC:
+        return _NONE
+    if reach.obj_reach.shape[0] > 0:
+        if reach.obj_reach[obj] >= 0 and search.grasp[c] == _NO_GRASP:
+            return _UNREACHABLE
+    rule = program.obj_roof[obj]
+    if rule != _EITHER:
+        if (search.covered[c] != 0) != (rule == _COVERED):
+            return _ROOF
+    if search.off[c] != 0:
+        return _FOOTPRINT
+    return _NONE
+
+
+@wp.kernel(grid_stride=False)
+def _sift(
+    program: Program,
+    reach: Reach,
+    lanes: int,
+    # Search in and out:
+    search: Search,
+):
+    for c in range(wp.tid(), wp.min(search.candidates[0], search.cause.shape[0]), lanes):
+        if search.cause[c] == _NONE:
+            cause = _why_not(program, reach, search, c, search.row_object[search.row[c]])
+            search.cause[c] = cause
+            if cause == _NONE:
+                search.survivor[wp.atomic_add(search.screened, 0, 1)] = c
 
 
 def launch_screen(
     program: Program, reach: Reach, size: SearchSize, layouts: LayoutsView, search: Search, device: str
 ) -> None:
     """Pose the candidates of this wave, and keep those that pass for the test of collision."""
-    wp.launch(_pose_candidates, dim=size.lanes, inputs=[program, size.lanes, layouts, search], device=device)
-    wp.launch_tiled(
-        _screen,
-        dim=[size.blocks],
-        inputs=[program, reach, size.blocks, layouts, search],
-        block_dim=size.block_dim,
-        device=device,
-    )
+    lanes, parts = size.lanes, size.parts
+    wp.launch(_pose_candidates, dim=lanes, inputs=[program, lanes, layouts, search], device=device)
+    wp.launch(_look, dim=lanes, inputs=[program, reach, lanes, parts, layouts, search], device=device)
+    wp.launch(_sift, dim=lanes, inputs=[program, reach, lanes, search], device=device)

@@ -23,8 +23,8 @@ from sceniris_gym.program.device import Cause, Program
 UNPROVEN = -1
 """In place of a cause: the queue had no room for all leaves of a candidate."""
 
-# Half-planes of all candidates of a wave; more candidates than these leave room for wait for the next one.
-_MOST_SIDES = 1 << 23
+# Room for the half-planes and pieces of the candidates of a wave, in words; rows that find none wait for the next one.
+_MOST_WORDS = 1 << 27
 
 _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
 
@@ -44,6 +44,8 @@ class Search:
     row_restart: wp.array(dtype=int)
     row_object: wp.array(dtype=int)  # the object to place next; all are placed if there is no such object
     row_trial: wp.array(dtype=int)  # its next trial, from 0
+    row_first: wp.array(dtype=int)  # its first candidate in this wave
+    row_trials: wp.array(dtype=int)  # and how many it has; 0 if the wave has no room for it
     row_attempts: wp.array(dtype=int)  # candidates drawn in this restart
     row_rejections: wp.array3d(dtype=int)  # of rows beyond those of worlds: by object and cause
     queue: wp.array2d(dtype=int)  # rows that still place objects; two lists, of which one is read and one written
@@ -52,7 +54,7 @@ class Search:
     rows_left: wp.array(dtype=int)
     tickets: wp.array(dtype=int)
     restarts_at_once: wp.array(dtype=int)
-    trials_at_once: wp.array(dtype=int)
+    trials_scale: wp.array(dtype=float)  # how many times the usual trials of an object are drawn at once
     source: wp.array(dtype=int)  # which list of `queue` is read
     rows: wp.array(dtype=int)  # number of rows in it
     candidates: wp.array(dtype=int)
@@ -60,6 +62,8 @@ class Search:
     leaves: wp.array(dtype=int)
     unproven: wp.array(dtype=int)  # 1: some candidate is UNPROVEN
     # Candidates
+    row: wp.array(dtype=int)
+    turn_number: wp.array(dtype=int)  # which trial of its row's object, from 0
     cause: wp.array(dtype=int)
     turn: wp.array(dtype=DrawnVariant)
     heading: wp.array(dtype=float)
@@ -68,32 +72,26 @@ class Search:
     place: wp.array(dtype=wp.vec4)
     bounds: wp.array(dtype=wp.vec4)
     grasp: wp.array(dtype=int)
+    covered: wp.array(dtype=int)  # 1: something is above its point
+    off: wp.array(dtype=int)  # 1: some of its footprint is off the support
     qpos: wp.array2d(dtype=float)
     body_pos: wp.array2d(dtype=wp.vec3)
     body_quat: wp.array2d(dtype=wp.vec4)
     relations: wp.array2d(dtype=ResolvedRelation)
     hulls: wp.array2d(dtype=wp.vec2)
     sides: wp.array2d(dtype=HalfPlane)  # around the pieces of its relations
+    side_num: wp.array(dtype=wp.vec4i)  # how many of them each piece of a relation has; -1 where that is not active
+    pieces: wp.array(dtype=int)  # pieces of its region that have any area
+    piece: wp.array2d(dtype=int)  # their numbers
+    piece_area: wp.array2d(dtype=float)  # [m^2]
     survivor: wp.array(dtype=int)  # candidates that passed the screen
     leaf: wp.array(dtype=wp.vec4i)  # (candidate, pair, node of a, node of b)
 
 
 @wp.func
-def row_of(search: Search, candidate: int) -> int:
-    """The row whose object a candidate is drawn for."""
-    return search.queue[search.source[0], candidate // search.trials_at_once[0]]
-
-
-@wp.func
-def turn_of(search: Search, candidate: int, row: int) -> int:
-    """Which of its object's trials in this restart a candidate is, from 0."""
-    return search.row_trial[row] + candidate % search.trials_at_once[0]
-
-
-@wp.func
-def trial_of(program: Program, search: Search, candidate: int, row: int) -> int:
+def trial_of(program: Program, search: Search, candidate: int) -> int:
     """The number of a candidate's trial, all restarts together."""
-    return search.row_restart[row] * program.attempts + turn_of(search, candidate, row)
+    return search.row_restart[search.row[candidate]] * program.attempts + search.turn_number[candidate]
 
 
 @wp.func
@@ -118,6 +116,7 @@ class SearchSize:
         busy: Candidates of a wave up to which further trials and restarts are tried at the same time.
         leaves: Pairs of leaves that wait for lanes of their own; 0: candidates are tested as a whole.
         lanes: Lanes of a launch in which each works for itself.
+        parts: Lanes that share the screen of one candidate.
         blocks, block_dim: Blocks of a launch in which a block's lanes share a candidate, and their number.
     """
 
@@ -126,6 +125,7 @@ class SearchSize:
     busy: int
     leaves: int
     lanes: int
+    parts: int
     blocks: int
     block_dim: int
 
@@ -134,16 +134,24 @@ def default_size(device: str) -> SearchSize:
     """What suits a device: on a CPU one lane does everything and nothing waits."""
     if wp.get_device(device).is_cuda:
         return SearchSize(
-            rows=8192, candidates=1 << 17, busy=1 << 14, leaves=1 << 19, lanes=1 << 16, blocks=1 << 12, block_dim=32
+            rows=8192,
+            candidates=1 << 17,
+            busy=3 << 12,
+            leaves=1 << 21,
+            lanes=1 << 16,
+            parts=8,
+            blocks=1 << 12,
+            block_dim=32,
         )
-    return SearchSize(rows=0, candidates=512, busy=1, leaves=0, lanes=1, blocks=1, block_dim=1)
+    return SearchSize(rows=0, candidates=512, busy=1, leaves=0, lanes=1, parts=1, blocks=1, block_dim=1)
 
 
 def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Search:
     """Allocate the arrays of a search for `nworld` worlds."""
     nrow, ncand, mjm = nworld + size.rows, size.candidates, compiled.mjm
     if compiled.related:
-        ncand = min(ncand, max(_MOST_SIDES // max(compiled.sides, 1), 1))
+        words = 5 * compiled.sides + 2 * compiled.pieces
+        ncand = min(ncand, max(_MOST_WORDS // words, 1))
     nbody = mjm.nbody
     s = Search()
     with wp.ScopedDevice(compiled.device):
@@ -151,15 +159,16 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         s.waiting = wp.zeros(nworld, dtype=bool)
         for name in ("restart", "ticket", "best"):
             setattr(s, name, wp.zeros(nworld, dtype=int))
-        for name in ("row_world", "row_restart", "row_object", "row_trial", "row_attempts"):
+        for name in ("row_world", "row_restart", "row_object", "row_trial", "row_attempts", "row_first", "row_trials"):
             setattr(s, name, wp.zeros(nrow, dtype=int))
         s.row_rejections = wp.zeros((size.rows, max(len(compiled.placed), 1), len(Cause)), dtype=int)
         s.queue = wp.zeros((2, nrow), dtype=int)
-        for name in ("worlds_left", "rows_left", "tickets", "restarts_at_once", "trials_at_once", "source", "rows"):
+        for name in ("worlds_left", "rows_left", "tickets", "restarts_at_once", "source", "rows"):
             setattr(s, name, wp.zeros(1, dtype=int))
+        s.trials_scale = wp.zeros(1, dtype=float)
         for name in ("candidates", "screened", "leaves", "unproven"):
             setattr(s, name, wp.zeros(1, dtype=int))
-        for name in ("cause", "surface", "grasp", "survivor"):
+        for name in ("row", "turn_number", "cause", "surface", "grasp", "survivor", "covered", "off"):
             setattr(s, name, wp.zeros(ncand, dtype=int))
         s.turn = wp.zeros(ncand, dtype=DrawnVariant)
         s.heading = wp.zeros(ncand, dtype=float)
@@ -173,5 +182,9 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         s.relations = wp.zeros((related, MAX_RELATIONS), dtype=ResolvedRelation)
         s.hulls = wp.zeros((related, MAX_RELATIONS * MAX_ANCHORS), dtype=wp.vec2)
         s.sides = wp.zeros((related, compiled.sides), dtype=HalfPlane)
+        s.side_num = wp.zeros(related, dtype=wp.vec4i)
+        s.pieces = wp.zeros(related, dtype=int)
+        s.piece = wp.zeros((related, compiled.pieces), dtype=int)
+        s.piece_area = wp.zeros((related, compiled.pieces), dtype=float)
         s.leaf = wp.zeros(size.leaves, dtype=wp.vec4i)
     return s

@@ -105,6 +105,17 @@ class CompiledScene:
         return most_sides(self.plan)
 
     @property
+    def pieces(self) -> int:
+        """The most pieces that relations cut the region of one object into."""
+        program = self.program
+        triangles, cuts = program.variant_trinum.numpy(), program.obj_cutnum.numpy()
+        first, number = program.obj_variantadr.numpy(), program.obj_variantnum.numpy()
+        objects = range(len(cuts))
+        return max(
+            (int(cuts[i] * triangles[first[i] : first[i] + number[i]].max(initial=0)) for i in objects), default=0
+        )
+
+    @property
     def attempts(self) -> int:
         """How many candidates an object gets before a layout starts again: as written, or as found for `auto`."""
         return int(self.program.attempts)

@@ -21,6 +21,7 @@ from sceniris_gym.geometry.supports import SupportSurface
 from sceniris_gym.program.constraints import check_constraints
 from sceniris_gym.program.couplings import Follower, followers_of
 from sceniris_gym.program.device import ObjectKind, Roof
+from sceniris_gym.program.resting import stable_poses
 from sceniris_gym.program.tendon_limits import check_tendon_limits
 from sceniris_gym.scene.couplings import free_range
 from sceniris_gym.scene.model import SceneModel
@@ -191,7 +192,8 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
     quat = of_heading_zero(matrix(scene.mjm.body_quat[bodies[0]]))
     stream = 0 if config is None else 1 + list(scene.config.objects).index(name)
     drawn = _joint_ranges(scene, name)
-    followers = followers_of(scene, name, {d.qposadr: d.intervals for d in drawn})
+    intervals = {d.qposadr: d.intervals for d in drawn}
+    followers = followers_of(scene, name, intervals)
     if config is None or not config.is_placed:
         return PlacedObject(
             name, stream, ObjectKind.STATIC, bodies, drawn, None, [], None, False, [], 0.0, config, followers
@@ -202,7 +204,9 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
             f"{scene.config.where}: objects.{name}: a plane is endless and cannot be part of what is placed. Use a box."
         )
     shape = HomeShape(home, bodies[0], own)
-    poses = _stable_poses(scene, name, own, home) if config.drawn_orientation.kind == "stable" else [(quat, 1.0)]
+    poses = [(quat, 1.0)]
+    if config.drawn_orientation.kind == "stable":
+        poses = stable_poses(scene, name, own, home, intervals, followers)
     variants = [shape.variant(*pose) for pose in poses]
     moves = any(d.choice or not d.low == d.high == home.qpos[d.qposadr] for d in drawn)
     varies = config.ratio_on_support > 0.0 and bool(own) and (moves or config.drawn_orientation.kind == "any")
@@ -227,20 +231,6 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
         config=config,
         followers=followers,
     )
-
-
-def _stable_poses(
-    scene: SceneModel, name: str, own: list[Piece], home: mujoco.MjData
-) -> list[tuple[np.ndarray, float]]:
-    """Stable poses and their probabilities of the object as it is simulated, also where what is seen keeps apart."""
-    where, bodies = f"{scene.config.where}: objects.{name}.orientation", scene.subtree(name)
-    pieces = extract_pieces(scene.mjm, "physics", set(bodies)) or own
-    if not pieces:
-        raise SceneKeyError(
-            f"{where}: it has no collision geometry and so no stable pose. Give it geoms that collide, or another "
-            "orientation."
-        )
-    return HomeShape(home, bodies[0], pieces).stable(where)
 
 
 def _joint_ranges(scene: SceneModel, name: str) -> list[JointRange]:

@@ -46,6 +46,11 @@ class Coupling:
     coef: tuple[float, float, float, float]
     limits: tuple[float, float]
 
+    @property
+    def is_straight(self) -> bool:
+        """Whether each position of the follower belongs to one of the driver, in a straight line."""
+        return self.coef[0] != 0.0 and not any(self.coef[1:])
+
     def at(self, x: np.ndarray | float) -> np.ndarray:
         """Position of the follower [m or rad] where the driver is at x."""
         return np.polyval((*reversed(self.coef), self.offset), np.asarray(x, float) - self.origin)
@@ -81,6 +86,26 @@ def joint_couplings(mjm: mujoco.MjModel, where: str) -> tuple[Coupling, ...]:
                 f"{other.label} already. A joint should be the first one of one equality only; remove one of the two."
             )
     return tuple(_in_order(mjm, found, where))
+
+
+def turned_round(mjm: mujoco.MjModel, couplings: Iterable[Coupling], drawn: Iterable[int]) -> tuple[Coupling, ...]:
+    """Return the couplings with those turned round that make drawn joints follow ones that are not drawn.
+
+    Both directions say the same where the coupling is a straight line, x = x0 + (y - y0 - a0) / a1; others stay.
+
+    Args:
+        mjm: The model.
+        couplings: Of the model.
+        drawn: The joints that are drawn by name, the first ones first.
+    """
+    found, drawn = {c.follower: c for c in couplings}, list(drawn)
+    for joint in drawn:
+        chain = _chain(found, joint)
+        if all(c.is_straight and c.driver not in drawn for c in chain):
+            for c in chain:
+                del found[c.follower]
+            found |= {c.driver: _turned(mjm, c) for c in chain if c.driver is not None}
+    return tuple(_in_order(mjm, found, "couplings"))
 
 
 def active_equalities(mjm: mujoco.MjModel) -> list[int]:
@@ -131,7 +156,7 @@ def free_range(mjm: mujoco.MjModel, couplings: Iterable[Coupling], joint: int, h
         joint: The joint.
         home: The start pose, shape (nq,).
     """
-    low, high = (float(x) for x in mjm.jnt_range[joint]) if mjm.jnt_limited[joint] else (-np.inf, np.inf)
+    low, high = _limits(mjm, joint)
     driven = driven_by(couplings, [joint])
     if not driven:
         return low, high
@@ -167,7 +192,6 @@ def _coupling(mjm: mujoco.MjModel, eq: int) -> Coupling:
     data = mjm.eq_data[eq]
     adr = int(mjm.jnt_qposadr[follower])
     driver_adr = adr if held else int(mjm.jnt_qposadr[driver])
-    low, high = mjm.jnt_range[follower] if mjm.jnt_limited[follower] else (-np.inf, np.inf)
     return Coupling(
         label=equality_label(mjm, eq),
         follower=follower,
@@ -177,8 +201,39 @@ def _coupling(mjm: mujoco.MjModel, eq: int) -> Coupling:
         origin=float(mjm.qpos0[driver_adr]),
         offset=float(mjm.qpos0[adr] + data[0]),
         coef=(0.0, 0.0, 0.0, 0.0) if held else (float(data[1]), float(data[2]), float(data[3]), float(data[4])),
-        limits=(float(low), float(high)),
+        limits=_limits(mjm, follower),
     )
+
+
+def _chain(found: dict[int, Coupling], joint: int) -> list[Coupling]:
+    """The couplings from a joint up to the one that everything above it follows."""
+    chain: list[Coupling] = []
+    follower: int | None = joint
+    while follower in found:
+        chain.append(found[follower])
+        follower = chain[-1].driver
+    return chain
+
+
+def _turned(mjm: mujoco.MjModel, c: Coupling) -> Coupling:
+    """The same straight line, the driver following the follower."""
+    assert c.driver is not None
+    return Coupling(
+        label=c.label,
+        follower=c.driver,
+        driver=c.follower,
+        adr=c.driver_adr,
+        driver_adr=c.adr,
+        origin=c.offset,
+        offset=c.origin,
+        coef=(1.0 / c.coef[0], 0.0, 0.0, 0.0),
+        limits=_limits(mjm, c.driver),
+    )
+
+
+def _limits(mjm: mujoco.MjModel, joint: int) -> tuple[float, float]:
+    low, high = mjm.jnt_range[joint] if mjm.jnt_limited[joint] else (-np.inf, np.inf)
+    return float(low), float(high)
 
 
 def _in_order(mjm: mujoco.MjModel, found: dict[int, Coupling], where: str) -> list[Coupling]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -15,7 +15,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import MeshError, NotSupportedError, SceneFileError, SceneKeyError, UnknownNameError
 from sceniris_gym.reach.map import map_file
 from sceniris_gym.scene import assemble, backdrop
-from sceniris_gym.scene.couplings import Coupling, driven_by, follow, joint_couplings
+from sceniris_gym.scene.couplings import Coupling, driven_by, follow, joint_couplings, turned_round
 from sceniris_gym.scene.parking import add_parking_ground, has_parking_ground
 
 HOME = "home"
@@ -34,7 +34,8 @@ class SceneModel:
             to others where it has them.
         home_ctrl: Controls of the start pose, shape (nu,).
         hash: Identifies the scene: equal for equal scenes, in every process; 16 hexadecimal digits.
-        couplings: Joints that follow others, drivers before what follows them.
+        couplings: Joints that follow others, drivers before what follows them; a joint that is drawn by its name drives
+            the one that it would follow, where that one is not drawn and the coupling is a straight line.
     """
 
     config: SceneConfig
@@ -109,6 +110,15 @@ class SceneModel:
                     found[joints[joint]] = words[word]
                     self._check_joint(joints[joint], words[word], f"{where}.{word}")
         return dict(sorted(found.items()))
+
+    def named_joints(self) -> list[int]:
+        """Return the joints that the scene draws by their names, not by a pattern."""
+        found = []
+        for name in self.bodies:
+            part = self.config.robot if name == ROBOT else self.config.objects[name]
+            joints = self.joints(name)
+            found += [joints[word] for word in (part.joints if part is not None else {}) if word in joints]
+        return found
 
     def moving_joints(self, name: str) -> set[int]:
         """Return the joints that differ between layouts because those of an object, or of the robot, are drawn.
@@ -211,6 +221,7 @@ def build_model(config: SceneConfig) -> SceneModel:
     if config.robot is not None:
         bodies[ROBOT] = mjm.body(assemble.asset_name(config.robot.asset)).id
     scene = SceneModel(config, spec, mjm, bodies, home_qpos, home_ctrl, _hash(config, spec), couplings)
+    scene = replace(scene, couplings=turned_round(mjm, couplings, scene.named_joints()))
     for name, part in config.objects.items():
         if part.support is not None:
             scene.support_body(part.support.parent, f"{config.where}: objects.{name}.{part.support.word}")

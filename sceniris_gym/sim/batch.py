@@ -10,8 +10,8 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import ContactBudgetError, UnknownNameError
+from sceniris_gym.layout.sequence import LaunchSequence
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.sim.sequence import LaunchSequence
 
 NEEDS: dict[str, tuple[Callable[[mjw.Model, mjw.Data], None], ...]] = {
     "kinematics": (mjw.kinematics,),

@@ -13,6 +13,7 @@ import warp as wp
 from sceniris_gym.errors import SceneMismatchError
 from sceniris_gym.layout.generate import LayoutGenerator, seeds_on_device
 from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.sequence import LaunchSequence
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -21,7 +22,6 @@ from sceniris_gym.sim.constraints import clear_constraints
 from sceniris_gym.sim.contacts import ContactList
 from sceniris_gym.sim.control_history import ControlHistory
 from sceniris_gym.sim.masks import as_mask, as_rows
-from sceniris_gym.sim.sequence import LaunchSequence
 from sceniris_gym.sim.write import Poses, mask_of_rows, rest_map, rows_of_mask, write_state, write_values
 
 SIZES = ("nq", "nv", "nu", "na", "nbody", "nmocap")

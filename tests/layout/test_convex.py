@@ -127,3 +127,24 @@ def test_primitives_agree_with_fcl(a: int, b: int):
     verdict, distance, *_ = _judge(a, b, 800, margin, seed=100 + 10 * a + b, spread=0.2)
     assert not np.any(verdict & (distance < margin - 1e-4))
     assert not np.any(~verdict & (distance > margin + 1e-4))
+
+
+@pytest.mark.parametrize("gap", [2e-5, 1e-4, 1e-3])
+def test_blocks_beside_a_thin_wall_are_separated_from_it(gap: float):
+    """A corner of each is `gap` over the wall: what they span with it can be so flat that rounding has it enclose."""
+    rng, count = np.random.default_rng(0), 20000
+    wall, half = np.array([1.0, 0.001, 0.3]), rng.uniform(0.01, 0.05, (count, 3))
+    program, sizes = Program(), np.vstack([wall, half])
+    boxes = np.full(len(sizes), PieceType.BOX)
+    arrays = {"piece_type": boxes, "piece_size": sizes, "piece_vertnum": 0 * boxes, "piece_vertadr": 0 * boxes}
+    fill_struct(Program, program, arrays | {"vert": np.zeros((1, 3))}, "cpu")
+    rot = Rotation.random(count, random_state=1).as_matrix().astype(np.float32)
+    lowest = -np.einsum("nj,nj->n", np.abs(rot[:, 2].astype(float)), sizes[1:].astype(np.float32))
+    at = rng.uniform(-0.95, 0.95, (count, 3)) * wall
+    at[:, 2] = wall[2] + gap - lowest
+    out = wp.zeros(count, dtype=bool, device="cpu")
+    numbers = [wp.array(i, dtype=int, device="cpu") for i in (np.zeros(count), 1 + np.arange(count))]
+    pos, margin = wp.array(at, dtype=wp.vec3, device="cpu"), wp.full(count, 5e-6, dtype=float, device="cpu")
+    turns = wp.array(rot, dtype=wp.mat33, device="cpu")
+    wp.launch(_separated, dim=count, inputs=[program, *numbers, pos, turns, margin], outputs=[out], device="cpu")
+    assert out.numpy().all()

@@ -27,7 +27,7 @@ def add_contact_rules(parts: Parts, objects: list[str]) -> None:
                 margin = min(float(rng.uniform(0.1, 0.6)) * parts.unit, 0.05)
                 pair.set("margin", text(margin))
                 pair.set("gap", text(margin * float(rng.choice([0.0, 0.5]))))
-    for _ in range(int(rng.integers(1, 4)) if parts.has("exclude") else 0):
+    for _ in range(int(rng.integers(1, 4)) if len(parts.bodies) > 1 and parts.has("exclude") else 0):
         one = str(rng.choice([b for b, owner in parts.bodies.items() if owner in objects]))
         other = str(rng.choice([b for b in parts.bodies if b != one]))
         SubElement(contact, "exclude", body1=one, body2=other)
@@ -146,6 +146,8 @@ def add_actuator(parts: Parts, feature: str, joint: Joint, gain: float) -> None:
         actuator.set("gainprm", text(gain))
         actuator.set("biastype", "affine")
         actuator.set("biasprm", text(0, -gain, -0.1 * gain))
+    if feature == "muscle":  # else MuJoCo simulates until it has found it, which may take for ever
+        actuator.set("lengthrange", text(abs(gear) * joint.low, abs(gear) * joint.high))
     if feature == "velocity":
         actuator.set("kv", text(0.1 * gain))
     if feature == "damper":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from typing import Any
-from xml.etree.ElementTree import SubElement
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
@@ -61,7 +61,9 @@ def _place(making: Making, words: dict[str, Any]) -> str | None:
         words["region"] = {"box": [[-width, -width, 6.0 * unit + 0.1], [width, width, min(14.0 * unit + 0.2, 99.0)]]}
         return None
     first = f"{carriers[0]}_g0" if carriers else ""
-    if first in parts.geoms and "stacked" in parts.wanted and making.things[0].name == carriers[0]:
+    stacks = first in parts.geoms and "stacked" in parts.wanted and making.things[0].name == carriers[0]
+    fits = stacks and _is_level(parts.elements[carriers[0]]) and all(t.support != carriers[0] for t in making.things)
+    if stacks and (fits or rng.random() < 0.1):  # what does not fit is mostly refused, and rightly so
         words["on"] = carriers[0]
         parts.used.add("stacked")
         return carriers[0]
@@ -70,6 +72,14 @@ def _place(making: Making, words: dict[str, Any]) -> str | None:
         return "table"
     words["on"] = "floor"
     return "world"
+
+
+def _is_level(body: Element) -> bool:
+    """Whether a body has a level top that is wide enough for something."""
+    geom = body.find("geom")
+    if geom is None or geom.get("type") != "box" or geom.get("euler"):
+        return False
+    return min(float(half) for half in str(geom.get("size")).split()[:2]) > 0.01
 
 
 def draw_joints(making: Making, followers: list[str]) -> None:

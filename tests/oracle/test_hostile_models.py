@@ -47,6 +47,12 @@ def test_a_model_is_a_function_of_its_seed():
     assert len({model.files["model.xml"] for model in models()}) == len(models())
 
 
+def test_a_model_of_one_body_has_no_exclude():
+    """There is nothing to exclude its contacts with."""
+    assert "exclude" in wanted_features(916)
+    assert fromstring(make(916).files["model.xml"]).find(".//exclude") is None
+
+
 def test_every_feature_occurs_about_as_often_as_it_says():
     """All of them, none much more often than drawn, and at most one model in twenty beyond 512 start pairs."""
     count = Counter(feature for model in models() for feature in model.features)
@@ -111,6 +117,8 @@ WELD = '<equality><weld body1="a" body2="b"/></equality>'
 HINGE = '<equality><joint joint1="hinge" polycoef=".2 0 0 0 0"/></equality>'
 STRING = """<tendon><fixed name="t" limited="true" range="-.1 .1"><joint joint="hinge" coef="1"/></fixed></tendon>"""
 NOTCH = '<contact><pair geom1="a" geom2="b" margin=".05" gap=".02"/></contact>'
+EDGES = (0.76, -0.26, 0.2105, *np.array([-1.5, 1.0, 1.25, -1.25]) / np.linalg.norm([-1.5, 1.0, 1.25, -1.25]))
+"""Where b is 62.7 mm from a, by edges that MuJoCo's test of boxes sees at 45 mm."""
 FAULTS = {
     "none": ({}, set()),
     "door drawn": ({"at": {0: 0.3}, "ctrl": 0.3}, set()),
@@ -129,6 +137,7 @@ FAULTS = {
     "servo not at rest": ({"at": {0: 0.5}, "ctrl": 0.0}, {"acceleration"}),
     "falls": ({"at": {3: 0.15}}, {"moved"}),
     "mocap not at home": ({"guide": 2.0}, {"not at home"}),
+    "box seen too near": ({"at": dict(zip(range(8, 15), EDGES, strict=True)), "geom": 'margin=".05"'}, {"moved"}),
     "not finite": ({"at": {8: np.nan}}, {"not finite"}),
 }
 
@@ -137,3 +146,18 @@ FAULTS = {
 def test_the_judge_finds_planted_faults(state: dict, kinds: set[str]):
     """Each fault by its kind, and no other; what is right is let pass."""
     assert verdict(**state) == kinds
+
+
+def test_what_overlaps_at_home_is_no_kick():
+    """A door in its post as the model has it, and loose things in each other beside a stable one."""
+    text = WORLD.replace('size=".0501 .01 .1" pos="-.1 0 0"', 'size=".09 .01 .1" pos="-.1 .03 0"')
+    loose = "".join(
+        f'<body name="loose{i}" pos="{0.635 + 0.04 * i} 0 .031"><freejoint/><geom size=".03"/></body>' for i in range(2)
+    )
+    text = text.format(geom="", rest="").replace('<body name="guide"', f'{loose}<body name="guide"')
+    mjm = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(mjm)
+    mujoco.mj_forward(mjm, data)
+    assert abs(data.qacc[0]) > 600.0 and abs(data.qacc[-6:]).max() > 20.0
+    served = Served(mjm.qpos0[None], data.mocap_pos[None], data.mocap_quat[None], np.zeros((1, 1)), np.zeros((1, 0)))
+    assert Judge(mjm, THINGS, Home.of(mjm)).judge(served) == []

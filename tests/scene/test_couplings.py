@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.errors import CycleError, SceneKeyError
-from sceniris_gym.scene.couplings import driven_by, follow, free_range, joint_couplings
+from sceniris_gym.scene.couplings import driven_by, follow, free_range, joint_couplings, turned_round
 from sceniris_gym.scene.model import SceneModel, build_model
 from tests.layout.scenes import write_mjcf
 from tests.program.scenes import scene_of
@@ -98,6 +98,25 @@ def test_what_mujoco_does_not_enforce_is_nobody_s_business(disabled: str):
     assert joint_couplings(model(ties, "" if off else disabled), "here") == ()
 
 
+def test_a_straight_coupling_is_turned_round_for_what_is_drawn_by_name():
+    """Up to the driver of all, which the others still follow; one that bends, or whose driver is drawn, is not."""
+    ties = '<joint joint1="b" joint2="a" polycoef=".1 -.5"/><joint joint1="c" joint2="b" polycoef=".2 2"/>'
+    ties += '<joint joint1="d" joint2="a" polycoef="0 1 .1"/>'
+    mjm, data = model(ties), mujoco.MjData(model(ties))
+    given, ids = joint_couplings(mjm, "here"), [mjm.joint(n).id for n in "abcd"]
+    turned = turned_round(mjm, given, [ids[2]])
+    assert [(c.follower, c.driver) for c in turned] == [(ids[1], ids[2]), (ids[0], ids[1]), (ids[3], ids[0])]
+    assert turned[1].limits == (-2.0, 2.0)
+    for value in (-0.4, 0.0, 0.7):
+        data.qpos[2] = value
+        follow(turned, data.qpos)
+        mujoco.mj_fwdPosition(mjm, data)
+        np.testing.assert_allclose(data.efc_pos[:3], 0.0, atol=1e-12)
+        assert data.qpos[2] == value
+    assert turned_round(mjm, given, [ids[3]]) == given
+    assert turned_round(mjm, given, [ids[2], ids[0]]) == given
+
+
 def test_cycles_and_joints_that_are_tied_twice_are_refused():
     """With the names of all that takes part."""
     with pytest.raises(CycleError, match="here: joints follow each other by equalities: a -> c -> b"):
@@ -121,6 +140,17 @@ def test_a_word_that_draws_a_following_joint_is_refused_and_a_pattern_passes_it_
             assert text in str(caught.value)
     with pytest.raises(SceneKeyError, match=r"holds 'pair/right' at 0.05, so it cannot be drawn"):
         placed(tmp_path, '<joint joint1="right" polycoef=".05"/>', {"right": {"value": 0}})
+
+
+def test_a_mimic_that_is_drawn_by_its_name_drives_the_other(tmp_path: Path):
+    """Its range is what is asked for; a pattern that names the other one passes that over."""
+    tie = '<joint name="gear" joint1="right" joint2="left" polycoef="0 .5"/>'
+    scene = placed(tmp_path, tie, {"right": {"range": [0, 0.1]}, "*": {"value": 0.3}}, home=".1 .05")
+    assert [scene.mjm.joint(j).name for j in scene.joint_configs("pair")] == ["pair/right"]
+    assert {scene.mjm.joint(j).name for j in scene.moving_joints("pair")} == {"pair/left", "pair/right"}
+    np.testing.assert_allclose(scene.home_qpos, [0.1, 0.05])
+    with pytest.raises(SceneKeyError, match=r"makes 'pair/right' follow 'pair/left'"):
+        placed(tmp_path, tie.replace(".5", ".5 .1"), {"right": {"range": [0, 0.1]}})
 
 
 def test_the_start_pose_keeps_equalities_that_its_keyframe_breaks(tmp_path: Path):

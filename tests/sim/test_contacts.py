@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import warp as wp
 
+from sceniris_gym.layout.sequence import LaunchSequence
 from sceniris_gym.sim.contacts import ContactList
-from sceniris_gym.sim.sequence import LaunchSequence
 
 NWORLD = 5
 BALL = """

@@ -32,7 +32,7 @@ class OrientationAudit:
     ) -> None:
         self.config, self.outlines, self.hulls = config, outlines, hulls
         self._mass_at = {
-            name: home.xmat[root].reshape(3, 3).T @ (home.subtree_com[root] - home.xpos[root])
+            name: home.xmat[root].reshape(3, 3).T @ (_center_of_weight(home, root) - home.xpos[root])
             for name, root in outlines.bodies.items()
         }
 
@@ -79,6 +79,15 @@ class OrientationAudit:
         row, corner = np.nonzero(points[:, :, 2] <= points[:, :, 2].min(1)[:, None] + _LOWEST)
         carried = shapely.convex_hull(shapely.multipoints(points[row, corner, :2], indices=row))
         return shapely.distance(shapely.points((mat @ self._mass_at[name])[:, :2]), carried)
+
+
+def _center_of_weight(home: mujoco.MjData, root: int) -> np.ndarray:
+    """Return the point [m] at which gravity pulls at what hangs on a root, less what `gravcomp` takes away."""
+    mjm = home.model
+    weight = np.where(mjm.body_rootid == root, mjm.body_mass * (1.0 - mjm.body_gravcomp), 0.0)
+    if not mjm.body_gravcomp.any() or weight.sum() <= 0.0:
+        return home.subtree_com[root].copy()
+    return weight @ home.xipos / weight.sum()
 
 
 def _off_interval(angle: np.ndarray, rounding: np.ndarray | float, turn: DrawnOrientation) -> np.ndarray:

@@ -17,10 +17,10 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.sequence import LaunchSequence
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
-from sceniris_gym.sim.sequence import LaunchSequence
 from sceniris_gym.tools.audit.geometry import solids_of
 from sceniris_gym.tools.audit.pairs import Tree
 from sceniris_gym.tools.narrowing import narrow

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sceniris_gym.sim.sequence import LaunchSequence
+from sceniris_gym.layout.sequence import LaunchSequence
 
 CPU = wp.get_device("cpu")
 

@@ -1,0 +1,162 @@
+"""Stable poses of an object as it is simulated: with its weight, its contact margins, and its joints as drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain, product
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.errors import SceneKeyError
+from sceniris_gym.geometry.contacts import ContactRules
+from sceniris_gym.geometry.pieces import Piece, extract_pieces
+from sceniris_gym.geometry.resting_poses import HomeShape, weights
+from sceniris_gym.program.couplings import Follower
+from sceniris_gym.scene.couplings import follow
+from sceniris_gym.scene.model import SceneModel
+
+# In how many states of its joints a pose is looked at: a grid of at most this many levels of each joint, or as many
+# random corners and points.
+_STATES = 128
+_LEVELS = 33
+# How far [m] an object may fall until it is carried; more moves it by a centimetre as it tilts.
+_FALL = 2.5e-3
+# What weighs less than this share of its mass does not rest.
+_LEAST_WEIGHT = 1.0e-3
+
+
+def stable_poses(
+    scene: SceneModel,
+    name: str,
+    own: list[Piece],
+    home: mujoco.MjData,
+    drawn: Mapping[int, Sequence[tuple[float, float]]],
+    followers: Sequence[Follower],
+) -> list[tuple[np.ndarray, float]]:
+    """Return the stable poses of an object and their probabilities, also where what is seen keeps apart.
+
+    The poses and probabilities are those of its home state. A free object keeps those in which it rests in all states
+    that its joints are drawn in, on what of it touches its support, from the distance at which MuJoCo acts.
+
+    Args:
+        scene: The scene.
+        name: The object.
+        own: Its pieces, taken where it has no collision geometry.
+        home: MjData at the start pose.
+        drawn: The intervals that each of its drawn joints is in, by its address in qpos.
+        followers: The joints that follow them.
+
+    Raises:
+        SceneKeyError: It has no such pose.
+    """
+    where, bodies = f"{scene.config.where}: objects.{name}.orientation", scene.subtree(name)
+    pieces = extract_pieces(scene.mjm, "physics", set(bodies))
+    config, ground = scene.config.objects[name], _carrier(scene, name)
+    if not (pieces or own):
+        raise SceneKeyError(
+            f"{where}: it has no collision geometry and so no stable pose. Give it geoms that collide, or another "
+            "orientation."
+        )
+    touch = [None] * len(pieces) if ground is None else _touch_distances(scene, pieces, ground)
+    carried = [(p, distance) for p, distance in zip(pieces, touch, strict=True) if distance is not None]
+    if config.kind != "free" or not carried:  # what nothing carries falls, whatever its pose
+        return HomeShape(home, bodies[0], pieces or own).stable(where)
+    _check_weight(scene.mjm, bodies, where)
+    resting, margins = [p for p, _ in carried], np.array([distance for _, distance in carried])
+    poses = HomeShape(home, bodies[0], resting, margins).stable(where)
+    states = chain([home], _drawn_states(scene, home, drawn, followers))
+    shapes = [(HomeShape(s, bodies[0], resting, margins), HomeShape(s, bodies[0], pieces)) for s in states]
+    is_seen = scene.config.geometry == "visual"  # then it stands on what is seen, whatever carries it
+    kept = [pose for pose in poses if is_seen or all(_drop(*shape, pose[0]) <= _FALL for shape in shapes)]
+    if not kept:
+        raise SceneKeyError(
+            f"{where}: in no stable pose its lowest part is the one that touches its support first: contact margins or "
+            f"contact bits of its geoms differ, and it would drop by more than {1e3 * _FALL:g} mm. Make them alike, or "
+            "give it another orientation."
+        )
+    kept = [pose for pose in kept if all(shape.holds(pose[0]) for shape, _ in shapes[1:])]
+    if not kept:
+        raise SceneKeyError(
+            f"{where}: it has no pose that is stable in all states that its joints are drawn in. Draw "
+            f"{_quoted(scene, drawn)} from less, or give it another orientation."
+        )
+    total = sum(share for _, share in kept)
+    return [(quat, share / total) for quat, share in kept] if len(kept) < len(poses) else poses
+
+
+def _carrier(scene: SceneModel, name: str) -> int | None:
+    """The body that an object is put on, None in a box in space."""
+    support = scene.config.objects[name].support
+    return None if support is None else scene.support_body(support.parent, f"{scene.config.where}: objects.{name}")
+
+
+def _check_weight(mjm: mujoco.MjModel, bodies: list[int], where: str) -> None:
+    """Refuse what does not press on its support; what nothing pulls at stays wherever it is."""
+    left, least = weights(mjm)[bodies], _LEAST_WEIGHT * mjm.body_mass[bodies].sum()
+    if left.sum() <= least and np.abs(left).max() > least:
+        raise SceneKeyError(
+            f"{where}: 'gravcomp' leaves it no weight that holds it down, so no pose is stable. Lower the gravcomp of "
+            "its bodies, or give it another orientation."
+        )
+
+
+def _touch_distances(scene: SceneModel, pieces: list[Piece], ground: int) -> list[float | None]:
+    """From which distance [m] on MuJoCo lets each piece rest on a body; None for what it does not let rest there."""
+    rules = ContactRules(scene.mjm, "physics")
+    under = {int(rules.classes[g]) for g in np.flatnonzero(scene.mjm.geom_bodyid == ground) if rules.collides(int(g))}
+
+    def meets(p: Piece, other: int) -> bool:
+        excluded = rules.excludes(p.body, ground) and not rules.is_explicit(p.contact_class, other)
+        return rules.meet(p.contact_class, other) and not excluded
+
+    return [
+        max((rules.distance(p.contact_class, other) for other in under if meets(p, other)), default=None)
+        for p in pieces
+    ]
+
+
+def _drawn_states(
+    scene: SceneModel,
+    home: mujoco.MjData,
+    drawn: Mapping[int, Sequence[tuple[float, float]]],
+    followers: Sequence[Follower],
+) -> Iterator[mujoco.MjData]:
+    """States that joints are drawn in: their ends and what is between, on a grid, or at random where there are many.
+
+    All of them in the same MjData, which is spared the making of many.
+    """
+    levels = [np.unique([np.linspace(low, high, _LEVELS) for low, high in parts]) for parts in drawn.values()]
+    if not levels:
+        return
+    most = max(int(_STATES ** (1.0 / len(levels))), 2)
+    if most ** len(levels) <= _STATES:
+        thin = [values[np.unique(np.linspace(0, len(values) - 1, most).round().astype(int))] for values in levels]
+        chosen = [np.array(values) for values in product(*thin)]
+    else:
+        rng = np.random.default_rng(0)
+        inner = [[rng.choice(values) for values in levels] for _ in range(_STATES // 2)]
+        ends = [[rng.choice(values[[0, -1]]) for values in levels] for _ in range(_STATES // 2)]
+        chosen = [np.array(values) for values in (*ends, *inner)]
+    state = mujoco.MjData(scene.mjm)
+    state.qpos[:] = home.qpos
+    for values in chosen:
+        state.qpos[list(drawn)] = values
+        follow([f.coupling for f in followers], state.qpos)
+        mujoco.mj_kinematics(scene.mjm, state)
+        mujoco.mj_comPos(scene.mjm, state)
+        yield state
+
+
+def _drop(resting: HomeShape, whole: HomeShape, quat: np.ndarray) -> float:
+    """How far [m] an object in a pose falls until its support carries it.
+
+    It is put down with its lowest point as high as the largest of the distances from which its pieces are carried.
+    """
+    return float(resting.margins.max()) + resting.bottom(quat) - whole.bottom(quat)
+
+
+def _quoted(scene: SceneModel, drawn: Iterable[int]) -> str:
+    """Joints at these addresses in qpos, as errors name them."""
+    joints = [int(np.flatnonzero(scene.mjm.jnt_qposadr == adr)[0]) for adr in drawn]
+    return ", ".join(f"'{scene.mjm.joint(j).name}'" for j in joints)
