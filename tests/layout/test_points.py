@@ -15,7 +15,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.points import race_time
 from sceniris_gym.layout.polygons import area
-from sceniris_gym.layout.search import Search, row_of
+from sceniris_gym.layout.search import Search
 from sceniris_gym.program.device import Program
 from tests.layout.related import Shapes, related, scene
 
@@ -76,7 +76,7 @@ def _cut_all(
     left: wp.array3d(dtype=float),
 ):
     c, k = wp.tid()
-    row = row_of(search, c)
+    row = search.row[c]
     variant = search.turn[c].variant
     frame = points._frame(program, layouts, row, obj)
     t = points._triangle(program, program.variant_triadr[variant] + k, frame)
