@@ -22,9 +22,11 @@ from sceniris_gym.layout.leaves import (
     pair_poses,
     support_of,
 )
+from sceniris_gym.layout.screen import why_not
 from sceniris_gym.layout.search import UNPROVEN, Search, SearchSize, list_of
 from sceniris_gym.layout.transforms import Pose, apply, relative
 from sceniris_gym.program.device import Cause, Program
+from sceniris_gym.program.device_reach import Reach
 
 wp.set_module_options({"enable_backward": False})
 
@@ -123,9 +125,22 @@ def _step(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) ->
     return step
 
 
+@wp.func
+def _passes_screen(program: Program, reach: Reach, search: Search, c: int, lane: int) -> bool:
+    """Does a candidate pass the screen? If not, the cause is kept. All lanes of a block call it together."""
+    cause = search.cause[c]
+    block_sync()  # all lanes have read it
+    if cause == _NONE:
+        cause = why_not(program, reach, search, c, search.row_object[search.row[c]])
+        if lane == 0:
+            search.cause[c] = cause
+    return cause == _NONE
+
+
 @wp.kernel(grid_stride=False)
 def _queue_leaves(
     program: Program,
+    reach: Reach,
     blocks: int,
     layouts: LayoutsView,
     # Search in and out:
@@ -133,8 +148,9 @@ def _queue_leaves(
 ):
     block, lane = wp.tid()
     nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
-    for i in range(block, search.screened[0], blocks):
-        c = search.survivor[i]
+    for c in range(block, wp.min(search.candidates[0], search.cause.shape[0]), blocks):
+        if not _passes_screen(program, reach, search, c, lane):
+            continue
         row = search.row[c]
         tests = list_of(search, row)
         support = support_of(program, tests)
@@ -235,8 +251,9 @@ def collides(
 @wp.kernel(grid_stride=False, cuda_max_registers=128)
 def _test_together(
     program: Program,
+    reach: Reach,
     blocks: int,
-    wanted: int,
+    unproven: bool,
     layouts: LayoutsView,
     # Search in and out:
     search: Search,
@@ -244,25 +261,22 @@ def _test_together(
     block, lane = wp.tid()
     nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
     leaves = wp.tile_stack(capacity=wp.static(WAITING), dtype=wp.vec3i)
-    if wanted == _UNPROVEN and search.unproven[0] == 0:
+    if unproven and search.unproven[0] == 0:
         return
-    for i in range(block, search.screened[0], blocks):
-        c = search.survivor[i]
-        cause = search.cause[c]
-        block_sync()  # all lanes have read it
-        if cause == wanted:
+    for c in range(block, wp.min(search.candidates[0], search.cause.shape[0]), blocks):
+        wanted = bool(False)
+        if unproven:
+            wanted = search.cause[c] == _UNPROVEN
+            block_sync()  # all lanes have read it
+        else:
+            wanted = _passes_screen(program, reach, search, c, lane)
+        if wanted:
             row = search.row[c]
-            hit = collides(
-                program,
-                list_of(search, row),
-                nodes,
-                leaves,
-                lane,
-                search.body_pos[c],
-                search.body_quat[c],
-                layouts.body_pos[row],
-                layouts.body_quat[row],
-            )
+            own_pos = search.body_pos[c]
+            own_quat = search.body_quat[c]
+            pos = layouts.body_pos[row]
+            quat = layouts.body_quat[row]
+            hit = collides(program, list_of(search, row), nodes, leaves, lane, own_pos, own_quat, pos, quat)
             if lane == 0:
                 search.cause[c] = wp.where(hit, _COLLISION, _NONE)
 
@@ -270,36 +284,37 @@ def _test_together(
 @wp.kernel
 def _test_alone(
     program: Program,
+    reach: Reach,
     lanes: int,
     layouts: LayoutsView,
     # Search in and out:
     search: Search,
 ):
-    for i in range(wp.tid(), search.screened[0], lanes):
-        c = search.survivor[i]
+    for c in range(wp.tid(), wp.min(search.candidates[0], search.cause.shape[0]), lanes):
         row = search.row[c]
         tests = list_of(search, row)
-        support = support_of(program, tests)
-        adr = program.obj_startadr[tests]
-        for s in range(adr, adr + program.obj_startnum[tests]):
-            start = program.start[s]
-            poses = candidate_poses(program, layouts, search, c, row, start[0])
-            if _leaves_below_touch(program, start, poses, margin_of(program, start[0], support)):
-                search.cause[c] = _COLLISION
-                break
+        if search.cause[c] == _NONE:
+            search.cause[c] = why_not(program, reach, search, c, tests)
+        if search.cause[c] == _NONE:
+            for s in range(program.obj_startadr[tests], program.obj_startadr[tests] + program.obj_startnum[tests]):
+                start = program.start[s]
+                poses = candidate_poses(program, layouts, search, c, row, start[0])
+                margin = margin_of(program, start[0], support_of(program, tests))
+                if _leaves_below_touch(program, start, poses, margin):
+                    search.cause[c] = _COLLISION
+                    break
 
 
 def launch_test_boxes(
-    program: Program, size: SearchSize, faces: bool, layouts: LayoutsView, search: Search, device: str
+    program: Program, reach: Reach, size: SearchSize, faces: bool, layouts: LayoutsView, search: Search, device: str
 ) -> None:
-    """Test the candidates that passed the screen against all that stands."""
+    """Test the candidates that pass the screen against all that stands."""
     if size.block_dim == 1:
-        wp.launch(_test_alone, dim=size.lanes, inputs=[program, size.lanes, layouts, search], device=device)
+        inputs = [program, reach, size.lanes, layouts, search]
+        wp.launch(_test_alone, dim=size.lanes, inputs=inputs, device=device)
         return
     blocks = {"dim": [size.blocks], "block_dim": size.block_dim, "device": device}
-    wanted = Cause.NONE
     if not faces:
-        wp.launch_tiled(_queue_leaves, inputs=[program, size.blocks, layouts, search], **blocks)
+        wp.launch_tiled(_queue_leaves, inputs=[program, reach, size.blocks, layouts, search], **blocks)
         launch_test_leaves(program, size.lanes, layouts, search, device)
-        wanted = UNPROVEN
-    wp.launch_tiled(_test_together, inputs=[program, size.blocks, int(wanted), layouts, search], **blocks)
+    wp.launch_tiled(_test_together, inputs=[program, reach, size.blocks, not faces, layouts, search], **blocks)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -89,6 +90,7 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
     bank: dict[str, np.ndarray] = dict(zip((*_BANK, *_REACH_BANK), columns, strict=True))
     program = _with_rows(Program, compiled.program, bank, _BANK, compiled.device)
     program.bank_ntrain = len(train.found)
+    program.likely_restarts = _likely_restarts(train, evaluation)
     program.obj_effort = wp.array(_effort(train, evaluation), dtype=float, device=compiled.device)
     if compiled.reaching is None:
         return replace(compiled, program=program)
@@ -103,7 +105,7 @@ class _Probe:
         self.size = compiled.config.bank
         self.generator = LayoutGenerator(compiled, self.size, seed=0, split=split)
         self.found: list[tuple[np.ndarray, ...]] = []
-        self.made = self.failed = 0
+        self.made = self.failed = self.first = 0
 
     def fill(self, rounds: int, most: int = 0) -> bool:
         """Make layouts until the bank is full, in `rounds` at most, or in `most` until there is one; is there one?"""
@@ -115,15 +117,23 @@ class _Probe:
             rows = [getattr(layouts, name).numpy()[valid] for name in (*_BANK, *_REACH_BANK)]
             self.found += zip(*rows, strict=True)
             self.made += self.size
+            self.first += int(layouts.first_pass_valid.numpy().sum())
             self.failed += int(self.size - valid.sum())
             done += 1
         self.found = self.found[: self.size]
         return bool(self.found)
 
 
+def _likely_restarts(*probes: _Probe) -> int:
+    """In how many restarts all but one in 50 worlds get a layout: what rounds try at once, which changes no layout."""
+    made, first = sum(probe.made for probe in probes), sum(probe.first for probe in probes)
+    again = 1.0 - min(max(first, 0.5), made - 0.5) / made
+    return max(1, math.ceil(math.log(0.02) / math.log(again)))
+
+
 def _effort(*probes: _Probe) -> np.ndarray:
     """About how many candidates it takes to place each object: what waves draw at once, which changes no layout."""
-    rejected = sum(probe.generator.layouts.rejections.numpy().sum(axis=1) for probe in probes)
+    rejected = np.sum([probe.generator.layouts.rejections.numpy().sum(axis=1) for probe in probes], axis=0)
     return 1.0 + rejected / sum(probe.made for probe in probes)
 
 

@@ -64,8 +64,7 @@ def _test_containment(
     search: Search,
 ):
     block, lane = wp.tid()
-    for i in range(block, search.screened[0], blocks):
-        c = search.survivor[i]
+    for c in range(block, wp.min(search.candidates[0], search.cause.shape[0]), blocks):
         cause = search.cause[c]
         block_sync()  # all lanes have read it
         if cause == _NONE:

@@ -10,6 +10,7 @@ from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.measure import bounds_of, measure
 from sceniris_gym.layout.orientations import draw_turn
 from sceniris_gym.layout.points import draw_in_triangle, draw_triangle
+from sceniris_gym.layout.posing import pose_candidate
 from sceniris_gym.layout.random import uniforms
 from sceniris_gym.layout.search import Search, stream_of, trial_of
 from sceniris_gym.layout.transforms import apply, pose_of
@@ -76,7 +77,6 @@ def _draw(
         stream = stream_of(program, split, obj)
         search.cause[c] = _NONE
         search.surface[c] = -1
-        search.grasp[c] = -1
         draw_joints(program, obj, seed, episode, stream, trial, search.qpos[c])
         if program.obj_kind[obj] == _STATIC:
             _draw_static(program, layouts, search, c, row, obj)
@@ -90,6 +90,8 @@ def _draw(
             turn = measure(program, obj, turn, search.qpos[c], search.body_pos[c], search.body_quat[c])
         search.turn[c] = turn
         _draw_point(program, layouts, search, c, row, obj, u)
+        if program.obj_cutnum[obj] == 0 and search.cause[c] == _NONE:
+            pose_candidate(program, layouts, search, c, row, obj)
 
 
 def launch_draw(program: Program, split: int, lanes: int, layouts: LayoutsView, search: Search, device: str) -> None:

@@ -186,7 +186,7 @@ class LayoutGenerator:
         if self._related:
             launch_draw_points(program, split, size, view, search, device)
         launch_screen(program, reach, size, view, search, device)
-        launch_test_boxes(program, size, self._faces, view, search, device)
+        launch_test_boxes(program, reach, size, self._faces, view, search, device)
         if self._faces:
             launch_test_containment(program, size, view, search, device)
         launch_accept(program, reach, size.lanes, view, search, device)

@@ -14,6 +14,7 @@ from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.orientations import facing
 from sceniris_gym.layout.placed import Placed
 from sceniris_gym.layout.polygons import HalfPlane, area, clip, draw_in_polygon, set_triangle
+from sceniris_gym.layout.posing import pose_candidate
 from sceniris_gym.layout.random import uniforms
 from sceniris_gym.layout.regions import outline_distance
 from sceniris_gym.layout.relations import piece_side, relation_holds, resolve, side_num
@@ -380,6 +381,8 @@ def _draw_points(
             block_sync()
             if lane == 0:
                 search.cause[c] = cause
+                if cause == _NONE:
+                    pose_candidate(program, layouts, search, c, row, obj)
 
 
 def launch_draw_points(

@@ -58,7 +58,8 @@ def _plan_round(
 ):
     worlds = wp.max(search.worlds_left[0], 1)
     extra = search.row_rejections.shape[0]
-    search.restarts_at_once[0] = wp.clamp(wp.min(extra // worlds + 1, busy // worlds), 1, program.restarts + 1)
+    room = wp.min(extra // worlds + 1, busy // worlds)
+    search.restarts_at_once[0] = wp.clamp(room, 1, wp.min(program.likely_restarts, program.restarts + 1))
     search.worlds_left[0] = 0
     search.tickets[0] = 0
 
@@ -135,7 +136,6 @@ def _plan_wave(
     search.rows[0] = rows
     search.source[0] = 1 - search.source[0]
     search.rows_left[0] = 0
-    search.screened[0] = 0
     search.leaves[0] = 0
     search.unproven[0] = 0
 

@@ -1,17 +1,14 @@
-"""Candidates are posed and screened, the cheap tests first: the arm's map, roofs, and the footprint."""
+"""Posed candidates are screened, the cheap tests first: the arm's map, roofs, and the footprint."""
 
 import warp as wp
 
 from sceniris_gym.layout.grasps import passes_map
-from sceniris_gym.layout.kinematics import pose_bodies
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.orientations import facing
 from sceniris_gym.layout.regions import is_under_roof, overhangs
-from sceniris_gym.layout.search import Search, SearchSize
-from sceniris_gym.layout.transforms import pose_of, quat_mat, quat_z
+from sceniris_gym.layout.search import NO_GRASP, Search, SearchSize
+from sceniris_gym.layout.transforms import pose_of
 from sceniris_gym.program.device import Cause, ObjectKind, OrientationType, Program, Roof
 from sceniris_gym.program.device_reach import Reach
-from sceniris_gym.reach.quaternions import mul_quat
 
 wp.set_module_options({"enable_backward": False})
 
@@ -19,34 +16,11 @@ _STATIC = wp.constant(int(ObjectKind.STATIC))
 _FACE_TO = wp.constant(int(OrientationType.FACE_TO))
 _EITHER = wp.constant(int(Roof.EITHER))
 _COVERED = wp.constant(int(Roof.COVERED))
-_NO_GRASP = wp.constant(1 << 30)
+_NO_GRASP = wp.constant(NO_GRASP)
 _NONE = wp.constant(int(Cause.NONE))
 _ROOF = wp.constant(int(Cause.ROOF))
 _FOOTPRINT = wp.constant(int(Cause.FOOTPRINT))
 _UNREACHABLE = wp.constant(int(Cause.UNREACHABLE))
-
-
-@wp.func
-def _pose(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int):
-    """Pose the object's bodies with its pivot over the candidate's point."""
-    turn = search.turn[c]
-    heading = search.heading[c]
-    point = search.point[c]
-    if program.obj_orientation[obj] == _FACE_TO:
-        target = program.obj_target[obj]
-        if layouts.present[row, target] != 0:
-            at = layouts.place[row, target]
-            heading = turn.yaw + facing(wp.vec2(point[0], point[1]), wp.vec2(at[0], at[1]))
-    pivot = point
-    if program.obj_ground[obj] >= 0:
-        pivot = point + wp.vec3(0.0, 0.0, program.obj_gap[obj])
-    root = program.obj_body[obj]
-    quat = wp.normalize(mul_quat(quat_z(heading), turn.quat))
-    search.body_pos[c, root] = pivot - quat_mat(quat) * turn.pivot
-    search.body_quat[c, root] = quat
-    pose_bodies(program, obj, 1, search.qpos[c], search.body_pos[c], search.body_quat[c])
-    search.place[c] = wp.vec4(pivot[0], pivot[1], pivot[2], heading)
-    search.bounds[c] = turn.bounds
 
 
 @wp.func
@@ -89,24 +63,6 @@ def _look_at_footprint(
 
 
 @wp.kernel(grid_stride=False)
-def _pose_candidates(
-    program: Program,
-    lanes: int,
-    layouts: LayoutsView,
-    # Search in and out:
-    search: Search,
-):
-    for c in range(wp.tid(), wp.min(search.candidates[0], search.cause.shape[0]), lanes):
-        row = search.row[c]
-        obj = search.row_object[row]
-        if search.cause[c] == _NONE and program.obj_kind[obj] != _STATIC:
-            _pose(program, layouts, search, c, row, obj)
-            search.grasp[c] = _NO_GRASP
-            search.covered[c] = 0
-            search.off[c] = 0
-
-
-@wp.kernel(grid_stride=False)
 def _look(
     program: Program,
     reach: Reach,
@@ -135,7 +91,7 @@ def _look(
 
 
 @wp.func
-def _why_not(program: Program, reach: Reach, search: Search, c: int, obj: int) -> int:
+def why_not(program: Program, reach: Reach, search: Search, c: int, obj: int) -> int:
     """Why a candidate does not pass the screen, or NONE."""
     if program.obj_kind[obj] == _STATIC:
         return _NONE
@@ -151,27 +107,9 @@ def _why_not(program: Program, reach: Reach, search: Search, c: int, obj: int) -
     return _NONE
 
 
-@wp.kernel(grid_stride=False)
-def _sift(
-    program: Program,
-    reach: Reach,
-    lanes: int,
-    # Search in and out:
-    search: Search,
-):
-    for c in range(wp.tid(), wp.min(search.candidates[0], search.cause.shape[0]), lanes):
-        if search.cause[c] == _NONE:
-            cause = _why_not(program, reach, search, c, search.row_object[search.row[c]])
-            search.cause[c] = cause
-            if cause == _NONE:
-                search.survivor[wp.atomic_add(search.screened, 0, 1)] = c
-
-
 def launch_screen(
     program: Program, reach: Reach, size: SearchSize, layouts: LayoutsView, search: Search, device: str
 ) -> None:
-    """Pose the candidates of this wave, and keep those that pass for the test of collision."""
-    lanes, parts = size.lanes, size.parts
-    wp.launch(_pose_candidates, dim=lanes, inputs=[program, lanes, layouts, search], device=device)
-    wp.launch(_look, dim=lanes, inputs=[program, reach, lanes, parts, layouts, search], device=device)
-    wp.launch(_sift, dim=lanes, inputs=[program, reach, lanes, search], device=device)
+    """Look at maps, roofs and footprints for the candidates of this wave; `why_not` says what follows."""
+    inputs = [program, reach, size.lanes, size.parts, layouts, search]
+    wp.launch(_look, dim=size.lanes, inputs=inputs, device=device)

@@ -20,6 +20,8 @@ from sceniris_gym.layout.relations import ResolvedRelation
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause, Program
 
+NO_GRASP = 1 << 30
+"""In place of a grasp: the arm's map lets none through."""
 UNPROVEN = -1
 """In place of a cause: the queue had no room for all leaves of a candidate."""
 
@@ -58,7 +60,6 @@ class Search:
     source: wp.array(dtype=int)  # which list of `queue` is read
     rows: wp.array(dtype=int)  # number of rows in it
     candidates: wp.array(dtype=int)
-    screened: wp.array(dtype=int)
     leaves: wp.array(dtype=int)
     unproven: wp.array(dtype=int)  # 1: some candidate is UNPROVEN
     # Candidates
@@ -84,7 +85,6 @@ class Search:
     pieces: wp.array(dtype=int)  # pieces of its region that have any area
     piece: wp.array2d(dtype=int)  # their numbers
     piece_area: wp.array2d(dtype=float)  # [m^2]
-    survivor: wp.array(dtype=int)  # candidates that passed the screen
     leaf: wp.array(dtype=wp.vec4i)  # (candidate, pair, node of a, node of b)
 
 
@@ -166,9 +166,9 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         for name in ("worlds_left", "rows_left", "tickets", "restarts_at_once", "source", "rows"):
             setattr(s, name, wp.zeros(1, dtype=int))
         s.trials_scale = wp.zeros(1, dtype=float)
-        for name in ("candidates", "screened", "leaves", "unproven"):
+        for name in ("candidates", "leaves", "unproven"):
             setattr(s, name, wp.zeros(1, dtype=int))
-        for name in ("row", "turn_number", "cause", "surface", "grasp", "survivor", "covered", "off"):
+        for name in ("row", "turn_number", "cause", "surface", "grasp", "covered", "off"):
             setattr(s, name, wp.zeros(ncand, dtype=int))
         s.turn = wp.zeros(ncand, dtype=DrawnVariant)
         s.heading = wp.zeros(ncand, dtype=float)

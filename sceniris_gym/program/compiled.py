@@ -164,6 +164,7 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
     program.ngroup = len(scene.config.groups)
     program.attempts = FEWEST_ATTEMPTS if scene.config.attempts == AUTO else scene.config.attempts
     program.restarts = scene.config.restarts
+    program.likely_restarts = 1
     program.bank_ntrain = 0
     fill_struct(Program, program, arrays, device)
     depth = sum(sorted(colliders.depth)[-2:])

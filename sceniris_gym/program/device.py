@@ -84,6 +84,7 @@ class Program:
     ngroup: int
     attempts: int
     restarts: int
+    likely_restarts: int  # in as many, nearly all worlds have a layout
     faces: int  # 1: leaves are faces, and round pieces beside them; 0: leaves are convex pieces
     face_vertadr: int  # where `vert` has the corners of faces, if the scene shows round primitives
     # Bodies and joints: what forward kinematics needs, as in mjModel.

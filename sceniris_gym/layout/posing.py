@@ -1,0 +1,42 @@
+"""A candidate's bodies are posed where it was drawn."""
+
+import warp as wp
+
+from sceniris_gym.layout.kinematics import pose_bodies
+from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.orientations import facing
+from sceniris_gym.layout.search import NO_GRASP, Search
+from sceniris_gym.layout.transforms import quat_mat, quat_z
+from sceniris_gym.program.device import OrientationType, Program
+from sceniris_gym.reach.quaternions import mul_quat
+
+wp.set_module_options({"enable_backward": False})
+
+_FACE_TO = wp.constant(int(OrientationType.FACE_TO))
+_NO_GRASP = wp.constant(NO_GRASP)
+
+
+@wp.func
+def pose_candidate(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int):
+    """Pose the object's bodies with its pivot over the candidate's point."""
+    turn = search.turn[c]
+    heading = search.heading[c]
+    point = search.point[c]
+    if program.obj_orientation[obj] == _FACE_TO:
+        target = program.obj_target[obj]
+        if layouts.present[row, target] != 0:
+            at = layouts.place[row, target]
+            heading = turn.yaw + facing(wp.vec2(point[0], point[1]), wp.vec2(at[0], at[1]))
+    pivot = point
+    if program.obj_ground[obj] >= 0:
+        pivot = point + wp.vec3(0.0, 0.0, program.obj_gap[obj])
+    root = program.obj_body[obj]
+    quat = wp.normalize(mul_quat(quat_z(heading), turn.quat))
+    search.body_pos[c, root] = pivot - quat_mat(quat) * turn.pivot
+    search.body_quat[c, root] = quat
+    pose_bodies(program, obj, 1, search.qpos[c], search.body_pos[c], search.body_quat[c])
+    search.place[c] = wp.vec4(pivot[0], pivot[1], pivot[2], heading)
+    search.bounds[c] = turn.bounds
+    search.grasp[c] = _NO_GRASP
+    search.covered[c] = 0
+    search.off[c] = 0
