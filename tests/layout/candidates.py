@@ -15,10 +15,10 @@ def refused(generator: LayoutGenerator) -> tuple[Rows, np.ndarray]:
     They are free or fixtures. The wave drew one trial for each of its rows; all else is as it is in the row.
     """
     search, view, mjm = generator._search, generator.layouts.view, generator.compiled.mjm
-    assert int(search.trials_at_once.numpy()[0]) == 1
     causes = search.cause.numpy()[: int(search.candidates.numpy()[0])]
     candidates = np.flatnonzero(causes != Cause.NONE)
-    rows = search.queue.numpy()[int(search.source.numpy()[0])][candidates]
+    rows = search.row.numpy()[candidates]
+    assert len(set(rows)) == len(rows)
     names = [generator.compiled.placed[i] for i in search.row_object.numpy()[rows]]
     qpos, mocap_pos, mocap_quat = (a.numpy()[rows] for a in (view.qpos, view.mocap_pos, view.mocap_quat))
     drawn, pos, quat = (a.numpy()[candidates] for a in (search.qpos, search.body_pos, search.body_quat))

@@ -9,8 +9,8 @@ import warp as wp
 
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.search import SearchSize, default_size
+from sceniris_gym.layout.sequence import LaunchSequence
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.sim.sequence import LaunchSequence
 
 # busy, candidates, rows, lanes
 _SIZES = (
@@ -34,8 +34,8 @@ def sizes(device: str, **others: int) -> dict[str, SearchSize]:
     """Sizes by name: few and many trials and restarts at once, less room than there are worlds, and more."""
     found = {}
     for busy, candidates, rows, lanes in _SIZES:
-        words = {"busy": busy, "candidates": candidates, "rows": rows, "lanes": lanes, "blocks": lanes, **others}
-        found[f"{busy}-{candidates}-{rows}-{lanes}"] = replace(default_size(device), **words)
+        words = {"busy": busy, "candidates": candidates, "rows": rows, "lanes": lanes, "parts": lanes, "blocks": lanes}
+        found[f"{busy}-{candidates}-{rows}-{lanes}"] = replace(default_size(device), **{**words, **others})
     return found
 
 

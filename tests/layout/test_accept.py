@@ -26,13 +26,14 @@ def test_the_lowest_trial_that_passed_is_placed(tmp_path: Path):
     objects = {"block": {"asset": block, "kind": "static"}, "crate": {"asset": crate, "on": "floor"}}
     words = {"floor": FLOOR, "attempts": ATTEMPTS, "restarts": 0, "objects": objects}
     compiled = upload_scene(build_model(SceneConfig.load(words)), "cpu")  # without a bank
-    size = replace(default_size("cpu"), busy=N * ATTEMPTS, candidates=N * ATTEMPTS)
+    size = replace(default_size("cpu"), busy=1 << 20, candidates=N * ATTEMPTS)
     generator = LayoutGenerator(compiled, N, size=size)
     generator.generate()
     search, layouts = generator._search, generator.layouts
-    assert int(search.trials_at_once.numpy()[0]) == ATTEMPTS
-    rows = search.queue.numpy()[int(search.source.numpy()[0])][:N]
+    assert (search.row_trials.numpy() == ATTEMPTS).all()
+    rows = search.row.numpy()[::ATTEMPTS]
     assert sorted(rows) == list(range(N))
+    assert (search.row_first.numpy()[rows] == np.arange(0, N * ATTEMPTS, ATTEMPTS)).all()
     causes = search.cause.numpy().reshape(N, ATTEMPTS)
     passed = causes == Cause.NONE
     first = np.where(passed.any(1), passed.argmax(1), ATTEMPTS)

@@ -138,7 +138,7 @@ def test_blocks_beside_a_thin_wall_are_separated_from_it(gap: float):
     boxes = np.full(len(sizes), PieceType.BOX)
     arrays = {"piece_type": boxes, "piece_size": sizes, "piece_vertnum": 0 * boxes, "piece_vertadr": 0 * boxes}
     fill_struct(Program, program, arrays | {"vert": np.zeros((1, 3))}, "cpu")
-    rot = Rotation.random(count, random_state=1).as_matrix().astype(np.float32)
+    rot = Rotation.random(count, rng=np.random.default_rng(1)).as_matrix().astype(np.float32)
     lowest = -np.einsum("nj,nj->n", np.abs(rot[:, 2].astype(float)), sizes[1:].astype(np.float32))
     at = rng.uniform(-0.95, 0.95, (count, 3)) * wall
     at[:, 2] = wall[2] + gap - lowest

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import shapely
 import warp as wp
+from shapely.geometry.base import BaseGeometry
 
 from sceniris_gym.config.limits import MAX_CORNERS
 from sceniris_gym.layout import points
@@ -14,7 +15,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.points import race_time
 from sceniris_gym.layout.polygons import area
-from sceniris_gym.layout.search import Search, row_of
+from sceniris_gym.layout.search import Search
 from sceniris_gym.program.device import Program
 from tests.layout.related import Shapes, related, scene
 
@@ -75,7 +76,7 @@ def _cut_all(
     left: wp.array3d(dtype=float),
 ):
     c, k = wp.tid()
-    row = row_of(search, c)
+    row = search.row[c]
     variant = search.turn[c].variant
     frame = points._frame(program, layouts, row, obj)
     t = points._triangle(program, program.variant_triadr[variant] + k, frame)
@@ -88,7 +89,7 @@ def _cut_all(
         left[c, k, combination] = area(polygon, points._cut(program, search, c, obj, combination, t, polygon))
 
 
-def _within(shape: shapely.Polygon, sides: np.ndarray) -> shapely.Polygon:
+def _within(shape: BaseGeometry, sides: np.ndarray) -> BaseGeometry:
     """In double precision: what half-planes (normal, origin, offset) leave of a shape."""
     for side in sides:
         normal = side["normal"].astype(float)

@@ -348,8 +348,8 @@ def test_what_extends_beyond_a_convex_outline_is_what_shapely_says():
     outlines, edges, turn = [], [], rng.choice([-1, 1], n)
     for i in range(n):
         outline = MultiPoint(rng.normal(size=(int(rng.integers(3, 12)), 2)) * 0.12).convex_hull
-        ring = np.asarray(outline.exterior.coords)
-        ring = ring if outline.exterior.is_ccw == (turn[i] > 0) else ring[::-1]
+        ring = shapely.get_coordinates(outline)
+        ring = ring if shapely.LinearRing(ring).is_ccw == (turn[i] > 0) else ring[::-1]
         outlines.append(outline)
         edges.append(np.stack([ring[:-1], ring[1:]], axis=1))
     count = np.array([len(e) for e in edges])

@@ -38,31 +38,43 @@ def test_restarts_at_once_have_rows_of_their_own(tray: CompiledScene, rows: int,
         search.worlds_left.fill_(worlds)
         wp.launch(rounds._plan_round, dim=1, inputs=[tray.program, busy], outputs=[search], device="cpu")
         at_once = int(search.restarts_at_once.numpy()[0])
-        assert 1 <= at_once <= RESTARTS + 1
+        most = min(int(tray.program.likely_restarts), RESTARTS + 1)
+        assert 1 <= at_once <= most
         assert worlds * (at_once - 1) <= rows
         assert at_once == 1 or worlds * at_once <= busy
         full = worlds * at_once > rows or worlds * (at_once + 1) > busy
-        assert full or at_once == RESTARTS + 1
+        assert full or at_once == most
         assert search.worlds_left.numpy()[0] == search.tickets.numpy()[0] == 0
 
 
+@pytest.mark.parametrize("lanes", [1, 3])
 @pytest.mark.parametrize("candidates", [3, 64, 512])
 @pytest.mark.parametrize("busy", [1, 7, 64, 4096])
-def test_trials_at_once_fit_into_a_wave(tray: CompiledScene, busy: int, candidates: int):
-    """Every row has as many, none beyond the last attempt; rows that find no room wait."""
-    search = create_search(tray, 1000, replace(default_size("cpu"), candidates=candidates))
-    for rows in (1, 2, 3, 10, 63, 64, 65, 1000):
-        search.rows_left.fill_(rows)
+def test_candidates_fit_into_a_wave(tray: CompiledScene, busy: int, candidates: int, lanes: int):
+    """Those of a row are its next trials, one after the other, none beyond its last; rows without room have none."""
+    size = replace(default_size("cpu"), candidates=candidates, busy=busy, lanes=lanes)
+    search = create_search(tray, 1000, size)
+    trial = np.arange(1000) % ATTEMPTS
+    search.row_trial.assign(trial)
+    for number in (1, 2, 3, 10, 63, 64, 65, 1000):
         source = int(search.source.numpy()[0])
-        wp.launch(rounds._plan_wave, dim=1, inputs=[tray.program, busy], outputs=[search], device="cpu")
-        trials = int(search.trials_at_once.numpy()[0])
-        assert 1 <= trials <= ATTEMPTS
-        assert trials == 1 or rows * trials <= min(busy, candidates)
-        assert trials == ATTEMPTS or rows * (trials + 1) > min(busy, candidates)
-        assert search.candidates.numpy()[0] == min(rows * trials, candidates)
-        assert search.rows.numpy()[0] == rows
+        rows = np.random.default_rng(number).permutation(1000)[:number]
+        queue = np.zeros((2, 1000), int)
+        queue[1 - source, :number] = rows
+        search.queue.assign(queue)
+        search.rows_left.fill_(number)
+        rounds.launch_open_candidates(tray.program, size, search, "cpu")
+        first, trials = search.row_first.numpy()[rows], search.row_trials.numpy()[rows]
+        assert (trials <= ATTEMPTS - trial[rows]).all()
+        assert trials.sum() == min(search.candidates.numpy()[0], candidates)
+        assert (trials > 0).all() or trials.sum() == candidates
+        of, turn = search.row.numpy(), search.turn_number.numpy()
+        for row, a, n in zip(rows, first, trials, strict=True):
+            assert (of[a : a + n] == row).all()
+            assert (turn[a : a + n] == trial[row] + np.arange(n)).all()
+        assert search.rows.numpy()[0] == number
         assert search.source.numpy()[0] == 1 - source
-        assert search.rows_left.numpy()[0] == search.screened.numpy()[0] == search.leaves.numpy()[0] == 0
+        assert search.rows_left.numpy()[0] == search.leaves.numpy()[0] == 0
 
 
 def test_the_first_restart_that_places_everything_is_the_layout(tray: CompiledScene):

@@ -126,9 +126,10 @@ def test_candidates_of_many_relations_fit_in_memory(tmp_path: Path):
     """The half-planes of all candidates are bounded: beyond that, fewer candidates are drawn at once."""
     compiled = _groups(tmp_path, "cpu")
     assert compiled.related
-    search = create_search(compiled, 4, replace(default_size("cpu"), candidates=1 << 20))
-    assert search.sides.size <= 1 << 23
-    assert 0 < search.cause.shape[0] < 1 << 20
+    search = create_search(compiled, 4, replace(default_size("cpu"), candidates=1 << 24))
+    arrays = (search.sides, search.piece, search.piece_area)
+    assert sum(a.capacity for a in arrays) <= 1 << 29
+    assert 0 < search.cause.shape[0] < 1 << 24
 
 
 def test_the_counts_of_a_search_are_back_at_zero_after_it(compiled: CompiledScene):

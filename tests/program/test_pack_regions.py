@@ -109,7 +109,7 @@ def test_outlines_that_are_convex_are_known_with_their_direction():
     rng = np.random.default_rng(5)
     for _ in range(300):
         points = rng.normal(size=(int(rng.integers(3, 9)), 2))
-        hull = np.asarray(shapely.MultiPoint(points).convex_hull.exterior.coords)[:-1]
+        hull = shapely.get_coordinates(shapely.MultiPoint(points).convex_hull)[:-1]
         ccw = hull if shapely.LinearRing(hull).is_ccw else hull[::-1]
         assert _convex_turn(_ring(ccw)) == 1
         assert _convex_turn(_ring(ccw[::-1])) == -1
