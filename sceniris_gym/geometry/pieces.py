@@ -249,6 +249,10 @@ def _surface(mjm: mujoco.MjModel, mesh: int, geom: int) -> trimesh.Trimesh:
         process=False,
     )
     surface.merge_vertices(merge_tex=True, merge_norm=True)
+    if not surface.is_watertight:  # a face without area may close a surface, but one beside it opens none
+        flat = flat_faces(surface.triangles)
+        surface.update_faces(~flat)
+        surface.metadata["left_out"] = int(flat.sum())
     if not surface.is_watertight:
         raise MeshError(
             f"mesh of geom '{name}' is open, so it has no inside. Close it, or use `geometry: physics`, which takes "

@@ -2,9 +2,9 @@
 
 import warp as wp
 
-from sceniris_gym.layout.blocks import block_any, block_sync
+from sceniris_gym.layout.blocks import block_any
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.leaves import pair_poses
+from sceniris_gym.layout.leaves import PairPoses, candidate_poses, pair_poses
 from sceniris_gym.layout.search import Search, SearchSize, list_of
 from sceniris_gym.layout.transforms import Pose, relative
 from sceniris_gym.program.device import Cause, Program
@@ -32,6 +32,18 @@ def _has_points_inside(program: Program, a: int, b: int, rel: Pose) -> bool:
 
 
 @wp.func
+def _is_one_inside(program: Program, pair: int, poses: PairPoses) -> bool:
+    """Is one collider of a pair inside the other?"""
+    a = program.pair_a[pair]
+    b = program.pair_b[pair]
+    if program.collider_plane[b] >= 0:
+        return False
+    if _has_points_inside(program, a, b, relative(poses.a, poses.b)):
+        return True
+    return _has_points_inside(program, b, a, relative(poses.b, poses.a))
+
+
+@wp.func
 def encloses(
     program: Program,
     tests: int,
@@ -45,51 +57,35 @@ def encloses(
     adr = program.obj_pairadr[tests]
     inside = int(0)
     for pair in range(adr + lane, adr + program.obj_pairnum[tests], wp.block_dim()):
-        a = program.pair_a[pair]
-        b = program.pair_b[pair]
-        if inside == 0 and program.collider_plane[b] < 0:
-            poses = pair_poses(program, pair, own_pos, own_quat, body_pos, body_quat)
-            a_in_b = _has_points_inside(program, a, b, relative(poses.a, poses.b))
-            if a_in_b or _has_points_inside(program, b, a, relative(poses.b, poses.a)):
-                inside = 1
+        if _is_one_inside(program, pair, pair_poses(program, pair, own_pos, own_quat, body_pos, body_quat)):
+            inside = 1
+            break
     return block_any(inside) != 0
 
 
 @wp.kernel(grid_stride=False)
 def _test_containment(
     program: Program,
-    blocks: int,
+    lanes: int,
+    parts: int,
     layouts: LayoutsView,
     # Search in and out:
     search: Search,
 ):
-    block, lane = wp.tid()
-    for c in range(block, wp.min(search.candidates[0], search.cause.shape[0]), blocks):
-        cause = search.cause[c]
-        block_sync()  # all lanes have read it
-        if cause == _NONE:
-            row = search.row[c]
-            hit = encloses(
-                program,
-                list_of(search, row),
-                lane,
-                search.body_pos[c],
-                search.body_quat[c],
-                layouts.body_pos[row],
-                layouts.body_quat[row],
-            )
-            if lane == 0 and hit:
-                search.cause[c] = _COLLISION
+    for i in range(wp.tid(), parts * wp.min(search.candidates[0], search.cause.shape[0]), lanes):
+        c = i // parts
+        row = search.row[c]
+        tests = list_of(search, row)
+        adr = program.obj_pairadr[tests]
+        for pair in range(adr + i % parts, adr + program.obj_pairnum[tests], parts):
+            if search.cause[c] == _NONE:
+                if _is_one_inside(program, pair, candidate_poses(program, layouts, search, c, row, pair)):
+                    search.cause[c] = _COLLISION  # other lanes write the same
 
 
 def launch_test_containment(
     program: Program, size: SearchSize, layouts: LayoutsView, search: Search, device: str
 ) -> None:
     """Test whether a candidate encloses, or is enclosed by, what stands; for `geometry: visual`."""
-    wp.launch_tiled(
-        _test_containment,
-        dim=[size.blocks],
-        inputs=[program, size.blocks, layouts, search],
-        block_dim=size.block_dim,
-        device=device,
-    )
+    inputs = [program, size.lanes, size.parts, layouts, search]
+    wp.launch(_test_containment, dim=size.lanes, inputs=inputs, device=device)

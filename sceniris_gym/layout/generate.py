@@ -32,6 +32,9 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
 from sceniris_gym.program.device_reach import Reach
 
+# Regions of more pieces than this make a candidate so dear that fewer restarts are tried at once.
+_MOST_PIECES = 1024
+
 
 @wp.kernel(enable_backward=False)
 def _reseed(
@@ -80,6 +83,8 @@ class LayoutGenerator:
         if nworld < 1:
             raise CountError(f"LayoutGenerator: nworld should be at least 1, got {nworld}.")
         size = default_size(compiled.device) if size is None else size
+        if compiled.pieces > _MOST_PIECES:
+            size = replace(size, rows=size.rows // 8)
         if rejected > 0:
             size = replace(size, rows=0)  # rows of restarts that may not be reached are not recorded
         self.compiled, self.split, self.size = compiled, split, size

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 import trimesh
+import trimesh
 
 from sceniris_gym.config.fields import MOST_FAR
 from sceniris_gym.errors import ModelWarning
@@ -38,7 +39,7 @@ def _flat(scene: SceneModel, plan: Plan) -> Iterator[str]:
     """Faces without area, which have no inside and no normal."""
     if scene.config.geometry != "visual":
         return
-    counts = {p.geom: int(flat_faces(p.mesh.triangles).sum()) for p in plan.pieces if p.mesh is not None}
+    counts = {p.geom: _flat_number(p.mesh) for p in plan.pieces if p.mesh is not None}
     found = [f"{count} of geom '{geom_name(scene.mjm, geom)}'" for geom, count in counts.items() if count]
     if found:
         yield (
@@ -68,6 +69,11 @@ def _filled(scene: SceneModel, plan: Plan) -> Iterator[str]:
             f"MuJoCo collides meshes as their convex hulls, which fill the hollows of {_some(found)}. Compose them of "
             "several convex geoms, or use `geometry: visual` if only placing should see the hollows."
         )
+
+
+def _flat_number(mesh: trimesh.Trimesh) -> int:
+    """How many faces of a mesh have no area, those among them that are left out already."""
+    return int(flat_faces(mesh.triangles).sum()) + mesh.metadata.get("left_out", 0)
 
 
 def _sizes(scene: SceneModel, plan: Plan) -> Iterator[str]:

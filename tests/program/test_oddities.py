@@ -68,6 +68,18 @@ def test_faces_without_area_are_named_with_their_number(tmp_path: Path):
     assert "remove degenerate faces" in text
 
 
+@pytest.mark.parametrize("extra", ["0 1 1", "0 1 8"])
+def test_a_face_without_area_beside_a_closed_surface_opens_nothing(tmp_path: Path, extra: str):
+    """Of an edge of a plain cube, or of that and a vertex on it that nothing else has."""
+    faces = "0 2 6 0 6 4 1 5 7 1 7 3 2 3 7 2 7 6 4 6 7 4 7 5 0 1 3 0 3 2 0 4 5 0 5 1"
+    vertices = " ".join(f"{v}" for corner in _CORNERS for v in corner)
+    rest = f'<asset><mesh name="cube" vertex="{vertices}" face="{faces} {extra}"/></asset>'
+    asset = write_mjcf(tmp_path, "crate", '<geom name="skin" type="mesh" mesh="cube"/>', rest)
+    (text,) = warned({"crate": {"asset": asset, "kind": "static"}}, geometry="visual")
+    assert "faces without area are left out: 1 of geom 'crate/skin'" in text
+
+
+
 def test_a_hull_that_fills_a_hollow_is_named_with_its_share(tmp_path: Path):
     """A cup in one mesh: by shared volumes of its outer and inner cylinder."""
     cup = trimesh.creation.annulus(r_min=0.03, r_max=0.04, height=0.1)
