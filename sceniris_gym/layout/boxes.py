@@ -33,7 +33,7 @@ wp.set_module_options({"enable_backward": False})
 SHARED_STACK = 512
 """Room for the pairs of nodes that a block's lanes leave behind: one for each lane and level of both trees."""
 OWN_STACK = 64
-"""Room for those that a lane by itself leaves behind: one for each level of both trees."""
+"""Room for those that a lane by itself leaves behind: one for each level of both trees, which are halved at each."""
 WAITING = 64
 """Room for pairs of leaves that wait until there is one for every lane; there are fewer than two a lane."""
 _OWN_STACK = wp.constant(OWN_STACK)

@@ -11,7 +11,7 @@ import warp as wp
 
 from sceniris_gym.config.scene import AUTO, SceneConfig
 from sceniris_gym.geometry.colliders import Colliders, collect_colliders, collider_arrays
-from sceniris_gym.geometry.pieces import ROUND, Piece
+from sceniris_gym.geometry.pieces import ROUND
 from sceniris_gym.program.device import Program, fill_struct
 from sceniris_gym.program.distance_check import check_distances
 from sceniris_gym.program.oddities import warn_of_oddities
@@ -23,7 +23,7 @@ from sceniris_gym.scene.model import SceneModel
 
 FEWEST_ATTEMPTS = 10
 """The number from which `attempts: auto` is raised."""
-# Lanes of a warp, the fewest that a world gets on a GPU.
+# Lanes of a warp, which share a candidate on a GPU.
 _WARP = 32
 
 
@@ -41,7 +41,6 @@ class CompiledScene:
         home_qpos: Start pose, shape (nq,).
         home_place, home_bounds: Where each of `slots` is at the start, as relations see it; see `Plan`.
         home_xpos, home_xquat: Poses of all bodies at the start, shapes (nbody, 3) and (nbody, 4) wxyz.
-        depth: Levels of the two deepest box trees together, which bounds the stack of the collision test.
         colliders: What is tested as a whole; holds the device meshes that `program` points to.
     """
 
@@ -56,7 +55,6 @@ class CompiledScene:
     home_bounds: np.ndarray
     home_xpos: np.ndarray
     home_xquat: np.ndarray
-    depth: int
     colliders: Colliders = field(repr=False)
 
     @property
@@ -125,19 +123,6 @@ class CompiledScene:
         first, end = int(self.program.bank_ntrain), int(self.program.bank_qpos.shape[0])
         return slice(first, end) if split == "eval" else slice(0, first)
 
-    @property
-    def leaves(self) -> str:
-        """What is tested at the leaves of its colliders: "physics", "visual", or "visual_round".
-
-        That is convex pieces, triangles, or triangles and the round primitives that the scene shows.
-        """
-        return leaf_kind(self.config.geometry, self.plan.pieces)
-
-
-def leaf_kind(geometry: str, pieces: list[Piece]) -> str:
-    """See `CompiledScene.leaves`."""
-    return "visual_round" if geometry == "visual" and any(p.type in ROUND for p in pieces) else geometry
-
 
 def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
     """Upload a scene to a device. The bank is still empty; `layout.compile.compile_scene` fills it."""
@@ -149,7 +134,8 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
     arrays = pack_program(scene, plan, colliders, lanes) | collider_arrays(colliders)
     mocap = max(scene.mjm.nmocap, 1)
     program = Program()
-    if leaf_kind(scene.config.geometry, plan.pieces) == "visual_round":  # triangles are hulls as well
+    program.faces = int(scene.config.geometry == "visual")
+    if program.faces and any(p.type in ROUND for p in plan.pieces):  # triangles are hulls as well
         program.face_vertadr = len(arrays["vert"])
         corners = np.stack([arrays[name] for name in ("face_a", "face_b", "face_c")], axis=1)
         arrays["vert"] = np.concatenate([arrays["vert"], corners.reshape(-1, 3)])
@@ -159,7 +145,6 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
         "bank_mocap_pos": np.zeros((0, mocap, 3)),
         "bank_mocap_quat": np.zeros((0, mocap, 4)),
     }
-    program.faces = int(scene.config.geometry == "visual")
     program.nobject = len(plan.objects)
     program.ngroup = len(scene.config.groups)
     program.attempts = FEWEST_ATTEMPTS if scene.config.attempts == AUTO else scene.config.attempts
@@ -167,7 +152,6 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
     program.restart_rate = 0.5
     program.bank_ntrain = 0
     fill_struct(Program, program, arrays, device)
-    depth = sum(sorted(colliders.depth)[-2:])
     return CompiledScene(
         scene=scene,
         device=device,
@@ -180,6 +164,5 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
         home_bounds=plan.bounds.astype(np.float32),
         home_xpos=plan.home.xpos.astype(np.float32),
         home_xquat=plan.home.xquat.astype(np.float32),
-        depth=depth,
         colliders=colliders,
     )

@@ -9,7 +9,6 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 import trimesh
-import trimesh
 
 from sceniris_gym.config.fields import MOST_FAR
 from sceniris_gym.errors import ModelWarning

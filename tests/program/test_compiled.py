@@ -11,6 +11,7 @@ import pytest
 import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.layout.boxes import OWN_STACK
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Program
 from sceniris_gym.scene.model import build_model
@@ -67,8 +68,8 @@ def test_its_start_is_that_of_the_model_s_keyframe():
 
 
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
-def test_no_two_trees_are_deeper_than_it_says(geometry: str):
-    """By a walk through the boxes on the device: the sum bounds the stack of the collision test."""
+def test_no_two_trees_are_deeper_than_a_lane_has_room_for(geometry: str):
+    """By a walk through the boxes on the device: a descent leaves one pair behind for each level of both trees."""
     program = _uploaded(geometry=geometry).program
     child = program.node_child.numpy()
 
@@ -76,7 +77,7 @@ def test_no_two_trees_are_deeper_than_it_says(geometry: str):
         return 0 if child[node] < 0 else 1 + max(deep(child[node]), deep(child[node] + 1))
 
     depths = sorted(deep(root) for root in program.collider_root.numpy())
-    assert _uploaded(geometry=geometry).depth == depths[-1] + depths[-2]
+    assert 1 + depths[-1] + depths[-2] < OWN_STACK
 
 
 def test_its_bank_is_empty_and_has_the_widths_of_its_rows():
@@ -130,4 +131,4 @@ def test_nothing_of_it_can_be_set_again():
     """It is frozen."""
     compiled = _uploaded()
     with pytest.raises(FrozenInstanceError):
-        compiled.depth = 0  # type: ignore[misc]
+        compiled.device = "cpu"  # type: ignore[misc]

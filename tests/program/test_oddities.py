@@ -79,7 +79,6 @@ def test_a_face_without_area_beside_a_closed_surface_opens_nothing(tmp_path: Pat
     assert "faces without area are left out: 1 of geom 'crate/skin'" in text
 
 
-
 def test_a_hull_that_fills_a_hollow_is_named_with_its_share(tmp_path: Path):
     """A cup in one mesh: by shared volumes of its outer and inner cylinder."""
     cup = trimesh.creation.annulus(r_min=0.03, r_max=0.04, height=0.1)
