@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
 
@@ -36,6 +37,18 @@ class Settling:
     speed: dict[str, np.ndarray]
 
 
+@contextmanager
+def without_log() -> Iterator[None]:
+    """Keep MuJoCo's warnings, also those of its threads, from being written to a file in the working folder."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+@without_log()
 def settle(
     mjm: mujoco.MjModel,
     bodies: Mapping[str, int],

@@ -19,6 +19,7 @@ from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.auditor import Auditor
 from sceniris_gym.tools.audit.contacts import Allowed
 from sceniris_gym.tools.audit.equalities import equalities
+from sceniris_gym.tools.audit.physics import without_log
 from sceniris_gym.tools.audit.reach import Claim, ReachAudit, Unreached
 from sceniris_gym.tools.files import replacing
 from sceniris_gym.tools.tables import make_table
@@ -166,6 +167,7 @@ def judge(compiled: CompiledScene, layouts: int, rejected: int, settled: int, se
     return judge_rows(compiled, make_rows(compiled, layouts, rejected, seed), settled)
 
 
+@without_log()
 def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) -> dict:
     """Return the findings of the audit on rows, without making any; `settled` as in `judge`, None for all of them."""
     table, candidates, names = rows.table, rows.rejected, rows.names

@@ -1,11 +1,13 @@
 """What MuJoCo C says of layouts: depths that are known, and falls in closed form."""
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
 
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.tools.audit.physics import hold, limp_joints, settle
+from sceniris_gym.tools.audit.physics import hold, limp_joints, settle, without_log
 from tests.tools.audit.judging import MJM, auditor
 from tests.tools.scenes import layout, with_row
 
@@ -100,3 +102,47 @@ def test_joints_without_a_position_servo_are_limp_and_can_be_frozen():
     assert settle(swinging, free, table).moved["free"][0] > 0.1
     assert settle(swinging, free, table, frozen=[0]).moved["free"][0] < 1e-3
     assert not swinging.dof_armature.any()
+
+
+UNSTABLE = """
+<mujoco>
+  <option timestep="0.01"/>
+  <worldbody>
+    <geom type="plane" size="5 5 0.1"/>
+    <body name="drawer" pos="0 0 0.5">
+      <joint name="slide" type="slide" axis="0 1 0"/><geom type="box" size="0.1 0.1 0.1" mass="0.001"/>
+    </body>
+    <body name="box" pos="1 0 0.05"><freejoint/><geom type="box" size="0.05 0.05 0.05"/></body>
+  </worldbody>
+  <actuator><general joint="slide" gainprm="0" biastype="affine" biasprm="0 1e6 1e4"/></actuator>
+</mujoco>
+"""
+
+
+def rows_of_unstable(slides: list[float]) -> tuple[mujoco.MjModel, LayoutTable]:
+    """Return the model of a drawer that blows up wherever it is not at 0, and layouts with it in some places."""
+    mjm = mujoco.MjModel.from_xml_string(UNSTABLE)
+    qpos = np.tile(mjm.qpos0, (len(slides), 1))
+    qpos[:, mjm.joint("slide").qposadr] = np.array(slides)[:, None]
+    qpos[:, mjm.joint("slide").qposadr[0] + 1] = 0.5  # where no reset puts the box
+    none = np.zeros((len(slides), 0, 3)), np.zeros((len(slides), 0, 4))
+    return mjm, LayoutTable.from_states(qpos, *none, present=np.ones((len(slides), 1), bool))
+
+
+def test_nothing_is_written_where_mujoco_warns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """No log in the working folder, also from threads; the handler of before is back afterwards, after errors too."""
+    monkeypatch.chdir(tmp_path)
+    mjm, table = rows_of_unstable([0.1] * 20)
+    before = mujoco.get_mju_user_warning()
+    settle(mjm, {"box": mjm.body("box").id}, table)
+    assert list(tmp_path.iterdir()) == []
+    heard: list[str] = []
+    mujoco.set_mju_user_warning(heard.append)
+    try:
+        settle(mjm, {"box": mjm.body("box").id}, table)
+        with pytest.raises(ZeroDivisionError), without_log():
+            raise ZeroDivisionError
+        assert mujoco.get_mju_user_warning() == heard.append
+    finally:
+        mujoco.set_mju_user_warning(before)
+    assert heard == []
