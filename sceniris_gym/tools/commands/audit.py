@@ -176,6 +176,7 @@ def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) 
     report = auditor.judge(table, settled=len(table) if settled is None else settled)
     claims = reach_claims(compiled, table)
     unreached = judge_reach(compiled, table, claims)
+    unstable = sum(count for count, _ in report.unstable.values())
     alarms = auditor.judge_rejected(candidates, names, compiled.placed)
     return {
         "scene": compiled.config.name,
@@ -206,9 +207,11 @@ def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) 
         "unreached": len(unreached),
         "unreached_by": dict(Counter(f"{u.name} {u.cause}" for u in unreached)),
         "settled": report.settled,
+        "unstable": unstable,
+        "unstable_by": {kind: f"{n} layouts, the first: {text}" for kind, (n, text) in report.unstable.items()},
         "frozen_joints": list(report.frozen),
         "moved": report.moved,
-        "moved_share": sum(report.moved.values()) / max(report.settled * len(report.moved), 1),
+        "moved_share": sum(report.moved.values()) / max((report.settled - unstable) * len(report.moved), 1),
         "fast": report.fast,
         "top_speed_m_s": report.top_speed,
     }

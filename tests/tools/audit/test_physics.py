@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.tools.audit.physics import hold, limp_joints, settle, without_log
+from sceniris_gym.tools.audit.physics import Settling, hold, limp_joints, settle, without_log
 from tests.tools.audit.judging import MJM, auditor
 from tests.tools.scenes import layout, with_row
 
@@ -146,3 +146,27 @@ def test_nothing_is_written_where_mujoco_warns(tmp_path: Path, monkeypatch: pyte
     finally:
         mujoco.set_mju_user_warning(before)
     assert heard == []
+
+
+def test_layouts_that_mujoco_resets_are_counted_apart():
+    """Unstable rows neither moved nor were fast, though MuJoCo puts the box back; the others are as ever."""
+    mjm, table = rows_of_unstable([0.1, 0.0, -0.1, 0.0, 0.0])
+    table.qpos[3, mjm.joint(1).qposadr[0] + 2] = 2.0
+    found = settle(mjm, {"box": mjm.body("box").id}, table)
+    assert list(found.warnings) == [0, 2]
+    assert all("QACC at DOF 0. The simulation is unstable" in text for _, text in found.warnings.values())
+    assert {kind for kind, _ in found.warnings.values()} == {"BADQACC"}
+    assert np.isnan(found.moved["box"]).tolist() == [True, False, True, False, False]
+    assert np.isnan(found.speed["box"]).tolist() == [True, False, True, False, False]
+    assert (found.moved["box"] > 0.5).tolist() == [False, False, False, True, False]
+
+
+def test_a_report_counts_unstable_layouts_by_kind(monkeypatch: pytest.MonkeyPatch):
+    """By number and first message; the largest speed is that of the rows that were stepped to the end."""
+    ends = np.array([np.nan, 0.0, 0.5, np.nan])
+    told = {0: ("BADQACC", "at 3"), 3: ("BADQACC", "at 4")}
+    motion = Settling({"gem": ends}, {"gem": 3 * ends}, told)
+    monkeypatch.setattr("sceniris_gym.tools.audit.auditor.settle", lambda *_, **__: motion)
+    report = auditor().judge(layout(MJM, 4), settled=4)
+    assert (report.settled, report.moved, report.fast, report.top_speed) == (4, {"gem": 1}, {"gem": 1}, 1.5)
+    assert report.unstable == {"BADQACC": (2, "at 3")}

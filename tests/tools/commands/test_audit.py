@@ -163,3 +163,23 @@ def test_rows_of_another_scene_are_refused(tmp_path: Path):
     for name in ("text.npz", "missing.npz"):
         with pytest.raises(SceneFileError, match="--save"):
             load_rows(compiled, tmp_path / name)
+
+
+def test_unstable_layouts_are_reported_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Not as moved or fast; with what MuJoCo warned of; and nothing is written."""
+    bodies = """<geom type="box" size="0.2 0.01 0.2" pos="0 0.3 0.3"/>
+      <body pos="0 0 0.3"><joint name="slide" type="slide" axis="0 -1 0" range="0 0.3"/>
+        <geom type="box" size="0.1 0.1 0.05" mass="0.001"/></body>"""
+    servo = '<actuator><general joint="slide" gainprm="0" biastype="affine" biasprm="1 1e12 0"/></actuator>'
+    cabinet = {"asset": write_mjcf(tmp_path, "cabinet", bodies, servo), "kind": "static"}
+    cabinet["joints"] = {"*": {"range": [0.05, 0.25]}}
+    objects = {"cabinet": cabinet, "can": {"asset": "can", "on": "floor"}}
+    compiled = compile_on_cpu({"floor": {"size": [2.0, 2.0]}, "objects": objects})
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    found = judge(compiled, layouts=10, rejected=0, settled=6, seed=3)
+    assert (found["settled"], found["unstable"], found["moved"], found["fast"]) == (6, 6, {"can": 0}, {"can": 0})
+    assert list(found["unstable_by"]) == ["BADQACC"]
+    assert "6 layouts, the first: Nan, Inf or huge value in QACC" in found["unstable_by"]["BADQACC"]
+    assert (found["moved_share"], found["top_speed_m_s"]) == (0.0, 0.0)
+    assert list((tmp_path / "here").iterdir()) == []
