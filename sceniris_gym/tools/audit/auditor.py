@@ -47,6 +47,8 @@ class Report:
         moved: Object name -> number of layouts in which it moved more than 1 cm while settling.
         fast: Object name -> number of layouts in which it was faster than 1 m/s.
         top_speed: The largest speed of any free object [m/s].
+        unstable: Kind of MuJoCo's warning -> number of layouts whose stepping it ended, and the first of its texts.
+            These layouts count as neither moved nor fast.
     """
 
     layouts: int
@@ -60,6 +62,7 @@ class Report:
     moved: dict[str, int] = field(default_factory=dict)
     fast: dict[str, int] = field(default_factory=dict)
     top_speed: float = 0.0
+    unstable: dict[str, tuple[int, str]] = field(default_factory=dict)
 
     @property
     def colliding(self) -> int:
@@ -156,13 +159,18 @@ class Auditor:
             return report
         limp = limp_joints(self.mjm, self._robots())
         motion = settle(self.mjm, self.free, table, frozen=limp)
+        unstable: dict[str, tuple[int, str]] = {}
+        for kind, text in motion.warnings.values():
+            count, earlier = unstable.get(kind, (0, text))
+            unstable[kind] = (count + 1, earlier)
         return replace(
             report,
             settled=len(table),
             frozen=tuple(self.mjm.joint(j).name or f"joint {j}" for j in limp),
             moved={name: int((d > STILL).sum()) for name, d in motion.moved.items()},
             fast={name: int((v > FAST).sum()) for name, v in motion.speed.items()},
-            top_speed=float(max(v.max() for v in motion.speed.values())),
+            top_speed=float(max(v.max(initial=0.0, where=~np.isnan(v)) for v in motion.speed.values())),
+            unstable=unstable,
         )
 
     def _robots(self) -> set[int]:

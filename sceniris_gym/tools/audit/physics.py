@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
 
@@ -28,14 +29,28 @@ class Settling:
     """How free objects move after a start at rest.
 
     Attributes:
-        moved: Object name -> distance between start and end [m], shape (nrow,).
-        speed: Object name -> largest speed [m/s], shape (nrow,).
+        moved: Object name -> distance between start and end [m], shape (nrow,), nan where MuJoCo warned.
+        speed: Object name -> largest speed [m/s], shape (nrow,), nan where MuJoCo warned.
+        warnings: Row in which MuJoCo warned -> kind and text of its first warning.
     """
 
     moved: dict[str, np.ndarray]
     speed: dict[str, np.ndarray]
+    warnings: dict[int, tuple[str, str]]
 
 
+@contextmanager
+def without_log() -> Iterator[None]:
+    """Keep MuJoCo's warnings, also those of its threads, from being written to a file in the working folder."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+@without_log()
 def settle(
     mjm: mujoco.MjModel,
     bodies: Mapping[str, int],
@@ -44,6 +59,8 @@ def settle(
     frozen: Sequence[int] = (),
 ) -> Settling:
     """Step each layout for some time with the actuators holding the start pose.
+
+    Where MuJoCo warns, a rollout ends early, and after a bad acceleration MuJoCo has reset the state.
 
     Args:
         mjm: The model.
@@ -58,6 +75,7 @@ def settle(
     place = 1 + mjm.jnt_qposadr[joints][:, None] + np.arange(3)  # a full state starts with the time
     velocity = 1 + mjm.nq + mjm.jnt_dofadr[joints][:, None] + np.arange(3)
     moved, speed = np.zeros((2, len(table), len(names)))
+    warnings: dict[int, tuple[str, str]] = {}
     nstep = round(seconds / mjm.opt.timestep)
     skipped = min(round(_FIRST_MOMENT / mjm.opt.timestep), nstep - 1)
     for start, some in table.chunks(_CHUNK):
@@ -68,9 +86,30 @@ def settle(
         here = slice(start, start + len(some))
         moved[here] = np.linalg.norm(state[:, -1][:, place] - first[:, place], axis=-1)
         speed[here] = np.linalg.norm(state[:, skipped:][:, :, velocity], axis=-1).max(1)
+        for i in np.flatnonzero(~(state[:, -1, 0] > first[:, 0] + (nstep - 0.5) * mjm.opt.timestep)).tolist():
+            warnings[start + i] = _first_warning(mjm, threads[0], first[i], given[i], nstep)
+            moved[start + i] = speed[start + i] = np.nan
     return Settling(
-        {name: moved[:, k] for k, name in enumerate(names)}, {name: speed[:, k] for k, name in enumerate(names)}
+        {name: moved[:, k] for k, name in enumerate(names)},
+        {name: speed[:, k] for k, name in enumerate(names)},
+        warnings,
     )
+
+
+def _first_warning(
+    mjm: mujoco.MjModel, data: mujoco.MjData, first: np.ndarray, given: np.ndarray, nstep: int
+) -> tuple[str, str]:
+    """Return kind and text of the first warning in a run that a rollout ended early."""
+    mujoco.mj_resetData(mjm, data)
+    mujoco.mj_setState(mjm, data, first, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    mujoco.mj_setState(mjm, data, given, _GIVEN)
+    for step in range(nstep):
+        mujoco.mj_step(mjm, data)
+        for kind, warning in enumerate(data.warning):
+            if warning.number:
+                text = mujoco.mju_warningText(kind, int(warning.lastinfo))
+                return mujoco.mjtWarning(kind).name.removeprefix("mjWARN_"), f"{text} Step {step + 1}."
+    return "UNKNOWN", "MuJoCo ended the run early."
 
 
 def _start(mjm: mujoco.MjModel, table: LayoutTable) -> tuple[np.ndarray, np.ndarray]:

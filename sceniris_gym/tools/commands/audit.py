@@ -11,7 +11,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from sceniris_gym.config.fields import ROBOT
-from sceniris_gym.errors import SceneFileError, SceneMismatchError
+from sceniris_gym.errors import SceneFileError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.reachability import OPENING_MARGIN
 from sceniris_gym.program.compiled import CompiledScene
@@ -19,6 +19,7 @@ from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.auditor import Auditor
 from sceniris_gym.tools.audit.contacts import Allowed
 from sceniris_gym.tools.audit.equalities import equalities
+from sceniris_gym.tools.audit.physics import without_log
 from sceniris_gym.tools.audit.reach import Claim, ReachAudit, Unreached
 from sceniris_gym.tools.files import replacing
 from sceniris_gym.tools.tables import make_table
@@ -131,6 +132,7 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
     Raises:
         SceneFileError: The file is missing, or is something else.
         SceneMismatchError: Its rows are of another scene.
+        UnknownNameError: A rejected object is not one that the scene places.
     """
     try:
         with np.load(path, allow_pickle=False) as file:
@@ -140,7 +142,7 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
             LayoutTable(**{f.name: columns[f"{part}_{f.name}"] for f in fields(LayoutTable)})
             for part in ("layouts", "rejected")
         )
-        names, split, seed = columns["rejected_object"].tolist(), str(columns["split"]), int(columns["seed"])
+        names, split, seed = columns["rejected_object"], str(columns["split"]), int(columns["seed"])
     except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
         raise SceneFileError(
             f"--rows {path}: should be a file that 'sceniris-gym audit SCENE --save FILE' has written: {error}"
@@ -150,7 +152,62 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
             f"--rows {path}: its rows are of the scene with hash {found}, but '{compiled.config.name}' has hash "
             f"{compiled.hash}. Give the scene, and the changes by --set, that the rows were made with."
         )
-    return Rows(table, rejected, names, split, seed)
+    _check_columns(compiled, path, table, rejected, names)
+    return Rows(table, rejected, names.tolist(), split, seed)
+
+
+def _check_columns(
+    compiled: CompiledScene, path: Path, table: LayoutTable, rejected: LayoutTable, names: np.ndarray
+) -> None:
+    """Refuse columns that are not those of the scene: shapes, types, and names of rejected objects."""
+    mjm, reaching = compiled.mjm, compiled.reaching
+    nreach, njoint = (0, 0) if reaching is None else (len(reaching.targets), len(reaching.arm.joints))
+    columns = [("rejected_object", names, (len(np.atleast_1d(rejected.valid)),), "<U1")]
+    for part, rows in (("layouts", table), ("rejected", rejected)):
+        n = len(np.atleast_1d(rows.valid))
+        like = LayoutTable.from_states(
+            np.zeros((n, mjm.nq), np.float32),
+            np.zeros((n, mjm.nmocap, 3), np.float32),
+            np.zeros((n, mjm.nmocap, 4), np.float32),
+            np.zeros((n, len(compiled.slots)), bool),
+        )
+        reach = {"grasp": (n, nreach), "grasp_pose": (n, nreach, 7)}
+        reach |= dict.fromkeys(("grasp_qpos", "pregrasp_qpos"), (n, nreach, njoint))
+        for f in fields(LayoutTable):
+            if rows is rejected and f.name in reach:
+                continue  # not read
+            model = getattr(like, f.name)
+            shape = reach.get(f.name, model.shape)
+            columns.append((f"{part}_{f.name}", getattr(rows, f.name), shape, model.dtype))
+    for name, found, shape, dtype in columns:
+        if found.shape != shape:
+            raise SceneFileError(f"--rows {path}: {name} has shape {found.shape}, but should have {shape}.")
+        if not np.can_cast(found.dtype, dtype, "same_kind"):
+            raise SceneFileError(f"--rows {path}: {name} has type {found.dtype}, but should have {dtype}.")
+    for name in names.tolist():
+        if name not in compiled.placed:
+            raise UnknownNameError("object", name, f"--rows {path}: rejected_object", compiled.placed)
+
+
+def _finite(rows: Rows) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
+    """Return which layouts and candidates are finite numbers, and by column which rows are not."""
+    found, by = [], {}
+    for part, table in (("layouts", rows.table), ("rejected", rows.rejected)):
+        finite = np.ones(len(table), bool)
+        for name in ("qpos", "mocap_pos", "mocap_quat"):
+            column = getattr(table, name)
+            sound = np.isfinite(column).all(axis=tuple(range(1, column.ndim)))
+            finite &= sound
+            if not sound.all():
+                by[f"{part} {name}"] = f"rows {_runs(np.flatnonzero(~sound))}"
+        found.append(finite)
+    return found[0], found[1], by
+
+
+def _runs(numbers: np.ndarray) -> str:
+    """Return ascending numbers in words: "0 3-5 9"."""
+    runs = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
+    return " ".join(str(run[0]) if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs)
 
 
 def judge(compiled: CompiledScene, layouts: int, rejected: int, settled: int, seed: int) -> dict:
@@ -166,14 +223,22 @@ def judge(compiled: CompiledScene, layouts: int, rejected: int, settled: int, se
     return judge_rows(compiled, make_rows(compiled, layouts, rejected, seed), settled)
 
 
+@without_log()
 def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) -> dict:
-    """Return the findings of the audit on rows, without making any; `settled` as in `judge`, None for all of them."""
-    table, candidates, names = rows.table, rows.rejected, rows.names
+    """Return the findings of the audit on rows, without making any; `settled` as in `judge`, None for all of them.
+
+    Rows with a number that is not finite are invalid; only the others are judged.
+    """
+    finite, finite_candidates, invalid_by = _finite(rows)
+    table, candidates = rows.table[finite], rows.rejected[finite_candidates]
+    names = np.array(rows.names, str)[finite_candidates].tolist()
+    settled = len(rows.table) if settled is None else settled
     auditor = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies)
     ties = equalities(compiled.mjm, table)
-    report = auditor.judge(table, settled=len(table) if settled is None else settled)
+    report = auditor.judge(table, settled=int(finite[:settled].sum()))
     claims = reach_claims(compiled, table)
     unreached = judge_reach(compiled, table, claims)
+    unstable = sum(count for count, _ in report.unstable.values())
     alarms = auditor.judge_rejected(candidates, names, compiled.placed)
     return {
         "scene": compiled.config.name,
@@ -181,11 +246,13 @@ def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) 
         "geometry": compiled.config.geometry,
         "device": compiled.device,
         "seed": rows.seed,
-        "layouts": report.layouts,
+        "layouts": len(rows.table),
         "valid": int(table.valid.sum()),
+        "invalid": int((~finite).sum() + (~finite_candidates).sum()),
+        "invalid_by": invalid_by,
         "missed_collisions": report.colliding,
         "missed_pairs": dict(Counter(" ".join(c.owners) for c in report.conflicts)),
-        "rejected": len(candidates),
+        "rejected": len(rows.rejected),
         "false_alarms": len(alarms),
         "false_alarm_pairs": dict(Counter(" ".join(a.owners or ()) for a in alarms)),
         "broken_equalities": ties.broken,
@@ -204,9 +271,11 @@ def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) 
         "unreached": len(unreached),
         "unreached_by": dict(Counter(f"{u.name} {u.cause}" for u in unreached)),
         "settled": report.settled,
+        "unstable": unstable,
+        "unstable_by": {kind: f"{n} layouts, the first: {text}" for kind, (n, text) in report.unstable.items()},
         "frozen_joints": list(report.frozen),
         "moved": report.moved,
-        "moved_share": sum(report.moved.values()) / max(report.settled * len(report.moved), 1),
+        "moved_share": sum(report.moved.values()) / max((report.settled - unstable) * len(report.moved), 1),
         "fast": report.fast,
         "top_speed_m_s": report.top_speed,
     }

@@ -1,11 +1,13 @@
 """What MuJoCo C says of layouts: depths that are known, and falls in closed form."""
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
 
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.tools.audit.physics import hold, limp_joints, settle
+from sceniris_gym.tools.audit.physics import Settling, hold, limp_joints, settle, without_log
 from tests.tools.audit.judging import MJM, auditor
 from tests.tools.scenes import layout, with_row
 
@@ -100,3 +102,71 @@ def test_joints_without_a_position_servo_are_limp_and_can_be_frozen():
     assert settle(swinging, free, table).moved["free"][0] > 0.1
     assert settle(swinging, free, table, frozen=[0]).moved["free"][0] < 1e-3
     assert not swinging.dof_armature.any()
+
+
+UNSTABLE = """
+<mujoco>
+  <option timestep="0.01"/>
+  <worldbody>
+    <geom type="plane" size="5 5 0.1"/>
+    <body name="drawer" pos="0 0 0.5">
+      <joint name="slide" type="slide" axis="0 1 0"/><geom type="box" size="0.1 0.1 0.1" mass="0.001"/>
+    </body>
+    <body name="box" pos="1 0 0.05"><freejoint/><geom type="box" size="0.05 0.05 0.05"/></body>
+  </worldbody>
+  <actuator><general joint="slide" gainprm="0" biastype="affine" biasprm="0 1e6 1e4"/></actuator>
+</mujoco>
+"""
+
+
+def rows_of_unstable(slides: list[float]) -> tuple[mujoco.MjModel, LayoutTable]:
+    """Return the model of a drawer that blows up wherever it is not at 0, and layouts with it in some places."""
+    mjm = mujoco.MjModel.from_xml_string(UNSTABLE)
+    qpos = np.tile(mjm.qpos0, (len(slides), 1))
+    qpos[:, mjm.joint("slide").qposadr] = np.array(slides)[:, None]
+    qpos[:, mjm.joint("slide").qposadr[0] + 1] = 0.5  # where no reset puts the box
+    none = np.zeros((len(slides), 0, 3)), np.zeros((len(slides), 0, 4))
+    return mjm, LayoutTable.from_states(qpos, *none, present=np.ones((len(slides), 1), bool))
+
+
+def test_nothing_is_written_where_mujoco_warns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """No log in the working folder, also from threads; the handler of before is back afterwards, after errors too."""
+    monkeypatch.chdir(tmp_path)
+    mjm, table = rows_of_unstable([0.1] * 20)
+    before = mujoco.get_mju_user_warning()
+    settle(mjm, {"box": mjm.body("box").id}, table)
+    assert list(tmp_path.iterdir()) == []
+    heard: list[str] = []
+    mujoco.set_mju_user_warning(heard.append)
+    try:
+        settle(mjm, {"box": mjm.body("box").id}, table)
+        with pytest.raises(ZeroDivisionError), without_log():
+            raise ZeroDivisionError
+        assert mujoco.get_mju_user_warning() == heard.append
+    finally:
+        mujoco.set_mju_user_warning(before)
+    assert heard == []
+
+
+def test_layouts_that_mujoco_resets_are_counted_apart():
+    """Unstable rows neither moved nor were fast, though MuJoCo puts the box back; the others are as ever."""
+    mjm, table = rows_of_unstable([0.1, 0.0, -0.1, 0.0, 0.0])
+    table.qpos[3, mjm.joint(1).qposadr[0] + 2] = 2.0
+    found = settle(mjm, {"box": mjm.body("box").id}, table)
+    assert list(found.warnings) == [0, 2]
+    assert all("QACC at DOF 0. The simulation is unstable" in text for _, text in found.warnings.values())
+    assert {kind for kind, _ in found.warnings.values()} == {"BADQACC"}
+    assert np.isnan(found.moved["box"]).tolist() == [True, False, True, False, False]
+    assert np.isnan(found.speed["box"]).tolist() == [True, False, True, False, False]
+    assert (found.moved["box"] > 0.5).tolist() == [False, False, False, True, False]
+
+
+def test_a_report_counts_unstable_layouts_by_kind(monkeypatch: pytest.MonkeyPatch):
+    """By number and first message; the largest speed is that of the rows that were stepped to the end."""
+    ends = np.array([np.nan, 0.0, 0.5, np.nan])
+    told = {0: ("BADQACC", "at 3"), 3: ("BADQACC", "at 4")}
+    motion = Settling({"gem": ends}, {"gem": 3 * ends}, told)
+    monkeypatch.setattr("sceniris_gym.tools.audit.auditor.settle", lambda *_, **__: motion)
+    report = auditor().judge(layout(MJM, 4), settled=4)
+    assert (report.settled, report.moved, report.fast, report.top_speed) == (4, {"gem": 1}, {"gem": 1}, 1.5)
+    assert report.unstable == {"BADQACC": (2, "at 3")}

@@ -1,12 +1,13 @@
 """The generator before its judge, in a scene that uses every word of the language."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import SceneFileError, SceneMismatchError
+from sceniris_gym.errors import SceneFileError, SceneMismatchError, ScenirisError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import upload_scene
 from sceniris_gym.scene.model import build_model
@@ -151,6 +152,16 @@ def test_saved_rows_are_judged_as_fresh_ones(tmp_path: Path):
     assert [path.name for path in tmp_path.iterdir()] == ["rows.npz"]
 
 
+def test_layouts_that_are_reached_can_be_saved_without_candidates(tmp_path: Path):
+    """Then the empty table of candidates has columns of grasps, which nothing reads."""
+    compiled = compile_scene("tabletop_reach", "cpu")
+    rows = make_rows(compiled, 3, 0, 5)
+    save_rows(compiled, rows, tmp_path / "rows.npz")
+    again = load_rows(compiled, tmp_path / "rows.npz")
+    assert again.table.grasp.shape == rows.table.grasp.shape != (3, 0)
+    assert (len(again.rejected), again.names) == (0, [])
+
+
 def test_rows_of_another_scene_are_refused(tmp_path: Path):
     """With both hashes; and what is no such file is refused in words."""
     scene = {"floor": {"size": [1.0, 1.0]}, "objects": {"can": {"asset": "can", "on": "floor"}}}
@@ -163,3 +174,77 @@ def test_rows_of_another_scene_are_refused(tmp_path: Path):
     for name in ("text.npz", "missing.npz"):
         with pytest.raises(SceneFileError, match="--save"):
             load_rows(compiled, tmp_path / name)
+
+
+def test_unstable_layouts_are_reported_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Not as moved or fast; with what MuJoCo warned of; and nothing is written."""
+    bodies = """<geom type="box" size="0.2 0.01 0.2" pos="0 0.3 0.3"/>
+      <body pos="0 0 0.3"><joint name="slide" type="slide" axis="0 -1 0" range="0 0.3"/>
+        <geom type="box" size="0.1 0.1 0.05" mass="0.001"/></body>"""
+    servo = '<actuator><general joint="slide" gainprm="0" biastype="affine" biasprm="1 1e12 0"/></actuator>'
+    asset = write_mjcf(tmp_path, "cabinet", bodies, servo)
+    cabinet = {"asset": asset, "kind": "static", "joints": {"*": {"range": [0.05, 0.25]}}}
+    objects = {"cabinet": cabinet, "can": {"asset": "can", "on": "floor"}}
+    compiled = compile_on_cpu({"floor": {"size": [2.0, 2.0]}, "objects": objects})
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    found = judge(compiled, layouts=10, rejected=0, settled=6, seed=3)
+    assert (found["settled"], found["unstable"], found["moved"], found["fast"]) == (6, 6, {"can": 0}, {"can": 0})
+    assert list(found["unstable_by"]) == ["BADQACC"]
+    assert "6 layouts, the first: Nan, Inf or huge value in QACC" in found["unstable_by"]["BADQACC"]
+    assert (found["moved_share"], found["top_speed_m_s"]) == (0.0, 0.0)
+    assert list((tmp_path / "here").iterdir()) == []
+
+
+PAIR = {
+    "floor": {"size": [0.6, 0.6]},
+    "objects": {"can": {"asset": "can", "on": "floor"}, "bowl": {"asset": "bowl", "on": "floor"}},
+}
+
+
+def test_rows_with_nan_are_invalid_and_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """In layouts and in candidates; the others are judged as if these were not there, and nothing is written."""
+    monkeypatch.chdir(tmp_path)
+    compiled = compile_on_cpu(PAIR)
+    rows = make_rows(compiled, 12, 12, 5)
+    sound = judge_rows(compiled, rows)
+    assert (sound["valid"], sound["invalid"], sound["invalid_by"]) == (12, 0, {})
+    rows.table.qpos[[0, 3, 4, 5], 1] = np.nan
+    rows.table.qpos[9, 2] = np.inf
+    rows.rejected.qpos[11, 1] = np.nan
+    found = judge_rows(compiled, rows, settled=6)
+    assert (found["layouts"], found["rejected"], found["valid"], found["settled"]) == (12, 12, 7, 2)
+    assert found["invalid"] == 6
+    assert found["invalid_by"] == {"layouts qpos": "rows 0 3-5 9", "rejected qpos": "rows 11"}
+    for fault in ("missed_collisions", "false_alarms", "misplaced", "unstable"):
+        assert found[fault] == 0, found
+    rows.table.qpos[:, 0] = rows.rejected.qpos[:, 0] = np.nan
+    found = judge_rows(compiled, rows)
+    assert (found["valid"], found["invalid"], found["settled"]) == (0, 24, 0)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"layouts_qpos": np.zeros((2, 5))}, r"layouts_qpos has shape \(2, 5\), but should have \(2, 14\)"),
+        ({"layouts_qpos": np.zeros((2, 15))}, r"layouts_qpos has shape \(2, 15\), but should have \(2, 14\)"),
+        ({"layouts_qpos": np.float64(0)}, r"layouts_qpos has shape \(\), but should have \(2, 14\)"),
+        ({"layouts_present": np.ones((1, 2), bool)}, r"layouts_present has shape \(1, 2\), but should have \(2, 2\)"),
+        ({"rejected_mocap_pos": np.zeros((3, 1, 3))}, r"rejected_mocap_pos .* but should have \(3, 0, 3\)"),
+        ({"layouts_grasp": np.zeros((2, 1), int)}, r"layouts_grasp has shape \(2, 1\), but should have \(2, 0\)"),
+        ({"layouts_qpos": np.full((2, 14), "x")}, "layouts_qpos has type <U1, but should have float32"),
+        ({"rejected_object": np.array(["can"])}, r"rejected_object has shape \(1,\), but should have \(3,\)"),
+        ({"rejected_object": np.array(["can", "cup", "can"])}, "unknown object 'cup'. Valid: bowl, can"),
+    ],
+)
+def test_rows_of_another_shape_are_refused(tmp_path: Path, changes: dict[str, Any], words: str):
+    """With what is there and what should be; also of another type, and of objects that are not placed."""
+    compiled = compile_on_cpu(PAIR)
+    save_rows(compiled, make_rows(compiled, 2, 3, 0), tmp_path / "rows.npz")
+    with np.load(tmp_path / "rows.npz") as file:
+        columns: dict[str, Any] = {name: file[name] for name in file.files}
+    load_rows(compiled, tmp_path / "rows.npz")
+    np.savez(tmp_path / "rows.npz", **(columns | changes))
+    with pytest.raises(ScenirisError, match=words):
+        load_rows(compiled, tmp_path / "rows.npz")
