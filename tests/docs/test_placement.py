@@ -22,6 +22,7 @@ from sceniris_gym.config.relations import Distance, Relation
 from sceniris_gym.config.scene import Floor, RobotConfig, SceneConfig
 from sceniris_gym.program import oddities
 from sceniris_gym.program.device import Cause
+from tests.oracle.hostile_judge import KICK
 
 PAGE = FOLDER / "placement.md"
 EXAMPLES = read_examples(PAGE)
@@ -142,6 +143,13 @@ def test_what_is_not_supported_is_listed_in_the_words_of_its_error() -> None:
         assert any(quote in words for words in raised), quote
     missing = [w for w in _about_models() if not any(quote in w for row in quotes for quote in row)]
     assert not missing, "\n".join(missing)
+
+
+def test_the_bound_on_kicks_is_that_of_the_judge() -> None:
+    """What sampled joints may accelerate by beyond gravity and springs, for slides and for hinges."""
+    text = " ".join(_section("`joints`").split())
+    assert f"plus {KICK:g} m/s2 for a slide" in text
+    assert f"it is {KICK:g} m/s2 over the radius of gyration" in text
 
 
 def test_warnings_are_listed_with_their_numbers() -> None:
