@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from sceniris_gym.errors import MaskError as MaskError
     from sceniris_gym.errors import MaskTypeError as MaskTypeError
     from sceniris_gym.errors import MeshError as MeshError
+    from sceniris_gym.errors import ModelWarning as ModelWarning
     from sceniris_gym.errors import NoSupportError as NoSupportError
     from sceniris_gym.errors import NotSupportedError as NotSupportedError
     from sceniris_gym.errors import ReachWarning as ReachWarning
@@ -84,6 +85,7 @@ _HOME = {  # public name -> the module it lives in
             "ReachWarning",
             "FallbackWarning",
             "AttemptsWarning",
+            "ModelWarning",
             "UnknownNameError",
             "NoSupportError",
             "ErodedSupportError",

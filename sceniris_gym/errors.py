@@ -256,17 +256,28 @@ class FallbackWarning(UserWarning):
         name: The object with the most rejections.
         cause: The most frequent cause of them.
         cures: What to write in the scene file, e.g. "'restarts' above 8".
+        held: How many layouts the smaller of the two banks holds, and how many it should, where fewer were found.
     """
 
-    def __init__(self, where: str, share: float, name: str, cause: str, cures: Iterable[str]) -> None:
+    def __init__(
+        self,
+        where: str,
+        share: float,
+        name: str,
+        cause: str,
+        cures: Iterable[str],
+        held: tuple[int, int] | None = None,
+    ) -> None:
         self.where, self.share, self.name, self.cause, self.cures = where, share, name, cause, tuple(cures)
+        self.held = held
+        few = "" if held is None else f" No more were found, so the bank holds {held[0]} of {held[1]}."
         super().__init__(
             f"{where}: {share:.0%} of the worlds run out of restarts and get a layout from the bank, mostly because of "
-            f"'{name}' ({cause}). Write {', or '.join(self.cures)}."
+            f"'{name}' ({cause}).{few} Write {', or '.join(self.cures)}."
         )
 
     def __reduce__(self) -> tuple:
-        return type(self), (self.where, self.share, self.name, self.cause, self.cures)
+        return type(self), (self.where, self.share, self.name, self.cause, self.cures, self.held)
 
 
 class AttemptsWarning(UserWarning):

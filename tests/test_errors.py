@@ -46,7 +46,9 @@ EXAMPLES: dict[type, Exception] = {
         TaskError("Lift", "reward", "a float", "a tensor of shape (num_envs,)"),
         OutputError("/out/a.png", "no space left on device"),
         MissingExtraError("stable-baselines3", "sb3"),
-        FallbackWarning("scene.yaml", 0.45, "can", "blocked", ["'restarts' above 8", "a 'bank' above 64"]),
+        FallbackWarning(
+            "scene.yaml", 0.45, "can", "blocked", ["'restarts' above 8", "a larger region for 'can'"], (4, 64)
+        ),
         AttemptsWarning("scene.yaml", 10_000),
         KeysLeftOutWarning(["env.num_envs"], {"objects.can.distance": "cut off here"}, ["Give a robot."]),
     )

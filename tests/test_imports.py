@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import sceniris_gym
+from sceniris_gym import errors
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "sceniris_gym"
@@ -114,6 +116,13 @@ def test_every_public_name_is_there(name: str):
     """Each name of `__all__` can be had from the package, and is listed by dir()."""
     assert getattr(sceniris_gym, name) is not None
     assert name in dir(sceniris_gym)
+
+
+def test_every_warning_is_a_public_name():
+    """So that users can filter each of them by its class."""
+    kinds = {name for name, kind in inspect.getmembers(errors, inspect.isclass) if issubclass(kind, UserWarning)}
+    assert "ModelWarning" in kinds
+    assert kinds <= set(sceniris_gym.__all__)
 
 
 def test_an_unknown_name_is_an_attribute_error():

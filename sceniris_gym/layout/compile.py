@@ -153,8 +153,12 @@ def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:
     cures = [f"'restarts' above {config.restarts}"]
     if config.attempts != AUTO and Cause[cause.upper()] not in _AT_ONCE:
         cures.append(f"'attempts: {AUTO}'")
-    cures += [f"a larger region for '{name}'", f"a 'bank' above {config.bank}, which repeats itself less often"]
-    warnings.warn(FallbackWarning(config.where, share, name, cause, cures), stacklevel=4)
+    cures.append(f"a larger region for '{name}'")
+    found = min(len(probe.found) for probe in probes)
+    held = (found, config.bank) if found < config.bank else None
+    if held is None:
+        cures.append(f"a 'bank' above {config.bank}, which repeats itself less often")
+    warnings.warn(FallbackWarning(config.where, share, name, cause, cures, held), stacklevel=4)
 
 
 def _with_rows(declared: Any, instance: Any, bank: Mapping[str, np.ndarray], names: Sequence[str], device: str) -> Any:

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import trimesh
 
-from sceniris_gym.config.fields import MOST_FAR
+from sceniris_gym.config.fields import MOST_FAR, ROBOT
 from sceniris_gym.errors import ModelWarning
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.pieces import Piece, PieceType, flat_faces, geom_name
@@ -21,8 +21,10 @@ from sceniris_gym.scene.model import SceneModel
 _FILLED = 1.3
 # The largest extent of a thing [m]; beyond, its units are probably others.
 _SMALLEST, _LARGEST = 1.0e-3, 50.0
-# How deep [m] two things that stand still may overlap: files are rounded.
+# How deep [m] two things that are not placed may overlap: files are rounded.
 _SUNK = 1.0e-3
+# Without contacts nothing is pushed.
+_NO_CONTACTS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
 # How far [m] geoms may reach from the origin, along an axis: up to there rounding stays below what counts as touching.
 _FINE = 128.0
 
@@ -93,29 +95,82 @@ def _sizes(scene: SceneModel, plan: Plan) -> Iterator[str]:
 
 
 def _sunk(scene: SceneModel, plan: Plan) -> Iterator[str]:
-    """What stands still for good and is inside of something else that does; MuJoCo never reports such contacts."""
+    """What layouts leave where it is, and what is inside of something else that they leave there."""
     if scene.config.geometry != "physics":
         return
-    mjm, config = scene.mjm, scene.config
-    placed = {body for n, part in config.objects.items() if part.kind != "static" for body in scene.subtree(n)}
-    still = [p for p in plan.pieces if p.body not in placed]
+    mjm = scene.mjm
+    is_pushed = not mjm.opt.disableflags & _NO_CONTACTS
+    still: list[str] = []
+    pushed: list[str] = []
+    cures: dict[str, None] = {}
+    placed = {b for name, o in scene.config.objects.items() if o.is_placed for b in scene.subtree(name)}
+    for depth, geoms in _overlaps(mjm, plan.home, [p for p in plan.pieces if p.body not in placed]):
+        free = [geom for geom in geoms if _can_move(mjm, geom)]
+        one, other = geoms if not free or geoms[0] in free else reversed(geoms)
+        text = f"{_geom_of(scene, one)} is {1e3 * depth:.3g} mm inside {_geom_of(scene, other)}"
+        if not free:
+            still.append(text)
+        elif is_pushed:
+            pushed.append(text)
+            cures |= dict.fromkeys(_cure(scene, geom) for geom in free)
+    if still:
+        yield (
+            f"what stands still overlaps: {_some(still)}. Nothing moves them apart; correct their positions (for the "
+            "robot `robot.base`), or exclude the pair if that is meant."
+        )
+    if pushed:
+        yield (
+            f"what can move overlaps something in the start pose, and contact forces push it out at the start: "
+            f"{_some(pushed)}. {'; '.join(cures)}; or exclude the pair if that is meant."
+        )
+
+
+def _overlaps(mjm: mujoco.MjModel, home: mujoco.MjData, pieces: list[Piece]) -> Iterator[tuple[float, tuple[int, int]]]:
+    """How deep [m] things are in each other at home, and which geoms are: the deepest of each two things.
+
+    What cannot move and what can are told apart.
+    """
     rules = ContactRules(mjm, "physics")
-    deepest: dict[tuple[str, str], float] = {}
-    for a, b in _near(mjm, plan.home, still):
+    deepest: dict[tuple[int, int, bool], tuple[float, tuple[int, int]]] = {}
+    for a, b in _near(mjm, home, pieces):
         roots = [int(mjm.body_rootid[p.body]) for p in (a, b)]
         excluded = roots[0] == roots[1] or rules.excludes(a.body, b.body)
         if excluded or not rules.meet(a.contact_class, b.contact_class):
             continue
-        depth = -mujoco.mj_geomDistance(mjm, plan.home, a.geom, b.geom, 0.0, None)
-        if depth > _SUNK:
-            names = mjm.body(roots[0]).name, mjm.body(roots[1]).name
-            deepest[names] = max(depth, deepest.get(names, 0.0))
-    if deepest:
-        found = [f"'{one}' is {1e3 * depth:.3g} mm inside '{other}'" for (one, other), depth in deepest.items()]
-        yield (
-            f"what stands still overlaps: {_some(found)}. Nothing moves them apart; correct their positions (for the "
-            "robot `robot.base`), or exclude the pair if that is meant."
-        )
+        depth = -mujoco.mj_geomDistance(mjm, home, a.geom, b.geom, 0.0, None)
+        key = roots[0], roots[1], _can_move(mjm, a.geom) or _can_move(mjm, b.geom)
+        if depth > max(_SUNK, deepest[key][0] if key in deepest else 0.0):
+            deepest[key] = depth, (a.geom, b.geom)
+    yield from deepest.values()
+
+
+def _can_move(mjm: mujoco.MjModel, geom: int) -> bool:
+    """Whether a joint moves a geom."""
+    return bool(mjm.body_dofnum[mjm.body_weldid[mjm.geom_bodyid[geom]]])
+
+
+def _owner(scene: SceneModel, geom: int) -> str:
+    """What messages call the thing that a geom is part of: the object, the robot, or a body of the model."""
+    root = int(scene.mjm.body_rootid[scene.mjm.geom_bodyid[geom]])
+    names = {body: name for name, body in scene.bodies.items()}
+    return names.get(root) or str(scene.mjm.body(root).name)
+
+
+def _geom_of(scene: SceneModel, geom: int) -> str:
+    return f"geom '{geom_name(scene.mjm, geom)}' of '{_owner(scene, geom)}'"
+
+
+def _cure(scene: SceneModel, geom: int) -> str:
+    """What brings a geom that can move to another place at the start."""
+    name, mjm = _owner(scene, geom), scene.mjm
+    root = int(mjm.body_rootid[mjm.geom_bodyid[geom]])
+    if root == scene.bodies.get(ROBOT):
+        return "Correct the robot's keyframe or `robot.base`"
+    if mjm.body_dofnum[root] != 6:
+        return f"Correct the position of '{name}' or the start pose of its joints"
+    if name in scene.bodies:
+        return f"Give '{name}' an `on` or a `region`, or move it"
+    return f"Place '{name}' as an object with `on` or `region`, or move it"
 
 
 def _coarse(scene: SceneModel, plan: Plan) -> Iterator[str]:

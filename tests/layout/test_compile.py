@@ -115,6 +115,22 @@ def test_many_fallbacks_are_told_with_what_cures_them(crate: dict):
             compile_on_cpu(scene, words)
 
 
+def test_a_bank_that_is_not_full_is_told_instead_of_a_larger_one(tmp_path: Path):
+    """Three crates that fill their floor: of a thousand layouts few are found, and asking for more gives no more."""
+    crate = {"asset": box_mjcf(tmp_path, "crate", 0.2, 0.2, 0.2), "on": "floor", "ratio_on_support": 1.0}
+    scene = {"floor": {"size": [0.5, 0.5]}, "objects": {"a": crate, "b": crate, "c": crate}, "attempts": 3}
+    with pytest.warns(FallbackWarning) as told:
+        compiled = compile_on_cpu({**scene, "restarts": 1, "bank": 1000})
+    warning = told[0].message
+    assert isinstance(warning, FallbackWarning)
+    rows = [compiled.bank_rows(split) for split in ("train", "eval")]
+    found = min(r.stop - r.start for r in rows)
+    assert warning.held == (found, 1000)
+    assert f"the bank holds {found} of 1000" in str(warning)
+    assert "'bank' above" not in str(warning)
+    assert "'restarts' above 1" in str(warning)
+
+
 def test_restarts_for_what_no_attempt_cures_are_blamed_on_it(tmp_path: Path, crate: dict):
     """A lid that leans half of the time: `auto` is no cure for an empty region, and is not proposed."""
     body = """<geom type="box" size=".2 .2 .01"/>

@@ -109,7 +109,83 @@ def test_what_stands_inside_of_something_else_is_named_with_the_depth(depth: flo
     (tmp_path / "own.xml").write_text(geoms)
     objects = {"desk": {"kind": "static"}, "base": {"kind": "static"}}
     found = warned(objects, model=tmp_path / "own.xml")
-    assert ["'desk' is 15 mm inside 'base'" in text for text in found] == [True] * number
+    assert ["of 'desk' is 15 mm inside" in text for text in found] == [True] * number
+    assert all("geom '0 of body desk'" in text and "Nothing moves them apart" in text for text in found)
+
+
+PARTS = {
+    "wall": '<body name="wall"><geom name="block" type="box" size=".1 .1 .1" pos="0 0 .1"/></body>',
+    "crate": '<body name="crate" pos="0 0 .1"><freejoint/><geom name="side" type="box" size=".05 .05 .05"/></body>',
+    "chest": """<body name="chest"><geom name="back" type="box" size=".2 .01 .1" pos="0 .3 .1"/>
+      <body name="tray" pos="0 -.19 .1"><joint name="tray" type="slide" axis="0 1 0"/>
+        <geom name="front" type="box" size=".1 .1 .05"/></body></body>""",
+}
+STATIC = {"kind": "static"}
+PUSHED = "contact forces push it out at the start"
+ARM = """<mujoco><worldbody><body name="base"><geom type="box" size=".05 .05 .05" pos="0 0 .05"/>
+  <body name="arm" pos="0 0 .3"><joint name="arm" axis="0 1 0"/>
+    <geom name="finger" type="capsule" fromto="0 0 0 {reach} 0 0" size=".02"/></body></body></worldbody>
+  <keyframe><key name="home" qpos="0"/></keyframe></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("parts", "objects", "said", "cure"),
+    [
+        (
+            "wall crate",
+            {"wall": STATIC},
+            "geom 'side' of 'crate' is 150 mm inside geom 'block' of 'wall'",
+            "as an object",
+        ),
+        (
+            "wall crate",
+            {"wall": STATIC, "crate": {}},
+            "geom 'side' of 'crate' is 150 mm inside",
+            "an `on` or a `region`",
+        ),
+        ("crate wall", {"crate": {}}, "geom 'side' of 'crate' is 150 mm inside geom 'block' of 'wall'", "a `region`"),
+        ("wall chest", {"wall": STATIC, "chest": STATIC}, "geom 'front' of 'chest' is 10 mm inside", "its joints"),
+        ("wall crate", {"crate": {"on": "floor"}}, None, ""),
+    ],
+)
+def test_what_moves_is_told_that_it_is_pushed_out_of_what_it_is_in(
+    parts: str, objects: dict, said: str | None, cure: str, tmp_path: Path
+):
+    """A crate, declared or not, and a tray: MuJoCo pushes them out, and each has its own remedy."""
+    bodies = "".join(PARTS[name] for name in parts.split())
+    (tmp_path / "own.xml").write_text(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+    found = warned(objects, model=tmp_path / "own.xml", floor={"size": [2, 2]})
+    assert len(found) == (said is not None)
+    for text in found:
+        assert said is not None
+        assert said in text
+        assert cure in text
+        assert PUSHED in text
+        assert "Nothing moves them apart" not in text
+
+
+def test_nothing_is_pushed_where_contacts_are_off(tmp_path: Path):
+    """A flag of the model, or an exclude, that lets a crate stand in a wall."""
+    bodies = PARTS["wall"] + PARTS["crate"]
+    exclude = '<contact><exclude body1="wall" body2="crate"/></contact>'
+    for head, tail in (('<option><flag contact="disable"/></option>', ""), ("", exclude)):
+        (tmp_path / "own.xml").write_text(f"<mujoco>{head}<worldbody>{bodies}</worldbody>{tail}</mujoco>")
+        assert warned({"wall": STATIC, "crate": {}}, model=tmp_path / "own.xml") == []
+
+
+@pytest.mark.parametrize(("reach", "number"), [(0.3, 1), (0.1, 0)])
+def test_a_link_of_the_robot_is_told_apart_from_its_base(reach: float, number: int, tmp_path: Path):
+    """A finger in a wall: its keyframe, or the base."""
+    (tmp_path / "arm.xml").write_text(ARM.format(reach=reach))
+    wall = '<body name="wall" pos=".35 0 .3"><geom name="block" type="box" size=".1 .1 .1"/></body>'
+    (tmp_path / "own.xml").write_text(f"<mujoco><worldbody>{wall}</worldbody></mujoco>")
+    robot = {"asset": str(tmp_path / "arm.xml"), "base": [0, 0, 0]}
+    found = warned({"wall": STATIC}, model=tmp_path / "own.xml", robot=robot)
+    assert len(found) == number
+    for text in found:
+        assert "geom 'arm/finger' of 'robot' is 70 mm inside geom 'block' of 'wall'" in text
+        assert "keyframe or `robot.base`" in text
+        assert PUSHED in text
 
 
 WALL = """<mujoco><worldbody>
