@@ -82,9 +82,10 @@ class LayoutGenerator:
             raise ValueError(f"LayoutGenerator: unknown split '{split}'. Valid: {', '.join(USER_SPLITS)}.")
         if nworld < 1:
             raise CountError(f"LayoutGenerator: nworld should be at least 1, got {nworld}.")
-        size = default_size(compiled.device) if size is None else size
-        if compiled.pieces > _MOST_PIECES:
-            size = replace(size, rows=size.rows // 8)
+        if size is None:
+            size = default_size(compiled.device)
+            if compiled.pieces > _MOST_PIECES:
+                size = replace(size, rows=size.rows // 8)
         if rejected > 0:
             size = replace(size, rows=0)  # rows of restarts that may not be reached are not recorded
         self.compiled, self.split, self.size = compiled, split, size

@@ -13,6 +13,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.limits import MAX_ANCHORS, MAX_RELATIONS
+from sceniris_gym.errors import CountError
 from sceniris_gym.layout.orientations import DrawnVariant
 from sceniris_gym.layout.polygons import HalfPlane
 from sceniris_gym.layout.random import STREAM_BITS
@@ -113,11 +114,14 @@ class SearchSize:
     Attributes:
         rows: Rows beyond one for each world, for restarts that are tried at the same time.
         candidates: Candidates of one wave.
-        busy: Candidates of a wave up to which further trials and restarts are tried at the same time.
+        busy: Candidates of a wave up to which further trials are drawn at the same time.
         leaves: Pairs of leaves that wait for lanes of their own; 0: candidates are tested as a whole.
         lanes: Lanes of a launch in which each works for itself.
         parts: Lanes that share the screen of one candidate.
         blocks, block_dim: Blocks of a launch in which a block's lanes share a candidate, and their number.
+
+    Raises:
+        CountError: One of them is less than 1; `rows` and `leaves` may be 0.
     """
 
     rows: int
@@ -128,6 +132,12 @@ class SearchSize:
     parts: int
     blocks: int
     block_dim: int
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            least = 0 if name in ("rows", "leaves") else 1
+            if value < least:
+                raise CountError(f"SearchSize: {name} should be at least {least}, got {value}.")
 
 
 def default_size(device: str) -> SearchSize:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import CountError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
@@ -209,3 +210,11 @@ def test_floors_without_objects_need_no_candidates():
     generator.generate()
     assert (generator.layouts.status.numpy() == Status.VALID).all()
     assert (generator.layouts.attempts.numpy() == 0).all()
+
+
+@pytest.mark.parametrize(("name", "least"), [("rows", 0), ("candidates", 1), ("busy", 1), ("leaves", 0), ("lanes", 1)])
+def test_a_size_that_would_never_end_is_refused(name: str, least: int):
+    """By its name; the least one is accepted."""
+    replace(default_size("cpu"), **{name: least})
+    with pytest.raises(CountError, match=f"{name} should be at least {least}, got {least - 1}"):
+        replace(default_size("cpu"), **{name: least - 1})
