@@ -132,7 +132,7 @@ def _passes_screen(program: Program, reach: Reach, search: Search, c: int, lane:
     block_sync()  # all lanes have read it
     if cause == _NONE:
         cause = why_not(program, reach, search, c, search.row_object[search.row[c]])
-        if lane == 0:
+        if lane == 0 and cause != _NONE:
             search.cause[c] = cause
     return cause == _NONE
 
