@@ -3,15 +3,15 @@
 import warp as wp
 
 from sceniris_gym.layout.groups import next_object
+from sceniris_gym.layout.kinematics import write_root
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.search import Search
+from sceniris_gym.layout.search import Search, queue_row
 from sceniris_gym.program.device import Cause, ObjectKind, Program
 from sceniris_gym.program.device_reach import Reach
 
 wp.set_module_options({"enable_backward": False})
 
 _STATIC = wp.constant(int(ObjectKind.STATIC))
-_FREE = wp.constant(int(ObjectKind.FREE))
 _NONE = wp.constant(int(Cause.NONE))
 _EMPTY = wp.constant(int(Cause.EMPTY))
 _REGION = wp.constant(int(Cause.REGION))
@@ -37,17 +37,8 @@ def _write_state(
         qpos[adr] = search.qpos[c, adr]
     if program.obj_kind[obj] == _STATIC:
         return
-    pos = search.body_pos[c, program.obj_body[obj]]
-    quat = search.body_quat[c, program.obj_body[obj]]
-    adr = program.obj_adr[obj]
-    if program.obj_kind[obj] == _FREE:
-        for i in range(3):
-            qpos[adr + i] = pos[i]
-        for i in range(4):
-            qpos[adr + 3 + i] = quat[i]
-    else:
-        mocap_pos[adr] = pos
-        mocap_quat[adr] = wp.quat(quat[0], quat[1], quat[2], quat[3])
+    root = program.obj_body[obj]
+    write_root(program, obj, search.body_pos[c, root], search.body_quat[c, root], qpos, mocap_pos, mocap_quat)
 
 
 @wp.func
@@ -105,11 +96,11 @@ def _count_rejection(layouts: LayoutsView, search: Search, row: int, obj: int, c
 
 
 @wp.func
-def _go_on(program: Program, search: Search, row: int, trial: int):
+def _go_on(search: Search, row: int, trial: int):
     """Queue a row for its next trial, unless an earlier restart of its world has placed everything already."""
     search.row_trial[row] = trial
     if search.best[search.row_world[row]] > search.row_restart[row]:
-        search.queue[1 - search.source[0], wp.atomic_add(search.rows_left, 0, 1)] = row
+        queue_row(search, row)
 
 
 @wp.func
@@ -155,7 +146,7 @@ def _accept(
         row = search.queue[search.source[0], i]
         trials = search.row_trials[row]
         if trials == 0:  # the wave had no room for it
-            _go_on(program, search, row, search.row_trial[row])
+            _go_on(search, row, search.row_trial[row])
             continue
         trial = _accept_first(program, reach, layouts, search, row, search.row_first[row], trials)
         if trial == 0:
@@ -164,7 +155,7 @@ def _accept(
             if obj == program.nobject:
                 wp.atomic_min(search.best, search.row_world[row], search.row_restart[row])
         if search.row_object[row] < program.nobject and trial < program.attempts:
-            _go_on(program, search, row, trial)
+            _go_on(search, row, trial)
 
 
 def launch_accept(

@@ -23,7 +23,7 @@ from sceniris_gym.layout.leaves import (
     support_of,
 )
 from sceniris_gym.layout.screen import why_not
-from sceniris_gym.layout.search import UNPROVEN, Search, SearchSize, list_of
+from sceniris_gym.layout.search import UNPROVEN, Search, SearchSize, candidate_num, list_of
 from sceniris_gym.layout.transforms import Pose, apply, relative
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
@@ -148,7 +148,7 @@ def _queue_leaves(
 ):
     block, lane = wp.tid()
     nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
-    for c in range(block, wp.min(search.candidates[0], search.cause.shape[0]), blocks):
+    for c in range(block, candidate_num(search), blocks):
         if not _passes_screen(program, reach, search, c, lane):
             continue
         row = search.row[c]
@@ -263,7 +263,7 @@ def _test_together(
     leaves = wp.tile_stack(capacity=wp.static(WAITING), dtype=wp.vec3i)
     if unproven and search.unproven[0] == 0:
         return
-    for c in range(block, wp.min(search.candidates[0], search.cause.shape[0]), blocks):
+    for c in range(block, candidate_num(search), blocks):
         wanted = bool(False)
         if unproven:
             wanted = search.cause[c] == _UNPROVEN
@@ -290,7 +290,7 @@ def _test_alone(
     # Search in and out:
     search: Search,
 ):
-    for c in range(wp.tid(), wp.min(search.candidates[0], search.cause.shape[0]), lanes):
+    for c in range(wp.tid(), candidate_num(search), lanes):
         row = search.row[c]
         tests = list_of(search, row)
         if search.cause[c] == _NONE:

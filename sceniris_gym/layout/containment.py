@@ -5,7 +5,7 @@ import warp as wp
 from sceniris_gym.layout.blocks import block_any
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.leaves import PairPoses, candidate_poses, pair_poses
-from sceniris_gym.layout.search import Search, SearchSize, list_of
+from sceniris_gym.layout.search import Search, SearchSize, candidate_num, list_of
 from sceniris_gym.layout.transforms import Pose, relative
 from sceniris_gym.program.device import Cause, Program
 
@@ -72,7 +72,7 @@ def _test_containment(
     # Search in and out:
     search: Search,
 ):
-    for i in range(wp.tid(), parts * wp.min(search.candidates[0], search.cause.shape[0]), lanes):
+    for i in range(wp.tid(), parts * candidate_num(search), lanes):
         c = i // parts
         row = search.row[c]
         tests = list_of(search, row)

@@ -12,7 +12,7 @@ from sceniris_gym.layout.orientations import draw_turn
 from sceniris_gym.layout.points import draw_in_triangle, draw_triangle
 from sceniris_gym.layout.posing import pose_candidate
 from sceniris_gym.layout.random import uniforms
-from sceniris_gym.layout.search import Search, stream_of, trial_of
+from sceniris_gym.layout.search import Search, candidate_num, stream_of, trial_of
 from sceniris_gym.layout.transforms import apply, pose_of
 from sceniris_gym.program.device import Cause, Measure, ObjectKind, OrientationType, Program
 
@@ -68,7 +68,7 @@ def _draw(
     # Search in and out:
     search: Search,
 ):
-    for c in range(wp.tid(), wp.min(search.candidates[0], search.cause.shape[0]), lanes):
+    for c in range(wp.tid(), candidate_num(search), lanes):
         row = search.row[c]
         obj = search.row_object[row]
         trial = trial_of(program, search, c)

@@ -5,17 +5,16 @@
 
 import warp as wp
 
-from sceniris_gym.layout.kinematics import follow_joints, pose_bodies
+from sceniris_gym.layout.kinematics import follow_joints, pose_bodies, write_root
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.random import GROUP_STREAM, STREAM_BITS, uniforms
 from sceniris_gym.layout.transforms import quat_mat
-from sceniris_gym.program.device import ObjectKind, Program
+from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.scene.parking import PARKING_COLUMNS, PARKING_FROM, PARKING_SPACING
 
 _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
 _GROUP_STREAM = wp.constant(wp.uint32(GROUP_STREAM))
-_FREE = wp.constant(int(ObjectKind.FREE))
 _FAR = wp.constant(PARKING_FROM)
 _SPACING = wp.constant(PARKING_SPACING)
 _COLUMNS = wp.constant(PARKING_COLUMNS)
@@ -69,15 +68,7 @@ def _park_absent(program: Program, layouts: LayoutsView, row: int, obj: int):
     pose_bodies(program, obj, 1, qpos, layouts.body_pos[row], layouts.body_quat[row])
     layouts.place[row, slot] = wp.vec4(pivot[0], pivot[1], pivot[2], 0.0)
     layouts.bounds[row, slot] = program.variant_bounds[variant]
-    adr = program.obj_adr[obj]
-    if program.obj_kind[obj] == _FREE:
-        for i in range(3):
-            qpos[adr + i] = pos[i]
-        for i in range(4):
-            qpos[adr + 3 + i] = quat[i]
-    else:
-        layouts.mocap_pos[row, adr] = pos
-        layouts.mocap_quat[row, adr] = wp.quat(quat[0], quat[1], quat[2], quat[3])
+    write_root(program, obj, pos, quat, qpos, layouts.mocap_pos[row], layouts.mocap_quat[row])
 
 
 @wp.func

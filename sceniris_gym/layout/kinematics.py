@@ -4,9 +4,10 @@ import warp as wp
 
 from sceniris_gym.layout.random import uniforms
 from sceniris_gym.layout.transforms import axis_angle_quat
-from sceniris_gym.program.device import Program
+from sceniris_gym.program.device import ObjectKind, Program
 from sceniris_gym.reach.quaternions import mul_quat, rot_vec_quat
 
+_FREE = wp.constant(int(ObjectKind.FREE))
 # The first draw of a trial is the pose's; joints follow, four numbers a draw.
 _FIRST_DRAW = wp.constant(2)
 
@@ -98,3 +99,25 @@ def pose_bodies(
     adr = program.obj_bodyadr[obj]
     for i in range(first, program.obj_bodynum[obj]):
         pose_body(program, program.body_list[adr + i], qpos, body_pos, body_quat)
+
+
+@wp.func
+def write_root(
+    program: Program,
+    obj: int,
+    pos: wp.vec3,
+    quat: wp.vec4,
+    qpos: wp.array(dtype=float),
+    mocap_pos: wp.array(dtype=wp.vec3),
+    mocap_quat: wp.array(dtype=wp.quat),
+):
+    """Write the pose of an object's root where MuJoCo reads it: its free joint, or its mocap body."""
+    adr = program.obj_adr[obj]
+    if program.obj_kind[obj] == _FREE:
+        for i in range(3):
+            qpos[adr + i] = pos[i]
+        for i in range(4):
+            qpos[adr + 3 + i] = quat[i]
+    else:
+        mocap_pos[adr] = pos
+        mocap_quat[adr] = wp.quat(quat[0], quat[1], quat[2], quat[3])

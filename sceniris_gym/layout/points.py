@@ -18,7 +18,7 @@ from sceniris_gym.layout.posing import pose_candidate
 from sceniris_gym.layout.random import uniforms
 from sceniris_gym.layout.regions import outline_distance
 from sceniris_gym.layout.relations import piece_side, relation_holds, resolve, side_num
-from sceniris_gym.layout.search import Search, SearchSize, stream_of, trial_of
+from sceniris_gym.layout.search import Search, SearchSize, candidate_num, stream_of, trial_of
 from sceniris_gym.layout.transforms import Pose, apply, pose_of
 from sceniris_gym.program.device import Cause, ObjectKind, OrientationType, Program
 
@@ -368,7 +368,7 @@ def _draw_points(
     search: Search,
 ):
     block, lane = wp.tid()
-    for c in range(block, wp.min(search.candidates[0], search.cause.shape[0]), blocks):
+    for c in range(block, candidate_num(search), blocks):
         row = search.row[c]
         obj = search.row_object[row]
         if search.cause[c] == _NONE and program.obj_kind[obj] != _STATIC and program.obj_cutnum[obj] > 0:

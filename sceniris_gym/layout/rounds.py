@@ -8,7 +8,7 @@ import warp as wp
 from sceniris_gym.layout.bank import fall_back
 from sceniris_gym.layout.groups import draw_groups, next_object
 from sceniris_gym.layout.layouts import LayoutsView, Status
-from sceniris_gym.layout.search import Search, SearchSize
+from sceniris_gym.layout.search import Search, SearchSize, queue_row
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_reach import Reach
 
@@ -82,7 +82,7 @@ def _open_row(
     search.row_attempts[row] = 0
     search.row_object[row] = next_object(program, reach, layouts, row, 0)
     if search.row_object[row] < program.nobject:
-        search.queue[1 - search.source[0], wp.atomic_add(search.rows_left, 0, 1)] = row
+        queue_row(search, row)
     else:
         wp.atomic_min(search.best, worldid, restart)
 

@@ -5,15 +5,14 @@ import warp as wp
 from sceniris_gym.layout.grasps import passes_map
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.regions import is_under_roof, overhangs
-from sceniris_gym.layout.search import NO_GRASP, Search, SearchSize
+from sceniris_gym.layout.search import NO_GRASP, Search, SearchSize, candidate_num
 from sceniris_gym.layout.transforms import pose_of
-from sceniris_gym.program.device import Cause, ObjectKind, OrientationType, Program, Roof
+from sceniris_gym.program.device import Cause, ObjectKind, Program, Roof
 from sceniris_gym.program.device_reach import Reach
 
 wp.set_module_options({"enable_backward": False})
 
 _STATIC = wp.constant(int(ObjectKind.STATIC))
-_FACE_TO = wp.constant(int(OrientationType.FACE_TO))
 _EITHER = wp.constant(int(Roof.EITHER))
 _COVERED = wp.constant(int(Roof.COVERED))
 _NO_GRASP = wp.constant(NO_GRASP)
@@ -72,7 +71,7 @@ def _look(
     # Search in and out:
     search: Search,
 ):
-    for i in range(wp.tid(), parts * wp.min(search.candidates[0], search.cause.shape[0]), lanes):
+    for i in range(wp.tid(), parts * candidate_num(search), lanes):
         c = i // parts
         row = search.row[c]
         obj = search.row_object[row]

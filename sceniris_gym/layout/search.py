@@ -90,6 +90,18 @@ class Search:
 
 
 @wp.func
+def candidate_num(search: Search) -> int:
+    """How many candidates this wave has: those that rows asked for, as far as there is room."""
+    return wp.min(search.candidates[0], search.cause.shape[0])
+
+
+@wp.func
+def queue_row(search: Search, row: int):
+    """Let a row take part in the next wave."""
+    search.queue[1 - search.source[0], wp.atomic_add(search.rows_left, 0, 1)] = row
+
+
+@wp.func
 def trial_of(program: Program, search: Search, candidate: int) -> int:
     """The number of a candidate's trial, all restarts together."""
     return search.row_restart[search.row[candidate]] * program.attempts + search.turn_number[candidate]
