@@ -23,7 +23,7 @@ from sceniris_gym.layout.leaves import (
     support_of,
 )
 from sceniris_gym.layout.screen import why_not
-from sceniris_gym.layout.search import UNPROVEN, Search, SearchSize, candidate_num, list_of
+from sceniris_gym.layout.search import UNPROVEN, Search, SearchSize, candidate_num
 from sceniris_gym.layout.transforms import Pose, apply, relative
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
@@ -131,7 +131,7 @@ def _passes_screen(program: Program, reach: Reach, search: Search, c: int, lane:
     cause = search.cause[c]
     block_sync()  # all lanes have read it
     if cause == _NONE:
-        cause = why_not(program, reach, search, c, search.row_object[search.row[c]])
+        cause = why_not(program, reach, search, c, search.obj[c])
         if lane == 0 and cause != _NONE:
             search.cause[c] = cause
     return cause == _NONE
@@ -152,7 +152,7 @@ def _queue_leaves(
         if not _passes_screen(program, reach, search, c, lane):
             continue
         row = search.row[c]
-        tests = list_of(search, row)
+        tests = search.obj[c]
         support = support_of(program, tests)
         last = program.obj_startadr[tests] + program.obj_startnum[tests]
         for base in range(program.obj_startadr[tests], last, wp.block_dim()):
@@ -276,7 +276,7 @@ def _test_together(
             own_quat = search.body_quat[c]
             pos = layouts.body_pos[row]
             quat = layouts.body_quat[row]
-            hit = collides(program, list_of(search, row), nodes, leaves, lane, own_pos, own_quat, pos, quat)
+            hit = collides(program, search.obj[c], nodes, leaves, lane, own_pos, own_quat, pos, quat)
             if lane == 0:
                 search.cause[c] = wp.where(hit, _COLLISION, _NONE)
 
@@ -292,7 +292,7 @@ def _test_alone(
 ):
     for c in range(wp.tid(), candidate_num(search), lanes):
         row = search.row[c]
-        tests = list_of(search, row)
+        tests = search.obj[c]
         if search.cause[c] == _NONE:
             search.cause[c] = why_not(program, reach, search, c, tests)
         if search.cause[c] == _NONE:

@@ -5,7 +5,7 @@ import warp as wp
 from sceniris_gym.layout.blocks import block_any
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.leaves import PairPoses, candidate_poses, pair_poses
-from sceniris_gym.layout.search import Search, SearchSize, candidate_num, list_of
+from sceniris_gym.layout.search import Search, SearchSize, candidate_num
 from sceniris_gym.layout.transforms import Pose, relative
 from sceniris_gym.program.device import Cause, Program
 
@@ -75,7 +75,7 @@ def _test_containment(
     for i in range(wp.tid(), parts * candidate_num(search), lanes):
         c = i // parts
         row = search.row[c]
-        tests = list_of(search, row)
+        tests = search.obj[c]
         adr = program.obj_pairadr[tests]
         for pair in range(adr + i % parts, adr + program.obj_pairnum[tests], parts):
             if search.cause[c] == _NONE:

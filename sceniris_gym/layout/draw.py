@@ -70,7 +70,7 @@ def _draw(
 ):
     for c in range(wp.tid(), candidate_num(search), lanes):
         row = search.row[c]
-        obj = search.row_object[row]
+        obj = search.obj[c]
         trial = trial_of(program, search, c)
         seed = layouts.seed[search.row_world[row]]
         episode = layouts.episode[search.row_world[row]]

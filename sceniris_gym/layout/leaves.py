@@ -10,7 +10,7 @@ from sceniris_gym.geometry.colliders import PIECE_LEAF
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.layout.convex import Shape, least_extent, piece_shape, separated
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.search import Search, list_of
+from sceniris_gym.layout.search import Search
 from sceniris_gym.layout.transforms import Pose, apply, compose, pose_of, relative
 from sceniris_gym.layout.triangles import triangles_separated
 from sceniris_gym.program.device import Cause, ObjectKind, Program
@@ -226,7 +226,7 @@ def _test_leaves(
         if search.cause[c] == _NONE:
             row = search.row[c]
             poses = candidate_poses(program, layouts, search, c, row, entry[0])
-            margin = margin_of(program, entry[0], support_of(program, list_of(search, row)))
+            margin = margin_of(program, entry[0], support_of(program, search.obj[c]))
             if leaves_touch(program, entry, poses, margin):
                 search.cause[c] = _COLLISION
 

@@ -370,7 +370,7 @@ def _draw_points(
     block, lane = wp.tid()
     for c in range(block, candidate_num(search), blocks):
         row = search.row[c]
-        obj = search.row_object[row]
+        obj = search.obj[c]
         if search.cause[c] == _NONE and program.obj_kind[obj] != _STATIC and program.obj_cutnum[obj] > 0:
             frame = _frame(program, layouts, row, obj)
             cause = _EMPTY

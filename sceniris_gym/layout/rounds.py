@@ -148,7 +148,8 @@ def _open_candidates(
     capacity = search.cause.shape[0]
     for i in range(wp.tid(), search.rows[0], lanes):
         row = search.queue[search.source[0], i]
-        usual = program.obj_effort[search.row_object[row]]
+        obj = search.row_object[row]
+        usual = program.obj_effort[obj]
         trials = wp.clamp(int(search.trials_scale[0] * usual), 1, program.attempts - search.row_trial[row])
         first = wp.atomic_add(search.candidates, 0, trials)
         trials = wp.clamp(capacity - first, 0, trials)
@@ -156,7 +157,8 @@ def _open_candidates(
         search.row_trials[row] = trials
         for t in range(trials):
             search.row[first + t] = row
-            search.turn_number[first + t] = search.row_trial[row] + t
+            search.obj[first + t] = obj
+            search.trial[first + t] = search.row_trial[row] + t
 
 
 def launch_open_candidates(program: Program, size: SearchSize, search: Search, device: str) -> None:

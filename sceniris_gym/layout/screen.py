@@ -74,7 +74,7 @@ def _look(
     for i in range(wp.tid(), parts * candidate_num(search), lanes):
         c = i // parts
         row = search.row[c]
-        obj = search.row_object[row]
+        obj = search.obj[c]
         if search.cause[c] == _NONE and program.obj_kind[obj] != _STATIC:
             if reach.obj_reach.shape[0] > 0:
                 if reach.obj_reach[obj] >= 0:

@@ -65,7 +65,8 @@ class Search:
     unproven: wp.array(dtype=int)  # 1: some candidate is UNPROVEN
     # Candidates
     row: wp.array(dtype=int)
-    turn_number: wp.array(dtype=int)  # which trial of its row's object, from 0
+    obj: wp.array(dtype=int)
+    trial: wp.array(dtype=int)  # which trial of its object in this restart, from 0
     cause: wp.array(dtype=int)
     turn: wp.array(dtype=DrawnVariant)
     heading: wp.array(dtype=float)
@@ -104,19 +105,13 @@ def queue_row(search: Search, row: int):
 @wp.func
 def trial_of(program: Program, search: Search, candidate: int) -> int:
     """The number of a candidate's trial, all restarts together."""
-    return search.row_restart[search.row[candidate]] * program.attempts + search.turn_number[candidate]
+    return search.row_restart[search.row[candidate]] * program.attempts + search.trial[candidate]
 
 
 @wp.func
 def stream_of(program: Program, split: wp.uint32, obj: int) -> wp.uint32:
     """The stream of random numbers that an object's candidates are drawn from."""
     return (split << _STREAM_BITS) + wp.uint32(program.obj_stream[obj])
-
-
-@wp.func
-def list_of(search: Search, row: int) -> int:
-    """The list of pairs that the candidates of a row are tested against."""
-    return search.row_object[row]
 
 
 @dataclass(frozen=True)
@@ -190,7 +185,7 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         s.trials_scale = wp.zeros(1, dtype=float)
         for name in ("candidates", "leaves", "unproven"):
             setattr(s, name, wp.zeros(1, dtype=int))
-        for name in ("row", "turn_number", "cause", "surface", "grasp", "covered", "off"):
+        for name in ("row", "obj", "trial", "cause", "surface", "grasp", "covered", "off"):
             setattr(s, name, wp.zeros(ncand, dtype=int))
         s.turn = wp.zeros(ncand, dtype=DrawnVariant)
         s.heading = wp.zeros(ncand, dtype=float)

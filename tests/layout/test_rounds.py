@@ -66,7 +66,7 @@ def test_candidates_fit_into_a_wave(tray: CompiledScene, busy: int, candidates: 
         assert (trials <= ATTEMPTS - trial[rows]).all()
         assert trials.sum() == min(search.candidates.numpy()[0], candidates)
         assert (trials > 0).all() or trials.sum() == candidates
-        of, turn = search.row.numpy(), search.turn_number.numpy()
+        of, turn = search.row.numpy(), search.trial.numpy()
         for row, a, n in zip(rows, first, trials, strict=True):
             assert (of[a : a + n] == row).all()
             assert (turn[a : a + n] == trial[row] + np.arange(n)).all()
