@@ -79,7 +79,7 @@ def _test_containment(
         adr = program.obj_pairadr[tests]
         for pair in range(adr + i % parts, adr + program.obj_pairnum[tests], parts):
             if search.cause[c] == _NONE:
-                if _is_one_inside(program, pair, candidate_poses(program, layouts, search, c, row, pair)):
+                if _is_one_inside(program, pair, candidate_poses(program, layouts, search, c, row, pair, -1)):
                     search.cause[c] = _COLLISION  # other lanes write the same
 
 

@@ -12,7 +12,7 @@ from sceniris_gym.layout.orientations import draw_turn
 from sceniris_gym.layout.points import draw_in_triangle, draw_triangle
 from sceniris_gym.layout.posing import pose_candidate
 from sceniris_gym.layout.random import uniforms
-from sceniris_gym.layout.search import Search, candidate_num, stream_of, trial_of
+from sceniris_gym.layout.search import Search, begin_wave, candidate_num, stream_of, trial_of
 from sceniris_gym.layout.transforms import apply, pose_of
 from sceniris_gym.program.device import Cause, Measure, ObjectKind, OrientationType, Program
 
@@ -68,6 +68,8 @@ def _draw(
     # Search in and out:
     search: Search,
 ):
+    if wp.tid() == 0:
+        begin_wave(search)
     for c in range(wp.tid(), candidate_num(search), lanes):
         row = search.row[c]
         obj = search.obj[c]
@@ -76,6 +78,7 @@ def _draw(
         episode = layouts.episode[search.row_world[row]]
         stream = stream_of(program, split, obj)
         search.cause[c] = _NONE
+        search.conflicts[c] = wp.uint64(0)
         search.surface[c] = -1
         draw_joints(program, obj, seed, episode, stream, trial, search.qpos[c])
         if program.obj_kind[obj] == _STATIC:

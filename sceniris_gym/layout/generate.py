@@ -11,7 +11,7 @@ import warp as wp
 
 from sceniris_gym.errors import CountError, MaskError, MaskTypeError, SeedError
 from sceniris_gym.layout.accept import launch_accept
-from sceniris_gym.layout.boxes import launch_test_boxes
+from sceniris_gym.layout.collision import launch_test_collisions
 from sceniris_gym.layout.containment import launch_test_containment
 from sceniris_gym.layout.draw import launch_draw
 from sceniris_gym.layout.layouts import Layouts
@@ -187,12 +187,12 @@ class LayoutGenerator:
         """Draw candidates of all rows, test them, and accept the first of each row that passes."""
         program, reach, view, search = self.compiled.program, self._reach, self.layouts.view, self._search
         split, size, device = SPLITS[self.split], self.size, self._device
-        launch_open_candidates(program, size, search, device)
+        launch_open_candidates(program, size, view, search, device)
         launch_draw(program, split, size.lanes, view, search, device)
         if self._related:
             launch_draw_points(program, split, size, view, search, device)
         launch_screen(program, reach, size, view, search, device)
-        launch_test_boxes(program, reach, size, self._faces, view, search, device)
+        launch_test_collisions(program, reach, size, self._faces, view, search, device)
         if self._faces:
             launch_test_containment(program, size, view, search, device)
         launch_accept(program, reach, size.lanes, view, search, device)

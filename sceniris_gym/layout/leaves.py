@@ -13,7 +13,7 @@ from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.search import Search
 from sceniris_gym.layout.transforms import Pose, apply, compose, pose_of, relative
 from sceniris_gym.layout.triangles import triangles_separated
-from sceniris_gym.program.device import Cause, ObjectKind, Program
+from sceniris_gym.program.device import ObjectKind, Program
 
 wp.set_module_options({"enable_backward": False})
 
@@ -24,8 +24,6 @@ SKIN = 5.0e-6
 _SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
 _PIECE_LEAF = wp.constant(PIECE_LEAF)
 _HULL = wp.constant(int(PieceType.HULL))
-_NONE = wp.constant(int(Cause.NONE))
-_COLLISION = wp.constant(int(Cause.COLLISION))
 _STATIC = wp.constant(int(ObjectKind.STATIC))
 _OWN_A = wp.constant(1)
 _OWN_B = wp.constant(2)
@@ -73,11 +71,30 @@ def pair_poses(
 
 
 @wp.func
-def candidate_poses(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, pair: int) -> PairPoses:
-    """The same for a candidate of a row."""
-    own_pos = search.body_pos[c]
-    own_quat = search.body_quat[c]
-    return pair_poses(program, pair, own_pos, own_quat, layouts.body_pos[row], layouts.body_quat[row])
+def _body_pose(layouts: LayoutsView, search: Search, row: int, c: int, body: int) -> Pose:
+    """Where a body is: posed by a candidate, or as it stands in the row if that is -1."""
+    pos = layouts.body_pos[row, body]
+    quat = layouts.body_quat[row, body]
+    if c >= 0:
+        pos = search.body_pos[c, body]
+        quat = search.body_quat[c, body]
+    return pose_of(pos, quat)
+
+
+@wp.func
+def candidate_poses(
+    program: Program, layouts: LayoutsView, search: Search, c: int, row: int, pair: int, rival: int
+) -> PairPoses:
+    """The same for a candidate of a row, against a rival or, if that is -1, what stands in the row."""
+    own = program.pair_own[pair]
+    p = PairPoses()
+    p.a = _body_pose(
+        layouts, search, row, wp.where((own & _OWN_A) != 0, c, rival), program.collider_body[program.pair_a[pair]]
+    )
+    p.b = _body_pose(
+        layouts, search, row, wp.where((own & _OWN_B) != 0, c, rival), program.collider_body[program.pair_b[pair]]
+    )
+    return p
 
 
 @wp.func
@@ -121,13 +138,58 @@ def over_plane(program: Program, pose: Pose, plane_pose: Pose, plane: int) -> Ov
 
 
 @wp.func
+def _shapes_separated(
+    program: Program, pair: int, a: Shape, b: Shape, pose_a: Pose, pose_b: Pose, rel: Pose, margin: float
+) -> bool:
+    """Are two shapes, posed in their bodies, further apart than `margin` [m]? `rel` is b's body in a's frame.
+
+    They are no deeper in each other than a negative margin allows if they are apart, or would be with b moved by so
+    much in any direction. Those of the pair are tried.
+    """
+    frame = relative(pose_a, compose(rel, pose_b))
+    here = frame.pos
+    num = wp.where(margin < 0.0, program.pair_waynum[pair], 0)
+    for i in range(1 + num):
+        if i > 0:
+            way = program.way[program.pair_wayadr[pair] + i - 1]
+            if 2 * i > num:
+                way = rel.rot * way
+            frame.pos = here - margin * (wp.transpose(pose_a.rot) * way)
+        if separated(program.vert, a, b, frame, _SPACE, wp.max(margin, 0.0)):
+            return True
+    return False
+
+
+@wp.func
+def _pieces_separated(program: Program, pair: int, a: int, b: int, rel: Pose, margin: float) -> bool:
+    """Are two convex pieces further apart than `margin` [m]? `rel` is b's body in a's frame."""
+    return _shapes_separated(
+        program,
+        pair,
+        piece_shape(program, a),
+        piece_shape(program, b),
+        piece_pose(program, a),
+        piece_pose(program, b),
+        rel,
+        margin,
+    )
+
+
+@wp.func
+def _piece_of(program: Program, leaf: int) -> int:
+    """The piece that a leaf is, or -1 for a triangle."""
+    if program.faces == 0:
+        return leaf
+    return wp.max(leaf - _PIECE_LEAF, -1)
+
+
+@wp.func
 def _leaf_shape(program: Program, leaf: int) -> Shape:
     """The shape of a leaf: that of a piece, or of a triangle as the hull of its corners."""
     s = Shape()
-    if program.faces == 0:
-        s = piece_shape(program, leaf)
-    elif leaf >= _PIECE_LEAF:
-        s = piece_shape(program, leaf - _PIECE_LEAF)
+    piece = _piece_of(program, leaf)
+    if piece >= 0:
+        s = piece_shape(program, piece)
     else:
         s.kind = _HULL
         s.size = wp.vec3(0.0)
@@ -143,21 +205,16 @@ def _leaf_pose(program: Program, leaf: int) -> Pose:
     p = Pose()
     p.pos = wp.vec3(0.0)
     p.rot = wp.identity(n=3, dtype=float)
-    if program.faces == 0:
-        p = piece_pose(program, leaf)
-    elif leaf >= _PIECE_LEAF:
-        p = piece_pose(program, leaf - _PIECE_LEAF)
+    piece = _piece_of(program, leaf)
+    if piece >= 0:
+        p = piece_pose(program, piece)
     return p
 
 
 @wp.func
-def _separated(program: Program, pair: int, a: int, b: int, rel: Pose, margin: float) -> bool:
-    """Are two leaves further apart than `margin` [m]? `rel` is b's body in a's frame.
-
-    They are no deeper in each other than a negative margin allows if they are apart, or would be with b moved by so
-    much in any direction. Those of the pair are tried.
-    """
-    if program.faces != 0 and a < _PIECE_LEAF and b < _PIECE_LEAF:
+def _leaves_separated(program: Program, pair: int, a: int, b: int, rel: Pose, margin: float) -> bool:
+    """The same of two leaves of any geometry."""
+    if _piece_of(program, a) < 0 and _piece_of(program, b) < 0:
         return triangles_separated(
             program.face_a[a],
             program.face_b[a],
@@ -167,70 +224,49 @@ def _separated(program: Program, pair: int, a: int, b: int, rel: Pose, margin: f
             apply(rel, program.face_c[b]),
             margin,
         )
-    piece = _leaf_pose(program, a)
-    frame = relative(piece, compose(rel, _leaf_pose(program, b)))
-    shape_a = _leaf_shape(program, a)
-    shape_b = _leaf_shape(program, b)
-    if margin >= 0.0:
-        return separated(program.vert, shape_a, shape_b, frame, _SPACE, margin)
-    here = frame.pos
-    num = program.pair_waynum[pair]
-    for i in range(1 + num):
-        if i > 0:
-            way = program.way[program.pair_wayadr[pair] + i - 1]
-            if 2 * i > num:
-                way = rel.rot * way
-            frame.pos = here - margin * (wp.transpose(piece.rot) * way)
-        if separated(program.vert, shape_a, shape_b, frame, _SPACE, 0.0):
-            return True
-    return False
+    return _shapes_separated(
+        program,
+        pair,
+        _leaf_shape(program, a),
+        _leaf_shape(program, b),
+        _leaf_pose(program, a),
+        _leaf_pose(program, b),
+        rel,
+        margin,
+    )
 
 
 @wp.func
 def _lowest_of_leaf(program: Program, leaf: int, in_body: wp.vec3) -> float:
     """Least extent [m] of a leaf along a direction, both in the body's frame."""
-    if program.faces != 0 and leaf < _PIECE_LEAF:
-        return wp.min(
-            wp.min(wp.dot(in_body, program.face_a[leaf]), wp.dot(in_body, program.face_b[leaf])),
-            wp.dot(in_body, program.face_c[leaf]),
-        )
-    piece = leaf
-    if program.faces != 0:
-        piece = leaf - _PIECE_LEAF
-    return lowest(program, piece, in_body)
+    piece = _piece_of(program, leaf)
+    if piece >= 0:
+        return lowest(program, piece, in_body)
+    return wp.min(
+        wp.min(wp.dot(in_body, program.face_a[leaf]), wp.dot(in_body, program.face_b[leaf])),
+        wp.dot(in_body, program.face_c[leaf]),
+    )
 
 
 @wp.func
-def leaves_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> bool:
-    """Are the leaves of an entry (pair, node of a, node of b) no further apart than `margin` [m]?"""
+def pieces_touch(program: Program, entry: wp.vec4i, poses: PairPoses, margin: float) -> bool:
+    """Are the pieces of an entry (pair, node of a, node of b, rival) no further apart than `margin` [m]?"""
+    a = ~program.node_child[entry[1]]
+    plane = program.collider_plane[program.pair_b[entry[0]]]
+    if plane >= 0:
+        over = over_plane(program, poses.a, poses.b, plane)
+        return over.height + lowest(program, a, over.normal) <= margin
+    b = ~program.node_child[entry[2]]
+    return not _pieces_separated(program, entry[0], a, b, relative(poses.a, poses.b), margin)
+
+
+@wp.func
+def leaves_touch(program: Program, entry: wp.vec4i, poses: PairPoses, margin: float) -> bool:
+    """The same of leaves of any geometry."""
     a = ~program.node_child[entry[1]]
     plane = program.collider_plane[program.pair_b[entry[0]]]
     if plane >= 0:
         over = over_plane(program, poses.a, poses.b, plane)
         return over.height + _lowest_of_leaf(program, a, over.normal) <= margin
-    return not _separated(program, entry[0], a, ~program.node_child[entry[2]], relative(poses.a, poses.b), margin)
-
-
-# With all the registers that it would take, a multiprocessor holds few warps, and each waits for its own arithmetic.
-@wp.kernel(grid_stride=False, cuda_max_registers=128)
-def _test_leaves(
-    program: Program,
-    lanes: int,
-    layouts: LayoutsView,
-    # Search in and out:
-    search: Search,
-):
-    for i in range(wp.tid(), wp.min(search.leaves[0], search.leaf.shape[0]), lanes):
-        c = search.leaf[i][0]
-        entry = wp.vec3i(search.leaf[i][1], search.leaf[i][2], search.leaf[i][3])
-        if search.cause[c] == _NONE:
-            row = search.row[c]
-            poses = candidate_poses(program, layouts, search, c, row, entry[0])
-            margin = margin_of(program, entry[0], support_of(program, search.obj[c]))
-            if leaves_touch(program, entry, poses, margin):
-                search.cause[c] = _COLLISION
-
-
-def launch_test_leaves(program: Program, lanes: int, layouts: LayoutsView, search: Search, device: str) -> None:
-    """Test the pairs of leaves that wait."""
-    wp.launch(_test_leaves, dim=lanes, inputs=[program, lanes, layouts], outputs=[search], device=device)
+    b = ~program.node_child[entry[2]]
+    return not _leaves_separated(program, entry[0], a, b, relative(poses.a, poses.b), margin)

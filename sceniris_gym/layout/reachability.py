@@ -186,7 +186,7 @@ def _hits(program: Program, layouts: LayoutsView, nodes: Any, leaves: Any, world
     """Whether the posed arm hits anything of a list of pairs."""
     pos = layouts.arm_pos[worldid]
     quat = layouts.arm_quat[worldid]
-    if collides(program, tests, nodes, leaves, lane, pos, quat, pos, quat):
+    if collides(program, tests, nodes, leaves, lane, pos, quat, pos, quat) != 0:
         return True
     if program.faces == 0:
         return False
@@ -321,8 +321,8 @@ def _reachability(
     if not search.waiting[worldid]:
         return
     restart = search.restart[worldid]
-    nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
-    leaves = wp.tile_stack(capacity=wp.static(WAITING), dtype=wp.vec3i)
+    nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec4i)
+    leaves = wp.tile_stack(capacity=wp.static(WAITING), dtype=wp.vec4i)
     for i in range(lane, layouts.arm_qpos.shape[1], wp.block_dim()):
         layouts.arm_qpos[worldid, i] = layouts.qpos[worldid, i]
     for i in range(lane, layouts.arm_pos.shape[1], wp.block_dim()):

@@ -17,6 +17,8 @@ _ROOF_REACH = wp.constant(5.0)
 _ROOF_START = wp.constant(1.0e-4)
 # A footprint may graze the rim of its support by the skin of the collision test.
 _RIM = wp.constant(-1.0e-6)
+# Of a radius and the distances that it is compared with [m].
+_ROUNDING = wp.constant(1.0e-5)
 
 
 @wp.func
@@ -140,8 +142,10 @@ def _extends_beyond(program: Program, piece: int, edge: int, turn: int, rel: Pos
     a = program.edge_a[edge]
     along = wp.normalize(program.edge_b[edge] - a)
     inward = float(turn) * wp.vec3(-along[1], along[0], 0.0)
-    least = least_extent(program.vert, piece_shape(program, piece), rel, inward)
-    return least < inward[0] * a[0] + inward[1] * a[1] + _RIM
+    rim = inward[0] * a[0] + inward[1] * a[1] + _RIM
+    if wp.dot(inward, rel.pos) > rim + program.piece_radius[piece] + _ROUNDING:  # most lie well inside
+        return False
+    return least_extent(program.vert, piece_shape(program, piece), rel, inward) < rim
 
 
 @wp.func

@@ -2,7 +2,9 @@
 
 A *row* is one restart of one world: the objects placed so far, and the next one with its next trial. The first
 `nworld` rows are those of the worlds themselves; the others try later restarts of worlds at the same time. A
-*candidate* is one trial of one row's object. Counts that steer loops are arrays of one element, read on the device.
+*candidate* is one trial of one object in a row. Candidates of a row follow each other, by object and trial; those of an
+earlier object are *rivals* of those of a later one, which is not placed where it collides with the rival that is.
+Counts that steer loops are arrays of one element, read on the device.
 """
 
 from __future__ import annotations
@@ -33,6 +35,14 @@ _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
 
 
 @wp.struct
+class QueuedLeaves:
+    """Two leaves that come near each other."""
+
+    candidate: int
+    entry: wp.vec4i  # (pair, node of a, node of b, rival or -1)
+
+
+@wp.struct
 class Search:
     """The arrays of a search as device code takes them."""
 
@@ -48,7 +58,7 @@ class Search:
     row_object: wp.array(dtype=int)  # the object to place next; all are placed if there is no such object
     row_trial: wp.array(dtype=int)  # its next trial, from 0
     row_first: wp.array(dtype=int)  # its first candidate in this wave
-    row_trials: wp.array(dtype=int)  # and how many it has; 0 if the wave has no room for it
+    row_num: wp.array(dtype=int)  # and how many it has; 0 if the wave has no room for it
     row_attempts: wp.array(dtype=int)  # candidates drawn in this restart
     row_rejections: wp.array3d(dtype=int)  # of rows beyond those of worlds: by object and cause
     queue: wp.array2d(dtype=int)  # rows that still place objects; two lists, of which one is read and one written
@@ -57,7 +67,6 @@ class Search:
     rows_left: wp.array(dtype=int)
     tickets: wp.array(dtype=int)
     restarts_at_once: wp.array(dtype=int)
-    trials_scale: wp.array(dtype=float)  # how many times the usual trials of an object are drawn at once
     source: wp.array(dtype=int)  # which list of `queue` is read
     rows: wp.array(dtype=int)  # number of rows in it
     candidates: wp.array(dtype=int)
@@ -68,6 +77,7 @@ class Search:
     obj: wp.array(dtype=int)
     trial: wp.array(dtype=int)  # which trial of its object in this restart, from 0
     cause: wp.array(dtype=int)
+    conflicts: wp.array(dtype=wp.uint64)  # with which rivals it collides: a bit for each candidate of its row
     turn: wp.array(dtype=DrawnVariant)
     heading: wp.array(dtype=float)
     point: wp.array(dtype=wp.vec3)  # under the pivot [m]
@@ -87,7 +97,7 @@ class Search:
     pieces: wp.array(dtype=int)  # pieces of its region that have any area
     piece: wp.array2d(dtype=int)  # their numbers
     piece_area: wp.array2d(dtype=float)  # [m^2]
-    leaf: wp.array(dtype=wp.vec4i)  # (candidate, pair, node of a, node of b)
+    leaf: wp.array(dtype=QueuedLeaves)
 
 
 @wp.func
@@ -100,6 +110,24 @@ def candidate_num(search: Search) -> int:
 def queue_row(search: Search, row: int):
     """Let a row take part in the next wave."""
     search.queue[1 - search.source[0], wp.atomic_add(search.rows_left, 0, 1)] = row
+
+
+@wp.func
+def begin_wave(search: Search):
+    """Let the rows that were queued take part in this wave. A single lane calls it, once they have candidates."""
+    search.rows[0] = search.rows_left[0]
+    search.rows_left[0] = 0
+    search.source[0] = 1 - search.source[0]
+    search.leaves[0] = 0
+    search.unproven[0] = 0
+
+
+@wp.func
+def rival_num(search: Search, row: int, candidate: int) -> int:
+    """How many of a row's candidates are of other objects than this one and before it."""
+    if search.obj[candidate] == search.row_object[row]:
+        return 0
+    return candidate - search.trial[candidate] - search.row_first[row]
 
 
 @wp.func
@@ -121,7 +149,8 @@ class SearchSize:
     Attributes:
         rows: Rows beyond one for each world, for restarts that are tried at the same time.
         candidates: Candidates of one wave.
-        busy: Candidates of a wave up to which further trials are drawn at the same time.
+        busy: Candidates of a wave up to which further trials, and further objects, are drawn at the same time.
+        tries: How many times the candidates that an object usually takes are drawn before further objects are.
         leaves: Pairs of leaves that wait for lanes of their own; 0: candidates are tested as a whole.
         lanes: Lanes of a launch in which each works for itself.
         parts: Lanes that share the screen of one candidate.
@@ -134,6 +163,7 @@ class SearchSize:
     rows: int
     candidates: int
     busy: int
+    tries: int
     leaves: int
     lanes: int
     parts: int
@@ -154,13 +184,14 @@ def default_size(device: str) -> SearchSize:
             rows=8192,
             candidates=1 << 17,
             busy=1 << 13,
+            tries=2,
             leaves=1 << 21,
             lanes=1 << 16,
             parts=8,
             blocks=1 << 12,
             block_dim=32,
         )
-    return SearchSize(rows=0, candidates=512, busy=1, leaves=0, lanes=1, parts=1, blocks=1, block_dim=1)
+    return SearchSize(rows=0, candidates=512, busy=1, tries=2, leaves=0, lanes=1, parts=1, blocks=1, block_dim=1)
 
 
 def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Search:
@@ -176,17 +207,17 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         s.waiting = wp.zeros(nworld, dtype=bool)
         for name in ("restart", "ticket", "best"):
             setattr(s, name, wp.zeros(nworld, dtype=int))
-        for name in ("row_world", "row_restart", "row_object", "row_trial", "row_attempts", "row_first", "row_trials"):
+        for name in ("row_world", "row_restart", "row_object", "row_trial", "row_attempts", "row_first", "row_num"):
             setattr(s, name, wp.zeros(nrow, dtype=int))
         s.row_rejections = wp.zeros((size.rows, max(len(compiled.placed), 1), len(Cause)), dtype=int)
         s.queue = wp.zeros((2, nrow), dtype=int)
         for name in ("worlds_left", "rows_left", "tickets", "restarts_at_once", "source", "rows"):
             setattr(s, name, wp.zeros(1, dtype=int))
-        s.trials_scale = wp.zeros(1, dtype=float)
         for name in ("candidates", "leaves", "unproven"):
             setattr(s, name, wp.zeros(1, dtype=int))
         for name in ("row", "obj", "trial", "cause", "surface", "grasp", "covered", "off"):
             setattr(s, name, wp.zeros(ncand, dtype=int))
+        s.conflicts = wp.zeros(ncand, dtype=wp.uint64)
         s.turn = wp.zeros(ncand, dtype=DrawnVariant)
         s.heading = wp.zeros(ncand, dtype=float)
         s.point = wp.zeros(ncand, dtype=wp.vec3)
@@ -203,5 +234,5 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         s.pieces = wp.zeros(related, dtype=int)
         s.piece = wp.zeros((related, compiled.pieces), dtype=int)
         s.piece_area = wp.zeros((related, compiled.pieces), dtype=float)
-        s.leaf = wp.zeros(size.leaves, dtype=wp.vec4i)
+        s.leaf = wp.zeros(size.leaves, dtype=QueuedLeaves)
     return s

@@ -15,11 +15,13 @@ def refused(generator: LayoutGenerator) -> tuple[Rows, np.ndarray]:
     They are free or fixtures. The wave drew one trial for each of its rows; all else is as it is in the row.
     """
     search, view, mjm = generator._search, generator.layouts.view, generator.compiled.mjm
-    causes = search.cause.numpy()[: int(search.candidates.numpy()[0])]
-    candidates = np.flatnonzero(causes != Cause.NONE)
+    wave = search.queue.numpy()[search.source.numpy()[0], : search.rows.numpy()[0]]
+    assert (search.row_num.numpy()[wave] == 1).all()
+    candidates = search.row_first.numpy()[wave]
+    causes = search.cause.numpy()
+    candidates = np.sort(candidates[causes[candidates] != Cause.NONE])
     rows = search.row.numpy()[candidates]
-    assert len(set(rows)) == len(rows)
-    names = [generator.compiled.placed[i] for i in search.row_object.numpy()[rows]]
+    names = [generator.compiled.placed[i] for i in search.obj.numpy()[candidates]]
     qpos, mocap_pos, mocap_quat = (a.numpy()[rows] for a in (view.qpos, view.mocap_pos, view.mocap_quat))
     drawn, pos, quat = (a.numpy()[candidates] for a in (search.qpos, search.body_pos, search.body_quat))
     for i, name in enumerate(names):
