@@ -103,14 +103,12 @@ class Step:
 
 
 @wp.func
-def next_step(program: Program, entry: wp.vec4i, poses: PairPoses, margin: float) -> Step:
-    """One step down both trees from an entry (pair, node of a, node of b, rival)."""
+def opened(program: Program, entry: wp.vec4i) -> Step:
+    """What an entry (pair, node of a, node of b, rival) consists of: two smaller pairs, or leaves."""
     step = Step()
     pair = entry[0]
     na = entry[1]
     nb = entry[2]
-    if _nodes_separated(program, pair, na, nb, poses, margin):
-        return step
     child_a = program.node_child[na]
     child_b = program.node_child[nb]
     if child_a < 0 and child_b < 0:
@@ -123,6 +121,15 @@ def next_step(program: Program, entry: wp.vec4i, poses: PairPoses, margin: float
     else:
         step.left = wp.vec4i(pair, na, child_b, entry[3])
         step.right = wp.vec4i(pair, na, child_b + 1, entry[3])
+    return step
+
+
+@wp.func
+def next_step(program: Program, entry: wp.vec4i, poses: PairPoses, margin: float) -> Step:
+    """One step down both trees from an entry (pair, node of a, node of b, rival)."""
+    step = Step()
+    if not _nodes_separated(program, entry[0], entry[1], entry[2], poses, margin):
+        step = opened(program, entry)
     return step
 
 

@@ -16,17 +16,31 @@ _COLLISION = wp.constant(int(Cause.COLLISION))
 
 
 @wp.func
+def _in_solid(program: Program, collider: int, p: wp.vec3) -> bool:
+    """Is a point, in the frame of a collider's body, inside its solid?"""
+    query = wp.mesh_query_point_sign_winding_number(
+        program.collider_mesh[collider], p, program.collider_depth[collider]
+    )
+    return query.result and query.sign < 0.0
+
+
+@wp.func
+def _in_bounds(program: Program, collider: int, p: wp.vec3) -> bool:
+    """Is it inside its box?"""
+    root = program.collider_root[collider]
+    d = p - program.node_center[root]
+    half = program.node_half[root]
+    return wp.abs(d[0]) <= half[0] and wp.abs(d[1]) <= half[1] and wp.abs(d[2]) <= half[2]
+
+
+@wp.func
 def _has_points_inside(program: Program, a: int, b: int, rel: Pose) -> bool:
     """Is a component of collider a inside the solid of b? `rel` is b in a's frame."""
-    root = program.collider_root[b]
     at = wp.transpose(rel.rot)
     for i in range(program.collider_pointnum[a]):
         p = at * (program.point[program.collider_pointadr[a] + i] - rel.pos)
-        d = p - program.node_center[root]
-        half = program.node_half[root]
-        if wp.abs(d[0]) <= half[0] and wp.abs(d[1]) <= half[1] and wp.abs(d[2]) <= half[2]:
-            query = wp.mesh_query_point_sign_winding_number(program.collider_mesh[b], p, program.collider_depth[b])
-            if query.result and query.sign < 0.0:
+        if _in_bounds(program, b, p):
+            if _in_solid(program, b, p):
                 return True
     return False
 
@@ -63,8 +77,24 @@ def encloses(
     return block_any(inside) != 0
 
 
-@wp.kernel(grid_stride=False)
-def _test_containment(
+@wp.func
+def _queue_points(program: Program, search: Search, c: int, a: int, b: int, rel: Pose):
+    """Queue the components of collider a that are in the box of b. `rel` is b in a's frame."""
+    at = wp.transpose(rel.rot)
+    for i in range(program.collider_pointnum[a]):
+        p = at * (program.point[program.collider_pointadr[a] + i] - rel.pos)
+        if _in_bounds(program, b, p):
+            slot = wp.atomic_add(search.enclosed, 0, 1)
+            if slot < search.enclosed_point.shape[0]:
+                search.enclosed_candidate[slot] = c
+                search.enclosed_by[slot] = b
+                search.enclosed_point[slot] = p
+            elif _in_solid(program, b, p):  # no room for it
+                search.cause[c] = _COLLISION
+
+
+@wp.kernel(module="unique", grid_stride=False)
+def _queue_enclosed(
     program: Program,
     lanes: int,
     parts: int,
@@ -75,12 +105,29 @@ def _test_containment(
     for i in range(wp.tid(), parts * candidate_num(search), lanes):
         c = i // parts
         row = search.row[c]
-        tests = search.obj[c]
-        adr = program.obj_pairadr[tests]
-        for pair in range(adr + i % parts, adr + program.obj_pairnum[tests], parts):
-            if search.cause[c] == _NONE:
-                if _is_one_inside(program, pair, candidate_poses(program, layouts, search, c, row, pair, -1)):
-                    search.cause[c] = _COLLISION  # other lanes write the same
+        obj = search.obj[c]
+        adr = program.obj_pairadr[obj]
+        for pair in range(adr + i % parts, adr + program.obj_pairnum[obj], parts):
+            a = program.pair_a[pair]
+            b = program.pair_b[pair]
+            if search.cause[c] == _NONE and program.collider_plane[b] < 0:
+                poses = candidate_poses(program, layouts, search, c, row, pair, -1)
+                _queue_points(program, search, c, a, b, relative(poses.a, poses.b))
+                _queue_points(program, search, c, b, a, relative(poses.b, poses.a))
+
+
+@wp.kernel(module="unique", grid_stride=False)
+def _test_enclosed(
+    program: Program,
+    lanes: int,
+    # Search in and out:
+    search: Search,
+):
+    for i in range(wp.tid(), wp.min(search.enclosed[0], search.enclosed_point.shape[0]), lanes):
+        c = search.enclosed_candidate[i]
+        if search.cause[c] == _NONE:
+            if _in_solid(program, search.enclosed_by[i], search.enclosed_point[i]):
+                search.cause[c] = _COLLISION  # other lanes write the same
 
 
 def launch_test_containment(
@@ -88,4 +135,5 @@ def launch_test_containment(
 ) -> None:
     """Test whether a candidate encloses, or is enclosed by, what stands; for `geometry: visual`."""
     inputs = [program, size.lanes, size.parts, layouts, search]
-    wp.launch(_test_containment, dim=size.lanes, inputs=inputs, device=device)
+    wp.launch(_queue_enclosed, dim=size.lanes, inputs=inputs, device=device)
+    wp.launch(_test_enclosed, dim=size.lanes, inputs=[program, size.lanes, search], device=device)

@@ -26,7 +26,7 @@ from sceniris_gym.program.device import Cause, Program
 NO_GRASP = 1 << 30
 """In place of a grasp: the arm's map lets none through."""
 UNPROVEN = -1
-"""In place of a cause: the queue had no room for all leaves of a candidate."""
+"""In place of a cause: there was no room for all of a test."""
 
 # Room for the half-planes and pieces of the candidates of a wave, in words; rows that find none wait for the next one.
 _MOST_WORDS = 1 << 27
@@ -71,7 +71,8 @@ class Search:
     rows: wp.array(dtype=int)  # number of rows in it
     candidates: wp.array(dtype=int)
     leaves: wp.array(dtype=int)
-    unproven: wp.array(dtype=int)  # 1: some candidate is UNPROVEN
+    enclosed: wp.array(dtype=int)
+    unproven: wp.array(dtype=int)  # 1: some candidate's test missed something
     # Candidates
     row: wp.array(dtype=int)
     obj: wp.array(dtype=int)
@@ -85,6 +86,7 @@ class Search:
     place: wp.array(dtype=wp.vec4)
     bounds: wp.array(dtype=wp.vec4)
     grasp: wp.array(dtype=int)
+    missed: wp.array(dtype=int)  # 1: there was no room for all of its test, and one lane has to make it
     covered: wp.array(dtype=int)  # 1: something is above its point
     off: wp.array(dtype=int)  # 1: some of its footprint is off the support
     qpos: wp.array2d(dtype=float)
@@ -98,6 +100,10 @@ class Search:
     piece: wp.array2d(dtype=int)  # their numbers
     piece_area: wp.array2d(dtype=float)  # [m^2]
     leaf: wp.array(dtype=QueuedLeaves)
+    # Points that are inside the box of a collider, in the frame of its body; for `geometry: visual`
+    enclosed_candidate: wp.array(dtype=int)
+    enclosed_by: wp.array(dtype=int)
+    enclosed_point: wp.array(dtype=wp.vec3)
 
 
 @wp.func
@@ -119,6 +125,7 @@ def begin_wave(search: Search):
     search.rows_left[0] = 0
     search.source[0] = 1 - search.source[0]
     search.leaves[0] = 0
+    search.enclosed[0] = 0
     search.unproven[0] = 0
 
 
@@ -213,9 +220,9 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         s.queue = wp.zeros((2, nrow), dtype=int)
         for name in ("worlds_left", "rows_left", "tickets", "restarts_at_once", "source", "rows"):
             setattr(s, name, wp.zeros(1, dtype=int))
-        for name in ("candidates", "leaves", "unproven"):
+        for name in ("candidates", "leaves", "enclosed", "unproven"):
             setattr(s, name, wp.zeros(1, dtype=int))
-        for name in ("row", "obj", "trial", "cause", "surface", "grasp", "covered", "off"):
+        for name in ("row", "obj", "trial", "cause", "surface", "grasp", "missed", "covered", "off"):
             setattr(s, name, wp.zeros(ncand, dtype=int))
         s.conflicts = wp.zeros(ncand, dtype=wp.uint64)
         s.turn = wp.zeros(ncand, dtype=DrawnVariant)
@@ -234,5 +241,10 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         s.pieces = wp.zeros(related, dtype=int)
         s.piece = wp.zeros((related, compiled.pieces), dtype=int)
         s.piece_area = wp.zeros((related, compiled.pieces), dtype=float)
-        s.leaf = wp.zeros(size.leaves, dtype=QueuedLeaves)
+        visual = compiled.config.geometry == "visual"
+        s.leaf = wp.zeros(0 if visual else size.leaves, dtype=QueuedLeaves)
+        room = size.leaves if visual else 0
+        s.enclosed_candidate = wp.zeros(room, dtype=int)
+        s.enclosed_by = wp.zeros(room, dtype=int)
+        s.enclosed_point = wp.zeros(room, dtype=wp.vec3)
     return s
