@@ -22,6 +22,8 @@ from sceniris_gym.layout.search import Search, SearchSize, candidate_num, stream
 from sceniris_gym.layout.transforms import Pose, apply, pose_of
 from sceniris_gym.program.device import Cause, ObjectKind, OrientationType, Program
 
+wp.set_module_options({"enable_backward": False})
+
 _MAX_ANCHORS = wp.constant(MAX_ANCHORS)
 _MAX_CORNERS = wp.constant(MAX_CORNERS)
 _NONE = wp.constant(int(Cause.NONE))
