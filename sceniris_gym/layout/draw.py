@@ -68,7 +68,10 @@ def _draw(
     # Search in and out:
     search: Search,
 ):
-    for c in range(wp.tid(), candidate_num(search), lanes):
+    lane = wp.tid()
+    if lane == 0:
+        search.cuts[0] = 0  # which `sides.py` counts
+    for c in range(lane, candidate_num(search), lanes):
         row = search.row[c]
         obj = search.obj[c]
         trial = trial_of(program, search, c)

@@ -10,7 +10,7 @@ import warp as wp
 from sceniris_gym.config.limits import MAX_CORNERS
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.polygons import HalfPlane, area, clip, set_triangle
-from sceniris_gym.layout.race import NOBODY, finish, numbers_of
+from sceniris_gym.layout.race import NOBODY, Numbers, finish, numbers_of
 from sceniris_gym.layout.search import Search, SearchSize
 from sceniris_gym.layout.sides import support_pose
 from sceniris_gym.layout.transforms import Pose, apply
@@ -153,6 +153,36 @@ def _next_piece(
     return p
 
 
+@wp.func
+def _measure(
+    program: Program, search: Search, c: int, obj: int, frame: Pose, numbers: Numbers, part: int, parts: int
+) -> wp.uint64:
+    """List a lane's part of the pieces of a candidate's region that have any area. Returns the one that wins."""
+    variant = search.turn[c].variant
+    first = program.variant_triadr[variant]
+    triangles = program.variant_trinum[variant]
+    combinations = program.obj_cutnum[obj]
+    polygon = wp.zeros(shape=(_MAX_CORNERS,), dtype=wp.vec2)
+    best = NOBODY
+    p = _Place()
+    p.at = part
+    p.tri = -1
+    while p.at < combinations * triangles:
+        # Lanes look for their next piece together and then cut together, rather than one after the other.
+        p = _next_piece(program, search, c, obj, frame, first, triangles, parts, p)
+        if p.at < combinations * triangles:
+            combination = p.at - p.tri * combinations
+            size = area(polygon, cut_triangle(program, search, c, obj, combination, p.t, polygon))
+            if size > _LEAST_AREA:
+                index = combination * triangles + p.tri
+                place = wp.atomic_add(search.pieces, c, 1)
+                search.piece[c, place] = index
+                search.piece_area[c, place] = size
+                best = wp.min(best, finish(numbers, 0, index, size))
+            p.at += parts
+    return best
+
+
 @wp.kernel(grid_stride=False)
 def _measure_pieces(
     program: Program,
@@ -165,33 +195,12 @@ def _measure_pieces(
 ):
     num = search.cuts[0]
     parts = wp.max(lanes // wp.max(num, 1), least_parts)
-    polygon = wp.zeros(shape=(_MAX_CORNERS,), dtype=wp.vec2)
     for i in range(wp.tid(), parts * num, lanes):
         c = search.cut[i // parts]
         obj = search.obj[c]
         frame = support_pose(program, layouts, search.row[c], obj)
         numbers = numbers_of(program, split, layouts, search, c)
-        variant = search.turn[c].variant
-        first = program.variant_triadr[variant]
-        triangles = program.variant_trinum[variant]
-        combinations = program.obj_cutnum[obj]
-        best = NOBODY
-        p = _Place()
-        p.at = i % parts
-        p.tri = -1
-        # Lanes look for their next piece together and then cut together, rather than one after the other.
-        p = _next_piece(program, search, c, obj, frame, first, triangles, parts, p)
-        while p.at < combinations * triangles:
-            combination = p.at - p.tri * combinations
-            size = area(polygon, cut_triangle(program, search, c, obj, combination, p.t, polygon))
-            if size > _LEAST_AREA:
-                index = combination * triangles + p.tri
-                place = wp.atomic_add(search.pieces, c, 1)
-                search.piece[c, place] = index
-                search.piece_area[c, place] = size
-                best = wp.min(best, finish(numbers, 0, index, size))
-            p.at += parts
-            p = _next_piece(program, search, c, obj, frame, first, triangles, parts, p)
+        best = _measure(program, search, c, obj, frame, numbers, i % parts, parts)
         if best != NOBODY:
             wp.atomic_min(search.winner, c, best)
 

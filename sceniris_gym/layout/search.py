@@ -61,7 +61,7 @@ class Search:
     source: wp.array(dtype=int)  # which list of `queue` is read
     rows: wp.array(dtype=int)  # number of rows in it
     candidates: wp.array(dtype=int)
-    cuts: wp.array(dtype=int)
+    cuts: wp.array(dtype=int)  # number of candidates in `cut`
     leaves: wp.array(dtype=int)
     unproven: wp.array(dtype=int)  # 1: some candidate is UNPROVEN
     # Candidates

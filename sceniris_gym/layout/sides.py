@@ -84,5 +84,4 @@ def _build_sides(
 
 def launch_build_sides(program: Program, lanes: int, layouts: LayoutsView, search: Search, device: str) -> None:
     """List the candidates of this wave whose region differs between worlds, and bound it by half-planes."""
-    search.cuts.zero_()
     wp.launch(_build_sides, dim=lanes, inputs=[program, lanes, layouts], outputs=[search], device=device)

@@ -139,6 +139,7 @@ def test_any_number_of_lanes_finds_the_same_pieces(name: str, lanes: int, parts:
     found: list[Any] = []
     for size in (default_size("cpu"), replace(default_size("cpu"), lanes=lanes, parts=parts)):
         search.cause.zero_()
+        search.cuts.zero_()
         launch_build_sides(program, size.lanes, view, search, "cpu")
         launch_measure_pieces(program, 0, size, view, search, "cpu")
         listed = np.sort(search.cut.numpy()[: search.cuts.numpy()[0]])
