@@ -18,6 +18,7 @@ from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.points import launch_draw_points
 from sceniris_gym.layout.random import SPLITS, USER_SPLITS
 from sceniris_gym.layout.reachability import launch_reachability
+from sceniris_gym.layout.region_pieces import launch_measure_pieces
 from sceniris_gym.layout.rounds import (
     launch_open_candidates,
     launch_open_rows,
@@ -28,6 +29,7 @@ from sceniris_gym.layout.rounds import (
 from sceniris_gym.layout.screen import launch_screen
 from sceniris_gym.layout.search import SearchSize, create_search, default_size
 from sceniris_gym.layout.sequence import LaunchSequence
+from sceniris_gym.layout.sides import launch_build_sides
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
 from sceniris_gym.program.device_reach import Reach
@@ -190,6 +192,8 @@ class LayoutGenerator:
         launch_open_candidates(program, size, view, search, device)
         launch_draw(program, split, size.lanes, view, search, device)
         if self._related:
+            launch_build_sides(program, size.lanes, view, search, device)
+            launch_measure_pieces(program, split, size, view, search, device)
             launch_draw_points(program, split, size, view, search, device)
         launch_screen(program, reach, size, view, search, device)
         launch_test_collisions(program, reach, size, self._faces, view, search, device)

@@ -7,19 +7,35 @@ from sceniris_gym.layout.transforms import unit_circle
 
 @wp.struct
 class Placed:
-    """One object seen from above: its pivot [m], its heading [rad], and its bounds in that heading around the pivot."""
+    """One object seen from above: its pivot [m], its x axis, and its bounds along its axes around the pivot."""
 
     at: wp.vec2
-    heading: float
+    axis: wp.vec2
     low: wp.vec2
     high: wp.vec2
 
 
 @wp.func
+def placed(at: wp.vec2, heading: float, bounds: wp.vec4) -> Placed:
+    """An object with its pivot at `at`, this heading [rad] and bounds: low x, low y, high x, high y."""
+    p = Placed()
+    p.at = at
+    p.axis = unit_circle(heading)
+    p.low = wp.vec2(bounds[0], bounds[1])
+    p.high = wp.vec2(bounds[2], bounds[3])
+    return p
+
+
+@wp.func
+def _turned_to(v: wp.vec2, to: wp.vec2) -> wp.vec2:
+    """A plane vector turned as the x axis is turned to the unit vector `to`."""
+    return wp.vec2(to[0] * v[0] - to[1] * v[1], to[1] * v[0] + to[0] * v[1])
+
+
+@wp.func
 def turned(v: wp.vec2, angle: float) -> wp.vec2:
     """A plane vector turned counter-clockwise by `angle` [rad]."""
-    to = unit_circle(angle)
-    return wp.vec2(to[0] * v[0] - to[1] * v[1], to[1] * v[0] + to[0] * v[1])
+    return _turned_to(v, unit_circle(angle))
 
 
 @wp.func
@@ -31,7 +47,7 @@ def bounds_corner(p: Placed, i: int) -> wp.vec2:
         x = p.high[0]
     if i >= 2:
         y = p.high[1]
-    return p.at + turned(wp.vec2(x, y), p.heading)
+    return p.at + _turned_to(wp.vec2(x, y), p.axis)
 
 
 @wp.func
@@ -57,7 +73,7 @@ def bounds_extent(p: Placed, direction: wp.vec2) -> wp.vec2:
 @wp.func
 def _outside_sq(p: Placed, x: wp.vec2) -> float:
     """Squared distance of a point from the bounds, 0 inside."""
-    local = turned(x - p.at, -p.heading)
+    local = _turned_to(x - p.at, wp.vec2(p.axis[0], -p.axis[1]))
     dx = wp.max(wp.max(p.low[0] - local[0], local[0] - p.high[0]), 0.0)
     dy = wp.max(wp.max(p.low[1] - local[1], local[1] - p.high[1]), 0.0)
     return dx * dx + dy * dy
@@ -83,13 +99,11 @@ def bounds_distance(a: Placed, b: Placed) -> float:
 
     Two convex polygons that are apart are closest at a corner of one of them.
     """
-    axis_a = turned(wp.vec2(1.0, 0.0), a.heading)
-    axis_b = turned(wp.vec2(1.0, 0.0), b.heading)
     apart = (
-        _apart_along(a, b, axis_a)
-        or _apart_along(a, b, wp.vec2(-axis_a[1], axis_a[0]))
-        or _apart_along(a, b, axis_b)
-        or _apart_along(a, b, wp.vec2(-axis_b[1], axis_b[0]))
+        _apart_along(a, b, a.axis)
+        or _apart_along(a, b, wp.vec2(-a.axis[1], a.axis[0]))
+        or _apart_along(a, b, b.axis)
+        or _apart_along(a, b, wp.vec2(-b.axis[1], b.axis[0]))
     )
     if not apart:
         return 0.0

@@ -10,7 +10,15 @@ import math
 import warp as wp
 
 from sceniris_gym.config.limits import MAX_ANCHORS
-from sceniris_gym.layout.placed import Placed, bounds_distance, bounds_extent, bounds_offset, bounds_radius, turned
+from sceniris_gym.layout.placed import (
+    Placed,
+    bounds_distance,
+    bounds_extent,
+    bounds_offset,
+    bounds_radius,
+    placed,
+    turned,
+)
 from sceniris_gym.layout.polygons import HalfPlane, convex_hull, cross2, half_plane
 from sceniris_gym.layout.transforms import unit_circle
 from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, Program, RelationType
@@ -53,12 +61,7 @@ class ResolvedRelation:
 @wp.func
 def load_placed(place: wp.array(dtype=wp.vec4), bounds: wp.array(dtype=wp.vec4), slot: int) -> Placed:
     """The object in a slot of one world, from (x, y, z, heading) and its bounds (low x, low y, high x, high y)."""
-    p = Placed()
-    p.at = wp.vec2(place[slot][0], place[slot][1])
-    p.heading = place[slot][3]
-    p.low = wp.vec2(bounds[slot][0], bounds[slot][1])
-    p.high = wp.vec2(bounds[slot][2], bounds[slot][3])
-    return p
+    return placed(wp.vec2(place[slot][0], place[slot][1]), place[slot][3], bounds[slot])
 
 
 @wp.func
@@ -181,47 +184,68 @@ def resolve(
 
 
 @wp.func
-def side_num(program: Program, rel: int, s: ResolvedRelation) -> int:
-    """How many half-planes hold one piece of a relation."""
+def side_num(s: ResolvedRelation) -> int:
+    """How many half-planes hold one piece of a relation; -1 where it is not active."""
     if not s.active:
-        return 0
+        return -1
     if s.hullnum > 0:
         return s.hullnum
     return 4
 
 
 @wp.func
-def piece_side(
-    program: Program, rel: int, piece: int, side: int, s: ResolvedRelation, hull: wp.array(dtype=wp.vec2), first: int
-) -> HalfPlane:
-    """One of the half-planes that hold a piece of a relation."""
-    if s.hullnum > 0:
-        a = hull[first + side]
-        edge = hull[first + (side + 1) % s.hullnum] - a
-        return half_plane(wp.vec2(edge[1], -edge[0]), a, 0.0)
-    sign = float(1 - 2 * (side % 2))
-    if program.rel_type[rel] != _SECTOR:
-        if side == 0:
-            return half_plane(s.along, s.apex, s.high)
-        if side == 1:
-            return half_plane(-s.along, s.apex, -s.low)
-        return half_plane(wp.vec2(-s.along[1], s.along[0]) * sign, s.apex, s.half)
-
-    slice = 2.0 * s.half_angle / float(program.rel_piecenum[rel])
-    start = s.axis - s.half_angle + slice * float(piece)
+def _slice_sides(program: Program, rel: int, s: ResolvedRelation, sides: wp.array(dtype=HalfPlane), first: int):
+    """Write the four half-planes that hold each slice of a sector: two rays, a chord and a tangent."""
+    pieces = program.rel_piecenum[rel]
+    slice = 2.0 * s.half_angle / float(pieces)
+    inner = s.low * unit_circle(0.5 * slice)[0]
     everything = half_plane(wp.vec2(0.0, 0.0), s.apex, 0.0)
-    if side < 2:
-        if s.half_angle >= _PI and program.rel_piecenum[rel] == 1:
-            return everything
-        return half_plane(turned(wp.vec2(0.0, -sign), start + slice * float(side)), s.apex, 0.0)
-    middle = turned(wp.vec2(1.0, 0.0), start + 0.5 * slice)
-    if side == 2:
-        if s.low <= 0.0:
-            return everything
-        return half_plane(-middle, s.apex, -s.low * unit_circle(0.5 * slice)[0])
-    if s.high >= _NO_LIMIT:
-        return everything
-    return half_plane(middle, s.apex, s.high)
+    for piece in range(pieces):
+        adr = first + 4 * piece
+        start = s.axis - s.half_angle + slice * float(piece)
+        sides[adr] = everything
+        sides[adr + 1] = everything
+        sides[adr + 2] = everything
+        sides[adr + 3] = everything
+        if s.half_angle < _PI or pieces > 1:
+            sides[adr] = half_plane(turned(wp.vec2(0.0, -1.0), start), s.apex, 0.0)
+            sides[adr + 1] = half_plane(turned(wp.vec2(0.0, 1.0), start + slice), s.apex, 0.0)
+        middle = turned(wp.vec2(1.0, 0.0), start + 0.5 * slice)
+        if s.low > 0.0:
+            sides[adr + 2] = half_plane(-middle, s.apex, -inner)
+        if s.high < _NO_LIMIT:
+            sides[adr + 3] = half_plane(middle, s.apex, s.high)
+
+
+@wp.func
+def write_sides(
+    program: Program,
+    rel: int,
+    s: ResolvedRelation,
+    hull: wp.array(dtype=wp.vec2),
+    corner: int,
+    sides: wp.array(dtype=HalfPlane),
+    first: int,
+):
+    """Write the half-planes that hold all pieces of a relation into `sides` from `first` on.
+
+    The corners of its hull are those of `hull` from `corner` on.
+    """
+    if not s.active:
+        return
+    if s.hullnum > 0:
+        for k in range(s.hullnum):
+            a = hull[corner + k]
+            edge = hull[corner + (k + 1) % s.hullnum] - a
+            sides[first + k] = half_plane(wp.vec2(edge[1], -edge[0]), a, 0.0)
+    elif program.rel_type[rel] == _SECTOR:
+        _slice_sides(program, rel, s, sides, first)
+    else:
+        across = wp.vec2(-s.along[1], s.along[0])
+        sides[first] = half_plane(s.along, s.apex, s.high)
+        sides[first + 1] = half_plane(-s.along, s.apex, -s.low)
+        sides[first + 2] = half_plane(across, s.apex, s.half)
+        sides[first + 3] = half_plane(-across, s.apex, s.half)
 
 
 @wp.func

@@ -70,6 +70,7 @@ class Search:
     source: wp.array(dtype=int)  # which list of `queue` is read
     rows: wp.array(dtype=int)  # number of rows in it
     candidates: wp.array(dtype=int)
+    cuts: wp.array(dtype=int)  # number of candidates in `cut`
     leaves: wp.array(dtype=int)
     enclosed: wp.array(dtype=int)
     unproven: wp.array(dtype=int)  # 1: some candidate's test missed something
@@ -95,10 +96,12 @@ class Search:
     relations: wp.array2d(dtype=ResolvedRelation)
     hulls: wp.array2d(dtype=wp.vec2)
     sides: wp.array2d(dtype=HalfPlane)  # around the pieces of its relations
-    side_num: wp.array(dtype=wp.vec4i)  # how many of them each piece of a relation has; -1 where that is not active
+    side_num: wp.array2d(dtype=int)  # how many of them each piece of a relation has; -1 where that is not active
     pieces: wp.array(dtype=int)  # pieces of its region that have any area
     piece: wp.array2d(dtype=int)  # their numbers
     piece_area: wp.array2d(dtype=float)  # [m^2]
+    winner: wp.array(dtype=wp.uint64)  # the piece that wins the first race: its time and its number
+    cut: wp.array(dtype=int)  # candidates whose region is another one in every world
     leaf: wp.array(dtype=QueuedLeaves)
     # Points that are inside the box of a collider, in the frame of its body; for `geometry: visual`
     enclosed_candidate: wp.array(dtype=int)
@@ -124,6 +127,7 @@ def begin_wave(search: Search):
     search.rows[0] = search.rows_left[0]
     search.rows_left[0] = 0
     search.source[0] = 1 - search.source[0]
+    search.cuts[0] = 0
     search.leaves[0] = 0
     search.enclosed[0] = 0
     search.unproven[0] = 0
@@ -220,7 +224,7 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         s.queue = wp.zeros((2, nrow), dtype=int)
         for name in ("worlds_left", "rows_left", "tickets", "restarts_at_once", "source", "rows"):
             setattr(s, name, wp.zeros(1, dtype=int))
-        for name in ("candidates", "leaves", "enclosed", "unproven"):
+        for name in ("candidates", "cuts", "leaves", "enclosed", "unproven"):
             setattr(s, name, wp.zeros(1, dtype=int))
         for name in ("row", "obj", "trial", "cause", "surface", "grasp", "missed", "covered", "off"):
             setattr(s, name, wp.zeros(ncand, dtype=int))
@@ -237,10 +241,12 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         s.relations = wp.zeros((related, MAX_RELATIONS), dtype=ResolvedRelation)
         s.hulls = wp.zeros((related, MAX_RELATIONS * MAX_ANCHORS), dtype=wp.vec2)
         s.sides = wp.zeros((related, compiled.sides), dtype=HalfPlane)
-        s.side_num = wp.zeros(related, dtype=wp.vec4i)
-        s.pieces = wp.zeros(related, dtype=int)
+        s.side_num = wp.zeros((related, MAX_RELATIONS), dtype=int)
+        for name in ("pieces", "cut"):
+            setattr(s, name, wp.zeros(related, dtype=int))
         s.piece = wp.zeros((related, compiled.pieces), dtype=int)
         s.piece_area = wp.zeros((related, compiled.pieces), dtype=float)
+        s.winner = wp.zeros(related, dtype=wp.uint64)
         visual = compiled.config.geometry == "visual"
         s.leaf = wp.zeros(0 if visual else size.leaves, dtype=QueuedLeaves)
         room = size.leaves if visual else 0

@@ -332,7 +332,7 @@ def test_every_type_of_relation_has_a_case_in_the_kernels():
     """A new one must be named in each function that tells types apart; what these leave to `else` is listed here."""
     left_to_else = {
         relations.resolve: {RelationType.BESIDE},
-        relations.piece_side: {RelationType.BETWEEN, RelationType.BESIDE},
+        relations.write_sides: {RelationType.BETWEEN, RelationType.BESIDE},
         relations.relation_holds: {RelationType.BETWEEN, RelationType.BESIDE},
     }
     for function, rest in left_to_else.items():

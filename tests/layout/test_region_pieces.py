@@ -1,5 +1,6 @@
-"""What relations leave of a region, and the race in which a piece of it is chosen: by area, also for a 0."""
+"""What relations leave of a region: all of it, whatever was skipped, and however many lanes shared the pieces."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,59 +11,17 @@ import warp as wp
 from shapely.geometry.base import BaseGeometry
 
 from sceniris_gym.config.limits import MAX_CORNERS
-from sceniris_gym.layout import points
+from sceniris_gym.layout import region_pieces
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.points import race_time
 from sceniris_gym.layout.polygons import area
-from sceniris_gym.layout.search import Search
+from sceniris_gym.layout.region_pieces import launch_measure_pieces
+from sceniris_gym.layout.search import Search, default_size
+from sceniris_gym.layout.sides import launch_build_sides, support_pose
 from sceniris_gym.program.device import Program
 from tests.layout.related import Shapes, related, scene
 
 _CORNERS = wp.constant(MAX_CORNERS)
-STEP = 2.0**-24  # of a uniform number
-
-
-@wp.kernel(enable_backward=False)
-def _race(u: wp.array(dtype=float), size: wp.array(dtype=float), time_out: wp.array(dtype=float)):
-    i = wp.tid()
-    time_out[i] = race_time(u[i], size[i])
-
-
-@wp.kernel(enable_backward=False)
-def _plain(u: wp.array(dtype=float), size: wp.array(dtype=float), time_out: wp.array(dtype=float)):
-    i = wp.tid()
-    time_out[i] = -wp.log(1.0 - u[i]) / size[i]
-
-
-def _times(kernel: wp.Kernel, u: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Times at which pieces finish, compared as the race does: by their bits."""
-    inputs = [wp.array(a, dtype=float, device="cpu") for a in (u, size)]
-    out = wp.zeros(len(u), dtype=float, device="cpu")
-    wp.launch(kernel, dim=len(u), inputs=inputs, outputs=[out], device="cpu")
-    return out.numpy().view(np.uint32)
-
-
-def test_zero_is_judged_by_area_like_its_neighbours():
-    """It neither wins over a piece many times as large nor loses to one that is smaller and later."""
-    u, size = np.array([0.0, STEP, 0.0, STEP, 0.5]), np.array([1e-6, 1.0, 1.0, 1.0, 1.0])
-    tiny, large, zero, first, late = _times(_race, u, size).tolist()
-    assert large < tiny
-    assert zero < first < late
-
-
-def test_all_other_numbers_keep_their_bits():
-    """The times are those of the plain formula."""
-    rng = np.random.default_rng(0)
-    u = np.concatenate([rng.integers(1, 1 << 24, 100_000), [1, 2, 3, (1 << 24) - 1]]) * STEP
-    size = 10.0 ** rng.uniform(-9, 2, len(u))
-    assert (_times(_race, u, size) == _times(_plain, u, size)).all()
-
-
-def test_zero_takes_its_share_of_the_race():
-    """Its time is the middle of those of numbers below the first step: half of that one's."""
-    zero, first = _times(_race, np.array([0.0, STEP]), np.ones(2)).view(np.float32)
-    assert zero == first / 2
 
 
 @wp.kernel(enable_backward=False)
@@ -78,15 +37,17 @@ def _cut_all(
     c, k = wp.tid()
     row = search.row[c]
     variant = search.turn[c].variant
-    frame = points._frame(program, layouts, row, obj)
-    t = points._triangle(program, program.variant_triadr[variant] + k, frame)
+    frame = support_pose(program, layouts, row, obj)
+    t = region_pieces.posed_triangle(program, program.variant_triadr[variant] + k, frame)
     corner[c, k, 0] = t.a
     corner[c, k, 1] = t.b
     corner[c, k, 2] = t.c
-    out_of_reach[c, k] = points._is_out_of_reach(program, search, c, obj, t)
+    out_of_reach[c, k] = region_pieces._is_out_of_reach(program, search, c, obj, t)
     polygon = wp.zeros(shape=(_CORNERS,), dtype=wp.vec2)
     for combination in range(program.obj_cutnum[obj]):
-        left[c, k, combination] = area(polygon, points._cut(program, search, c, obj, combination, t, polygon))
+        if not region_pieces._is_surely_empty(program, search, c, obj, combination, t):
+            num = region_pieces.cut_triangle(program, search, c, obj, combination, t, polygon)
+            left[c, k, combination] = area(polygon, num)
 
 
 def _within(shape: BaseGeometry, sides: np.ndarray) -> BaseGeometry:
@@ -120,19 +81,27 @@ LEFT = {
 }
 
 
-@pytest.mark.parametrize("name", LEFT)
-def test_nothing_is_dropped_of_what_relations_leave(name: str, tmp_path: Path):
-    """Each triangle within each piece of all relations has the area that shapely finds; what is skipped has none."""
-    shapes = Shapes(tmp_path, airy=True)
+def _generated(name: str, folder: Path) -> LayoutGenerator:
+    """60 worlds after one wave, whose candidates stand on a slab with a region of three triangles."""
+    shapes = Shapes(folder, airy=True)
     others: dict[str, Any] = {n: {"asset": shapes.odd, "kind": "fixture", "on": "floor"} for n in "abc"}
     others["slab"] = {"asset": shapes.slab, "kind": "fixture", "on": "floor"}
     lies = {"on": "slab", "region": {"polygon": [[-0.5, -0.4], [0.5, -0.4], [0.3, 0.1], [0.5, 0.4], [-0.4, 0.3]]}}
     compiled = scene({**others, "q": related(shapes.cube, *LEFT[name], **lies)}, attempts=1, restarts=0)
     generator = LayoutGenerator(compiled, 60, seed=5)
     generator.generate()
+    assert generator._search.rows.numpy()[0] == 60
+    generator._search.candidates.fill_(60)  # which the end of a wave sets to 0
+    return generator
+
+
+@pytest.mark.parametrize("name", LEFT)
+def test_nothing_is_dropped_of_what_relations_leave(name: str, tmp_path: Path):
+    """Each triangle within each piece of all relations has the area that shapely finds; what is skipped has none."""
+    generator = _generated(name, tmp_path)
+    compiled = generator.compiled
     search, program, obj = generator._search, compiled.program, compiled.placed.index("q")
-    num = int(search.candidates.numpy()[0])
-    assert num == 60
+    num = 60
     triangles, cuts = int(program.variant_trinum.numpy().max()), int(program.obj_cutnum.numpy()[obj])
     corner = wp.zeros((num, triangles, 3), dtype=wp.vec2, device="cpu")
     skipped = wp.zeros((num, triangles), dtype=bool, device="cpu")
@@ -160,3 +129,29 @@ def test_nothing_is_dropped_of_what_relations_leave(name: str, tmp_path: Path):
     assert (expected > small).any()
     if name in ("ring", "ring and wedge"):
         assert skipped.numpy().any()
+
+
+@pytest.mark.parametrize("name", LEFT)
+@pytest.mark.parametrize(("lanes", "parts"), [(7, 1), (200, 1), (3, 8), (5000, 8)])
+def test_any_number_of_lanes_finds_the_same_pieces(name: str, lanes: int, parts: int, tmp_path: Path):
+    """The same pieces with the same areas, and the same one of them wins the race."""
+    generator = _generated(name, tmp_path)
+    search, view, program = generator._search, generator.layouts.view, generator.compiled.program
+    found: list[Any] = []
+    for size in (default_size("cpu"), replace(default_size("cpu"), lanes=lanes, parts=parts)):
+        search.cause.zero_()
+        search.cuts.zero_()
+        launch_build_sides(program, size.lanes, view, search, "cpu")
+        launch_measure_pieces(program, 0, size, view, search, "cpu")
+        listed = np.sort(search.cut.numpy()[: search.cuts.numpy()[0]])
+        pieces = [sorted(zip(*_listed(search, c), strict=True)) for c in listed]
+        found.append((listed.tolist(), pieces, search.winner.numpy()[listed].tolist()))
+    assert found[0] == found[1]
+    assert len(found[0][0]) == 60
+    assert any(found[0][1])
+
+
+def _listed(search: Search, candidate: int) -> tuple[list[int], list[float]]:
+    """The numbers and areas of a candidate's pieces, in any order."""
+    num = search.pieces.numpy()[candidate]
+    return search.piece.numpy()[candidate, :num].tolist(), search.piece_area.numpy()[candidate, :num].tolist()
