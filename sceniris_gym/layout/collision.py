@@ -283,6 +283,16 @@ def _test_alone(
             _test_by_itself(program, layouts, search, c)
 
 
+def lane_kernels(faces: bool) -> list[wp.Kernel]:
+    """The kernels that a GPU launches by lanes."""
+    return [_test_alone] if faces else [_probe, _test_leaves, _test_alone]
+
+
+def block_kernel(faces: bool) -> wp.Kernel:
+    """The one that it launches by blocks."""
+    return _test_together if faces else _queue_leaves
+
+
 def launch_test_collisions(
     program: Program, reach: Reach, size: SearchSize, faces: bool, layouts: LayoutsView, search: Search, device: str
 ) -> None:
@@ -291,9 +301,9 @@ def launch_test_collisions(
     blocks = {"dim": [size.blocks], "block_dim": size.block_dim, "device": device}
     lanes = {"dim": size.lanes, "device": device}
     if together and faces:
-        wp.launch_tiled(_test_together, inputs=[program, reach, size.blocks, layouts, search], **blocks)
+        wp.launch_tiled(block_kernel(faces), inputs=[program, reach, size.blocks, layouts, search], **blocks)
     elif together:
         wp.launch(_probe, inputs=[program, reach, size.lanes, layouts, search], **lanes)
-        wp.launch_tiled(_queue_leaves, inputs=[program, size.blocks, layouts, search], **blocks)
+        wp.launch_tiled(block_kernel(faces), inputs=[program, size.blocks, layouts, search], **blocks)
         wp.launch(_test_leaves, inputs=[program, size.lanes, layouts, search], **lanes)
     wp.launch(_test_alone, inputs=[program, reach, size.lanes, together, layouts, search], **lanes)

@@ -130,6 +130,10 @@ def _test_enclosed(
                 search.cause[c] = _COLLISION  # other lanes write the same
 
 
+KERNELS = (_queue_enclosed, _test_enclosed)
+"""What is launched, by lanes."""
+
+
 def launch_test_containment(
     program: Program, size: SearchSize, layouts: LayoutsView, search: Search, device: str
 ) -> None:

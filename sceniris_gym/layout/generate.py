@@ -15,6 +15,7 @@ from sceniris_gym.layout.collision import launch_test_collisions
 from sceniris_gym.layout.containment import launch_test_containment
 from sceniris_gym.layout.draw import launch_draw
 from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.loading import load_kernels
 from sceniris_gym.layout.points import launch_draw_points
 from sceniris_gym.layout.random import SPLITS, USER_SPLITS
 from sceniris_gym.layout.reachability import launch_reachability
@@ -103,6 +104,13 @@ class LayoutGenerator:
         self._most_waves = most_trials + -(-(nworld + size.rows) * most_trials // capacity)
         self._mask, self._all = (wp.ones(nworld, dtype=wp.bool, device=compiled.device) for _ in range(2))
         self._generate = LaunchSequence(lambda: self.launch_generate(self._mask), wp.get_device(compiled.device))
+        load_kernels(
+            compiled.device,
+            block_dim=size.block_dim,
+            related=self._related,
+            faces=self._faces,
+            staged=self._staged,
+        )
         self.reseed(seed)
 
     @property
