@@ -200,7 +200,9 @@ def _leaves_below_touch(program: Program, start: wp.vec3i, poses: PairPoses, mar
 @wp.func
 def collides(
     program: Program,
-    tests: int,
+    startadr: int,
+    startnum: int,
+    support: int,
     nodes: Any,
     leaves: Any,
     lane: int,
@@ -211,11 +213,11 @@ def collides(
 ) -> bool:
     """Is any pair of a list too near, leaves and all? All lanes of a block call it together, with empty stacks.
 
-    `own_pos` and `own_quat` pose what is tested, `body_pos` and `body_quat` all others.
+    `own_pos` and `own_quat` pose what is tested, `body_pos` and `body_quat` all others; `support` is the body that it
+    stands on, or -1.
     """
-    support = support_of(program, tests)
-    base = int(program.obj_startadr[tests])
-    last = base + program.obj_startnum[tests]
+    base = int(startadr)
+    last = base + startnum
     hit = int(0)
     while base < last or wp.tile_stack_count(nodes) + wp.tile_stack_count(leaves) > 0:
         if wp.tile_stack_count(nodes) == 0 and base < last:
@@ -272,11 +274,15 @@ def _test_together(
             wanted = _passes_screen(program, reach, search, c, lane)
         if wanted:
             row = search.row[c]
+            obj = search.obj[c]
+            adr = program.obj_startadr[obj]
+            num = program.obj_startnum[obj]
+            support = support_of(program, obj)
             own_pos = search.body_pos[c]
             own_quat = search.body_quat[c]
             pos = layouts.body_pos[row]
             quat = layouts.body_quat[row]
-            hit = collides(program, search.obj[c], nodes, leaves, lane, own_pos, own_quat, pos, quat)
+            hit = collides(program, adr, num, support, nodes, leaves, lane, own_pos, own_quat, pos, quat)
             if lane == 0:
                 search.cause[c] = wp.where(hit, _COLLISION, _NONE)
 

@@ -182,15 +182,17 @@ def _keep(layouts: LayoutsView, worldid: int, column: int, grasp: int, njoint: i
 
 
 @wp.func
-def _hits(program: Program, layouts: LayoutsView, nodes: Any, leaves: Any, worldid: int, lane: int, tests: int) -> bool:
+def _hits(program: Program, layouts: LayoutsView, nodes: Any, leaves: Any, worldid: int, lane: int, pairs: int) -> bool:
     """Whether the posed arm hits anything of a list of pairs."""
+    startadr = program.arm_startadr[pairs]
+    startnum = program.arm_startnum[pairs]
     pos = layouts.arm_pos[worldid]
     quat = layouts.arm_quat[worldid]
-    if collides(program, tests, nodes, leaves, lane, pos, quat, pos, quat):
+    if collides(program, startadr, startnum, -1, nodes, leaves, lane, pos, quat, pos, quat):
         return True
     if program.faces == 0:
         return False
-    return encloses(program, tests, lane, pos, quat, pos, quat)
+    return encloses(program, program.arm_pairadr[pairs], program.arm_pairnum[pairs], lane, pos, quat, pos, quat)
 
 
 @wp.func
@@ -213,13 +215,12 @@ def _hand_is_clear(
     clear = passes_map(
         reach, column, grasp, _base(reach, layouts, worldid), layouts.body_pos[worldid], layouts.body_quat[worldid]
     )
-    columns = layouts.grasp.shape[1]
     step = int(0)
     while step < 3 and clear:
         if lane == 0 and step < 2:
             _pose_hand(program, reach, layouts, worldid, grasp, float(step) * PREGRASP_DISTANCE)
         block_sync()
-        pairs = program.nobject + 1 + wp.where(step < 2, columns, 2 * columns) + column
+        pairs = wp.where(step < 2, program.arm_hand[column], program.arm_target[column])
         clear = not _hits(program, layouts, nodes, leaves, worldid, lane, pairs)
         step += 1
     return clear
@@ -283,11 +284,11 @@ def _reach_object(
                             q = found.pregrasp
                         _pose_arm(program, reach, layouts, worldid, q, grasp)
                     block_sync()
-                pairs = int(program.nobject)
+                pairs = int(program.arm_self[column])
                 if k == 4:
-                    pairs += 1 + 2 * layouts.grasp.shape[1] + column
+                    pairs = program.arm_target[column]
                 elif k % 2 == 1:
-                    pairs += 1 + column
+                    pairs = program.arm_scene[column]
                 hit = _hits(program, layouts, nodes, leaves, worldid, lane, pairs)
                 k += 1
                 if k == 1 and not hit:

@@ -145,8 +145,6 @@ class Program:
     obj_retry_if_empty: wp.array(dtype=int)  # 1: redrawing its own bounds or turn may open a region that was empty
     obj_reladr: wp.array(dtype=int)
     obj_relnum: wp.array(dtype=int)
-    # Lists of pairs: after those of objects come the robot against itself, then against all but each reach target
-    # of `Reach`, then its hand against the same.
     obj_pairadr: wp.array(dtype=int)
     obj_pairnum: wp.array(dtype=int)
     obj_startadr: wp.array(dtype=int)
@@ -230,6 +228,15 @@ class Program:
     pair_waynum: wp.array(dtype=int)
     way: wp.array(dtype=wp.vec3)  # unit vectors out of a: half in the frame of a's body, half in that of b's
     start: wp.array(dtype=wp.vec3i)  # (pair, node of a, node of b) that the collision test begins with
+    # Lists of pairs of an arm in a grasp, and which of them is what, for the reach targets of `Reach`.
+    arm_pairadr: wp.array(dtype=int)
+    arm_pairnum: wp.array(dtype=int)
+    arm_startadr: wp.array(dtype=int)
+    arm_startnum: wp.array(dtype=int)
+    arm_self: wp.array(dtype=int)  # the robot with itself
+    arm_scene: wp.array(dtype=int)  # the robot with all but markers; its hand may touch the target
+    arm_hand: wp.array(dtype=int)  # the hand alone with all but markers and the target
+    arm_target: wp.array(dtype=int)  # the hand with the target
     # What a world holds before anything is drawn.
     home_qpos: wp.array(dtype=float)
     home_place: wp.array(dtype=wp.vec4)
