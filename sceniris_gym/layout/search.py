@@ -123,6 +123,7 @@ class SearchSize:
         candidates: Candidates of one wave.
         busy: Candidates of a wave up to which further trials are drawn at the same time.
         leaves: Pairs of leaves that wait for lanes of their own; 0: candidates are tested as a whole.
+        grasps: Candidates of one wave of the stages `ik` and `clear`, each with a pose of the robot.
         lanes: Lanes of a launch in which each works for itself.
         parts: Lanes that share the screen of one candidate.
         blocks, block_dim: Blocks of a launch in which a block's lanes share a candidate, and their number.
@@ -135,6 +136,7 @@ class SearchSize:
     candidates: int
     busy: int
     leaves: int
+    grasps: int
     lanes: int
     parts: int
     blocks: int
@@ -155,12 +157,13 @@ def default_size(device: str) -> SearchSize:
             candidates=1 << 17,
             busy=1 << 13,
             leaves=1 << 21,
+            grasps=1 << 14,
             lanes=1 << 16,
             parts=8,
             blocks=1 << 12,
             block_dim=32,
         )
-    return SearchSize(rows=0, candidates=512, busy=1, leaves=0, lanes=1, parts=1, blocks=1, block_dim=1)
+    return SearchSize(rows=0, candidates=512, busy=1, leaves=0, grasps=512, lanes=1, parts=1, blocks=1, block_dim=1)
 
 
 def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Search:
