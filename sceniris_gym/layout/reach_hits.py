@@ -1,4 +1,4 @@
-"""The posed robots of candidates against a list of pairs, a block for each candidate."""
+"""The posed robots of candidates against lists of pairs, a block for each candidate."""
 
 import warp as wp
 
@@ -12,13 +12,34 @@ from sceniris_gym.program.device_reach import Reach
 
 wp.set_module_options({"enable_backward": False})
 
+_HAND_AND_TARGET = wp.constant(int(Step.HAND_AND_TARGET))
+_SELF_AT_GRASP = wp.constant(int(Step.SELF_AT_GRASP))
+_SELF_AT_PREGRASP = wp.constant(int(Step.SELF_AT_PREGRASP))
+_TARGET_AT_PREGRASP = wp.constant(int(Step.TARGET_AT_PREGRASP))
+
+
+@wp.func
+def _pairs_of(program: Program, step: int, column: int) -> int:
+    """The list of pairs that a step tests for a reach target."""
+    if step < _HAND_AND_TARGET:
+        return program.arm_hand[column]
+    if step == _HAND_AND_TARGET:
+        return program.arm_target[column]
+    if step == _SELF_AT_GRASP:
+        return program.arm_self[column]
+    if step == _SELF_AT_PREGRASP:
+        return program.arm_self[column]
+    if step == _TARGET_AT_PREGRASP:
+        return program.arm_target[column]
+    return program.arm_scene[column]
+
 
 @wp.kernel(grid_stride=False, cuda_max_registers=128)
 def _test(
     program: Program,
     reach: Reach,
-    step: int,
-    tests: wp.array(dtype=int),
+    first: int,
+    last: int,
     blocks: int,
     layouts: LayoutsView,
     # Search in and out:
@@ -28,27 +49,30 @@ def _test(
     nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
     leaves = wp.tile_stack(capacity=wp.static(WAITING), dtype=wp.vec3i)
     for c in range(block, reach_candidate_num(search), blocks):
-        if not takes_step(reach, search, c, step):
-            continue
         worldid = search.world[c]
-        pairs = tests[search.column[worldid]]
-        startadr = program.arm_startadr[pairs]
-        startnum = program.arm_startnum[pairs]
         own_pos = search.body_pos[c]
         own_quat = search.body_quat[c]
         pos = layouts.body_pos[worldid]
         quat = layouts.body_quat[worldid]
-        hit = collides(program, startadr, startnum, -1, nodes, leaves, lane, own_pos, own_quat, pos, quat)
+        step = int(first)
+        hit = bool(False)
+        while step <= last and not hit:
+            if takes_step(reach, search, c, step):
+                pairs = _pairs_of(program, step, search.column[worldid])
+                adr = program.arm_startadr[pairs]
+                num = program.arm_startnum[pairs]
+                hit = collides(program, adr, num, -1, nodes, leaves, lane, own_pos, own_quat, pos, quat)
+            step += 1
         if lane == 0 and hit:  # all lanes have read what is written here
-            search.failed[c] = step
+            search.failed[c] = step - 1
 
 
 @wp.kernel(grid_stride=False)
 def _test_containment(
     program: Program,
     reach: Reach,
-    step: int,
-    tests: wp.array(dtype=int),
+    first: int,
+    last: int,
     blocks: int,
     layouts: LayoutsView,
     # Search in and out:
@@ -56,33 +80,35 @@ def _test_containment(
 ):
     block, lane = wp.tid()
     for c in range(block, reach_candidate_num(search), blocks):
-        if not takes_step(reach, search, c, step):
-            continue
         worldid = search.world[c]
-        pairs = tests[search.column[worldid]]
-        pairadr = program.arm_pairadr[pairs]
-        pairnum = program.arm_pairnum[pairs]
         own_pos = search.body_pos[c]
         own_quat = search.body_quat[c]
         pos = layouts.body_pos[worldid]
         quat = layouts.body_quat[worldid]
-        inside = encloses(program, pairadr, pairnum, lane, own_pos, own_quat, pos, quat)
+        step = int(first)
+        inside = bool(False)
+        while step <= last and not inside:
+            if takes_step(reach, search, c, step):
+                pairs = _pairs_of(program, step, search.column[worldid])
+                adr = program.arm_pairadr[pairs]
+                inside = encloses(program, adr, program.arm_pairnum[pairs], lane, own_pos, own_quat, pos, quat)
+            step += 1
         if lane == 0 and inside:  # all lanes have read what is written here
-            search.failed[c] = step
+            search.failed[c] = step - 1
 
 
 def launch_test_arm(
     program: Program,
     reach: Reach,
-    step: Step,
-    tests: wp.array,
+    first: Step,
+    last: Step,
     size: SearchSize,
     layouts: LayoutsView,
     search: ReachSearch,
     device: str,
 ) -> None:
-    """Test the candidates that have come to a step against the list of pairs that `tests` names for their target."""
-    inputs = [program, reach, int(step), tests, size.blocks, layouts]
+    """Take the candidates that have come to a step through it and those after it, for all of which they are posed."""
+    inputs = [program, reach, int(first), int(last), size.blocks, layouts]
     words = {"dim": [size.blocks], "outputs": [search], "block_dim": size.block_dim, "device": device}
     wp.launch_tiled(_test, inputs=inputs, **words)
     if program.faces:

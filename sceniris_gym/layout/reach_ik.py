@@ -20,7 +20,6 @@ from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.reach.lookup import witness
 from sceniris_gym.reach.quaternions import mul_quat, neg_quat, rot_vec_quat, z_axis
 from sceniris_gym.reach.solve import ITERATIONS, ArmView, accepted, refine, turns_freely, vec8
-from sceniris_gym.reach.tier import Tier
 
 wp.set_module_options({"enable_backward": False})
 
@@ -29,8 +28,8 @@ SAME_BRANCH = 0.8
 WITNESSES = 4
 """How many starts of a grasp are witnesses of the arm's map, if it has one. They follow the pose that the arm has."""
 
-_CLEAR = wp.constant(int(Tier.CLEAR))
-_IK = wp.constant(int(Step.IK))
+_IK_AT_GRASP = wp.constant(int(Step.IK_AT_GRASP))
+_IK_AT_PREGRASP = wp.constant(int(Step.IK_AT_PREGRASP))
 _REACH_STREAM = wp.constant(wp.uint32(REACH_STREAM))
 _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
 _PI = wp.constant(wp.pi)
@@ -76,9 +75,9 @@ def _start(
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
         of_grasp = first_start(reach_search, c)
         if of_grasp >= 0:
-            if reach_search.failed[of_grasp] < _IK:
+            if reach_search.failed[of_grasp] < _IK_AT_GRASP:
                 reach_search.failed[c] = reach_search.failed[of_grasp]
-        if not takes_step(reach, reach_search, c, _IK):
+        if not takes_step(reach, reach_search, c, _IK_AT_GRASP):
             continue
         worldid = reach_search.world[c]
         column = reach_search.column[worldid]
@@ -119,31 +118,28 @@ def _same_branch(arm: ArmView, there: vec8, before: vec8):
 @wp.kernel(grid_stride=False)
 def _solve(
     reach: Reach,
-    back: bool,
+    step: int,
     lanes: int,
     layouts: LayoutsView,
     # Search in and out:
     search: ReachSearch,
 ):
     for c in range(wp.tid(), reach_candidate_num(search), lanes):
-        worldid = search.world[c]
-        if not takes_step(reach, search, c, _IK):
+        if not takes_step(reach, search, c, step):
             continue
-        if back and reach.reach_tier[search.column[worldid]] != _CLEAR:
-            continue
-        pos, quat = _target(reach, layouts, worldid, search.grasp[c])
-        if back:
+        pos, quat = _target(reach, layouts, search.world[c], search.grasp[c])
+        if step == _IK_AT_PREGRASP:
             pos = pos - wp.static(PREGRASP_DISTANCE) * z_axis(quat)
         found = refine(reach.arm, pos, quat, search.grasp_qpos[c], wp.static(ITERATIONS))
         passed = accepted(found)
-        if back:
+        if step == _IK_AT_PREGRASP:
             q, near = _same_branch(reach.arm, search.grasp_qpos[c], found.q)
             search.pregrasp_qpos[c] = q
             passed = passed and near
         else:
             search.grasp_qpos[c] = found.q
         if not passed:
-            search.failed[c] = _IK
+            search.failed[c] = step
 
 
 def launch_ik(
@@ -159,5 +155,6 @@ def launch_ik(
     """Look for joints of the candidates' grasps, and for those of the tier `clear` in their pre-grasps."""
     inputs = [reach, split, lanes, layouts, search]
     wp.launch(_start, dim=lanes, inputs=inputs, outputs=[reach_search], device=device)
-    for back in (False, True) if clear else (False,):
-        wp.launch(_solve, dim=lanes, inputs=[reach, back, lanes, layouts], outputs=[reach_search], device=device)
+    for step in (Step.IK_AT_GRASP, Step.IK_AT_PREGRASP) if clear else (Step.IK_AT_GRASP,):
+        inputs = [reach, int(step), lanes, layouts]
+        wp.launch(_solve, dim=lanes, inputs=inputs, outputs=[reach_search], device=device)

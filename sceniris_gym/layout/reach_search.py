@@ -26,7 +26,7 @@ MOST_AT_ONCE = 8 * STARTS
 class Step(IntEnum):
     """What a candidate goes through, in this order. The first four are those of a grasp, the others of a start.
 
-    The tier `ik` skips the tests of the hand alone, and ends with SELF_AT_GRASP.
+    The tier `ik` has MAP, IK_AT_GRASP and SELF_AT_GRASP alone.
     """
 
     MAP = 0
@@ -36,23 +36,23 @@ class Step(IntEnum):
     HAND_AT_PREGRASP = 2
     HAND_AND_TARGET = 3
     """In the pre-grasp the hand alone is clear of what it is to grasp."""
-    IK = 4
-    """There are joints for the grasp and, from those on, for the pre-grasp."""
-    SELF_AT_GRASP = 5
+    IK_AT_GRASP = 4
+    """There are joints for the grasp, and from those on for the pre-grasp."""
+    IK_AT_PREGRASP = 5
+    SELF_AT_GRASP = 6
     """The robot is clear of itself."""
-    SCENE_AT_GRASP = 6
+    SCENE_AT_GRASP = 7
     """The robot is clear of the layout."""
-    SELF_AT_PREGRASP = 7
-    SCENE_AT_PREGRASP = 8
-    TARGET_AT_PREGRASP = 9
-    PASSED = 10
+    SELF_AT_PREGRASP = 8
+    SCENE_AT_PREGRASP = 9
+    TARGET_AT_PREGRASP = 10
+    PASSED = 11
 
 
 _CLEAR = wp.constant(int(Tier.CLEAR))
-_HAND_AT_GRASP = wp.constant(int(Step.HAND_AT_GRASP))
-_IK = wp.constant(int(Step.IK))
+_MAP = wp.constant(int(Step.MAP))
+_IK_AT_GRASP = wp.constant(int(Step.IK_AT_GRASP))
 _SELF_AT_GRASP = wp.constant(int(Step.SELF_AT_GRASP))
-_PASSED = wp.constant(int(Step.PASSED))
 
 
 @wp.struct
@@ -110,14 +110,15 @@ def first_start(search: ReachSearch, c: int) -> int:
 @wp.func
 def takes_step(reach: Reach, search: ReachSearch, c: int, step: int) -> bool:
     """Whether a candidate has come to a step, and goes through it itself."""
-    if search.failed[c] != _PASSED:
+    if search.failed[c] < step:
         return False
-    if step < _IK:
-        if search.start[c] != 0:
-            return False
-        if step < _HAND_AT_GRASP:
-            return True
-    elif step <= _SELF_AT_GRASP:
+    if step < _IK_AT_GRASP and search.start[c] != 0:
+        return False
+    if step == _MAP:
+        return True
+    if step == _IK_AT_GRASP:
+        return True
+    if step == _SELF_AT_GRASP:
         return True
     return reach.reach_tier[search.column[search.world[c]]] == _CLEAR
 

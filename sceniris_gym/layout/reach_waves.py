@@ -32,7 +32,7 @@ _TIER_CLEAR = wp.constant(int(Tier.CLEAR))
 _NO_IK = wp.constant(int(Cause.NO_IK))
 _BLOCKED = wp.constant(int(Cause.BLOCKED))
 _MAP = wp.constant(int(Step.MAP))
-_IK = wp.constant(int(Step.IK))
+_IK_AT_GRASP = wp.constant(int(Step.IK_AT_GRASP))
 _SELF_AT_GRASP = wp.constant(int(Step.SELF_AT_GRASP))
 _PASSED = wp.constant(int(Step.PASSED))
 
@@ -127,8 +127,9 @@ def _open_candidates(
         worldid = search.queue[search.source[0], i]
         column = search.column[worldid]
         number = search.number[worldid]
-        # as many as have been tried in vain: at most twice the work, and few waves, which cost a CPU core 20 us each
-        trials = wp.clamp(search.tried[worldid], search.at_once[0], wp.static(MOST_AT_ONCE))
+        # half as many as have been tried in vain: at most half as much again in fewer waves, of which each costs a CPU
+        # core 10 to 20 us, and a start 4 us
+        trials = wp.clamp(search.tried[worldid] // 2, search.at_once[0], wp.static(MOST_AT_ONCE))
         trials = wp.min(trials, _start_num(reach, layouts, worldid, column) - number)
         first = wp.atomic_add(search.candidates, 0, trials)
         trials = wp.clamp(search.failed.shape[0] - first, 0, trials)
@@ -191,7 +192,7 @@ def _accept_first(reach: Reach, layouts: LayoutsView, search: ReachSearch, world
             _keep(reach, layouts, search, worldid, column, c)
             return True
         next = search.number[worldid] + c + 1 - search.first[worldid]
-        if failed < _IK:  # and so do all starts of this grasp
+        if failed < _IK_AT_GRASP:  # and so do all starts of this grasp
             next += wp.static(STARTS) - 1 - search.start[c]
         else:
             search.tried[worldid] += 1
@@ -206,7 +207,9 @@ def _why_none(reach: Reach, search: ReachSearch, worldid: int) -> int:
     For the tier `clear` something is in the way of the hand in all its grasps, or of an arm that is clear of itself.
     """
     furthest = search.furthest[worldid]
-    if reach.reach_tier[search.column[worldid]] == _TIER_CLEAR and (furthest < _IK or furthest > _SELF_AT_GRASP):
+    if reach.reach_tier[search.column[worldid]] == _TIER_CLEAR and (
+        furthest < _IK_AT_GRASP or furthest > _SELF_AT_GRASP
+    ):
         return _BLOCKED
     return _NO_IK
 

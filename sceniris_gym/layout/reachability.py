@@ -6,8 +6,6 @@ bank. No path from the start pose is looked for.
 
 from __future__ import annotations
 
-import warp as wp
-
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reach_hits import launch_test_arm
 from sceniris_gym.layout.reach_ik import launch_ik
@@ -51,27 +49,20 @@ class ReachStage:
         program, reach, split, size, device = self._program, self._reach, self._split, self._size, self._device
         launch_open_wave(reach, size, layouts, self.search, device)
         if self._clear:
-            self._pose_hand(Step.HAND_AT_GRASP, layouts)
-            self._test(Step.HAND_AT_GRASP, program.arm_hand, layouts)
-            self._pose_hand(Step.HAND_AT_PREGRASP, layouts)
-            self._test(Step.HAND_AT_PREGRASP, program.arm_hand, layouts)
-            self._test(Step.HAND_AND_TARGET, program.arm_target, layouts)
+            self._test_hand(Step.HAND_AT_GRASP, Step.HAND_AT_GRASP, layouts)
+            self._test_hand(Step.HAND_AT_PREGRASP, Step.HAND_AND_TARGET, layouts)
         launch_ik(reach, split, self._clear, size.lanes, layouts, search, self.search, device)
-        self._pose_arm(Step.SELF_AT_GRASP, layouts)
-        self._test(Step.SELF_AT_GRASP, program.arm_self, layouts)
+        self._test_arm(Step.SELF_AT_GRASP, Step.SCENE_AT_GRASP if self._clear else Step.SELF_AT_GRASP, layouts)
         if self._clear:
-            self._test(Step.SCENE_AT_GRASP, program.arm_scene, layouts)
-            self._pose_arm(Step.SELF_AT_PREGRASP, layouts)
-            self._test(Step.SELF_AT_PREGRASP, program.arm_self, layouts)
-            self._test(Step.SCENE_AT_PREGRASP, program.arm_scene, layouts)
-            self._test(Step.TARGET_AT_PREGRASP, program.arm_target, layouts)
+            self._test_arm(Step.SELF_AT_PREGRASP, Step.TARGET_AT_PREGRASP, layouts)
         launch_accept_grasps(program, reach, split, size.lanes, layouts, search, self.search, device)
 
-    def _pose_hand(self, step: Step, layouts: LayoutsView) -> None:
-        launch_pose_hand(self._program, self._reach, step, self._size.lanes, layouts, self.search, self._device)
+    def _test_hand(self, first: Step, last: Step, layouts: LayoutsView) -> None:
+        """Pose the hand alone, and take it through steps."""
+        launch_pose_hand(self._program, self._reach, first, self._size.lanes, layouts, self.search, self._device)
+        launch_test_arm(self._program, self._reach, first, last, self._size, layouts, self.search, self._device)
 
-    def _pose_arm(self, step: Step, layouts: LayoutsView) -> None:
-        launch_pose_arm(self._program, self._reach, step, self._size.lanes, layouts, self.search, self._device)
-
-    def _test(self, step: Step, tests: wp.array, layouts: LayoutsView) -> None:
-        launch_test_arm(self._program, self._reach, step, tests, self._size, layouts, self.search, self._device)
+    def _test_arm(self, first: Step, last: Step, layouts: LayoutsView) -> None:
+        """Pose all of the robot, and take it through steps."""
+        launch_pose_arm(self._program, self._reach, first, self._size.lanes, layouts, self.search, self._device)
+        launch_test_arm(self._program, self._reach, first, last, self._size, layouts, self.search, self._device)
