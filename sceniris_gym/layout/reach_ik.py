@@ -62,6 +62,22 @@ def _drawn(arm: ArmView, seed: wp.uint64, episode: int, stream: wp.uint32, trial
     return q
 
 
+@wp.func
+def _same_branch(arm: ArmView, there: vec8, before: vec8):
+    """Joints of a pre-grasp with all turns as near as they can be to those of the grasp; and whether all are near."""
+    near = bool(True)
+    q = before
+    for i in range(MAX_JOINTS):
+        if i < arm.njoint:
+            change = before[i] - there[i]
+            if turns_freely(arm, i):
+                change -= 2.0 * _PI * wp.round(change / (2.0 * _PI))
+                q[i] = there[i] + change
+            if wp.abs(change) > wp.static(SAME_BRANCH):
+                near = False
+    return q, near
+
+
 @wp.kernel(grid_stride=False)
 def _start(
     reach: Reach,
@@ -97,22 +113,6 @@ def _start(
             draw = (grasp - reach.reach_graspadr[column]) * wp.static(STARTS) + start
             q = _drawn(reach.arm, layouts.seed[worldid], layouts.episode[worldid], stream, trial, draw)
         reach_search.grasp_qpos[c] = q
-
-
-@wp.func
-def _same_branch(arm: ArmView, there: vec8, before: vec8):
-    """Joints of a pre-grasp with all turns as near as they can be to those of the grasp; and whether all are near."""
-    near = bool(True)
-    q = before
-    for i in range(MAX_JOINTS):
-        if i < arm.njoint:
-            change = before[i] - there[i]
-            if turns_freely(arm, i):
-                change -= 2.0 * _PI * wp.round(change / (2.0 * _PI))
-                q[i] = there[i] + change
-            if wp.abs(change) > wp.static(SAME_BRANCH):
-                near = False
-    return q, near
 
 
 @wp.kernel(grid_stride=False)

@@ -86,6 +86,20 @@ def launch_open_worlds(
     wp.launch(_open_worlds, dim=dim, inputs=[reach], outputs=[layouts, search, reach_search], device=device)
 
 
+@wp.func
+def _first_grasp(reach: Reach, layouts: LayoutsView, worldid: int, column: int) -> int:
+    """The first grasp of a target that is tried: placing has found that the map lets none through before it."""
+    return reach.reach_graspadr[column] + layouts.grasp[worldid, column]
+
+
+@wp.func
+def _start_num(reach: Reach, layouts: LayoutsView, worldid: int, column: int) -> int:
+    """How many starts the grasps from there on have."""
+    variant = layouts.variant[worldid, column]
+    last = reach.variant_graspadr[variant] + reach.variant_graspnum[variant]
+    return (last - _first_grasp(reach, layouts, worldid, column)) * wp.static(STARTS)
+
+
 @wp.kernel
 def _plan_wave(
     busy: int,
@@ -99,20 +113,6 @@ def _plan_wave(
     search.worlds[0] = worlds
     search.source[0] = 1 - search.source[0]
     search.worlds_left[0] = 0
-
-
-@wp.func
-def _first_grasp(reach: Reach, layouts: LayoutsView, worldid: int, column: int) -> int:
-    """The first grasp of a target that is tried: placing has found that the map lets none through before it."""
-    return reach.reach_graspadr[column] + layouts.grasp[worldid, column]
-
-
-@wp.func
-def _start_num(reach: Reach, layouts: LayoutsView, worldid: int, column: int) -> int:
-    """How many starts the grasps from there on have."""
-    variant = layouts.variant[worldid, column]
-    last = reach.variant_graspadr[variant] + reach.variant_graspnum[variant]
-    return (last - _first_grasp(reach, layouts, worldid, column)) * wp.static(STARTS)
 
 
 @wp.kernel(grid_stride=False)
