@@ -15,7 +15,6 @@ from sceniris_gym.layout.leaves import (
     margin_of,
     over_plane,
     pair_poses,
-    support_of,
 )
 from sceniris_gym.layout.search import UNPROVEN
 from sceniris_gym.layout.transforms import Pose, apply, relative
@@ -170,7 +169,9 @@ def leaves_below_touch(program: Program, start: wp.vec4i, poses: PairPoses, marg
 @wp.func
 def collides(
     program: Program,
-    tests: int,
+    startadr: int,
+    startnum: int,
+    support: int,
     nodes: Any,
     leaves: Any,
     lane: int,
@@ -182,11 +183,10 @@ def collides(
     """Is any pair of a list too near, leaves and all: COLLISION, NONE, or UNPROVEN where a stack had no room for all?
 
     All lanes of a block call it together, with empty stacks. `own_pos` and `own_quat` pose what is tested, `body_pos`
-    and `body_quat` all others.
+    and `body_quat` all others; `support` is the body that it stands on, or -1.
     """
-    support = support_of(program, tests)
-    base = int(program.obj_startadr[tests])
-    last = base + program.obj_startnum[tests]
+    base = int(startadr)
+    last = base + startnum
     hit = int(0)
     missed = int(0)
     while base < last or wp.tile_stack_count(nodes) + wp.tile_stack_count(leaves) > 0:
@@ -219,3 +219,26 @@ def collides(
     if hit != 0:
         return _COLLISION
     return wp.where(block_any(missed) != 0, _UNPROVEN, _NONE)
+
+
+@wp.func
+def collides_without_stack(
+    program: Program,
+    startadr: int,
+    startnum: int,
+    support: int,
+    lane: int,
+    own_pos: wp.array(dtype=wp.vec3),
+    own_quat: wp.array(dtype=wp.vec4),
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+) -> bool:
+    """The same where the shared stacks had no room: every lane goes down both trees by itself."""
+    hit = int(0)
+    for i in range(startadr + lane, startadr + startnum, wp.block_dim()):
+        entry = against(program.start[i], -1)
+        poses = pair_poses(program, entry[0], own_pos, own_quat, body_pos, body_quat)
+        if leaves_below_touch(program, entry, poses, margin_of(program, entry[0], support)):
+            hit = 1
+            break
+    return block_any(hit) != 0

@@ -241,7 +241,11 @@ def _test_together(
             own_quat = search.body_quat[c]
             pos = layouts.body_pos[row]
             quat = layouts.body_quat[row]
-            found = collides(program, search.obj[c], nodes, leaves, lane, own_pos, own_quat, pos, quat)
+            obj = search.obj[c]
+            adr = program.obj_startadr[obj]
+            num = program.obj_startnum[obj]
+            support = support_of(program, obj)
+            found = collides(program, adr, num, support, nodes, leaves, lane, own_pos, own_quat, pos, quat)
             if lane == 0 and found == _COLLISION:
                 search.cause[c] = _COLLISION
             if lane == 0 and found == _UNPROVEN:

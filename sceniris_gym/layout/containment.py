@@ -60,7 +60,8 @@ def _is_one_inside(program: Program, pair: int, poses: PairPoses) -> bool:
 @wp.func
 def encloses(
     program: Program,
-    tests: int,
+    pairadr: int,
+    pairnum: int,
     lane: int,
     own_pos: wp.array(dtype=wp.vec3),
     own_quat: wp.array(dtype=wp.vec4),
@@ -68,9 +69,8 @@ def encloses(
     body_quat: wp.array(dtype=wp.vec4),
 ) -> bool:
     """Is one collider of any pair of a list inside the other? All lanes of a block call it together; see `collides`."""
-    adr = program.obj_pairadr[tests]
     inside = int(0)
-    for pair in range(adr + lane, adr + program.obj_pairnum[tests], wp.block_dim()):
+    for pair in range(pairadr + lane, pairadr + pairnum, wp.block_dim()):
         if _is_one_inside(program, pair, pair_poses(program, pair, own_pos, own_quat, body_pos, body_quat)):
             inside = 1
             break

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,7 +18,7 @@ from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.loading import load_kernels
 from sceniris_gym.layout.points import launch_draw_points
 from sceniris_gym.layout.random import SPLITS, USER_SPLITS
-from sceniris_gym.layout.reachability import launch_reachability
+from sceniris_gym.layout.reachability import ReachStage
 from sceniris_gym.layout.region_pieces import launch_measure_pieces
 from sceniris_gym.layout.rounds import (
     launch_open_candidates,
@@ -29,7 +29,7 @@ from sceniris_gym.layout.rounds import (
 )
 from sceniris_gym.layout.screen import launch_screen
 from sceniris_gym.layout.search import SearchSize, create_search, default_size
-from sceniris_gym.layout.sequence import LaunchSequence
+from sceniris_gym.layout.sequence import LaunchSequence, repeat_launches
 from sceniris_gym.layout.sides import launch_build_sides
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
@@ -95,8 +95,10 @@ class LayoutGenerator:
         self.layouts = Layouts.create(compiled, nworld, rejected=rejected, rows=size.rows)
         self._search = create_search(compiled, nworld, size)
         reaching = compiled.reaching
-        self._staged = reaching is not None and reaching.staged
         self._reach = Reach() if reaching is None else reaching.view
+        self._stage = None
+        if reaching is not None and reaching.staged:
+            self._stage = ReachStage(compiled, reaching, nworld, SPLITS[split], size)
         self._related = compiled.related
         self._faces = compiled.config.geometry == "visual"
         # as long as rows do not fit, all candidates are used; then every row has one in every wave
@@ -109,7 +111,7 @@ class LayoutGenerator:
             block_dim=size.block_dim,
             related=self._related,
             faces=self._faces,
-            staged=self._staged,
+            staged=self._stage is not None,
         )
         self.reseed(seed)
 
@@ -160,38 +162,37 @@ class LayoutGenerator:
 
     def launch_generate(self, mask: wp.array | None) -> None:
         """See `LayoutSource`."""
-        self.launch_placing(mask)
-        if not self._staged:
-            return
-        self._launch_stage()
-        for _restart in range(self.compiled.config.restarts):
-            launch_reopen(self._search, self.compiled.device)
-            self._place()
-            self._launch_stage()
+        if self._stage is None:
+            self.launch_placing(mask)
+        else:
+            self._start(mask)
+            repeat_launches(self._search.worlds_left, self._place_and_reach, self.compiled.config.restarts + 1)
 
     def launch_placing(self, mask: wp.array | None) -> None:
-        """Advance the masked worlds and place their objects, without the stages that may follow."""
-        launch_start(self.compiled.program, mask, SPLITS[self.split], self.layouts.view, self._search, self._device)
+        """Advance the masked worlds and place their objects, without the stage that may follow."""
+        self._start(mask)
         self._place()
 
-    def _place(self) -> None:
-        self._repeat(self._search.worlds_left, self._round, self.compiled.config.restarts + 1)
+    def _start(self, mask: wp.array | None) -> None:
+        launch_start(self.compiled.program, mask, SPLITS[self.split], self.layouts.view, self._search, self._device)
 
-    def _repeat(self, left: wp.array, launches: Callable[[], None], most: int) -> None:
-        """Make launches as long as anything is left; where a capture cannot tell, as often as the worst case needs."""
-        device = wp.get_device(self._device)
-        if device.is_capturing and device.is_cuda and not wp.is_conditional_graph_supported():
-            for _ in range(most):
-                launches()
-        else:
-            wp.capture_while(left, launches)
+    def _place_and_reach(self) -> None:
+        """Place the objects of pending worlds, and let those for which no joints are found be pending again."""
+        assert self._stage is not None
+        self._place()
+        self._stage.launch(self.layouts.view, self._search)
+        launch_reopen(self._search, self._device)
+
+    def _place(self) -> None:
+        """Let worlds try restart after restart until each has placed everything, or falls back."""
+        repeat_launches(self._search.worlds_left, self._round, self.compiled.config.restarts + 1)
 
     def _round(self) -> None:
         """Let every pending world try its next restart, or several."""
         program, reach, view, search = self.compiled.program, self._reach, self.layouts.view, self._search
         launch_open_rows(program, reach, view, search, self._device)
-        self._repeat(search.rows_left, self._wave, self._most_waves)
-        launch_settle(program, reach, SPLITS[self.split], self._staged, view, search, self._device)
+        repeat_launches(search.rows_left, self._wave, self._most_waves)
+        launch_settle(program, reach, SPLITS[self.split], self._stage is not None, view, search, self._device)
 
     def _wave(self) -> None:
         """Draw candidates of all rows, test them, and accept the first of each row that passes."""
@@ -208,10 +209,6 @@ class LayoutGenerator:
         if self._faces:
             launch_test_containment(program, size, view, search, device)
         launch_accept(program, reach, size.lanes, view, search, device)
-
-    def _launch_stage(self) -> None:
-        size, split, view = self.size, SPLITS[self.split], self.layouts.view
-        launch_reachability(self.compiled.program, self._reach, split, size.block_dim, view, self._search, self._device)
 
     @property
     def _device(self) -> str:

@@ -6,7 +6,7 @@ from sceniris_gym.grasping.grasps import MOST_RISING
 from sceniris_gym.layout.transforms import Pose, apply, pose_of, quat_mat, relative
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.reach.lookup import map_verdict
-from sceniris_gym.reach.quaternions import mul_quat
+from sceniris_gym.reach.quaternions import mul_quat, rot_vec_quat
 
 wp.set_module_options({"enable_backward": False})
 
@@ -21,6 +21,14 @@ def grasp_pose(
     body = reach.grasp_body[grasp]
     quat = mul_quat(body_quat[body], reach.grasp_quat[grasp])
     return relative(base, pose_of(apply(pose_of(body_pos[body], body_quat[body]), reach.grasp_pos[grasp]), quat))
+
+
+@wp.func
+def tcp_of(reach: Reach, grasp: int, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)):
+    """Position and orientation of the TCP in the world when it stands at a grasp."""
+    body = reach.grasp_body[grasp]
+    quat = body_quat[body]
+    return body_pos[body] + rot_vec_quat(reach.grasp_pos[grasp], quat), mul_quat(quat, reach.grasp_quat[grasp])
 
 
 @wp.func

@@ -45,10 +45,6 @@ class LayoutsView:
     variant: wp.array2d(dtype=int)
     body_pos: wp.array2d(dtype=wp.vec3)
     body_quat: wp.array2d(dtype=wp.vec4)
-    # Of scenes whose reach is decided in stages: the robot posed in grasps, in a state and body poses of their own.
-    arm_qpos: wp.array2d(dtype=float)
-    arm_pos: wp.array2d(dtype=wp.vec3)
-    arm_quat: wp.array2d(dtype=wp.vec4)
     rejected_count: wp.array(dtype=int)
     rejected_object: wp.array(dtype=int)
     rejected_qpos: wp.array2d(dtype=float)
@@ -119,10 +115,6 @@ class Layouts:
             view.pregrasp_qpos = wp.full((nworld, nreach, MAX_JOINTS), wp.nan, dtype=float)
             view.body_pos = wp.array(np.tile(compiled.home_xpos, (nrow, 1, 1)), dtype=wp.vec3)
             view.body_quat = wp.array(np.tile(compiled.home_xquat, (nrow, 1, 1)), dtype=wp.vec4)
-            staged = nworld if compiled.reaching is not None and compiled.reaching.staged else 0
-            view.arm_qpos = wp.zeros((staged, mjm.nq), dtype=float)
-            view.arm_pos = wp.zeros((staged, mjm.nbody), dtype=wp.vec3)
-            view.arm_quat = wp.zeros((staged, mjm.nbody), dtype=wp.vec4)
             view.rejected_count = wp.zeros(1, dtype=int)
             view.rejected_object = wp.zeros(rejected, dtype=int)
             view.rejected_qpos = wp.zeros((rejected, mjm.nq), dtype=float)

@@ -107,11 +107,11 @@ def margin_of(program: Program, pair: int, support_body: int) -> float:
 
 
 @wp.func
-def support_of(program: Program, tests: int) -> int:
-    """The body that the object of a list of pairs stands on, to which its clearance does not apply; -1 for none."""
-    if tests >= program.nobject or program.obj_kind[tests] == _STATIC:
+def support_of(program: Program, obj: int) -> int:
+    """The body that an object stands on, to which its clearance does not apply; -1 for none."""
+    if program.obj_kind[obj] == _STATIC:
         return -1
-    return program.obj_ground[tests]
+    return program.obj_ground[obj]
 
 
 @wp.func

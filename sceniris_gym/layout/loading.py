@@ -12,7 +12,10 @@ from sceniris_gym.layout import (
     containment,
     draw,
     points,
-    reachability,
+    reach_hits,
+    reach_ik,
+    reach_poses,
+    reach_waves,
     region_pieces,
     rounds,
     screen,
@@ -33,7 +36,8 @@ def load_kernels(device: str, *, block_dim: int, related: bool, faces: bool, sta
     if not wp.get_device(device).is_cuda:
         return
     by_lane = [draw, screen, rounds, accept, *([sides, region_pieces] if related else [])]
-    by_block = [*([points] if related else []), *([reachability] if staged else [])]
+    by_lane += [reach_waves, reach_poses, reach_ik] if staged else []
+    by_block = [*([points] if related else []), *([reach_hits] if staged else [])]
     lanes = [wp.get_module(m.__name__) for m in by_lane] + [k.module for k in collision.lane_kernels(faces)]
     lanes += [k.module for k in containment.KERNELS] if faces else []
     blocks = [wp.get_module(m.__name__) for m in by_block] + [collision.block_kernel(faces).module]

@@ -163,6 +163,7 @@ class SearchSize:
         busy: Candidates of a wave up to which further trials, and further objects, are drawn at the same time.
         tries: How many times the candidates that an object usually takes are drawn before further objects are.
         leaves: Pairs of leaves that wait for lanes of their own; 0: candidates are tested as a whole.
+        grasps: Candidates of one wave of the stages `ik` and `clear`, each with a pose of the robot.
         lanes: Lanes of a launch in which each works for itself.
         parts: Lanes that share the screen of one candidate.
         blocks, block_dim: Blocks of a launch in which a block's lanes share a candidate, and their number.
@@ -176,6 +177,7 @@ class SearchSize:
     busy: int
     tries: int
     leaves: int
+    grasps: int
     lanes: int
     parts: int
     blocks: int
@@ -197,12 +199,15 @@ def default_size(device: str) -> SearchSize:
             busy=1 << 13,
             tries=2,
             leaves=1 << 21,
+            grasps=1 << 14,
             lanes=1 << 16,
             parts=8,
             blocks=1 << 12,
             block_dim=32,
         )
-    return SearchSize(rows=0, candidates=512, busy=1, tries=2, leaves=0, lanes=1, parts=1, blocks=1, block_dim=1)
+    return SearchSize(
+        rows=0, candidates=512, busy=1, tries=2, leaves=0, grasps=512, lanes=1, parts=1, blocks=1, block_dim=1
+    )
 
 
 def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Search:

@@ -5,6 +5,22 @@ from collections.abc import Callable
 import warp as wp
 
 
+def repeat_launches(left: wp.array, launches: Callable[[], None], most: int) -> None:
+    """Make launches as long as anything is left; where a capture cannot tell, as often as the worst case needs.
+
+    Args:
+        left: Array of one element, which the launches lower to 0 in the end.
+        launches: As in `LaunchSequence`.
+        most: How often they are made in the worst case.
+    """
+    device = left.device
+    if device.is_capturing and device.is_cuda and not wp.is_conditional_graph_supported():
+        for _ in range(most):
+            launches()
+    else:
+        wp.capture_while(left, launches)
+
+
 class LaunchSequence:
     """A fixed sequence of kernel launches, captured into a graph at the first call.
 

@@ -13,9 +13,11 @@ from sceniris_gym.config.scene import AUTO, SceneConfig
 from sceniris_gym.geometry.colliders import Colliders, collect_colliders, collider_arrays
 from sceniris_gym.geometry.pieces import ROUND
 from sceniris_gym.program.device import Program, fill_struct
+from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.distance_check import check_distances
 from sceniris_gym.program.oddities import warn_of_oddities
 from sceniris_gym.program.pack import pack_program
+from sceniris_gym.program.pack_objects import ARM_LISTS
 from sceniris_gym.program.pack_relations import most_sides
 from sceniris_gym.program.plan import Plan, build_plan
 from sceniris_gym.program.reach import Reaching, build_reaching
@@ -139,6 +141,9 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
         program.face_vertadr = len(arrays["vert"])
         corners = np.stack([arrays[name] for name in ("face_a", "face_b", "face_c")], axis=1)
         arrays["vert"] = np.concatenate([arrays["vert"], corners.reshape(-1, 3)])
+    reaching, arm_lists = build_reaching(scene, plan, device), {name: arrays.pop(name) for name in ARM_LISTS}
+    if reaching is not None:
+        fill_struct(Reach, reaching.view, arm_lists, device)
     arrays |= {
         "bank_present": np.zeros((0, len(plan.slots))),
         "bank_qpos": np.zeros((0, scene.mjm.nq)),
@@ -158,7 +163,7 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
         placed=tuple(o.name for o in plan.objects),
         plan=plan,
         program=program,
-        reaching=build_reaching(scene, plan, device),
+        reaching=reaching,
         home_qpos=scene.home_qpos.astype(np.float32),
         home_place=plan.place.astype(np.float32),
         home_bounds=plan.bounds.astype(np.float32),

@@ -146,8 +146,6 @@ class Program:
     obj_retry_if_empty: wp.array(dtype=int)  # 1: redrawing its own bounds or turn may open a region that was empty
     obj_reladr: wp.array(dtype=int)
     obj_relnum: wp.array(dtype=int)
-    # Lists of pairs: after those of objects come the robot against itself, then against all but each reach target
-    # of `Reach`, then its hand against the same.
     obj_pairadr: wp.array(dtype=int)
     obj_pairnum: wp.array(dtype=int)
     obj_startadr: wp.array(dtype=int)

@@ -49,6 +49,15 @@ class Reach:
     grip_coef: wp.array2d(dtype=wp.float64)
     gap_closed: float
     gap_open: float
+    # Lists of pairs of `Program` for an arm in a grasp, and which of them is what, for reach targets:
+    arm_pairadr: wp.array(dtype=int)
+    arm_pairnum: wp.array(dtype=int)
+    arm_startadr: wp.array(dtype=int)
+    arm_startnum: wp.array(dtype=int)
+    arm_self: wp.array(dtype=int)  # the robot with itself
+    arm_scene: wp.array(dtype=int)  # the robot with all but markers; its hand may touch the target
+    arm_hand: wp.array(dtype=int)  # the hand alone with all but markers and the target
+    arm_target: wp.array(dtype=int)  # the hand with the target
     # The bank of valid layouts, its rows as in `Program`; by reach targets.
     bank_grasp: wp.array2d(dtype=int)
     bank_grasp_qpos: wp.array3d(dtype=float)

@@ -17,7 +17,7 @@ from sceniris_gym.program.couplings import coupling_arrays
 from sceniris_gym.program.descent import first_nodes
 from sceniris_gym.program.device import Measure, ObjectKind, OrientationType, Roof
 from sceniris_gym.program.pack_relations import has_own_width, relations_of
-from sceniris_gym.program.pairs import Pair, PairRules, arm_pairs, collider_pairs
+from sceniris_gym.program.pairs import ArmPairs, Pair, PairRules, arm_pairs, collider_pairs
 from sceniris_gym.program.plan import PlacedObject, Plan, roof_rule
 from sceniris_gym.scene.model import SceneModel
 
@@ -27,6 +27,9 @@ _ORIENTATIONS = {
     "any": OrientationType.ANY,
     "face_to": OrientationType.FACE_TO,
 }
+_ARM_LISTS = ("arm_scene", "arm_hand", "arm_target")
+ARM_LISTS = ("arm_pairadr", "arm_pairnum", "arm_startadr", "arm_startnum", "arm_self", *_ARM_LISTS)
+"""What of the packed lists are fields of `Reach`: those of an arm in a grasp."""
 
 
 def pack_objects(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int) -> dict[str, np.ndarray]:
@@ -121,8 +124,10 @@ def _bodies_and_pieces(scene: SceneModel, plan: Plan, colliders: Colliders) -> d
 
 
 def _pairs(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int) -> dict[str, np.ndarray]:
-    """Pairs of colliders that are kept apart, with their margins: of objects, then of the arm."""
-    lists = [*collider_pairs(scene, plan, colliders), *arm_pairs(scene, plan, colliders)]
+    """Pairs of colliders that are kept apart, with their margins: in lists of objects, then in those of the arm."""
+    arm_lists, arm_fields = _arm_lists(arm_pairs(scene, plan, colliders))
+    number = len(plan.objects)
+    lists = [*collider_pairs(scene, plan, colliders), *arm_lists]
     rules = PairRules(scene, colliders)
     pairs, pairadr, pairnum = ranges(lists)
     starts = [
@@ -130,7 +135,7 @@ def _pairs(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int) -> d
         for part, first in zip(lists, pairadr, strict=True)
     ]
     robot = scene.subtree(ROBOT) if ROBOT in scene.bodies else []
-    owners = [o.bodies for o in plan.objects] + [robot] * (len(lists) - len(plan.objects))
+    owners = [o.bodies for o in plan.objects] + [robot] * len(arm_lists)
     own = [[int(colliders.body[c] in owners[i]) for c in (p.a, p.b)] for i, part in enumerate(lists) for p in part]
     before = np.zeros((len(plan.objects), len(plan.objects) + 1), int)
     for i, o in enumerate(plan.objects):
@@ -141,12 +146,17 @@ def _pairs(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int) -> d
     way, wayadr, waynum = ranges([*p.ways[0], *p.ways[1]] for p in pairs)
     return {
         "pair_own": np.array([a + 2 * b for a, b in own], int),
-        "obj_pairadr": pairadr,
-        "obj_pairnum": pairnum,
-        "obj_startadr": startadr,
-        "obj_startnum": startnum,
+        "obj_pairadr": pairadr[:number],
+        "obj_pairnum": pairnum[:number],
+        "obj_startadr": startadr[:number],
+        "obj_startnum": startnum[:number],
         "obj_startbefore": before,
         "obj_startmost": np.diff(before).max(axis=1, initial=0),
+        "arm_pairadr": pairadr[number:],
+        "arm_pairnum": pairnum[number:],
+        "arm_startadr": startadr[number:],
+        "arm_startnum": startnum[number:],
+        **arm_fields,
         "start": np.reshape(start, (-1, 3)).astype(int),
         "pair_a": np.array([p.a for p in pairs], int),
         "pair_b": np.array([p.b for p in pairs], int),
@@ -183,6 +193,19 @@ def _moves(scene: SceneModel, o: PlacedObject, body: int) -> bool:
             return True
         body = int(mjm.body_parentid[body])
     return False
+
+
+def _arm_lists(arm: ArmPairs | None) -> tuple[list[list[Pair]], dict[str, np.ndarray]]:
+    """The lists of an arm in a grasp, and for each reach target which of them is what."""
+    if arm is None:
+        return [], dict.fromkeys(("arm_self", *_ARM_LISTS), np.zeros(0, int))
+    column = np.arange(len(arm.scene))
+    fields = {"arm_self": np.zeros_like(column)}
+    lists = [arm.itself]
+    for name, part in zip(_ARM_LISTS, (arm.scene, arm.hand, arm.target), strict=True):
+        fields[name] = len(lists) + column
+        lists += part
+    return lists, fields
 
 
 def footprint_hulls(plan: Plan) -> list[Piece]:

@@ -55,6 +55,24 @@ class Pair:
     ways: tuple[np.ndarray, np.ndarray] = (_NO_WAYS, _NO_WAYS)
 
 
+@dataclass(frozen=True)
+class ArmPairs:
+    """What an arm in a grasp is kept apart from, in lists like those of `collider_pairs`.
+
+    Attributes:
+        itself: The robot with itself, as MuJoCo would report it.
+        scene: For each reach target, in placement order, the robot with all but markers, where the hand (what the
+            robot's last joint carries) may touch the target.
+        hand: The same for the hand alone, without the target.
+        target: The hand with the target.
+    """
+
+    itself: list[Pair]
+    scene: list[list[Pair]]
+    hand: list[list[Pair]]
+    target: list[list[Pair]]
+
+
 class PairRules:
     """Which colliders of a scene can meet, by MuJoCo's rules, and from which distance on they touch.
 
@@ -163,22 +181,17 @@ def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[
     return result
 
 
-def arm_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[list[Pair]]:
-    """Which colliders an arm in a grasp is kept apart from; no lists for a scene without reach targets.
+def arm_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> ArmPairs | None:
+    """Which colliders an arm in a grasp is kept apart from; None for a scene without reach targets.
 
     Args:
         scene: The scene.
         plan: Its plan.
         colliders: Its colliders.
-
-    Returns:
-        Lists like those of `collider_pairs`: the robot against itself, as MuJoCo would report it; then for each reach
-        target, in placement order, the robot against all but markers, where the hand (what the robot's last joint
-        carries) may touch the target; then the same for the hand alone; then the hand against the target.
     """
     targets = [o.name for o in plan.objects if o.config is not None and o.config.reachable]
     if not targets:
-        return []
+        return None
     mjm, bodies = scene.mjm, colliders.body
     robot = scene.subtree(ROBOT)
     markers = {body for n, part in scene.config.objects.items() if part.kind == "marker" for body in scene.subtree(n)}
@@ -198,7 +211,7 @@ def arm_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[list[
         whole.append(apart(moving, others) + apart(arm, target))
         alone.append(apart(hand, others))
         touched.append(apart(hand, target))
-    return [_among(rules, plan, robot), *whole, *alone, *touched]
+    return ArmPairs(_among(rules, plan, robot), whole, alone, touched)
 
 
 def _among(rules: PairRules, plan: Plan, bodies: list[int]) -> list[Pair]:

@@ -34,7 +34,8 @@ def sizes(device: str, **others: int) -> dict[str, SearchSize]:
     """Sizes by name: few and many trials and restarts at once, less room than there are worlds, and more."""
     found = {}
     for busy, candidates, rows, lanes in _SIZES:
-        words = {"busy": busy, "candidates": candidates, "rows": rows, "lanes": lanes, "parts": lanes, "blocks": lanes}
+        words = {"busy": busy, "candidates": candidates, "grasps": candidates, "rows": rows}
+        words |= dict.fromkeys(("lanes", "parts", "blocks"), lanes)
         found[f"{busy}-{candidates}-{rows}-{lanes}"] = replace(default_size(device), **{**words, **others})
     return found
 

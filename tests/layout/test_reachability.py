@@ -13,7 +13,7 @@ import warp as wp
 from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
-from sceniris_gym.layout.reachability import SAME_BRANCH
+from sceniris_gym.layout.reach_ik import SAME_BRANCH
 from sceniris_gym.layout.search import default_size
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.reach.solve import POS_TOL, ROT_TOL
@@ -112,12 +112,12 @@ def test_a_layout_is_the_same_in_any_batch(compiled: CompiledScene):
 
 @pytest.mark.cuda
 @pytest.mark.parametrize("tier", ["ik", "clear"])
-def test_the_number_of_lanes_changes_no_bit(tmp_path: Path, tier: str):
-    """Lanes race through grasps and starts, and the first of them that passes is the one that is kept."""
+def test_what_is_tried_at_once_changes_no_bit_on_a_gpu(tmp_path: Path, tier: str):
+    """Grasps and starts one by one, with room for few worlds, and with more lanes: the first that passes is kept."""
     compiled = cluttered(tmp_path, tier, device="cuda:0")
     rows = []
-    for lanes in (1, 8, 32, 64):
-        size = replace(default_size("cuda:0"), block_dim=lanes)
+    for words in ({}, {"busy": 1}, {"grasps": 100}, {"block_dim": 64}):
+        size = replace(default_size("cuda:0"), **words)
         generator = LayoutGenerator(compiled, 256, seed=6, size=size)
         for _ in range(2):
             generator.generate()
@@ -251,22 +251,37 @@ def test_what_is_drawn_is_kept_clear_of(tmp_path: Path):
             assert solids.distance(data, robot, others) > 0.0
 
 
-@pytest.mark.parametrize("tier", ["ik", None])
-def test_the_restarts_fix_how_often_the_stage_is_launched(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tier: str | None
+_OF_IK = ["_open_candidates", "_look_up", "_start", "_solve", "_pose_arm", "_test 6-6", "_accept"]
+_OF_CLEAR = ["_open_candidates", "_look_up", "_pose_hand", "_test 1-1", "_pose_hand", "_test 2-3"]
+_OF_CLEAR += ["_start", "_solve", "_solve", "_pose_arm", "_test 6-7", "_pose_arm", "_test 8-10", "_accept"]
+
+
+@pytest.mark.parametrize(("tier", "steps"), [("ik", _OF_IK), ("clear", _OF_CLEAR), (None, [])])
+def test_a_scene_launches_the_steps_of_its_tiers_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tier: str | None, steps: list[str]
 ):
-    """Once after placing and once for every restart, whether worlds wait or not; never in a scene without it."""
+    """In their order, wave by wave, as long as any world waits; nothing of it in a scene without the stage."""
     bar = box_mjcf(tmp_path, "bar", 0.12, 0.05, 0.04)
     words = {"asset": bar, "on": "floor", "region": IN_FRONT, "reachable": tier}
     objects = {"bar": {k: v for k, v in words.items() if v is not None}}
     generator = LayoutGenerator(compile_on_cpu(scene(tmp_path, objects, restarts=2)), 4)
-    launched, launch = [], wp.launch_tiled
+    launched = []
 
-    def recorded(kernel: wp.Kernel, **words: Any) -> None:
-        launched.append(kernel.key)
-        launch(kernel, **words)
+    def record(name: str) -> None:
+        launch = getattr(wp, name)
 
-    monkeypatch.setattr(wp, "launch_tiled", recorded)
-    generator.generate()
+        def recorded(kernel: wp.Kernel, *args: Any, **words: Any) -> None:
+            if "reach_" in kernel.module.name:
+                steps = "-".join(map(str, words["inputs"][2:4]))
+                launched.append(f"_test {steps}" if kernel.key == "_test" else kernel.key)
+            launch(kernel, *args, **words)
+
+        monkeypatch.setattr(wp, name, recorded)
+
+    record("launch")
+    record("launch_tiled")
+    generator.launch_generate(None)
     assert (generator.layouts.status.numpy() == Status.VALID).all()
-    assert launched.count("_reachability") == (0 if tier is None else 3)
+    waves = "|".join(launched).split("_plan_wave")[1:]
+    assert [wave.strip("|").split("|")[: len(steps)] for wave in waves] == [steps] * len(waves)
+    assert (len(waves) > 0) == (tier is not None)

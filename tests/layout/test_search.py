@@ -212,7 +212,7 @@ def test_floors_without_objects_need_no_candidates():
     assert (generator.layouts.attempts.numpy() == 0).all()
 
 
-@pytest.mark.parametrize(("name", "least"), [("rows", 0), ("candidates", 1), ("busy", 1), ("leaves", 0), ("lanes", 1)])
+@pytest.mark.parametrize(("name", "least"), [("rows", 0), ("candidates", 1), ("busy", 1), ("leaves", 0), ("grasps", 1)])
 def test_a_size_that_would_never_end_is_refused(name: str, least: int):
     """By its name; the least one is accepted."""
     replace(default_size("cpu"), **{name: least})

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sceniris_gym.layout.sequence import LaunchSequence
+from sceniris_gym.layout.sequence import LaunchSequence, repeat_launches
 
 CPU = wp.get_device("cpu")
 
@@ -73,6 +73,26 @@ def test_inside_of_a_capture_the_launches_are_part_of_it():
         wp.capture_launch(capture.graph)
         assert values.numpy().tolist() == after(np.array([27]), 2 * call)
     assert len(ran) == 1
+
+
+@wp.kernel(enable_backward=False)
+def _count_down(left: wp.array(dtype=int), rounds: wp.array(dtype=int)):
+    left[0] = left[0] - 1
+    rounds[0] = rounds[0] + 1
+
+
+@pytest.mark.parametrize("graph", [True, False])
+def test_launches_are_repeated_until_nothing_is_left(graph: bool):
+    """As often as an array says when they run, also in a replay; not at all for nothing."""
+    left, rounds = (wp.zeros(1, dtype=int, device="cpu") for _ in range(2))
+    run = LaunchSequence(
+        lambda: repeat_launches(left, lambda: wp.launch(_count_down, dim=1, inputs=[left, rounds]), 9), CPU, graph=graph
+    )
+    for number in (4, 0, 1):
+        left.fill_(number)
+        rounds.zero_()
+        run()
+        assert (left.numpy()[0], rounds.numpy()[0]) == (0, number)
 
 
 @pytest.mark.cuda

@@ -155,15 +155,18 @@ def test_pairs_are_those_of_objects_and_then_those_of_the_arm(tmp_path: Path):
     objects = {"a": {**cube, "clearance": 0.02, "reachable": "ik"}, "b": cube}
     for lanes in (1, 32):
         packed = pack(scene_of(objects, robot={"asset": "panda"}), lanes)
-        lists = [*collider_pairs(packed.scene, packed.plan, packed.colliders)]
-        assert len(lists) == 2
-        lists += arm_pairs(packed.scene, packed.plan, packed.colliders)
-        assert len(packed["obj_pairadr"]) == len(packed["obj_startadr"]) == len(lists) == 6
+        expected = [("obj", i, p) for i, p in enumerate(collider_pairs(packed.scene, packed.plan, packed.colliders))]
+        assert len(packed["obj_pairadr"]) == len(packed["obj_startadr"]) == len(expected) == 2
+        arm = arm_pairs(packed.scene, packed.plan, packed.colliders)
+        assert arm is not None
+        named = {"arm_self": [arm.itself], "arm_scene": arm.scene, "arm_hand": arm.hand, "arm_target": arm.target}
+        expected += [("arm", packed[name][i], p) for name, lists in named.items() for i, p in enumerate(lists)]
+        assert len(packed["arm_pairadr"]) == len(packed["arm_startadr"]) == 4
         rows = list(zip(packed["pair_a"], packed["pair_b"], packed["pair_margin"], strict=True))
-        for i, expected in enumerate(lists):
-            adr, num = packed["obj_pairadr"][i], packed["obj_pairnum"][i]
-            assert rows[adr : adr + num] == [(p.a, p.b, p.margin) for p in expected]
-            start = packed["start"][packed["obj_startadr"][i] :][: packed["obj_startnum"][i]]
+        for of, i, pairs in expected:
+            adr, num = packed[f"{of}_pairadr"][i], packed[f"{of}_pairnum"][i]
+            assert rows[adr : adr + num] == [(p.a, p.b, p.margin) for p in pairs]
+            start = packed["start"][packed[f"{of}_startadr"][i] :][: packed[f"{of}_startnum"][i]]
             assert set(start[:, 0]) == set(range(adr, adr + num))
             assert len(start) == num if lanes == 1 else len(start) >= min(num, lanes)
 

@@ -11,7 +11,7 @@ import pytest
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.geometry.colliders import Colliders, collect_colliders
 from sceniris_gym.program.descent import leaf_nodes
-from sceniris_gym.program.pairs import Pair, arm_pairs, collider_pairs
+from sceniris_gym.program.pairs import ArmPairs, Pair, arm_pairs, collider_pairs
 from sceniris_gym.program.plan import Plan, build_plan
 from sceniris_gym.scene.model import SceneModel, build_model
 from tests.layout.scenes import box_mjcf
@@ -35,11 +35,14 @@ class Scene:
         self.plan: Plan = build_plan(self.model)
         self.colliders: Colliders = collect_colliders(self.plan.pieces, False, "cpu")
 
-    def lists(self) -> list[set[frozenset[str]]]:
-        """The lists as pairs of names of bodies."""
-        lists, body = arm_pairs(self.model, self.plan, self.colliders), self.colliders.body
-        mjm = self.model.mjm
-        return [{frozenset((mjm.body(body[p.a]).name, mjm.body(body[p.b]).name)) for p in pairs} for pairs in lists]
+        arm = arm_pairs(self.model, self.plan, self.colliders)
+        assert arm is not None
+        self.arm: ArmPairs = arm
+
+    def names(self, pairs: list[Pair]) -> set[frozenset[str]]:
+        """A list as pairs of names of bodies."""
+        mjm, body = self.model.mjm, self.colliders.body
+        return {frozenset((mjm.body(body[p.a]).name, mjm.body(body[p.b]).name)) for p in pairs}
 
 
 @pytest.mark.parametrize("robot", ["panda", "ur5e", "heron"])
@@ -49,7 +52,7 @@ def test_self_contacts_are_those_that_mujoco_reports(tmp_path: Path, robot: str)
     mjm, data = scene.model.mjm, mujoco.MjData(scene.model.mjm)
     own = set(scene.model.subtree("robot"))
     joints = [j for j in range(mjm.njnt) if mjm.jnt_bodyid[j] in own]
-    listed, seen = scene.lists()[0], set()
+    listed, seen = scene.names(scene.arm.itself), set()
     rng = np.random.default_rng(0)
     for _ in range(400):
         data.qpos[mjm.jnt_qposadr[joints]] = rng.uniform(*mjm.jnt_range[joints].T)
@@ -68,7 +71,8 @@ CARRIED = {"panda/link7", "panda/hand", "panda/left_finger", "panda/right_finger
 
 def test_the_arm_meets_all_but_markers_and_its_hand_all_but_its_target(tmp_path: Path):
     """One list for each object to reach: only what the last joint carries may touch that object."""
-    _, first, second, *_ = Scene(tmp_path, "panda").lists()
+    scene = Scene(tmp_path, "panda")
+    first, second = map(scene.names, scene.arm.scene)
     links = {f"panda/link{i}" for i in range(1, 7)}
     for pairs, target, other in ((first, "first", "second"), (second, "second", "first")):
         met = {name: {n for pair in pairs if name in pair for n in pair - {name}} for name in ("world", "other", other)}
@@ -79,7 +83,10 @@ def test_the_arm_meets_all_but_markers_and_its_hand_all_but_its_target(tmp_path:
 
 def test_the_hand_has_lists_of_its_own(tmp_path: Path):
     """They hold what the last joint carries: against all but the target, then against the target alone."""
-    _, first, second, hand, other_hand, on_first, on_second = Scene(tmp_path, "panda").lists()
+    scene = Scene(tmp_path, "panda")
+    first, second, hand, other_hand, on_first, on_second = map(
+        scene.names, (*scene.arm.scene, *scene.arm.hand, *scene.arm.target)
+    )
     assert hand == {pair for pair in first if pair & CARRIED}
     assert other_hand == {pair for pair in second if pair & CARRIED}
     assert on_first == {frozenset((name, "first")) for name in CARRIED}
@@ -90,7 +97,7 @@ def test_a_scene_without_reach_has_no_lists(tmp_path: Path):
     """What is not asked for is not prepared."""
     scene = build_model(SceneConfig.load("mid"))
     plan = build_plan(scene)
-    assert arm_pairs(scene, plan, collect_colliders(plan.pieces, False, "cpu")) == []
+    assert arm_pairs(scene, plan, collect_colliders(plan.pieces, False, "cpu")) is None
 
 
 def _meetings(scene: SceneModel, plan: Plan | None = None) -> dict[tuple[str, str], float]:

@@ -13,7 +13,7 @@ import numpy as np
 from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.errors import SceneFileError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.reachability import OPENING_MARGIN
+from sceniris_gym.layout.reach_poses import OPENING_MARGIN
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.auditor import Auditor
