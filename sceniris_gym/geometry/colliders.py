@@ -70,7 +70,8 @@ def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> Collide
             c.depth_inside.append(most_depth(mesh, triangles.min((0, 1)), triangles.max((0, 1)), device))
             _add_faces(c, body, [(i, pieces[i]) for i in solid], mesh.id)
             parts = [part for m in meshes if m is not None for part in m.split(only_watertight=False)]
-            c.points.append(np.array([part.vertices[0] for part in parts]))
+            # the highest one: it is usually farthest from what carries the object, and nothing is asked about it then
+            c.points.append(np.array([part.vertices[part.vertices[:, 2].argmax()] for part in parts]))
         else:
             bounds = [pieces[i].bounds() for i in solid]
             lower, upper = np.array([b[0] for b in bounds]), np.array([b[1] for b in bounds])

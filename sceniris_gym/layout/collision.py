@@ -16,13 +16,11 @@ from sceniris_gym.layout.boxes import (
     collides,
     leaves_below_touch,
     next_step,
-    opened,
 )
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.leaves import PairPoses, candidate_poses, margin_of, pieces_touch, support_of
+from sceniris_gym.layout.leaves import candidate_poses, margin_of, pieces_touch, support_of
 from sceniris_gym.layout.screen import why_not
 from sceniris_gym.layout.search import UNPROVEN, QueuedLeaves, Search, SearchSize, candidate_num, rival_num
-from sceniris_gym.layout.transforms import apply
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
 
@@ -80,120 +78,81 @@ def _keep_hit(search: Search, c: int, row: int, rival: int):
 
 
 @wp.func
-def _distance_ratio(program: Program, entry: wp.vec4i, poses: PairPoses) -> float:
-    """How far the middles of two boxes are apart, in shares of their radii: the less, the deeper they overlap."""
-    na = entry[1]
-    nb = entry[2]
-    apart = apply(poses.a, program.node_center[na]) - apply(poses.b, program.node_center[nb])
-    return wp.length(apart) / (wp.length(program.node_half[na]) + wp.length(program.node_half[nb]))
+def _is_wanted(program: Program, reach: Reach, search: Search, c: int, lane: int) -> bool:
+    """Does a candidate pass the screen? If not, the cause is kept. All lanes of a block call it together."""
+    cause = search.cause[c]
+    block_sync()  # all lanes have read it
+    if cause == _NONE:
+        cause = why_not(program, reach, search, c, search.obj[c])
+        if lane == 0 and cause != _NONE:
+            search.cause[c] = cause
+    return cause == _NONE
 
 
 @wp.func
-def _nearest_start(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int) -> wp.vec4i:
-    """The start against what stands whose boxes are deepest in each other; its pair is -1 if none are."""
-    best = wp.vec4i(-1)
-    least = float(1.0)
-    for i in range(_standing_num(program, search, row, obj)):
-        entry = against(program.start[program.obj_startadr[obj] + i], -1)
-        if program.collider_plane[program.pair_b[entry[0]]] < 0:
-            poses = candidate_poses(program, layouts, search, c, row, entry[0], -1)
-            ratio = _distance_ratio(program, entry, poses)
-            if ratio < least:
-                least = ratio
-                best = entry
-    return best
-
-
-@wp.func
-def _nearest_leaves(program: Program, start: wp.vec4i, poses: PairPoses) -> wp.vec4i:
-    """Go down both trees from an entry, always to the two boxes that are deeper in each other."""
-    entry = start
-    step = opened(program, entry)
-    while step.inner:
-        entry = step.left
-        if _distance_ratio(program, step.right, poses) < _distance_ratio(program, step.left, poses):
-            entry = step.right
-        step = opened(program, entry)
-    return entry
-
-
-@wp.kernel(module="unique", grid_stride=False, cuda_max_registers=128)
-def _probe(
-    program: Program,
-    reach: Reach,
-    lanes: int,
-    layouts: LayoutsView,
-    # Search in and out:
-    search: Search,
-):
-    for c in range(wp.tid(), candidate_num(search), lanes):
-        row = search.row[c]
-        obj = search.obj[c]
-        if search.cause[c] == _NONE:
-            search.cause[c] = why_not(program, reach, search, c, obj)
-        if search.cause[c] == _NONE:
-            entry = _nearest_start(program, layouts, search, c, row, obj)
-            if entry[0] >= 0:
-                poses = candidate_poses(program, layouts, search, c, row, entry[0], -1)
-                margin = margin_of(program, entry[0], support_of(program, obj))
-                if pieces_touch(program, _nearest_leaves(program, entry, poses), poses, margin):
-                    search.cause[c] = _COLLISION
+def _queue(search: Search, leaves: QueuedLeaves) -> bool:
+    """Queue two leaves, the first of each candidate apart from the others. Returns whether there was room."""
+    c = leaves.candidate
+    if leaves.entry[3] < 0 and wp.atomic_add(search.leaf_num, c, 1) == 0:
+        search.first_leaf[wp.atomic_add(search.first_leaves, 0, 1)] = leaves
+        return True
+    at = wp.atomic_add(search.leaves, 0, 1)
+    if at >= search.leaf.shape[0]:
+        return False
+    search.leaf[at] = leaves
+    return True
 
 
 @wp.kernel(module="unique", grid_stride=False)
 def _queue_leaves(
     program: Program,
+    reach: Reach,
     blocks: int,
     layouts: LayoutsView,
     # Search in and out:
     search: Search,
 ):
     block, lane = wp.tid()
-    nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=QueuedLeaves)
-    candidates = candidate_num(search)
-    # each block takes some candidates that follow each other, of which the lanes share all starts
-    share = (candidates + blocks - 1) // blocks
-    c = block * share
-    last = wp.min(c + share, candidates)
-    base = int(0)
-    while c < last or wp.tile_stack_count(nodes) > 0:
-        if c < last and wp.tile_stack_count(nodes) < wp.block_dim():
-            row = search.row[c]
-            obj = search.obj[c]
-            num = wp.where(search.cause[c] == _NONE, _start_num(program, search, c, row, obj), 0)
-            start = QueuedLeaves()
-            start.candidate = c
-            if base + lane < num:
-                start.entry = _start(program, search, c, row, obj, base + lane)
-            wp.tile_stack_push(nodes, start, base + lane < num and start.entry[0] >= 0)
-            base += wp.block_dim()
-            if base >= num:
-                base = 0
-                c += 1
-        else:
-            item, slot = wp.tile_stack_pop(nodes)
-            step = Step()
-            if slot >= 0:
-                of = item.candidate
-                support = support_of(program, search.obj[of])
-                poses = candidate_poses(program, layouts, search, of, search.row[of], item.entry[0], item.entry[3])
-                step = next_step(program, item.entry, poses, margin_of(program, item.entry[0], support))
-            left = item
-            left.entry = step.left
-            right = item
-            right.entry = step.right
-            at_left = wp.tile_stack_push(nodes, left, step.inner)
-            at_right = wp.tile_stack_push(nodes, right, step.inner)
-            missed = step.inner and wp.min(at_left, at_right) < 0
-            if step.leaf:
-                at = wp.atomic_add(search.leaves, 0, 1)
-                if at < search.leaf.shape[0]:
-                    search.leaf[at] = item
-                else:
-                    missed = True
-            if missed:
-                search.unproven[0] = 1
-                search.missed[item.candidate] = 1
+    nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec4i)
+    for c in range(block, candidate_num(search), blocks):
+        if not _is_wanted(program, reach, search, c, lane):
+            continue
+        row = search.row[c]
+        obj = search.obj[c]
+        support = support_of(program, obj)
+        last = _start_num(program, search, c, row, obj)
+        for base in range(0, last, wp.block_dim()):
+            first = _start(program, search, c, row, obj, wp.min(base + lane, last - 1))
+            wp.tile_stack_push(nodes, first, base + lane < last and first[0] >= 0)
+            while wp.tile_stack_count(nodes) > 0:
+                entry, slot = wp.tile_stack_pop(nodes)
+                step = Step()
+                if slot >= 0:
+                    poses = candidate_poses(program, layouts, search, c, row, entry[0], entry[3])
+                    step = next_step(program, entry, poses, margin_of(program, entry[0], support))
+                at_left = wp.tile_stack_push(nodes, step.left, step.inner)
+                at_right = wp.tile_stack_push(nodes, step.right, step.inner)
+                missed = step.inner and wp.min(at_left, at_right) < 0
+                if step.leaf:
+                    leaves = QueuedLeaves()
+                    leaves.candidate = c
+                    leaves.entry = entry
+                    missed = not _queue(search, leaves)
+                if missed:
+                    search.missed[c] = 1
+                    search.unproven[0] = 1
+
+
+@wp.func
+def _test(program: Program, layouts: LayoutsView, search: Search, leaves: QueuedLeaves):
+    """Test two leaves, unless what they belong to is rejected already."""
+    c = leaves.candidate
+    entry = leaves.entry
+    if _is_open(search, c, entry[3]):
+        row = search.row[c]
+        poses = candidate_poses(program, layouts, search, c, row, entry[0], entry[3])
+        if pieces_touch(program, entry, poses, margin_of(program, entry[0], support_of(program, search.obj[c]))):
+            _keep_hit(search, c, row, entry[3])
 
 
 # With all the registers that it would take, a multiprocessor holds few warps, and each waits for its own arithmetic.
@@ -201,18 +160,17 @@ def _queue_leaves(
 def _test_leaves(
     program: Program,
     lanes: int,
+    first: bool,
     layouts: LayoutsView,
     # Search in and out:
     search: Search,
 ):
-    for i in range(wp.tid(), wp.min(search.leaves[0], search.leaf.shape[0]), lanes):
-        c = search.leaf[i].candidate
-        entry = search.leaf[i].entry
-        if _is_open(search, c, entry[3]):
-            row = search.row[c]
-            poses = candidate_poses(program, layouts, search, c, row, entry[0], entry[3])
-            if pieces_touch(program, entry, poses, margin_of(program, entry[0], support_of(program, search.obj[c]))):
-                _keep_hit(search, c, row, entry[3])
+    if first:
+        for i in range(wp.tid(), search.first_leaves[0], lanes):
+            _test(program, layouts, search, search.first_leaf[i])
+    else:
+        for i in range(wp.tid(), wp.min(search.leaves[0], search.leaf.shape[0]), lanes):
+            _test(program, layouts, search, search.leaf[i])
 
 
 @wp.kernel(module="unique", grid_stride=False, cuda_max_registers=128)
@@ -228,14 +186,7 @@ def _test_together(
     nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec4i)
     leaves = wp.tile_stack(capacity=wp.static(WAITING), dtype=wp.vec4i)
     for c in range(block, candidate_num(search), blocks):
-        # no lane writes the cause of another candidate, and its own after all have read it
-        cause = search.cause[c]
-        block_sync()
-        if cause == _NONE:
-            cause = why_not(program, reach, search, c, search.obj[c])
-            if lane == 0 and cause != _NONE:
-                search.cause[c] = cause
-        if cause == _NONE:
+        if _is_wanted(program, reach, search, c, lane):
             row = search.row[c]
             own_pos = search.body_pos[c]
             own_quat = search.body_quat[c]
@@ -289,7 +240,7 @@ def _test_alone(
 
 def lane_kernels(faces: bool) -> list[wp.Kernel]:
     """The kernels that a GPU launches by lanes."""
-    return [_test_alone] if faces else [_probe, _test_leaves, _test_alone]
+    return [_test_alone] if faces else [_test_leaves, _test_alone]
 
 
 def block_kernel(faces: bool) -> wp.Kernel:
@@ -307,7 +258,7 @@ def launch_test_collisions(
     if together and faces:
         wp.launch_tiled(block_kernel(faces), inputs=[program, reach, size.blocks, layouts, search], **blocks)
     elif together:
-        wp.launch(_probe, inputs=[program, reach, size.lanes, layouts, search], **lanes)
-        wp.launch_tiled(block_kernel(faces), inputs=[program, size.blocks, layouts, search], **blocks)
-        wp.launch(_test_leaves, inputs=[program, size.lanes, layouts, search], **lanes)
+        wp.launch_tiled(block_kernel(faces), inputs=[program, reach, size.blocks, layouts, search], **blocks)
+        for first in (True, False):  # most candidates that collide are known by their first leaves
+            wp.launch(_test_leaves, inputs=[program, size.lanes, first, layouts, search], **lanes)
     wp.launch(_test_alone, inputs=[program, reach, size.lanes, together, layouts, search], **lanes)

@@ -71,6 +71,7 @@ class Search:
     rows: wp.array(dtype=int)  # number of rows in it
     candidates: wp.array(dtype=int)
     cuts: wp.array(dtype=int)  # number of candidates in `cut`
+    first_leaves: wp.array(dtype=int)
     leaves: wp.array(dtype=int)
     enclosed: wp.array(dtype=int)
     unproven: wp.array(dtype=int)  # 1: some candidate's test missed something
@@ -102,7 +103,9 @@ class Search:
     piece_area: wp.array2d(dtype=float)  # [m^2]
     winner: wp.array(dtype=wp.uint64)  # the piece that wins the first race: its time and its number
     cut: wp.array(dtype=int)  # candidates whose region is another one in every world
-    leaf: wp.array(dtype=QueuedLeaves)
+    leaf_num: wp.array(dtype=int)  # how many leaves near what stands were found for a candidate
+    first_leaf: wp.array(dtype=QueuedLeaves)  # the first of those of each candidate, in any order
+    leaf: wp.array(dtype=QueuedLeaves)  # all others
     # Points that are inside the box of a collider, in the frame of its body; for `geometry: visual`
     enclosed_candidate: wp.array(dtype=int)
     enclosed_by: wp.array(dtype=int)
@@ -128,6 +131,7 @@ def begin_wave(search: Search):
     search.rows_left[0] = 0
     search.source[0] = 1 - search.source[0]
     search.cuts[0] = 0
+    search.first_leaves[0] = 0
     search.leaves[0] = 0
     search.enclosed[0] = 0
     search.unproven[0] = 0
@@ -229,9 +233,9 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         s.queue = wp.zeros((2, nrow), dtype=int)
         for name in ("worlds_left", "rows_left", "tickets", "restarts_at_once", "source", "rows"):
             setattr(s, name, wp.zeros(1, dtype=int))
-        for name in ("candidates", "cuts", "leaves", "enclosed", "unproven"):
+        for name in ("candidates", "cuts", "first_leaves", "leaves", "enclosed", "unproven"):
             setattr(s, name, wp.zeros(1, dtype=int))
-        for name in ("row", "obj", "trial", "cause", "surface", "grasp", "missed", "covered", "off"):
+        for name in ("row", "obj", "trial", "cause", "surface", "grasp", "missed", "covered", "off", "leaf_num"):
             setattr(s, name, wp.zeros(ncand, dtype=int))
         s.conflicts = wp.zeros(ncand, dtype=wp.uint64)
         s.turn = wp.zeros(ncand, dtype=DrawnVariant)
@@ -253,6 +257,7 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         s.piece_area = wp.zeros((related, compiled.pieces), dtype=float)
         s.winner = wp.zeros(related, dtype=wp.uint64)
         visual = compiled.config.geometry == "visual"
+        s.first_leaf = wp.zeros(0 if visual else ncand, dtype=QueuedLeaves)
         s.leaf = wp.zeros(0 if visual else size.leaves, dtype=QueuedLeaves)
         room = size.leaves if visual else 0
         s.enclosed_candidate = wp.zeros(room, dtype=int)

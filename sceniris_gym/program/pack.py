@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import mujoco
 import numpy as np
 
@@ -15,6 +17,9 @@ from sceniris_gym.program.parking_check import check_parking
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.scene.model import SceneModel
 
+# Regions of more pieces than this take longer to cut than all other steps of a candidate.
+_FEW_PIECES = 64
+
 
 def pack_program(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int) -> dict[str, np.ndarray]:
     """All fields of `device.Program` but those of colliders and of the bank, for `lanes` that share a world's work.
@@ -22,7 +27,7 @@ def pack_program(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int
     Raises:
         SceneKeyError: an object with more relations than fit into the polygons of the device.
     """
-    return (
+    fields = (
         pack_objects(scene, plan, colliders, lanes)
         | pack_relations(scene, plan)
         | pack_groups(scene, plan)
@@ -31,6 +36,21 @@ def pack_program(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int
         | pack_bodies(scene)
         | {"home_qpos": scene.home_qpos, "home_place": plan.place, "home_bounds": plan.bounds}
     )
+    return fields | _dear_objects(fields)
+
+
+def most_pieces(fields: Mapping[str, np.ndarray]) -> np.ndarray:
+    """The most pieces that relations cut the region of each object into, from fields of `Program`."""
+    triangles = fields["variant_trinum"]
+    lists = zip(fields["obj_cutnum"], fields["obj_variantadr"], fields["obj_variantnum"], strict=True)
+    return np.array([cuts * triangles[adr : adr + num].max(initial=0) for cuts, adr, num in lists], int)
+
+
+def _dear_objects(fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Fields by which objects with regions of many pieces are drawn by themselves, and few at once."""
+    effort = np.minimum(1.0, _FEW_PIECES / np.maximum(most_pieces(fields), 1))
+    before = np.arange(len(effort)) - 1
+    return {"obj_effort": effort, "obj_after": np.where(effort < 1.0, before, fields["obj_after"])}
 
 
 def pack_groups(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:

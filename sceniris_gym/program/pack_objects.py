@@ -53,7 +53,6 @@ def pack_objects(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int
         **_followers(objects),
         **_orientations(plan),
         **_bodies_and_pieces(scene, plan, colliders),
-        "obj_effort": np.ones(len(plan.objects)),
         "obj_after": np.array([_after(scene, plan, o) for o in plan.objects], int),
         **_pairs(scene, plan, colliders, lanes),
     }
