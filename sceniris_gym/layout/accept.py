@@ -96,6 +96,14 @@ def _count_rejection(layouts: LayoutsView, search: Search, row: int, obj: int, c
 
 
 @wp.func
+def _go_on(search: Search, row: int, trial: int):
+    """Queue a row for its next trial, unless an earlier restart of its world has placed everything already."""
+    search.row_trial[row] = trial
+    if search.best[search.row_world[row]] > search.row_restart[row]:
+        queue_row(search, row)
+
+
+@wp.func
 def _leaves_nothing(cause: int) -> bool:
     """Was nothing of the region left to draw from?"""
     if cause == _EMPTY:
@@ -104,42 +112,24 @@ def _leaves_nothing(cause: int) -> bool:
 
 
 @wp.func
-def _reject(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, cause: int):
-    """Count a candidate that did not pass; the row's next trial is the one after it."""
-    _count_rejection(layouts, search, row, obj, cause)
-    if cause == _COLLISION and layouts.rejected_object.shape[0] > 0:
-        _record(program, layouts, search, c, row, obj)
-    search.row_trial[row] = search.trial[c] + 1
-    # what no draw of the object itself can open, only a new start can
-    if program.obj_retry_if_empty[obj] == 0 and _leaves_nothing(cause):
-        search.row_trial[row] = program.attempts
-
-
-@wp.func
-def _accept_row(program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int):
-    """Go through a row's candidates: of each object the first that passed is placed, up to one that none places.
-
-    What was drawn of the objects after that one would stand beside a candidate that is still to be drawn.
-    """
-    first = search.row_first[row]
-    placed = wp.uint64(0)
-    for c in range(first, first + search.row_num[row]):
-        obj = search.obj[c]
-        if obj < search.row_object[row]:  # placed already
-            continue
-        if obj > search.row_object[row] or search.row_trial[row] == program.attempts:
-            break
-        cause = search.cause[c]
-        if cause == _NONE and (search.conflicts[c] & placed) != wp.uint64(0):
-            cause = _COLLISION
+def _accept_first(
+    program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, first: int, trials: int
+) -> int:
+    """Place the first of a row's candidates that passed. Returns the row's next trial, 0 if one was placed."""
+    obj = search.row_object[row]
+    for t in range(trials):
+        cause = search.cause[first + t]
         search.row_attempts[row] += 1
-        if cause != _NONE:
-            _reject(program, layouts, search, c, row, obj, cause)
-        else:
-            _place(program, reach, layouts, search, c, row, obj)
-            placed |= wp.uint64(1) << wp.uint64(c - first)
-            search.row_object[row] = next_object(program, reach, layouts, row, obj + 1)
-            search.row_trial[row] = 0
+        if cause == _NONE:
+            _place(program, reach, layouts, search, first + t, row, obj)
+            return 0
+        _count_rejection(layouts, search, row, obj, cause)
+        if cause == _COLLISION and layouts.rejected_object.shape[0] > 0:
+            _record(program, layouts, search, first + t, row, obj)
+        # what no draw of the object itself can open, only a new start can
+        if program.obj_retry_if_empty[obj] == 0 and _leaves_nothing(cause):
+            return program.attempts
+    return search.row_trial[row] + trials
 
 
 @wp.kernel(grid_stride=False)
@@ -156,12 +146,18 @@ def _accept(
         search.candidates[0] = 0  # of the next wave
     for i in range(wp.tid(), search.rows[0], lanes):
         row = search.queue[search.source[0], i]
-        _accept_row(program, reach, layouts, search, row)
-        worldid = search.row_world[row]
-        if search.row_object[row] == program.nobject:
-            wp.atomic_min(search.best, worldid, search.row_restart[row])
-        elif search.row_trial[row] < program.attempts and search.best[worldid] > search.row_restart[row]:
-            queue_row(search, row)
+        trials = search.row_trials[row]
+        if trials == 0:  # the wave had no room for it
+            _go_on(search, row, search.row_trial[row])
+            continue
+        trial = _accept_first(program, reach, layouts, search, row, search.row_first[row], trials)
+        if trial == 0:
+            obj = next_object(program, reach, layouts, row, search.row_object[row] + 1)
+            search.row_object[row] = obj
+            if obj == program.nobject:
+                wp.atomic_min(search.best, search.row_world[row], search.row_restart[row])
+        if search.row_object[row] < program.nobject and trial < program.attempts:
+            _go_on(search, row, trial)
 
 
 def launch_accept(

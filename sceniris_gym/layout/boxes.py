@@ -85,25 +85,19 @@ def _nodes_separated(program: Program, pair: int, na: int, nb: int, poses: PairP
     return boxes_separated(center, half, program.node_center[nb], program.node_half[nb], rel, wp.max(margin, 0.0))
 
 
-@wp.func
-def against(start: wp.vec3i, rival: int) -> wp.vec4i:
-    """An entry (pair, node of a, node of b, rival): what a descent begins with, against a rival or, if -1, no one."""
-    return wp.vec4i(start[0], start[1], start[2], rival)
-
-
 @wp.struct
 class Step:
     """What a pair of nodes leads to: nothing, two smaller pairs, or a test of the leaves themselves."""
 
     inner: bool
     leaf: bool
-    left: wp.vec4i
-    right: wp.vec4i
+    left: wp.vec3i
+    right: wp.vec3i
 
 
 @wp.func
-def opened(program: Program, entry: wp.vec4i) -> Step:
-    """What an entry (pair, node of a, node of b, rival) consists of: two smaller pairs, or leaves."""
+def opened(program: Program, entry: wp.vec3i) -> Step:
+    """What an entry (pair, node of a, node of b) consists of: two smaller pairs, or leaves."""
     step = Step()
     pair = entry[0]
     na = entry[1]
@@ -115,17 +109,17 @@ def opened(program: Program, entry: wp.vec4i) -> Step:
         return step
     step.inner = True
     if child_b < 0 or (child_a >= 0 and wp.max(program.node_half[na]) > wp.max(program.node_half[nb])):
-        step.left = wp.vec4i(pair, child_a, nb, entry[3])
-        step.right = wp.vec4i(pair, child_a + 1, nb, entry[3])
+        step.left = wp.vec3i(pair, child_a, nb)
+        step.right = wp.vec3i(pair, child_a + 1, nb)
     else:
-        step.left = wp.vec4i(pair, na, child_b, entry[3])
-        step.right = wp.vec4i(pair, na, child_b + 1, entry[3])
+        step.left = wp.vec3i(pair, na, child_b)
+        step.right = wp.vec3i(pair, na, child_b + 1)
     return step
 
 
 @wp.func
-def next_step(program: Program, entry: wp.vec4i, poses: PairPoses, margin: float) -> Step:
-    """One step down both trees from an entry (pair, node of a, node of b, rival)."""
+def next_step(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> Step:
+    """One step down both trees from an entry (pair, node of a, node of b)."""
     step = Step()
     if not _nodes_separated(program, entry[0], entry[1], entry[2], poses, margin):
         step = opened(program, entry)
@@ -133,7 +127,7 @@ def next_step(program: Program, entry: wp.vec4i, poses: PairPoses, margin: float
 
 
 @wp.func
-def next_leaf(program: Program, stack: wp.array(dtype=wp.vec4i), count: int, poses: PairPoses, margin: float) -> int:
+def next_leaf(program: Program, stack: wp.array(dtype=wp.vec3i), count: int, poses: PairPoses, margin: float) -> int:
     """Go down a lane's own stack of entries of one pair until a pair of leaves that come near each other is on top.
 
     Returns how many entries the stack has then; 0 if there are no such leaves.
@@ -152,9 +146,9 @@ def next_leaf(program: Program, stack: wp.array(dtype=wp.vec4i), count: int, pos
 
 
 @wp.func
-def leaves_below_touch(program: Program, start: wp.vec4i, poses: PairPoses, margin: float) -> bool:
-    """Are any leaves below an entry (pair, node of a, node of b, rival) too near? One lane's work."""
-    stack = wp.zeros(shape=(_OWN_STACK,), dtype=wp.vec4i)
+def leaves_below_touch(program: Program, start: wp.vec3i, poses: PairPoses, margin: float) -> bool:
+    """Are any leaves below an entry (pair, node of a, node of b) too near? One lane's work."""
+    stack = wp.zeros(shape=(_OWN_STACK,), dtype=wp.vec3i)
     stack[0] = start
     count = int(1)
     while count > 0:
@@ -191,7 +185,7 @@ def collides(
     missed = int(0)
     while base < last or wp.tile_stack_count(nodes) + wp.tile_stack_count(leaves) > 0:
         if wp.tile_stack_count(nodes) == 0 and base < last:
-            entry = against(program.start[wp.min(base + lane, last - 1)], -1)
+            entry = program.start[wp.min(base + lane, last - 1)]
             wp.tile_stack_push(nodes, entry, base + lane < last)
             base += wp.block_dim()
         elif wp.tile_stack_count(leaves) >= wp.block_dim() or wp.tile_stack_count(nodes) == 0:
@@ -236,7 +230,7 @@ def collides_without_stack(
     """The same where the shared stacks had no room: every lane goes down both trees by itself."""
     hit = int(0)
     for i in range(startadr + lane, startadr + startnum, wp.block_dim()):
-        entry = against(program.start[i], -1)
+        entry = program.start[i]
         poses = pair_poses(program, entry[0], own_pos, own_quat, body_pos, body_quat)
         if leaves_below_touch(program, entry, poses, margin_of(program, entry[0], support)):
             hit = 1

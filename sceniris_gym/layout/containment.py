@@ -111,7 +111,7 @@ def _queue_enclosed(
             a = program.pair_a[pair]
             b = program.pair_b[pair]
             if search.cause[c] == _NONE and program.collider_plane[b] < 0:
-                poses = candidate_poses(program, layouts, search, c, row, pair, -1)
+                poses = candidate_poses(program, layouts, search, c, row, pair)
                 _queue_points(program, search, c, a, b, relative(poses.a, poses.b))
                 _queue_points(program, search, c, b, a, relative(poses.b, poses.a))
 
@@ -128,10 +128,6 @@ def _test_enclosed(
         if search.cause[c] == _NONE:
             if _in_solid(program, search.enclosed_by[i], search.enclosed_point[i]):
                 search.cause[c] = _COLLISION  # other lanes write the same
-
-
-KERNELS = (_queue_enclosed, _test_enclosed)
-"""What is launched, by lanes."""
 
 
 def launch_test_containment(

@@ -78,9 +78,7 @@ def _draw(
         episode = layouts.episode[search.row_world[row]]
         stream = stream_of(program, split, obj)
         search.cause[c] = _NONE
-        search.conflicts[c] = wp.uint64(0)
         search.missed[c] = 0
-        search.leaf_num[c] = 0
         search.surface[c] = -1
         draw_joints(program, obj, seed, episode, stream, trial, search.qpos[c])
         if program.obj_kind[obj] == _STATIC:

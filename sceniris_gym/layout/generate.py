@@ -15,7 +15,6 @@ from sceniris_gym.layout.collision import launch_test_collisions
 from sceniris_gym.layout.containment import launch_test_containment
 from sceniris_gym.layout.draw import launch_draw
 from sceniris_gym.layout.layouts import Layouts
-from sceniris_gym.layout.loading import load_kernels
 from sceniris_gym.layout.points import launch_draw_points
 from sceniris_gym.layout.random import SPLITS, USER_SPLITS
 from sceniris_gym.layout.reachability import ReachStage
@@ -106,13 +105,6 @@ class LayoutGenerator:
         self._most_waves = most_trials + -(-(nworld + size.rows) * most_trials // capacity)
         self._mask, self._all = (wp.ones(nworld, dtype=wp.bool, device=compiled.device) for _ in range(2))
         self._generate = LaunchSequence(lambda: self.launch_generate(self._mask), wp.get_device(compiled.device))
-        load_kernels(
-            compiled.device,
-            block_dim=size.block_dim,
-            related=self._related,
-            faces=self._faces,
-            staged=self._stage is not None,
-        )
         self.reseed(seed)
 
     @property
@@ -198,7 +190,7 @@ class LayoutGenerator:
         """Draw candidates of all rows, test them, and accept the first of each row that passes."""
         program, reach, view, search = self.compiled.program, self._reach, self.layouts.view, self._search
         split, size, device = SPLITS[self.split], self.size, self._device
-        launch_open_candidates(program, size, view, search, device)
+        launch_open_candidates(program, size, search, device)
         launch_draw(program, split, size.lanes, view, search, device)
         if self._related:
             launch_build_sides(program, size.lanes, view, search, device)

@@ -71,30 +71,11 @@ def pair_poses(
 
 
 @wp.func
-def _body_pose(layouts: LayoutsView, search: Search, row: int, c: int, body: int) -> Pose:
-    """Where a body is: posed by a candidate, or as it stands in the row if that is -1."""
-    pos = layouts.body_pos[row, body]
-    quat = layouts.body_quat[row, body]
-    if c >= 0:
-        pos = search.body_pos[c, body]
-        quat = search.body_quat[c, body]
-    return pose_of(pos, quat)
-
-
-@wp.func
-def candidate_poses(
-    program: Program, layouts: LayoutsView, search: Search, c: int, row: int, pair: int, rival: int
-) -> PairPoses:
-    """The same for a candidate of a row, against a rival or, if that is -1, what stands in the row."""
-    own = program.pair_own[pair]
-    p = PairPoses()
-    p.a = _body_pose(
-        layouts, search, row, wp.where((own & _OWN_A) != 0, c, rival), program.collider_body[program.pair_a[pair]]
-    )
-    p.b = _body_pose(
-        layouts, search, row, wp.where((own & _OWN_B) != 0, c, rival), program.collider_body[program.pair_b[pair]]
-    )
-    return p
+def candidate_poses(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, pair: int) -> PairPoses:
+    """The same for a candidate of a row."""
+    own_pos = search.body_pos[c]
+    own_quat = search.body_quat[c]
+    return pair_poses(program, pair, own_pos, own_quat, layouts.body_pos[row], layouts.body_quat[row])
 
 
 @wp.func
@@ -249,8 +230,8 @@ def _lowest_of_leaf(program: Program, leaf: int, in_body: wp.vec3) -> float:
 
 
 @wp.func
-def pieces_touch(program: Program, entry: wp.vec4i, poses: PairPoses, margin: float) -> bool:
-    """Are the pieces of an entry (pair, node of a, node of b, rival) no further apart than `margin` [m]?"""
+def pieces_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> bool:
+    """Are the pieces of an entry (pair, node of a, node of b) no further apart than `margin` [m]?"""
     a = ~program.node_child[entry[1]]
     plane = program.collider_plane[program.pair_b[entry[0]]]
     if plane >= 0:
@@ -261,7 +242,7 @@ def pieces_touch(program: Program, entry: wp.vec4i, poses: PairPoses, margin: fl
 
 
 @wp.func
-def leaves_touch(program: Program, entry: wp.vec4i, poses: PairPoses, margin: float) -> bool:
+def leaves_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> bool:
     """The same of leaves of any geometry."""
     a = ~program.node_child[entry[1]]
     plane = program.collider_plane[program.pair_b[entry[0]]]

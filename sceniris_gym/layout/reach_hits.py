@@ -48,8 +48,8 @@ def _test(
     search: ReachSearch,
 ):
     block, lane = wp.tid()
-    nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec4i)
-    leaves = wp.tile_stack(capacity=wp.static(WAITING), dtype=wp.vec4i)
+    nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
+    leaves = wp.tile_stack(capacity=wp.static(WAITING), dtype=wp.vec3i)
     for c in range(block, reach_candidate_num(search), blocks):
         worldid = search.world[c]
         own_pos = search.body_pos[c]

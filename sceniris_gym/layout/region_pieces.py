@@ -125,32 +125,31 @@ def cut_triangle(
 
 @wp.struct
 class _Place:
-    """Where a lane has got to among the pieces of a candidate, triangle by triangle."""
+    """Where a lane has got to among the pieces of a candidate: all combinations of a triangle, then the next one."""
 
-    at: int
-    tri: int  # the triangle that is posed, among those of the candidate; -1: none yet
+    tri: int
+    combination: int
     t: Triangle
 
 
 @wp.func
-def _next_piece(
-    program: Program, search: Search, c: int, obj: int, frame: Pose, first: int, triangles: int, step: int, p: _Place
-) -> _Place:
-    """The next piece that may have any area, from a place on in steps."""
+def _next_piece(program: Program, search: Search, c: int, obj: int, frame: Pose, parts: int, at: _Place) -> _Place:
+    """The next piece that may have any area, from a place on; beyond all triangles if there is none."""
+    variant = search.turn[c].variant
+    triangles = program.variant_trinum[variant]
     combinations = program.obj_cutnum[obj]
-    while p.at < combinations * triangles:
-        tri = p.at // combinations
-        end = (tri + 1) * combinations
-        if tri != p.tri:
-            p.tri = tri
-            p.t = posed_triangle(program, first + tri, frame)
-            if _is_out_of_reach(program, search, c, obj, p.t):
-                p.at += (end - p.at + step - 1) // step * step
-        while p.at < end:
-            if not _is_surely_empty(program, search, c, obj, p.at - tri * combinations, p.t):
-                return p
-            p.at += step
-    return p
+    while at.tri < triangles:
+        while at.combination < combinations:
+            if not _is_surely_empty(program, search, c, obj, at.combination, at.t):
+                return at
+            at.combination += 1
+        at.tri += parts
+        at.combination = 0
+        if at.tri < triangles:
+            at.t = posed_triangle(program, program.variant_triadr[variant] + at.tri, frame)
+            if _is_out_of_reach(program, search, c, obj, at.t):
+                at.combination = combinations
+    return at
 
 
 @wp.func
@@ -158,28 +157,24 @@ def _measure(
     program: Program, search: Search, c: int, obj: int, frame: Pose, numbers: Numbers, part: int, parts: int
 ) -> wp.uint64:
     """List a lane's part of the pieces of a candidate's region that have any area. Returns the one that wins."""
-    variant = search.turn[c].variant
-    first = program.variant_triadr[variant]
-    triangles = program.variant_trinum[variant]
-    combinations = program.obj_cutnum[obj]
+    triangles = program.variant_trinum[search.turn[c].variant]
     polygon = wp.zeros(shape=(_MAX_CORNERS,), dtype=wp.vec2)
     best = NOBODY
-    p = _Place()
-    p.at = part
-    p.tri = -1
-    while p.at < combinations * triangles:
-        # Lanes look for their next piece together and then cut together, rather than one after the other.
-        p = _next_piece(program, search, c, obj, frame, first, triangles, parts, p)
-        if p.at < combinations * triangles:
-            combination = p.at - p.tri * combinations
-            size = area(polygon, cut_triangle(program, search, c, obj, combination, p.t, polygon))
-            if size > _LEAST_AREA:
-                index = combination * triangles + p.tri
-                place = wp.atomic_add(search.pieces, c, 1)
-                search.piece[c, place] = index
-                search.piece_area[c, place] = size
-                best = wp.min(best, finish(numbers, 0, index, size))
-            p.at += parts
+    at = _Place()
+    at.tri = part - parts
+    at.combination = program.obj_cutnum[obj]
+    # Lanes look for their next piece together and then cut together, rather than one after the other.
+    at = _next_piece(program, search, c, obj, frame, parts, at)
+    while at.tri < triangles:
+        size = area(polygon, cut_triangle(program, search, c, obj, at.combination, at.t, polygon))
+        if size > _LEAST_AREA:
+            index = at.combination * triangles + at.tri
+            place = wp.atomic_add(search.pieces, c, 1)
+            search.piece[c, place] = index
+            search.piece_area[c, place] = size
+            best = wp.min(best, finish(numbers, 0, index, size))
+        at.combination += 1
+        at = _next_piece(program, search, c, obj, frame, parts, at)
     return best
 
 

@@ -16,8 +16,6 @@ wp.set_module_options({"enable_backward": False})
 
 _VALID = wp.constant(int(Status.VALID))
 _NEVER = wp.constant(1 << 30)
-# Most candidates of a row in a wave: conflicts with rivals are bits of 64.
-_MOST = wp.constant(64)
 
 
 @wp.kernel
@@ -124,73 +122,34 @@ def launch_open_rows(program: Program, reach: Reach, layouts: LayoutsView, searc
     wp.launch(_open_rows, dim=dim, inputs=[program, reach], outputs=[layouts, search], device=device)
 
 
-@wp.func
-def _objects_at_once(program: Program, layouts: LayoutsView, row: int, first: int, most: int) -> int:
-    """How many objects from `first` on can be drawn at the same time: none depends on the ones before it."""
-    count = int(0)
-    obj = int(first)
-    while obj < program.nobject and count < most and program.obj_after[obj] < first:
-        count += layouts.present[row, program.obj_slot[obj]]
-        obj += 1
-    return count
-
-
-@wp.func
-def _list_candidates(
-    program: Program, layouts: LayoutsView, search: Search, row: int, num: int, share: float, first: int, room: int
-) -> int:
-    """List trials of a row's next `num` objects from candidate `first` on, or count them if that is -1."""
-    listed = int(0)
-    done = int(0)
-    obj = search.row_object[row]
-    trial = search.row_trial[row]
-    while done < num and listed < room:
-        if layouts.present[row, program.obj_slot[obj]] != 0:
-            trials = wp.clamp(int(share * program.obj_effort[obj]), 1, program.attempts - trial)
-            trials = wp.min(trials, room - listed)
-            if first >= 0:
-                for t in range(trials):
-                    search.row[first + listed + t] = row
-                    search.obj[first + listed + t] = obj
-                    search.trial[first + listed + t] = trial + t
-            listed += trials
-            trial = 0
-            done += 1
-        obj += 1
-    return listed
-
-
 @wp.kernel(grid_stride=False)
 def _open_candidates(
     program: Program,
     busy: int,
-    tries: int,
     lanes: int,
-    layouts: LayoutsView,
     # Search in and out:
     search: Search,
 ):
     rows = search.rows_left[0]
     scale = float(busy) / float(wp.max(rows, 1))
-    most = int(1)
-    if program.faces == 0:  # triangles take too long to be tested in vain
-        most = wp.max(int(scale) // tries, 1)
+    capacity = search.cause.shape[0]
     for i in range(wp.tid(), rows, lanes):
         row = search.queue[1 - search.source[0], i]
-        num = _objects_at_once(program, layouts, row, search.row_object[row], most)
-        share = scale / float(num)
-        wanted = _list_candidates(program, layouts, search, row, num, share, -1, _MOST)
-        first = wp.atomic_add(search.candidates, 0, wanted)
-        room = wp.clamp(search.cause.shape[0] - first, 0, wanted)
+        obj = search.row_object[row]
+        trials = wp.clamp(int(scale * program.obj_effort[obj]), 1, program.attempts - search.row_trial[row])
+        first = wp.atomic_add(search.candidates, 0, trials)
+        trials = wp.clamp(capacity - first, 0, trials)
         search.row_first[row] = first
-        search.row_num[row] = _list_candidates(program, layouts, search, row, num, share, first, room)
+        search.row_trials[row] = trials
+        for t in range(trials):
+            search.row[first + t] = row
+            search.obj[first + t] = obj
+            search.trial[first + t] = search.row_trial[row] + t
 
 
-def launch_open_candidates(
-    program: Program, size: SearchSize, layouts: LayoutsView, search: Search, device: str
-) -> None:
+def launch_open_candidates(program: Program, size: SearchSize, search: Search, device: str) -> None:
     """Give rows candidates: the more, the fewer rows there are, and the more their objects usually need."""
-    inputs = [program, size.busy, size.tries, size.lanes, layouts]
+    inputs = [program, size.busy, size.lanes]
     wp.launch(_open_candidates, dim=size.lanes, inputs=inputs, outputs=[search], device=device)
 
 

@@ -61,7 +61,8 @@ def _look_at_footprint(
                 search.off[c] = 1
 
 
-@wp.kernel(grid_stride=False)
+# Registers for fewer warps at a time make it slower.
+@wp.kernel(grid_stride=False, cuda_max_registers=128)
 def _look(
     program: Program,
     reach: Reach,

@@ -2,9 +2,7 @@
 
 A *row* is one restart of one world: the objects placed so far, and the next one with its next trial. The first
 `nworld` rows are those of the worlds themselves; the others try later restarts of worlds at the same time. A
-*candidate* is one trial of one object in a row. Candidates of a row follow each other, by object and trial; those of an
-earlier object are *rivals* of those of a later one, which is not placed where it collides with the rival that is.
-Counts that steer loops are arrays of one element, read on the device.
+*candidate* is one trial of one row's object. Counts that steer loops are arrays of one element, read on the device.
 """
 
 from __future__ import annotations
@@ -35,14 +33,6 @@ _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
 
 
 @wp.struct
-class QueuedLeaves:
-    """Two leaves that come near each other."""
-
-    candidate: int
-    entry: wp.vec4i  # (pair, node of a, node of b, rival or -1)
-
-
-@wp.struct
 class Search:
     """The arrays of a search as device code takes them."""
 
@@ -58,7 +48,7 @@ class Search:
     row_object: wp.array(dtype=int)  # the object to place next; all are placed if there is no such object
     row_trial: wp.array(dtype=int)  # its next trial, from 0
     row_first: wp.array(dtype=int)  # its first candidate in this wave
-    row_num: wp.array(dtype=int)  # and how many it has; 0 if the wave has no room for it
+    row_trials: wp.array(dtype=int)  # and how many it has; 0 if the wave has no room for it
     row_attempts: wp.array(dtype=int)  # candidates drawn in this restart
     row_rejections: wp.array3d(dtype=int)  # of rows beyond those of worlds: by object and cause
     queue: wp.array2d(dtype=int)  # rows that still place objects; two lists, of which one is read and one written
@@ -71,7 +61,6 @@ class Search:
     rows: wp.array(dtype=int)  # number of rows in it
     candidates: wp.array(dtype=int)
     cuts: wp.array(dtype=int)  # number of candidates in `cut`
-    first_leaves: wp.array(dtype=int)
     leaves: wp.array(dtype=int)
     enclosed: wp.array(dtype=int)
     unproven: wp.array(dtype=int)  # 1: some candidate's test missed something
@@ -80,7 +69,6 @@ class Search:
     obj: wp.array(dtype=int)
     trial: wp.array(dtype=int)  # which trial of its object in this restart, from 0
     cause: wp.array(dtype=int)
-    conflicts: wp.array(dtype=wp.uint64)  # with which rivals it collides: a bit for each candidate of its row
     turn: wp.array(dtype=DrawnVariant)
     heading: wp.array(dtype=float)
     point: wp.array(dtype=wp.vec3)  # under the pivot [m]
@@ -103,9 +91,7 @@ class Search:
     piece_area: wp.array2d(dtype=float)  # [m^2]
     winner: wp.array(dtype=wp.uint64)  # the piece that wins the first race: its time and its number
     cut: wp.array(dtype=int)  # candidates whose region is another one in every world
-    leaf_num: wp.array(dtype=int)  # how many leaves near what stands were found for a candidate
-    first_leaf: wp.array(dtype=QueuedLeaves)  # the first of those of each candidate, in any order
-    leaf: wp.array(dtype=QueuedLeaves)  # all others
+    leaf: wp.array(dtype=wp.vec4i)  # (candidate, pair, node of a, node of b)
     # Points that are inside the box of a collider, in the frame of its body; for `geometry: visual`
     enclosed_candidate: wp.array(dtype=int)
     enclosed_by: wp.array(dtype=int)
@@ -131,18 +117,9 @@ def begin_wave(search: Search):
     search.rows_left[0] = 0
     search.source[0] = 1 - search.source[0]
     search.cuts[0] = 0
-    search.first_leaves[0] = 0
     search.leaves[0] = 0
     search.enclosed[0] = 0
     search.unproven[0] = 0
-
-
-@wp.func
-def rival_num(search: Search, row: int, candidate: int) -> int:
-    """How many of a row's candidates are of other objects than this one and before it."""
-    if search.obj[candidate] == search.row_object[row]:
-        return 0
-    return candidate - search.trial[candidate] - search.row_first[row]
 
 
 @wp.func
@@ -164,8 +141,7 @@ class SearchSize:
     Attributes:
         rows: Rows beyond one for each world, for restarts that are tried at the same time.
         candidates: Candidates of one wave.
-        busy: Candidates of a wave up to which further trials, and further objects, are drawn at the same time.
-        tries: How many times the candidates that an object usually takes are drawn before further objects are.
+        busy: Candidates of a wave up to which further trials are drawn at the same time.
         leaves: Pairs of leaves that wait for lanes of their own; 0: candidates are tested as a whole.
         grasps: Candidates of one wave of the stages `ik` and `clear`, each with a pose of the robot.
         lanes: Lanes of a launch in which each works for itself.
@@ -179,7 +155,6 @@ class SearchSize:
     rows: int
     candidates: int
     busy: int
-    tries: int
     leaves: int
     grasps: int
     lanes: int
@@ -201,7 +176,6 @@ def default_size(device: str) -> SearchSize:
             rows=8192,
             candidates=1 << 17,
             busy=1 << 13,
-            tries=2,
             leaves=1 << 21,
             grasps=1 << 14,
             lanes=1 << 16,
@@ -209,9 +183,7 @@ def default_size(device: str) -> SearchSize:
             blocks=1 << 12,
             block_dim=32,
         )
-    return SearchSize(
-        rows=0, candidates=512, busy=1, tries=2, leaves=0, grasps=512, lanes=1, parts=1, blocks=1, block_dim=1
-    )
+    return SearchSize(rows=0, candidates=512, busy=1, leaves=0, grasps=512, lanes=1, parts=1, blocks=1, block_dim=1)
 
 
 def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Search:
@@ -227,17 +199,16 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         s.waiting = wp.zeros(nworld, dtype=bool)
         for name in ("restart", "ticket", "best"):
             setattr(s, name, wp.zeros(nworld, dtype=int))
-        for name in ("row_world", "row_restart", "row_object", "row_trial", "row_attempts", "row_first", "row_num"):
+        for name in ("row_world", "row_restart", "row_object", "row_trial", "row_attempts", "row_first", "row_trials"):
             setattr(s, name, wp.zeros(nrow, dtype=int))
         s.row_rejections = wp.zeros((size.rows, max(len(compiled.placed), 1), len(Cause)), dtype=int)
         s.queue = wp.zeros((2, nrow), dtype=int)
         for name in ("worlds_left", "rows_left", "tickets", "restarts_at_once", "source", "rows"):
             setattr(s, name, wp.zeros(1, dtype=int))
-        for name in ("candidates", "cuts", "first_leaves", "leaves", "enclosed", "unproven"):
+        for name in ("candidates", "cuts", "leaves", "enclosed", "unproven"):
             setattr(s, name, wp.zeros(1, dtype=int))
-        for name in ("row", "obj", "trial", "cause", "surface", "grasp", "missed", "covered", "off", "leaf_num"):
+        for name in ("row", "obj", "trial", "cause", "surface", "grasp", "missed", "covered", "off"):
             setattr(s, name, wp.zeros(ncand, dtype=int))
-        s.conflicts = wp.zeros(ncand, dtype=wp.uint64)
         s.turn = wp.zeros(ncand, dtype=DrawnVariant)
         s.heading = wp.zeros(ncand, dtype=float)
         s.point = wp.zeros(ncand, dtype=wp.vec3)
@@ -257,8 +228,7 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         s.piece_area = wp.zeros((related, compiled.pieces), dtype=float)
         s.winner = wp.zeros(related, dtype=wp.uint64)
         visual = compiled.config.geometry == "visual"
-        s.first_leaf = wp.zeros(0 if visual else ncand, dtype=QueuedLeaves)
-        s.leaf = wp.zeros(0 if visual else size.leaves, dtype=QueuedLeaves)
+        s.leaf = wp.zeros(0 if visual else size.leaves, dtype=wp.vec4i)
         room = size.leaves if visual else 0
         s.enclosed_candidate = wp.zeros(room, dtype=int)
         s.enclosed_by = wp.zeros(room, dtype=int)

@@ -142,7 +142,6 @@ class Program:
     obj_cutnum: wp.array(dtype=int)  # pieces that relations cut a triangle into; 0: the same region in every world
     obj_erosion: wp.array(dtype=float)  # distance from the outline, in shares of the drawn bounds' shorter edge
     obj_effort: wp.array(dtype=float)  # candidates that it usually takes to place it, fewer where each is dear
-    obj_after: wp.array(dtype=int)  # the last object that has to be placed before it can be drawn, or -1
     obj_retry_if_empty: wp.array(dtype=int)  # 1: redrawing its own bounds or turn may open a region that was empty
     obj_reladr: wp.array(dtype=int)
     obj_relnum: wp.array(dtype=int)
@@ -150,8 +149,6 @@ class Program:
     obj_pairnum: wp.array(dtype=int)
     obj_startadr: wp.array(dtype=int)
     obj_startnum: wp.array(dtype=int)
-    obj_startbefore: wp.array2d(dtype=int)  # how many starts of an object are not against object i or later ones
-    obj_startmost: wp.array(dtype=int)  # the most that it has against any one object
     body_list: wp.array(dtype=int)
     piece_list: wp.array(dtype=int)
     shadow_list: wp.array(dtype=int)  # pieces whose shadows must lie on the support

@@ -36,7 +36,7 @@ def pack_program(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int
         | pack_bodies(scene)
         | {"home_qpos": scene.home_qpos, "home_place": plan.place, "home_bounds": plan.bounds}
     )
-    return fields | _dear_objects(fields)
+    return fields | {"obj_effort": _effort(fields)}
 
 
 def most_pieces(fields: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -46,11 +46,9 @@ def most_pieces(fields: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.array([cuts * triangles[adr : adr + num].max(initial=0) for cuts, adr, num in lists], int)
 
 
-def _dear_objects(fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Fields by which objects with regions of many pieces are drawn by themselves, and few at once."""
-    effort = np.minimum(1.0, _FEW_PIECES / np.maximum(most_pieces(fields), 1))
-    before = np.arange(len(effort)) - 1
-    return {"obj_effort": effort, "obj_after": np.where(effort < 1.0, before, fields["obj_after"])}
+def _effort(fields: Mapping[str, np.ndarray]) -> np.ndarray:
+    """How many candidates of an object are drawn at once before it is known how many it takes: fewer of dear ones."""
+    return np.minimum(1.0, _FEW_PIECES / np.maximum(most_pieces(fields), 1))
 
 
 def pack_groups(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:

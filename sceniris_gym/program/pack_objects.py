@@ -53,7 +53,6 @@ def pack_objects(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int
         **_followers(objects),
         **_orientations(plan),
         **_bodies_and_pieces(scene, plan, colliders),
-        "obj_after": np.array([_after(scene, plan, o) for o in plan.objects], int),
         **_pairs(scene, plan, colliders, lanes),
     }
 
@@ -129,19 +128,13 @@ def _pairs(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int) -> d
     lists = [*collider_pairs(scene, plan, colliders), *arm_lists]
     rules = PairRules(scene, colliders)
     pairs, pairadr, pairnum = ranges(lists)
-    starts = [
+    start, startadr, startnum = ranges(
         first_nodes(colliders, [(int(first) + i, *nodes) for i, p in enumerate(part) for nodes in p.starts], lanes)
         for part, first in zip(lists, pairadr, strict=True)
-    ]
+    )
     robot = scene.subtree(ROBOT) if ROBOT in scene.bodies else []
     owners = [o.bodies for o in plan.objects] + [robot] * len(arm_lists)
     own = [[int(colliders.body[c] in owners[i]) for c in (p.a, p.b)] for i, part in enumerate(lists) for p in part]
-    before = np.zeros((len(plan.objects), len(plan.objects) + 1), int)
-    for i, o in enumerate(plan.objects):
-        against = [_other(plan, o, colliders, pairs[start[0]]) for start in starts[i]]
-        starts[i] = [starts[i][k] for k in np.argsort(against, kind="stable")]
-        before[i] = np.searchsorted(np.sort(against), np.arange(len(plan.objects) + 1))
-    start, startadr, startnum = ranges(starts)
     way, wayadr, waynum = ranges([*p.ways[0], *p.ways[1]] for p in pairs)
     return {
         "pair_own": np.array([a + 2 * b for a, b in own], int),
@@ -149,8 +142,6 @@ def _pairs(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int) -> d
         "obj_pairnum": pairnum[:number],
         "obj_startadr": startadr[:number],
         "obj_startnum": startnum[:number],
-        "obj_startbefore": before,
-        "obj_startmost": np.diff(before).max(axis=1, initial=0),
         "arm_pairadr": pairadr[number:],
         "arm_pairnum": pairnum[number:],
         "arm_startadr": startadr[number:],
@@ -165,33 +156,6 @@ def _pairs(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int) -> d
         "pair_waynum": waynum,
         "way": np.reshape(way, (-1, 3)),
     }
-
-
-def _other(plan: Plan, o: PlacedObject, colliders: Colliders, pair: Pair) -> int:
-    """The object whose collider one of an object's is kept apart from; -1 for its own, and for what is not placed."""
-    bodies = {int(colliders.body[c]) for c in (pair.a, pair.b)}.difference(o.bodies)
-    return next((i for i, other in enumerate(plan.objects) if bodies.intersection(other.bodies)), -1)
-
-
-def _after(scene: SceneModel, plan: Plan, o: PlacedObject) -> int:
-    """The last object that has to be placed before this one can be drawn, or -1."""
-    if o.config is None:
-        return -1
-    found = [i for i, other in enumerate(plan.objects) if other.name in o.config.needs]
-    if o.config.reachable:
-        found += [i for i, other in enumerate(plan.objects) if _moves(scene, other, scene.bodies[ROBOT])]
-    return max(found, default=-1)
-
-
-def _moves(scene: SceneModel, o: PlacedObject, body: int) -> bool:
-    """Whether placing an object moves a body: where it stays, only its drawn joints do."""
-    mjm, drawn = scene.mjm, {d.qposadr for d in o.joint_ranges}
-    while body > 0:
-        joints = range(mjm.body_jntadr[body], mjm.body_jntadr[body] + mjm.body_jntnum[body])
-        if body in o.bodies and (o.kind != ObjectKind.STATIC or drawn.intersection(mjm.jnt_qposadr[joints])):
-            return True
-        body = int(mjm.body_parentid[body])
-    return False
 
 
 def _arm_lists(arm: ArmPairs | None) -> tuple[list[list[Pair]], dict[str, np.ndarray]]:

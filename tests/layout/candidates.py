@@ -16,7 +16,7 @@ def refused(generator: LayoutGenerator) -> tuple[Rows, np.ndarray]:
     """
     search, view, mjm = generator._search, generator.layouts.view, generator.compiled.mjm
     wave = search.queue.numpy()[search.source.numpy()[0], : search.rows.numpy()[0]]
-    assert (search.row_num.numpy()[wave] == 1).all()
+    assert (search.row_trials.numpy()[wave] == 1).all()
     candidates = search.row_first.numpy()[wave]
     causes = search.cause.numpy()
     candidates = np.sort(candidates[causes[candidates] != Cause.NONE])

@@ -30,7 +30,7 @@ def test_the_lowest_trial_that_passed_is_placed(tmp_path: Path):
     generator = LayoutGenerator(compiled, N, size=size)
     generator.generate()
     search, layouts = generator._search, generator.layouts
-    assert (search.row_num.numpy() == ATTEMPTS).all()
+    assert (search.row_trials.numpy() == ATTEMPTS).all()
     rows = search.row.numpy()[::ATTEMPTS]
     assert sorted(rows) == list(range(N))
     assert (search.row_first.numpy()[rows] == np.arange(0, N * ATTEMPTS, ATTEMPTS)).all()

@@ -1,7 +1,5 @@
 """How many restarts and trials are tried at once: as many as there is room for, at least one, never beyond the last."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -13,11 +11,16 @@ import warp as wp
 from sceniris_gym.layout import rounds
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.layout.search import create_search, default_size
+from sceniris_gym.layout.search import Search, begin_wave, create_search, default_size
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import box_mjcf, compile_on_cpu
 
 ATTEMPTS, RESTARTS = 6, 9
+
+
+@wp.kernel(enable_backward=False)
+def _begin(search: Search):
+    begin_wave(search)
 
 
 @pytest.fixture(scope="module")
@@ -49,39 +52,32 @@ def test_restarts_at_once_have_rows_of_their_own(tray: CompiledScene, rows: int)
 @pytest.mark.parametrize("candidates", [3, 64, 512])
 @pytest.mark.parametrize("busy", [1, 7, 64, 4096])
 def test_candidates_fit_into_a_wave(tray: CompiledScene, busy: int, candidates: int, lanes: int):
-    """Those of a row are its next trials, then those of further objects from the first on; none beyond the last."""
+    """Those of a row are its next trials, one after the other, none beyond its last; rows without room have none."""
     size = replace(default_size("cpu"), candidates=candidates, busy=busy, lanes=lanes)
-    layouts = LayoutGenerator(tray, 1000).layouts.view
-    layouts.present.fill_(1)
     search = create_search(tray, 1000, size)
-    trial, obj = np.arange(1000) % ATTEMPTS, np.arange(1000) % 3
+    trial = np.arange(1000) % ATTEMPTS
     search.row_trial.assign(trial)
-    search.row_object.assign(obj)
     for number in (1, 2, 3, 10, 63, 64, 65, 1000):
+        source = int(search.source.numpy()[0])
+        search.candidates.zero_()
         rows = np.random.default_rng(number).permutation(1000)[:number]
         queue = np.zeros((2, 1000), int)
-        queue[1 - search.source.numpy()[0], :number] = rows
+        queue[1 - source, :number] = rows
         search.queue.assign(queue)
         search.rows_left.fill_(number)
-        search.candidates.zero_()
-        rounds.launch_open_candidates(tray.program, size, layouts, search, "cpu")
-        first, num = search.row_first.numpy()[rows], search.row_num.numpy()[rows]
-        assert num.max() <= 64
-        assert num.sum() == min(search.candidates.numpy()[0], candidates)
-        assert (num > 0).all() or num.sum() == candidates
-        for row, a, n in zip(rows, first, num, strict=True):
-            assert (search.row.numpy()[a : a + n] == row).all()
-            drawn, turn = search.obj.numpy()[a : a + n], search.trial.numpy()[a : a + n]
-            assert (np.diff(drawn) >= 0).all()
-            assert set(drawn) == set(range(obj[row], obj[row] + len(set(drawn))))
-            for i in set(drawn):
-                begin = trial[row] if i == obj[row] else 0
-                assert (turn[drawn == i] == begin + np.arange((drawn == i).sum())).all()
-                assert turn[drawn == i].max() < ATTEMPTS
-        if number * size.tries > busy:  # no more than its next object
-            assert (search.obj.numpy()[: num.sum()] == obj[search.row.numpy()[: num.sum()]]).all()
-        elif busy == candidates * 8 == 4096 and number == 1:
-            assert set(search.obj.numpy()[: num.sum()]) == set(range(obj[rows[0]], 3))
+        rounds.launch_open_candidates(tray.program, size, search, "cpu")
+        first, trials = search.row_first.numpy()[rows], search.row_trials.numpy()[rows]
+        assert (trials <= ATTEMPTS - trial[rows]).all()
+        assert trials.sum() == min(search.candidates.numpy()[0], candidates)
+        assert (trials > 0).all() or trials.sum() == candidates
+        of, turn = search.row.numpy(), search.trial.numpy()
+        for row, a, n in zip(rows, first, trials, strict=True):
+            assert (of[a : a + n] == row).all()
+            assert (turn[a : a + n] == trial[row] + np.arange(n)).all()
+        wp.launch(_begin, dim=1, outputs=[search], device="cpu")
+        assert search.rows.numpy()[0] == number
+        assert search.source.numpy()[0] == 1 - source
+        assert search.rows_left.numpy()[0] == search.leaves.numpy()[0] == 0
 
 
 def test_the_first_restart_that_places_everything_is_the_layout(tray: CompiledScene):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,9 +15,12 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import CountError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
-from sceniris_gym.layout.search import create_search, default_size
+from sceniris_gym.layout.layouts import LayoutsView, Status
+from sceniris_gym.layout.reach_search import ReachSearch
+from sceniris_gym.layout.search import Search, create_search, default_size
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import Program
+from sceniris_gym.program.device_reach import Reach
 from tests.layout.grasped import cluttered
 from tests.layout.scenes import FLOOR, box_mjcf
 from tests.layout.sizes import made, sizes
@@ -218,3 +222,9 @@ def test_a_size_that_would_never_end_is_refused(name: str, least: int):
     replace(default_size("cpu"), **{name: least})
     with pytest.raises(CountError, match=f"{name} should be at least {least}, got {least - 1}"):
         replace(default_size("cpu"), **{name: least - 1})
+
+
+@pytest.mark.parametrize("struct", [Program, Reach, Search, ReachSearch, LayoutsView])
+def test_structs_are_small_enough_to_stay_where_kernels_get_them(struct: Any):
+    """A larger one is copied into a lane's local memory wherever it is handed on: stack frames of 98 KB were seen."""
+    assert ctypes.sizeof(struct.ctype) <= 8192

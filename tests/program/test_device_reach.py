@@ -13,9 +13,9 @@ import warp as wp
 from scipy.spatial.transform import Rotation
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.program.compiled import upload_scene
 from sceniris_gym.program.device_reach import Reach
-from sceniris_gym.program.plan import build_plan
-from sceniris_gym.program.reach import Reaching, build_reaching
+from sceniris_gym.program.reach import Reaching
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.reach.solve import forward, vec8
 from sceniris_gym.scene.model import SceneModel, build_model
@@ -58,7 +58,7 @@ def scene(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[SceneModel, R
     objects = {"one": {**cube, "reachable": "ik"}, "two": cube, "three": {**cube, "reachable": "clear"}}
     robot = {"asset": request.param, "base": [0.5, -0.3, 0.1], "yaw": 70}
     model = build_model(SceneConfig.load({"floor": {"size": [2, 2]}, "robot": robot, "objects": objects}))
-    reaching = build_reaching(model, build_plan(model), "cpu")
+    reaching = upload_scene(model, "cpu").reaching
     assert reaching is not None
     return model, reaching
 

@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 from sceniris_gym.geometry.colliders import collider_arrays
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.program.device import Program
-from sceniris_gym.program.pack_objects import pack_objects
+from sceniris_gym.program.device_reach import Reach
+from sceniris_gym.program.pack_objects import ARM_LISTS, pack_objects
 from sceniris_gym.program.pack_regions import pack_regions
 from sceniris_gym.program.pack_relations import pack_relations
 from tests.layout.scenes import write_mjcf
@@ -96,14 +97,15 @@ def test_what_is_loose_and_not_placed_stands_where_the_model_starts(folder: Path
 
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
 def test_every_field_of_the_program_is_packed_and_by_one_packer(folder: Path, geometry: str):
-    """Colliders and the bank apart, which others fill; nothing is packed that is not declared."""
+    """Colliders and the bank apart, which others fill; nothing more but the lists of an arm, which are `Reach`'s."""
     objects = {
         "gadget": {"asset": str(folder / "gadget.xml"), "kind": "fixture", "on": "floor"},
         "box": {"asset": str(folder / "box.xml"), "on": "floor", "relations": [{"left_of": "gadget"}]},
     }
     packed = pack(scene_of(objects, geometry=geometry))
     declared = {name for name, var in Program.vars.items() if isinstance(var.type, wp.array)}
-    assert set(packed.arrays) | set(collider_arrays(packed.colliders)) | BANK == declared
+    assert set(packed.arrays) | set(collider_arrays(packed.colliders)) | BANK == declared.union(ARM_LISTS)
+    assert set(ARM_LISTS) <= set(Reach.vars) - declared
     assert not set(packed.arrays) & set(collider_arrays(packed.colliders))
     parts = [
         pack_objects(packed.scene, packed.plan, packed.colliders, 1),
