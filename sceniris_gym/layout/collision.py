@@ -42,7 +42,7 @@ def _miss(search: Search, c: int):
     search.unproven[0] = 1
 
 
-@wp.kernel(module="unique", grid_stride=False)
+@wp.kernel(module="unique", enable_backward=False, grid_stride=False)
 def _queue_leaves(
     program: Program,
     reach: Reach,
@@ -81,7 +81,7 @@ def _queue_leaves(
 
 
 # With all the registers that it would take, a multiprocessor holds few warps, and each waits for its own arithmetic.
-@wp.kernel(module="unique", grid_stride=False, cuda_max_registers=128)
+@wp.kernel(module="unique", enable_backward=False, grid_stride=False, cuda_max_registers=128)
 def _test_leaves(
     program: Program,
     lanes: int,
@@ -98,7 +98,7 @@ def _test_leaves(
                 search.cause[c] = _COLLISION
 
 
-@wp.kernel(module="unique", grid_stride=False, cuda_max_registers=128)
+@wp.kernel(module="unique", enable_backward=False, grid_stride=False, cuda_max_registers=128)
 def _test_together(
     program: Program,
     reach: Reach,
@@ -141,7 +141,7 @@ def _collides_alone(program: Program, layouts: LayoutsView, search: Search, c: i
     return False
 
 
-@wp.kernel(module="unique", grid_stride=False)
+@wp.kernel(module="unique", enable_backward=False, grid_stride=False)
 def _test_alone(
     program: Program,
     reach: Reach,
@@ -161,6 +161,16 @@ def _test_alone(
                 search.cause[c] = _COLLISION
 
 
+def lane_kernels(faces: bool) -> tuple[wp.Kernel, ...]:
+    """The kernels that a GPU launches by lanes."""
+    return (_test_alone,) if faces else (_test_leaves, _test_alone)
+
+
+def block_kernel(faces: bool) -> wp.Kernel:
+    """The one that it launches by blocks."""
+    return _test_together if faces else _queue_leaves
+
+
 def launch_test_collisions(
     program: Program, reach: Reach, size: SearchSize, faces: bool, layouts: LayoutsView, search: Search, device: str
 ) -> None:
@@ -168,9 +178,8 @@ def launch_test_collisions(
     together = size.block_dim > 1
     lanes = {"dim": size.lanes, "device": device}
     if together:
-        descent = _test_together if faces else _queue_leaves
         inputs = [program, reach, size.blocks, layouts, search]
-        wp.launch_tiled(descent, dim=[size.blocks], inputs=inputs, block_dim=size.block_dim, device=device)
+        wp.launch_tiled(block_kernel(faces), dim=[size.blocks], inputs=inputs, block_dim=size.block_dim, device=device)
     if together and not faces:
         wp.launch(_test_leaves, inputs=[program, size.lanes, layouts, search], **lanes)
     wp.launch(_test_alone, inputs=[program, reach, size.lanes, together, layouts, search], **lanes)

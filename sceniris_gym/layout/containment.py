@@ -93,7 +93,7 @@ def _queue_points(program: Program, search: Search, c: int, a: int, b: int, rel:
                 search.cause[c] = _COLLISION
 
 
-@wp.kernel(module="unique", grid_stride=False)
+@wp.kernel(module="unique", enable_backward=False, grid_stride=False)
 def _queue_enclosed(
     program: Program,
     lanes: int,
@@ -116,7 +116,7 @@ def _queue_enclosed(
                 _queue_points(program, search, c, b, a, relative(poses.b, poses.a))
 
 
-@wp.kernel(module="unique", grid_stride=False)
+@wp.kernel(module="unique", enable_backward=False, grid_stride=False)
 def _test_enclosed(
     program: Program,
     lanes: int,
@@ -128,6 +128,10 @@ def _test_enclosed(
         if search.cause[c] == _NONE:
             if _in_solid(program, search.enclosed_by[i], search.enclosed_point[i]):
                 search.cause[c] = _COLLISION  # other lanes write the same
+
+
+LANE_KERNELS = (_queue_enclosed, _test_enclosed)
+"""What is launched, by lanes."""
 
 
 def launch_test_containment(

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import CountError, MaskError, MaskTypeError, SeedError
+from sceniris_gym.errors import CountError, MaskError, MaskTypeError
 from sceniris_gym.layout.accept import launch_accept
 from sceniris_gym.layout.collision import launch_test_collisions
 from sceniris_gym.layout.containment import launch_test_containment
 from sceniris_gym.layout.draw import launch_draw
 from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.loading import load_kernels
 from sceniris_gym.layout.points import launch_draw_points
 from sceniris_gym.layout.random import SPLITS, USER_SPLITS
 from sceniris_gym.layout.reachability import ReachStage
@@ -28,6 +28,7 @@ from sceniris_gym.layout.rounds import (
 )
 from sceniris_gym.layout.screen import launch_screen
 from sceniris_gym.layout.search import SearchSize, create_search, default_size
+from sceniris_gym.layout.seeds import seeds_on_device
 from sceniris_gym.layout.sequence import LaunchSequence, repeat_launches
 from sceniris_gym.layout.sides import launch_build_sides
 from sceniris_gym.program.compiled import CompiledScene
@@ -105,6 +106,13 @@ class LayoutGenerator:
         self._most_waves = most_trials + -(-(nworld + size.rows) * most_trials // capacity)
         self._mask, self._all = (wp.ones(nworld, dtype=wp.bool, device=compiled.device) for _ in range(2))
         self._generate = LaunchSequence(lambda: self.launch_generate(self._mask), wp.get_device(compiled.device))
+        load_kernels(
+            compiled.device,
+            block_dim=size.block_dim,
+            related=self._related,
+            faces=self._faces,
+            staged=self._stage is not None,
+        )
         self.reseed(seed)
 
     @property
@@ -236,64 +244,3 @@ def check_mask(mask: wp.array | None, nworld: int) -> None:
         raise MaskTypeError(f"mask should be a Warp array of booleans, got {found}.")
     if mask.shape != (nworld,):
         raise MaskError(f"mask should have shape ({nworld},), got {tuple(mask.shape)}.")
-
-
-def seeds_on_device(seed: Any, nworld: int, device: Any) -> wp.array:
-    """Return the seeds of `nworld` worlds on a device, shape (nworld,), uint64: a Warp array as it is, or `as_seeds`.
-
-    Raises:
-        SeedError: See `LayoutGenerator`; or a Warp array of another type, shape or device.
-    """
-    if not isinstance(seed, wp.array):
-        return wp.array(as_seeds(seed, nworld), dtype=wp.uint64, device=device)
-    if seed.dtype is not wp.uint64 or seed.shape != (nworld,) or seed.device != wp.get_device(device):
-        raise SeedError(
-            f"seeds on the device should be a uint64 array of shape ({nworld},) on {device}, got "
-            f"{seed.dtype.__name__} of shape {tuple(seed.shape)} on {seed.device}."
-        )
-    return seed
-
-
-def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
-    """Seeds of `nworld` worlds, shape (nworld,), uint64: seed + i (modulo 2^64) for an int, else as given.
-
-    Raises:
-        SeedError: See `LayoutGenerator`.
-    """
-    if isinstance(seed, bool | np.bool_):
-        raise SeedError(f"seed={seed} should be an integer from 0 to 2^64 - 1, not a boolean.")
-    if isinstance(seed, int | np.integer):
-        if not 0 <= int(seed) < 1 << 64:
-            raise SeedError(f"seed={seed} should be an integer from 0 to 2^64 - 1.")
-        with np.errstate(over="ignore"):
-            return np.uint64(seed) + np.arange(nworld, dtype=np.uint64)
-    many = isinstance(seed, Sequence) and not isinstance(seed, str | bytes)
-    many = many or (isinstance(seed, np.ndarray) and seed.ndim == 1)
-    if not many or len(seed) != nworld:
-        given = f"{len(seed)} of them, " if many else ""
-        raise SeedError(
-            f"seeds should be one integer, or a sequence of {nworld}, one per world; got {given}{type(seed).__name__}."
-        )
-    if not isinstance(seed, np.ndarray) or seed.dtype.kind == "O":
-        seed = _as_array(seed)
-    if seed.dtype.kind == "u" or (seed.dtype.kind == "i" and (seed >= 0).all()):
-        return seed.astype(np.uint64)
-    first = next((i for i, value in enumerate(seed.tolist()) if not _is_seed(value)), 0)
-    raise SeedError(f"seeds[{first}]={seed[first]!r} should be an integer from 0 to 2^64 - 1.")
-
-
-def _as_array(seeds: Sequence | np.ndarray) -> np.ndarray:
-    """The seeds as unsigned integers where all of them are integers in range, else as objects."""
-    kinds = set(map(type, seeds))
-    if all(issubclass(kind, int | np.integer) and not issubclass(kind, bool) for kind in kinds):
-        try:
-            signed = np.fromiter(seeds, dtype=object, count=len(seeds))
-            if (signed >= 0).all():
-                return signed.astype(np.uint64)
-        except OverflowError:
-            pass
-    return np.fromiter(seeds, dtype=object, count=len(seeds))
-
-
-def _is_seed(value: object) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool | np.bool_) and 0 <= int(value) < 1 << 64

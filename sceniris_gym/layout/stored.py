@@ -6,8 +6,9 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import SceneMismatchError
-from sceniris_gym.layout.generate import check_mask, seeds_on_device
+from sceniris_gym.layout.generate import check_mask
 from sceniris_gym.layout.layouts import Layouts, Status
+from sceniris_gym.layout.seeds import seeds_on_device
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.scene.layout_table import LayoutTable

@@ -11,8 +11,9 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import SceneMismatchError
-from sceniris_gym.layout.generate import LayoutGenerator, seeds_on_device
+from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.seeds import seeds_on_device
 from sceniris_gym.layout.sequence import LaunchSequence
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene

@@ -9,8 +9,9 @@ import mujoco
 import numpy as np
 import warp as wp
 
-from sceniris_gym.layout.generate import LayoutGenerator, as_seeds
+from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 

@@ -16,7 +16,7 @@ from torch import Tensor
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import MaskError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.layout.generate import as_seeds
+from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.masks import check_mask
 from sceniris_gym.vector.task import Task

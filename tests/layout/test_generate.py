@@ -13,8 +13,9 @@ from scipy import stats
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import CountError, MaskError, MaskTypeError, SeedError
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.layout.generate import LayoutGenerator, as_seeds
+from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
 from sceniris_gym.scene.model import build_model

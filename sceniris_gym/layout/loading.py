@@ -1,0 +1,58 @@
+"""Kernels are compiled side by side ahead of the first launch: on a GPU one after the other takes a while."""
+
+from __future__ import annotations
+
+import os
+
+import warp as wp
+
+from sceniris_gym.layout import (
+    accept,
+    collision,
+    containment,
+    draw,
+    points,
+    reach_hits,
+    reach_ik,
+    reach_poses,
+    reach_waves,
+    region_pieces,
+    rounds,
+    screen,
+    sides,
+)
+
+
+def kernel_modules(*, related: bool, faces: bool, staged: bool) -> tuple[list[wp.Module], list[wp.Module]]:
+    """Warp's modules of what a generator launches on a GPU by lanes, and of what it launches by blocks.
+
+    Args:
+        related: Whether there are regions that differ between worlds.
+        faces: Whether triangles are tested.
+        staged: Whether there is a stage after placing.
+    """
+    by_lane = [draw, screen, rounds, accept, *([sides, region_pieces] if related else [])]
+    by_lane += [reach_waves, reach_poses, reach_ik] if staged else []
+    by_block = [*([points] if related else []), *([reach_hits] if staged else [])]
+    lanes = [wp.get_module(m.__name__) for m in by_lane]
+    lanes += [k.module for k in collision.lane_kernels(faces) + (containment.LANE_KERNELS if faces else ())]
+    blocks = [wp.get_module(m.__name__) for m in by_block]
+    return lanes, [*blocks, collision.block_kernel(faces).module]
+
+
+def load_kernels(device: str, *, block_dim: int, related: bool, faces: bool, staged: bool) -> None:
+    """Compile and load what a generator launches on a GPU, as far as it is not loaded yet.
+
+    Args:
+        device: The device. Nothing is done for a CPU, for which Warp compiles one module at a time.
+        block_dim: Lanes of a block.
+        related: As in `kernel_modules`, as the next two.
+        faces: Whether triangles are tested.
+        staged: Whether there is a stage after placing.
+    """
+    if not wp.get_device(device).is_cuda:
+        return
+    lanes, blocks = kernel_modules(related=related, faces=faces, staged=staged)
+    workers = os.cpu_count() or 1
+    wp.force_load(device, modules=lanes, max_workers=workers)
+    wp.force_load(device, modules=blocks, block_dim=block_dim, max_workers=workers)

@@ -1,0 +1,39 @@
+"""What a generator launches on a GPU is compiled ahead: recorded launches against the list of modules."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import warp as wp
+
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.loading import kernel_modules
+from sceniris_gym.layout.search import default_size
+from tests.layout.grasped import cluttered
+
+
+@pytest.mark.parametrize("name", ["mid", "mid_16k", "hard_plus", "clear"])
+def test_all_that_is_launched_is_compiled_ahead(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A block that shares a candidate has several lanes, as on a GPU. Nothing is compiled in vain either."""
+    compiled = cluttered(tmp_path, name) if name == "clear" else compile_scene(name, "cpu")
+    generator = LayoutGenerator(compiled, 8, size=replace(default_size("cpu"), block_dim=32, leaves=4096))
+    launched: dict[bool, set[wp.Module]] = {True: set(), False: set()}
+    launch, launch_tiled = wp.launch, wp.launch_tiled
+
+    def record(kernel: wp.Kernel, *args, **words):
+        launched[words.get("block_dim") == 32].add(kernel.module)
+        return launch(kernel, *args, **words)
+
+    def record_tiled(kernel: wp.Kernel, *args, **words):
+        launched[True].add(kernel.module)
+        return launch_tiled(kernel, *args, **words)
+
+    monkeypatch.setattr(wp, "launch", record)
+    monkeypatch.setattr(wp, "launch_tiled", record_tiled)
+    generator.launch_generate(None)
+    faces, staged = compiled.config.geometry == "visual", name == "clear"
+    lanes, blocks = kernel_modules(related=compiled.related, faces=faces, staged=staged)
+    assert launched == {True: set(blocks), False: set(lanes)}
