@@ -90,8 +90,7 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
     program = _with_rows(Program, compiled.program, bank, _BANK, compiled.device)
     program.bank_ntrain = len(train.found)
     program.restart_rate = _restart_rate(train, evaluation)
-    effort = compiled.program.obj_effort.numpy() * _effort(train, evaluation)
-    program.obj_effort = wp.array(effort, dtype=float, device=compiled.device)
+    program.obj_effort = wp.array(_effort(train, evaluation), dtype=float, device=compiled.device)
     if compiled.reaching is None:
         return replace(compiled, program=program)
     view = _with_rows(Reach, compiled.reaching.view, bank, _REACH_BANK, compiled.device)

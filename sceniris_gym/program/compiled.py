@@ -16,7 +16,7 @@ from sceniris_gym.program.device import Program, fill_struct
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.distance_check import check_distances
 from sceniris_gym.program.oddities import warn_of_oddities
-from sceniris_gym.program.pack import most_pieces, pack_program
+from sceniris_gym.program.pack import pack_program
 from sceniris_gym.program.pack_objects import ARM_LISTS
 from sceniris_gym.program.pack_relations import most_sides
 from sceniris_gym.program.plan import Plan, build_plan
@@ -107,8 +107,13 @@ class CompiledScene:
     @property
     def pieces(self) -> int:
         """The most pieces that relations cut the region of one object into."""
-        names = ("variant_trinum", "obj_cutnum", "obj_variantadr", "obj_variantnum")
-        return int(most_pieces({name: getattr(self.program, name).numpy() for name in names}).max(initial=0))
+        program = self.program
+        triangles, cuts = program.variant_trinum.numpy(), program.obj_cutnum.numpy()
+        first, number = program.obj_variantadr.numpy(), program.obj_variantnum.numpy()
+        objects = range(len(cuts))
+        return max(
+            (int(cuts[i] * triangles[first[i] : first[i] + number[i]].max(initial=0)) for i in objects), default=0
+        )
 
     @property
     def attempts(self) -> int:

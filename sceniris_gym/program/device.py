@@ -141,7 +141,7 @@ class Program:
     obj_roofnum: wp.array(dtype=int)
     obj_cutnum: wp.array(dtype=int)  # pieces that relations cut a triangle into; 0: the same region in every world
     obj_erosion: wp.array(dtype=float)  # distance from the outline, in shares of the drawn bounds' shorter edge
-    obj_effort: wp.array(dtype=float)  # candidates that it usually takes to place it, fewer where each is dear
+    obj_effort: wp.array(dtype=float)  # candidates that it usually takes to place it
     obj_retry_if_empty: wp.array(dtype=int)  # 1: redrawing its own bounds or turn may open a region that was empty
     obj_reladr: wp.array(dtype=int)
     obj_relnum: wp.array(dtype=int)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import mujoco
 import numpy as np
 
@@ -17,9 +15,6 @@ from sceniris_gym.program.parking_check import check_parking
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.scene.model import SceneModel
 
-# Regions of more pieces than this take longer to cut than all other steps of a candidate.
-_FEW_PIECES = 64
-
 
 def pack_program(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int) -> dict[str, np.ndarray]:
     """All fields of `device.Program` but those of colliders and of the bank, for `lanes` that share a world's work.
@@ -27,7 +22,7 @@ def pack_program(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int
     Raises:
         SceneKeyError: an object with more relations than fit into the polygons of the device.
     """
-    fields = (
+    return (
         pack_objects(scene, plan, colliders, lanes)
         | pack_relations(scene, plan)
         | pack_groups(scene, plan)
@@ -36,19 +31,6 @@ def pack_program(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int
         | pack_bodies(scene)
         | {"home_qpos": scene.home_qpos, "home_place": plan.place, "home_bounds": plan.bounds}
     )
-    return fields | {"obj_effort": _effort(fields)}
-
-
-def most_pieces(fields: Mapping[str, np.ndarray]) -> np.ndarray:
-    """The most pieces that relations cut the region of each object into, from fields of `Program`."""
-    triangles = fields["variant_trinum"]
-    lists = zip(fields["obj_cutnum"], fields["obj_variantadr"], fields["obj_variantnum"], strict=True)
-    return np.array([cuts * triangles[adr : adr + num].max(initial=0) for cuts, adr, num in lists], int)
-
-
-def _effort(fields: Mapping[str, np.ndarray]) -> np.ndarray:
-    """How many candidates of an object are drawn at once before it is known how many it takes: fewer of dear ones."""
-    return np.minimum(1.0, _FEW_PIECES / np.maximum(most_pieces(fields), 1))
 
 
 def pack_groups(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:

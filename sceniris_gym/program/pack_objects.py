@@ -53,6 +53,7 @@ def pack_objects(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int
         **_followers(objects),
         **_orientations(plan),
         **_bodies_and_pieces(scene, plan, colliders),
+        "obj_effort": np.ones(len(plan.objects)),
         **_pairs(scene, plan, colliders, lanes),
     }
 
