@@ -167,6 +167,68 @@ def _is_flat(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3) -> bool:
     return wp.abs(wp.dot(n, ad)) <= _FLAT * longest * widest
 
 
+@wp.func
+def _closest_on_tetrahedron(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, p3: wp.vec3):
+    """The tetrahedron's point nearest to the origin, and a bit for each vertex that it rests on; all of them inside."""
+    best = wp.vec3(0.0)
+    best_sq = float(1.0e30)
+    bits = int(15)
+    if _beyond(p0, p1, p2, p3):
+        v, k = _closest_on_triangle(p0, p1, p2)
+        if wp.dot(v, v) < best_sq:
+            best_sq = wp.dot(v, v)
+            best = v
+            bits = k
+    if _beyond(p0, p1, p3, p2):
+        v, k = _closest_on_triangle(p0, p1, p3)
+        if wp.dot(v, v) < best_sq:
+            best_sq = wp.dot(v, v)
+            best = v
+            bits = (k & 3) | ((k & 4) << 1)
+    if _beyond(p0, p2, p3, p1):
+        v, k = _closest_on_triangle(p0, p2, p3)
+        if wp.dot(v, v) < best_sq:
+            best_sq = wp.dot(v, v)
+            best = v
+            bits = (k & 1) | ((k & 6) << 1)
+    if _beyond(p1, p2, p3, p0):
+        v, k = _closest_on_triangle(p1, p2, p3)
+        if wp.dot(v, v) < best_sq:
+            best = v
+            bits = k << 1
+    return best, bits
+
+
+@wp.func
+def _kept(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, p3: wp.vec3, bits: int):
+    """The vertices of a simplex that its nearest point rests on, one after the other, and how many there are."""
+    count = int(0)
+    a = p0
+    b = p1
+    c = p2
+    if (bits & 1) != 0:
+        count += 1
+    if (bits & 2) != 0:
+        if count == 0:
+            a = p1
+        count += 1
+    if (bits & 4) != 0:
+        if count == 0:
+            a = p2
+        elif count == 1:
+            b = p2
+        count += 1
+    if (bits & 8) != 0:
+        if count == 0:
+            a = p3
+        elif count == 1:
+            b = p3
+        else:
+            c = p3
+        count += 1
+    return a, b, c, count
+
+
 # One copy for roofs, footprints and obstacles rather than one each: with it, and the map asked before the roof, an H200
 # makes 1.065 times the layouts of the scene `mid`.
 @wp.func(inline=False)
@@ -214,31 +276,7 @@ def separated(vert: wp.array(dtype=wp.vec3), sa: Shape, sb: Shape, rel: Pose, ma
         elif count == 3:
             v, bits = _closest_on_triangle(p0, p1, p2)
         else:
-            best_sq = float(1.0e30)
-            bits = 15
-            if _beyond(p0, p1, p2, p3):
-                u, k = _closest_on_triangle(p0, p1, p2)
-                if wp.dot(u, u) < best_sq:
-                    best_sq = wp.dot(u, u)
-                    v = u
-                    bits = k
-            if _beyond(p0, p1, p3, p2):
-                u, k = _closest_on_triangle(p0, p1, p3)
-                if wp.dot(u, u) < best_sq:
-                    best_sq = wp.dot(u, u)
-                    v = u
-                    bits = (k & 3) | ((k & 4) << 1)
-            if _beyond(p0, p2, p3, p1):
-                u, k = _closest_on_triangle(p0, p2, p3)
-                if wp.dot(u, u) < best_sq:
-                    best_sq = wp.dot(u, u)
-                    v = u
-                    bits = (k & 1) | ((k & 6) << 1)
-            if _beyond(p1, p2, p3, p0):
-                u, k = _closest_on_triangle(p1, p2, p3)
-                if wp.dot(u, u) < best_sq:
-                    v = u
-                    bits = k << 1
+            v, bits = _closest_on_tetrahedron(p0, p1, p2, p3)
             if bits == 15:
                 if restarts == _MAX_RESTARTS or not _is_flat(p0, p1, p2, p3):
                     return False  # the origin lies inside
@@ -248,28 +286,7 @@ def separated(vert: wp.array(dtype=wp.vec3), sa: Shape, sb: Shape, rel: Pose, ma
                 v = w
                 bits = int(1)
                 upper = float(1.0e30)
-        # keep the vertices that the nearest point rests on
-        count = 0
-        if (bits & 1) != 0:
-            count += 1
-        if (bits & 2) != 0:
-            if count == 0:
-                p0 = p1
-            count += 1
-        if (bits & 4) != 0:
-            if count == 0:
-                p0 = p2
-            elif count == 1:
-                p1 = p2
-            count += 1
-        if (bits & 8) != 0:
-            if count == 0:
-                p0 = p3
-            elif count == 1:
-                p1 = p3
-            else:
-                p2 = p3
-            count += 1
+        p0, p1, p2, count = _kept(p0, p1, p2, p3, bits)
 
         nearest = wp.length(v)
         if nearest <= limit:

@@ -169,21 +169,23 @@ class SearchSize:
                 raise CountError(f"SearchSize: {name} should be at least {least}, got {value}.")
 
 
+GPU_SIZE = SearchSize(
+    rows=8192,
+    candidates=1 << 17,
+    busy=1 << 13,
+    leaves=1 << 21,
+    grasps=1 << 14,
+    lanes=1 << 16,
+    parts=8,
+    blocks=1 << 12,
+    block_dim=32,
+)
+CPU_SIZE = SearchSize(rows=0, candidates=512, busy=1, leaves=0, grasps=512, lanes=1, parts=1, blocks=1, block_dim=1)
+
+
 def default_size(device: str) -> SearchSize:
     """What suits a device: on a CPU one lane does everything and nothing waits."""
-    if wp.get_device(device).is_cuda:
-        return SearchSize(
-            rows=8192,
-            candidates=1 << 17,
-            busy=1 << 13,
-            leaves=1 << 21,
-            grasps=1 << 14,
-            lanes=1 << 16,
-            parts=8,
-            blocks=1 << 12,
-            block_dim=32,
-        )
-    return SearchSize(rows=0, candidates=512, busy=1, leaves=0, grasps=512, lanes=1, parts=1, blocks=1, block_dim=1)
+    return GPU_SIZE if wp.get_device(device).is_cuda else CPU_SIZE
 
 
 def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Search:

@@ -1,0 +1,48 @@
+"""Memory of a generator, array by array: those of its layouts, and those of its search with the capacities of a GPU.
+
+python -m benchmarks.search_memory mid 524288
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from typing import Any
+
+import warp as wp
+
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.search import GPU_SIZE, create_search
+from sceniris_gym.program.compiled import upload_scene
+from sceniris_gym.scene.model import build_model
+
+
+def arrays(struct: Any) -> Iterator[tuple[str, wp.array]]:
+    """Yield the arrays of a struct by name."""
+    for name in type(struct).vars if hasattr(type(struct), "vars") else struct._cls.vars:
+        value = getattr(struct, name)
+        if isinstance(value, wp.array):
+            yield name, value
+
+
+def main() -> None:
+    """Print a line for each array of 1 MB or more, and the sum of all."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scene")
+    parser.add_argument("worlds", type=int)
+    words = parser.parse_args()
+    compiled = upload_scene(build_model(SceneConfig.load(words.scene)), "cpu")
+    layouts = Layouts.create(compiled, words.worlds, rejected=0, rows=GPU_SIZE.rows)
+    parts = {"layouts": layouts.view, "search": create_search(compiled, words.worlds, GPU_SIZE)}
+    total = 0
+    for part, struct in parts.items():
+        for name, array in sorted(arrays(struct), key=lambda item: -item[1].capacity):
+            total += array.capacity
+            if array.capacity >= 1_000_000:
+                print(f"{part}.{name:16s} {array.capacity / 1e6:8.1f} MB  {array.shape} {array.dtype.__name__}")
+    print(f"all              {total / 1e6:8.1f} MB")
+
+
+if __name__ == "__main__":
+    main()
