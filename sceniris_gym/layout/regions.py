@@ -7,6 +7,7 @@ from sceniris_gym.layout.convex import least_extent, piece_shape, segment_shape,
 from sceniris_gym.layout.leaves import piece_pose
 from sceniris_gym.layout.transforms import Pose, compose, pose_of, relative
 from sceniris_gym.program.device import Program
+from sceniris_gym.reach.quaternions import rot_vec_quat
 
 _BOX = wp.constant(int(PieceType.BOX))
 _SHADOW = wp.constant(wp.vec3(1.0, 1.0, 0.0))
@@ -50,15 +51,25 @@ def _crosses_box(half: wp.vec3, rel: Pose) -> bool:
 
 
 @wp.func
+def _origin(
+    program: Program, piece: int, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
+) -> wp.vec3:
+    """The origin of a piece's frame in the world, around which `piece_radius` holds it."""
+    body = program.piece_body[piece]
+    return body_pos[body] + rot_vec_quat(program.piece_pos[piece], body_quat[body])
+
+
+@wp.func
 def _is_under_piece(
     program: Program, piece: int, point: wp.vec3, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
 ) -> bool:
     """Is a convex piece above `point` (world frame)?"""
+    beside = _origin(program, piece, body_pos, body_quat) - point
+    if wp.length(wp.vec2(beside[0], beside[1])) > program.piece_radius[piece] + _ROUNDING:  # most are
+        return False
     body = program.piece_body[piece]
     frame = compose(pose_of(body_pos[body], body_quat[body]), piece_pose(program, piece))
     rel = relative(_upward(point), frame)
-    if wp.length(wp.vec2(rel.pos[1], rel.pos[2])) > program.piece_radius[piece]:
-        return False
     if program.piece_type[piece] == _BOX:
         return _crosses_box(program.piece_size[piece], rel)
     return not separated(program.vert, segment_shape(0.5 * _ROOF_REACH), piece_shape(program, piece), rel, _SPACE, 0.0)
@@ -137,15 +148,27 @@ def shadow_on_edge(program: Program, piece: int, edge: int, rel: Pose) -> bool:
 
 
 @wp.func
+def _inward(program: Program, edge: int, turn: int) -> wp.vec3:
+    """The unit vector across an edge of a convex outline, inwards. `turn`: -1 if it runs clockwise, else 1."""
+    along = wp.normalize(program.edge_b[edge] - program.edge_a[edge])
+    return float(turn) * wp.vec3(-along[1], along[0], 0.0)
+
+
+@wp.func
+def _lies_inside(program: Program, edge: int, turn: int, at: wp.vec3, radius: float) -> bool:
+    """Does a sphere, in the outline's frame, lie well inside of an edge of a convex outline?"""
+    a = program.edge_a[edge]
+    inward = _inward(program, edge, turn)
+    return wp.dot(inward, at) - inward[0] * a[0] - inward[1] * a[1] > radius + _ROUNDING
+
+
+@wp.func
 def _extends_beyond(program: Program, piece: int, edge: int, turn: int, rel: Pose) -> bool:
     """Does a piece extend beyond an edge of a convex outline? `turn`: -1 if it runs clockwise, else 1."""
     a = program.edge_a[edge]
-    along = wp.normalize(program.edge_b[edge] - a)
-    inward = float(turn) * wp.vec3(-along[1], along[0], 0.0)
-    rim = inward[0] * a[0] + inward[1] * a[1] + _RIM
-    if wp.dot(inward, rel.pos) > rim + program.piece_radius[piece] + _ROUNDING:  # most lie well inside
-        return False
-    return least_extent(program.vert, piece_shape(program, piece), rel, inward) < rim
+    inward = _inward(program, edge, turn)
+    least = least_extent(program.vert, piece_shape(program, piece), rel, inward)
+    return least < inward[0] * a[0] + inward[1] * a[1] + _RIM
 
 
 @wp.func
@@ -165,10 +188,15 @@ def overhangs(
     sides = program.surface_edgenum[surface]
     piece = program.shadow_list[program.obj_shadowadr[obj] + index // sides]
     body = program.piece_body[piece]
-    rel = relative(ground, compose(pose_of(body_pos[body], body_quat[body]), piece_pose(program, piece)))
     edge = program.surface_edgeadr[surface] + index % sides
-    if program.surface_convex[surface] != 0:
-        return _extends_beyond(program, piece, edge, program.surface_convex[surface], rel)
+    turn = program.surface_convex[surface]
+    if turn != 0:
+        at = wp.transpose(ground.rot) * (_origin(program, piece, body_pos, body_quat) - ground.pos)
+        if _lies_inside(program, edge, turn, at, program.piece_radius[piece]):  # most do
+            return False
+    rel = relative(ground, compose(pose_of(body_pos[body], body_quat[body]), piece_pose(program, piece)))
+    if turn != 0:
+        return _extends_beyond(program, piece, edge, turn, rel)
     if shadow_on_edge(program, piece, edge, rel):
         return True
     return index % sides == 0 and not inside_outline(program, surface, wp.vec2(rel.pos[0], rel.pos[1]))

@@ -361,7 +361,6 @@ def test_what_extends_beyond_a_convex_outline_is_what_shapely_says():
         "piece_size": np.array([[0.0] * 3] * 3 + [size.tolist()]),
         "piece_vertnum": lengths,
         "piece_vertadr": np.cumsum(lengths) - lengths,
-        "piece_radius": np.array([np.linalg.norm(c, axis=1).max() for c in corners]),
         "vert": np.concatenate(hulls),
         "edge_a": sides[:, 0],
         "edge_b": sides[:, 1],
