@@ -30,7 +30,6 @@ WAITING = 64
 """Room for pairs of leaves that wait until there is one for every lane; there are fewer than two a lane."""
 
 
-_OWN_STACK = wp.constant(OWN_STACK)
 _NONE = wp.constant(int(Cause.NONE))
 _COLLISION = wp.constant(int(Cause.COLLISION))
 _UNPROVEN = wp.constant(UNPROVEN)
@@ -146,9 +145,10 @@ def next_leaf(program: Program, stack: wp.array(dtype=wp.vec3i), count: int, pos
 
 
 @wp.func
-def leaves_below_touch(program: Program, start: wp.vec3i, poses: PairPoses, margin: float) -> bool:
-    """Are any leaves below an entry (pair, node of a, node of b) too near? One lane's work."""
-    stack = wp.zeros(shape=(_OWN_STACK,), dtype=wp.vec3i)
+def leaves_below_touch(
+    program: Program, start: wp.vec3i, poses: PairPoses, margin: float, stack: wp.array(dtype=wp.vec3i)
+) -> bool:
+    """Are any leaves below an entry (pair, node of a, node of b) too near? One lane's work, with a stack of its own."""
     stack[0] = start
     count = int(1)
     while count > 0:
@@ -229,10 +229,11 @@ def collides_without_stack(
 ) -> bool:
     """The same where the shared stacks had no room: every lane goes down both trees by itself."""
     hit = int(0)
+    stack = wp.zeros(shape=(wp.static(OWN_STACK),), dtype=wp.vec3i)
     for i in range(startadr + lane, startadr + startnum, wp.block_dim()):
         entry = program.start[i]
         poses = pair_poses(program, entry[0], own_pos, own_quat, body_pos, body_quat)
-        if leaves_below_touch(program, entry, poses, margin_of(program, entry[0], support)):
+        if leaves_below_touch(program, entry, poses, margin_of(program, entry[0], support), stack):
             hit = 1
             break
     return block_any(hit) != 0

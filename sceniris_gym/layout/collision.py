@@ -8,7 +8,7 @@ block tests its candidate as a whole. What finds no room is tested by one lane.
 import warp as wp
 
 from sceniris_gym.layout.blocks import block_sync
-from sceniris_gym.layout.boxes import SHARED_STACK, WAITING, Step, collides, leaves_below_touch, next_step
+from sceniris_gym.layout.boxes import OWN_STACK, SHARED_STACK, WAITING, Step, collides, leaves_below_touch, next_step
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.leaves import candidate_poses, margin_of, pieces_touch, support_of
 from sceniris_gym.layout.screen import why_not
@@ -133,10 +133,12 @@ def _collides_alone(program: Program, layouts: LayoutsView, search: Search, c: i
     """Does a candidate collide? One lane's work."""
     row = search.row[c]
     obj = search.obj[c]
+    support = support_of(program, obj)
+    stack = wp.zeros(shape=(wp.static(OWN_STACK),), dtype=wp.vec3i)
     for s in range(program.obj_startadr[obj], program.obj_startadr[obj] + program.obj_startnum[obj]):
         start = program.start[s]
         poses = candidate_poses(program, layouts, search, c, row, start[0])
-        if leaves_below_touch(program, start, poses, margin_of(program, start[0], support_of(program, obj))):
+        if leaves_below_touch(program, start, poses, margin_of(program, start[0], support), stack):
             return True
     return False
 
