@@ -27,7 +27,7 @@ SHARED_STACK = 512
 OWN_STACK = 64
 """Room for those that a lane by itself leaves behind: one for each level of both trees, which are halved at each."""
 WAITING = 64
-"""Room for pairs of leaves that wait until there is one for every lane; there are fewer than two a lane."""
+"""Room for pairs of leaves that wait until there is one for every lane: fewer than two a lane, for up to 32 lanes."""
 
 
 _NONE = wp.constant(int(Cause.NONE))
@@ -207,8 +207,10 @@ def collides(
                 step = next_step(program, entry, poses, margin_of(program, entry[0], support))
             at_left = wp.tile_stack_push(nodes, step.left, step.inner)
             at_right = wp.tile_stack_push(nodes, step.right, step.inner)
-            wp.tile_stack_push(leaves, entry, step.leaf)
+            at_leaf = wp.tile_stack_push(leaves, entry, step.leaf)
             if step.inner and wp.min(at_left, at_right) < 0:
+                missed = 1
+            if step.leaf and at_leaf < 0:
                 missed = 1
     if hit != 0:
         return _COLLISION

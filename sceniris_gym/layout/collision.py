@@ -74,7 +74,7 @@ def _queue_leaves(
                     _miss(search, c)
                 if step.leaf:
                     at = wp.atomic_add(search.leaves, 0, 1)
-                    if at < search.leaf.shape[0]:
+                    if at >= 0 and at < search.leaf.shape[0]:  # the count may go on beyond all numbers
                         search.leaf[at] = wp.vec4i(c, entry[0], entry[1], entry[2])
                     else:
                         _miss(search, c)

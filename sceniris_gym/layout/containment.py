@@ -85,7 +85,7 @@ def _queue_points(program: Program, search: Search, c: int, a: int, b: int, rel:
         p = at * (program.point[program.collider_pointadr[a] + i] - rel.pos)
         if _in_bounds(program, b, p):
             slot = wp.atomic_add(search.enclosed, 0, 1)
-            if slot < search.enclosed_point.shape[0]:
+            if slot >= 0 and slot < search.enclosed_point.shape[0]:
                 search.enclosed_candidate[slot] = c
                 search.enclosed_by[slot] = b
                 search.enclosed_point[slot] = p

@@ -41,7 +41,7 @@ def kernel_modules(*, related: bool, faces: bool, staged: bool) -> tuple[list[wp
 
 
 def load_kernels(device: str, *, block_dim: int, related: bool, faces: bool, staged: bool) -> None:
-    """Compile and load what a generator launches on a GPU, as far as it is not loaded yet.
+    """Compile and load what makes layouts on a GPU, as far as it is not loaded yet.
 
     Args:
         device: The device. Nothing is done for a CPU, for which Warp compiles one module at a time.

@@ -184,19 +184,19 @@ def _keep(reach: Reach, layouts: LayoutsView, search: ReachSearch, worldid: int,
 @wp.func
 def _accept_first(reach: Reach, layouts: LayoutsView, search: ReachSearch, worldid: int, column: int) -> bool:
     """Keep the first of a world's candidates that has passed. If none has, the next start is the one after them."""
-    next = search.number[worldid]
+    after = search.number[worldid]
     for c in range(search.first[worldid], search.first[worldid] + search.trials[worldid]):
         failed = search.failed[c]
         search.furthest[worldid] = wp.max(search.furthest[worldid], failed)
         if failed == _PASSED:
             _keep(reach, layouts, search, worldid, column, c)
             return True
-        next = search.number[worldid] + c + 1 - search.first[worldid]
+        after = search.number[worldid] + c + 1 - search.first[worldid]
         if failed < _IK_AT_GRASP:  # and so do all starts of this grasp
-            next += wp.static(STARTS) - 1 - search.start[c]
+            after += wp.static(STARTS) - 1 - search.start[c]
         else:
             search.tried[worldid] += 1
-    search.number[worldid] = next
+    search.number[worldid] = after
     return False
 
 

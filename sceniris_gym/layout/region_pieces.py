@@ -21,8 +21,8 @@ wp.set_module_options({"enable_backward": False})
 _MAX_CORNERS = wp.constant(MAX_CORNERS)
 # Pieces below this area [m^2] are rounding: a line of 1 mm, drawn 40 um wide, has 4e-8.
 _LEAST_AREA = wp.constant(1.0e-10)
-# A triangle further beyond a side than this [m] has nothing left, however the cut rounds, and one that is further
-# inside is left as it is.
+# A triangle further beyond a side than this [m] has nothing left, and one that is further inside is left as it is: ten
+# times what rounds off within a few metres; 100 m away heights round to 0.03 mm, which moves a cut by no more.
 _SURE = wp.constant(1.0e-5)
 
 

@@ -142,10 +142,11 @@ class SearchSize:
         rows: Rows beyond one for each world, for restarts that are tried at the same time.
         candidates: Candidates of one wave.
         busy: Candidates of a wave up to which further trials are drawn at the same time.
-        leaves: Pairs of leaves that wait for lanes of their own; 0: candidates are tested as a whole.
+        leaves: Pairs of leaves that wait for lanes of their own, or with `geometry: visual` points that may be
+            enclosed; 0: candidates are tested as a whole.
         grasps: Candidates of one wave of the stages `ik` and `clear`, each with a pose of the robot.
         lanes: Lanes of a launch in which each works for itself.
-        parts: Lanes that share the screen of one candidate.
+        parts: Lanes that share the screen of one candidate, its containment, and the pieces of its region at least.
         blocks, block_dim: Blocks of a launch in which a block's lanes share a candidate, and their number.
 
     Raises:

@@ -120,7 +120,7 @@ def _all_beyond(h: wp.vec3, limit: float) -> bool:
     return wp.min(h) > limit or wp.max(h) < -limit
 
 
-# One copy in a kernel: it is called where leaves wait in a queue, and where they are tested in place.
+# A function of its own, as `separated` of `convex.py` is: its registers are not those of the kernel at all times.
 @wp.func(inline=False)
 def triangles_separated(
     a0: wp.vec3, a1: wp.vec3, a2: wp.vec3, b0: wp.vec3, b1: wp.vec3, b2: wp.vec3, margin: float

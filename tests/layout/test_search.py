@@ -1,25 +1,26 @@
 """The size of a search decides how much is tried at once, and never what comes out."""
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import CountError
+from sceniris_gym.layout.boxes import collides_without_stack
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutsView, Status
+from sceniris_gym.layout.leaves import support_of
 from sceniris_gym.layout.reach_search import ReachSearch
-from sceniris_gym.layout.search import Search, create_search, default_size
+from sceniris_gym.layout.search import Search, SearchSize, create_search, default_size
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.device import Program
+from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
 from tests.layout.grasped import cluttered
 from tests.layout.scenes import FLOOR, box_mjcf
@@ -208,6 +209,56 @@ def test_a_full_stack_changes_no_bit_on_a_gpu(geometry: str, device: str, tmp_pa
     assert made(compiled, replace(default_size(device), leaves=0), 64) == alone
 
 
+def test_the_worst_case_of_waves_is_enough(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Where a graph cannot tell how often to repeat, everything is launched as often as could be needed: same bits."""
+    compiled = _combs(tmp_path, "cpu", "physics")
+    size = replace(default_size("cpu"), candidates=3, rows=2)
+    expected = made(compiled, size, 8)
+
+    def most_often(left: wp.array, launches: Callable[[], None], most: int) -> None:
+        for _ in range(most):
+            launches()
+        assert left.numpy()[0] == 0
+
+    monkeypatch.setattr("sceniris_gym.layout.generate.repeat_launches", most_often)
+    assert made(compiled, size, 8) == expected
+
+
+@wp.kernel(enable_backward=False)
+def _test_all(program: Program, layouts: LayoutsView, search: Search, hit: wp.array(dtype=bool)):
+    c = wp.tid()
+    row = search.row[c]
+    obj = search.obj[c]
+    hit[c] = collides_without_stack(
+        program,
+        program.obj_startadr[obj],
+        program.obj_startnum[obj],
+        support_of(program, obj),
+        0,
+        search.body_pos[c],
+        search.body_quat[c],
+        layouts.body_pos[row],
+        layouts.body_quat[row],
+    )
+
+
+@pytest.mark.parametrize("geometry", ["physics", "visual"])
+def test_a_lane_by_itself_finds_the_same_collisions(geometry: str, tmp_path: Path):
+    """All candidates of a wave again, as where the stacks of a block have no room."""
+    compiled = _combs(tmp_path, "cpu", geometry)
+    generator = LayoutGenerator(compiled, 100, size=replace(default_size("cpu"), candidates=400, busy=400))
+    generator.generate()
+    search = generator._search
+    wave = search.queue.numpy()[search.source.numpy()[0], : search.rows.numpy()[0]]
+    num = int(search.row_trials.numpy()[wave].sum())
+    hit = wp.zeros(num, dtype=bool, device="cpu")
+    inputs = [compiled.program, generator.layouts.view, search, hit]
+    wp.launch(_test_all, dim=num, inputs=inputs, device="cpu")
+    causes = search.cause.numpy()[:num]
+    assert ((causes == Cause.COLLISION) == hit.numpy()).all()
+    assert 0 < hit.numpy().sum() < num
+
+
 def test_floors_without_objects_need_no_candidates():
     """Nothing is to be placed: every world has a layout at once."""
     generator = LayoutGenerator(_compile({"floor": FLOOR}, "cpu"), 5, size=SIZES["64-3-5-3"])
@@ -216,9 +267,10 @@ def test_floors_without_objects_need_no_candidates():
     assert (generator.layouts.attempts.numpy() == 0).all()
 
 
-@pytest.mark.parametrize(("name", "least"), [("rows", 0), ("candidates", 1), ("busy", 1), ("leaves", 0), ("grasps", 1)])
-def test_a_size_that_would_never_end_is_refused(name: str, least: int):
-    """By its name; the least one is accepted."""
+@pytest.mark.parametrize("name", [field.name for field in fields(SearchSize)])
+def test_a_size_that_would_never_end_is_refused(name: str):
+    """By its name; the least one is accepted: 0 for what is only room for more at once."""
+    least = 0 if name in ("rows", "leaves") else 1
     replace(default_size("cpu"), **{name: least})
     with pytest.raises(CountError, match=f"{name} should be at least {least}, got {least - 1}"):
         replace(default_size("cpu"), **{name: least - 1})
