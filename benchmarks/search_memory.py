@@ -12,15 +12,15 @@ from typing import Any
 import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.layout.layouts import Layouts
-from sceniris_gym.layout.search import GPU_SIZE, create_search
+from sceniris_gym.layout.layouts import Layouts, LayoutsView
+from sceniris_gym.layout.search import GPU_SIZE, Search, create_search
 from sceniris_gym.program.compiled import upload_scene
 from sceniris_gym.scene.model import build_model
 
 
-def arrays(struct: Any) -> Iterator[tuple[str, wp.array]]:
-    """Yield the arrays of a struct by name."""
-    for name in type(struct).vars if hasattr(type(struct), "vars") else struct._cls.vars:
+def arrays(declared: Any, struct: Any) -> Iterator[tuple[str, wp.array]]:
+    """Yield the arrays of an instance of a declared struct by name."""
+    for name in declared.vars:
         value = getattr(struct, name)
         if isinstance(value, wp.array):
             yield name, value
@@ -34,10 +34,10 @@ def main() -> None:
     words = parser.parse_args()
     compiled = upload_scene(build_model(SceneConfig.load(words.scene)), "cpu")
     layouts = Layouts.create(compiled, words.worlds, rejected=0, rows=GPU_SIZE.rows)
-    parts = {"layouts": layouts.view, "search": create_search(compiled, words.worlds, GPU_SIZE)}
+    search = create_search(compiled, words.worlds, GPU_SIZE)
     total = 0
-    for part, struct in parts.items():
-        for name, array in sorted(arrays(struct), key=lambda item: -item[1].capacity):
+    for part, declared, struct in (("layouts", LayoutsView, layouts.view), ("search", Search, search)):
+        for name, array in sorted(arrays(declared, struct), key=lambda item: -item[1].capacity):
             total += array.capacity
             if array.capacity >= 1_000_000:
                 print(f"{part}.{name:16s} {array.capacity / 1e6:8.1f} MB  {array.shape} {array.dtype.__name__}")

@@ -28,8 +28,6 @@ OWN_STACK = 64
 """Room for those that a lane by itself leaves behind: one for each level of both trees, which are halved at each."""
 WAITING = 64
 """Room for pairs of leaves that wait until there is one for every lane: fewer than two a lane, for up to 32 lanes."""
-
-
 _NONE = wp.constant(int(Cause.NONE))
 _COLLISION = wp.constant(int(Cause.COLLISION))
 _UNPROVEN = wp.constant(UNPROVEN)
@@ -95,12 +93,14 @@ class Step:
 
 
 @wp.func
-def opened(program: Program, entry: wp.vec3i) -> Step:
-    """What an entry (pair, node of a, node of b) consists of: two smaller pairs, or leaves."""
+def next_step(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> Step:
+    """One step down both trees from an entry (pair, node of a, node of b)."""
     step = Step()
     pair = entry[0]
     na = entry[1]
     nb = entry[2]
+    if _nodes_separated(program, pair, na, nb, poses, margin):
+        return step
     child_a = program.node_child[na]
     child_b = program.node_child[nb]
     if child_a < 0 and child_b < 0:
@@ -117,34 +117,6 @@ def opened(program: Program, entry: wp.vec3i) -> Step:
 
 
 @wp.func
-def next_step(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> Step:
-    """One step down both trees from an entry (pair, node of a, node of b)."""
-    step = Step()
-    if not _nodes_separated(program, entry[0], entry[1], entry[2], poses, margin):
-        step = opened(program, entry)
-    return step
-
-
-@wp.func
-def next_leaf(program: Program, stack: wp.array(dtype=wp.vec3i), count: int, poses: PairPoses, margin: float) -> int:
-    """Go down a lane's own stack of entries of one pair until a pair of leaves that come near each other is on top.
-
-    Returns how many entries the stack has then; 0 if there are no such leaves.
-    """
-    left = int(count)
-    while left > 0:
-        step = next_step(program, stack[left - 1], poses, margin)
-        if step.leaf:
-            return left
-        left -= 1
-        if step.inner:
-            stack[left] = step.left
-            stack[left + 1] = step.right
-            left += 2
-    return 0
-
-
-@wp.func
 def leaves_below_touch(
     program: Program, start: wp.vec3i, poses: PairPoses, margin: float, stack: wp.array(dtype=wp.vec3i)
 ) -> bool:
@@ -152,11 +124,16 @@ def leaves_below_touch(
     stack[0] = start
     count = int(1)
     while count > 0:
-        count = next_leaf(program, stack, count, poses, margin)
-        if count > 0:
-            count -= 1
-            if leaves_touch(program, stack[count], poses, margin):
+        count -= 1
+        entry = stack[count]
+        step = next_step(program, entry, poses, margin)
+        if step.leaf:
+            if leaves_touch(program, entry, poses, margin):
                 return True
+        elif step.inner:
+            stack[count] = step.left
+            stack[count + 1] = step.right
+            count += 2
     return False
 
 
@@ -185,8 +162,7 @@ def collides(
     missed = int(0)
     while base < last or wp.tile_stack_count(nodes) + wp.tile_stack_count(leaves) > 0:
         if wp.tile_stack_count(nodes) == 0 and base < last:
-            entry = program.start[wp.min(base + lane, last - 1)]
-            wp.tile_stack_push(nodes, entry, base + lane < last)
+            wp.tile_stack_push(nodes, program.start[wp.min(base + lane, last - 1)], base + lane < last)
             base += wp.block_dim()
         elif wp.tile_stack_count(leaves) >= wp.block_dim() or wp.tile_stack_count(nodes) == 0:
             entry, slot = wp.tile_stack_pop(leaves)

@@ -141,7 +141,8 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
         program.face_vertadr = len(arrays["vert"])
         corners = np.stack([arrays[name] for name in ("face_a", "face_b", "face_c")], axis=1)
         arrays["vert"] = np.concatenate([arrays["vert"], corners.reshape(-1, 3)])
-    reaching, arm_lists = build_reaching(scene, plan, device), {name: arrays.pop(name) for name in ARM_LISTS}
+    arm_lists = {name: arrays.pop(name) for name in ARM_LISTS}
+    reaching = build_reaching(scene, plan, device)
     if reaching is not None:
         fill_struct(Reach, reaching.view, arm_lists, device)
     arrays |= {
