@@ -2,10 +2,11 @@
 
 import warp as wp
 
+from sceniris_gym.layout.blocks import block_sync
 from sceniris_gym.layout.groups import next_object
 from sceniris_gym.layout.kinematics import write_root
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.search import Search, queue_row
+from sceniris_gym.layout.search import Search, SearchSize, queue_row
 from sceniris_gym.program.device import Cause, ObjectKind, Program
 from sceniris_gym.program.device_reach import Reach
 
@@ -16,6 +17,7 @@ _NONE = wp.constant(int(Cause.NONE))
 _EMPTY = wp.constant(int(Cause.EMPTY))
 _REGION = wp.constant(int(Cause.REGION))
 _COLLISION = wp.constant(int(Cause.COLLISION))
+_PLACED = wp.constant(-1)
 
 
 @wp.func
@@ -24,31 +26,37 @@ def _write_state(
     search: Search,
     c: int,
     obj: int,
+    lane: int,
+    lanes: int,
     qpos: wp.array(dtype=float),
     mocap_pos: wp.array(dtype=wp.vec3),
     mocap_quat: wp.array(dtype=wp.quat),
 ):
-    """Write a candidate's joints and the pose of its root."""
-    for i in range(program.obj_drawadr[obj], program.obj_drawadr[obj] + program.obj_drawnum[obj]):
-        adr = program.draw_qposadr[i]
+    """Write a candidate's joints and the pose of its root: the part of one of so many lanes."""
+    for i in range(lane, program.obj_drawnum[obj], lanes):
+        adr = program.draw_qposadr[program.obj_drawadr[obj] + i]
         qpos[adr] = search.qpos[c, adr]
-    for i in range(program.obj_followadr[obj], program.obj_followadr[obj] + program.obj_follownum[obj]):
-        adr = program.follow_qposadr[i]
+    for i in range(lane, program.obj_follownum[obj], lanes):
+        adr = program.follow_qposadr[program.obj_followadr[obj] + i]
         qpos[adr] = search.qpos[c, adr]
-    if program.obj_kind[obj] == _STATIC:
+    if lane > 0 or program.obj_kind[obj] == _STATIC:
         return
     root = program.obj_body[obj]
     write_root(program, obj, search.body_pos[c, root], search.body_quat[c, root], qpos, mocap_pos, mocap_quat)
 
 
 @wp.func
-def _place(program: Program, reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int):
-    """Write a candidate into its row."""
-    _write_state(program, search, c, obj, layouts.qpos[row], layouts.mocap_pos[row], layouts.mocap_quat[row])
-    for i in range(program.obj_bodyadr[obj], program.obj_bodyadr[obj] + program.obj_bodynum[obj]):
-        body = program.body_list[i]
+def _place(program: Program, reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, lane: int):
+    """Write a candidate into its row. All lanes of a block call it together."""
+    lanes = wp.block_dim()
+    qpos = layouts.qpos[row]
+    _write_state(program, search, c, obj, lane, lanes, qpos, layouts.mocap_pos[row], layouts.mocap_quat[row])
+    for i in range(lane, program.obj_bodynum[obj], lanes):
+        body = program.body_list[program.obj_bodyadr[obj] + i]
         layouts.body_pos[row, body] = search.body_pos[c, body]
         layouts.body_quat[row, body] = search.body_quat[c, body]
+    if lane > 0:
+        return
     slot = program.obj_slot[obj]
     if program.obj_kind[obj] != _STATIC:
         layouts.place[row, slot] = search.place[c]
@@ -79,6 +87,8 @@ def _record(program: Program, layouts: LayoutsView, search: Search, c: int, row:
         search,
         c,
         obj,
+        0,
+        1,
         layouts.rejected_qpos[slot],
         layouts.rejected_mocap_pos[slot],
         layouts.rejected_mocap_quat[slot],
@@ -92,11 +102,11 @@ def _count_rejection(layouts: LayoutsView, search: Search, row: int, obj: int, c
     if row < nworld:
         wp.atomic_add(layouts.rejections, obj, cause, 1)
     else:
-        search.row_rejections[row - nworld, obj, cause] += 1
+        wp.atomic_add(search.row_rejections, row - nworld, obj, cause, 1)
 
 
 @wp.func
-def _go_on(search: Search, row: int, trial: int):
+def _queue_trial(search: Search, row: int, trial: int):
     """Queue a row for its next trial, unless an earlier restart of its world has placed everything already."""
     search.row_trial[row] = trial
     if search.best[search.row_world[row]] > search.row_restart[row]:
@@ -112,56 +122,88 @@ def _leaves_nothing(cause: int) -> bool:
 
 
 @wp.func
+def _ends_row(program: Program, obj: int, cause: int) -> bool:
+    """Is a trial the last one of its object: one that passed, or one that no other draw could better?"""
+    if cause == _NONE:
+        return True
+    return program.obj_retry_if_empty[obj] == 0 and _leaves_nothing(cause)
+
+
+@wp.func
 def _accept_first(
-    program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, first: int, trials: int
+    program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, obj: int, lane: int
 ) -> int:
-    """Place the first of a row's candidates that passed. Returns the row's next trial, 0 if one was placed."""
-    obj = search.row_object[row]
-    for t in range(trials):
+    """Place the first of a row's candidates that passed. Returns the row's next trial, or PLACED.
+
+    All lanes of a block call it together.
+    """
+    first = search.row_first[row]
+    trials = search.row_trials[row]
+    end = int(trials)
+    for t in range(lane, trials, wp.block_dim()):
+        if t < end and _ends_row(program, obj, search.cause[first + t]):
+            end = t
+    end = wp.tile_extract(wp.tile_min(wp.tile(end)), 0)
+    for t in range(lane, wp.min(end + 1, trials), wp.block_dim()):
         cause = search.cause[first + t]
-        search.row_attempts[row] += 1
-        if cause == _NONE:
-            _place(program, reach, layouts, search, first + t, row, obj)
-            return 0
-        _count_rejection(layouts, search, row, obj, cause)
+        if cause != _NONE:
+            _count_rejection(layouts, search, row, obj, cause)
         if cause == _COLLISION and layouts.rejected_object.shape[0] > 0:
             _record(program, layouts, search, first + t, row, obj)
-        # what no draw of the object itself can open, only a new start can
-        if program.obj_retry_if_empty[obj] == 0 and _leaves_nothing(cause):
-            return program.attempts
-    return search.row_trial[row] + trials
+    if lane == 0:
+        search.row_attempts[row] += wp.min(end + 1, trials)
+    if end == trials:
+        return search.row_trial[row] + trials
+    if search.cause[first + end] != _NONE:
+        return program.attempts
+    _place(program, reach, layouts, search, first + end, row, obj, lane)
+    return _PLACED
+
+
+@wp.func
+def _go_on_from(program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, obj: int, trial: int):
+    """Send a row on: to a trial of its object, or to the next one; or nowhere, if it has come to an end."""
+    if trial != _PLACED:
+        if trial < program.attempts:
+            _queue_trial(search, row, trial)
+        return
+    following = next_object(program, reach, layouts, row, obj + 1)
+    search.row_object[row] = following
+    if following < program.nobject:
+        _queue_trial(search, row, 0)
+    else:
+        wp.atomic_min(search.best, search.row_world[row], search.row_restart[row])
 
 
 @wp.kernel(grid_stride=False)
 def _accept(
     program: Program,
     reach: Reach,
-    lanes: int,
+    blocks: int,
     # Layouts in and out:
     layouts: LayoutsView,
     # Search in and out:
     search: Search,
 ):
-    if wp.tid() == 0:
+    block, lane = wp.tid()
+    if block == 0 and lane == 0:
         search.candidates[0] = 0  # of the next wave
-    for i in range(wp.tid(), search.rows[0], lanes):
+    for i in range(block, search.rows[0], blocks):
         row = search.queue[search.source[0], i]
-        trials = search.row_trials[row]
-        if trials == 0:  # the wave had no room for it
-            _go_on(search, row, search.row_trial[row])
-            continue
-        trial = _accept_first(program, reach, layouts, search, row, search.row_first[row], trials)
-        if trial == 0:
-            obj = next_object(program, reach, layouts, row, search.row_object[row] + 1)
-            search.row_object[row] = obj
-            if obj == program.nobject:
-                wp.atomic_min(search.best, search.row_world[row], search.row_restart[row])
-        if search.row_object[row] < program.nobject and trial < program.attempts:
-            _go_on(search, row, trial)
+        obj = search.row_object[row]
+        trial = int(search.row_trial[row])
+        if search.row_trials[row] > 0:  # else the wave had no room for it
+            trial = _accept_first(program, reach, layouts, search, row, obj, lane)
+        block_sync()  # all lanes have read what is written here, and written what is read
+        if lane == 0:
+            _go_on_from(program, reach, layouts, search, row, obj, trial)
 
 
 def launch_accept(
-    program: Program, reach: Reach, lanes: int, layouts: LayoutsView, search: Search, device: str
+    program: Program, reach: Reach, size: SearchSize, layouts: LayoutsView, search: Search, device: str
 ) -> None:
     """Accept the candidates of this wave that passed every test."""
-    wp.launch(_accept, dim=lanes, inputs=[program, reach, lanes], outputs=[layouts, search], device=device)
+    inputs = [program, reach, size.blocks]
+    outputs = [layouts, search]
+    words = {"block_dim": size.block_dim, "device": device}
+    wp.launch_tiled(_accept, dim=[size.blocks], inputs=inputs, outputs=outputs, **words)

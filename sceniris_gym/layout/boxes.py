@@ -11,13 +11,14 @@ import warp as wp
 from sceniris_gym.layout.blocks import block_any
 from sceniris_gym.layout.leaves import (
     PairPoses,
+    cores_touch,
     leaves_touch,
     margin_of,
     over_plane,
     pair_poses,
 )
 from sceniris_gym.layout.search import UNPROVEN
-from sceniris_gym.layout.transforms import Pose, apply, relative
+from sceniris_gym.layout.transforms import Pose, apply
 from sceniris_gym.program.device import Cause, Program
 
 wp.set_module_options({"enable_backward": False})
@@ -71,15 +72,15 @@ def _nodes_separated(program: Program, pair: int, na: int, nb: int, poses: PairP
     """Are the boxes of two nodes of a pair further apart than `margin` [m]?"""
     center = program.node_center[na]
     half = program.node_half[na]
-    plane = program.collider_plane[program.pair_b[pair]]
+    plane = program.pair_bodies[pair][3]
     if plane >= 0:
         over = over_plane(program, poses.a, poses.b, plane)
         n = over.normal
         reach = wp.abs(n[0]) * half[0] + wp.abs(n[1]) * half[1] + wp.abs(n[2]) * half[2]
         return over.height + wp.dot(n, center) - reach > margin
-    rel = relative(poses.a, poses.b)
     # only leaves may be in each other: of boxes no depth is proven
-    return boxes_separated(center, half, program.node_center[nb], program.node_half[nb], rel, wp.max(margin, 0.0))
+    least = wp.max(margin, 0.0)
+    return boxes_separated(center, half, program.node_center[nb], program.node_half[nb], poses.rel, least)
 
 
 @wp.struct
@@ -128,7 +129,7 @@ def leaves_below_touch(
         entry = stack[count]
         step = next_step(program, entry, poses, margin)
         if step.leaf:
-            if leaves_touch(program, entry, poses, margin):
+            if cores_touch(program, entry, poses, margin) or leaves_touch(program, entry, poses, margin):
                 return True
         elif step.inner:
             stack[count] = step.left

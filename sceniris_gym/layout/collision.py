@@ -10,9 +10,9 @@ import warp as wp
 from sceniris_gym.layout.blocks import block_sync
 from sceniris_gym.layout.boxes import OWN_STACK, SHARED_STACK, WAITING, Step, collides, leaves_below_touch, next_step
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.leaves import candidate_poses, margin_of, pieces_touch, support_of
+from sceniris_gym.layout.leaves import candidate_poses, cores_touch, margin_of, pieces_touch, support_of
 from sceniris_gym.layout.screen import why_not
-from sceniris_gym.layout.search import UNPROVEN, Search, SearchSize, candidate_num
+from sceniris_gym.layout.search import UNPROVEN, Search, SearchSize, candidate_num, leaf_num
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
 
@@ -80,22 +80,55 @@ def _queue_leaves(
                         _miss(search, c)
 
 
-# With all the registers that it would take, a multiprocessor holds few warps, and each waits for its own arithmetic.
-@wp.kernel(module="unique", enable_backward=False, grid_stride=False, cuda_max_registers=128)
-def _test_leaves(
+@wp.kernel(module="unique", enable_backward=False, grid_stride=False)
+def _test_cores(
     program: Program,
     lanes: int,
     layouts: LayoutsView,
     # Search in and out:
     search: Search,
 ):
-    for i in range(wp.tid(), wp.min(search.leaves[0], search.leaf.shape[0]), lanes):
+    for i in range(wp.tid(), leaf_num(search), lanes):
         c = search.leaf[i][0]
         entry = wp.vec3i(search.leaf[i][1], search.leaf[i][2], search.leaf[i][3])
         if search.cause[c] == _NONE:
             poses = candidate_poses(program, layouts, search, c, search.row[c], entry[0])
-            if pieces_touch(program, entry, poses, margin_of(program, entry[0], support_of(program, search.obj[c]))):
+            if cores_touch(program, entry, poses, margin_of(program, entry[0], support_of(program, search.obj[c]))):
                 search.cause[c] = _COLLISION
+
+
+# With all the registers that it would take, a multiprocessor holds few warps, and each waits for its own arithmetic.
+@wp.kernel(module="unique", enable_backward=False, grid_stride=False, cuda_max_registers=128)
+def _test_leaves(
+    program: Program,
+    blocks: int,
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+):
+    block, lane = wp.tid()
+    num = leaf_num(search)
+    # Most leaves are of candidates that collide for certain by now: the others wait until there is one for every lane.
+    waiting = wp.tile_stack(capacity=wp.static(WAITING), dtype=int)
+    base = int(block * wp.block_dim())
+    while base < num or wp.tile_stack_count(waiting) > 0:
+        if base < num and wp.tile_stack_count(waiting) < wp.block_dim():
+            i = wp.min(base + lane, num - 1)
+            c = search.leaf[i][0]
+            undecided = base + lane < num and search.cause[c] == _NONE
+            if wp.tile_stack_push(waiting, i, undecided) < 0 and undecided:
+                _miss(search, c)
+            base += blocks * wp.block_dim()
+        else:
+            i, slot = wp.tile_stack_pop(waiting)
+            if slot >= 0:
+                c = search.leaf[i][0]
+                entry = wp.vec3i(search.leaf[i][1], search.leaf[i][2], search.leaf[i][3])
+                poses = candidate_poses(program, layouts, search, c, search.row[c], entry[0])
+                if pieces_touch(
+                    program, entry, poses, margin_of(program, entry[0], support_of(program, search.obj[c]))
+                ):
+                    search.cause[c] = _COLLISION
 
 
 @wp.kernel(module="unique", enable_backward=False, grid_stride=False, cuda_max_registers=128)
@@ -165,23 +198,25 @@ def _test_alone(
 
 def lane_kernels(faces: bool) -> tuple[wp.Kernel, ...]:
     """The kernels that a GPU launches by lanes."""
-    return (_test_alone,) if faces else (_test_leaves, _test_alone)
+    return (_test_alone,) if faces else (_test_cores, _test_alone)
 
 
-def block_kernel(faces: bool) -> wp.Kernel:
-    """The one that it launches by blocks."""
-    return _test_together if faces else _queue_leaves
+def block_kernels(faces: bool) -> tuple[wp.Kernel, ...]:
+    """Those that it launches by blocks."""
+    return (_test_together,) if faces else (_queue_leaves, _test_leaves)
 
 
 def launch_test_collisions(
     program: Program, reach: Reach, size: SearchSize, faces: bool, layouts: LayoutsView, search: Search, device: str
 ) -> None:
     """Test the candidates that pass the screen."""
-    together = size.block_dim > 1
     lanes = {"dim": size.lanes, "device": device}
-    if together:
-        inputs = [program, reach, size.blocks, layouts, search]
-        wp.launch_tiled(block_kernel(faces), dim=[size.blocks], inputs=inputs, block_dim=size.block_dim, device=device)
-    if together and not faces:
-        wp.launch(_test_leaves, inputs=[program, size.lanes, layouts, search], **lanes)
+    blocks = {"dim": [size.blocks], "block_dim": size.block_dim, "device": device}
+    together = size.block_dim > 1
+    if together and faces:
+        wp.launch_tiled(_test_together, inputs=[program, reach, size.blocks, layouts, search], **blocks)
+    elif together:
+        wp.launch_tiled(_queue_leaves, inputs=[program, reach, size.blocks, layouts, search], **blocks)
+        wp.launch(_test_cores, inputs=[program, size.lanes, layouts, search], **lanes)
+        wp.launch_tiled(_test_leaves, inputs=[program, size.blocks, layouts, search], **blocks)
     wp.launch(_test_alone, inputs=[program, reach, size.lanes, together, layouts, search], **lanes)

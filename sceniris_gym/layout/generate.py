@@ -18,7 +18,7 @@ from sceniris_gym.layout.loading import load_kernels
 from sceniris_gym.layout.points import launch_draw_points
 from sceniris_gym.layout.random import SPLITS, USER_SPLITS
 from sceniris_gym.layout.reachability import ReachStage
-from sceniris_gym.layout.region_pieces import launch_measure_pieces
+from sceniris_gym.layout.region_pieces import launch_find_pieces, launch_measure_pieces
 from sceniris_gym.layout.rounds import (
     launch_open_candidates,
     launch_open_rows,
@@ -202,13 +202,14 @@ class LayoutGenerator:
         launch_draw(program, split, size.lanes, view, search, device)
         if self._related:
             launch_build_sides(program, size.lanes, view, search, device)
+            launch_find_pieces(program, size, view, search, device)
             launch_measure_pieces(program, split, size, view, search, device)
             launch_draw_points(program, split, size, view, search, device)
         launch_screen(program, reach, size, view, search, device)
         launch_test_collisions(program, reach, size, self._faces, view, search, device)
         if self._faces:
             launch_test_containment(program, size, view, search, device)
-        launch_accept(program, reach, size.lanes, view, search, device)
+        launch_accept(program, reach, size, view, search, device)
 
     @property
     def _device(self) -> str:

@@ -8,8 +8,10 @@ import warp as wp
 
 from sceniris_gym.geometry.colliders import PIECE_LEAF
 from sceniris_gym.geometry.pieces import PieceType
-from sceniris_gym.layout.convex import Shape, least_extent, piece_shape, separated
+from sceniris_gym.layout.convex import Shape, least_extent, piece_shape
+from sceniris_gym.layout.cores import cores_within
 from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.near_part import near_parts_separated
 from sceniris_gym.layout.search import Search
 from sceniris_gym.layout.transforms import Pose, apply, compose, pose_of, relative
 from sceniris_gym.layout.triangles import triangles_separated
@@ -21,7 +23,6 @@ wp.set_module_options({"enable_backward": False})
 # metres, below the 10 um to which a rejection must be right.
 SKIN = 5.0e-6
 
-_SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
 _PIECE_LEAF = wp.constant(PIECE_LEAF)
 _HULL = wp.constant(int(PieceType.HULL))
 _STATIC = wp.constant(int(ObjectKind.STATIC))
@@ -31,10 +32,11 @@ _OWN_B = wp.constant(2)
 
 @wp.struct
 class PairPoses:
-    """The bodies of a pair of colliders in the world."""
+    """The bodies of a pair of colliders in the world, and b's in the frame of a's."""
 
     a: Pose
     b: Pose
+    rel: Pose
 
 
 @wp.struct
@@ -55,9 +57,10 @@ def pair_poses(
     body_quat: wp.array(dtype=wp.vec4),
 ) -> PairPoses:
     """Where a pair's bodies are: those of what is tested as it is posed, all others as they stand."""
-    own = program.pair_own[pair]
-    a = program.collider_body[program.pair_a[pair]]
-    b = program.collider_body[program.pair_b[pair]]
+    bodies = program.pair_bodies[pair]
+    a = bodies[0]
+    b = bodies[1]
+    own = bodies[2]
     p = PairPoses()
     if (own & _OWN_A) != 0:
         p.a = pose_of(own_pos[a], own_quat[a])
@@ -67,6 +70,7 @@ def pair_poses(
         p.b = pose_of(own_pos[b], own_quat[b])
     else:
         p.b = pose_of(body_pos[b], body_quat[b])
+    p.rel = relative(p.a, p.b)
     return p
 
 
@@ -82,7 +86,7 @@ def candidate_poses(program: Program, layouts: LayoutsView, search: Search, c: i
 def margin_of(program: Program, pair: int, support_body: int) -> float:
     """The least distance [m] of a pair, negative for a depth; without clearance to the body that it stands on."""
     margin = program.pair_margin[pair]
-    if program.collider_body[program.pair_b[pair]] == support_body:
+    if program.pair_bodies[pair][1] == support_body:
         margin = program.pair_touch[pair]
     return margin + wp.static(SKIN)
 
@@ -120,7 +124,16 @@ def over_plane(program: Program, pose: Pose, plane_pose: Pose, plane: int) -> Ov
 
 @wp.func
 def _shapes_separated(
-    program: Program, pair: int, a: Shape, b: Shape, pose_a: Pose, pose_b: Pose, rel: Pose, margin: float
+    program: Program,
+    pair: int,
+    a: Shape,
+    b: Shape,
+    radius_a: float,
+    radius_b: float,
+    pose_a: Pose,
+    pose_b: Pose,
+    rel: Pose,
+    margin: float,
 ) -> bool:
     """Are two shapes, posed in their bodies, further apart than `margin` [m]? `rel` is b's body in a's frame.
 
@@ -136,7 +149,7 @@ def _shapes_separated(
             if 2 * i > num:
                 way = rel.rot * way
             frame.pos = here - margin * (wp.transpose(pose_a.rot) * way)
-        if separated(program.vert, a, b, frame, _SPACE, wp.max(margin, 0.0)):
+        if near_parts_separated(program.vert, a, b, radius_a, radius_b, frame, wp.max(margin, 0.0)):
             return True
     return False
 
@@ -149,6 +162,8 @@ def _pieces_separated(program: Program, pair: int, a: int, b: int, rel: Pose, ma
         pair,
         piece_shape(program, a),
         piece_shape(program, b),
+        program.piece_radius[a],
+        program.piece_radius[b],
         piece_pose(program, a),
         piece_pose(program, b),
         rel,
@@ -181,6 +196,15 @@ def _leaf_shape(program: Program, leaf: int) -> Shape:
 
 
 @wp.func
+def _leaf_radius(program: Program, leaf: int) -> float:
+    """Radius [m] of a sphere around its frame's origin that holds it; of triangles none is known."""
+    piece = _piece_of(program, leaf)
+    if piece >= 0:
+        return program.piece_radius[piece]
+    return 1.0e30
+
+
+@wp.func
 def _leaf_pose(program: Program, leaf: int) -> Pose:
     """Its frame in its body's."""
     p = Pose()
@@ -210,6 +234,8 @@ def _leaves_separated(program: Program, pair: int, a: int, b: int, rel: Pose, ma
         pair,
         _leaf_shape(program, a),
         _leaf_shape(program, b),
+        _leaf_radius(program, a),
+        _leaf_radius(program, b),
         _leaf_pose(program, a),
         _leaf_pose(program, b),
         rel,
@@ -230,24 +256,34 @@ def _lowest_of_leaf(program: Program, leaf: int, in_body: wp.vec3) -> float:
 
 
 @wp.func
+def cores_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> bool:
+    """Do the cores of an entry (pair, node of a, node of b) say that its leaves touch? Triangles have none."""
+    if program.faces != 0 or margin < 0.0 or program.pair_bodies[entry[0]][3] >= 0:
+        return False
+    a = ~program.node_child[entry[1]]
+    b = ~program.node_child[entry[2]]
+    return cores_within(program, a, b, poses.rel, margin)
+
+
+@wp.func
 def pieces_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> bool:
     """Are the pieces of an entry (pair, node of a, node of b) no further apart than `margin` [m]?"""
     a = ~program.node_child[entry[1]]
-    plane = program.collider_plane[program.pair_b[entry[0]]]
+    plane = program.pair_bodies[entry[0]][3]
     if plane >= 0:
         over = over_plane(program, poses.a, poses.b, plane)
         return over.height + lowest(program, a, over.normal) <= margin
     b = ~program.node_child[entry[2]]
-    return not _pieces_separated(program, entry[0], a, b, relative(poses.a, poses.b), margin)
+    return not _pieces_separated(program, entry[0], a, b, poses.rel, margin)
 
 
 @wp.func
 def leaves_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> bool:
     """The same of leaves of any geometry."""
     a = ~program.node_child[entry[1]]
-    plane = program.collider_plane[program.pair_b[entry[0]]]
+    plane = program.pair_bodies[entry[0]][3]
     if plane >= 0:
         over = over_plane(program, poses.a, poses.b, plane)
         return over.height + _lowest_of_leaf(program, a, over.normal) <= margin
     b = ~program.node_child[entry[2]]
-    return not _leaves_separated(program, entry[0], a, b, relative(poses.a, poses.b), margin)
+    return not _leaves_separated(program, entry[0], a, b, poses.rel, margin)

@@ -31,13 +31,13 @@ def kernel_modules(*, related: bool, faces: bool, staged: bool) -> tuple[list[wp
         faces: Whether triangles are tested.
         staged: Whether there is a stage after placing.
     """
-    by_lane = [draw, screen, rounds, accept, *([sides, region_pieces] if related else [])]
+    by_lane = [draw, screen, rounds, *([sides, region_pieces] if related else [])]
     by_lane += [reach_waves, reach_poses, reach_ik] if staged else []
-    by_block = [*([points] if related else []), *([reach_hits] if staged else [])]
+    by_block = [accept, *([points] if related else []), *([reach_hits] if staged else [])]
     lanes = [wp.get_module(m.__name__) for m in by_lane]
     lanes += [k.module for k in collision.lane_kernels(faces) + (containment.LANE_KERNELS if faces else ())]
     blocks = [wp.get_module(m.__name__) for m in by_block]
-    return lanes, [*blocks, collision.block_kernel(faces).module]
+    return lanes, blocks + [k.module for k in collision.block_kernels(faces)]
 
 
 def load_kernels(device: str, *, block_dim: int, related: bool, faces: bool, staged: bool) -> None:

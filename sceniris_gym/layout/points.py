@@ -15,7 +15,7 @@ from sceniris_gym.layout.placed import Placed, placed
 from sceniris_gym.layout.polygons import draw_in_polygon
 from sceniris_gym.layout.posing import pose_candidate
 from sceniris_gym.layout.race import NOBODY, finish, numbers_of, point_numbers, winner_index
-from sceniris_gym.layout.region_pieces import cut_triangle, posed_triangle
+from sceniris_gym.layout.region_pieces import LEAST_AREA, cut_triangle, posed_triangle
 from sceniris_gym.layout.regions import outline_distance
 from sceniris_gym.layout.relations import relation_holds
 from sceniris_gym.layout.search import Search, SearchSize
@@ -23,7 +23,7 @@ from sceniris_gym.layout.sides import support_pose
 from sceniris_gym.layout.transforms import Pose, apply
 from sceniris_gym.program.device import Cause, OrientationType, Program
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _MAX_CORNERS = wp.constant(MAX_CORNERS)
 _EMPTY = wp.constant(int(Cause.EMPTY))
@@ -155,7 +155,9 @@ def _race_again(
             numbers = numbers_of(program, split, layouts, search, racing)
             best = NOBODY
             for k in range(lane, search.pieces[racing], wp.block_dim()):
-                best = wp.min(best, finish(numbers, redraw, search.piece[racing, k], search.piece_area[racing, k]))
+                size = search.piece_area[racing, k]
+                if size > LEAST_AREA:
+                    best = wp.min(best, finish(numbers, redraw, search.piece[racing, k], size))
             best = wp.tile_extract(wp.tile_min(wp.tile(best)), 0)
             if lane == other:
                 own = best

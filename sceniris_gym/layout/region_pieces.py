@@ -10,17 +10,17 @@ import warp as wp
 from sceniris_gym.config.limits import MAX_CORNERS
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.polygons import HalfPlane, area, clip, set_triangle
-from sceniris_gym.layout.race import NOBODY, Numbers, finish, numbers_of
+from sceniris_gym.layout.race import NOBODY, finish, numbers_of
 from sceniris_gym.layout.search import Search, SearchSize
 from sceniris_gym.layout.sides import support_pose
 from sceniris_gym.layout.transforms import Pose, apply
 from sceniris_gym.program.device import Program
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _MAX_CORNERS = wp.constant(MAX_CORNERS)
 # Pieces below this area [m^2] are rounding: a line of 1 mm, drawn 40 um wide, has 4e-8.
-_LEAST_AREA = wp.constant(1.0e-10)
+LEAST_AREA = wp.constant(1.0e-10)
 # A triangle further beyond a side than this [m] has nothing left, and one that is further inside is left as it is: ten
 # times what rounds off within a few metres; 100 m away heights round to 0.03 mm, which moves a cut by no more.
 _SURE = wp.constant(1.0e-5)
@@ -123,61 +123,39 @@ def cut_triangle(
     return num
 
 
-@wp.struct
-class _Place:
-    """Where a lane has got to among the pieces of a candidate: all combinations of a triangle, then the next one."""
-
-    tri: int
-    combination: int
-    t: Triangle
-
-
-@wp.func
-def _next_piece(program: Program, search: Search, c: int, obj: int, frame: Pose, parts: int, at: _Place) -> _Place:
-    """The next piece that may have any area, from a place on; beyond all triangles if there is none."""
-    variant = search.turn[c].variant
-    triangles = program.variant_trinum[variant]
-    combinations = program.obj_cutnum[obj]
-    while at.tri < triangles:
-        while at.combination < combinations:
-            if not _is_surely_empty(program, search, c, obj, at.combination, at.t):
-                return at
-            at.combination += 1
-        at.tri += parts
-        at.combination = 0
-        if at.tri < triangles:
-            at.t = posed_triangle(program, program.variant_triadr[variant] + at.tri, frame)
-            if _is_out_of_reach(program, search, c, obj, at.t):
-                at.combination = combinations
-    return at
+@wp.kernel(grid_stride=False)
+def _find_pieces(
+    program: Program,
+    lanes: int,
+    least_parts: int,
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+):
+    num = search.cuts[0]
+    parts = wp.max(lanes // wp.max(num, 1), least_parts)
+    for i in range(wp.tid(), parts * num, lanes):
+        c = search.cut[i // parts]
+        obj = search.obj[c]
+        frame = support_pose(program, layouts, search.row[c], obj)
+        variant = search.turn[c].variant
+        triangles = program.variant_trinum[variant]
+        for tri in range(i % parts, triangles, parts):
+            t = posed_triangle(program, program.variant_triadr[variant] + tri, frame)
+            if _is_out_of_reach(program, search, c, obj, t):
+                continue
+            for combination in range(program.obj_cutnum[obj]):
+                if not _is_surely_empty(program, search, c, obj, combination, t):
+                    search.piece[c, wp.atomic_add(search.pieces, c, 1)] = combination * triangles + tri
 
 
-@wp.func
-def _measure(
-    program: Program, search: Search, c: int, obj: int, frame: Pose, numbers: Numbers, part: int, parts: int
-) -> wp.uint64:
-    """List a lane's part of the pieces of a candidate's region that have any area. Returns the one that wins."""
-    triangles = program.variant_trinum[search.turn[c].variant]
-    polygon = wp.zeros(shape=(_MAX_CORNERS,), dtype=wp.vec2)
-    best = NOBODY
-    at = _Place()
-    at.tri = part - parts
-    at.combination = program.obj_cutnum[obj]
-    # Lanes look for their next piece together and then cut together, rather than one after the other.
-    at = _next_piece(program, search, c, obj, frame, parts, at)
-    while at.tri < triangles:
-        size = area(polygon, cut_triangle(program, search, c, obj, at.combination, at.t, polygon))
-        if size > _LEAST_AREA:
-            index = at.combination * triangles + at.tri
-            place = wp.atomic_add(search.pieces, c, 1)
-            search.piece[c, place] = index
-            search.piece_area[c, place] = size
-            best = wp.min(best, finish(numbers, 0, index, size))
-        at.combination += 1
-        at = _next_piece(program, search, c, obj, frame, parts, at)
-    return best
+def launch_find_pieces(program: Program, size: SearchSize, layouts: LayoutsView, search: Search, device: str) -> None:
+    """List the pieces of listed candidates that may have any area."""
+    inputs = [program, size.lanes, size.parts, layouts]
+    wp.launch(_find_pieces, dim=size.lanes, inputs=inputs, outputs=[search], device=device)
 
 
+# Apart from the search for pieces: what is found there is shared out among lanes here, and all of them cut at once.
 @wp.kernel(grid_stride=False)
 def _measure_pieces(
     program: Program,
@@ -195,7 +173,17 @@ def _measure_pieces(
         obj = search.obj[c]
         frame = support_pose(program, layouts, search.row[c], obj)
         numbers = numbers_of(program, split, layouts, search, c)
-        best = _measure(program, search, c, obj, frame, numbers, i % parts, parts)
+        variant = search.turn[c].variant
+        triangles = program.variant_trinum[variant]
+        polygon = wp.zeros(shape=(_MAX_CORNERS,), dtype=wp.vec2)
+        best = NOBODY
+        for k in range(i % parts, search.pieces[c], parts):
+            index = search.piece[c, k]
+            t = posed_triangle(program, program.variant_triadr[variant] + index % triangles, frame)
+            size = area(polygon, cut_triangle(program, search, c, obj, index // triangles, t, polygon))
+            search.piece_area[c, k] = size
+            if size > LEAST_AREA:
+                best = wp.min(best, finish(numbers, 0, index, size))
         if best != NOBODY:
             wp.atomic_min(search.winner, c, best)
 
@@ -203,6 +191,6 @@ def _measure_pieces(
 def launch_measure_pieces(
     program: Program, split: int, size: SearchSize, layouts: LayoutsView, search: Search, device: str
 ) -> None:
-    """List the pieces of listed candidates that have any area, and let them run the first race."""
+    """Measure the pieces that are listed, and let them run the first race."""
     inputs = [program, split, size.lanes, size.parts, layouts]
     wp.launch(_measure_pieces, dim=size.lanes, inputs=inputs, outputs=[search], device=device)

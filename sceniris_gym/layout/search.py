@@ -86,7 +86,7 @@ class Search:
     hulls: wp.array2d(dtype=wp.vec2)
     sides: wp.array2d(dtype=HalfPlane)  # around the pieces of its relations
     side_num: wp.array2d(dtype=int)  # how many of them each piece of a relation has; -1 where that is not active
-    pieces: wp.array(dtype=int)  # pieces of its region that have any area
+    pieces: wp.array(dtype=int)  # pieces of its region that may have any area
     piece: wp.array2d(dtype=int)  # their numbers
     piece_area: wp.array2d(dtype=float)  # [m^2]
     winner: wp.array(dtype=wp.uint64)  # the piece that wins the first race: its time and its number
@@ -102,6 +102,12 @@ class Search:
 def candidate_num(search: Search) -> int:
     """How many candidates this wave has: those that rows asked for, as far as there is room."""
     return wp.min(search.candidates[0], search.cause.shape[0])
+
+
+@wp.func
+def leaf_num(search: Search) -> int:
+    """How many pairs of leaves wait: those that were found, as far as there is room."""
+    return wp.min(search.leaves[0], search.leaf.shape[0])
 
 
 @wp.func

@@ -202,6 +202,8 @@ class Program:
     piece_vertadr: wp.array(dtype=int)
     piece_vertnum: wp.array(dtype=int)
     piece_radius: wp.array(dtype=float)  # of the sphere around its frame's origin that holds it [m]
+    core_center: wp.array(dtype=wp.vec3)  # of each piece a box inside of it, in its frame
+    core_half: wp.array(dtype=wp.vec3)  # zeros: none
     vert: wp.array(dtype=wp.vec3)
     # Colliders: a binary tree of boxes in the body's frame. `node_child` is the left child (the right one follows it),
     # or ~leaf: a piece (physics) or a face (visual).
@@ -221,7 +223,9 @@ class Program:
     point: wp.array(dtype=wp.vec3)  # one of each closed component, for containment
     pair_a: wp.array(dtype=int)
     pair_b: wp.array(dtype=int)
-    pair_own: wp.array(dtype=int)  # bits: 1, a is of the object that is placed (or of the robot); 2, b is
+    # Body of a, body of b, bits (1: a is of the object that is placed, or of the robot; 2: b is), and the piece that b
+    # is if it is a plane, else -1.
+    pair_bodies: wp.array(dtype=wp.vec4i)
     pair_margin: wp.array(dtype=float)  # negative: how deep two pieces may be that are in each other at home
     pair_touch: wp.array(dtype=float)  # the least distance [m] where the pair is an object and its support
     pair_wayadr: wp.array(dtype=int)

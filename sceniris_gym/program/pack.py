@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.geometry.colliders import Colliders
+from sceniris_gym.geometry.cores import no_core, piece_core
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.ragged import ranges
 from sceniris_gym.program.pack_objects import footprint_hulls, pack_objects
@@ -27,7 +28,7 @@ def pack_program(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int
         | pack_relations(scene, plan)
         | pack_groups(scene, plan)
         | pack_regions(plan, scene.config.where)
-        | pack_pieces([*plan.pieces, *footprint_hulls(plan)])
+        | pack_pieces([*plan.pieces, *footprint_hulls(plan)], scene.config.geometry == "visual")
         | pack_bodies(scene)
         | {"home_qpos": scene.home_qpos, "home_place": plan.place, "home_bounds": plan.bounds}
     )
@@ -47,9 +48,10 @@ def pack_groups(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
     }
 
 
-def pack_pieces(pieces: list[Piece]) -> dict[str, np.ndarray]:
-    """Fields `piece_*` and `vert`."""
+def pack_pieces(pieces: list[Piece], visual: bool) -> dict[str, np.ndarray]:
+    """Fields `piece_*`, `core_*` and `vert`; where faces are tested, pieces need no cores."""
     vert, adr, num = ranges(p.vertices for p in pieces)
+    cores = [no_core() if visual else piece_core(p) for p in pieces]
     return {
         "piece_type": np.array([p.type for p in pieces], int),
         "piece_body": np.array([p.body for p in pieces], int),
@@ -59,6 +61,8 @@ def pack_pieces(pieces: list[Piece]) -> dict[str, np.ndarray]:
         "piece_radius": np.array([p.radius for p in pieces], float),
         "piece_vertadr": adr,
         "piece_vertnum": num,
+        "core_center": np.reshape([center for center, _ in cores], (-1, 3)),
+        "core_half": np.reshape([half for _, half in cores], (-1, 3)),
         "vert": np.reshape(vert, (-1, 3)),
     }
 

@@ -138,7 +138,13 @@ def _pairs(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int) -> d
     own = [[int(colliders.body[c] in owners[i]) for c in (p.a, p.b)] for i, part in enumerate(lists) for p in part]
     way, wayadr, waynum = ranges([*p.ways[0], *p.ways[1]] for p in pairs)
     return {
-        "pair_own": np.array([a + 2 * b for a, b in own], int),
+        "pair_bodies": np.reshape(
+            [
+                (colliders.body[p.a], colliders.body[p.b], a + 2 * b, colliders.plane[p.b])
+                for p, (a, b) in zip(pairs, own, strict=True)
+            ],
+            (-1, 4),
+        ).astype(int),
         "obj_pairadr": pairadr[:number],
         "obj_pairnum": pairnum[:number],
         "obj_startadr": startadr[:number],

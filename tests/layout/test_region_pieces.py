@@ -15,7 +15,7 @@ from sceniris_gym.layout import region_pieces
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.polygons import area
-from sceniris_gym.layout.region_pieces import launch_measure_pieces
+from sceniris_gym.layout.region_pieces import launch_find_pieces, launch_measure_pieces
 from sceniris_gym.layout.search import Search, default_size
 from sceniris_gym.layout.sides import launch_build_sides, support_pose
 from sceniris_gym.program.device import Program
@@ -142,6 +142,7 @@ def test_any_number_of_lanes_finds_the_same_pieces(name: str, lanes: int, parts:
         search.cause.zero_()
         search.cuts.zero_()
         launch_build_sides(program, size.lanes, view, search, "cpu")
+        launch_find_pieces(program, size, view, search, "cpu")
         launch_measure_pieces(program, 0, size, view, search, "cpu")
         listed = np.sort(search.cut.numpy()[: search.cuts.numpy()[0]])
         pieces = [sorted(zip(*_listed(search, c), strict=True)) for c in listed]

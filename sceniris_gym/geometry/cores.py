@@ -1,0 +1,59 @@
+"""Cores: boxes inside of things. Where two of them overlap the things collide, whatever their surfaces look like."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sceniris_gym.geometry.pieces import Piece, PieceType
+from sceniris_gym.geometry.rotations import matrix
+
+# A core is smaller than what it lies in by this much [m] on every side, so that rounding cannot push it out.
+_INSIDE = 2.0e-5
+# Thinner ones [m] prove little.
+_LEAST_HALF = 3.0e-4
+# How often each side of a box moves out, by which share of the room that it has.
+_SHARES = (0.3, 0.3, 0.5, 0.5, 1.0)
+
+Box = tuple[np.ndarray, np.ndarray]
+"""Centre and half extents [m], shape (3,) each; half extents of 0 stand for no core."""
+
+
+def no_core() -> Box:
+    """What has no room for a box."""
+    return np.zeros(3), np.zeros(3)
+
+
+def piece_core(piece: Piece) -> Box:
+    """A large box inside of a piece's convex form, in the piece's frame.
+
+    It begins in the middle with the proportions of the piece's bounds, then its sides move out one after the other.
+    """
+    if piece.type == PieceType.PLANE or piece.mesh is None:
+        return no_core()
+    triangles = (piece.mesh.triangles - piece.pos) @ matrix(piece.quat)
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    lengths = np.linalg.norm(normals, axis=1)
+    normals = normals[lengths > 0.0] / lengths[lengths > 0.0, None]
+    vertices = np.unique(triangles.reshape(-1, 3), axis=0)
+    limits = (vertices @ normals.T).max(axis=0)
+    lower, upper = vertices.min(axis=0), vertices.max(axis=0)
+    middles = [0.5 * (lower + upper), vertices.mean(axis=0)]
+    sizes = [((limits - normals @ m) / (np.abs(normals) @ (upper - lower))).min() for m in middles]
+    best = int(np.argmax(sizes))
+    if sizes[best] <= 0.0:
+        return no_core()
+    room = sizes[best] * (upper - lower)
+    low, high = middles[best] - room, middles[best] + room
+    for share in _SHARES:
+        for axis in range(3):
+            for side, sign in ((low, -1.0), (high, 1.0)):
+                along = sign * normals[:, axis]
+                reach = np.maximum(normals * low, normals * high).sum(axis=1)
+                facing = along > 1e-9
+                side[axis] += sign * share * max(((limits - reach)[facing] / along[facing]).min(), 0.0)
+    return _box(low, high)
+
+
+def _box(low: np.ndarray, high: np.ndarray) -> Box:
+    half = 0.5 * (high - low) - _INSIDE
+    return (0.5 * (low + high), half) if half.min() >= _LEAST_HALF else no_core()
