@@ -46,9 +46,18 @@ def _write_state(
 
 
 @wp.func
-def _place(program: Program, reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, lane: int):
-    """Write a candidate into its row. All lanes of a block call it together."""
-    lanes = wp.block_dim()
+def _place(
+    program: Program,
+    reach: Reach,
+    layouts: LayoutsView,
+    search: Search,
+    c: int,
+    row: int,
+    obj: int,
+    lane: int,
+    lanes: int,
+):
+    """Write a candidate into its row: the part of one of so many lanes."""
     qpos = layouts.qpos[row]
     _write_state(program, search, c, obj, lane, lanes, qpos, layouts.mocap_pos[row], layouts.mocap_quat[row])
     for i in range(lane, program.obj_bodynum[obj], lanes):
@@ -131,20 +140,21 @@ def _ends_row(program: Program, obj: int, cause: int) -> bool:
 
 @wp.func
 def _accept_first(
-    program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, obj: int, lane: int
+    program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, obj: int, lane: int, lanes: int
 ) -> int:
     """Place the first of a row's candidates that passed. Returns the row's next trial, or PLACED.
 
-    All lanes of a block call it together.
+    One lane does all of it, or all lanes of a block call it together.
     """
     first = search.row_first[row]
     trials = search.row_trials[row]
     end = int(trials)
-    for t in range(lane, trials, wp.block_dim()):
+    for t in range(lane, trials, lanes):
         if t < end and _ends_row(program, obj, search.cause[first + t]):
             end = t
-    end = wp.tile_extract(wp.tile_min(wp.tile(end)), 0)
-    for t in range(lane, wp.min(end + 1, trials), wp.block_dim()):
+    if lanes > 1:
+        end = wp.tile_extract(wp.tile_min(wp.tile(end)), 0)
+    for t in range(lane, wp.min(end + 1, trials), lanes):
         cause = search.cause[first + t]
         if cause != _NONE:
             _count_rejection(layouts, search, row, obj, cause)
@@ -156,7 +166,7 @@ def _accept_first(
         return search.row_trial[row] + trials
     if search.cause[first + end] != _NONE:
         return program.attempts
-    _place(program, reach, layouts, search, first + end, row, obj, lane)
+    _place(program, reach, layouts, search, first + end, row, obj, lane, lanes)
     return _PLACED
 
 
@@ -188,13 +198,23 @@ def _accept(
     block, lane = wp.tid()
     if block == 0 and lane == 0:
         search.candidates[0] = 0  # of the next wave
-    for i in range(block, search.rows[0], blocks):
+    # A block for each row is sooner done with it, a lane for each gets through many rows.
+    first = int(block)
+    step = int(blocks)
+    lanes = int(wp.block_dim())
+    if search.rows[0] > blocks:
+        first = block * lanes + lane
+        step = blocks * lanes
+        lane = 0
+        lanes = 1
+    for i in range(first, search.rows[0], step):
         row = search.queue[search.source[0], i]
         obj = search.row_object[row]
         trial = int(search.row_trial[row])
         if search.row_trials[row] > 0:  # else the wave had no room for it
-            trial = _accept_first(program, reach, layouts, search, row, obj, lane)
-        block_sync()  # all lanes have read what is written here, and written what is read
+            trial = _accept_first(program, reach, layouts, search, row, obj, lane, lanes)
+        if lanes > 1:
+            block_sync()  # all lanes have read what is written here, and written what is read
         if lane == 0:
             _go_on_from(program, reach, layouts, search, row, obj, trial)
 

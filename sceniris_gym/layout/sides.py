@@ -14,7 +14,7 @@ from sceniris_gym.layout.search import Search, candidate_num
 from sceniris_gym.layout.transforms import Pose, pose_of
 from sceniris_gym.program.device import Cause, ObjectKind, Program
 
-wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+wp.set_module_options({"enable_backward": False})
 
 _MAX_ANCHORS = wp.constant(MAX_ANCHORS)
 _MAX_RELATIONS = wp.constant(MAX_RELATIONS)

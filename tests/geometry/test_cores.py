@@ -35,6 +35,7 @@ def _piece(name: str) -> Piece:
 
 def _holds(piece: Piece, points: np.ndarray) -> np.ndarray:
     """Which points, in the piece's frame, lie in its surface as it is tessellated: by its faces' planes."""
+    assert piece.mesh is not None
     mesh = trimesh.convex.convex_hull((piece.mesh.vertices - piece.pos) @ matrix(piece.quat))
     heights = points @ mesh.face_normals.T - (mesh.face_normals * mesh.triangles[:, 0]).sum(axis=1)
     return (heights <= 0.0).all(axis=1)
@@ -46,6 +47,7 @@ def test_the_corners_of_a_core_lie_inside_and_it_has_most_of_the_room(name: str)
     piece = _piece(name)
     center, half = piece_core(piece)
     signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, 8).T
+    assert piece.mesh is not None
     assert half.min() > 0.0
     assert _holds(piece, center + signs * (half + 1.5e-5)).all()
     assert 8.0 * half.prod() >= 0.66 * BEST[name] * piece.mesh.convex_hull.volume
