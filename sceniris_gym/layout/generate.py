@@ -28,7 +28,7 @@ from sceniris_gym.layout.rounds import (
 )
 from sceniris_gym.layout.screen import launch_screen
 from sceniris_gym.layout.search import SearchSize, create_search, default_size
-from sceniris_gym.layout.seeds import seeds_on_device
+from sceniris_gym.layout.seeds import launch_reseed, seeds_on_device
 from sceniris_gym.layout.sequence import LaunchSequence, repeat_launches
 from sceniris_gym.layout.sides import launch_build_sides
 from sceniris_gym.program.compiled import CompiledScene
@@ -37,22 +37,6 @@ from sceniris_gym.program.device_reach import Reach
 
 # Regions of more pieces than this make a candidate so dear that fewer restarts are tried at once.
 _MOST_PIECES = 1024
-
-
-@wp.kernel(enable_backward=False)
-def _reseed(
-    seed_in: wp.array(dtype=wp.uint64),
-    mask: wp.array(dtype=bool),
-    # Layouts out:
-    seed: wp.array(dtype=wp.uint64),
-    episode: wp.array(dtype=int),
-):
-    worldid = wp.tid()
-    if mask:
-        if not mask[worldid]:
-            return
-    seed[worldid] = seed_in[worldid]
-    episode[worldid] = -1
 
 
 class LayoutGenerator:
@@ -136,13 +120,7 @@ class LayoutGenerator:
 
     def launch_reseed(self, seeds: wp.array, mask: wp.array | None) -> None:
         """See `LayoutSource`."""
-        wp.launch(
-            _reseed,
-            dim=self.nworld,
-            inputs=[seeds, mask],
-            outputs=[self.layouts.seed, self.layouts.episode],
-            device=self.compiled.device,
-        )
+        launch_reseed(seeds, mask, self.layouts.seed, self.layouts.episode)
 
     def generate(self, mask: wp.array | None = None) -> None:
         """Advance the masked worlds by one episode and write their new layouts into `layouts`.

@@ -1,4 +1,4 @@
-"""Seeds of worlds as users give them, checked once."""
+"""Seeds of worlds as users give them, checked once, and how worlds get new ones."""
 
 from __future__ import annotations
 
@@ -9,6 +9,36 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import SeedError
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def _reseed(
+    seed_in: wp.array(dtype=wp.uint64),
+    mask: wp.array(dtype=bool),
+    # Layouts out:
+    seed: wp.array(dtype=wp.uint64),
+    episode: wp.array(dtype=int),
+):
+    worldid = wp.tid()
+    if mask:
+        if not mask[worldid]:
+            return
+    seed[worldid] = seed_in[worldid]
+    episode[worldid] = -1
+
+
+def launch_reseed(seeds: wp.array, mask: wp.array | None, seed: wp.array, episode: wp.array) -> None:
+    """Give the masked worlds (None: all) new seeds; the next layout that they get is that of episode 0.
+
+    Args:
+        seeds: New seeds, shape (nworld,), uint64, on the device like all others.
+        mask: Which worlds, shape (nworld,), bool.
+        seed: Seeds of the worlds' layouts, shape (nworld,), written.
+        episode: Their episodes, shape (nworld,), written.
+    """
+    wp.launch(_reseed, dim=seed.shape[0], inputs=[seeds, mask], outputs=[seed, episode], device=seed.device)
 
 
 def seeds_on_device(seed: Any, nworld: int, device: Any) -> wp.array:

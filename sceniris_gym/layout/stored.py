@@ -8,7 +8,7 @@ import warp as wp
 from sceniris_gym.errors import SceneMismatchError
 from sceniris_gym.layout.generate import check_mask
 from sceniris_gym.layout.layouts import Layouts, Status
-from sceniris_gym.layout.seeds import seeds_on_device
+from sceniris_gym.layout.seeds import launch_reseed, seeds_on_device
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -16,21 +16,6 @@ from sceniris_gym.scene.layout_table import LayoutTable
 wp.set_module_options({"enable_backward": False})
 
 _VALID = wp.constant(int(Status.VALID))
-
-
-@wp.kernel
-def _reseed(
-    # In:
-    mask: wp.array[wp.bool],
-    seed_in: wp.array[wp.uint64],
-    # Layouts out:
-    seed_out: wp.array[wp.uint64],
-    episode_out: wp.array[int],
-):
-    worldid = wp.tid()
-    if mask[worldid]:
-        seed_out[worldid] = seed_in[worldid]
-        episode_out[worldid] = -1
 
 
 @wp.kernel
@@ -117,13 +102,7 @@ class StoredLayouts:
 
     def launch_reseed(self, seeds: wp.array, mask: wp.array | None) -> None:
         """See `LayoutSource`."""
-        wp.launch(
-            _reseed,
-            dim=seeds.shape[0],
-            inputs=[self._all if mask is None else mask, seeds],
-            outputs=[self.layouts.seed, self.layouts.episode],
-            device=self.device,
-        )
+        launch_reseed(seeds, mask, self.layouts.seed, self.layouts.episode)
 
     def launch_generate(self, mask: wp.array | None) -> None:
         """Serve the next row to the masked worlds; see `LayoutSource`."""

@@ -13,6 +13,7 @@ import warp as wp
 from sceniris_gym.errors import SceneMismatchError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.layout.seeds import seeds_on_device
 from sceniris_gym.layout.sequence import LaunchSequence
 from sceniris_gym.layout.source import LayoutSource
@@ -60,6 +61,10 @@ class ResetRandomizer:
         data: mujoco_warp Data of the worlds. `default_budget(compiled.mjm)` in sceniris_gym.sim.batch gives an nconmax
             and an njmax with room for contacts; `check_budget` tells whether those of `data` are large enough.
         layout_source: The LayoutSource; None makes a LayoutGenerator with `seed` and `split`.
+        prefetch: Make the next layout of every world ahead, on a GPU beside the steps that follow, so that a reset only
+            copies: the same layouts, for the memory of a second batch of them. None: on a GPU that can run conditional
+            graphs. In a graph of your own that resets are captured into they are made in place. Not used with a
+            layout_source.
         seed: Seed of world 0, world i has seed + i; or one seed per world. Not used with a layout_source.
         split: "train" or "eval", which share no random numbers. Not used with a layout_source.
         needs: What else to bring up to date after a reset, keys of sceniris_gym.sim.batch.NEEDS.
@@ -82,14 +87,20 @@ class ResetRandomizer:
         layout_source: LayoutSource | None = None,
         seed: int | Sequence[int] = 0,
         split: str = "train",
+        prefetch: bool | None = None,
         needs: Iterable[str] = (),
         graph: bool = True,
     ) -> None:
         self.compiled, self.model, self.data = compiled, model, data
         self.device: wp.Device = data.qpos.device
+        self._prepared: PreparedLayouts | None = None
         if layout_source is None:
             layout_source = LayoutGenerator(compiled, data.nworld, seed=seed, split=split)
-        self.layout_source = layout_source
+            if prefetch is None:
+                prefetch = self.device.is_cuda and wp.is_conditional_graph_supported()
+            if prefetch:
+                layout_source = self._prepared = PreparedLayouts(layout_source)
+        self.layout_source: LayoutSource = layout_source
         self._check_fit()
         home_act, home_plastic = np.zeros(compiled.mjm.na), np.empty(0)
         if (key := mujoco.mj_name2id(compiled.mjm, mujoco.mjtObj.mjOBJ_KEY, "home")) >= 0:
@@ -128,7 +139,10 @@ class ResetRandomizer:
 
     def launch_reset(self) -> None:
         """Reset the worlds in `self.mask`, which the caller has filled on the device: `reset` without its checks."""
-        self._reset()
+        if self._prepared is None:
+            self._reset()
+        else:
+            self._prepared.serve(self._reset)
 
     def reseed(self, seeds: int | Sequence[int] | np.ndarray | wp.array, mask: Any = None) -> None:
         """Give the masked worlds new seeds; their next layouts are those of episode 0.

@@ -82,6 +82,7 @@ class SceneVectorEnv(VectorEnv):
         render_camera: Name of the camera.
         layout_source: Function that makes a LayoutSource: `layout_source(compiled, num_envs)`. None makes a
             LayoutGenerator.
+        prefetch: Make the next layout of every world ahead; see ResetRandomizer. Not used with a layout_source.
         nconmax: Contacts per world; None takes default_budget.
         njmax: Constraint rows per world; None takes default_budget.
         graph: Capture steps and resets into graphs and replay them.
@@ -112,6 +113,7 @@ class SceneVectorEnv(VectorEnv):
         render_size: tuple[int, int] = (320, 240),
         render_camera: str = "overview",
         layout_source: Callable[[CompiledScene, int], LayoutSource] | None = None,
+        prefetch: bool | None = None,
         nconmax: int | None = None,
         njmax: int | None = None,
         graph: bool = True,
@@ -147,6 +149,7 @@ class SceneVectorEnv(VectorEnv):
             self.batch.data,
             layout_source=layout_source(self.compiled, num_envs) if layout_source else None,
             split=split,
+            prefetch=prefetch,
             needs=needs,
             graph=graph,
         )

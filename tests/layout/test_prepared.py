@@ -1,0 +1,112 @@
+"""Layouts that are made ahead are those that would be made in place, whatever is reset, reseeded or captured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import warp as wp
+
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.prepared import PreparedLayouts
+from sceniris_gym.layout.sequence import LaunchSequence
+from sceniris_gym.program.compiled import CompiledScene
+from tests.layout.reaching import crane_map, crane_mjcf, crane_scene
+from tests.layout.scenes import box_mjcf
+
+NWORLD = 24
+MADE = ("seed", "episode", "qpos", "mocap_pos", "mocap_quat", "present", "grasp", "grasp_qpos", "pregrasp_qpos")
+COUNTED = ("status", "attempts", "first_pass_valid")
+
+
+def _crane(folder: Path, device: str) -> CompiledScene:
+    """A crane that is to reach a cube clear of all else, and another cube that is there or not."""
+    asset, cube = crane_mjcf(folder), box_mjcf(folder, "cube", 0.04, 0.04, 0.04)
+    crane_map(asset)
+    scene = crane_scene(asset, cube, reachable="clear")
+    scene["objects"]["other"] = {"asset": cube, "on": "floor", "reachable": "map"}
+    scene["groups"] = {"some": {"of": ["other"], "count": [0, 1]}}
+    return compile_scene({**scene, "bank": 4}, device)
+
+
+def _bits(source: LayoutGenerator | PreparedLayouts) -> dict[str, bytes]:
+    return {name: getattr(source.layouts, name).numpy().tobytes() for name in (*MADE, *COUNTED)}
+
+
+def _same(compiled: CompiledScene, graph: bool) -> None:
+    """Compare both sources over resets of some worlds, of none and of all, with new seeds in between."""
+    rng, device = np.random.default_rng(0), wp.get_device(compiled.device)
+    plain = LayoutGenerator(compiled, NWORLD, seed=5)
+    prepared = PreparedLayouts(LayoutGenerator(compiled, NWORLD, seed=5))
+    mask = wp.zeros(NWORLD, dtype=wp.bool, device=device)
+    launches = LaunchSequence(lambda: prepared.launch_generate(mask), device, graph=graph)
+    for step in range(24):
+        chosen = rng.random(NWORLD) < (1.0, 0.0, 0.1, 0.6)[step % 4]
+        if step % 5 == 4:  # also back to seeds whose layouts were made already
+            some = rng.random(NWORLD) < 0.5
+            which = wp.array(some, dtype=wp.bool, device=device)
+            seeds = wp.array(rng.integers(0, 40, NWORLD), dtype=wp.uint64, device=device)
+            plain.launch_reseed(seeds, which)
+            prepared.launch_reseed(seeds, which)
+        mask.assign(chosen)
+        plain.generate(mask)
+        prepared.serve(launches)
+        if step % 6 == 5:  # twice in a row, before anything made ahead is done
+            plain.generate(mask)
+            prepared.serve(launches)
+        assert _bits(plain) == _bits(prepared), f"step {step}"
+
+
+@pytest.mark.parametrize("graph", [True, False])
+def test_layouts_made_ahead_are_those_made_in_place(tmp_path: Path, graph: bool):
+    """Bit for bit, of two scenes: one with a stage after placing, one with regions that relations leave."""
+    _same(_crane(tmp_path, "cpu"), graph)
+    _same(compile_scene("hard_plus", "cpu"), graph)
+
+
+@pytest.mark.cuda
+@pytest.mark.parametrize("graph", [True, False])
+def test_layouts_made_ahead_on_a_gpu_are_those_made_in_place(tmp_path: Path, graph: bool):
+    """The same with two streams."""
+    _same(_crane(tmp_path, "cuda:0"), graph)
+    _same(compile_scene("hard_plus", "cuda:0"), graph)
+
+
+def test_what_is_ready_is_not_made_again():
+    """After a first reset nothing is missing in the second one, nor where a world was not reset; after a reseed all is."""
+    compiled = compile_scene("mid", "cpu")
+    prepared = PreparedLayouts(LayoutGenerator(compiled, NWORLD))
+    mask = wp.ones(NWORLD, dtype=wp.bool, device="cpu")
+    missing = []
+    for step in range(4):
+        if step == 3:
+            prepared.launch_reseed(wp.array(np.arange(100, 100 + NWORLD), dtype=wp.uint64, device="cpu"), None)
+        mask.assign(np.arange(NWORLD) % (step + 1) == 0)
+        prepared.serve(lambda: prepared.launch_generate(mask))
+        missing.append(int(prepared._missing.numpy().sum()))
+    assert missing == [NWORLD, 0, 0, NWORLD // 4]
+
+
+@pytest.mark.cuda
+def test_a_captured_reset_waits_for_what_is_made_beside_it():
+    """A graph of the caller's own, replayed in turn with resets outside of it, gives the layouts of one after another."""
+    compiled = compile_scene("hard_plus", "cuda:0")
+    plain = LayoutGenerator(compiled, NWORLD, seed=5)
+    prepared = PreparedLayouts(LayoutGenerator(compiled, NWORLD, seed=5))
+    mask = wp.ones(NWORLD, dtype=wp.bool, device="cuda:0")
+    reset = LaunchSequence(lambda: prepared.launch_generate(mask), wp.get_device("cuda:0"))
+    prepared.serve(reset)
+    plain.generate(mask)
+    stream = wp.Stream("cuda:0")
+    with wp.ScopedStream(stream), wp.ScopedCapture("cuda:0") as capture:
+        prepared.serve(reset)
+    for _ in range(4):
+        with wp.ScopedStream(stream, sync_exit=True):
+            wp.capture_launch(capture.graph)
+        plain.generate(mask)
+        assert _bits(plain) == _bits(prepared)
+        prepared.serve(reset)
+        plain.generate(mask)
+        assert _bits(plain) == _bits(prepared)
