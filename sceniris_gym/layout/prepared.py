@@ -83,12 +83,14 @@ class PreparedLayouts:
 
     Args:
         generator: Makes the layouts; nobody else may use it from now on.
+        stream: Where they are made ahead on a GPU; None: a new one. CUDA runs nothing beside its default stream, which
+            is torch's too, but what is on streams that were made non-blocking, as torch makes its own.
 
     Attributes:
         layouts: The rows served last.
     """
 
-    def __init__(self, generator: LayoutGenerator) -> None:
+    def __init__(self, generator: LayoutGenerator, stream: wp.Stream | None = None) -> None:
         self.layouts = Layouts.create(generator.compiled, generator.nworld)
         self._generator, nworld = generator, generator.nworld
         self._device = wp.get_device(generator.compiled.device)
@@ -96,13 +98,18 @@ class PreparedLayouts:
         wp.copy(self.layouts.seed, generator.layouts.seed)
         self._stream = self._ready = None
         if self._device.is_cuda:
-            self._stream = wp.Stream(self._device, priority=_HIGH_PRIORITY)
+            self._stream = wp.Stream(self._device, priority=_HIGH_PRIORITY) if stream is None else stream
             self._ready = wp.Event(self._device)
             with wp.ScopedStream(self._stream):
                 wp.record_event(self._ready)
         self._make_ahead = LaunchSequence(
             lambda: generator.launch_generate(self._wanted), self._device, priority=_HIGH_PRIORITY
         )
+
+    def __del__(self) -> None:
+        # memory that is still written to must not be given to anybody else
+        if getattr(self, "_ready", None) is not None:
+            wp.synchronize_event(self._ready)
 
     def serve(self, reset: Callable[[], None]) -> None:
         """Run launches with `launch_generate` among them, then let the next layouts of the same worlds be made.
@@ -139,4 +146,6 @@ class PreparedLayouts:
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """How many candidates were rejected so far, those of layouts made ahead among them; see `LayoutSource`."""
+        if self._ready is not None:
+            wp.wait_event(self._ready)
         return self._generator.rejection_counts()

@@ -62,9 +62,9 @@ class ResetRandomizer:
             and an njmax with room for contacts; `check_budget` tells whether those of `data` are large enough.
         layout_source: The LayoutSource; None makes a LayoutGenerator with `seed` and `split`.
         prefetch: Make the next layout of every world ahead, on a GPU beside the steps that follow, so that a reset only
-            copies: the same layouts, for the memory of a second batch of them. None: on a GPU that can run conditional
-            graphs. In a graph of your own that resets are captured into they are made in place. Not used with a
-            layout_source.
+            copies: the same layouts, for the memory of a second batch of them. A Stream instead of true is the one they
+            are made on; see PreparedLayouts. In a graph of your own that resets are captured into they are made in
+            place. Not used with a layout_source.
         seed: Seed of world 0, world i has seed + i; or one seed per world. Not used with a layout_source.
         split: "train" or "eval", which share no random numbers. Not used with a layout_source.
         needs: What else to bring up to date after a reset, keys of sceniris_gym.sim.batch.NEEDS.
@@ -87,7 +87,7 @@ class ResetRandomizer:
         layout_source: LayoutSource | None = None,
         seed: int | Sequence[int] = 0,
         split: str = "train",
-        prefetch: bool | None = None,
+        prefetch: bool | wp.Stream = False,
         needs: Iterable[str] = (),
         graph: bool = True,
     ) -> None:
@@ -96,10 +96,9 @@ class ResetRandomizer:
         self._prepared: PreparedLayouts | None = None
         if layout_source is None:
             layout_source = LayoutGenerator(compiled, data.nworld, seed=seed, split=split)
-            if prefetch is None:
-                prefetch = self.device.is_cuda and wp.is_conditional_graph_supported()
             if prefetch:
-                layout_source = self._prepared = PreparedLayouts(layout_source)
+                stream = prefetch if isinstance(prefetch, wp.Stream) else None
+                layout_source = self._prepared = PreparedLayouts(layout_source, stream)
         self.layout_source: LayoutSource = layout_source
         self._check_fit()
         home_act, home_plastic = np.zeros(compiled.mjm.na), np.empty(0)

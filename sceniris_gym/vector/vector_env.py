@@ -82,7 +82,8 @@ class SceneVectorEnv(VectorEnv):
         render_camera: Name of the camera.
         layout_source: Function that makes a LayoutSource: `layout_source(compiled, num_envs)`. None makes a
             LayoutGenerator.
-        prefetch: Make the next layout of every world ahead; see ResetRandomizer. Not used with a layout_source.
+        prefetch: Make the next layout of every world ahead, beside the steps that follow; see ResetRandomizer. Not used
+            with a layout_source.
         nconmax: Contacts per world; None takes default_budget.
         njmax: Constraint rows per world; None takes default_budget.
         graph: Capture steps and resets into graphs and replay them.
@@ -113,7 +114,7 @@ class SceneVectorEnv(VectorEnv):
         render_size: tuple[int, int] = (320, 240),
         render_camera: str = "overview",
         layout_source: Callable[[CompiledScene, int], LayoutSource] | None = None,
-        prefetch: bool | None = None,
+        prefetch: bool = False,
         nconmax: int | None = None,
         njmax: int | None = None,
         graph: bool = True,
@@ -149,7 +150,7 @@ class SceneVectorEnv(VectorEnv):
             self.batch.data,
             layout_source=layout_source(self.compiled, num_envs) if layout_source else None,
             split=split,
-            prefetch=prefetch,
+            prefetch=self._side_stream() if prefetch and self.batch.device.is_cuda else prefetch,
             needs=needs,
             graph=graph,
         )
@@ -349,6 +350,10 @@ class SceneVectorEnv(VectorEnv):
         if device.stream.cuda_stream == stream.cuda_stream:
             return nullcontext()
         return wp.ScopedStream(wp.stream_from_torch(stream), sync_enter=False)
+
+    def _side_stream(self) -> wp.Stream:
+        """Return a stream that runs beside torch's current one, also where that is CUDA's default stream."""
+        return wp.stream_from_torch(torch.cuda.Stream(str(self.batch.device), priority=-1))
 
     def _check_open(self) -> None:
         if self.closed:

@@ -10,6 +10,7 @@ import warp as wp
 
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
+from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.program.compiled import CompiledScene
@@ -61,7 +62,12 @@ def stored(compiled: CompiledScene) -> LayoutSource:
     return StoredLayouts(compiled, make_table(compiled, 40, 0), NWORLD, seed=30)
 
 
-SOURCES = pytest.mark.parametrize("make", [fresh, stored])
+def prepared(compiled: CompiledScene) -> LayoutSource:
+    """Return a generator that works ahead."""
+    return PreparedLayouts(LayoutGenerator(compiled, NWORLD, seed=30))
+
+
+SOURCES = pytest.mark.parametrize("make", [fresh, stored, prepared])
 
 
 @pytest.fixture(scope="module")

@@ -306,8 +306,9 @@ def test_velocities_are_current_where_a_task_needs_them(make_randomizer):
     assert cvel[1] == 0.0
 
 
-def test_it_makes_its_own_layouts_of_a_scene():
-    """Without a generator the layouts are those of a LayoutGenerator of the same seed and split, episode by episode."""
+@pytest.mark.parametrize("prefetch", [False, True])
+def test_it_makes_its_own_layouts_of_a_scene(prefetch: bool):
+    """Without a generator the layouts are those of a LayoutGenerator of the same seed and split, made ahead or not."""
     scene = {
         "model": str(SMALL_ARM),
         "floor": {"size": [1.6, 1.6]},
@@ -316,7 +317,7 @@ def test_it_makes_its_own_layouts_of_a_scene():
     compiled = compile_scene(SceneConfig.load(scene, {"bank": 4}), "cpu")
     with wp.ScopedDevice("cpu"):
         model, data = mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, 3)
-    randomizer = ResetRandomizer(compiled, model, data, seed=5, split="eval")
+    randomizer = ResetRandomizer(compiled, model, data, seed=5, split="eval", prefetch=prefetch)
     twin = LayoutGenerator(compiled, 3, seed=5, split="eval")
     for _ in range(2):
         randomizer.reset()

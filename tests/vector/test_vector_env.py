@@ -270,3 +270,19 @@ def test_render_takes_pictures_of_the_first_worlds(make_env):
     assert ((frames[0][..., 0] > 100) & (frames[0][..., 1] < 60)).any(), "the red block is in the picture"
     assert_equal(state(envs), before)
     assert make_env(1).render() is None
+
+
+def test_layouts_made_ahead_change_nothing(make_env):
+    """Observations through ends of episodes, and after a reset of some worlds with new seeds."""
+    seen = []
+    for prefetch in (False, True):
+        envs = make_env(3, max_episode_steps=2, prefetch=prefetch)
+        found = [envs.reset(seed=3)[0]]
+        for step in range(5):
+            found.append(envs.step(torch.full((3, 5), 0.1))[0])
+            if step == 2:
+                mask = torch.tensor([True, False, True])
+                found.append(envs.reset(seed=[9, 0, 4], options={"reset_mask": mask})[0])
+        seen.append(found)
+    for plain, ahead in zip(*seen, strict=True):
+        assert all(torch.equal(plain[group], ahead[group]) for group in plain)
