@@ -49,6 +49,8 @@ if TYPE_CHECKING:
     from sceniris_gym.sim.randomizer import ResetRandomizer as ResetRandomizer
     from sceniris_gym.vector.arm_controller import ArmController as ArmController
     from sceniris_gym.vector.bounds import Bounds as Bounds
+    from sceniris_gym.vector.evaluation import EpisodeResult as EpisodeResult
+    from sceniris_gym.vector.evaluation import evaluate as evaluate
     from sceniris_gym.vector.state import State as State
     from sceniris_gym.vector.task import Task as Task
     from sceniris_gym.vector.touch import Touch as Touch
@@ -74,6 +76,8 @@ _HOME = {  # public name -> the module it lives in
     "Task": "vector.task",
     "ArmController": "vector.arm_controller",
     "Bounds": "vector.bounds",
+    "EpisodeResult": "vector.evaluation",
+    "evaluate": "vector.evaluation",
     "Touch": "vector.touch",
     **dict.fromkeys(
         (

@@ -19,6 +19,7 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.masks import check_mask
+from sceniris_gym.vector.ranks import ALONE, Rank
 from sceniris_gym.vector.task import Task
 
 RESET_MASK = "reset_mask"  # the option of Gymnasium's own vector environments
@@ -80,13 +81,16 @@ def as_size(value: Any, name: str) -> tuple[int, int]:
     return as_count(width, f"{name}[0]"), as_count(height, f"{name}[1]")
 
 
-def as_reset_seeds(seed: Any, num_envs: int, *, first: bool) -> tuple[np.ndarray, np.ndarray] | None:
+def as_reset_seeds(
+    seed: Any, num_envs: int, *, first: bool, rank: Rank = ALONE
+) -> tuple[np.ndarray, np.ndarray] | None:
     """Return a seed for each world and a mask of the worlds that get theirs; None if no world is reseeded.
 
     Args:
         seed: None, an integer (world i gets seed + i), or num_envs entries that are integers or None.
         num_envs: Number of worlds.
         first: Whether this is the first reset, in which each None in a sequence draws a seed.
+        rank: The process, whose worlds get seeds of their own where it is given an integer.
 
     Raises:
         SeedError: Any other seed.
@@ -99,7 +103,8 @@ def as_reset_seeds(seed: Any, num_envs: int, *, first: bool) -> tuple[np.ndarray
         missing = (wanted == np.array(None)).astype(bool)
         wanted[missing] = fresh_seeds(int(missing.sum()))
         return as_seeds(wanted, num_envs), given if first else ~missing
-    return as_seeds(seed, num_envs), given
+    seeds = as_seeds(seed, num_envs)
+    return (as_seeds(rank.own_seed(int(seed)), num_envs) if isinstance(seed, int | np.integer) else seeds), given
 
 
 def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int, device: torch.device) -> Tensor | None:

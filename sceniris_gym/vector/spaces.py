@@ -7,10 +7,25 @@ import torch
 from gymnasium import spaces
 from torch import Tensor
 
+from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.vector.task import Observation
 
 Names = dict[str, list[tuple[str, tuple[int, ...]]]]
 """Group -> (name, shape in one world) of its tensors, in the order in which they are concatenated."""
+
+
+def chosen(observation: Observation, groups: tuple[str, ...] | None) -> Observation:
+    """Return the named groups of an observation, in that order; None is all.
+
+    Raises:
+        UnknownNameError: There is no such group.
+    """
+    if groups is None:
+        return observation
+    for group in groups:
+        if group not in observation:
+            raise UnknownNameError("observation group", str(group), "observation_groups", observation)
+    return {group: observation[group] for group in groups}
 
 
 def flatten(observation: Observation, out: dict[str, Tensor] | None = None) -> dict[str, Tensor]:

@@ -34,6 +34,7 @@ from sceniris_gym.vector.arguments import (
     as_task,
     fresh_seed,
 )
+from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.statistics import EpisodeStatistics
 from sceniris_gym.vector.task import Task
@@ -55,6 +56,9 @@ class SceneVectorEnv(VectorEnv):
     torch lacks uint64 arithmetic: seeds from 2^63 on appear there as their two's complement, and
     `int(layout_seed) % 2**64` is the seed.
 
+    Under `torchrun` each process takes the GPU of its LOCAL_RANK, and integer seeds count from RANK * 2^40 on, so that
+    `reset(seed=0)` gives no layout to two processes. Lists of seeds are taken as they are.
+
     `np_random_seed` is the seed with which `reset(seed=...)` gives the same layouts again, from episode 0 on: the last
     one given, or the one drawn for a first reset without a seed. It is -1, Gymnasium's value for an unknown seed, once
     worlds were seeded one by one, by a list or with a mask.
@@ -69,10 +73,11 @@ class SceneVectorEnv(VectorEnv):
         num_envs: Number of worlds.
         scene: A scene to use instead of the task's: a name, path, mapping, SceneConfig or CompiledScene.
         overrides: Parts of the scene to change, by dotted keys: {"objects.apple.clearance": 0.01}.
-        device: "cpu" or "cuda:0"; None is cuda:0 if there is one, else cpu.
+        device: "cpu" or "cuda:0"; None is cuda:0 if there is one, else cpu, and under torchrun cuda:LOCAL_RANK.
         max_episode_steps: Control steps after which an episode is truncated; None is never.
         autoreset_mode: An AutoresetMode, or its value.
         output: "torch" (tensors on `device`) or "numpy".
+        observation_groups: The groups to observe, such as ("policy",); None is all.
         copy: Never overwrite what was returned; if false, observations are valid until the next call.
         split: "train" or "eval", which share no layouts and no random numbers.
         render_mode: "rgb_array" or None.
@@ -107,6 +112,7 @@ class SceneVectorEnv(VectorEnv):
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         output: str = "torch",
+        observation_groups: Sequence[str] | None = None,
         copy: bool = True,
         split: str = "train",
         render_mode: str | None = None,
@@ -128,11 +134,14 @@ class SceneVectorEnv(VectorEnv):
             max_episode_steps = as_count(max_episode_steps, "max_episode_steps")
         self.task, self.num_envs, self.max_episode_steps = as_task(task), num_envs, max_episode_steps
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        self.output, self.copy, self.render_mode = output, copy, render_mode
+        self.output, self.copy, self.render_mode, self.split = output, copy, render_mode, split
         self.render_envs = num_envs if render_envs is None else min(as_count(render_envs, "render_envs"), num_envs)
         self.render_size, self.render_camera = as_size(render_size, "render_size"), render_camera
 
+        self.rank = Rank.current()
+        device = self.rank.device if device is None and not isinstance(scene, CompiledScene) else device
         self.compiled = as_compiled_scene(self.task.scene if scene is None else scene, overrides, device)
+        self.rank.tell(self.compiled.device)
         needs, substeps = self.task.needs, self.task.substeps
         self.batch = Batch(
             self.compiled.scene,
@@ -163,6 +172,7 @@ class SceneVectorEnv(VectorEnv):
             "render_fps": round(1.0 / self.state.dt),
         }
 
+        self._groups = None if observation_groups is None else tuple(observation_groups)
         flat = self._bind_task()
         self._kept = None if copy else (flat, {group: torch.empty_like(t) for group, t in flat.items()})
         self._autoreset = torch.zeros(num_envs, dtype=torch.bool, device=self.device)
@@ -179,6 +189,7 @@ class SceneVectorEnv(VectorEnv):
             self.batch.update()
             observation = self.task.observe(self.state)
             check_observation(self.task, observation, self.num_envs)
+            observation = spaces.chosen(observation, self._groups)
             flat = spaces.flatten(observation)
         self.observation_names = spaces.names_of(observation)
         self.single_observation_space = spaces.observation_space(flat)
@@ -213,7 +224,7 @@ class SceneVectorEnv(VectorEnv):
         if seed is None and not self._ready:
             # it is -1 after a generator was assigned to np_random
             seed = fresh_seed() if self.np_random_seed == -1 else self.np_random_seed
-        seeds = as_reset_seeds(seed, self.num_envs, first=not self._ready)
+        seeds = as_reset_seeds(seed, self.num_envs, first=not self._ready, rank=self.rank)
         with self._on_torch_stream():
             masked = torch.ones_like(self._autoreset) if mask is None else mask
             if seeds is not None:
@@ -222,7 +233,7 @@ class SceneVectorEnv(VectorEnv):
                     given &= mask.cpu().numpy()
                 self._reseed_worlds(numbers, given)
                 if mask is None and isinstance(seed, int | np.integer):
-                    self._np_random, self._np_random_seed = seeding.np_random(int(numbers[0]))
+                    self._np_random, self._np_random_seed = seeding.np_random(int(seed))
                 elif given.any():
                     self.np_random = np.random.default_rng(numbers[given])  # which makes np_random_seed -1
             self._reset_worlds(masked)
@@ -322,7 +333,8 @@ class SceneVectorEnv(VectorEnv):
 
     def _observe(self, buffer: int) -> dict[str, Tensor]:
         """Return the flat observation, in new tensors or in one of two kept buffers."""
-        return spaces.flatten(self.task.observe(self.state), None if self._kept is None else self._kept[buffer])
+        observation = spaces.chosen(self.task.observe(self.state), self._groups)
+        return spaces.flatten(observation, None if self._kept is None else self._kept[buffer])
 
     def _layout_info(self) -> dict[str, Tensor]:
         s = self.state

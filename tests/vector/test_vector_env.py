@@ -9,6 +9,7 @@ import torch
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 
+from sceniris_gym.errors import UnknownNameError
 from tests.vector.stepping import actions, assert_equal, leaves, state
 
 
@@ -286,3 +287,18 @@ def test_layouts_made_ahead_change_nothing(make_env):
         seen.append(found)
     for plain, ahead in zip(*seen, strict=True):
         assert all(torch.equal(plain[group], ahead[group]) for group in plain)
+
+
+def test_only_the_groups_that_are_asked_for_are_observed(make_env):
+    """In their order, in spaces, steps and final observations; unknown ones are named."""
+    envs = make_env(3, observation_groups=("policy",), max_episode_steps=1)
+    whole = make_env(3, max_episode_steps=1)
+    assert list(envs.single_observation_space) == list(envs.observation_names) == ["policy"]
+    first, _ = envs.reset(seed=0)
+    assert list(first) == ["policy"]
+    assert torch.equal(first["policy"], whole.reset(seed=0)[0]["policy"])
+    after, *_, info = envs.step(torch.zeros(3, 5))
+    assert list(after) == list(info["final_obs"]) == ["policy"]
+    assert list(make_env(3, observation_groups=["critic", "policy"]).reset(seed=0)[0]) == ["critic", "policy"]
+    with pytest.raises(UnknownNameError, match=r"unknown observation group 'polcy'. Did you mean 'policy'"):
+        make_env(3, observation_groups=("polcy",))

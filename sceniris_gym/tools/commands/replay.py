@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -12,41 +10,14 @@ import numpy as np
 
 from sceniris_gym.config.loader import shipped
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import LayoutIdError, UnknownNameError
+from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.layout.random import USER_SPLITS
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.scene.model import SceneModel, build_model
 from sceniris_gym.tools.tables import read_table
-
-_FORM = re.compile(rf"([^:]*):({'|'.join(USER_SPLITS)}):([0-9]+):([0-9]+)")
-
-
-@dataclass(frozen=True)
-class LayoutId:
-    """A layout id as `CompiledScene.layout_id` writes it: scene, split, seed and episode give the layout again."""
-
-    scene: str
-    split: str
-    seed: int
-    episode: int
-
-    @classmethod
-    def parse(cls, text: str) -> LayoutId:
-        """Read `scenehash:split:seed:episode`.
-
-        Raises:
-            LayoutIdError: The text is not of this form.
-        """
-        found = _FORM.fullmatch(text)
-        if found is None or int(found[3]) >= 2**64 or int(found[4]) >= 2**31:
-            raise LayoutIdError(
-                f"layout id '{text}': should be scenehash:split:seed:episode, as in '0123456789abcdef:train:42:0'. "
-                f"Splits: {', '.join(USER_SPLITS)}. The seed is below 2^64, the episode below 2^31."
-            )
-        return cls(found[1], found[2], int(found[3]), int(found[4]))
 
 
 def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:

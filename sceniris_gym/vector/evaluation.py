@@ -1,0 +1,117 @@
+"""`evaluate`: how a policy does on layouts of your choice, episode by episode."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+import warp as wp
+from gymnasium.vector import VectorEnv
+from torch import Tensor
+
+from sceniris_gym.errors import SceneMismatchError
+from sceniris_gym.layout.layout_id import LayoutId
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+
+
+@dataclass(frozen=True)
+class EpisodeResult:
+    """How one episode went.
+
+    Attributes:
+        id: Its layout, as `sceniris-gym replay` takes it.
+        success: Whether its last step was a success.
+        success_ever: Whether any of its steps was.
+        total_reward: The sum of its rewards.
+        length: Its control steps.
+        fallback: Whether the layout came from the bank of valid ones, since none was found for its seed.
+    """
+
+    id: str
+    success: bool
+    success_ever: bool
+    total_reward: float
+    length: int
+    fallback: bool
+
+
+@torch.inference_mode()
+def evaluate(
+    policy: Callable[[Any], Any], envs: VectorEnv, ids: Sequence[str] | int | None = None
+) -> list[EpisodeResult]:
+    """Run an episode from each of the layouts, as many at a time as there are worlds.
+
+    Nothing of the result depends on `num_envs`, as long as the policy looks at each world by itself.
+
+    Args:
+        policy: Takes observations of all worlds as `envs` returns them, and returns actions.
+        envs: A SceneVectorEnv, or wrappers around one that pass on `info`, with max_episode_steps. It is left in the
+            middle of episodes; reset it before further use.
+        ids: Layout ids of the scene and split of `envs`; a number n for the first episodes of seeds 0 to n - 1; None
+            for as many as there are worlds.
+
+    Returns:
+        A result for each id, in their order.
+
+    Raises:
+        ValueError: The environment has no max_episode_steps.
+        LayoutIdError: Not the form of an id.
+        SceneMismatchError: An id of another scene or split.
+    """
+    inner = envs.unwrapped
+    assert isinstance(inner, SceneVectorEnv)
+    if inner.max_episode_steps is None:
+        raise ValueError("evaluate: envs should have max_episode_steps, so that every episode ends.")
+    split, number = inner.split, inner.num_envs
+    if ids is None or isinstance(ids, int):
+        ids = [inner.compiled.layout_id(seed, 0, split) for seed in range(number if ids is None else ids)]
+    wanted = [_own_id(text, inner, split) for text in ids]
+    results = []
+    for first in range(0, len(wanted), number):
+        batch = wanted[first : first + number]
+        padded = batch + [batch[-1]] * (number - len(batch))
+        results += _run(policy, envs, inner, padded)[: len(batch)]
+    return results
+
+
+def _own_id(text: str, envs: SceneVectorEnv, split: str) -> LayoutId:
+    """Read an id, which should be of the scene and split of an environment."""
+    found = LayoutId.parse(text)
+    if (found.scene, found.split) != (envs.compiled.hash, split):
+        raise SceneMismatchError(
+            f"evaluate: layout '{text}' should be of scene {envs.compiled.hash} and split '{split}', as envs is."
+        )
+    return found
+
+
+def _run(policy: Callable[[Any], Any], envs: VectorEnv, inner: SceneVectorEnv, ids: list[LayoutId]) -> list:
+    """Run one episode in each world."""
+    observation, info = envs.reset(seed=[i.seed for i in ids])  # type: ignore[arg-type]
+    if any(i.episode > 0 for i in ids):
+        before = torch.tensor([i.episode - 1 for i in ids], dtype=torch.int32, device=inner.device)
+        wp.to_torch(inner.randomizer.layouts.episode).copy_(before)
+        observation, info = envs.reset()
+    fallback = _tensor(info["layout_fallback"], inner)
+    running = torch.ones_like(fallback)
+    last, ever = torch.zeros_like(running), torch.zeros_like(running)
+    total, length = torch.zeros(len(ids), dtype=torch.float64, device=inner.device), torch.zeros_like(running).long()
+    for _ in range(inner.max_episode_steps or 0):
+        observation, reward, terminated, truncated, info = envs.step(policy(observation))
+        success = _tensor(info["success"], inner)
+        done = _tensor(terminated, inner) | _tensor(truncated, inner)
+        total += torch.where(running, _tensor(reward, inner).double(), 0.0)
+        length += running
+        ever |= running & success
+        last = torch.where(running, success, last)
+        running = running & ~done
+        if not running.any():
+            break
+    columns = (last.tolist(), ever.tolist(), total.tolist(), length.tolist(), fallback.tolist())
+    names = [inner.compiled.layout_id(i.seed, i.episode, i.split) for i in ids]
+    return [EpisodeResult(*row) for row in zip(names, *columns, strict=True)]
+
+
+def _tensor(value: Any, envs: SceneVectorEnv) -> Tensor:
+    return torch.as_tensor(value, device=envs.device)

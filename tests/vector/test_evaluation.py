@@ -1,0 +1,113 @@
+"""Evaluations: each row is what its episode was, however many worlds share the work."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+from gymnasium.vector import AutoresetMode
+from torch import Tensor
+
+from sceniris_gym.errors import LayoutIdError, SceneMismatchError
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.vector.evaluation import evaluate
+from sceniris_gym.vector.state import State
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+from tests.vector.conftest import Reach
+
+STEPS = 4
+
+
+class Timed(Reach):
+    """Success in the second step alone; worlds with an even seed end early, after three."""
+
+    def success(self, s: State) -> Tensor:
+        """At a time."""
+        return s.elapsed == 2
+
+    def terminated(self, s: State) -> Tensor:
+        """By the seed."""
+        return (s.elapsed >= 3) & (s.seed % 2 == 0)
+
+
+@pytest.fixture
+def make(reach_scene: CompiledScene) -> Callable[..., SceneVectorEnv]:
+    """Return a function that makes environments of episodes of four steps."""
+    return lambda num_envs, task=Timed, **words: SceneVectorEnv(
+        task, num_envs, scene=reach_scene, max_episode_steps=STEPS, **words
+    )
+
+
+def turning(observation: dict) -> Tensor:
+    """A policy that depends on what it sees."""
+    policy = torch.as_tensor(observation["policy"])
+    return torch.tanh(policy[:, :5])
+
+
+def test_rows_are_those_of_the_episodes(make: Callable[..., SceneVectorEnv]):
+    """Success at the end and ever, lengths and sums of rewards, by stepping the same episodes by hand."""
+    envs = make(3)
+    ids = [envs.compiled.layout_id(seed, episode) for seed, episode in ((7, 0), (8, 2), (9, 0), (4, 1))]
+    found = evaluate(turning, envs, ids)
+    assert [row.id for row in found] == ids
+    assert [(row.success, row.success_ever, row.length, row.fallback) for row in found] == [
+        (False, True, 4, False),
+        (False, True, 3, False),
+        (False, True, 4, False),
+        (False, True, 3, False),
+    ]
+    single = make(1, autoreset_mode="Disabled")
+    for row, (seed, episode) in zip(found, ((7, 0), (8, 2), (9, 0), (4, 1)), strict=True):
+        observation, _ = single.reset(seed=[seed])
+        for _ in range(episode):
+            observation, _ = single.reset()
+        total = 0.0
+        for _ in range(row.length):
+            observation, reward, *_ = single.step(turning(observation))
+            total += float(reward[0])
+        assert row.total_reward == pytest.approx(total, rel=1e-6)
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+@pytest.mark.parametrize("output", ["torch", "numpy"])
+def test_they_do_not_depend_on_how_many_run_at_a_time(make: Callable[..., SceneVectorEnv], mode, output: str):
+    """Nor on what happens to finished worlds."""
+    expected = evaluate(turning, make(5), 5)
+    assert evaluate(turning, make(2, autoreset_mode=mode, output=output), 5) == expected
+    assert evaluate(turning, make(5)) == expected
+    assert len({row.total_reward for row in expected}) == 5
+
+
+def test_an_end_with_success_counts_as_such(make: Callable[..., SceneVectorEnv]):
+    """Of the last step, not of one before or of the next episode."""
+
+    class Last(Timed):
+        def success(self, s: State) -> Tensor:
+            return s.elapsed == STEPS
+
+    assert [row.success for row in evaluate(turning, make(4, Last), 4)] == [False, True, False, True]
+
+
+def test_what_is_not_of_the_environment_is_refused(make: Callable[..., SceneVectorEnv], reach_scene: CompiledScene):
+    """Ids of another scene or split, no ids, and episodes without end."""
+    envs = make(2)
+    with pytest.raises(LayoutIdError, match="should be scenehash"):
+        evaluate(turning, envs, ["seven"])
+    with pytest.raises(SceneMismatchError, match="should be of scene"):
+        evaluate(turning, envs, [f"{'0' * 16}:train:0:0"])
+    with pytest.raises(SceneMismatchError, match="split 'train'"):
+        evaluate(turning, envs, [reach_scene.layout_id(0, 0, "eval")])
+    with pytest.raises(ValueError, match="max_episode_steps"):
+        evaluate(turning, SceneVectorEnv(Timed, 2, scene=reach_scene))
+
+
+def test_wrappers_may_be_around(make: Callable[..., SceneVectorEnv]):
+    """They only pass on what they are given."""
+    from gymnasium.wrappers.vector import TransformAction
+
+    envs = make(2, output="numpy")
+    turned = TransformAction(envs, lambda actions: -np.asarray(actions))
+    mirrored = evaluate(lambda observation: -turning(observation).numpy(), turned, 2)
+    assert mirrored == evaluate(turning, make(2), 2)
