@@ -3,8 +3,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.setup-done
+RECIPES := skrl torchrl
 
-.PHONY: setup test lint types demo bench clean
+.PHONY: setup test lint types test-recipes demo bench clean
 
 setup: $(STAMP)
 
@@ -25,6 +26,15 @@ lint: $(STAMP)
 types: $(STAMP)
 	$(BIN)/pyright
 
+# Libraries whose needs differ from those of the development environment, each in one of its own.
+test-recipes: $(addprefix test-recipe-,$(RECIPES))
+
+test-recipe-%:
+	test -x $(VENV)-$*/bin/python || $(PYTHON) -m venv $(VENV)-$*
+	$(VENV)-$*/bin/python -m pip install "$$(grep '^torch==' constraints.txt)"
+	$(VENV)-$*/bin/python -m pip install -e . $* pytest ruamel.yaml python-fcl "$$(grep '^torch==' constraints.txt)"
+	$(VENV)-$*/bin/python -m pytest -q tests/test_recipes.py tests/adapters/test_wrappers.py -k $*
+
 demo: $(STAMP)
 	$(BIN)/sceniris-gym demo
 
@@ -32,4 +42,4 @@ bench: $(STAMP)
 	$(BIN)/sceniris-gym bench mid --num-envs 4096
 
 clean:
-	rm -rf $(VENV) build dist demo *.egg-info .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(addprefix $(VENV)-,$(RECIPES)) build dist demo *.egg-info .pytest_cache .ruff_cache

@@ -1,0 +1,40 @@
+"""The recipes of docs/libraries.md run as they stand, with fewer worlds and steps."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+PAGE = Path(__file__).parents[1] / "docs" / "libraries.md"
+SECTIONS = (section.partition("\n") for section in PAGE.read_text().split("\n## ")[1:])
+RECIPES = {name: re.findall(r"```python\n(.*?)```", text, re.DOTALL)[0] for name, _, text in SECTIONS}
+NEEDS = {"rsl-rl": "rsl_rl", "Stable-Baselines3": "stable_baselines3", "skrl": "skrl", "TorchRL": "torchrl"}
+SMALLER = {
+    "num_envs=4096": "num_envs=4, device='cpu'",
+    "num_envs=64": "num_envs=4, device='cpu'",
+    ", envs, 64)": ", envs, 6)",
+    "learn(300)": "learn(2)",
+    "learn(300 *": "learn(1 *",
+    "timesteps=7200": "timesteps=30",
+}
+
+
+def test_every_library_has_a_recipe():
+    """Those that the README names."""
+    named = ["rsl-rl", "Stable-Baselines3", "skrl", "TorchRL", "A loop of your own", "A policy on chosen layouts"]
+    assert list(RECIPES) == named
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RECIPES)
+def test_a_recipe_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Of a library that is installed; some write logs to where they are."""
+    pytest.importorskip(NEEDS.get(name, "torch"))
+    monkeypatch.chdir(tmp_path)
+    program = RECIPES[name]
+    for before, after in SMALLER.items():
+        program = program.replace(before, after)
+    assert "4096" not in program
+    exec(compile(program, name, "exec"), {})
