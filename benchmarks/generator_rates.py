@@ -40,7 +40,10 @@ def main() -> None:
     parser.add_argument("--device", default="cuda:0")
     words = parser.parse_args()
     wp.config.quiet = True
-    for scene, worlds in (word.split(":") for word in words.scenes):
+    for word in words.scenes:
+        scene, _, worlds = word.rpartition(":")
+        if not scene or not worlds.isdecimal():
+            parser.error(f"'{word}' should be a scene and a number of worlds, such as mid:4096")
         start = time.perf_counter()
         compiled = compile_scene(scene, words.device)
         wp.synchronize_device(words.device)

@@ -18,13 +18,15 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
 
 _POSITION, _ANGLE = 1.0e-6, 1.0e-6
+_COUNTED = ("attempts", "status", "present", "grasp")
+"""What has to be equal if the same trials were accepted."""
 
 
 def layouts_of(compiled: CompiledScene, worlds: int) -> dict[str, np.ndarray]:
     """The first episode of so many worlds."""
     generator = LayoutGenerator(compiled, worlds)
     generator.generate()
-    names = ("qpos", "mocap_pos", "mocap_quat", "attempts", "status")
+    names = ("qpos", "mocap_pos", "mocap_quat", *_COUNTED)
     return {name: getattr(generator.layouts, name).numpy() for name in names}
 
 
@@ -40,7 +42,9 @@ def differences(
         if kind == mujoco.mjtJoint.mjJNT_FREE:
             position = np.maximum(position, far.max(axis=1))
             turns.append([x["qpos"][:, None, adr + 3 : adr + 7] for x in (a, b)])
-        elif kind != mujoco.mjtJoint.mjJNT_BALL:
+        elif kind == mujoco.mjtJoint.mjJNT_BALL:
+            turns.append([x["qpos"][:, None, adr : adr + 4] for x in (a, b)])
+        else:
             angle = np.maximum(angle, far[:, 0])
     for one, other in turns:
         q, r = one.astype(float), other.astype(float)
@@ -59,21 +63,26 @@ def main() -> None:
     parser.add_argument("--worlds", type=int, default=2048)
     words = parser.parse_args()
     wp.config.quiet = True
-    words.folder.mkdir(parents=True, exist_ok=True)
+    if words.what == "save":
+        words.folder.mkdir(parents=True, exist_ok=True)
     for scene in words.scenes:
         compiled = compile_scene(scene, words.device)
         made, file = layouts_of(compiled, words.worlds), words.folder / f"{scene}.npz"
         if words.what == "save":
             np.savez_compressed(file, allow_pickle=False, **made)
             continue
+        if not file.exists():
+            parser.error(f"there is no {file}: save the layouts of '{scene}' first")
         saved = dict(np.load(file))
-        same = (made["attempts"] == saved["attempts"]) & (made["status"] == saved["status"])
+        if len(saved["qpos"]) != words.worlds:
+            parser.error(f"{file} has {len(saved['qpos'])} worlds: give --worlds {len(saved['qpos'])}")
+        same = np.all([(made[n] == saved[n]).reshape(words.worlds, -1).all(axis=1) for n in _COUNTED], axis=0)
         position, angle = differences(compiled.mjm, made, saved)
         beyond = same & ((position > _POSITION) | (angle > _ANGLE))
         print(
             f"{scene}: of {words.worlds} layouts {int((~same).sum())} of other trials; of the same ones "
-            f"{int(beyond.sum())} beyond 1 um or 1e-6 rad, at most {position[same].max():.2g} m and "
-            f"{angle[same].max():.2g} rad; rows {np.flatnonzero(beyond)[:8].tolist()}",
+            f"{int(beyond.sum())} beyond 1 um or 1e-6 rad, at most {position[same].max(initial=0.0):.2g} m "
+            f"and {angle[same].max(initial=0.0):.2g} rad; rows {np.flatnonzero(beyond)[:8].tolist()}",
             flush=True,
         )
 

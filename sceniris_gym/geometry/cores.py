@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from sceniris_gym.geometry.pieces import Piece, PieceType
@@ -24,20 +26,35 @@ def no_core() -> Box:
 
 
 def piece_core(piece: Piece) -> Box:
-    """A large box inside of a piece's convex form, in the piece's frame.
+    """A large box inside of a piece's convex form, in the piece's frame."""
+    sx, sy, _ = piece.size
+    corner = 1.0 / math.sqrt(3.0)
+    if piece.type == PieceType.HULL:
+        return _hull_core(piece)
+    half = {
+        PieceType.BOX: piece.size,
+        PieceType.SPHERE: np.full(3, corner * sx),
+        PieceType.ELLIPSOID: corner * piece.size,
+        PieceType.CYLINDER: np.array([math.sqrt(0.5) * sx, math.sqrt(0.5) * sx, sy]),
+        PieceType.CAPSULE: np.array([corner * sx, corner * sx, sy + corner * sx]),
+    }.get(piece.type)
+    return no_core() if half is None else _box(-half, half)
 
-    It begins in the middle with the proportions of the piece's bounds, then its sides move out one after the other.
-    """
-    if piece.type == PieceType.PLANE or piece.mesh is None:
+
+def _hull_core(piece: Piece) -> Box:
+    """That of a hull: it begins in the middle with the proportions of its bounds, then its sides move out in turn."""
+    if piece.mesh is None:
         return no_core()
     triangles = (piece.mesh.triangles - piece.pos) @ matrix(piece.quat)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     lengths = np.linalg.norm(normals, axis=1)
-    normals = normals[lengths > 0.0] / lengths[lengths > 0.0, None]
-    vertices = np.unique(triangles.reshape(-1, 3), axis=0)
-    limits = (vertices @ normals.T).max(axis=0)
-    lower, upper = vertices.min(axis=0), vertices.max(axis=0)
-    middles = [0.5 * (lower + upper), vertices.mean(axis=0)]
+    solid = lengths > 0.0
+    normals = normals[solid] / lengths[solid, None]
+    limits = np.einsum("nij,nj->ni", triangles[solid], normals).max(axis=1)
+    lower, upper = piece.vertices.min(axis=0), piece.vertices.max(axis=0)
+    # the bounds too: faces of next to no area may be missing from the surface
+    normals, limits = np.vstack([normals, np.eye(3), -np.eye(3)]), np.concatenate([limits, upper, -lower])
+    middles = [0.5 * (lower + upper), np.zeros(3)]
     sizes = [((limits - normals @ m) / (np.abs(normals) @ (upper - lower))).min() for m in middles]
     best = int(np.argmax(sizes))
     if sizes[best] <= 0.0:
@@ -48,9 +65,9 @@ def piece_core(piece: Piece) -> Box:
         for axis in range(3):
             for side, sign in ((low, -1.0), (high, 1.0)):
                 along = sign * normals[:, axis]
-                reach = np.maximum(normals * low, normals * high).sum(axis=1)
                 facing = along > 1e-9
-                side[axis] += sign * share * max(((limits - reach)[facing] / along[facing]).min(), 0.0)
+                reach = np.maximum(normals[facing] * low, normals[facing] * high).sum(axis=1)
+                side[axis] += sign * share * max(((limits[facing] - reach) / along[facing]).min(), 0.0)
     return _box(low, high)
 
 

@@ -7,7 +7,9 @@ because the world was reseeded, is made in place. Either way it is the same layo
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable
+from typing import Any
 
 import warp as wp
 
@@ -17,8 +19,6 @@ from sceniris_gym.layout.seeds import launch_reseed
 from sceniris_gym.layout.sequence import LaunchSequence
 
 wp.set_module_options({"enable_backward": False})
-
-_HIGH_PRIORITY = -1  # as CUDA counts
 
 
 @wp.kernel
@@ -78,38 +78,37 @@ def _serve(
 class PreparedLayouts:
     """Serves what a generator has made ahead; a `LayoutSource` as the generator is, with the same layouts.
 
-    It needs the memory of a second batch of `Layouts`. Resets are made through `serve`, which sees to the order of the
-    two streams. In a capture of the caller's own nothing is made ahead: the graph makes what it needs in place.
+    It needs the memory of a second batch of `Layouts`. Resets are made through `serve`, as a `ResetRandomizer` does; it
+    sees to the order of the two streams. In a capture of the caller's own nothing is made ahead: the graph makes what
+    it needs in place.
 
     Args:
         generator: Makes the layouts; nobody else may use it from now on.
         stream: Where they are made ahead on a GPU; None: a new one. CUDA runs nothing beside its default stream, which
             is torch's too, but what is on streams that were made non-blocking, as torch makes its own.
+        graph: Capture what is made ahead into a graph and replay it.
 
     Attributes:
-        layouts: The rows served last.
+        layouts: The rows served last. Its `rejections` count those of layouts made ahead too.
     """
 
-    def __init__(self, generator: LayoutGenerator, stream: wp.Stream | None = None) -> None:
+    def __init__(self, generator: LayoutGenerator, stream: wp.Stream | None = None, *, graph: bool = True) -> None:
         self.layouts = Layouts.create(generator.compiled, generator.nworld)
+        self.layouts.view.rejections = generator.layouts.view.rejections
         self._generator, nworld = generator, generator.nworld
         self._device = wp.get_device(generator.compiled.device)
-        self._wanted, self._missing = (wp.zeros(nworld, dtype=wp.bool, device=self._device) for _ in range(2))
+        wanted, self._missing = (wp.zeros(nworld, dtype=wp.bool, device=self._device) for _ in range(2))
+        self._wanted = wanted
         wp.copy(self.layouts.seed, generator.layouts.seed)
+        self._make_ahead = LaunchSequence(lambda: generator.launch_generate(wanted), self._device, graph=graph)
         self._stream = self._ready = None
         if self._device.is_cuda:
-            self._stream = wp.Stream(self._device, priority=_HIGH_PRIORITY) if stream is None else stream
+            self._stream = wp.Stream(self._device) if stream is None else stream
             self._ready = wp.Event(self._device)
             with wp.ScopedStream(self._stream):
                 wp.record_event(self._ready)
-        self._make_ahead = LaunchSequence(
-            lambda: generator.launch_generate(self._wanted), self._device, priority=_HIGH_PRIORITY
-        )
-
-    def __del__(self) -> None:
-        # memory that is still written to must not be given to anybody else
-        if getattr(self, "_ready", None) is not None:
-            wp.synchronize_event(self._ready)
+        # Memory that is still written to must not be given to anybody else: what is passed here lives until then.
+        weakref.finalize(self, _wait, self._ready, generator, wanted, self._missing, self._make_ahead)
 
     def serve(self, reset: Callable[[], None]) -> None:
         """Run launches with `launch_generate` among them, then let the next layouts of the same worlds be made.
@@ -126,9 +125,11 @@ class PreparedLayouts:
             wp.wait_event(self._ready)
         reset()
         with wp.ScopedStream(self._stream):  # which waits for the current one
-            self._make_ahead()
-            if self._ready is not None:
-                wp.record_event(self._ready)
+            try:
+                self._make_ahead()
+            finally:
+                if self._ready is not None:
+                    wp.record_event(self._ready)
 
     def launch_reseed(self, seeds: wp.array, mask: wp.array | None) -> None:
         """See `LayoutSource`."""
@@ -149,3 +150,9 @@ class PreparedLayouts:
         if self._ready is not None:
             wp.wait_event(self._ready)
         return self._generator.rejection_counts()
+
+
+def _wait(ready: wp.Event | None, *_kept: Any) -> None:
+    """Wait until what was made ahead last is done."""
+    if ready is not None:
+        wp.synchronize_event(ready)

@@ -107,7 +107,10 @@ def candidate_num(search: Search) -> int:
 @wp.func
 def leaf_num(search: Search) -> int:
     """How many pairs of leaves wait: those that were found, as far as there is room."""
-    return wp.min(search.leaves[0], search.leaf.shape[0])
+    found = search.leaves[0]
+    if found < 0:  # the count went on beyond all numbers
+        return search.leaf.shape[0]
+    return wp.min(found, search.leaf.shape[0])
 
 
 @wp.func

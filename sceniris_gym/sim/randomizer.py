@@ -62,9 +62,9 @@ class ResetRandomizer:
             and an njmax with room for contacts; `check_budget` tells whether those of `data` are large enough.
         layout_source: The LayoutSource; None makes a LayoutGenerator with `seed` and `split`.
         prefetch: Make the next layout of every world ahead, on a GPU beside the steps that follow, so that a reset only
-            copies: the same layouts, for the memory of a second batch of them. A Stream instead of true is the one they
-            are made on; see PreparedLayouts. In a graph of your own that resets are captured into they are made in
-            place. Not used with a layout_source.
+            copies: the same layouts, for the memory of a second batch of them. Where steps run on CUDA's default
+            stream, as torch's do, give a non-blocking Stream to make them on instead of true; see PreparedLayouts. In a
+            graph of your own that resets are captured into they are made in place. Not with a layout_source.
         seed: Seed of world 0, world i has seed + i; or one seed per world. Not used with a layout_source.
         split: "train" or "eval", which share no random numbers. Not used with a layout_source.
         needs: What else to bring up to date after a reset, keys of sceniris_gym.sim.batch.NEEDS.
@@ -76,6 +76,7 @@ class ResetRandomizer:
 
     Raises:
         SceneMismatchError: Model, data or layout_source have another scene, device or number of worlds.
+        ValueError: Both `layout_source` and `prefetch`.
     """
 
     def __init__(
@@ -93,12 +94,16 @@ class ResetRandomizer:
     ) -> None:
         self.compiled, self.model, self.data = compiled, model, data
         self.device: wp.Device = data.qpos.device
-        self._prepared: PreparedLayouts | None = None
         if layout_source is None:
             layout_source = LayoutGenerator(compiled, data.nworld, seed=seed, split=split)
             if prefetch:
                 stream = prefetch if isinstance(prefetch, wp.Stream) else None
-                layout_source = self._prepared = PreparedLayouts(layout_source, stream)
+                layout_source = PreparedLayouts(layout_source, stream, graph=graph)
+        elif prefetch:
+            raise ValueError(
+                "ResetRandomizer: prefetch makes layouts ahead that the randomizer generates itself. Give either it or "
+                "a layout_source, which may be a PreparedLayouts."
+            )
         self.layout_source: LayoutSource = layout_source
         self._check_fit()
         home_act, home_plastic = np.zeros(compiled.mjm.na), np.empty(0)
@@ -138,10 +143,10 @@ class ResetRandomizer:
 
     def launch_reset(self) -> None:
         """Reset the worlds in `self.mask`, which the caller has filled on the device: `reset` without its checks."""
-        if self._prepared is None:
-            self._reset()
+        if isinstance(self.layout_source, PreparedLayouts):
+            self.layout_source.serve(self._reset)
         else:
-            self._prepared.serve(self._reset)
+            self._reset()
 
     def reseed(self, seeds: int | Sequence[int] | np.ndarray | wp.array, mask: Any = None) -> None:
         """Give the masked worlds new seeds; their next layouts are those of episode 0.

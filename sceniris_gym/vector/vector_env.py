@@ -365,7 +365,7 @@ class SceneVectorEnv(VectorEnv):
 
     def _side_stream(self) -> wp.Stream:
         """Return a stream that runs beside torch's current one, also where that is CUDA's default stream."""
-        return wp.stream_from_torch(torch.cuda.Stream(str(self.batch.device), priority=-1))
+        return wp.stream_from_torch(torch.cuda.Stream(str(self.batch.device)))
 
     def _check_open(self) -> None:
         if self.closed:

@@ -108,3 +108,32 @@ def test_things_keep_off_what_reaches_far_to_what_single_precision_resolves(
     reach = half * (1.0 + share) * along[0]
     assert gap.min() < 2e-4  # they come close
     assert gap.min() > -max(1e-5, float(np.spacing(np.float32(reach))))
+
+
+def test_sizes_that_a_primitive_has_no_use_for_mean_nothing(tmp_path: Path):
+    """MuJoCo keeps them as they are written, also negative ones: balls of 0.1 m keep their distance all the same."""
+    ball = write_mjcf(tmp_path, "ball", '<geom type="sphere" size=".05 -1 -1"/>')
+    balls = {f"ball_{i}": {"asset": ball, "on": "floor"} for i in range(6)}
+    rows = valid(make(compile_on_cpu({"floor": {"size": [0.6, 0.6]}, "objects": balls}), 256))
+    at = rows.qpos.reshape(-1, 6, 7)[:, :, :3]
+    apart = np.linalg.norm(at[:, :, None] - at[:, None], axis=3)[:, ~np.eye(6, dtype=bool)]
+    assert len(rows.qpos) > 200
+    assert apart.min() >= 0.1
+
+
+def test_what_is_refused_beside_a_long_wall_is_in_its_way(tmp_path: Path):
+    """Blocks hang over a wall of 40 m by at most 0.2 mm: MuJoCo finds those that are refused within 0.02 mm of it."""
+    wall = write_mjcf(tmp_path, "wall", '<geom type="box" size="20 .2 .15" pos="0 0 .15"/>')
+    block = write_mjcf(tmp_path, "block", '<geom type="box" size=".03 .02 .05"/>')
+    over = {"region": {"box": [[-19, -0.1, 0.3], [19, 0.1, 0.3002]]}, "orientation": "any", "clearance": 0.0}
+    objects = {"wall": {"asset": wall, "kind": "static", "clearance": 0.0}, "block": {"asset": block, **over}}
+    compiled = compile_on_cpu({"objects": objects, "attempts": 1, "restarts": 0}, bank=1)
+    generator = LayoutGenerator(compiled, 20000, rejected=5000)
+    generator.generate()
+    view, mjm = generator.layouts.view, compiled.mjm
+    count, data = int(view.rejected_count.numpy()[0]), mujoco.MjData(compiled.mjm)
+    assert 200 < count < 3000
+    for row in view.rejected_qpos.numpy()[:count]:
+        data.qpos[:] = row
+        mujoco.mj_kinematics(mjm, data)
+        assert mujoco.mj_geomDistance(mjm, data, 0, 1, 1.0, None) < 2e-5

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import gc
 from pathlib import Path
 
 import numpy as np
 import pytest
 import warp as wp
 
+from sceniris_gym.layout import prepared
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.prepared import PreparedLayouts
@@ -41,9 +43,9 @@ def _same(compiled: CompiledScene, graph: bool) -> None:
     """Compare both sources over resets of some worlds, of none and of all, with new seeds in between."""
     rng, device = np.random.default_rng(0), wp.get_device(compiled.device)
     plain = LayoutGenerator(compiled, NWORLD, seed=5)
-    prepared = PreparedLayouts(LayoutGenerator(compiled, NWORLD, seed=5))
+    source = PreparedLayouts(LayoutGenerator(compiled, NWORLD, seed=5))
     mask = wp.zeros(NWORLD, dtype=wp.bool, device=device)
-    launches = LaunchSequence(lambda: prepared.launch_generate(mask), device, graph=graph)
+    launches = LaunchSequence(lambda: source.launch_generate(mask), device, graph=graph)
     for step in range(24):
         chosen = rng.random(NWORLD) < (1.0, 0.0, 0.1, 0.6)[step % 4]
         if step % 5 == 4:  # also back to seeds whose layouts were made already
@@ -51,14 +53,14 @@ def _same(compiled: CompiledScene, graph: bool) -> None:
             which = wp.array(some, dtype=wp.bool, device=device)
             seeds = wp.array(rng.integers(0, 40, NWORLD), dtype=wp.uint64, device=device)
             plain.launch_reseed(seeds, which)
-            prepared.launch_reseed(seeds, which)
+            source.launch_reseed(seeds, which)
         mask.assign(chosen)
         plain.generate(mask)
-        prepared.serve(launches)
+        source.serve(launches)
         if step % 6 == 5:  # twice in a row, before anything made ahead is done
             plain.generate(mask)
-            prepared.serve(launches)
-        assert _bits(plain) == _bits(prepared), f"step {step}"
+            source.serve(launches)
+        assert _bits(plain) == _bits(source), f"step {step}"
 
 
 @pytest.mark.parametrize("graph", [True, False])
@@ -79,16 +81,48 @@ def test_layouts_made_ahead_on_a_gpu_are_those_made_in_place(tmp_path: Path, gra
 def test_what_is_ready_is_not_made_again():
     """Nothing is missing in a second reset, or where a world was not reset; after new seeds it is."""
     compiled = compile_scene("mid", "cpu")
-    prepared = PreparedLayouts(LayoutGenerator(compiled, NWORLD))
+    source = PreparedLayouts(LayoutGenerator(compiled, NWORLD))
     mask = wp.ones(NWORLD, dtype=wp.bool, device="cpu")
     missing = []
     for step in range(4):
         if step == 3:
-            prepared.launch_reseed(wp.array(np.arange(100, 100 + NWORLD), dtype=wp.uint64, device="cpu"), None)
+            source.launch_reseed(wp.array(np.arange(100, 100 + NWORLD), dtype=wp.uint64, device="cpu"), None)
         mask.assign(np.arange(NWORLD) % (step + 1) == 0)
-        prepared.serve(lambda: prepared.launch_generate(mask))
-        missing.append(int(prepared._missing.numpy().sum()))
+        source.serve(lambda: source.launch_generate(mask))
+        missing.append(int(source._missing.numpy().sum()))
     assert missing == [NWORLD, 0, 0, NWORLD // 4]
+
+
+def test_memory_is_kept_until_all_that_writes_to_it_is_done(monkeypatch: pytest.MonkeyPatch):
+    """Also where the garbage collector finds source and generator in one cycle, and frees its parts in any order."""
+    generator = LayoutGenerator(compile_scene("mid", "cpu"), 4)
+    array, freed, order = generator._search.cause, wp.array.__del__, []
+    address = array.ptr
+
+    def free(self: wp.array) -> None:
+        order.extend(["freed"] * (getattr(self, "ptr", None) == address and bool(getattr(self, "deleter", None))))
+        freed(self)
+
+    monkeypatch.setattr(wp.array, "__del__", free)
+    monkeypatch.setattr(prepared, "_wait", lambda *_: order.append("waited"))
+    source = PreparedLayouts(generator)
+    cycle = [source, generator]
+    cycle.append(cycle)
+    del array, generator, source, cycle
+    for _ in range(2):
+        gc.collect()
+    assert order == ["waited", "freed"]
+
+
+def test_rejections_are_counted_as_without():
+    """Of the layouts that were made, in both places where they can be read."""
+    compiled = compile_scene("mid", "cpu")
+    source, twin = PreparedLayouts(LayoutGenerator(compiled, NWORLD)), LayoutGenerator(compiled, NWORLD)
+    source.serve(lambda: source.launch_generate(None))
+    for _ in range(2):  # the second episode is made ahead
+        twin.generate()
+    assert source.rejection_counts() == twin.rejection_counts()
+    assert (source.layouts.rejections.numpy() == twin.layouts.rejections.numpy()).all()
 
 
 @pytest.mark.cuda
@@ -96,19 +130,19 @@ def test_a_captured_reset_waits_for_what_is_made_beside_it():
     """A graph of the caller's own, replayed in turn with resets outside of it, gives one layout after another."""
     compiled = compile_scene("hard_plus", "cuda:0")
     plain = LayoutGenerator(compiled, NWORLD, seed=5)
-    prepared = PreparedLayouts(LayoutGenerator(compiled, NWORLD, seed=5))
+    source = PreparedLayouts(LayoutGenerator(compiled, NWORLD, seed=5))
     mask = wp.ones(NWORLD, dtype=wp.bool, device="cuda:0")
-    reset = LaunchSequence(lambda: prepared.launch_generate(mask), wp.get_device("cuda:0"))
-    prepared.serve(reset)
+    reset = LaunchSequence(lambda: source.launch_generate(mask), wp.get_device("cuda:0"))
+    source.serve(reset)
     plain.generate(mask)
     stream = wp.Stream("cuda:0")
     with wp.ScopedStream(stream), wp.ScopedCapture("cuda:0") as capture:
-        prepared.serve(reset)
+        source.serve(reset)
     for _ in range(4):
         with wp.ScopedStream(stream, sync_exit=True):
             wp.capture_launch(capture.graph)
         plain.generate(mask)
-        assert _bits(plain) == _bits(prepared)
-        prepared.serve(reset)
+        assert _bits(plain) == _bits(source)
+        source.serve(reset)
         plain.generate(mask)
-        assert _bits(plain) == _bits(prepared)
+        assert _bits(plain) == _bits(source)

@@ -13,6 +13,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ContactBudgetError, MaskError, MaskTypeError, SceneMismatchError, SeedError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
 from tests.sim.conftest import SMALL_ARM
@@ -328,6 +329,10 @@ def test_it_makes_its_own_layouts_of_a_scene(prefetch: bool):
     np.testing.assert_array_equal(randomizer.layouts.seed.numpy(), [5, 6, 5])
     np.testing.assert_array_equal(randomizer.layouts.episode.numpy(), [1, 1, 0])
     assert set(randomizer.rejection_counts()) == {"block"}
+    assert isinstance(randomizer.layout_source, PreparedLayouts) == prefetch
+    if prefetch:
+        with pytest.raises(ValueError, match="Give either it or a layout_source"):
+            ResetRandomizer(compiled, model, data, layout_source=twin, prefetch=True)
 
 
 def test_seeds_may_be_on_the_device(make_randomizer):
