@@ -1,0 +1,96 @@
+"""`Row`: a row of the table, and the table as Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from itertools import groupby
+
+from sceniris_gym.tools.paper.figures import PAPER, Experiment, Reported
+
+_HEAD = ("| scenes at once | here | the paper, on an L4 | measured elsewhere |", "|---|---|---|---|")
+
+
+@dataclass(frozen=True)
+class Row:
+    """What was measured here, beside what others report of the same.
+
+    Attributes:
+        experiment: What it belongs to.
+        worlds: Number of scenes made at once; 0 where it does not apply.
+        measured: Figures by name, as in `_WORDS`; empty if there are none.
+        missing: Why there are none.
+        level: What else tells the row from others of its experiment, or empty.
+        reported: What others report.
+        note: What the figures mean, where that is not plain.
+    """
+
+    experiment: Experiment
+    worlds: int = 0
+    measured: Mapping[str, float] = field(default_factory=dict)
+    missing: str = ""
+    level: str = ""
+    reported: tuple[Reported, ...] = ()
+    note: str = ""
+
+    def as_json(self) -> dict:
+        """Return the row as JSON has it."""
+        return asdict(self)
+
+
+def _seconds(value: float) -> str:
+    for unit, size in (("s", 1.0), ("ms", 1e-3)):
+        if value >= size:
+            return f"{value / size:.3g} {unit}"
+    return f"{value / 1e-6:.3g} us"
+
+
+def _share(value: float) -> str:
+    return f"{100 * value:.3g}%"
+
+
+def _count(value: float) -> str:
+    return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
+
+
+_WORDS: Mapping[str, Callable[[float], str]] = {
+    "seconds": _seconds,
+    "valid_per_s": lambda v: f"{_count(v)} valid/s",
+    "valid": lambda v: f"{_share(v)} valid",
+    "ns_per_candidate": lambda v: f"{_count(v)} ns a candidate",
+    "relative": lambda v: f"{v:.3f} of the time a candidate without",
+    "cold_s": lambda v: f"{_seconds(v)} cold",
+    "imports_s": lambda v: f"imports {_seconds(v)}",
+    "compile_s": lambda v: f"scene and its kernels {_seconds(v)}",
+    "generate_s": lambda v: f"layouts {_seconds(v)}",
+    "peak_bytes": lambda v: f"{v / 1e9:.3g} GB",
+    "judged": lambda v: f"of {_count(v)}",
+    "colliding": lambda v: f"{_share(v)} collide",
+    "processes": lambda v: f"{_count(v)} processes" if v > 1 else "one process",
+    "scene_s": lambda v: f"{_seconds(v)} a scene",
+    "made": lambda v: f"{_count(v)} made",
+    "valid_ratio_cold": lambda v: f"{_count(v)} times as many valid scenes/s, cold",
+    "valid_ratio_warm": lambda v: f"{_count(v)} times as many valid scenes/s, warm",
+}
+"""How figures are told. Those of other names are shares of time."""
+
+
+def told(measured: Mapping[str, float]) -> str:
+    """Return figures as words."""
+    return ", ".join(_WORDS[n](v) if n in _WORDS else f"{n} {_share(v)}" for n, v in measured.items())
+
+
+def as_markdown(rows: Sequence[Row]) -> str:
+    """Return the rows as a table for each experiment."""
+    lines = []
+    for experiment, some in groupby(rows, lambda row: row.experiment):
+        lines += [f"**{experiment}**", "", *_HEAD]
+        for row in some:
+            what = ", ".join(part for part in (row.level, f"{row.worlds:,}" if row.worlds else "") if part)
+            here = told(row.measured) or f"not measured: {row.missing}"
+            paper = (f"{f} ({f.place})" for f in row.reported if f.source == PAPER)
+            elsewhere = (f"{f} ({f.source}; {f.place})" for f in row.reported if f.source != PAPER)
+            note = f" ({row.note})" if row.note else ""
+            lines.append(f"| {what} | {here}{note} | {'; '.join(paper)} | {'; '.join(elsewhere)} |")
+        lines.append("")
+    return "\n".join(lines).rstrip()
