@@ -1,7 +1,7 @@
 """What others report of the experiments: figures of the Sceniris paper, and measurements of the programs themselves.
 
-A figure of the paper has the words in which it stands there (arXiv:2512.16896, LaTeX source). Its curves have no numbers
-in the text, and none is read off a picture.
+A figure of the paper has the words in which it stands there (arXiv:2512.16896, LaTeX source). Its curves have no
+numbers in the text, and none is read off a picture.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ class Experiment(StrEnum):
     """The experiments, in the order in which they are told."""
 
     WARM = "Mid, warm"
-    KEPT = "Mid, cold, kernel cache kept"
     EMPTY = "Mid, cold, kernel cache empty"
+    KEPT = "Mid, cold, kernel cache kept"
     FIRST_PASS = "Mid, 10 attempts, no restarts"
     MEMORY = "Mid, memory"
     JUDGED = "Mid, valid ones that FCL finds in collision"
@@ -23,8 +23,8 @@ class Experiment(StrEnum):
     SHARES = "Mid, share of the time by kind of kernel"
     REACH = "Mid, reachability of apple and cabinet"
     HARDER = "Hard and Hard+, warm"
-    HARDER_KEPT = "Hard and Hard+, cold, kernel cache kept"
     HARDER_EMPTY = "Hard and Hard+, cold, kernel cache empty"
+    HARDER_KEPT = "Hard and Hard+, cold, kernel cache kept"
     SYNTHESIZER = "Scene Synthesizer, Mid"
     UNIFORM = "Placement without checks, Mid"
     RATIO = "Layouts/s relative to Scene Synthesizer"
@@ -64,8 +64,16 @@ class Reported:
     level: str = ""
 
     def __str__(self) -> str:
-        value = f"{self.value:,g}" if self.high is None else f"{self.value:,g} to {self.high:,g}"
-        return f"{value} {self.unit}"
+        return f"{self.number} {self.unit}"
+
+    @property
+    def number(self) -> str:
+        """The figure or its range, without a unit."""
+        return _number(self.value) if self.high is None else f"{_number(self.value)} to {_number(self.high)}"
+
+
+def _number(value: float) -> str:
+    return f"{value:,.10g}"
 
 
 _BATCH = "section Batched Scene Generation"
@@ -118,12 +126,8 @@ REPORTED: tuple[Reported, ...] = (
     ),
     _paper(Experiment.FIRST_PASS, 524288, 113820, "invalid", _PRESSURE, "has 113,820 invalid scenes"),
     _paper(Experiment.MEMORY, 524288, 20, "GB", _PRESSURE, "fits in an L4 GPU, taking about 20GB VRAM"),
-    _paper(
-        Experiment.REACH, 0, 0.0001, "s a query", _BREAKDOWN, r"only takes a constant $\sim$0.0001s per query"
-    ),
-    _paper(
-        Experiment.REACH, 0, 1 / 20, "of a collision check", _BREAKDOWN, "at most 1/20 of the collision check cost"
-    ),
+    _paper(Experiment.REACH, 0, 0.0001, "s a query", _BREAKDOWN, r"only takes a constant $\sim$0.0001s per query"),
+    _paper(Experiment.REACH, 0, 1 / 20, "of a collision check", _BREAKDOWN, "at most 1/20 of the collision check cost"),
     *(
         _paper(experiment, 0, 20, "s more than the level before", _LEVELS, _HARDER, high=30, level=level)
         for experiment in (Experiment.HARDER_KEPT, Experiment.HARDER_EMPTY)
@@ -221,12 +225,7 @@ REPORTED: tuple[Reported, ...] = (
 )
 
 
-def reported(experiment: Experiment, worlds: int = 0, level: str = "") -> tuple[Reported, ...]:
-    """Return what others report of an experiment at a number of scenes, or where the source names none."""
+def reported(experiment: Experiment, worlds: int | None = None, level: str = "") -> tuple[Reported, ...]:
+    """Return what others report of an experiment, of one number of scenes or, with None, of all."""
     found = (f for f in REPORTED if f.experiment is experiment and f.level == level)
-    return tuple(f for f in found if f.worlds in (0, worlds))
-
-
-def reported_worlds(experiment: Experiment) -> set[int]:
-    """Return the numbers of scenes for which others report an experiment."""
-    return {f.worlds for f in REPORTED if f.experiment is experiment} - {0}
+    return tuple(f for f in found if worlds is None or f.worlds == worlds)

@@ -8,7 +8,7 @@ from sceniris_gym.tools.audit.auditor import Auditor
 
 
 def colliding(compiled: CompiledScene, table: LayoutTable) -> float:
-    """Return the share of layouts in which two objects, or an object and what stands there, cross or enclose each other.
+    """Return the share of layouts in which two things cross, or one of them encloses the other.
 
     Clearances do not count: each program keeps its own.
 

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import groupby
 
-from sceniris_gym.tools.paper.figures import PAPER, Experiment, Reported
+from sceniris_gym.tools.paper.figures import ORIGINAL, PAPER, SYNTHESIZER, Experiment, Reported
 
-_HEAD = ("| scenes at once | here | the paper, on an L4 | measured elsewhere |", "|---|---|---|---|")
+_HEAD = ("| scenes at once | here | the paper, on an L4 | itself, measured elsewhere |", "|---|---|---|---|")
 
 
 @dataclass(frozen=True)
@@ -38,14 +38,16 @@ class Row:
         return asdict(self)
 
 
-def _seconds(value: float) -> str:
+def time_words(value: float) -> str:
+    """Return a time [s] in the unit that suits it."""
     for unit, size in (("s", 1.0), ("ms", 1e-3)):
         if value >= size:
             return f"{value / size:.3g} {unit}"
     return f"{value / 1e-6:.3g} us"
 
 
-def _share(value: float) -> str:
+def share_words(value: float) -> str:
+    """Return a share as a percentage."""
     return f"{100 * value:.3g}%"
 
 
@@ -54,20 +56,20 @@ def _count(value: float) -> str:
 
 
 _WORDS: Mapping[str, Callable[[float], str]] = {
-    "seconds": _seconds,
+    "seconds": time_words,
     "valid_per_s": lambda v: f"{_count(v)} valid/s",
-    "valid": lambda v: f"{_share(v)} valid",
+    "valid": lambda v: f"{share_words(v)} valid",
     "ns_per_candidate": lambda v: f"{_count(v)} ns a candidate",
     "relative": lambda v: f"{v:.3f} of the time a candidate without",
-    "cold_s": lambda v: f"{_seconds(v)} cold",
-    "imports_s": lambda v: f"imports {_seconds(v)}",
-    "compile_s": lambda v: f"scene and its kernels {_seconds(v)}",
-    "generate_s": lambda v: f"layouts {_seconds(v)}",
+    "cold_s": lambda v: f"{time_words(v)} cold",
+    "imports_s": lambda v: f"imports {time_words(v)}",
+    "compile_s": lambda v: f"scene and its kernels {time_words(v)}",
+    "generate_s": lambda v: f"layouts {time_words(v)}",
     "peak_bytes": lambda v: f"{v / 1e9:.3g} GB",
     "judged": lambda v: f"of {_count(v)}",
-    "colliding": lambda v: f"{_share(v)} collide",
+    "colliding": lambda v: f"{share_words(v)} collide",
     "processes": lambda v: f"{_count(v)} processes" if v > 1 else "one process",
-    "scene_s": lambda v: f"{_seconds(v)} a scene",
+    "scene_s": lambda v: f"{time_words(v)} a scene",
     "made": lambda v: f"{_count(v)} made",
     "valid_ratio_cold": lambda v: f"{_count(v)} times as many valid scenes/s, cold",
     "valid_ratio_warm": lambda v: f"{_count(v)} times as many valid scenes/s, warm",
@@ -77,7 +79,7 @@ _WORDS: Mapping[str, Callable[[float], str]] = {
 
 def told(measured: Mapping[str, float]) -> str:
     """Return figures as words."""
-    return ", ".join(_WORDS[n](v) if n in _WORDS else f"{n} {_share(v)}" for n, v in measured.items())
+    return ", ".join(_WORDS[n](v) if n in _WORDS else f"{n} {share_words(v)}" for n, v in measured.items())
 
 
 def as_markdown(rows: Sequence[Row]) -> str:
@@ -88,9 +90,16 @@ def as_markdown(rows: Sequence[Row]) -> str:
         for row in some:
             what = ", ".join(part for part in (row.level, f"{row.worlds:,}" if row.worlds else "") if part)
             here = told(row.measured) or f"not measured: {row.missing}"
-            paper = (f"{f} ({f.place})" for f in row.reported if f.source == PAPER)
-            elsewhere = (f"{f} ({f.source}; {f.place})" for f in row.reported if f.source != PAPER)
+            paper = (_with_place(f, row) for f in row.reported if f.source == PAPER)
+            elsewhere = (_with_place(f, row) for f in row.reported if f.source != PAPER)
             note = f" ({row.note})" if row.note else ""
             lines.append(f"| {what} | {here}{note} | {'; '.join(paper)} | {'; '.join(elsewhere)} |")
         lines.append("")
+    lines += [f"The paper: {PAPER}. Measured elsewhere: {ORIGINAL}; {SYNTHESIZER}."]
     return "\n".join(lines).rstrip()
+
+
+def _with_place(figure: Reported, row: Row) -> str:
+    """Return a figure with the number of scenes that it is for, unless that is the row's, and where it stands."""
+    other = figure.worlds not in (0, row.worlds)
+    return f"{figure}{f' for {figure.worlds:,}' if other else ''} ({figure.place})"

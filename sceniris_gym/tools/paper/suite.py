@@ -1,4 +1,4 @@
-"""The suite: all experiments of the paper in its order, each as far as this device goes, and the peers that are asked for."""
+"""The suite: all experiments of the paper, each as far as this device goes, and the peers that are asked for."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def _rows(bench: Bench, peers: Sequence[Peer]) -> Iterator[Row]:
     warm_rows = list(_warm_rows(bench, Experiment.WARM, bench.mid))
     yield from warm_rows
     kept, empty = _cold_rows(bench)
-    yield from (*kept, *empty)
+    yield from (*empty, *kept)
     yield from _first_pass(bench)
     yield _memory(bench, kept)
     yield _judged(bench)
@@ -188,7 +188,7 @@ def _warm_rows(bench: Bench, experiment: Experiment, compiled: CompiledScene) ->
 
 
 def _cold_rows(bench: Bench) -> tuple[list[Row], list[Row]]:
-    """Return the rows with a kept kernel cache and those with an empty one."""
+    """Return the rows with a kept kernel cache, and those with an empty one, which leave it filled."""
     extent, kept, empty = bench.extent, [], []
     wanted = {4, 1024} if extent.quick else set(SIZES)
     for worlds in SIZES:
@@ -267,19 +267,11 @@ def _harder(bench: Bench) -> Iterator[Row]:
         found = warm(scenes.compiled_scene(scene, bench.device), worlds, bench.extent.rounds)
         told = reported(Experiment.HARDER, level=level)
         yield Row(Experiment.HARDER, worlds, _figures(found, worlds), level=level, reported=told)
-    empty, kept = [], []
-    for level, scene in scenes.LEVELS.items():
-        # where no process is to compile all kernels, they come from the cache of Mid, but for those of relations
-        found = {} if bench.extent.quick else _cold(bench, scene, worlds, level)
-        told = reported(Experiment.HARDER_EMPTY, level=level)
-        why = "" if found else bench.extent.reason
-        empty.append(Row(Experiment.HARDER_EMPTY, worlds, found, why, level, told))
-        told = reported(Experiment.HARDER_KEPT, level=level)
-        if bench.extent.quick:
-            kept.append(Row(Experiment.HARDER_KEPT, worlds, {}, bench.extent.reason, level, told))
-        else:
-            kept.append(Row(Experiment.HARDER_KEPT, worlds, _cold(bench, scene, worlds, level), "", level, told))
-    yield from (*kept, *empty)
+    for experiment in (Experiment.HARDER_EMPTY, Experiment.HARDER_KEPT):
+        for level, scene in scenes.LEVELS.items():
+            found = {} if bench.extent.quick else _cold(bench, scene, worlds, level)
+            why = bench.extent.reason if bench.extent.quick else ""
+            yield Row(experiment, worlds, found, why, level, reported(experiment, level=level))
 
 
 def _synthesizer(bench: Bench) -> Iterator[Row]:

@@ -49,7 +49,7 @@ def measure(compiled: CompiledScene, seconds: float, processes: int) -> tuple[di
     Returns:
         `processes`; `cold_s`, from the start of the processes until the first scene of the last one [s]; `scene_s`, the
         mean time of a scene in a process; `made`; `valid`, the share of scenes in which everything could be placed;
-        `valid_per_s`, of all processes together, loading not counted. And the valid scenes, as rows of the scene's model.
+        `valid_per_s`, of all processes together, loading not counted. And the valid scenes, as rows of our model.
     """
     with tempfile.TemporaryDirectory() as folder:
         words = _words(compiled, Path(folder)) | {"seconds": seconds}
@@ -156,7 +156,7 @@ def _pose(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
     return pose
 
 
-def _numbers(values: Sequence[float]) -> str:
+def _numbers(values: Any) -> str:
     return " ".join(f"{value:.9g}" for value in values)
 
 

@@ -1,13 +1,14 @@
 """A process in which Scene Synthesizer makes scenes of Mid. It knows nothing of the rest of this package.
 
 Reads a line of JSON: `cabinet`, `apple` and `banana`, files; `floor`, its edges [m]; `joints`, name -> range [m];
-`drawer`, the name of the link that carries the banana; `attempts`; `seconds`; `seed`. Loads each file once, makes scenes
-until the time is over, and answers with a line of JSON: `load_s`; `first_s`, for the first scene; `elapsed_s`, for all of
-them; `made`; and `scenes`, the valid ones: joints [m] and poses, 4 x 4.
+`drawer`, the name of the link that carries the banana; `attempts`; `seconds`; `seed`. Loads each file once, makes
+scenes until the time is over, and answers with a line of JSON: `load_s`; `first_s`, for the first scene; `elapsed_s`,
+for all of them; `made`; and `scenes`, the valid ones: joints [m] and poses, 4 x 4.
 """
 
 from __future__ import annotations
 
+import importlib
 import json
 import logging
 import sys
@@ -41,7 +42,8 @@ def main() -> None:
     """See the module."""
     words = json.loads(sys.stdin.readline())
     import numpy as np
-    import scene_synthesizer as synth
+
+    synth = importlib.import_module("scene_synthesizer")
 
     logging.disable(logging.WARNING)
     start = time.perf_counter()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+import re
 import statistics
 import time
 from collections import Counter
@@ -17,20 +18,23 @@ import warp as wp
 import sceniris_gym.layout
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.sequence import LaunchSequence
 from sceniris_gym.program.compiled import CompiledScene
 
 _KINDS = {
     "draw": "draw",
-    "points": "regions of relations",
-    "sides": "regions of relations",
-    "region_pieces": "regions of relations",
+    "points": "regions",
+    "sides": "regions",
+    "region_pieces": "regions",
     "screen": "screen",
     "collision": "collision",
     "containment": "containment",
     "accept": "accept",
     "rounds": "rows and rounds",
 }
-"""What the kernels of a file of layout/ do; those of other files are the stage of reach."""
+"""What the kernels of a file of layout/ do."""
+
+_HASH = re.compile("_[0-9a-f]{8}$")  # at the end of a kernel's name on a GPU
 
 
 @dataclass(frozen=True)
@@ -71,24 +75,27 @@ def shares(compiled: CompiledScene, worlds: int) -> dict[str, float]:
     """Return the share of a batch's time that each kind of kernel takes, the largest first.
 
     Kernels are launched one by one rather than from a graph. On a GPU the device times them; on a CPU, where a launch
-    returns when its kernel is done, the clock around it does.
+    returns when its kernel is done, the clock around it does. Scenes whose tier of reach has a stage of its own are not
+    told apart so.
     """
     generator = LayoutGenerator(compiled, worlds)
-    generator.launch_generate(None)  # loads the kernels
+    make = LaunchSequence(lambda: generator.launch_generate(None), wp.get_device(compiled.device), graph=False)
+    make()  # loads the kernels
     kinds = _kinds_of_kernels()
     times: Counter[str] = Counter()
 
     def add(kernel: str, seconds: float) -> None:
-        times[kinds.get(kernel, "reach")] += seconds  # type: ignore[assignment]
+        name = _HASH.sub("", kernel.removeprefix("forward kernel "))
+        times[kinds.get(name, "other")] += seconds  # type: ignore[assignment]
 
     if wp.get_device(compiled.device).is_cuda:
         wp.timing_begin(cuda_filter=wp.TIMING_KERNEL)
-        generator.launch_generate(None)
+        make()
         for result in wp.timing_end():
-            add(result.name.removeprefix("forward kernel "), result.elapsed)
+            add(result.name, result.elapsed)
     else:
         with _timed_launches(add):
-            generator.launch_generate(None)
+            make()
     whole = sum(times.values())
     return {kind: seconds / whole for kind, seconds in times.most_common()}
 
@@ -116,9 +123,11 @@ def _timed_launches(add: Callable[[str, float], None]) -> Iterator[None]:
 
         return work
 
-    kept = wp.launch, wp.launch_tiled
-    wp.launch, wp.launch_tiled = timed(wp.launch), timed(wp.launch_tiled)
+    kept = {name: getattr(wp, name) for name in ("launch", "launch_tiled")}
+    for name, launch in kept.items():
+        setattr(wp, name, timed(launch))
     try:
         yield
     finally:
-        wp.launch, wp.launch_tiled = kept
+        for name, launch in kept.items():
+            setattr(wp, name, launch)
