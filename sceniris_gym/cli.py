@@ -22,7 +22,7 @@ from sceniris_gym.reach.tier import Tier, TierWord
 if TYPE_CHECKING:
     from sceniris_gym.config.scene import SceneConfig
     from sceniris_gym.program.compiled import CompiledScene
-    from sceniris_gym.tools.paper.suite import Peer
+    from sceniris_gym.tools.paper.peers import Peer
 
 Scene = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE", help="name of a shipped scene, or a path")]
 Device = Annotated[str | None, tyro.conf.arg(help="cpu, cuda:0, ...; by default cuda:0 if there is one, else cpu")]

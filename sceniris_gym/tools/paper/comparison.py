@@ -12,6 +12,7 @@ HEAD = (
     "|---|---|---|---|---|---|",
 )
 _UNKNOWN = "not reported"
+_FEWEST = 1024  # scenes of a row
 _ARENA = (
     "Isaac Lab Arena, pooled placer, as reported by its authors, another scene of 3 objects",
     "RTX 6000 Ada",
@@ -93,10 +94,13 @@ def _told(experiment: Experiment, source: str, worlds: int, unit: str, with_unit
 
 
 def _own(rows: Sequence[Row], device: str) -> Iterator[tuple[str, ...]]:
-    """Yield what was measured of this package, from the largest number of scenes on."""
+    """Yield what was measured of this package, the largest numbers of scenes first."""
     judged = next(row for row in rows if row.experiment is Experiment.JUDGED)
     fault = f"{share_words(judged.measured['colliding'])} of {judged.measured['judged']:,}"
-    for row in reversed([row for row in rows if row.experiment is Experiment.WARM and row.measured][-2:]):
+    started = {r.worlds for r in rows if r.experiment in (Experiment.KEPT, Experiment.EMPTY) and r.measured}
+    for row in reversed(rows):
+        if row.experiment is not Experiment.WARM or row.worlds < _FEWEST or row.worlds not in started:
+            continue
         starts = (
             f"{time_words(other.measured['cold_s'])} (kernel cache {word})"
             for word, experiment in (("kept", Experiment.KEPT), ("empty", Experiment.EMPTY))
@@ -104,7 +108,7 @@ def _own(rows: Sequence[Row], device: str) -> Iterator[tuple[str, ...]]:
             if other.experiment is experiment and other.worlds == row.worlds and other.measured
         )
         rate = f"{row.measured['valid_per_s']:,.0f}"
-        yield "sceniris_gym, `mid_16k`", device, f"{row.worlds:,}", ", ".join(starts) or "not measured", rate, fault
+        yield "sceniris_gym, `mid_16k`", device, f"{row.worlds:,}", ", ".join(starts), rate, fault
 
 
 def _peers(rows: Sequence[Row], device: str) -> Iterator[tuple[str, ...]]:

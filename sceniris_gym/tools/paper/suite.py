@@ -8,10 +8,9 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
-from typing import Literal
 
 import warp as wp
 
@@ -20,65 +19,16 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.tools.commands.bench import faces
 from sceniris_gym.tools.paper import scenes, synthesizer
 from sceniris_gym.tools.paper.cold import cold
+from sceniris_gym.tools.paper.extent import LARGEST, PRESSURE, SIZES, Bench, Extent
 from sceniris_gym.tools.paper.figures import Experiment, reported
 from sceniris_gym.tools.paper.judge import colliding
+from sceniris_gym.tools.paper.peers import Peer, ratio_row, synthesizer_rows, uniform_row
 from sceniris_gym.tools.paper.rows import Row
 from sceniris_gym.tools.paper.warm import Warm, shares, warm
 from sceniris_gym.tools.tables import make_table
-from sceniris_gym.tools.unchecked import unchecked
 
-Peer = Literal["scene_synthesizer", "uniform"]
-
-LARGEST = 16384  # of the paper's figure of batch sizes
-PRESSURE = 524288  # its pressure test
-SIZES = (4, 16, 64, 256, 1024, 4096, LARGEST, PRESSURE)
 _EMPTY_SIZES = (1024, LARGEST, PRESSURE)
 _PACKAGES = ("warp-lang", "mujoco", "numpy", "python-fcl")
-
-
-@dataclass(frozen=True)
-class Extent:
-    """How much is measured.
-
-    Attributes:
-        quick: Leave out what takes long.
-        largest: Most scenes at once.
-        reason: Why not more.
-        rounds: Batches of which the median counts.
-        judged: Layouts that FCL judges.
-        seconds: How long a peer makes scenes [s].
-    """
-
-    quick: bool
-    largest: int
-    reason: str
-    rounds: int
-    judged: int
-    seconds: float
-
-    @classmethod
-    def of(cls, device: str, quick: bool) -> Extent:
-        """Return what suits a device."""
-        gpu = wp.get_device(device).is_cuda
-        if quick:
-            return cls(True, LARGEST if gpu else 1024, "left out by --quick", 5, 100, 8.0)
-        if gpu:
-            return cls(False, PRESSURE, "", 9, 500, 40.0)
-        return cls(False, LARGEST, "left to a GPU", 5, 500, 40.0)
-
-    def within(self, worlds: int) -> int:
-        """Return a number of scenes, or as many as there may be."""
-        return min(worlds, self.largest)
-
-
-@dataclass(frozen=True)
-class Bench:
-    """Where and how the rows are measured: device, extent, the scene Mid, and a folder for kernel caches."""
-
-    device: str
-    extent: Extent
-    mid: CompiledScene
-    folder: Path
 
 
 def run(
@@ -96,7 +46,7 @@ def run(
         tell: Called with each row when it is there.
 
     Returns:
-        `rows`, each as the fields of `Row`; `mean`, what was measured on what; `seconds`, how long it took.
+        `rows`, each a `Row`; what was measured, on what device and with which versions; `seconds`, how long it took.
 
     Raises:
         UnknownNameError: There is no such device.
@@ -158,10 +108,10 @@ def _rows(bench: Bench, peers: Sequence[Peer]) -> Iterator[Row]:
     )
     yield from _reach(bench)
     yield from _harder(bench)
-    made = list(_synthesizer(bench)) if "scene_synthesizer" in peers else []
+    made = list(synthesizer_rows(bench)) if "scene_synthesizer" in peers else []
     yield from made or [_left_out(Experiment.SYNTHESIZER, "run with --peer scene_synthesizer")]
-    yield _uniform(bench) if "uniform" in peers else _left_out(Experiment.UNIFORM, "run with --peer uniform")
-    yield _ratio(worlds, warm_rows, kept, made)
+    yield uniform_row(bench) if "uniform" in peers else _left_out(Experiment.UNIFORM, "run with --peer uniform")
+    yield ratio_row(worlds, warm_rows, kept, made)
     yield _left_out(Experiment.PICTURES, "the paper gives no figure; `sceniris-gym check table_top` makes its scene")
     yield _left_out(
         Experiment.ORIGINAL,
@@ -190,7 +140,7 @@ def _warm_rows(bench: Bench, experiment: Experiment, compiled: CompiledScene) ->
 def _cold_rows(bench: Bench) -> tuple[list[Row], list[Row]]:
     """Return the rows with a kept kernel cache, and those with an empty one, which leave it filled."""
     extent, kept, empty = bench.extent, [], []
-    wanted = {4, 1024} if extent.quick else set(SIZES)
+    wanted = {4, 1024, extent.largest} if extent.quick else set(SIZES)
     for worlds in SIZES:
         told = reported(Experiment.EMPTY, worlds)
         if worlds not in _EMPTY_SIZES:
@@ -272,51 +222,6 @@ def _harder(bench: Bench) -> Iterator[Row]:
             found = {} if bench.extent.quick else _cold(bench, scene, worlds, level)
             why = bench.extent.reason if bench.extent.quick else ""
             yield Row(experiment, worlds, found, why, level, reported(experiment, level=level))
-
-
-def _synthesizer(bench: Bench) -> Iterator[Row]:
-    """Scene Synthesizer in one process, and in one for each core."""
-    told = reported(Experiment.SYNTHESIZER)
-    cores = len(os.sched_getaffinity(0))
-    for processes in sorted({1, cores}):
-        found, table = synthesizer.measure(bench.mid, bench.extent.seconds, processes)
-        table = table[slice(0, bench.extent.judged)]
-        if len(table):
-            found |= {"colliding": colliding(bench.mid, table), "judged": len(table)}
-        level = "one process" if processes == 1 else "one a core"
-        some = tuple(f for f in told if ("ten" in f.unit) == (processes > 1))
-        yield Row(Experiment.SYNTHESIZER, 0, found, level=level, reported=some, note="each loads its meshes once")
-
-
-def _uniform(bench: Bench) -> Row:
-    """The same candidates, none of which is tested for collisions."""
-    compiled = unchecked(bench.mid)
-    worlds = bench.extent.within(LARGEST)
-    found = warm(compiled, worlds, bench.extent.rounds)
-    table = make_table(compiled, bench.extent.judged, seed=0)
-    share = colliding(bench.mid, table)
-    figures = {
-        "seconds": found.seconds,
-        "valid_per_s": worlds * (1.0 - share) / found.seconds,
-        "colliding": share,
-        "judged": len(table),
-    }
-    note = "valid: those that FCL finds without a collision, which no one would know"
-    return Row(Experiment.UNIFORM, worlds, figures, reported=reported(Experiment.UNIFORM), note=note)
-
-
-def _ratio(worlds: int, warm_rows: Sequence[Row], kept: Sequence[Row], made: Sequence[Row]) -> Row:
-    """How many times as many valid layouts a second there are as from Scene Synthesizer, one process a core."""
-    told = reported(Experiment.RATIO)
-    if not made:
-        return Row(Experiment.RATIO, worlds, missing="run with --peer scene_synthesizer", reported=told)
-    peer = made[-1].measured["valid_per_s"]
-    rates = [
-        max(row.measured["valid_per_s"] for row in rows if row.measured and row.worlds == worlds)
-        for rows in (warm_rows, kept)
-    ]
-    figures = {"valid_ratio_warm": rates[0] / peer, "valid_ratio_cold": rates[1] / peer}
-    return Row(Experiment.RATIO, worlds, figures, reported=told, note="its own rate is taken warm, so in its favour")
 
 
 def progress(row: Row) -> None:
