@@ -180,7 +180,8 @@ def bench(
 ) -> str:
     """Measure how fast layouts are made and worlds are reset, of a scene or of a whole suite."""
     if suite is not None:
-        if scene is not None or geometry is not None or changes or picture is not None:
+        own = (scene, geometry, picture) != (None, None, None) or (num_envs, seed) != (4096, 0)
+        if own or changes:
             raise NotSupportedError("bench: --suite has scenes of its own. Leave out SCENE and what belongs to one.")
         return _paper(device, quick, peer, out, json)
     if scene is None:

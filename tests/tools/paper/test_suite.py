@@ -33,6 +33,7 @@ def check(rows: list[Row]) -> None:
         assert tuple(row.worlds for row in rows if row.experiment is experiment) == SIZES
 
 
+@pytest.mark.slow
 def test_a_small_run_measures_all_experiments(monkeypatch: pytest.MonkeyPatch):
     """With up to sixteen scenes at once, and without fresh processes, which have their own tests."""
     small = Extent(True, 16, "left out by this test", 1, 4, 0.0)
