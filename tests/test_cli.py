@@ -18,7 +18,7 @@ import sceniris_gym
 from sceniris_gym import cli
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.tools.paper import suite
-from tests.tools.paper.test_report import FOUND
+from tests.tools.paper.results import FOUND
 
 
 def answer(capfd: pytest.CaptureFixture, *arguments: str, device: str = "cpu") -> dict:

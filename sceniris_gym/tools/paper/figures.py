@@ -37,6 +37,10 @@ ORIGINAL = "Sceniris (commit 1338213, cuRobo 0.7.7), one H200 and 16 cores"
 SYNTHESIZER = "Scene Synthesizer 1.15, one process on the host of that H200"
 
 
+DRAWN = (Experiment.WARM, Experiment.EMPTY, Experiment.KEPT, Experiment.SHARES)
+"""Experiments of which the paper has a picture, with numbers for few of its points."""
+
+
 @dataclass(frozen=True)
 class Reported:
     """A figure that others report.

@@ -30,7 +30,7 @@ def synthesizer_rows(bench: Bench) -> Iterator[Row]:
         level = "one process" if processes == 1 else "one a core"
         many, alone = processes == cores, processes == 1
         some = tuple(f for f in told if (many if "ten" in f.unit else alone))
-        yield Row(Experiment.SYNTHESIZER, 0, found, level=level, reported=some, note="each loads its meshes once")
+        yield Row(Experiment.SYNTHESIZER, 0, found, level=level, reported=some, note="meshes loaded once, its own gaps")
 
 
 def uniform_row(bench: Bench) -> Row:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import groupby
 
-from sceniris_gym.tools.paper.figures import ORIGINAL, PAPER, SYNTHESIZER, Experiment, Reported
+from sceniris_gym.tools.paper.figures import DRAWN, ORIGINAL, PAPER, SYNTHESIZER, Experiment, Reported
 
 _HEAD = ("| scenes at once | here | the paper, on an L4 | itself, measured elsewhere |", "|---|---|---|---|")
 
@@ -90,7 +90,9 @@ def as_markdown(rows: Sequence[Row]) -> str:
         for row in some:
             what = ", ".join(part for part in (row.level, f"{row.worlds:,}" if row.worlds else "") if part)
             here = told(row.measured) or f"not measured: {row.missing}"
-            paper = (_with_place(f, row) for f in row.reported if f.source == PAPER)
+            paper = [_with_place(f, row) for f in row.reported if f.source == PAPER]
+            if not paper and experiment in DRAWN:
+                paper = ["drawn, without a number"]
             elsewhere = (_with_place(f, row) for f in row.reported if f.source != PAPER)
             note = f" ({row.note})" if row.note else ""
             lines.append(f"| {what} | {here}{note} | {'; '.join(paper)} | {'; '.join(elsewhere)} |")

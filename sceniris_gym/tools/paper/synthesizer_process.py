@@ -13,12 +13,13 @@ import json
 import logging
 import sys
 import time
+from collections.abc import Mapping
 from typing import Any
 
 _FLOOR_THICKNESS = 0.01  # m
 
 
-def make_scene(synth: Any, assets: dict[str, Any], words: dict[str, Any], rng: Any) -> dict[str, Any] | None:
+def make_scene(synth: Any, assets: Mapping[str, Any], words: Mapping[str, Any], rng: Any) -> dict[str, Any] | None:
     """Return a scene in which everything could be placed, or None."""
     scene = synth.Scene(seed=rng)
     scene.add_object(assets["floor"], "floor", translation=[0.0, 0.0, -_FLOOR_THICKNESS / 2])

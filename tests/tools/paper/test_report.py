@@ -9,22 +9,7 @@ import pytest
 
 from sceniris_gym.errors import OutputError
 from sceniris_gym.tools.paper import report
-from sceniris_gym.tools.paper.figures import Experiment, reported
-from sceniris_gym.tools.paper.rows import Row
-
-FOUND = {
-    "date": "2026-11-22",
-    "device": "cpu",
-    "cores": 2,
-    "python": "3.11",
-    "versions": {"warp-lang": "1.19.0"},
-    "faces": {"apple": 17856},
-    "seconds": 61.0,
-    "rows": [
-        Row(Experiment.WARM, 1024, {"seconds": 0.05, "valid_per_s": 2e4}, reported=reported(Experiment.WARM, 1024)),
-        Row(Experiment.JUDGED, 0, {"colliding": 0.0, "judged": 100}),
-    ],
-}
+from tests.tools.paper.results import FOUND
 
 
 def test_json_and_picture_are_written(tmp_path: Path):

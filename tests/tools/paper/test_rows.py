@@ -38,6 +38,7 @@ def test_a_table_has_what_was_measured_and_what_was_not():
     assert first.split(" | ")[2] == "2.52 s (section Batched Scene Generation)"
     assert "1.74 to 2.35 s" in first.split(" | ")[3]
     assert any("not measured: left to a GPU" in line and "5,279.84 valid/s" in line for line in lines)
+    assert as_markdown([Row(Experiment.WARM, 4, {"seconds": 1.0})]).count("drawn, without a number") == 1
     assert any("0.5 GB (of a process) | 20 GB for 524,288" in line for line in lines)
     assert sum(line.startswith("**") for line in lines) == 2
 

@@ -10,7 +10,7 @@ import pytest
 from sceniris_gym.tools.paper.synthesizer_process import make_scene
 
 WORDS = {"attempts": 10, "drawer": "cabinet_upper_drawer", "joints": {"upper": [0.1, 0.2], "lower": [0.0, 0.05]}}
-ASSETS = dict.fromkeys(("floor", "cabinet", "apple", "banana"))
+ASSETS: dict[str, Any] = dict.fromkeys(("floor", "cabinet", "apple", "banana"))
 
 
 class Synth:
