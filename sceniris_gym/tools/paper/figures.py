@@ -32,7 +32,7 @@ class Experiment(StrEnum):
     ORIGINAL = "Sceniris itself, in this run"
 
 
-PAPER = "paper, one L4 and 16 threads"
+PAPER = "the paper, on one L4 and 16 CPU threads"
 ORIGINAL = "Sceniris (commit 1338213, cuRobo 0.7.7), one H200 and 16 cores"
 SYNTHESIZER = "Scene Synthesizer 1.15, one process on the host of that H200"
 

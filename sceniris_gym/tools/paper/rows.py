@@ -97,7 +97,7 @@ def as_markdown(rows: Sequence[Row]) -> str:
             note = f" ({row.note})" if row.note else ""
             lines.append(f"| {what} | {here}{note} | {'; '.join(paper)} | {'; '.join(elsewhere)} |")
         lines.append("")
-    lines += [f"The paper: {PAPER}. Measured elsewhere: {ORIGINAL}; {SYNTHESIZER}."]
+    lines += [f"Sources: {PAPER}; {ORIGINAL}; {SYNTHESIZER}."]
     return "\n".join(lines).rstrip()
 
 

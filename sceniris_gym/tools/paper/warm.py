@@ -85,8 +85,7 @@ def shares(compiled: CompiledScene, worlds: int) -> dict[str, float]:
     times: Counter[str] = Counter()
 
     def add(kernel: str, seconds: float) -> None:
-        name = _HASH.sub("", kernel.removeprefix("forward kernel "))
-        times[kinds.get(name, "other")] += seconds  # type: ignore[assignment]
+        times[kinds.get(_key(kernel), "other")] += seconds  # type: ignore[assignment]
 
     if wp.get_device(compiled.device).is_cuda:
         wp.timing_begin(cuda_filter=wp.TIMING_KERNEL)
@@ -98,6 +97,11 @@ def shares(compiled: CompiledScene, worlds: int) -> dict[str, float]:
             make()
     whole = sum(times.values())
     return {kind: seconds / whole for kind, seconds in times.most_common()}
+
+
+def _key(activity: str) -> str:
+    """Return the key of a kernel, which a GPU's timing tells with a hash."""
+    return _HASH.sub("", activity.removeprefix("forward kernel "))
 
 
 def _kinds_of_kernels() -> dict[str, str]:

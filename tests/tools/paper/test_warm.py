@@ -5,10 +5,11 @@ from __future__ import annotations
 import pytest
 import warp as wp
 
+from sceniris_gym.layout import collision, draw
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.tools.paper.scenes import HARD, PHYSICS, compiled_scene, without_restarts
-from sceniris_gym.tools.paper.warm import shares, warm
+from sceniris_gym.tools.paper.warm import _key, _kinds_of_kernels, shares, warm
 
 DEVICES = ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)]
 
@@ -39,6 +40,16 @@ def test_every_kernel_is_of_some_kind(device: str):
     for found in (plain, related):
         assert sum(found.values()) == pytest.approx(1.0)
         assert list(found.values()) == sorted(found.values(), reverse=True)
+
+
+def test_kernels_are_known_by_the_names_that_a_gpu_tells():
+    """Warp's own names of compiled kernels, also of those with a module of their own."""
+    shares(compiled_scene(PHYSICS, "cpu"), 4)
+    for kernel in (draw._draw, collision._test_alone):
+        name = kernel.get_mangled_name()
+        assert name != kernel.key
+        assert _key(f"forward kernel {name}") == kernel.key == _key(kernel.key)
+        assert kernel.key in _kinds_of_kernels()
 
 
 def test_launches_are_left_as_they_were():
