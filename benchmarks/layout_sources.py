@@ -7,17 +7,15 @@ source: even with a bank of a single layout every object is chosen in turn.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
-import warp as wp
 
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.device import Program
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.tables import make_table, read_table
+from sceniris_gym.tools.unchecked import unchecked
 
 
 def valid_rows(compiled: CompiledScene, count: int, seed: int) -> LayoutTable:
@@ -46,19 +44,6 @@ def episodes(compiled: CompiledScene, seeds: list[int], number: int, split: str 
 def home_rows(compiled: CompiledScene, seed: int) -> LayoutTable:
     """Return a single layout, as the one fixed start state of a scene."""
     return valid_rows(compiled, 1, seed)
-
-
-def unchecked(compiled: CompiledScene) -> CompiledScene:
-    """Return a CompiledScene that samples the same candidates but tests none of them for collisions.
-
-    For placement without any check, its scene must not use `reachable`.
-    """
-    program = Program()
-    for name in Program.vars:
-        setattr(program, name, getattr(compiled.program, name))
-    program.obj_pairnum = wp.zeros_like(compiled.program.obj_pairnum)
-    program.obj_startnum = wp.zeros_like(compiled.program.obj_startnum)
-    return replace(compiled, program=program)
 
 
 def replayed(table: LayoutTable) -> Callable[[CompiledScene, int], StoredLayouts]:

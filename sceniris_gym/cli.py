@@ -22,6 +22,7 @@ from sceniris_gym.reach.tier import Tier, TierWord
 if TYPE_CHECKING:
     from sceniris_gym.config.scene import SceneConfig
     from sceniris_gym.program.compiled import CompiledScene
+    from sceniris_gym.tools.paper.peers import Peer
 
 Scene = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE", help="name of a shipped scene, or a path")]
 Device = Annotated[str | None, tyro.conf.arg(help="cpu, cuda:0, ...; by default cuda:0 if there is one, else cpu")]
@@ -151,18 +152,42 @@ def audit(
 
 @_command
 def bench(
-    scene: Scene,
+    scene: Annotated[
+        str | None, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE", help="name of a shipped scene, or a path")
+    ] = None,
     num_envs: int = 4096,
     geometry: Annotated[
         Literal["physics", "visual"] | None, tyro.conf.arg(help="kind of geometry; by default the scene's own")
     ] = None,
     seed: int = 0,
     picture: Picture = None,
+    suite: Annotated[
+        Literal["paper"] | None, tyro.conf.arg(help="instead of a scene: the experiments of the Sceniris paper")
+    ] = None,
+    quick: Annotated[
+        bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="of a suite, only what takes minutes on a CPU")
+    ] = False,
+    peer: Annotated[
+        tyro.conf.UseAppendAction[tuple[Literal["scene_synthesizer", "uniform"], ...]],
+        tyro.conf.arg(help="with a suite: measure this too, on the same meshes"),
+    ] = (),
+    out: Annotated[
+        Path | None, tyro.conf.arg(aliases=["-o"], help="with a suite: folder for paper.json and paper.png")
+    ] = None,
     device: Device = None,
     changes: Changes = (),
     json: Json = False,
 ) -> str:
-    """Measure how fast layouts are made and worlds are reset."""
+    """Measure how fast layouts are made and worlds are reset, of a scene or of a whole suite."""
+    if suite is not None:
+        own = (scene, geometry, picture) != (None, None, None) or (num_envs, seed) != (4096, 0)
+        if own or changes:
+            raise NotSupportedError("bench: --suite has scenes of its own. Leave out SCENE and what belongs to one.")
+        return _paper(device, quick, peer, out, json)
+    if scene is None:
+        raise NotSupportedError("bench: nothing to measure. Give a SCENE, or --suite paper.")
+    if quick or peer or out is not None:
+        raise NotSupportedError("bench: --quick, --peer and --out belong to a suite. Add --suite paper, without SCENE.")
     _at_least(1, num_envs=num_envs)
     from sceniris_gym.tools.commands import bench as tool
     from sceniris_gym.tools.files import check_picture
@@ -173,6 +198,18 @@ def bench(
     overrides = _overrides(changes) | ({} if geometry is None else {"geometry": geometry})
     measured = tool.bench(scene, num_envs, device, seed, overrides, picture)
     return dumps(measured) if json else _listing(measured)
+
+
+def _paper(device: str | None, quick: bool, peers: Sequence[Peer], out: Path | None, json: bool) -> str:
+    """Measure the experiments of the paper, and write them as JSON and as a picture."""
+    from sceniris_gym.tools.paper import report, suite
+
+    if out is not None:
+        report.check(out)
+    found = suite.run(device, quick, peers, suite.progress)
+    if out is not None:
+        report.write(found, out)
+    return report.as_json(found) if json else report.as_text(found)
 
 
 @_command

@@ -1,0 +1,1 @@
+"""The experiments of the Sceniris paper, measured again here, beside its own figures and those of peers."""
