@@ -5,10 +5,10 @@ from __future__ import annotations
 import itertools
 import warnings
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
-import trimesh
 
 from sceniris_gym.config.fields import MOST_FAR, ROBOT
 from sceniris_gym.errors import ModelWarning
@@ -16,6 +16,9 @@ from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.pieces import Piece, PieceType, flat_faces, geom_name
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.scene.model import SceneModel
+
+if TYPE_CHECKING:
+    import trimesh
 
 # A hull that is larger than its mesh by more than this factor fills something in.
 _FILLED = 1.3
@@ -51,6 +54,8 @@ def _flat(scene: SceneModel, plan: Plan) -> Iterator[str]:
 
 def _filled(scene: SceneModel, plan: Plan) -> Iterator[str]:
     """Meshes that collide as a hull much larger than they are."""
+    import trimesh
+
     if scene.config.geometry != "physics":
         return
     mjm, found = scene.mjm, []
