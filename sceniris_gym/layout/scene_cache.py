@@ -71,8 +71,8 @@ def scene_key(scene: SceneModel, device: str) -> str:
     model = np.empty(mujoco.mj_sizeModel(scene.mjm), np.uint8)
     mujoco.mj_saveModel(scene.mjm, None, model)
     config, on = scene.config, wp.get_device(device)
-    kind = (on.name, on.arch) if on.is_cuda else (platform.machine(), platform.processor())
-    facts = [scene.hash, config.where, config.model_dump_json(), repr(scene.couplings), scene.bodies, _sources(), *kind]
+    kind = [_processor(), on.name if on.is_cuda else "cpu", on.arch]
+    facts = [scene.hash, config.where, config.model_dump_json(), repr(scene.couplings), scene.bodies, _sources(), kind]
     digest = hashlib.sha256(json.dumps(facts).encode())
     for values in (model, scene.home_qpos, scene.home_ctrl):
         digest.update(values.tobytes())
@@ -119,6 +119,15 @@ def _remove_oldest(folder: Path) -> None:
         total += stat.st_size
         if total > MOST_BYTES:
             path.unlink(missing_ok=True)
+
+
+@cache
+def _processor() -> str:
+    """The instructions that the processor has: compiled kernels use them, and round accordingly."""
+    lines: list[str] = []
+    with contextlib.suppress(OSError), Path("/proc/cpuinfo").open() as info:
+        lines = [line for line in info.read(1 << 14).splitlines() if line.startswith(("flags", "Features"))]
+    return " ".join([platform.machine(), *lines[:1]])
 
 
 @cache
