@@ -17,6 +17,7 @@ from sceniris_gym.errors import FallbackWarning, InfeasibleSceneError, UnknownNa
 from sceniris_gym.layout.attempts import find_attempts
 from sceniris_gym.layout.blame import obstructions
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.kernel_log import use_kernel_log
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.scene_cache import UNREADABLE, load_arrays, scene_key, store_arrays
 from sceniris_gym.program.archive import from_arrays, to_arrays
@@ -62,6 +63,7 @@ def compile_scene(scene: str | Path | Mapping | SceneConfig | SceneModel, device
         ScenirisError: Something else is wrong with the scene; see `SceneConfig.load`, `build_model` and `build_plan`.
     """
     wp.init()
+    use_kernel_log()
     name = device_name(device)
     model = scene if isinstance(scene, SceneModel) else build_model(SceneConfig.load(scene))
     key = scene_key(model, name)
