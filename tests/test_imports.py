@@ -111,6 +111,18 @@ def test_scenes_and_layouts_are_made_without_torch():
     assert "torch" not in loaded_by("from sceniris_gym import SceneConfig, build_model, compile_scene, LayoutGenerator")
 
 
+def test_a_second_start_imports_what_it_uses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A scene from the cache needs no meshes, hulls or graphs, which take most of a second to import."""
+    monkeypatch.setenv("SCENIRIS_GYM_CACHE", str(tmp_path))
+    sceniris_gym.compile_scene("tabletop_lift", "cpu")
+    assert list(tmp_path.rglob("*.npz"))
+    second = loaded_by(
+        "import sceniris_gym.vector.vector_env; import sceniris_gym; sceniris_gym.compile_scene('tabletop_lift', 'cpu')"
+    )
+    assert "mujoco_warp" in second
+    assert not second & {"trimesh", "scipy", "networkx", "matplotlib", "PIL"}
+
+
 @pytest.mark.parametrize("name", sceniris_gym.__all__)
 def test_every_public_name_is_there(name: str):
     """Each name of `__all__` can be had from the package, and is listed by dir()."""
