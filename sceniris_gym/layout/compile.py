@@ -46,16 +46,18 @@ _REACH_BANK = ("grasp", "grasp_qpos", "pregrasp_qpos")
 _KEY, _WARNINGS = "key", "warnings"
 
 
-def compile_scene(scene: str | Path | Mapping | SceneConfig | SceneModel, device: str | None = None) -> CompiledScene:
+def compile_scene(
+    scene: str | Path | Mapping | SceneConfig | SceneModel, device: str | None = None, *, cache: bool = True
+) -> CompiledScene:
     """Compile a scene for a device, prove that layouts of it can be made, and fill its bank of valid layouts.
-
-    What this works out is kept on disk, so that the next start is quicker; see `scene_cache`.
 
     Where many worlds would get a layout from the bank, a FallbackWarning says how many, and what would help.
 
     Args:
         scene: A shipped scene's name, a path, a mapping, a SceneConfig, or a SceneModel.
         device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
+        cache: Keep on disk what this works out, or take it from there, which is quicker and changes nothing else;
+            `scene_cache.py` has where that is.
 
     Raises:
         UnknownNameError: There is no such device.
@@ -66,6 +68,8 @@ def compile_scene(scene: str | Path | Mapping | SceneConfig | SceneModel, device
     use_kernel_log()
     name = device_name(device)
     model = scene if isinstance(scene, SceneModel) else build_model(SceneConfig.load(scene))
+    if not cache:
+        return _compiled(model, name)
     key = scene_key(model, name)
     kept = _from_cache(key, model, name)
     if kept is not None:
