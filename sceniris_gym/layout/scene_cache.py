@@ -14,6 +14,7 @@ import json
 import os
 import platform
 import tempfile
+import time
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -46,6 +47,8 @@ UNREADABLE = (
 """What reading a damaged or foreign file may raise."""
 
 _SUFFIX = ".npz"
+# From so many seconds on a file that is being written is one that nobody writes to any more.
+_LEFT = 3600.0
 _COMPUTE = ("mujoco", "warp-lang", "numpy", "scipy", "shapely", "trimesh")
 
 
@@ -113,6 +116,10 @@ def store_arrays(key: str, arrays: Mapping[str, np.ndarray]) -> None:
 
 
 def _remove_oldest(folder: Path) -> None:
+    """Remove what is beyond `MOST_BYTES`, and what processes left that were ended while they wrote."""
+    for path in folder.glob(".*.tmp"):
+        if time.time() - path.stat().st_mtime > _LEFT:
+            path.unlink(missing_ok=True)
     files = sorted(((path.stat(), path) for path in folder.glob(f"*{_SUFFIX}")), key=lambda f: -f[0].st_mtime)
     total = 0
     for stat, path in files:

@@ -107,8 +107,10 @@ def _plain(value: Any) -> Any:
         return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, tuple | list):
         return [_plain(item) for item in value]
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
+    if isinstance(value, np.ndarray):
+        return [value.dtype.str, value.shape, value.ravel().tolist()]
+    if isinstance(value, np.generic):
+        return value.item()
     return int(value) if isinstance(value, IntEnum) else value
 
 
@@ -123,4 +125,7 @@ def _typed(hint: Any, value: Any) -> Any:
         return tuple(_typed(kind, item) for kind, item in zip(kinds, value, strict=True))
     if origin is types.UnionType:
         return None if value is None else _typed(parts[0], value)
-    return np.array(value) if hint is np.ndarray else hint(value)
+    if hint is np.ndarray:
+        kind, shape, values = value
+        return np.array(values, np.dtype(kind)).reshape(shape)
+    return hint(value)

@@ -54,14 +54,15 @@ def _layouts(compiled: CompiledScene, split: str) -> list[bytes]:
     return found
 
 
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
 @pytest.mark.parametrize("scene", ["mid_16k", "hard_plus", "clutter", "tabletop_lift"])
-def test_a_scene_from_the_cache_is_the_scene_that_was_compiled(scene: str, folder: Path, only_read: Any):
+def test_a_scene_from_the_cache_is_the_scene_that_was_compiled(scene: str, device: str, folder: Path, only_read: Any):
     """Bit by bit: its arrays, and the layouts of both splits. With faces, relations, groups, and an arm with a map."""
-    without = compile_scene(scene, "cpu", cache=False)
+    without = compile_scene(scene, device, cache=False)
     assert not folder.exists()
-    first = compile_scene(scene, "cpu")
+    first = compile_scene(scene, device)
     only_read()
-    second = compile_scene(scene, "cpu")
+    second = compile_scene(scene, device)
     expected = to_arrays(without)
     for compiled in (first, second):
         arrays = to_arrays(compiled)
@@ -223,3 +224,14 @@ def test_it_does_not_grow_without_end(folder: Path, monkeypatch: pytest.MonkeyPa
         if number >= 1:
             assert scene_cache.load_arrays("scene0") is not None  # used, so the others are older
     assert sorted(path.name for path in folder.iterdir()) == ["scene0.npz", "scene4.npz"]
+
+
+def test_what_a_process_left_unfinished_is_removed(folder: Path):
+    """Not what another one is writing."""
+    folder.mkdir()
+    old, new = folder / ".scene.old.tmp", folder / ".scene.new.tmp"
+    for path in (old, new):
+        path.write_bytes(b"half")
+    os.utime(old, (0, 0))
+    store_arrays("scene", {"values": np.zeros(5)})
+    assert sorted(path.name for path in folder.iterdir()) == [new.name, "scene.npz"]

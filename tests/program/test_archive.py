@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.grasping.gripper import Gripper
 from sceniris_gym.program.archive import from_arrays, to_arrays
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Program
@@ -49,6 +52,19 @@ def test_meshes_are_made_anew():
     assert [mesh.id for mesh in again.meshes] == new[new > 0].tolist()
     for first, second in zip(compiled.meshes, again.meshes, strict=True):
         assert (first.points.numpy() == second.points.numpy()).all()
+
+
+def test_a_tool_without_fingers_comes_back():
+    """Its lists of joints are empty, and still lists of addresses."""
+    compiled = _uploaded("tabletop_lift")
+    assert compiled.reaching is not None
+    nothing = np.zeros(0)
+    tool = Gripper(1e3, 0.0, 0.0, 0.1, 0.01, 0.0, np.zeros(0, int), nothing, nothing)
+    bare = replace(compiled, reaching=replace(compiled.reaching, gripper=tool))
+    again = from_arrays(bare.scene, "cpu", to_arrays(bare)).reaching
+    assert again is not None
+    assert again.gripper.qposadr.dtype == int
+    assert [values.size for values in again.gripper.poses(np.linspace(0.0, 1.0, 3))] == [0, 0]
 
 
 @pytest.mark.parametrize("name", ["words", "program.vert", "program.nobject", "home_qpos"])
