@@ -21,6 +21,7 @@ def _count(out: wp.array(dtype=int)):
 def fresh(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Nobody was told of anything yet, and Warp has its own logger before and after."""
     monkeypatch.setattr(kernel_log, "_told", set())
+    monkeypatch.setattr(wp.config, "log_level", wp.LOG_INFO)  # commands raise it
     wp.init()
     before = wp.get_logger()
     wp.set_logger(None)
