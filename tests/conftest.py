@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
+
+os.environ["SCENIRIS_GYM_CACHE"] = "off"  # what is tested is how scenes are compiled, not what was kept of them
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import gc
+import importlib
 import inspect
 import subprocess
 import sys
@@ -13,6 +15,7 @@ from pathlib import Path
 import pytest
 
 import sceniris_gym
+import sceniris_gym.sim
 from sceniris_gym import errors
 
 ROOT = Path(__file__).parents[1]
@@ -109,6 +112,36 @@ def test_importing_the_package_loads_nothing_heavy():
 def test_scenes_and_layouts_are_made_without_torch():
     """A scene is built without torch in the process."""
     assert "torch" not in loaded_by("from sceniris_gym import SceneConfig, build_model, compile_scene, LayoutGenerator")
+
+
+def test_a_second_start_imports_what_it_uses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A scene from the cache needs no meshes, hulls or graphs, which take most of a second to import."""
+    monkeypatch.setenv("SCENIRIS_GYM_CACHE", str(tmp_path))
+    sceniris_gym.compile_scene("tabletop_lift", "cpu")
+    assert list(tmp_path.rglob("*.npz"))
+    second = loaded_by(
+        "import sceniris_gym.vector.vector_env; import sceniris_gym; sceniris_gym.compile_scene('tabletop_lift', 'cpu')"
+    )
+    assert "mujoco_warp" in second
+    assert not second & {"trimesh", "scipy", "networkx", "matplotlib", "PIL"}
+
+
+@pytest.mark.parametrize("collecting", [True, False])
+@pytest.mark.parametrize("frozen", [True, False])
+def test_the_garbage_collector_is_left_as_it_was(collecting: bool, frozen: bool):
+    """It is paused while MuJoCo-Warp is imported."""
+    before = gc.isenabled()
+    try:
+        if frozen:
+            gc.freeze()
+        if not collecting:
+            gc.disable()
+        importlib.reload(sceniris_gym.sim)
+        assert gc.isenabled() is collecting
+        assert (gc.get_freeze_count() > 0) is frozen
+    finally:
+        gc.unfreeze()
+        (gc.enable if before else gc.disable)()
 
 
 @pytest.mark.parametrize("name", sceniris_gym.__all__)

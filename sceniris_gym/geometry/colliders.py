@@ -61,11 +61,7 @@ def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> Collide
             meshes = [pieces[i].mesh for i in solid]
             triangles = np.concatenate([m.triangles for m in meshes if m is not None])
             triangles = triangles[~flat_faces(triangles)]
-            mesh = wp.Mesh(
-                points=wp.array(triangles.reshape(-1, 3), dtype=wp.vec3, device=device),
-                indices=wp.array(np.arange(3 * len(triangles)), dtype=int, device=device),
-                support_winding_number=True,
-            )
+            mesh = device_mesh(triangles.reshape(-1, 3), device)
             c.keep.append(mesh)
             c.depth_inside.append(most_depth(mesh, triangles.min((0, 1)), triangles.max((0, 1)), device))
             _add_faces(c, body, [(i, pieces[i]) for i in solid], mesh.id)
@@ -79,6 +75,15 @@ def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> Collide
             c.points.append(np.zeros((0, 3)))
             c.depth_inside.append(0.0)
     return c
+
+
+def device_mesh(corners: np.ndarray, device: str) -> wp.Mesh:
+    """A mesh on a device, with winding numbers, from the corners of its triangles in a row, shape (3n, 3)."""
+    return wp.Mesh(
+        points=wp.array(corners, dtype=wp.vec3, device=device),
+        indices=wp.array(np.arange(len(corners)), dtype=int, device=device),
+        support_winding_number=True,
+    )
 
 
 def _add_faces(c: Colliders, body: int, solid: list[tuple[int, Piece]], mesh: int) -> None:

@@ -11,14 +11,17 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
-import trimesh
 
 from sceniris_gym.errors import MeshError, NotSupportedError
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.rotations import matrix, pose_matrix
+
+if TYPE_CHECKING:
+    import trimesh  # takes most of a second to import, and a compiled scene that was kept needs none of it
 
 
 class PieceType(IntEnum):
@@ -194,7 +197,7 @@ def _piece(mjm: mujoco.MjModel, geom: int, geometry: str, contact_class: int) ->
         pos = pos + matrix(quat) @ middle
         vertices = vertices - middle
         if mesh is None:
-            mesh = trimesh.convex.convex_hull(vertices + middle)
+            mesh = convex_hull(vertices + middle)
         mesh.apply_transform(pose_matrix(mjm.geom_pos[geom], quat))
     elif kind != mujoco.mjtGeom.mjGEOM_PLANE:
         mesh = _primitive(kind, mjm.geom_size[geom])
@@ -212,6 +215,17 @@ def _piece(mjm: mujoco.MjModel, geom: int, geometry: str, contact_class: int) ->
     )
 
 
+def convex_hull(points: np.ndarray) -> trimesh.Trimesh:
+    """The convex hull of points, shape (n, 3).
+
+    Raises:
+        ValueError: They are in one plane.
+    """
+    import trimesh
+
+    return trimesh.convex.convex_hull(points)
+
+
 def hull_vertices(mjm: mujoco.MjModel, mesh: int, name: str) -> np.ndarray:
     """Vertices [m] of the convex hull that MuJoCo collides for a mesh, in the geom's frame, shape (n, 3).
 
@@ -225,7 +239,7 @@ def hull_vertices(mjm: mujoco.MjModel, mesh: int, name: str) -> np.ndarray:
         count = mjm.mesh_graph[graph]
         return vertices[mjm.mesh_graph[graph + 2 + count : graph + 2 + 2 * count]]
     try:
-        return np.asarray(trimesh.convex.convex_hull(vertices).vertices)
+        return np.asarray(convex_hull(vertices).vertices)
     except ValueError as error:  # qhull rejects flat input
         raise MeshError(f"mesh of geom '{name}' has no volume. It should have four points not in one plane.") from error
 
@@ -239,6 +253,8 @@ def flat_faces(triangles: np.ndarray) -> np.ndarray:
 
 def _surface(mjm: mujoco.MjModel, mesh: int, geom: int) -> trimesh.Trimesh:
     """The triangles of a mesh in the geom's frame, checked to form a closed surface."""
+    import trimesh
+
     name = geom_name(mjm, geom)
     if mjm.mesh_facenum[mesh] == 0:
         raise MeshError(f"mesh of geom '{name}' has no faces. With `geometry: visual` it should be a closed surface.")
@@ -264,6 +280,8 @@ def _surface(mjm: mujoco.MjModel, mesh: int, geom: int) -> trimesh.Trimesh:
 
 
 def _primitive(kind: mujoco.mjtGeom, size: np.ndarray) -> trimesh.Trimesh:
+    import trimesh
+
     if size.max() < _SMALL:  # trimesh drops faces of less than a few hundredths of a millimetre
         mesh = _primitive(kind, size * _ENLARGED)
         mesh.apply_scale(1.0 / _ENLARGED)

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-import trimesh
-from scipy.spatial import KDTree
 
 from sceniris_gym.errors import SceneKeyError
-from sceniris_gym.geometry.pieces import Piece, PieceType
+from sceniris_gym.geometry.pieces import Piece, PieceType, convex_hull
 from sceniris_gym.geometry.rotations import matrix
 
 # Stable poses rarer than the most frequent one by this factor are left out, and at most this many are kept: each of the
@@ -95,13 +93,13 @@ class HomeShape:
         """Radius [m] of a ball inside the hull: in any orientation, the bounds are at least twice as wide."""
         if not self._pieces:
             return 0.0
-        hull = trimesh.convex.convex_hull(self._points())
+        hull = convex_hull(self._points())
         to_faces = hull.triangles[:, 0] - hull.center_mass
         return max(float((to_faces * hull.face_normals).sum(axis=1).min()), 0.0)
 
     def hull(self, body: int) -> Piece:
         """All pieces as one convex piece of the root body `body`: the convex footprint in any orientation."""
-        vertices = trimesh.convex.convex_hull(self._points()).vertices
+        vertices = convex_hull(self._points()).vertices
         middle = vertices.mean(axis=0)
         unit = np.array([1.0, 0.0, 0.0, 0.0])
         return Piece(-1, body, PieceType.HULL, middle, unit, np.zeros(3), vertices - middle, None, 0)
@@ -146,13 +144,15 @@ class HomeShape:
         Raises:
             SceneKeyError: There is no stable pose, or the centre of mass is outside the hull; begins with `where`.
         """
-        hull = trimesh.convex.convex_hull(self._carried_points())
+        from trimesh.poses import compute_stable_poses
+
+        hull = convex_hull(self._carried_points())
         if (((self.center_of_mass - hull.triangles_center) * hull.face_normals).sum(axis=1) >= 0.0).any():
             raise SceneKeyError(
                 f"{where}: its centre of mass {np.round(self.center_of_mass, 4).tolist()} is outside the hull of "
                 "its collision geometry, so no pose is stable. Correct the asset's <inertial> or its geoms."
             )
-        transforms, probability = trimesh.poses.compute_stable_poses(
+        transforms, probability = compute_stable_poses(
             hull, center_mass=self.center_of_mass, sigma=0.0, n_samples=1, threshold=0.0
         )
         kept: list[int] = []
@@ -184,6 +184,8 @@ class HomeShape:
         Returns:
             The lowest pose of each region, with the probability of all of it.
         """
+        from scipy.spatial import KDTree
+
         ups = turns[:, 2]
         tree, height = KDTree(ups), self._height(ups)
         near = 2.0 * np.sin(0.5 * np.radians(STABLE_TILT))

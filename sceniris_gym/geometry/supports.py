@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
-import trimesh
 from shapely.geometry import MultiPoint, MultiPolygon, Polygon, box
 
 from sceniris_gym.config.objects import RegionConfig
 from sceniris_gym.errors import ErodedSupportError
 from sceniris_gym.geometry.pieces import Piece
+
+if TYPE_CHECKING:
+    import trimesh
 
 # A face is a support if it is level to 1 degree; faces of one surface may differ in height by 0.2 mm.
 _LEVEL = np.cos(np.radians(1.0))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +12,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.compiled import FEWEST_ATTEMPTS, CompiledScene
 from sceniris_gym.program.device import Cause, Program, copied
+from sceniris_gym.program.notices import warn
 
 # Worlds of the probe, how many of them are tried at a time, and how many may restart: less than 1%.
 _NWORLD = 1024
@@ -43,7 +43,7 @@ def find_attempts(compiled: CompiledScene) -> int:
         attempts = min(2 * attempts, MOST_ATTEMPTS)
     if len(pending) == _NWORLD:  # it can hardly be made at all, which is found out sooner with few attempts
         return FEWEST_ATTEMPTS
-    warnings.warn(AttemptsWarning(compiled.config.where, attempts), stacklevel=3)
+    warn(AttemptsWarning(compiled.config.where, attempts), stacklevel=4)
     return attempts
 
 

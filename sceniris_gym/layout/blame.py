@@ -9,6 +9,7 @@ from itertools import product
 import mujoco
 import numpy as np
 
+from sceniris_gym.geometry.colliders import Colliders, collect_colliders
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.leaves import SKIN
 from sceniris_gym.program.compiled import CompiledScene
@@ -56,9 +57,10 @@ def obstructions(compiled: CompiledScene, split: str) -> dict[str, Obstruction]:
     count = min(int(view.rejected_count.numpy()[0]), _RECORDED)
     objects = view.rejected_object.numpy()[:count]
     states = [a.numpy() for a in (view.rejected_qpos, view.rejected_mocap_pos, view.rejected_mocap_quat)]
+    colliders = collect_colliders(compiled.plan.pieces, compiled.config.geometry == "visual", compiled.device)
     data, found = mujoco.MjData(mjm), {}
     for number in np.unique(objects):
-        tests = _tests(compiled, int(number))
+        tests = _tests(compiled, colliders, int(number))
         rows = np.flatnonzero(objects == number)[:_LOOKED_AT]
         seen: Counter[tuple[int, int]] = Counter()
         distances: dict[tuple[int, int], list[float]] = {}
@@ -79,12 +81,12 @@ def obstructions(compiled: CompiledScene, split: str) -> dict[str, Obstruction]:
     return found
 
 
-def _tests(compiled: CompiledScene, number: int) -> dict[tuple[int, int], float]:
+def _tests(compiled: CompiledScene, colliders: Colliders, number: int) -> dict[tuple[int, int], float]:
     """Pairs of geoms that an object of the plan is tested for, and the least distance [m] of each."""
-    rules = PairRules(compiled.scene, compiled.colliders)
+    rules = PairRules(compiled.scene, colliders)
     ground = compiled.plan.objects[number].ground
     found = {}
-    for pair in collider_pairs(compiled.scene, compiled.plan, compiled.colliders)[number]:
+    for pair in collider_pairs(compiled.scene, compiled.plan, colliders)[number]:
         stands = ground is not None and rules.colliders.body[pair.b] == ground
         margin = rules.touch(pair.a, pair.b) if stands else pair.margin
         geoms = product(rules.geoms(pair.a), rules.geoms(pair.b)) if pair.geoms is None else [pair.geoms]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,10 +17,14 @@ from sceniris_gym.errors import FallbackWarning, InfeasibleSceneError, UnknownNa
 from sceniris_gym.layout.attempts import find_attempts
 from sceniris_gym.layout.blame import obstructions
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.kernel_log import use_kernel_log
 from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.scene_cache import UNREADABLE, load_arrays, scene_key, store_arrays
+from sceniris_gym.program.archive import from_arrays, to_arrays
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Cause, Program, copied, fill_struct
 from sceniris_gym.program.device_reach import Reach
+from sceniris_gym.program.notices import from_words, noting, to_words, warn
 from sceniris_gym.program.plan import UPRIGHT
 from sceniris_gym.scene.model import SceneModel, build_model
 
@@ -38,9 +42,13 @@ _AT_ONCE = (Cause.EMPTY, Cause.REGION, Cause.NO_IK, Cause.BLOCKED)
 # What a row of the bank holds.
 _BANK = ("qpos", "mocap_pos", "mocap_quat", "present")
 _REACH_BANK = ("grasp", "grasp_qpos", "pregrasp_qpos")
+# What a file of the cache holds beside the scene.
+_KEY, _WARNINGS = "key", "warnings"
 
 
-def compile_scene(scene: str | Path | Mapping | SceneConfig | SceneModel, device: str | None = None) -> CompiledScene:
+def compile_scene(
+    scene: str | Path | Mapping | SceneConfig | SceneModel, device: str | None = None, *, cache: bool = True
+) -> CompiledScene:
     """Compile a scene for a device, prove that layouts of it can be made, and fill its bank of valid layouts.
 
     Where many worlds would get a layout from the bank, a FallbackWarning says how many, and what would help.
@@ -48,6 +56,8 @@ def compile_scene(scene: str | Path | Mapping | SceneConfig | SceneModel, device
     Args:
         scene: A shipped scene's name, a path, a mapping, a SceneConfig, or a SceneModel.
         device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
+        cache: Keep on disk what this works out, or take it from there, which is quicker and changes nothing else;
+            `scene_cache.py` has where that is.
 
     Raises:
         UnknownNameError: There is no such device.
@@ -55,12 +65,20 @@ def compile_scene(scene: str | Path | Mapping | SceneConfig | SceneModel, device
         ScenirisError: Something else is wrong with the scene; see `SceneConfig.load`, `build_model` and `build_plan`.
     """
     wp.init()
+    use_kernel_log()
     name = device_name(device)
     model = scene if isinstance(scene, SceneModel) else build_model(SceneConfig.load(scene))
-    compiled = upload_scene(model, name)
-    if model.config.attempts == AUTO:
-        compiled.program.attempts = find_attempts(compiled)
-    return _with_bank(compiled)
+    if not cache:
+        return _compiled(model, name)
+    key = scene_key(model, name)
+    kept = _from_cache(key, model, name)
+    if kept is not None:
+        return kept
+    with noting() as warned:
+        compiled = _compiled(model, name)
+    words = json.dumps([to_words(warning) for warning in warned])
+    store_arrays(key, {**to_arrays(compiled), _KEY: np.array(key), _WARNINGS: np.array(words)})
+    return compiled
 
 
 def device_name(device: str | None, where: str = "compile_scene") -> str:
@@ -75,6 +93,30 @@ def device_name(device: str | None, where: str = "compile_scene") -> str:
         return str(wp.get_device(device))
     except ValueError:
         raise UnknownNameError("device", device, where, [d.alias for d in wp.get_devices()]) from None
+
+
+def _compiled(model: SceneModel, device: str) -> CompiledScene:
+    compiled = upload_scene(model, device)
+    if model.config.attempts == AUTO:
+        compiled.program.attempts = find_attempts(compiled)
+    return _with_bank(compiled)
+
+
+def _from_cache(key: str, model: SceneModel, device: str) -> CompiledScene | None:
+    """The compiled scene as it was stored, with the warnings that compiling it gave; None if there is none."""
+    arrays = load_arrays(key)
+    if arrays is None:
+        return None
+    try:
+        if str(arrays[_KEY]) != key:
+            return None
+        compiled = from_arrays(model, device, arrays)
+        warned = [from_words(words) for words in json.loads(str(arrays[_WARNINGS]))]
+    except UNREADABLE:
+        return None
+    for warning in warned:
+        warn(warning, stacklevel=3)
+    return compiled
 
 
 def _with_bank(compiled: CompiledScene) -> CompiledScene:
@@ -158,7 +200,7 @@ def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:
     held = (found, config.bank) if found < config.bank else None
     if held is None:
         cures.append(f"a 'bank' above {config.bank}, which repeats itself less often")
-    warnings.warn(FallbackWarning(config.where, share, name, cause, cures, held), stacklevel=4)
+    warn(FallbackWarning(config.where, share, name, cause, cures, held), stacklevel=5)
 
 
 def _with_rows(declared: Any, instance: Any, bank: Mapping[str, np.ndarray], names: Sequence[str], device: str) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import warp as wp
 
@@ -21,6 +22,7 @@ from sceniris_gym.layout import (
     screen,
     sides,
 )
+from sceniris_gym.layout.kernel_log import tell_of_compiling
 
 
 def kernel_modules(*, related: bool, faces: bool, staged: bool) -> tuple[list[wp.Module], list[wp.Module]]:
@@ -40,19 +42,29 @@ def kernel_modules(*, related: bool, faces: bool, staged: bool) -> tuple[list[wp
     return lanes, blocks + [k.module for k in collision.block_kernels(faces)]
 
 
+def _is_kept(module: wp.Module, block_dim: int | None) -> bool:
+    """Whether Warp's cache has a module, for any device."""
+    return Path(wp.config.kernel_cache_dir or "", module.get_module_identifier(block_dim)).is_dir()
+
+
 def load_kernels(device: str, *, block_dim: int, related: bool, faces: bool, staged: bool) -> None:
-    """Compile and load what makes layouts on a GPU, as far as it is not loaded yet.
+    """Compile and load what makes layouts on a GPU, as far as it is not loaded yet; say so before that takes a while.
 
     Args:
-        device: The device. Nothing is done for a CPU, for which Warp compiles one module at a time.
+        device: The device. For a CPU, for which Warp compiles one module at a time, that is left to the launches.
         block_dim: Lanes of a block.
         related: As in `kernel_modules`, as the next two.
         faces: Whether triangles are tested.
         staged: Whether there is a stage after placing.
     """
-    if not wp.get_device(device).is_cuda:
-        return
     lanes, blocks = kernel_modules(related=related, faces=faces, staged=staged)
+    on_gpu = wp.get_device(device).is_cuda
+    missing = sum(not _is_kept(module, None if on_gpu else 1) for module in lanes)
+    missing += sum(not _is_kept(module, block_dim) for module in blocks)
+    if missing:
+        tell_of_compiling(device, missing)
+    if not on_gpu:
+        return
     workers = os.cpu_count() or 1
     wp.force_load(device, modules=lanes, max_workers=workers)
     wp.force_load(device, modules=blocks, block_dim=block_dim, max_workers=workers)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import SupportsInt
 
 import mujoco
@@ -10,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.scene import AUTO, SceneConfig
-from sceniris_gym.geometry.colliders import Colliders, collect_colliders, collider_arrays
+from sceniris_gym.geometry.colliders import collect_colliders, collider_arrays
 from sceniris_gym.geometry.pieces import ROUND
 from sceniris_gym.program.device import Program, fill_struct
 from sceniris_gym.program.device_reach import Reach
@@ -19,7 +20,7 @@ from sceniris_gym.program.oddities import warn_of_oddities
 from sceniris_gym.program.pack import pack_program
 from sceniris_gym.program.pack_objects import ARM_LISTS
 from sceniris_gym.program.pack_relations import most_sides
-from sceniris_gym.program.plan import Plan, build_plan
+from sceniris_gym.program.plan import Plan, build_plan, placement_order, slot_names
 from sceniris_gym.program.reach import Reaching, build_reaching
 from sceniris_gym.scene.model import SceneModel
 
@@ -36,20 +37,17 @@ class CompiledScene:
     Attributes:
         scene: The model and its names.
         device: Warp's name of the device, e.g. "cuda:0".
-        placed: Names in placement order: objects whose pose or joints are drawn, and "robot" if its joints are.
-        plan: The placement program on the host.
-        program: The same on the device.
+        program: The placement program on the device.
         reaching: The arm and its reach targets, None if there are none.
         home_qpos: Start pose, shape (nq,).
         home_place, home_bounds: Where each of `slots` is at the start, as relations see it; see `Plan`.
         home_xpos, home_xquat: Poses of all bodies at the start, shapes (nbody, 3) and (nbody, 4) wxyz.
-        colliders: What is tested as a whole; holds the device meshes that `program` points to.
+        sides: The most half-planes that hold the pieces of one object's relations.
+        meshes: The device meshes that `program` points to.
     """
 
     scene: SceneModel
     device: str
-    placed: tuple[str, ...]
-    plan: Plan
     program: Program
     reaching: Reaching | None
     home_qpos: np.ndarray
@@ -57,7 +55,13 @@ class CompiledScene:
     home_bounds: np.ndarray
     home_xpos: np.ndarray
     home_xquat: np.ndarray
-    colliders: Colliders = field(repr=False)
+    sides: int
+    meshes: tuple[wp.Mesh, ...] = field(repr=False)
+
+    @cached_property
+    def plan(self) -> Plan:
+        """The placement program on the host, worked out when it is asked for: resets do without."""
+        return build_plan(self.scene)
 
     @property
     def config(self) -> SceneConfig:
@@ -89,20 +93,20 @@ class CompiledScene:
         """Names of all objects of the scene file, in its order."""
         return tuple(self.config.objects)
 
+    @cached_property
+    def placed(self) -> tuple[str, ...]:
+        """Names in placement order: objects whose pose or joints are drawn, and "robot" if its joints are."""
+        return tuple(placement_order(self.scene))
+
     @property
     def slots(self) -> tuple[str, ...]:
         """Columns of `Layouts.present`: all objects in the order of the scene file, then "robot" if there is one."""
-        return self.plan.slots
+        return slot_names(self.config)
 
     @property
     def related(self) -> bool:
         """Whether any object's region differs between worlds."""
         return bool(self.program.obj_cutnum.numpy().any())
-
-    @property
-    def sides(self) -> int:
-        """The most half-planes that hold the pieces of one object's relations."""
-        return most_sides(self.plan)
 
     @property
     def pieces(self) -> int:
@@ -137,6 +141,7 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
     mocap = max(scene.mjm.nmocap, 1)
     program = Program()
     program.faces = int(scene.config.geometry == "visual")
+    program.face_vertadr = 0
     if program.faces and any(p.type in ROUND for p in plan.pieces):  # triangles are hulls as well
         program.face_vertadr = len(arrays["vert"])
         corners = np.stack([arrays[name] for name in ("face_a", "face_b", "face_c")], axis=1)
@@ -161,8 +166,6 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
     return CompiledScene(
         scene=scene,
         device=device,
-        placed=tuple(o.name for o in plan.objects),
-        plan=plan,
         program=program,
         reaching=reaching,
         home_qpos=scene.home_qpos.astype(np.float32),
@@ -170,5 +173,6 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
         home_bounds=plan.bounds.astype(np.float32),
         home_xpos=plan.home.xpos.astype(np.float32),
         home_xquat=plan.home.xquat.astype(np.float32),
-        colliders=colliders,
+        sides=most_sides(plan),
+        meshes=tuple(colliders.keep),
     )

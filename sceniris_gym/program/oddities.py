@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import itertools
-import warnings
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
-import trimesh
 
 from sceniris_gym.config.fields import MOST_FAR, ROBOT
 from sceniris_gym.errors import ModelWarning
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.pieces import Piece, PieceType, flat_faces, geom_name
+from sceniris_gym.program.notices import warn
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.scene.model import SceneModel
+
+if TYPE_CHECKING:
+    import trimesh
 
 # A hull that is larger than its mesh by more than this factor fills something in.
 _FILLED = 1.3
@@ -33,7 +36,7 @@ def warn_of_oddities(scene: SceneModel, plan: Plan) -> None:
     """Warn of what is odd in a scene: `ModelWarning`, once for each kind of oddity."""
     kinds = _flat(scene, plan), _filled(scene, plan), _sizes(scene, plan), _sunk(scene, plan), _coarse(scene, plan)
     for text in itertools.chain(*kinds):
-        warnings.warn(f"{scene.config.where}: {text}", ModelWarning, stacklevel=2)
+        warn(ModelWarning(f"{scene.config.where}: {text}"), stacklevel=2)
 
 
 def _flat(scene: SceneModel, plan: Plan) -> Iterator[str]:
@@ -51,6 +54,8 @@ def _flat(scene: SceneModel, plan: Plan) -> Iterator[str]:
 
 def _filled(scene: SceneModel, plan: Plan) -> Iterator[str]:
     """Meshes that collide as a hull much larger than they are."""
+    import trimesh
+
     if scene.config.geometry != "physics":
         return
     mjm, found = scene.mjm, []

@@ -12,6 +12,7 @@ import numpy as np
 
 from sceniris_gym.config.fields import FLOOR, ROBOT
 from sceniris_gym.config.objects import JointConfig, ObjectConfig
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import CycleError, NoSupportError, NotSupportedError, SceneKeyError
 from sceniris_gym.geometry import supports
 from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
@@ -132,6 +133,11 @@ def placement_order(scene: SceneModel) -> list[str]:
     return order
 
 
+def slot_names(config: SceneConfig) -> tuple[str, ...]:
+    """Names as relations and groups find them: all objects in the order of the scene file, then the robot."""
+    return (*config.objects, *([ROBOT] if config.robot is not None else []))
+
+
 def build_plan(scene: SceneModel) -> Plan:
     """Work out the placement program of a scene.
 
@@ -150,7 +156,7 @@ def build_plan(scene: SceneModel) -> Plan:
     pieces = sorted(_pieces(scene), key=lambda p: (p.body, p.type != PieceType.PLANE, p.contact_class, p.geom))
     objects = [_placed_object(scene, name, pieces, home) for name in placement_order(scene)]
     check_tendon_limits(scene, {d.qposadr: d.intervals for o in objects for d in o.joint_ranges})
-    slots = (*scene.config.objects, *([ROBOT] if scene.config.robot is not None else []))
+    slots = slot_names(scene.config)
     standing = [_standing(scene, name, pieces, home) for name in slots]
     place = np.reshape([s[0] for s in standing], (-1, 4))
     bounds = np.reshape([s[1] for s in standing], (-1, 4))

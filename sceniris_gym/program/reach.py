@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, field
 
 import mujoco
@@ -17,6 +16,7 @@ from sceniris_gym.grasping.gripper import Gripper, carried
 from sceniris_gym.program.couplings import coupling_arrays
 from sceniris_gym.program.device import fill_struct
 from sceniris_gym.program.device_reach import Reach
+from sceniris_gym.program.notices import warn
 from sceniris_gym.program.plan import PlacedObject, Plan
 from sceniris_gym.reach.arm import MAX_JOINTS, TCP, SerialArm
 from sceniris_gym.reach.lookup import MapView
@@ -89,7 +89,7 @@ def build_reaching(scene: SceneModel, plan: Plan, device: str) -> Reaching | Non
     assert robot is not None
     arm = robot_arm(scene)
     gripper = Gripper.from_model(scene.mjm, arm, scene.home_qpos, plan.pieces)
-    reach_map = _load_map(arm, robot.asset, scene.config.where)
+    reach_map = load_map(arm, robot.asset, scene.config.where)
     targets = []
     for i, tier in zip(wanted, _tiers(scene, [plan.objects[i].name for i in wanted], arm, reach_map), strict=True):
         o = plan.objects[i]
@@ -98,11 +98,9 @@ def build_reaching(scene: SceneModel, plan: Plan, device: str) -> Reaching | Non
         targets.append(
             ReachTarget(o.name, i, tier, shape.grasp_set(o.variants, o.config.drawn_orientation.kind == "any", gripper))
         )
-    view = Reach()
+    view = empty_view(arm, reach_map, device)
     view.base_body = scene.bodies[ROBOT]
     view.mapped = int(reach_map is not None)
-    view.map = MapView() if reach_map is None else reach_map.view(device)
-    view.arm = arm_view(arm, device)
     view.gap_closed, view.gap_open = gripper.closed, gripper.opening
     hand = sorted(carried(scene.mjm, arm))
     view.hand_pos, view.hand_quat = _in_tcp(plan.home, arm, hand[0])
@@ -113,6 +111,14 @@ def build_reaching(scene: SceneModel, plan: Plan, device: str) -> Reaching | Non
     }
     fill_struct(Reach, view, arrays, device)
     return Reaching(arm, gripper, reach_map, tuple(targets), view)
+
+
+def empty_view(arm: SerialArm, reach_map: ReachMap | None, device: str) -> Reach:
+    """What device code sees of an arm and its map; the other fields are not set."""
+    view = Reach()
+    view.map = MapView() if reach_map is None else reach_map.view(device)
+    view.arm = arm_view(arm, device)
+    return view
 
 
 def robot_arm(scene: SceneModel) -> SerialArm:
@@ -133,7 +139,12 @@ def robot_arm(scene: SceneModel) -> SerialArm:
         raise UnknownNameError(error.kind, error.name, f"{where}: {error.where}", error.valid) from None
 
 
-def _load_map(arm: SerialArm, asset: str, where: str) -> ReachMap | None:
+def load_map(arm: SerialArm, asset: str, where: str) -> ReachMap | None:
+    """The map of an arm; None if there is none.
+
+    Raises:
+        MapError: It is not a map of this arm, or a damaged one; begins with `where`.
+    """
     path = map_file(asset)
     if path is None:
         return None
@@ -157,7 +168,7 @@ def _tiers(scene: SceneModel, names: list[str], arm: SerialArm, reach_map: Reach
         )
     asked = [f"objects.{name}.reachable" for name in by_map if words[name] is not True]
     if why is not None and asked:
-        warnings.warn(f"{where}: {', '.join(asked)}: {why}, so 'ik' decides.", ReachWarning, stacklevel=2)
+        warn(ReachWarning(f"{where}: {', '.join(asked)}: {why}, so 'ik' decides."), stacklevel=2)
     default = default_tier(arm, reach_map)
     return [default if word is True or (name in by_map and why) else Tier.of(str(word)) for name, word in words.items()]
 

@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 import warp as wp
 
+from sceniris_gym.layout import kernel_log
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.loading import kernel_modules
+from sceniris_gym.layout.loading import kernel_modules, load_kernels
 from sceniris_gym.layout.search import default_size
 from tests.layout.grasped import cluttered
 
@@ -37,3 +38,21 @@ def test_all_that_is_launched_is_compiled_ahead(name: str, tmp_path: Path, monke
     faces, staged = compiled.config.geometry == "visual", name == "clear"
     lanes, blocks = kernel_modules(related=compiled.related, faces=faces, staged=staged)
     assert launched == {True: set(blocks), False: set(lanes)}
+
+
+def test_it_is_said_before_kernels_are_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    """How many modules Warp's cache lacks, and nothing where it has them all."""
+    generator = LayoutGenerator(compile_scene("mid", "cpu"), 1)
+    generator.generate()
+    monkeypatch.setattr(kernel_log, "_told", set())
+    words = {"block_dim": 1, "related": False, "faces": False, "staged": False}
+    capsys.readouterr()
+    load_kernels("cpu", **words)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
+    load_kernels("cpu", **words)
+    lanes, blocks = kernel_modules(related=False, faces=False, staged=False)
+    assert f"({len(lanes + blocks)} modules of this package" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

@@ -54,7 +54,7 @@ def bench(
     """
     wp.init()
     start = time.perf_counter()
-    compiled = compile_scene(SceneConfig.load(scene, overrides), device)
+    compiled = compile_scene(SceneConfig.load(scene, overrides), device, cache=False)
     generator = LayoutGenerator(compiled, num_envs, seed=seed)
     generator.generate()
     wp.synchronize_device(compiled.device)

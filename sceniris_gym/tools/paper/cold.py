@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from sceniris_gym.tools.paper.scenes import Scene
 
-_CACHES = ("WARP_CACHE_PATH", "CUDA_CACHE_PATH", "XDG_CACHE_HOME")
+_CACHES = ("WARP_CACHE_PATH", "CUDA_CACHE_PATH", "XDG_CACHE_HOME", "SCENIRIS_GYM_CACHE")
 _DONE = "the layouts are there\n"
 
 

@@ -1,0 +1,148 @@
+"""Compiled scenes on disk, so that a scene is worked out once and not at every start.
+
+A file holds the arrays of one compiled scene in NumPy's format, without pickles, so that nothing in it is executed. Its
+name is a hash of all that the arrays depend on: the model, the words of the scene file, this package's own source, the
+versions of what computes them, and the kind of device. It is written beside its place and renamed, so that processes
+never see half of one. What cannot be read or written is as good as not there.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import platform
+import tempfile
+import time
+import zipfile
+import zlib
+from collections.abc import Mapping
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import warp as wp
+
+from sceniris_gym.scene.model import SceneModel
+
+VARIABLE = "SCENIRIS_GYM_CACHE"
+"""The environment variable that names another folder, or is OFF."""
+OFF = "off"
+MOST_BYTES = 256 << 20
+"""Files that were not used for longest are removed as soon as all together take more than this."""
+UNREADABLE = (
+    OSError,
+    ValueError,
+    TypeError,
+    KeyError,
+    EOFError,
+    AttributeError,
+    RuntimeError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""What reading a damaged or foreign file may raise."""
+
+_SUFFIX = ".npz"
+# From so many seconds on a file that is being written is one that nobody writes to any more.
+_LEFT = 3600.0
+_COMPUTE = ("mujoco", "warp-lang", "numpy", "scipy", "shapely", "trimesh")
+
+
+def cache_folder() -> Path | None:
+    """The folder of compiled scenes: $SCENIRIS_GYM_CACHE/scenes, or `sceniris_gym/scenes` where caches are by default.
+
+    That is $XDG_CACHE_HOME, or ~/.cache. None if the variable is "off", or there is no home.
+    """
+    named = os.environ.get(VARIABLE, "")
+    if named.lower() == OFF:
+        return None
+    if named:
+        return Path(named).expanduser() / "scenes"
+    try:
+        caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    except RuntimeError:
+        return None
+    return caches / "sceniris_gym" / "scenes"
+
+
+def scene_key(scene: SceneModel, device: str) -> str:
+    """Return the name of a scene in the cache: 32 hexadecimal digits, different for whatever compiles differently."""
+    model = np.empty(mujoco.mj_sizeModel(scene.mjm), np.uint8)
+    mujoco.mj_saveModel(scene.mjm, None, model)
+    config, on = scene.config, wp.get_device(device)
+    kind = [_processor(), on.name if on.is_cuda else "cpu", on.arch]
+    facts = [scene.hash, config.where, config.model_dump_json(), repr(scene.couplings), scene.bodies, _sources(), kind]
+    digest = hashlib.sha256(json.dumps(facts).encode())
+    for values in (model, scene.home_qpos, scene.home_ctrl):
+        digest.update(values.tobytes())
+    return digest.hexdigest()[:32]
+
+
+def load_arrays(key: str) -> dict[str, np.ndarray] | None:
+    """Return what was stored under a key; None if there is nothing that can be read."""
+    folder = cache_folder()
+    if folder is None:
+        return None
+    path = folder / f"{key}{_SUFFIX}"
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        os.utime(path)  # for `_remove_oldest`
+    except UNREADABLE:
+        return None
+    return arrays
+
+
+def store_arrays(key: str, arrays: Mapping[str, np.ndarray]) -> None:
+    """Store arrays under a key, if the folder can be written to."""
+    folder = cache_folder()
+    if folder is None:
+        return
+    with contextlib.suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(prefix=f".{key}.", suffix=".tmp", dir=folder)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                np.savez(file, allow_pickle=False, **arrays)
+            os.replace(temporary, folder / f"{key}{_SUFFIX}")
+        except BaseException:
+            Path(temporary).unlink(missing_ok=True)
+            raise
+        _remove_oldest(folder)
+
+
+def _remove_oldest(folder: Path) -> None:
+    """Remove what is beyond `MOST_BYTES`, and what processes left that were ended while they wrote."""
+    for path in folder.glob(".*.tmp"):
+        if time.time() - path.stat().st_mtime > _LEFT:
+            path.unlink(missing_ok=True)
+    files = sorted(((path.stat(), path) for path in folder.glob(f"*{_SUFFIX}")), key=lambda f: -f[0].st_mtime)
+    total = 0
+    for stat, path in files:
+        total += stat.st_size
+        if total > MOST_BYTES:
+            path.unlink(missing_ok=True)
+
+
+@cache
+def _processor() -> str:
+    """The instructions that the processor has: compiled kernels use them, and round accordingly."""
+    lines: list[str] = []
+    with contextlib.suppress(OSError), Path("/proc/cpuinfo").open() as info:
+        lines = [line for line in info.read(1 << 14).splitlines() if line.startswith(("flags", "Features"))]
+    return " ".join([platform.machine(), *lines[:1]])
+
+
+@cache
+def _sources() -> str:
+    """A hash of this package's Python files, as a checkout changes without its version, and of what they compute by."""
+    digest = hashlib.sha256(repr([metadata.version(name) for name in _COMPUTE]).encode())
+    root = Path(__file__).parents[1]
+    for path in sorted(root.rglob("*.py")):
+        digest.update(str(path.relative_to(root)).encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,131 @@
+"""A compiled scene as named arrays, and back: all that took work and that the model does not say by itself."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import types
+import typing
+from collections.abc import Mapping
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from sceniris_gym.geometry.colliders import device_mesh
+from sceniris_gym.grasping.gripper import Gripper
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import Program, fill_struct
+from sceniris_gym.program.device_reach import Reach
+from sceniris_gym.program.reach import Reaching, ReachTarget, empty_view, load_map, robot_arm
+from sceniris_gym.scene.model import SceneModel
+
+_HOME = ("home_qpos", "home_place", "home_bounds", "home_xpos", "home_xquat")
+# Holds ids of device meshes, which are made anew from their triangles.
+_MESHES = "collider_mesh"
+
+
+def to_arrays(compiled: CompiledScene) -> dict[str, np.ndarray]:
+    """A compiled scene as arrays, without what `build_model` and the arm's map give."""
+    arrays = {name: getattr(compiled, name) for name in _HOME}
+    arrays |= {f"program.{name}": value for name, value in _fields(Program, compiled.program).items()}
+    for i, mesh in enumerate(compiled.meshes):
+        arrays[f"mesh.{i}"] = mesh.points.numpy()
+    words: dict[str, Any] = {"sides": compiled.sides}
+    if compiled.reaching is not None:
+        arrays |= {f"reach.{name}": value for name, value in _fields(Reach, compiled.reaching.view).items()}
+        words["gripper"], words["targets"] = _plain(compiled.reaching.gripper), _plain(compiled.reaching.targets)
+    return arrays | {"words": np.array(json.dumps(words))}
+
+
+def from_arrays(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray]) -> CompiledScene:
+    """The compiled scene that `to_arrays` was given.
+
+    Args:
+        scene: The same model.
+        device: A device of the same kind.
+        arrays: What `to_arrays` returned.
+
+    Raises:
+        KeyError, TypeError, ValueError, RuntimeError: Something is missing, or of another kind.
+    """
+    words = json.loads(str(arrays["words"]))
+    program = Program()
+    _fill(Program, program, arrays, "program.", device)
+    with_mesh = np.flatnonzero(arrays[f"program.{_MESHES}"])
+    meshes = tuple(device_mesh(arrays[f"mesh.{i}"], device) for i in range(len(with_mesh)))
+    ids = np.zeros(len(arrays[f"program.{_MESHES}"]), np.uint64)
+    ids[with_mesh] = [mesh.id for mesh in meshes]
+    fill_struct(Program, program, {_MESHES: ids}, device)
+    return CompiledScene(
+        scene=scene,
+        device=device,
+        program=program,
+        reaching=_reaching(scene, device, arrays, words) if "targets" in words else None,
+        sides=int(words["sides"]),
+        meshes=meshes,
+        **{name: arrays[name] for name in _HOME},
+    )
+
+
+def _reaching(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray], words: dict) -> Reaching:
+    assert scene.config.robot is not None
+    arm = robot_arm(scene)
+    reach_map = load_map(arm, scene.config.robot.asset, scene.config.where)
+    view = empty_view(arm, reach_map, device)
+    _fill(Reach, view, arrays, "reach.", device)
+    targets = _typed(tuple[ReachTarget, ...], words["targets"])
+    return Reaching(arm, _typed(Gripper, words["gripper"]), reach_map, targets, view)
+
+
+def _fields(declared: Any, instance: Any) -> dict[str, np.ndarray]:
+    """The arrays and numbers of a device struct by name; not the structs in it."""
+    values = {
+        name: getattr(instance, name) for name, variable in declared.vars.items() if not _is_struct(variable.type)
+    }
+    return {name: value.numpy() if isinstance(value, wp.array) else np.array(value) for name, value in values.items()}
+
+
+def _fill(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], prefix: str, device: str) -> None:
+    """Set the fields that `_fields` returned."""
+    for name, variable in declared.vars.items():
+        if isinstance(variable.type, wp.array):
+            fill_struct(declared, instance, {name: arrays[prefix + name]}, device)
+        elif not _is_struct(variable.type):
+            value = arrays[prefix + name]
+            setattr(instance, name, variable.type(*value.tolist()) if value.ndim else value.item())
+
+
+def _is_struct(kind: Any) -> bool:
+    return not isinstance(kind, wp.array | type)
+
+
+def _plain(value: Any) -> Any:
+    """A value of our dataclasses as what JSON can hold; numbers keep their bits."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, tuple | list):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return [value.dtype.str, value.shape, value.ravel().tolist()]
+    if isinstance(value, np.generic):
+        return value.item()
+    return int(value) if isinstance(value, IntEnum) else value
+
+
+def _typed(hint: Any, value: Any) -> Any:
+    """The value of an annotated type that `_plain` was given."""
+    origin, parts = typing.get_origin(hint), typing.get_args(hint)
+    if dataclasses.is_dataclass(hint):
+        hints = typing.get_type_hints(hint)
+        return hint(**{name: _typed(hints[name], item) for name, item in value.items()})  # type: ignore[operator]
+    if origin is tuple:
+        kinds = [parts[0]] * len(value) if parts[-1] is Ellipsis else parts
+        return tuple(_typed(kind, item) for kind, item in zip(kinds, value, strict=True))
+    if origin is types.UnionType:
+        return None if value is None else _typed(parts[0], value)
+    if hint is np.ndarray:
+        kind, shape, values = value
+        return np.array(values, np.dtype(kind)).reshape(shape)
+    return hint(value)

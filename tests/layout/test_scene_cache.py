@@ -1,0 +1,237 @@
+"""Compiled scenes on disk: the same scene to the bit, and nothing that is read is trusted or executed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import FallbackWarning, ModelWarning
+from sceniris_gym.layout import compile as compiling
+from sceniris_gym.layout import scene_cache
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.scene_cache import VARIABLE, cache_folder, scene_key, store_arrays
+from sceniris_gym.program.archive import to_arrays
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.model import build_model
+from tests.layout.scenes import box_mjcf
+
+LAYOUT = ("qpos", "mocap_pos", "mocap_quat", "status", "present", "grasp", "grasp_qpos", "rejections")
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the folder of compiled scenes, which is empty."""
+    monkeypatch.setenv(VARIABLE, str(tmp_path))
+    return tmp_path / "scenes"
+
+
+@pytest.fixture
+def only_read(monkeypatch: pytest.MonkeyPatch):
+    """Return a function from whose call on nothing is compiled any more."""
+
+    def refuse(*_: Any):
+        raise AssertionError("it should have come from the cache")
+
+    return lambda: monkeypatch.setattr(compiling, "_compiled", refuse)
+
+
+def _layouts(compiled: CompiledScene, split: str) -> list[bytes]:
+    """Two episodes of 100 worlds."""
+    generator = LayoutGenerator(compiled, 100, seed=7, split=split)
+    found = []
+    for _ in range(2):
+        generator.generate()
+        found += [getattr(generator.layouts, name).numpy().tobytes() for name in LAYOUT]
+    return found
+
+
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
+@pytest.mark.parametrize("scene", ["mid_16k", "hard_plus", "clutter", "tabletop_lift"])
+def test_a_scene_from_the_cache_is_the_scene_that_was_compiled(scene: str, device: str, folder: Path, only_read: Any):
+    """Bit by bit: its arrays, and the layouts of both splits. With faces, relations, groups, and an arm with a map."""
+    without = compile_scene(scene, device, cache=False)
+    assert not folder.exists()
+    first = compile_scene(scene, device)
+    only_read()
+    second = compile_scene(scene, device)
+    expected = to_arrays(without)
+    for compiled in (first, second):
+        arrays = to_arrays(compiled)
+        assert set(arrays) == set(expected)
+        for name, values in expected.items():
+            assert arrays[name].dtype == values.dtype, name
+            if name != "program.collider_mesh":  # addresses
+                assert arrays[name].tobytes() == values.tobytes(), name
+        for split in ("train", "eval"):
+            assert _layouts(compiled, split) == _layouts(without, split)
+    assert second.placed == without.placed == tuple(o.name for o in without.plan.objects)
+    assert (second.slots, second.sides, second.attempts) == (without.slots, without.sides, without.attempts)
+
+
+def test_grasps_and_gripper_are_the_same(folder: Path, only_read: Any):
+    """What the host knows of an arm and its reach targets."""
+    first = compile_scene("tabletop_lift", "cpu").reaching
+    only_read()
+    second = compile_scene("tabletop_lift", "cpu").reaching
+    assert first is not None
+    assert second is not None
+    assert repr(second.targets) == repr(first.targets)
+    assert repr(second.gripper) == repr(first.gripper)
+    assert second.arm.hash == first.arm.hash
+    assert [type(t.tier) for t in second.targets] == [type(t.tier) for t in first.targets]
+
+
+def test_another_process_finds_it(folder: Path, only_read: Any):
+    """A key is the same in every process."""
+    code = "from sceniris_gym import compile_scene; compile_scene('mid', 'cpu')"
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, env=dict(os.environ))
+    only_read()
+    assert compile_scene("mid", "cpu").attempts == 10
+
+
+def _model(**words: Any):
+    return build_model(SceneConfig.load({"base": "mid", **words}))
+
+
+def test_whatever_matters_has_another_key(monkeypatch: pytest.MonkeyPatch):
+    """A knob that is not in the scene's hash, a number in the model, the start pose, and a version."""
+    first = _model()
+    keys = [scene_key(_model(), "cpu"), scene_key(_model(name="other"), "cpu")]
+    first.mjm.geom_size[3, 0] += 1e-12
+    keys.append(scene_key(first, "cpu"))
+    first.home_qpos[0] += 1e-12
+    keys.append(scene_key(first, "cpu"))
+    monkeypatch.setattr(scene_cache, "_sources", lambda: "other versions")
+    keys.append(scene_key(first, "cpu"))
+    assert len(set(keys)) == len(keys)
+    assert scene_key(_model(), "cpu") == scene_key(_model(), "cpu")
+
+
+def test_warnings_come_again(tmp_path: Path, folder: Path, only_read: Any):
+    """At every start, in the same words and of the same classes."""
+    ball = {"asset": box_mjcf(tmp_path, "brick", 0.2, 0.2, 60.0), "on": "floor"}
+    scene = {"floor": {"size": [0.52, 0.3]}, "objects": {"one": ball, "two": ball}, "restarts": 0, "attempts": 1}
+
+    def heard() -> list[tuple[type, str]]:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            compile_scene(scene, "cpu")
+        return [(w.category, str(w.message)) for w in caught]
+
+    first = heard()
+    assert {ModelWarning, FallbackWarning} <= {kind for kind, _ in first}
+    only_read()
+    assert heard() == first
+
+
+class _Executed:
+    """Leaves a file behind when it is read from a pickle."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple:
+        return (Path.touch, (self.path,))
+
+
+def _cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-2000])
+
+
+def _flip(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    path.write_bytes(data)
+
+
+def _empty(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def _foreign(path: Path) -> None:
+    with path.open("wb") as file:
+        np.savez(file, key=np.array("another"))
+
+
+def _single(path: Path) -> None:
+    with path.open("wb") as file:
+        np.save(file, np.zeros(3))
+
+
+def _lacking(path: Path) -> None:
+    held = dict(np.load(path))
+    del held["program.vert"]
+    with path.open("wb") as file:
+        np.savez(file, **held)
+
+
+def _pickled(path: Path) -> None:
+    held = dict(np.load(path))
+    held["program.vert"] = np.array([_Executed(path.with_name("executed"))], dtype=object)
+    with path.open("wb") as file:
+        np.savez(file, **held)
+
+
+@pytest.mark.parametrize("spoil", [_cut, _flip, _empty, _foreign, _single, _lacking, _pickled])
+def test_a_file_that_is_none_is_made_anew(spoil: Any, folder: Path):
+    """It is neither used nor executed, and the next start finds a good one."""
+    first = compile_scene("mid", "cpu")
+    (path,) = folder.iterdir()
+    spoil(path)
+    spoiled = path.read_bytes()
+    second = compile_scene("mid", "cpu")
+    assert second.program.bank_qpos.numpy().tobytes() == first.program.bank_qpos.numpy().tobytes()
+    assert [file.name for file in folder.iterdir()] == [path.name]  # no traces of writing, and nothing executed
+    assert path.read_bytes() != spoiled
+
+
+def test_it_can_be_turned_off_and_moved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """By the variable of its own, and by that of all caches."""
+    monkeypatch.setenv(VARIABLE, "OFF")
+    assert cache_folder() is None
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "mine"))
+    assert cache_folder() == tmp_path / "mine" / "scenes"
+    monkeypatch.delenv(VARIABLE)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert cache_folder() == tmp_path / "sceniris_gym" / "scenes"
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert cache_folder() == tmp_path / ".cache" / "sceniris_gym" / "scenes"
+
+
+def test_a_folder_that_cannot_be_written_is_no_matter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A file stands where the folder would."""
+    (tmp_path / "scenes").write_text("")
+    monkeypatch.setenv(VARIABLE, str(tmp_path))
+    assert compile_scene("mid", "cpu").attempts == 10
+
+
+def test_it_does_not_grow_without_end(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    """What was not used for longest goes first."""
+    monkeypatch.setattr(scene_cache, "MOST_BYTES", 10_000)
+    for number in range(5):
+        store_arrays(f"scene{number}", {"values": np.zeros(500)})
+        os.utime(folder / f"scene{number}.npz", (number, number))
+        if number >= 1:
+            assert scene_cache.load_arrays("scene0") is not None  # used, so the others are older
+    assert sorted(path.name for path in folder.iterdir()) == ["scene0.npz", "scene4.npz"]
+
+
+def test_what_a_process_left_unfinished_is_removed(folder: Path):
+    """Not what another one is writing."""
+    folder.mkdir()
+    old, new = folder / ".scene.old.tmp", folder / ".scene.new.tmp"
+    for path in (old, new):
+        path.write_bytes(b"half")
+    os.utime(old, (0, 0))
+    store_arrays("scene", {"values": np.zeros(5)})
+    assert sorted(path.name for path in folder.iterdir()) == [new.name, "scene.npz"]

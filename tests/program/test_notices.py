@@ -1,0 +1,41 @@
+"""Warnings are heard as ever, and can be written down and made again."""
+
+from __future__ import annotations
+
+import json
+import warnings
+
+import pytest
+
+from sceniris_gym.errors import AttemptsWarning, FallbackWarning, ModelWarning
+from sceniris_gym.program.notices import from_words, noting, to_words, warn
+
+HELD = FallbackWarning("here", 0.25, "apple", "collision", ["'restarts' above 8"], (3, 64))
+
+
+def test_a_warning_is_issued_at_its_level_and_noted():
+    """Where `warnings.warn` would place it, and only inside of the block."""
+    with warnings.catch_warnings(record=True) as caught, noting() as noted:
+        warnings.simplefilter("always")
+        warn(ModelWarning("odd"))
+    assert [str(w.message) for w in caught] == [str(w) for w in noted] == ["odd"]
+    assert caught[0].filename == __file__
+    with pytest.warns(ModelWarning):
+        warn(ModelWarning("odd as well"))
+    assert len(noted) == 1
+
+
+@pytest.mark.parametrize("warning", [ModelWarning("odd"), AttemptsWarning("here", 640), HELD])
+def test_a_warning_is_made_again_from_json(warning: UserWarning):
+    """Its class, its words and what it says beside them."""
+    again = from_words(json.loads(json.dumps(to_words(warning))))
+    assert type(again) is type(warning)
+    assert str(again) == str(warning)
+    assert again.__dict__.keys() == warning.__dict__.keys()
+
+
+@pytest.mark.parametrize("name", ["annotations", "ScenirisError", "system"])
+def test_nothing_but_warnings_is_made(name: str):
+    """A name in a file leads to no other class or function."""
+    with pytest.raises(ValueError, match="no warning"):
+        from_words([name, ["true"]])
