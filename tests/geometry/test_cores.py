@@ -49,7 +49,7 @@ def _holds(piece: Piece, points: np.ndarray) -> np.ndarray:
     if kind == PieceType.CYLINDER:
         return (np.hypot(points[:, 0], points[:, 1]) <= x) & (np.abs(points[:, 2]) <= y)
     if kind == PieceType.ELLIPSOID:
-        return ((points / [x, y, z]) ** 2).sum(axis=1) <= 1.0
+        return np.linalg.norm(points / [x, y, z], axis=1) <= 1.0
     if kind == PieceType.BOX:
         return (np.abs(points) <= [x, y, z]).all(axis=1)
     mesh = trimesh.convex.convex_hull(piece.vertices)
