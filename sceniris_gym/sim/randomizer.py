@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-import mujoco
 import mujoco_warp as mjw
 import numpy as np
 import warp as wp
@@ -107,7 +106,7 @@ class ResetRandomizer:
         self.layout_source: LayoutSource = layout_source
         self._check_fit()
         home_act, home_plastic = np.zeros(compiled.mjm.na), np.empty(0)
-        if (key := mujoco.mj_name2id(compiled.mjm, mujoco.mjtObj.mjOBJ_KEY, "home")) >= 0:
+        if (key := compiled.scene.keyframe) >= 0:
             home_act = compiled.mjm.key_act[key]
             home_plastic = getattr(compiled.mjm, "key_plastic", np.empty((key + 1, 0)))[key]  # new in MuJoCo 4
         self._rest = rest_map(compiled.mjm, compiled.scene.home_ctrl, home_act, self.device)
