@@ -28,7 +28,7 @@ class Support:
 
 def static_geoms(mjm: mujoco.MjModel) -> np.ndarray:
     """Return the geoms that never move, ascending: those of the world and of bodies that are welded to it."""
-    return np.flatnonzero(_is_static(mjm)[mjm.geom_bodyid])
+    return np.flatnonzero(is_static(mjm)[mjm.geom_bodyid])
 
 
 def static_supports(mjm: mujoco.MjModel, bodies: Mapping[str, int]) -> dict[str, Support]:
@@ -42,7 +42,7 @@ def static_supports(mjm: mujoco.MjModel, bodies: Mapping[str, int]) -> dict[str,
     owner: list[str | None] = [None]
     for body in range(1, mjm.nbody):  # parents come before their children
         owner.append(owners.get(body, owner[int(mjm.body_parentid[body])]))
-    still = np.flatnonzero(_is_static(mjm))[1:]
+    still = np.flatnonzero(is_static(mjm))[1:]
     found = {mjm.body(b).name: Support(int(b), owner[b]) for b in still}
     for geom in static_geoms(mjm):
         body = int(mjm.geom_bodyid[geom])
@@ -51,6 +51,6 @@ def static_supports(mjm: mujoco.MjModel, bodies: Mapping[str, int]) -> dict[str,
     return found
 
 
-def _is_static(mjm: mujoco.MjModel) -> np.ndarray:
+def is_static(mjm: mujoco.MjModel) -> np.ndarray:
     """Which bodies never move: without a joint up to the world, and not below a mocap body; shape (nbody,)."""
     return (mjm.body_weldid == 0) & (mjm.body_mocapid[mjm.body_rootid] < 0)

@@ -46,10 +46,14 @@ class ControlHistory:
     Args:
         mjm: The model.
         device: The device of the data.
+        controls: The controls whose past is filled; all if None.
     """
 
-    def __init__(self, mjm: mujoco.MjModel, device: wp.Device) -> None:
+    def __init__(self, mjm: mujoco.MjModel, device: wp.Device, controls: np.ndarray | None = None) -> None:
         address, control = history_samples(mjm)
+        if controls is not None:
+            wanted = np.isin(control, controls)
+            address, control = address[wanted], control[wanted]
         self._address = wp.array(address, dtype=wp.int32, device=device)
         self._control = wp.array(control, dtype=wp.int32, device=device)
 

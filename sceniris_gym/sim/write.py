@@ -69,6 +69,13 @@ def _mask_of_rows(rows: wp.array[int], nrow: int, mask_out: wp.array[wp.bool]):
 
 
 @wp.kernel
+def _mask_of_ids(ids: wp.array[int], mask_out: wp.array[wp.bool]):
+    worldid = ids[wp.tid()]
+    if worldid >= 0 and worldid < mask_out.shape[0]:
+        mask_out[worldid] = True
+
+
+@wp.kernel
 def _write_state(
     # Sizes:
     nq: int,
@@ -131,6 +138,12 @@ def rows_of_mask(mask: wp.array, rows_out: wp.array) -> None:
 def mask_of_rows(rows: wp.array, nrow: int, mask_out: wp.array) -> None:
     """Fill `mask_out` (nworld,) bool: true where `rows` names one of `nrow` rows."""
     wp.launch(_mask_of_rows, dim=rows.shape[0], inputs=[rows, nrow], outputs=[mask_out], device=rows.device)
+
+
+def mask_of_ids(ids: wp.array, mask_out: wp.array) -> None:
+    """Fill `mask_out` (nworld,) bool: true for the worlds in `ids` (n,) int32, false for the others."""
+    mask_out.zero_()
+    wp.launch(_mask_of_ids, dim=ids.shape[0], inputs=[ids], outputs=[mask_out], device=mask_out.device)
 
 
 def write_values(values: wp.array, mask: wp.array, out: wp.array) -> None:
