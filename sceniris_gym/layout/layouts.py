@@ -55,7 +55,7 @@ class LayoutsView:
 
 
 def _part(poses: wp.array, first: int, dtype: type) -> wp.array:
-    """Elements of `poses` (nrow, n, width) from `first` on as vectors or quaternions, shape (nrow, n), in its memory."""
+    """Numbers from `first` on of `poses` (nrow, n, width) as vectors or quaternions (nrow, n), in the same memory."""
     part = wp.array(
         ptr=poses.ptr + 4 * first, dtype=dtype, shape=poses.shape[:2], strides=poses.strides[:2], device=poses.device
     )

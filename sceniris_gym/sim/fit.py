@@ -11,7 +11,7 @@ from sceniris_gym.errors import SceneMismatchError
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.program.compiled import CompiledScene
 
-_SIZES = ("nq", "nv", "nu", "na", "nbody", "njnt", "ngeom", "nmocap")
+_SIZES = ("nq", "nv", "nu", "na", "nbody", "njnt", "ngeom", "nmocap", "nmeshvert")
 _NUMBERS = {
     "body": ("body_parentid", "body_mocapid"),
     "joint": ("jnt_type", "jnt_bodyid", "jnt_qposadr", "jnt_dofadr"),
@@ -51,13 +51,8 @@ def check_fit(
     for kind, fields in _MEASURES.items():
         for field in fields:
             _check_field(m, ours, kind, field, _TOLERANCE)
-    for size, array in {
-        "nq": d.qpos,
-        "nv": d.qvel,
-        "nmocap": d.mocap_pos,
-        "nbody": d.xpos,
-        "ngeom": d.geom_xpos,
-    }.items():
+    arrays = {"nq": d.qpos, "nv": d.qvel, "nmocap": d.mocap_pos, "nbody": d.xpos, "ngeom": d.geom_xpos}
+    for size, array in arrays.items():
         _same(f"data's {size}", array.shape[1], getattr(ours, size))
     _check_layouts(compiled, m, d, layouts)
 
@@ -78,9 +73,10 @@ def _check_names(ours: mujoco.MjModel, theirs: mujoco.MjModel) -> None:
 
 def _check_field(m: mjw.Model, mjm: mujoco.MjModel, kind: str, field: str, tolerance: float) -> None:
     """Compare a field in all worlds that have values of their own."""
-    wanted = np.asarray(getattr(mjm, field), float).reshape(len(getattr(mjm, field)), -1)
-    if not len(wanted):
+    wanted = np.asarray(getattr(mjm, field), float)
+    if not wanted.size:
         return
+    wanted = wanted.reshape(len(wanted), -1)
     found = getattr(m, field).numpy().astype(float).reshape(-1, *wanted.shape)
     differs = (np.abs(found - wanted) > tolerance).any(axis=2)
     if field in ("body_pos", "body_quat"):

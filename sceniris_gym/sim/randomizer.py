@@ -67,7 +67,8 @@ class ResetRandomizer:
 
     Args:
         compiled: The compiled scene, on the device of `data`.
-        model: mujoco_warp Model made from `compiled.mjm`, or one like it in all that layouts depend on; see `check_fit`.
+        model: mujoco_warp Model made from `compiled.mjm`, or one like it in all that layouts depend on: bodies, joints
+            and geoms, their order, types, sizes and places. Masses, frictions, gains and options may differ.
         data: mujoco_warp Data of the worlds. `default_budget(compiled.mjm)` in sceniris_gym.sim.batch gives an nconmax
             and an njmax with room for contacts; `check_budget` tells whether those of `data` are large enough.
         layout_source: The LayoutSource; None makes a LayoutGenerator with `seed` and `split`.
@@ -79,8 +80,8 @@ class ResetRandomizer:
         split: "train" or "eval", which share no random numbers. Not used with a layout_source.
         write: "all" resets worlds as a whole. "placed" writes the scene's objects and its robot alone, with their
             velocities and the controls that hold them; clocks and everything else of a world are left as they are.
-        origins: Origins of the worlds [m], shape (nworld, 3), which are added to all positions that are written; layouts
-            are relative to them. A Warp array or a torch tensor of floats on the device is read anew at every reset.
+        origins: Origins of the worlds [m], shape (nworld, 3), which are added to all positions that are written, as
+            layouts are relative to them. A Warp array or a torch tensor on the device is read anew at every reset.
         mjm: The MjModel that `model` was made from. A mujoco_warp Model has no names; with it they are compared too.
         needs: What else to bring up to date after a reset, keys of sceniris_gym.sim.batch.NEEDS.
         graph: Capture the reset into a graph and replay it.
