@@ -198,9 +198,7 @@ def _as_origins(origins: Any, nworld: int, device: wp.Device) -> wp.array:
         try:
             found = wp.array(np.asarray(origins, np.float32).reshape(-1, 3), dtype=wp.vec3, device=device)
         except (TypeError, ValueError):
-            raise MaskTypeError(
-                f"origins should be an array of floats, shape ({nworld}, 3), got {origins!r}."
-            ) from None
+            raise MaskTypeError(f"origins should be floats, shape ({nworld}, 3), got {origins!r}.") from None
     if found.dtype is wp.float32 and found.ndim == 2 and found.shape[1] == 3:
         found = found.view(wp.vec3)
     if found.dtype is not wp.vec3 or found.shape != (nworld,):

@@ -1,4 +1,4 @@
-"""Models in memory, as somebody else makes them: cubes with prefixed names over a ground that is welded to the world."""
+"""Models in memory, as somebody else makes them: cubes with prefixed names, and a ground welded to the world."""
 
 from __future__ import annotations
 
