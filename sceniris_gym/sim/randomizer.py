@@ -26,6 +26,7 @@ from sceniris_gym.sim.control_history import ControlHistory
 from sceniris_gym.sim.fit import check_fit
 from sceniris_gym.sim.masks import as_ids, as_mask, as_rows
 from sceniris_gym.sim.placed import Origins, PlacedWrite
+from sceniris_gym.sim.versions import fields_of_data, keyframe_plastic
 from sceniris_gym.sim.write import (
     Poses,
     mask_of_ids,
@@ -36,7 +37,7 @@ from sceniris_gym.sim.write import (
     write_values,
 )
 
-PROMISED = (
+PROMISED = fields_of_data(
     *("time", "qpos", "qvel", "act", "history", "plastic", "ctrl", "mocap_pos", "mocap_quat", "eq_active"),
     *("qacc_warmstart", "qfrc_applied", "xfrc_applied", "userdata", "tree_asleep"),
 )
@@ -132,7 +133,7 @@ class ResetRandomizer:
         home_act, home_plastic = np.zeros(compiled.mjm.na), np.empty(0)
         if (key := compiled.scene.keyframe) >= 0:
             home_act = compiled.mjm.key_act[key]
-            home_plastic = getattr(compiled.mjm, "key_plastic", np.empty((key + 1, 0)))[key]  # new in MuJoCo 4
+            home_plastic = keyframe_plastic(compiled.mjm, key)
         self._rest = rest_map(compiled.mjm, compiled.scene.home_ctrl, home_act, self.device)
         self._plastic = wp.array(home_plastic, dtype=wp.float32, device=self.device)
         self._placed = PlacedWrite(compiled.scene, self._rest, self.device) if write == "placed" else None

@@ -8,6 +8,8 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
+from sceniris_gym.sim.versions import actuator_controls, actuator_outputs
+
 wp.set_module_options({"enable_backward": False})
 
 # as integers: `numpy.int32(0) in (enum member,)` is false although both are equal
@@ -203,11 +205,8 @@ def rest_map(mjm: mujoco.MjModel, home_ctrl: np.ndarray, home_act: np.ndarray, d
     bias = np.concatenate([home_ctrl, home_act]).astype(float)
     lower, upper = np.full(nu + na, -np.inf), np.full(nu + na, np.inf)
     terms: list[list[tuple[int, float]]] = [[] for _ in range(nu + na)]
-    nactuator = len(mjm.actuator_trntype)
-    # since MuJoCo 4 an actuator may have several controls and outputs, before that each has one of both
-    ctrladr = getattr(mjm, "actuator_ctrladr", np.arange(nactuator))
-    ctrlnum = getattr(mjm, "actuator_ctrlnum", np.ones(nactuator, int))
-    for i in range(nactuator):
+    ctrladr, ctrlnum = actuator_controls(mjm)
+    for i in range(len(ctrladr)):
         length = _length_terms(mjm, i)
         gain, bias0, bias1 = mjm.actuator_gainprm[i, 0], *mjm.actuator_biasprm[i, :2]
         holds = (
@@ -252,8 +251,7 @@ def rest_map(mjm: mujoco.MjModel, home_ctrl: np.ndarray, home_act: np.ndarray, d
 
 def _length_terms(mjm: mujoco.MjModel, actuator: int) -> list[tuple[int, float]] | None:
     """Return (qpos address, factor) pairs that sum to an actuator's length, or None where it is not linear in qpos."""
-    outadr = getattr(mjm, "actuator_outadr", np.arange(len(mjm.actuator_trntype)))
-    gear = float(mjm.actuator_gear[outadr[actuator], 0])
+    gear = float(mjm.actuator_gear[actuator_outputs(mjm)[actuator], 0])
     trntype, target = int(mjm.actuator_trntype[actuator]), int(mjm.actuator_trnid[actuator, 0])
     if trntype in JOINT_TRANSMISSIONS:
         joints = [(target, 1.0)]

@@ -90,7 +90,7 @@ def test_the_audit_sees_who_is_not_on_a_static_geom():
 def test_an_endless_plane_needs_a_region():
     """A plane with sizes has none, and a fraction of what is endless means nothing."""
     for region in (None, {"fraction": [[0, 0], [0.5, 0.5]]}):
-        words = {} if region is None else {"region": region}
+        words: dict[str, Any] = {} if region is None else {"region": region}
         with pytest.raises(SceneKeyError, match=r"cube_0\.on: the plane 'ground' is endless.*cube_0\.region: \{box"):
             compiled_from(spec_of(), cubes_on("ground", 1, **words))
     spec = spec_of()

@@ -24,6 +24,7 @@ def test_a_step_from_a_graph_gives_the_same_bits_and_current_kinematics(small_sc
         np.testing.assert_array_equal(recorded, direct, err_msg=name)
 
 
+@pytest.mark.oldest
 def test_a_budget_that_is_too_small_is_reported(small_scene):
     """Contacts that did not fit are an error that names the argument to raise; the default budget is enough."""
     small = Batch(small_scene.scene, 2, "cpu", nconmax=1)

@@ -34,6 +34,7 @@ def step(randomizer: ResetRandomizer, n: int = 5) -> None:
     mjw.kinematics(randomizer.model, randomizer.data)
 
 
+@pytest.mark.oldest
 def test_a_reset_writes_the_rows_of_the_generator(make_randomizer, rows):
     """World i gets row (seed + episode) mod nrow: positions, mocap poses and kinematics that belong to them."""
     randomizer = make_randomizer(4, seed=2)
@@ -67,6 +68,7 @@ def test_an_own_loop_learns_when_contacts_do_not_fit(make_randomizer):
         small.check_budget()
 
 
+@pytest.mark.oldest
 def test_other_worlds_stay_the_same_to_the_bit(make_randomizer):
     """A masked reset changes nothing in the worlds that are not masked."""
     randomizer = make_randomizer(4)
