@@ -90,6 +90,7 @@ def test_other_worlds_keep_their_histories(randomizer):
     assert not (after[1] == np.float32(0.7)).any()
 
 
+@since_4("mujoco_warp lets every other control of an actuator with a delay act at once, also without a reset")
 def test_a_new_control_arrives_after_its_delay(randomizer):
     """The first control after a reset acts when its delay is over, not before and not later."""
     randomizer.reset()
