@@ -41,9 +41,7 @@ def pose_address(scene: SceneModel, name: str, where: str) -> PoseAddress:
     if mjm.body_mocapid[body] >= 0:
         return PoseAddress("mocap", int(mjm.body_mocapid[body]))
     if not is_static(mjm)[body]:
-        raise NotSupportedError(
-            f"{where}: '{name}' hangs on joints, so layouts hold no pose of it but their positions."
-        )
+        raise NotSupportedError(f"{where}: '{name}' hangs on joints, and layouts hold their positions, not its pose.")
     return PoseAddress("body", body)
 
 

@@ -50,7 +50,9 @@ def test_cubes_of_a_model_in_memory_start_apart(form: str):
     assert np.abs(at[:, :, :2]).max() <= 0.15
     assert np.abs(at[:, :, :2]).max() > 0.14
     np.testing.assert_allclose(at[:, :, 2], HALF + 0.0005, atol=1e-6)
-    np.testing.assert_array_equal(qpos[:, :2], np.float32([[0.05, 0.7]] * NWORLD))  # what is not in the scene
+    np.testing.assert_array_equal(
+        qpos[:, :2], np.full((NWORLD, 2), [0.05, 0.7], np.float32)
+    )  # what is not in the scene
 
 
 @pytest.mark.parametrize(
