@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -160,3 +161,12 @@ def test_poses_and_joints_are_views_by_name():
     assert (cube.shape, cabinet.shape, ground.shape, slide.shape) == ((40, 7), (40, 7), (40, 7), (40,))
     assert cube.data_ptr() == layouts.qpos.ptr + 4 * 2
     assert cabinet.data_ptr() == layouts.mocap_pos.ptr
+
+
+def test_a_model_in_memory_is_compiled_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """It goes into the cache of compiled scenes as others do, and another size of a geom is another scene."""
+    monkeypatch.setenv("SCENIRIS_GYM_CACHE", str(tmp_path))
+    for size, files in ((0.02, 1), (0.02, 1), (0.03, 2)):
+        spec = spec_of(half=f"{size} {size} {size}")
+        compiled_from(spec, cubes_on("ground", 1, region=NEAR))
+        assert len(list((tmp_path / "scenes").iterdir())) == files
