@@ -3,9 +3,11 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.setup-done
+OLDEST := .venv-oldest
+OLDEST_STAMP := $(OLDEST)/.setup-done
 RECIPES := skrl torchrl
 
-.PHONY: setup test lint types test-recipes demo bench clean
+.PHONY: setup test test-oldest lint types test-recipes demo bench clean
 
 setup: $(STAMP)
 
@@ -16,8 +18,21 @@ $(STAMP): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install -e '.[dev,sb3,rsl-rl]' -c constraints.txt
 	touch $@
 
-test: lint types
+# The oldest versions that are supported, over everything else that .venv has.
+$(OLDEST_STAMP): constraints-oldest.txt $(STAMP)
+	rm -rf $(OLDEST)
+	$(BIN)/python -m venv $(OLDEST)
+	$(OLDEST)/bin/python -m pip install --no-deps -r constraints-oldest.txt
+	site() { "$$1" -c "import sysconfig; print(sysconfig.get_path('purelib'))"; }; \
+	echo "import site; site.addsitedir('$$(site $(BIN)/python)')" > "$$(site $(OLDEST)/bin/python)/rest.pth"
+	touch $@
+
+test: lint types $(OLDEST_STAMP)
+	$(OLDEST)/bin/python -m pytest -q -n 2 --dist loadfile -m oldest
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile --durations=15
+
+test-oldest: $(OLDEST_STAMP)
+	$(OLDEST)/bin/python -m pytest -q -n 2 --dist loadfile --durations=15
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
@@ -42,4 +57,4 @@ bench: $(STAMP)
 	$(BIN)/sceniris-gym bench mid --num-envs 4096
 
 clean:
-	rm -rf $(VENV) $(addprefix $(VENV)-,$(RECIPES)) build dist demo *.egg-info .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(OLDEST) $(addprefix $(VENV)-,$(RECIPES)) build dist demo *.egg-info .pytest_cache .ruff_cache

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
-import mujoco_warp as mjw
 import numpy as np
 import tyro
 
@@ -35,6 +34,7 @@ from sceniris_gym.scene.assemble import asset_name
 from sceniris_gym.scene.model import subtree
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
+from sceniris_gym.sim.versions import OverflowType
 
 FASTEST = 1.0
 """Speed of an object above which a reset counts as exploded [m/s]."""
@@ -42,7 +42,7 @@ FASTEST = 1.0
 WATCHED = 0.1
 """How long a reset is watched [s]."""
 
-LOST = mjw.OverflowType.HFIELD | mjw.OverflowType.EPA_HORIZON | mjw.OverflowType.NJMAX_NNZ
+LOST = OverflowType.HFIELD | OverflowType.EPA_HORIZON | OverflowType.NJMAX_NNZ
 """Overflows that lose a contact or its effect, in addition to those that `Batch.check_budget` reports."""
 
 
@@ -136,7 +136,7 @@ class Judge:
     def _check_room(self) -> None:
         """Check the contacts of the current state, and raise if any was lost now or since the reset."""
         self.batch.check_budget()
-        lost = mjw.OverflowType(int(np.bitwise_or.reduce(self.batch.data.overflow.numpy()))) & LOST
+        lost = OverflowType(int(np.bitwise_or.reduce(self.batch.data.overflow.numpy()))) & LOST
         if lost:
             raise RuntimeError(f"MuJoCo-Warp lost contacts that it had no room for: {lost.name}.")
 

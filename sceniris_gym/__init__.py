@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from sceniris_gym.layout.source import LayoutSource as LayoutSource
     from sceniris_gym.layout.stored import StoredLayouts as StoredLayouts
     from sceniris_gym.program.compiled import CompiledScene as CompiledScene
+    from sceniris_gym.scene.adopt import place_on as place_on
     from sceniris_gym.scene.layout_table import LayoutTable as LayoutTable
     from sceniris_gym.scene.model import SceneModel as SceneModel
     from sceniris_gym.scene.model import build_model as build_model
@@ -62,6 +63,7 @@ _HOME = {  # public name -> the module it lives in
     "SceneConfig": "config.scene",
     "SceneModel": "scene.model",
     "build_model": "scene.model",
+    "place_on": "scene.adopt",
     "read_sceniris": "importers.sceniris.reader",
     "CompiledScene": "program.compiled",
     "compile_scene": "layout.compile",

@@ -104,7 +104,7 @@ def test_resets_are_not_judged_where_a_contact_was_lost(compiled: CompiledScene)
         convex.look(0)
     other = judge(nconmax=64, njmax=256)
     overflow = np.zeros(48, np.int32)
-    overflow[5] = honest_resets.mjw.OverflowType.EPA_HORIZON
+    overflow[5] = honest_resets.OverflowType.EPA_HORIZON
     other.batch.data.overflow.assign(overflow)
     with pytest.raises(RuntimeError, match="EPA_HORIZON"):
         other._touching()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Annotated, Any
 
 import shapely
@@ -77,6 +78,19 @@ def _tier(value: Any) -> Any:
     return value
 
 
+def in_memory(model: Any) -> bool:
+    """Whether a model is a `mujoco.MjSpec` or a `mujoco.MjModel`, recognised without importing MuJoCo."""
+    return type(model).__module__.startswith("mujoco") and type(model).__name__ in ("MjSpec", "MjModel")
+
+
+def _model(model: Any) -> Any:
+    if isinstance(model, str | Path):
+        return Path(model)
+    if model is not None and not in_memory(model):
+        raise wrong("should be the path of an MJCF file, a mujoco.MjSpec or a mujoco.MjModel")
+    return model
+
+
 def _object_name(name: str) -> str:
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", name):
         raise wrong("should be a name of letters, digits, '_' and '-'")
@@ -105,3 +119,4 @@ FractionBox = Annotated[tuple[FractionPoint2, FractionPoint2], BeforeValidator(l
 Polygon = Annotated[tuple[Point2, ...], BeforeValidator(listed), AfterValidator(_simple)]
 Reachable = Annotated[bool | str, BeforeValidator(_tier)]
 ObjectName = Annotated[str, AfterValidator(_object_name)]
+Model = Annotated[Any, BeforeValidator(_model)]

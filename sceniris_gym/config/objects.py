@@ -79,7 +79,10 @@ class RegionConfig(Section):
 
 @dataclass(frozen=True)
 class SupportConfig:
-    """What an object is placed on: `word` is 'on', 'inside' or 'in'; `parent` is 'floor', 'object' or 'object/body'."""
+    """What an object is placed on: `word` is 'on', 'inside' or 'in'.
+
+    `parent` is 'floor', 'object' or 'object/body', or what never moves in the scene's own model: a geom or a body.
+    """
 
     word: Literal["on", "inside", "in"]
     parent: str
@@ -91,6 +94,7 @@ class ObjectConfig(Section):
     model_config = ConfigDict(populate_by_name=True)
     misplaced = dict.fromkeys(RELATION_WORDS, "should be an entry of 'relations', as in relations: [{near: mug, ...}]")
     asset: str | None = None
+    body: str | None = None
     kind: Literal["free", "fixture", "static", "marker"] = "free"
     on: str | None = None
     inside: str | None = None
@@ -147,6 +151,8 @@ class ObjectConfig(Section):
 
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> ObjectConfig:
+        if self.asset is not None and self.body is not None:
+            raise wrong("should have an 'asset', or be a 'body' of the model, not both")
         words = [word for word in SUPPORT_WORDS if getattr(self, "in_" if word == "in" else word) is not None]
         if len(words) > 1:
             raise wrong(f"should have only one of {', '.join(SUPPORT_WORDS)}, but has {' and '.join(words)}")

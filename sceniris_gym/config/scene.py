@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PrivateAttr, Strict, model_validator
 
-from sceniris_gym.config.fields import Extents2, Number, ObjectName, Point3, wrong
+from sceniris_gym.config.fields import Extents2, Model, Number, ObjectName, Point3, in_memory, wrong
 from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.limits import MOST_ATTEMPTS
 from sceniris_gym.config.loader import override, read_scene
@@ -56,6 +56,8 @@ class RobotConfig(Section):
 class SceneConfig(Section):
     """A whole scene, validated. Made by `SceneConfig.load` from a file, a name or a dict, or directly in Python.
 
+    `model` is the path of an MJCF file, a `mujoco.MjSpec` or a `mujoco.MjModel`; None for a scene of assets alone.
+
     Raises:
         SceneKeyError: A key or a value is wrong.
         UnknownNameError: A support, or an object that another one refers to, is not in the scene.
@@ -71,7 +73,8 @@ class SceneConfig(Section):
     attempts: Attempts = 10
     restarts: Annotated[int, Strict(), Field(ge=0, le=10_000)] = 8
     bank: Annotated[int, Strict(), Field(ge=1, le=10_000)] = DEFAULT_BANK
-    model: Path | None = None
+    model: Model = None
+    home: str | None = None
     _where: str = PrivateAttr("SceneConfig")
 
     @classmethod
@@ -106,22 +109,26 @@ class SceneConfig(Section):
         """The file this scene was read from, for messages."""
         return self._where
 
-    def canonical(self) -> str:
-        """Return everything that shapes the layouts, defaults included, as JSON that is equal for equal scenes.
+    @property
+    def has_model_in_memory(self) -> bool:
+        """Whether `model` is a MjSpec or a MjModel rather than a file."""
+        return in_memory(self.model)
 
-        File names are left out: only the contents of the files matter. Words that came later are left out at their
-        defaults, so that the hashes of older scenes stay as they are.
+    def canonical(self) -> str:
+        """Return the words that differ from their defaults as JSON that is equal for equal scenes.
+
+        File names are left out: only the contents of the files matter, and they are no words.
         """
-        parts = {"name", "model"}
-        if self.bank == DEFAULT_BANK:
-            parts.add("bank")
-        data = self.model_dump(mode="json", by_alias=True, exclude=parts)
-        for part in (*data["objects"].values(), *filter(None, [data["robot"]])):
-            part.pop("asset")
-        for part in data["objects"].values():
-            if not part["reachable"]:
-                del part["reachable"], part["by"]
+        data = self.model_dump(mode="json", by_alias=True, exclude={"name", "model"}, exclude_defaults=True)
+        for part in (*data.get("objects", {}).values(), *filter(None, [data.get("robot")])):
+            part.pop("asset", None)
         return json.dumps(data, separators=(",", ":"))
+
+    @model_validator(mode="after")
+    def _home_is_of_a_model(self) -> SceneConfig:
+        if self.home is not None and self.model is None:
+            raise wrong("should have 'home', the name of a keyframe, only together with 'model'")
+        return self
 
     @model_validator(mode="after")
     def _names_are_known(self) -> SceneConfig:

@@ -38,6 +38,7 @@ def check_names(scene: SceneNames, where: str) -> None:
         NoSupportError: An object that is placed on a marker.
         CycleError: Objects that are placed relative to each other.
     """
+    _check_bodies(scene, where)
     for name, part in scene.objects.items():
         _check_body(scene, name, part, where)
         if part.support is not None:
@@ -51,6 +52,24 @@ def check_names(scene: SceneNames, where: str) -> None:
             _check_reference(scene, f"{where}: objects.{name}.{path}", name, other)
     _check_groups(scene, where)
     _check_cycles(scene, where)
+
+
+def _check_bodies(scene: SceneNames, where: str) -> None:
+    """Check that objects which name a body can, and that no body is two objects."""
+    owners: dict[str, str] = {}
+    for name, part in scene.objects.items():
+        if part.body is not None and not scene.has_model:
+            raise SceneKeyError(
+                f"{where}: objects.{name}.body: there is no model that could have a body '{part.body}'. Give the scene "
+                "a 'model', or the object an 'asset'."
+            )
+        if part.asset is None and (body := part.body or name) in owners:
+            raise SceneKeyError(
+                f"{where}: objects.{name}: the body '{body}' is the object '{owners[body]}' already. Each object "
+                "should be a body of its own."
+            )
+        elif part.asset is None:
+            owners[part.body or name] = name
 
 
 def _check_body(scene: SceneNames, name: str, part: ObjectConfig, where: str) -> None:
@@ -78,6 +97,8 @@ def _check_body(scene: SceneNames, name: str, part: ObjectConfig, where: str) ->
 def _check_parent(scene: SceneNames, where: str, name: str, parent: str) -> None:
     owner = parent.split("/")[0]
     others = [other for other, part in scene.objects.items() if other != name and part.kind != "marker"]
+    if owner not in scene.objects and scene.has_model and (parent != FLOOR or not scene.has_floor):
+        return  # a geom or a body of the model, which only the model can know
     if parent == FLOOR and not scene.has_floor:
         raise UnknownNameError(
             "support", parent, f"{where}: the scene has no floor (add 'floor: {{size: [x, y]}}')", others

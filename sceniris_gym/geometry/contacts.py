@@ -2,15 +2,8 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import mujoco
 import numpy as np
-
-_TWO_SPHERES = """<mujoco><worldbody>
-  <geom size=".1" margin=".02" gap=".004"/>
-  <body pos="0 0 .2"><freejoint/><geom size=".1" margin=".01" gap=".002"/></body>
-</worldbody></mujoco>"""
 
 
 class ContactRules:
@@ -34,8 +27,7 @@ class ContactRules:
         if self._visual:
             self.classes = np.zeros(mjm.ngeom, int)
             return
-        gap = np.zeros(mjm.npair) if margins_add_up() else mjm.pair_gap
-        for a, b, distance in zip(mjm.pair_geom1, mjm.pair_geom2, mjm.pair_margin - gap, strict=True):
+        for a, b, distance in zip(mjm.pair_geom1, mjm.pair_geom2, mjm.pair_margin, strict=True):
             self._paired[frozenset((int(a), int(b)))] = float(distance)
         inside = {geom for pair in self._paired for geom in pair}
         keys = [
@@ -81,17 +73,4 @@ class ContactRules:
             return max(float(mjm.opt.o_margin), 0.0)
         if self.is_explicit(a, b):
             return max(self._paired[frozenset((a, b))], 0.0)
-        margins, gaps = mjm.geom_margin[[a, b]], mjm.geom_gap[[a, b]]
-        return max(float(margins.sum() if margins_add_up() else margins.max() - gaps.max()), 0.0)
-
-
-@cache
-def margins_add_up() -> bool:
-    """Whether this MuJoCo adds the margins of two geoms and acts from there on; before 4.0 the larger one less the gap.
-
-    Asked of MuJoCo itself.
-    """
-    mjm = mujoco.MjModel.from_xml_string(_TWO_SPHERES)
-    data = mujoco.MjData(mjm)
-    mujoco.mj_forward(mjm, data)
-    return bool(data.contact.includemargin[0] > 0.025)
+        return max(float(mjm.geom_margin[[a, b]].sum()), 0.0)

@@ -11,9 +11,11 @@ import numpy as np
 import shapely
 from shapely.geometry import MultiPoint, MultiPolygon, Polygon, box
 
+from sceniris_gym.config.fields import MOST_FAR
 from sceniris_gym.config.objects import RegionConfig
 from sceniris_gym.errors import ErodedSupportError
-from sceniris_gym.geometry.pieces import Piece
+from sceniris_gym.geometry.pieces import Piece, PieceType
+from sceniris_gym.geometry.rotations import matrix
 
 if TYPE_CHECKING:
     import trimesh
@@ -25,6 +27,8 @@ _STEP = 2.0e-4
 _ABOVE = 5.0e-4
 # A strip narrower than 2 cm (a rim, the edge of a wall, a handle) is not a support.
 _HALF_WIDTH = 0.01
+# Half the edge [m] of the part of an endless plane that regions are cut from, all that objects may be placed on.
+_ENDLESS = 4.0 * MOST_FAR
 # Segments of a quarter circle where an erosion goes around a corner: one of 4 cm is accurate to 3 um.
 _ARC = 64
 
@@ -38,29 +42,43 @@ class SupportSurface:
         height: Its z [m] in the body's frame.
         outline: The whole surface [m], xy in the body's frame.
         region: The part of it that an object's pivot may lie on.
+        is_endless: Whether it is a plane without sizes, of which the outline is a part.
     """
 
     body: int
     height: float
     outline: MultiPolygon
     region: MultiPolygon
+    is_endless: bool = False
 
 
-def level_surfaces(body: int, pieces: list[Piece], *, open_above: bool) -> list[SupportSurface]:
-    """Level surfaces of one body from its pieces, lowest first.
+def level_surfaces(
+    body: int, pieces: list[Piece], *, open_above: bool, geom: int | None = None
+) -> list[SupportSurface]:
+    """Level surfaces of one body from its pieces, lowest first; with `geom` those of this geom alone.
 
     Where a piece of the same body stands on a surface, that part is cut out; with `open_above` also where one hangs
     over it, since the two never move relative to each other. Strips narrower than 2 cm are left out.
     """
     meshes = [p.mesh for p in pieces if p.mesh is not None]
-    surfaces = []
-    for height, flat in _levels(meshes):
+    carrying = [p for p in pieces if geom is None or p.geom == geom]
+    planes = [p for p in carrying if p.type == PieceType.PLANE and matrix(p.quat)[2, 2] > _LEVEL]
+    surfaces = [_plane_surface(body, p) for p in planes]
+    for height, flat in _levels([p.mesh for p in carrying if p.mesh is not None]):
         over = [_shadow(m, height + _ABOVE) if open_above else _section(m, height + _ABOVE) for m in meshes]
         outline = _parts(flat.difference(shapely.union_all([o for o in over if o is not None])))
         wide = _without_strips(outline)
         if not wide.is_empty:
             surfaces.append(SupportSurface(body, height, wide, wide))
     return surfaces
+
+
+def _plane_surface(body: int, plane: Piece) -> SupportSurface:
+    """The rectangle that a plane is drawn as; one that is drawn without end reaches further than objects may."""
+    x, y = (half if half > 0.0 else _ENDLESS for half in plane.size[:2])
+    corners = np.array([[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]]) @ matrix(plane.quat).T + plane.pos
+    seen = MultiPolygon([Polygon(corners[:, :2])])
+    return SupportSurface(body, float(plane.pos[2]), seen, seen, bool(min(plane.size[:2]) <= 0.0))
 
 
 def floor_surface(size: tuple[float, float]) -> SupportSurface:

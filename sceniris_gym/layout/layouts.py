@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -10,6 +11,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause
 from sceniris_gym.program.reach import Reaching
 from sceniris_gym.reach.arm import MAX_JOINTS
+from sceniris_gym.scene.addresses import joint_address, pose_address
 
 
 class Status(IntEnum):
@@ -52,6 +54,15 @@ class LayoutsView:
     rejected_mocap_quat: wp.array2d(dtype=wp.quat)
 
 
+def _part(poses: wp.array, first: int, dtype: type) -> wp.array:
+    """Numbers from `first` on of `poses` (nrow, n, width) as vectors or quaternions (nrow, n), in the same memory."""
+    part = wp.array(
+        ptr=poses.ptr + 4 * first, dtype=dtype, shape=poses.shape[:2], strides=poses.strides[:2], device=poses.device
+    )
+    part._ref = poses  # the memory is that of the poses
+    return part
+
+
 @dataclass(frozen=True)
 class Layouts:
     """Layouts of `nworld` worlds: Warp arrays on the device of the compiled scene, of which only the contents change.
@@ -59,6 +70,8 @@ class Layouts:
     Attributes:
         compiled: The scene that the rows belong to.
         view: The arrays as device code takes them; see `create` for their length.
+        mocap_pose: What `mocap_pos` and `mocap_quat` are parts of: an unused number, position and orientation, shape
+            (nrow, nmocap, 8). So a pose is seven numbers in a row, and a quaternion lies where vectors of four may.
         seed: 64-bit seed of each world, shape (nworld,), uint64.
         episode: Episode of the current row, -1 before the first, shape (nworld,), int32.
         qpos: Joint positions [m, rad] in the order of the MjModel, quaternions wxyz, shape (nworld, nq).
@@ -79,6 +92,44 @@ class Layouts:
 
     compiled: CompiledScene
     view: LayoutsView
+    mocap_pose: wp.array
+
+    def pose(self, name: str) -> Any:
+        """Return the poses of an object as a torch tensor in the memory of the layouts, which later layouts overwrite.
+
+        Args:
+            name: An object of the scene, or "robot".
+
+        Returns:
+            Position [m] and orientation (wxyz) of its root body in the world frame, shape (nworld, 7).
+
+        Raises:
+            UnknownNameError: The scene has no such object.
+            NotSupportedError: Its root hangs on joints, from which its pose follows.
+        """
+        kind, number = pose_address(self.compiled.scene, name, "Layouts.pose")
+        if kind == "qpos":
+            return wp.to_torch(self.qpos)[:, number : number + 7]
+        if kind == "mocap":
+            return wp.to_torch(self.mocap_pose)[: self.nworld, number, 1:]
+        still = np.concatenate([self.compiled.home_xpos[number], self.compiled.home_xquat[number]])
+        return wp.to_torch(wp.array(still, dtype=float, device=self.compiled.device)).expand(self.nworld, 7)
+
+    def joint(self, name: str) -> Any:
+        """Return the positions of a joint as a torch tensor in the memory of the layouts, as `pose` does.
+
+        Args:
+            name: Its name in the model, `object/joint`, or the name inside its object if only one has it.
+
+        Returns:
+            Positions [m or rad], shape (nworld,); for a ball joint or a freejoint shape (nworld, 4) or (nworld, 7).
+
+        Raises:
+            UnknownNameError: There is no such joint, or several objects have one of that name.
+        """
+        adr, width = joint_address(self.compiled.scene, name, "Layouts.joint")
+        qpos = wp.to_torch(self.qpos)
+        return qpos[:, adr] if width == 1 else qpos[:, adr : adr + width]
 
     @classmethod
     def create(cls, compiled: CompiledScene, nworld: int, *, rejected: int = 0, rows: int = 0) -> "Layouts":
@@ -99,8 +150,10 @@ class Layouts:
             view.seed = wp.zeros(nworld, dtype=wp.uint64)
             view.episode = wp.full(nworld, -1, dtype=int)
             view.qpos = wp.array(np.tile(compiled.home_qpos, (nrow, 1)), dtype=float, shape=(nrow, mjm.nq))
-            view.mocap_pos = wp.array(np.tile(mocap_pos, (nrow, 1, 1)), dtype=wp.vec3)
-            view.mocap_quat = wp.array(np.tile(mocap_quat, (nrow, 1, 1)), dtype=wp.quat)
+            padding = np.zeros((nmocap, 1))
+            mocap_pose = wp.array(np.tile(np.hstack([padding, mocap_pos, mocap_quat]), (nrow, 1, 1)), dtype=float)
+            view.mocap_pos = _part(mocap_pose, 1, wp.vec3)
+            view.mocap_quat = _part(mocap_pose, 4, wp.quat)
             view.status = wp.zeros(nworld, dtype=int)
             view.attempts = wp.zeros(nworld, dtype=int)
             view.first_pass_valid = wp.zeros(nworld, dtype=int)
@@ -120,7 +173,7 @@ class Layouts:
             view.rejected_qpos = wp.zeros((rejected, mjm.nq), dtype=float)
             view.rejected_mocap_pos = wp.zeros((rejected, nmocap), dtype=wp.vec3)
             view.rejected_mocap_quat = wp.zeros((rejected, nmocap), dtype=wp.quat)
-        return cls(compiled, view)
+        return cls(compiled, view, mocap_pose)
 
     def _of_worlds(self, array: wp.array) -> wp.array:
         """The rows of the worlds, without those that are being made."""

@@ -75,7 +75,15 @@ def scene_key(scene: SceneModel, device: str) -> str:
     mujoco.mj_saveModel(scene.mjm, None, model)
     config, on = scene.config, wp.get_device(device)
     kind = [_processor(), on.name if on.is_cuda else "cpu", on.arch]
-    facts = [scene.hash, config.where, config.model_dump_json(), repr(scene.couplings), scene.bodies, _sources(), kind]
+    facts = [
+        scene.hash,
+        config.where,
+        config.model_dump_json(exclude={"model"}),
+        repr(scene.couplings),
+        scene.bodies,
+        _sources(),
+        kind,
+    ]
     digest = hashlib.sha256(json.dumps(facts).encode())
     for values in (model, scene.home_qpos, scene.home_ctrl):
         digest.update(values.tobytes())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sceniris_gym.config.fields import FLOOR, MOST_FAR, ROBOT
+from sceniris_gym.config.fields import MOST_FAR, ROBOT
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.program.plan import PlacedObject, Plan
@@ -62,8 +62,8 @@ def _check_region(scene: SceneModel, plan: Plan, o: PlacedObject) -> None:
     """
     if o.ground is None or o.config is None or o.config.support is None:
         return
-    owner = o.config.support.parent.split("/")[0]
-    moves = owner != FLOOR and scene.config.objects[owner].is_placed
+    owner = None if o.support is None else o.support.owner
+    moves = owner is not None and scene.config.objects[owner].is_placed
     pos = np.zeros(3) if moves else plan.home.xpos[o.ground]
     mat = np.eye(3) if moves else plan.home.xmat[o.ground].reshape(3, 3)
     for surface in {id(s): s for surfaces in o.surfaces for s in surfaces}.values():

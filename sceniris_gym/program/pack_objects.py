@@ -18,7 +18,7 @@ from sceniris_gym.program.descent import first_nodes
 from sceniris_gym.program.device import Measure, ObjectKind, OrientationType, Roof
 from sceniris_gym.program.pack_relations import has_own_width, relations_of
 from sceniris_gym.program.pairs import ArmPairs, Pair, PairRules, arm_pairs, collider_pairs
-from sceniris_gym.program.plan import PlacedObject, Plan, roof_rule
+from sceniris_gym.program.plan import PlacedObject, Plan
 from sceniris_gym.scene.model import SceneModel
 
 _ORIENTATIONS = {
@@ -47,7 +47,7 @@ def pack_objects(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int
         "obj_gap": np.array([_gap(scene, colliders, o) for o in objects]),
         "obj_box_lower": np.reshape([b[0] for b in boxes], (-1, 3)),
         "obj_box_upper": np.reshape([b[1] for b in boxes], (-1, 3)),
-        "obj_roof": np.array([roof_rule(o.config) for o in objects], int),
+        "obj_roof": np.array([o.roof for o in objects], int),
         "obj_footprint": np.array([bool(o.config and o.config.ratio_on_support == 1.0) for o in objects], int),
         **_joint_ranges(objects),
         **_followers(objects),
@@ -113,7 +113,7 @@ def _bodies_and_pieces(scene: SceneModel, plan: Plan, colliders: Colliders) -> d
         "body": [o.bodies for o in objects],
         "piece": own,
         "shadow": shadows,
-        "roof": [_roofs(scene, plan, colliders, o.config) for o in objects],
+        "roof": [_roofs(scene, plan, colliders, o) for o in objects],
     }
     fields = {}
     for name, entries in lists.items():
@@ -193,13 +193,12 @@ def _gap(scene: SceneModel, colliders: Colliders, o: PlacedObject) -> float:
     return max(o.config.gap, touch + LEAST_GAP if touch > 0.0 else 0.0)
 
 
-def _roofs(scene: SceneModel, plan: Plan, colliders: Colliders, config: ObjectConfig | None) -> list[int]:
-    """Pieces, or colliders of visual geometry, of the parent object: any of its bodies may be the roof, no plane is."""
-    if roof_rule(config) == Roof.EITHER:
+def _roofs(scene: SceneModel, plan: Plan, colliders: Colliders, o: PlacedObject) -> list[int]:
+    """Pieces, or colliders of visual geometry, of the parent: any body of an object may be the roof, no plane is."""
+    if o.roof == Roof.EITHER:
         return []
-    assert config is not None
-    assert config.support is not None
-    parent = scene.subtree(config.support.parent.split("/")[0])
+    assert o.support is not None
+    parent = [o.support.body] if o.support.owner is None else scene.subtree(o.support.owner)
     if scene.config.geometry == "visual":
         return [i for i, body in enumerate(colliders.body) if body in parent and colliders.plane[i] < 0]
     return [i for i, p in enumerate(plan.pieces) if p.body in parent and p.type != PieceType.PLANE]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.program.plan import PlacedObject, Plan
@@ -74,12 +73,20 @@ def _corner(scene: SceneModel, plan: Plan, o: PlacedObject, corners: dict[str, n
         assert o.config.region is not None
         assert o.config.region.box is not None
         at = np.array(o.config.region.box[1][:2])
-    elif o.config.support.parent == FLOOR:
-        assert scene.config.floor is not None
-        at = 0.5 * np.array(scene.config.floor.size)
+    elif o.support is not None and o.support.owner is not None:
+        at = corners.get(o.support.owner, np.full(2, -np.inf))
     else:
-        at = corners.get(o.config.support.parent.split("/")[0], np.full(2, -np.inf))
+        at = _far_corner(plan, o)
     return at + 2.0 * size
+
+
+def _far_corner(plan: Plan, o: PlacedObject) -> np.ndarray:
+    """How far [m] the region of an object reaches to the right and to the back, on what never moves."""
+    assert o.ground is not None
+    at, mat = plan.home.xpos[o.ground], plan.home.xmat[o.ground].reshape(3, 3)
+    bounds = np.array([s.region.bounds for surfaces in o.surfaces for s in surfaces]).reshape(-1, 2, 2)
+    corners = [[x, y, 0.0] for low, high in bounds for x in (low[0], high[0]) for y in (low[1], high[1])]
+    return (np.array(corners) @ mat.T + at)[:, :2].max(axis=0)
 
 
 def _size(scene: SceneModel, plan: Plan, o: PlacedObject) -> float:

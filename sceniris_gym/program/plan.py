@@ -26,6 +26,7 @@ from sceniris_gym.program.resting import stable_poses
 from sceniris_gym.program.tendon_limits import check_tendon_limits
 from sceniris_gym.scene.couplings import free_range
 from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.scene.support import Support, static_supports
 
 _KINDS = {"free": ObjectKind.FREE, "fixture": ObjectKind.FIXTURE, "marker": ObjectKind.MARKER}
 _ROOFS = {"in": Roof.EITHER, "on": Roof.OPEN, "inside": Roof.COVERED}
@@ -61,7 +62,7 @@ class PlacedObject:
         footprint: What must lie on the support as a whole, with `ratio_on_support` 1: the hull of all pieces as one
             more piece; None for a single piece, or where joints are drawn, whose footprint is that of each piece.
         variants: Poses that its orientation is drawn from; empty for STATIC.
-        ground: Body that carries it; None in a box in space or for STATIC.
+        support: What carries it; None in a box in space or for STATIC.
         tilts: Whether that body may lean in the states it is drawn in.
         surfaces: Surfaces and regions that it may stand on, a list for each variant; for relations in space the box
             seen from above. Variants with the same regions share one list.
@@ -78,12 +79,31 @@ class PlacedObject:
     joint_ranges: list[JointRange]
     footprint: Piece | None
     variants: list[Variant]
-    ground: int | None
+    support: Support | None
     tilts: bool
     surfaces: list[list[SupportSurface]]
     erosion: float
     config: ObjectConfig | None
     followers: tuple[Follower, ...] = ()
+
+    @property
+    def ground(self) -> int | None:
+        """Body that carries it; None in a box in space or for STATIC."""
+        return None if self.support is None else self.support.body
+
+    @property
+    def roof(self) -> Roof:
+        """What is required above the point that it is placed on.
+
+        What never moves and is no object, such as the world with its walls and ceilings, is open wherever there is
+        room.
+        """
+        if self.support is None or self.support.is_floor:
+            return Roof.EITHER
+        assert self.config is not None
+        assert self.config.support is not None
+        roof = _ROOFS[self.config.support.word]
+        return Roof.EITHER if roof == Roof.OPEN and self.support.owner is None else roof
 
 
 @dataclass(frozen=True)
@@ -163,13 +183,6 @@ def build_plan(scene: SceneModel) -> Plan:
     return Plan(objects, pieces, slots, place, bounds, home)
 
 
-def roof_rule(config: ObjectConfig | None) -> Roof:
-    """What is required above the point that an object is placed on."""
-    if config is None or config.support is None or config.support.parent == FLOOR:
-        return Roof.EITHER
-    return _ROOFS[config.support.word]
-
-
 def _pieces(scene: SceneModel) -> list[Piece]:
     """All pieces; errors name the key of the asset that they come from."""
     where = dict.fromkeys(range(scene.mjm.nbody), scene.config.where)
@@ -221,7 +234,7 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
         edges = [2.0 * rigid.inner_radius()]
     else:
         edges = [rigid.variant(v.quat).short_edge for v in variants]
-    ground, surfaces = _surfaces(scene, name, config, pieces, home, edges)
+    support, surfaces = _surfaces(scene, name, config, pieces, home, edges)
     return PlacedObject(
         name=name,
         stream=stream,
@@ -230,8 +243,8 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
         joint_ranges=drawn,
         footprint=shape.hull(bodies[0]) if len(own) > 1 and not drawn and config.ratio_on_support == 1.0 else None,
         variants=variants,
-        ground=ground,
-        tilts=ground is not None and _tilts(scene, config, ground),
+        support=support,
+        tilts=support is not None and _tilts(scene, support),
         surfaces=surfaces,
         erosion=0.5 * config.ratio_on_support if varies else 0.0,
         config=config,
@@ -264,30 +277,55 @@ def _joint_range(scene: SceneModel, joint: int, words: JointConfig) -> JointRang
 
 def _surfaces(
     scene: SceneModel, name: str, config: ObjectConfig, pieces: list[Piece], home: mujoco.MjData, edges: list[float]
-) -> tuple[int | None, list[list[SupportSurface]]]:
-    """The body that carries an object, and for each variant the surfaces on it; `edges`: their least shorter edges."""
-    support = config.support
-    if support is None:
+) -> tuple[Support | None, list[list[SupportSurface]]]:
+    """What carries an object, and for each variant the surfaces on it; `edges`: their least shorter edges."""
+    if config.support is None:
         assert config.region is not None
         return None, [[supports.shadow_of_box(config.region)] if config.relations else []] * len(edges)
-    where = f"{scene.config.where}: objects.{name}.{support.word}"
-    body = scene.support_body(support.parent, where)
-    if support.parent == FLOOR:
+    word, parent = config.support.word, config.support.parent
+    where = f"{scene.config.where}: objects.{name}.{word}"
+    support = scene.support(parent, where)
+    if support.is_floor:
         assert scene.config.floor is not None
-        if support.word == "inside":
+        if word == "inside":
             raise SceneKeyError(f"{where}: the floor has no roof. Write 'on: floor'.")
         found = [supports.floor_surface(scene.config.floor.size)]
     else:
-        _check_upright(support.parent, home.xmat[body][8], where)
-        own = [p for p in pieces if p.body == body]
-        found = supports.level_surfaces(body, own, open_above=support.word == "on")
+        _check_upright(parent, home.xmat[support.body][8], where)
+        found = _found(support, pieces, open_above=word == "on")
     if not found:
         raise NoSupportError(
-            f"{where}: '{support.parent}' has no level surface of 2 cm or more in width"
-            f"{' that is open above' if support.word == 'on' else ''}. Valid: a body with a flat top or floor."
+            f"{where}: '{parent}' has no level surface of 2 cm or more in width"
+            f"{' that is open above' if word == 'on' else ''}. Valid: {_with_surfaces(scene, pieces, home, word)}."
+        )
+    if any(s.is_endless for s in found) and (config.region is None or config.region.fraction is not None):
+        raise SceneKeyError(
+            f"{where}: the plane '{parent}' is endless. Say where on it objects are placed, as in "
+            f"objects.{name}.region: {{box: [[-0.3, -0.3], [0.3, 0.3]]}}."
         )
     half = 0.5 * config.ratio_on_support
-    return body, supports.crop(found, config.region, [half * edge for edge in edges], where)
+    return support, supports.crop(found, config.region, [half * edge for edge in edges], where)
+
+
+def _found(support: Support, pieces: list[Piece], *, open_above: bool) -> list[SupportSurface]:
+    """The level surfaces of a support. What stands over what never moves is no roof of it: it is in the way or not."""
+    own = [p for p in pieces if p.body == support.body]
+    roofed = open_above and support.owner is not None
+    return supports.level_surfaces(support.body, own, open_above=roofed, geom=support.geom)
+
+
+def _with_surfaces(scene: SceneModel, pieces: list[Piece], home: mujoco.MjData, word: str) -> str:
+    """The names of all that has a level surface, for messages."""
+    names = {scene.bodies[name]: name for name in scene.config.objects}
+    for name in scene.config.objects:
+        names |= {body: f"{name}/{part}" for part, body in scene.parts(name).items()}
+    known = {name: Support(body, name) for body, name in names.items()}
+    if scene.config.model is not None:
+        known = {**static_supports(scene.mjm, scene.bodies), **known}
+    level = {n: s for n, s in known.items() if home.xmat[s.body][8] >= UPRIGHT}
+    found = sorted(name for name, s in level.items() if _found(s, pieces, open_above=word == "on"))
+    floor = [] if scene.config.floor is None or word == "inside" else [FLOOR]
+    return ", ".join([*floor, *found]) or "none, as nothing in this scene has one"
 
 
 def _check_upright(parent: str, up: float, where: str) -> None:
@@ -300,18 +338,16 @@ def _check_upright(parent: str, up: float, where: str) -> None:
         )
 
 
-def _tilts(scene: SceneModel, config: ObjectConfig, ground: int) -> bool:
+def _tilts(scene: SceneModel, support: Support) -> bool:
     """Whether a support may lean: a joint above it turns about an axis that is not vertical, or its object may lie."""
-    assert config.support is not None
-    owner = config.support.parent.split("/")[0]
-    if owner == FLOOR:
+    if support.owner is None:
         return False
-    if scene.config.objects[owner].drawn_orientation.kind in ("stable", "any"):
+    if scene.config.objects[support.owner].drawn_orientation.kind in ("stable", "any"):
         return True
-    mjm, chain = scene.mjm, [ground]
-    while chain[-1] != scene.bodies[owner]:
+    mjm, chain = scene.mjm, [support.body]
+    while chain[-1] not in (0, scene.bodies[support.owner]):
         chain.append(int(mjm.body_parentid[chain[-1]]))
-    drawn = scene.moving_joints(owner)
+    drawn = scene.moving_joints(support.owner)
     return any(
         mjm.jnt_bodyid[j] in chain
         and mjm.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE

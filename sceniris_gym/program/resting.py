@@ -88,7 +88,7 @@ def stable_poses(
 def _carrier(scene: SceneModel, name: str) -> int | None:
     """The body that an object is put on, None in a box in space."""
     support = scene.config.objects[name].support
-    return None if support is None else scene.support_body(support.parent, f"{scene.config.where}: objects.{name}")
+    return None if support is None else scene.support(support.parent, f"{scene.config.where}: objects.{name}").body
 
 
 def _check_weight(mjm: mujoco.MjModel, bodies: list[int], where: str) -> None:

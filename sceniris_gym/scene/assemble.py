@@ -15,7 +15,7 @@ from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.scene import RobotConfig, SceneConfig
 from sceniris_gym.errors import MeshError, SceneFileError, SceneKeyError, UnknownNameError
 
-_FREE = mujoco.mjtJoint.mjJNT_FREE
+FREE = mujoco.mjtJoint.mjJNT_FREE
 _BODIES = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_XBODY)
 
 MARK_GROUP = 4
@@ -74,7 +74,7 @@ def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: s
     child = _load_asset(config.asset, f"{where}: objects.{name}.asset")
     home = _take_home(child, name, keyframe=None, where=f"{where}: objects.{name}.asset")
     root = _attach(spec, child, name, spec.worldbody.add_frame(), f"{where}: objects.{name}.asset")
-    _make_kind(spec, root, name, config.kind, f"{where}: objects.{name}.kind")
+    make_kind(spec, root, name, config.kind, f"{where}: objects.{name}.kind")
     return home
 
 
@@ -106,33 +106,6 @@ def check_assets(config: SceneConfig) -> None:
             compile_spec(alone, f"{config.where}: objects.{name}.asset")
 
 
-def adopt_body(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str) -> None:
-    """Use a body of the user's own model as an object; a fixture or a marker becomes a mocap body.
-
-    Raises:
-        UnknownNameError: The model has no such body.
-        SceneKeyError: The body cannot be of the object's kind.
-    """
-    body = spec.body(name)
-    if body is None or name == "world":
-        names = [b.name for b in spec.bodies if b.name and b.name != "world"]
-        raise UnknownNameError("body of the model", name, f"{where}: objects.{name}", names)
-    where = f"{where}: objects.{name}.kind"
-    if body.parent.name != "world":
-        raise SceneKeyError(f"{where}: body '{name}' should be a child of the world, not of '{body.parent.name}'.")
-    joints = list(body.joints)
-    if config.kind == "free":
-        if [joint.type for joint in joints] != [_FREE]:
-            raise SceneKeyError(f"{where}: body '{name}' should have a freejoint and no other joint to be 'free'.")
-    elif config.kind == "static":
-        if any(joint.type == _FREE for joint in joints):
-            raise SceneKeyError(f"{where}: body '{name}' has a freejoint; its kind should be 'free'.")
-    elif joints:
-        raise SceneKeyError(f"{where}: body '{name}' should have no joint of its own to be a '{config.kind}'.")
-    else:
-        _make_kind(spec, body, name, config.kind, where)
-
-
 @dataclass(frozen=True)
 class Names:
     """Names inside an asset: those of its joints except a free one, and of the bodies below its root."""
@@ -149,7 +122,7 @@ def names_in(asset: str, where: str) -> Names:
         SceneFileError: The file is missing, or MuJoCo cannot read it.
     """
     spec = _load_asset(asset, where)
-    joints = [joint.name or f"joint{i}" for i, joint in enumerate(spec.joints) if joint.type != _FREE]
+    joints = [joint.name or f"joint{i}" for i, joint in enumerate(spec.joints) if joint.type != FREE]
     bodies = [body.name for body in spec.bodies if body.name != "world" and body.parent.name != "world"]
     return Names(tuple(joints), tuple(bodies))
 
@@ -213,7 +186,7 @@ def _take_home(child: mujoco.MjSpec, name: str, keyframe: str | None, where: str
         model = compile_spec(child, where)
         key = model.key(wanted)
         for joint in (model.joint(i) for i in range(model.njnt)):
-            if joint.type[0] != _FREE:
+            if joint.type[0] != FREE:
                 adr = model.jnt_qposadr[joint.id]
                 home.qpos[f"{name}/{joint.name}"] = key.qpos[adr : adr + len(joint.qpos0)].tolist()
         for i in range(model.nu):
@@ -259,10 +232,15 @@ def _rename(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str) -> None:
             actuator.target = name
 
 
-def _make_kind(spec: mujoco.MjSpec, root: mujoco.MjsBody, name: str, kind: str, where: str) -> None:
+def make_kind(spec: mujoco.MjSpec, root: mujoco.MjsBody, name: str, kind: str, where: str) -> None:
+    """Make a body below the world one of an object's kind: with a freejoint, as a mocap body, or as it is.
+
+    Raises:
+        SceneKeyError: It has joints that an object of this kind cannot have.
+    """
     joints = list(root.joints)
     if kind == "free":
-        others = [joint.name for joint in joints if joint.type != _FREE]
+        others = [joint.name for joint in joints if joint.type != FREE]
         if others:
             raise SceneKeyError(
                 f"{where}: a 'free' object should have a freejoint or no joint at its root; '{name}' has {others}. "
@@ -271,7 +249,7 @@ def _make_kind(spec: mujoco.MjSpec, root: mujoco.MjsBody, name: str, kind: str, 
         (joints[0] if joints else root.add_freejoint()).name = f"{name}/free"
         return
     for joint in joints:
-        if kind != "static" or joint.type == _FREE:
+        if kind != "static" or joint.type == FREE:
             spec.delete(joint)
     if kind in ("fixture", "marker"):
         root.mocap = True  # moved per world by mocap_pos; moving body_pos would leave static geoms behind

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import copy
 import fnmatch
-import hashlib
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -13,12 +13,12 @@ from sceniris_gym.config.fields import FLOOR, ROBOT
 from sceniris_gym.config.objects import JointConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import MeshError, NotSupportedError, SceneFileError, SceneKeyError, UnknownNameError
-from sceniris_gym.reach.map import map_file
 from sceniris_gym.scene import assemble, backdrop
+from sceniris_gym.scene.adopt import HOME, adopt_body, check_additions, check_bodies
 from sceniris_gym.scene.couplings import Coupling, driven_by, follow, joint_couplings, turned_round
+from sceniris_gym.scene.identity import scene_hash
 from sceniris_gym.scene.parking import add_parking_ground, has_parking_ground
-
-HOME = "home"
+from sceniris_gym.scene.support import Support, static_supports
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,9 +27,11 @@ class SceneModel:
 
     Attributes:
         config: The scene as written by the user.
-        spec: The editable model; `spec.to_zip` writes it so that stock MuJoCo opens it.
-        mjm: The compiled model; its keyframe 'home' is the start pose.
+        spec: The editable model; `spec.to_zip` writes it so that stock MuJoCo opens it. None where the scene is made of
+            a MjModel, which cannot be edited.
+        mjm: The compiled model.
         bodies: Root body id of every object by its name, and of the robot as 'robot'.
+        keyframe: The keyframe of `mjm` that is the start pose, -1 if it has none: then `qpos0` is.
         home_qpos: Start pose, shape (nq,), with free objects where the model has them, and joints that an equality ties
             to others where it has them.
         home_ctrl: Controls of the start pose, shape (nu,).
@@ -39,33 +41,39 @@ class SceneModel:
     """
 
     config: SceneConfig
-    spec: mujoco.MjSpec
+    spec: mujoco.MjSpec | None
     mjm: mujoco.MjModel
     bodies: dict[str, int]
+    keyframe: int
     home_qpos: np.ndarray
     home_ctrl: np.ndarray
     hash: str
     couplings: tuple[Coupling, ...] = ()
 
-    def support_body(self, parent: str, where: str) -> int:
-        """Return the body id of a support: 0 for 'floor', else of 'object' or 'object/body'.
+    def support(self, parent: str, where: str) -> Support:
+        """Return what a scene file calls 'floor', 'object' or 'object/body', or a static geom or body of the model.
 
         Raises:
-            UnknownNameError: The object has no such body.
+            UnknownNameError: There is nothing of that name.
         """
-        if parent == FLOOR:
-            return 0
+        if parent == FLOOR and self.config.floor is not None:
+            return Support(0, is_floor=True)
         name, _, part = parent.partition("/")
-        if not part:
-            return self.bodies[name]
-        parts = self.parts(name)
-        if part not in parts:
-            raise UnknownNameError("body", parent, where, [name, *(f"{name}/{p}" for p in parts)])
-        return parts[part]
+        if name in self.bodies and not part:
+            return Support(self.bodies[name], name)
+        parts = self.parts(name) if name in self.bodies else {}
+        if part in parts:
+            return Support(parts[part], name)
+        still = static_supports(self.mjm, self.bodies) if self.config.model is not None else {}
+        if parent in still:
+            return still[parent]
+        of_object = [name, *(f"{name}/{p}" for p in parts)] if name in self.bodies else self.bodies
+        raise UnknownNameError("body" if parts else "support", parent, where, [*of_object, *still])
 
     def parts(self, name: str) -> dict[str, int]:
         """Return the bodies inside an object, without its root: id by the name inside the object."""
-        return {_local(self.mjm.body(i).name, name): i for i in self.subtree(name) if i != self.bodies[name]}
+        prefix = self._prefix(name)
+        return {_local(self.mjm.body(i).name, prefix): i for i in self.subtree(name) if i != self.bodies[name]}
 
     def subtree(self, name: str) -> list[int]:
         """Return the ids of an object's root body and of all bodies below it, in ascending order."""
@@ -129,8 +137,12 @@ class SceneModel:
         return {*drawn, *(c.follower for c in driven_by(self.couplings, drawn))}
 
     def _prefix(self, name: str) -> str:
+        """What names inside an object begin with: its own, or that of the model which its body was attached from."""
         robot = self.config.robot
-        return assemble.asset_name(robot.asset) if name == ROBOT and robot is not None else name
+        if name == ROBOT and robot is not None:
+            return assemble.asset_name(robot.asset)
+        body = self.config.objects[name].body
+        return name if body is None else body.rpartition("/")[0]
 
     def _refuse_follower(self, coupling: Coupling, where: str) -> None:
         name = self.mjm.joint(coupling.follower).name
@@ -182,25 +194,31 @@ def build_model(config: SceneConfig) -> SceneModel:
 
     The root body of an object has the object's name, everything inside it is `name/...`; inside the robot the
     prefix is the name of the robot's asset. A free object's joint is `name/free`. Fixtures and markers are mocap
-    bodies. The user's own `model` keeps its names and options; objects without an asset are bodies of it.
+    bodies. The user's own `model` keeps its names and options; objects without an asset are bodies of it. A model in
+    memory is copied, and its bodies stay what they are.
 
     Raises:
         SceneFileError: A file is missing, or MuJoCo cannot read or compile it.
         UnknownNameError: An asset, body, joint or keyframe that does not exist.
         SceneKeyError: An object that cannot be of its kind; joint values outside the joint's limits; a joint that an
-            equality ties to another one, and that is drawn itself or tied twice.
+            equality ties to another one, and that is drawn itself or tied twice; what would have to be added to a
+            MjModel, or changed in a model in memory.
         CycleError: Joints that equalities tie to each other in a cycle.
     """
+    if isinstance(config.model, mujoco.MjModel):
+        return _taken(config, config.model)
     spec, homes = _assemble(config)
     try:
         mjm = assemble.compile_spec(spec, config.where)
     except (MeshError, SceneFileError):
         assemble.check_assets(config)  # names the asset, if it is one
         raise
-    home_qpos, home_ctrl = _home(mjm, homes)
+    if config.has_model_in_memory:
+        check_bodies(mjm, config)
+    home = _home(mjm, homes, config)
     couplings = joint_couplings(mjm, config.where)
-    given_qpos = home_qpos.copy()
-    follow(couplings, home_qpos)
+    given_qpos = home.qpos.copy()
+    follow(couplings, home.qpos)
     if config.floor is not None:
         center, extent = np.array([0.0, 0.0, 0.25]), max(config.floor.size)
     else:
@@ -211,32 +229,57 @@ def build_model(config: SceneConfig) -> SceneModel:
     if config.groups and not has_parking_ground(mjm, len(config.objects), config.where):
         spec.stat.center, spec.stat.extent = mjm.stat.center, mjm.stat.extent  # of the scene without its parking ground
         add_parking_ground(spec, len(config.objects))
-    if spec.key(HOME) is None:
-        spec.add_key(name=HOME, qpos=home_qpos, ctrl=home_ctrl)
-    elif not np.array_equal(home_qpos, given_qpos):
-        spec.key(HOME).qpos = home_qpos
-    mjm = assemble.compile_spec(spec, config.where)
+    keyframe = config.home or HOME
+    if spec.key(keyframe) is None:
+        spec.add_key(name=keyframe, qpos=home.qpos, ctrl=home.ctrl)
+    elif not np.array_equal(home.qpos, given_qpos):
+        spec.key(keyframe).qpos = home.qpos
+    return _scene(config, spec, assemble.compile_spec(spec, config.where), home, couplings)
 
-    bodies = {name: mjm.body(name).id for name in config.objects}
+
+def _taken(config: SceneConfig, model: mujoco.MjModel) -> SceneModel:
+    """The scene of a MjModel, of which a copy is taken as it is."""
+    check_additions(config)
+    check_bodies(model, config)
+    mjm = copy.copy(model)
+    home = _home(mjm, [], config)
+    if home.keyframe >= 0:  # as in a model from a file, mocap bodies stand where the keyframe has them
+        mocap = np.flatnonzero(mjm.body_mocapid >= 0)
+        mjm.body_pos[mocap] = mjm.key_mpos[home.keyframe].reshape(-1, 3)[mjm.body_mocapid[mocap]]
+        mjm.body_quat[mocap] = mjm.key_mquat[home.keyframe].reshape(-1, 4)[mjm.body_mocapid[mocap]]
+    couplings = joint_couplings(mjm, config.where)
+    follow(couplings, home.qpos)
+    return _scene(config, None, mjm, home, couplings)
+
+
+def _scene(
+    config: SceneConfig, spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, home: _Home, couplings: tuple[Coupling, ...]
+) -> SceneModel:
+    """The scene of a compiled model, in which all names that the scene refers to are looked up once."""
+    bodies = {name: mjm.body(part.body or name).id for name, part in config.objects.items()}
     if config.robot is not None:
         bodies[ROBOT] = mjm.body(assemble.asset_name(config.robot.asset)).id
-    scene = SceneModel(config, spec, mjm, bodies, home_qpos, home_ctrl, _hash(config, spec), couplings)
+    keyframe = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, config.home or HOME)
+    identity = scene_hash(config, mjm, home.qpos)
+    scene = SceneModel(config, spec, mjm, bodies, keyframe, home.qpos, home.ctrl, identity, couplings)
     scene = replace(scene, couplings=turned_round(mjm, couplings, scene.named_joints()))
     for name, part in config.objects.items():
         if part.support is not None:
-            scene.support_body(part.support.parent, f"{config.where}: objects.{name}.{part.support.word}")
+            scene.support(part.support.parent, f"{config.where}: objects.{name}.{part.support.word}")
     for name in bodies:
         scene.joint_configs(name)
     return scene
 
 
 def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, list[assemble.Home]]:
-    if config.model is not None:
-        spec = assemble.load_mjcf(config.model, f"{config.where}: model")
-        assemble.stand_at_keyframe(spec, HOME, f"{config.where}: model")
-    else:
+    if config.model is None:
         spec = mujoco.MjSpec()
         backdrop.set_options(spec)
+    else:
+        where = f"{config.where}: model"
+        in_memory = config.has_model_in_memory
+        spec = config.model.copy() if in_memory else assemble.load_mjcf(config.model, where)
+        assemble.stand_at_keyframe(spec, config.home or HOME, where)
     spec.modelname = "scene"
     homes = []
     if config.floor is not None and spec.geom(FLOOR) is None:
@@ -251,8 +294,9 @@ def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, list[assemble.Home]]:
             )
         homes.append(assemble.attach_robot(spec, config.robot, config.where))
     for name, part in config.objects.items():
-        if part.asset is None and (part.kind != "marker" or spec.body(name) is not None):
-            assemble.adopt_body(spec, name, part, config.where)
+        if part.asset is None and (part.kind != "marker" or part.body is not None or spec.body(name) is not None):
+            if not config.has_model_in_memory:  # whose bodies are checked once it is compiled
+                adopt_body(spec, name, part, config.where)
         elif spec.body(name) is not None:
             raise SceneKeyError(f"{config.where}: objects.{name}: the model has a body of this name already.")
         else:
@@ -260,10 +304,22 @@ def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, list[assemble.Home]]:
     return spec, homes
 
 
-def _home(mjm: mujoco.MjModel, homes: list[assemble.Home]) -> tuple[np.ndarray, np.ndarray]:
-    has_home = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, HOME) >= 0
-    qpos = mjm.key(HOME).qpos.copy() if has_home else mjm.qpos0.copy()
-    ctrl = mjm.key(HOME).ctrl.copy() if has_home else np.zeros(mjm.nu)
+@dataclass(frozen=True)
+class _Home:
+    """The start pose of a model: its keyframe, -1 for none, positions of joints, and controls."""
+
+    keyframe: int
+    qpos: np.ndarray
+    ctrl: np.ndarray
+
+
+def _home(mjm: mujoco.MjModel, homes: list[assemble.Home], config: SceneConfig) -> _Home:
+    keyframe = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, config.home or HOME)
+    if keyframe < 0 and config.home is not None:
+        names = [mjm.key(i).name for i in range(mjm.nkey)]
+        raise UnknownNameError("keyframe of the model", config.home, f"{config.where}: home", filter(None, names))
+    qpos = mjm.key_qpos[keyframe].copy() if keyframe >= 0 else mjm.qpos0.copy()
+    ctrl = mjm.key_ctrl[keyframe].copy() if keyframe >= 0 else np.zeros(mjm.nu)
     for home in homes:
         for joint, values in home.qpos.items():
             i = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_JOINT, joint)
@@ -272,19 +328,7 @@ def _home(mjm: mujoco.MjModel, homes: list[assemble.Home]) -> tuple[np.ndarray, 
                 qpos[adr : adr + len(values)] = values
         for actuator, value in home.ctrl.items():
             ctrl[mjm.actuator(actuator).id] = value
-    return qpos, ctrl
-
-
-def _hash(config: SceneConfig, spec: mujoco.MjSpec) -> str:
-    digest = hashlib.sha256(config.canonical().encode())
-    digest.update(spec.to_xml().encode())
-    for file in sorted(spec.assets):
-        digest.update(file.encode())
-        digest.update(spec.assets[file])
-    if config.robot is not None and any(part.reachable for part in config.objects.values()):
-        path = map_file(config.robot.asset)  # what the arm reaches shapes the layouts, too
-        digest.update(path.read_bytes() if path is not None else b"")
-    return digest.hexdigest()[:16]
+    return _Home(keyframe, qpos, ctrl)
 
 
 def _local(name: str, prefix: str) -> str:

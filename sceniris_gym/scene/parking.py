@@ -21,6 +21,7 @@ PARKING_SPACING = 2.0
 PARKING_COLUMNS = 8
 """Places in one row of that lattice."""
 
+_SLAB = "parking_ground"
 LEVEL = 1.0e-3
 """What rises less than this [m] above the ground counts as part of it."""
 
@@ -30,7 +31,7 @@ def add_parking_ground(spec: mujoco.MjSpec, nslot: int) -> None:
     low, high = _corners(nslot)
     middle, half = 0.5 * (low + high), 0.5 * (high - low) + 1.0
     spec.worldbody.add_geom(
-        name="parking_ground",
+        name=_SLAB,
         type=mujoco.mjtGeom.mjGEOM_BOX,
         pos=[*middle, -0.05],
         size=[*half, 0.05],
@@ -39,7 +40,7 @@ def add_parking_ground(spec: mujoco.MjSpec, nslot: int) -> None:
 
 
 def has_parking_ground(mjm: mujoco.MjModel, nslot: int, where: str) -> bool:
-    """Whether a plane of the model is the ground on which absent objects are parked, at z = 0.
+    """Whether the model has ground at z = 0 on which absent objects are parked: a plane, or a slab that was added.
 
     Raises:
         SceneKeyError: A plane lies above the place where they are parked.
@@ -59,7 +60,16 @@ def has_parking_ground(mjm: mujoco.MjModel, nslot: int, where: str) -> bool:
                 f"({PARKING_FROM:g}, {PARKING_FROM:g}) m, where absent objects are parked. Lower it, or use a box."
             )
         found = found or over.max() < LEVEL
-    return found
+    return found or _has_slab(mjm, data, low, high)
+
+
+def _has_slab(mjm: mujoco.MjModel, data: mujoco.MjData, low: np.ndarray, high: np.ndarray) -> bool:
+    """Whether the slab of `add_parking_ground` is there and as large as it has to be."""
+    slab = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_GEOM, _SLAB)
+    if slab < 0:
+        return False
+    middle, half = data.geom_xpos[slab, :2], mjm.geom_size[slab, :2]
+    return bool(np.all(middle - half <= low) and np.all(middle + half >= high))
 
 
 def _corners(nslot: int) -> tuple[np.ndarray, np.ndarray]:

@@ -12,6 +12,7 @@ import warp as wp
 from sceniris_gym.errors import ContactBudgetError, UnknownNameError
 from sceniris_gym.layout.sequence import LaunchSequence
 from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.sim.versions import OverflowType, silence_iterations
 
 NEEDS: dict[str, tuple[Callable[[mjw.Model, mjw.Data], None], ...]] = {
     "kinematics": (mjw.kinematics,),
@@ -71,10 +72,10 @@ def check_budget(m: mjw.Model, d: mjw.Data) -> None:
         mjw.collision(m, d)
     contacts = max(int(d.nacon.numpy()[0]), int(d.ncollision.numpy()[0]))
     flags = int(np.bitwise_or.reduce(d.overflow.numpy()))
-    contact_flags = mjw.OverflowType.BROADPHASE | mjw.OverflowType.NARROWPHASE | mjw.OverflowType.CCD
+    contact_flags = OverflowType.BROADPHASE | OverflowType.NARROWPHASE | OverflowType.CCD
     if contacts > d.naconmax or flags & contact_flags:
         raise ContactBudgetError("nconmax", d.naconmax // d.nworld, contacts // d.nworld + 1)
-    if flags & mjw.OverflowType.NEFC:
+    if flags & OverflowType.NEFC:
         raise ContactBudgetError("njmax", d.njmax, int(d.nefc.numpy().max()))
 
 
@@ -119,7 +120,7 @@ class Batch:
             if scene.config.model is None:  # a user's own model keeps its options
                 self.model.opt.ls_iterations = LINE_SEARCH
             # reaching the solver's iteration limits is normal; warnings about it would flood stdout at every step
-            self.model.opt.warn_overflow &= ~int(mjw.OverflowType.ITERATIONS | mjw.OverflowType.LS_ITERATIONS)
+            silence_iterations(self.model)
             self.data = mjw.make_data(scene.mjm, nworld, nconmax=nconmax, naccdmax=naccdmax, njmax=njmax)
         self.stages = update_stages(needs)
         self.substeps = substeps

@@ -7,6 +7,8 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
+from sceniris_gym.sim.versions import actuator_controls
+
 wp.set_module_options({"enable_backward": False})
 
 
@@ -15,9 +17,7 @@ def history_samples(mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
 
     An actuator with n samples of m controls has there, one after the other: two numbers, n times, and n x m controls.
     """
-    nactuator = len(mjm.actuator_trntype)
-    ctrladr = getattr(mjm, "actuator_ctrladr", np.arange(nactuator))
-    ctrlnum = getattr(mjm, "actuator_ctrlnum", np.ones(nactuator, int))
+    ctrladr, ctrlnum = actuator_controls(mjm)
     address, control = [], []
     for i, (nsample, _) in enumerate(mjm.actuator_history):
         first = mjm.actuator_historyadr[i] + 2 + nsample
@@ -46,10 +46,14 @@ class ControlHistory:
     Args:
         mjm: The model.
         device: The device of the data.
+        controls: The controls whose past is filled; all if None.
     """
 
-    def __init__(self, mjm: mujoco.MjModel, device: wp.Device) -> None:
+    def __init__(self, mjm: mujoco.MjModel, device: wp.Device, controls: np.ndarray | None = None) -> None:
         address, control = history_samples(mjm)
+        if controls is not None:
+            wanted = np.isin(control, controls)
+            address, control = address[wanted], control[wanted]
         self._address = wp.array(address, dtype=wp.int32, device=device)
         self._control = wp.array(control, dtype=wp.int32, device=device)
 

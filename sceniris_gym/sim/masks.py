@@ -64,6 +64,36 @@ def as_rows(rows: Any, nrow: int, nworld: int, device: wp.Device) -> wp.array:
     return _to_device(rows, wp.int32, device)
 
 
+def as_ids(ids: Any, nworld: int, device: wp.Device) -> wp.array:
+    """Return numbers of worlds as an int32 Warp array on `device`, in any order and of any length.
+
+    Args:
+        ids: Integers, shape (n,): a sequence, a slice, a numpy array, a torch tensor or a Warp array of int32.
+        nworld: Number of worlds.
+        device: The target device.
+
+    Raises:
+        MaskTypeError: Not integers.
+        MaskError: Wrong shape, or a world that does not exist (checked in sequences and numpy arrays only).
+    """
+    if isinstance(ids, slice):
+        ids = np.arange(nworld)[ids]
+    if _kind(ids) is None:
+        ids = np.asarray(ids)
+        ids = ids.astype(int) if ids.size == 0 else ids
+    if "int" not in getattr(ids.dtype, "__name__", str(ids.dtype)):
+        raise MaskTypeError(f"env_ids should hold integers, got {ids.dtype}. For booleans there is `mask`.")
+    if len(ids.shape) != 1:
+        raise MaskError(f"env_ids should have shape (n,), the numbers of worlds, got {tuple(ids.shape)}.")
+    if _kind(ids) == "numpy":
+        wrong = np.flatnonzero((ids < 0) | (ids >= nworld))
+        if len(wrong):
+            raise MaskError(f"env_ids[{wrong[0]}] should be from 0 to {nworld - 1}, got {ids[wrong[0]]}.")
+    elif _kind(ids) == "torch":
+        ids = ids.clamp(-1, nworld).int().contiguous()  # what does not exist must not wrap around to what does
+    return _to_device(ids, wp.int32, device)
+
+
 def _kind(array: Any) -> str | None:
     """Return the library that an array belongs to, or None; torch is recognised without being imported."""
     if isinstance(array, np.ndarray):

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import mujoco
 import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import SceneMismatchError
+from sceniris_gym.errors import MaskTypeError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.prepared import PreparedLayouts
@@ -23,12 +23,21 @@ from sceniris_gym.sim.batch import check_budget, update_stages
 from sceniris_gym.sim.constraints import clear_constraints
 from sceniris_gym.sim.contacts import ContactList
 from sceniris_gym.sim.control_history import ControlHistory
-from sceniris_gym.sim.masks import as_mask, as_rows
-from sceniris_gym.sim.write import Poses, mask_of_rows, rest_map, rows_of_mask, write_state, write_values
+from sceniris_gym.sim.fit import check_fit
+from sceniris_gym.sim.masks import as_ids, as_mask, as_rows
+from sceniris_gym.sim.placed import Origins, PlacedWrite
+from sceniris_gym.sim.versions import fields_of_data, keyframe_plastic
+from sceniris_gym.sim.write import (
+    Poses,
+    mask_of_ids,
+    mask_of_rows,
+    rest_map,
+    rows_of_mask,
+    write_state,
+    write_values,
+)
 
-SIZES = ("nq", "nv", "nu", "na", "nbody", "nmocap")
-
-PROMISED = (
+PROMISED = fields_of_data(
     *("time", "qpos", "qvel", "act", "history", "plastic", "ctrl", "mocap_pos", "mocap_quat", "eq_active"),
     *("qacc_warmstart", "qfrc_applied", "xfrc_applied", "userdata", "tree_asleep"),
 )
@@ -36,6 +45,8 @@ PROMISED = (
 
 A need of "sensors" or "dynamics" adds what delayed sensors measure now to `history`, as the next step would.
 """
+
+_WRITES = ("all", "placed")
 
 
 class ResetRandomizer:
@@ -57,7 +68,8 @@ class ResetRandomizer:
 
     Args:
         compiled: The compiled scene, on the device of `data`.
-        model: mujoco_warp Model made from `compiled.mjm`.
+        model: mujoco_warp Model made from `compiled.mjm`, or one like it in all that layouts depend on: bodies, joints
+            and geoms, their order, types, sizes and places. Masses, frictions, gains and options may differ.
         data: mujoco_warp Data of the worlds. `default_budget(compiled.mjm)` in sceniris_gym.sim.batch gives an nconmax
             and an njmax with room for contacts; `check_budget` tells whether those of `data` are large enough.
         layout_source: The LayoutSource; None makes a LayoutGenerator with `seed` and `split`.
@@ -67,6 +79,11 @@ class ResetRandomizer:
             graph of your own that resets are captured into they are made in place. Not with a layout_source.
         seed: Seed of world 0, world i has seed + i; or one seed per world. Not used with a layout_source.
         split: "train" or "eval", which share no random numbers. Not used with a layout_source.
+        write: "all" resets worlds as a whole. "placed" writes the scene's objects and its robot alone, with their
+            velocities and the controls that hold them; clocks and everything else of a world are left as they are.
+        origins: Origins of the worlds [m], shape (nworld, 3), which are added to all positions that are written, as
+            layouts are relative to them. A Warp array or a torch tensor on the device is read anew at every reset.
+        mjm: The MjModel that `model` was made from. A mujoco_warp Model has no names; with it they are compared too.
         needs: What else to bring up to date after a reset, keys of sceniris_gym.sim.batch.NEEDS.
         graph: Capture the reset into a graph and replay it.
 
@@ -77,6 +94,8 @@ class ResetRandomizer:
     Raises:
         SceneMismatchError: Model, data or layout_source have another scene, device or number of worlds.
         ValueError: Both `layout_source` and `prefetch`.
+        MaskTypeError, MaskError: `origins` are no floats, or not one for each world.
+        UnknownNameError: `write` is neither "all" nor "placed".
     """
 
     def __init__(
@@ -89,6 +108,9 @@ class ResetRandomizer:
         seed: int | Sequence[int] = 0,
         split: str = "train",
         prefetch: bool | wp.Stream = False,
+        write: Literal["all", "placed"] = "all",
+        origins: Any = None,
+        mjm: mujoco.MjModel | None = None,
         needs: Iterable[str] = (),
         graph: bool = True,
     ) -> None:
@@ -105,14 +127,22 @@ class ResetRandomizer:
                 "a layout_source, which may be a PreparedLayouts."
             )
         self.layout_source: LayoutSource = layout_source
-        self._check_fit()
+        check_fit(compiled, model, data, self.layouts, mjm)
+        if write not in _WRITES:
+            raise UnknownNameError("way to write", str(write), "ResetRandomizer: write", _WRITES)
         home_act, home_plastic = np.zeros(compiled.mjm.na), np.empty(0)
-        if (key := mujoco.mj_name2id(compiled.mjm, mujoco.mjtObj.mjOBJ_KEY, "home")) >= 0:
+        if (key := compiled.scene.keyframe) >= 0:
             home_act = compiled.mjm.key_act[key]
-            home_plastic = getattr(compiled.mjm, "key_plastic", np.empty((key + 1, 0)))[key]  # new in MuJoCo 4
+            home_plastic = keyframe_plastic(compiled.mjm, key)
         self._rest = rest_map(compiled.mjm, compiled.scene.home_ctrl, home_act, self.device)
         self._plastic = wp.array(home_plastic, dtype=wp.float32, device=self.device)
-        self._control_history = ControlHistory(compiled.mjm, self.device)
+        self._placed = PlacedWrite(compiled.scene, self._rest, self.device) if write == "placed" else None
+        self._origins: Origins | None = None
+        if origins is not None:
+            placed_only = self._placed is not None
+            self._origins = Origins(compiled.scene, origins, data.nworld, self.device, placed_only=placed_only)
+        written = None if self._placed is None else self._placed.controls
+        self._control_history = ControlHistory(compiled.mjm, self.device, written)
         self._contacts = ContactList(data)
         self._stages = update_stages(needs)
         with wp.ScopedDevice(self.device):
@@ -127,18 +157,26 @@ class ResetRandomizer:
         """The latest layouts, one row per world."""
         return self.layout_source.layouts
 
-    def reset(self, mask: Any = None) -> None:
-        """Give the masked worlds their next layouts.
+    def reset(self, mask: Any = None, *, env_ids: Any = None) -> None:
+        """Give the masked worlds, or those with these numbers, their next layouts.
 
         Args:
             mask: Booleans, shape (nworld,): Warp array, torch tensor or numpy array; None is all worlds. It may be
                 false everywhere, which resets nothing.
+            env_ids: Instead of a mask the numbers of the worlds, in any order: a sequence, a slice, or integers of
+                shape (n,) as a Warp array, torch tensor or numpy array. None is all worlds, and none are none.
 
         Raises:
-            MaskTypeError: Not an array of booleans.
-            MaskError: Wrong shape.
+            MaskTypeError: Not an array of booleans, or of integers; or both of them given.
+            MaskError: Wrong shape, or a world that does not exist.
         """
-        wp.copy(self.mask, self._all if mask is None else as_mask(mask, self.data.nworld, self.device))
+        nworld = self.data.nworld
+        if env_ids is None:
+            wp.copy(self.mask, self._all if mask is None else as_mask(mask, nworld, self.device))
+        elif mask is None:
+            mask_of_ids(as_ids(env_ids, nworld, self.device), self.mask)
+        else:
+            raise MaskTypeError("reset should have a mask or env_ids, not both.")
         self.launch_reset()
 
     def launch_reset(self) -> None:
@@ -209,52 +247,22 @@ class ResetRandomizer:
     def _launch_write(self, poses: Poses) -> None:
         m, d = self.model, self.data
         self._contacts.launch_drop(self.mask)
-        # reset_data zeroes the contact count of all worlds when it resets world 0
-        wp.copy(self._nacon, d.nacon)
-        mjw.reset_data(m, d, reset=self.mask)
-        wp.copy(d.nacon, self._nacon)
-        write_state(m, d, self._rest, poses, self._rows)
-        if self._plastic.shape[0] > 0:
-            write_values(self._plastic, self.mask, d.plastic)
+        if self._placed is None:
+            # reset_data zeroes the contact count of all worlds when it resets world 0
+            wp.copy(self._nacon, d.nacon)
+            mjw.reset_data(m, d, reset=self.mask)
+            wp.copy(d.nacon, self._nacon)
+            write_state(m, d, self._rest, poses, self._rows)
+            if self._plastic.shape[0] > 0:
+                write_values(self._plastic, self.mask, d.plastic)
+        else:
+            self._placed.launch(d, poses, self._rows)
+        if self._origins is not None:
+            self._origins.launch(d, self.mask)
         self._control_history.launch_fill(d, self.mask)
         clear_constraints(d, self.mask)
         for stage in self._stages:
             stage(m, d)
-
-    def _check_fit(self) -> None:
-        mjm, m, d = self.compiled.mjm, self.model, self.data
-        for size in SIZES:
-            if getattr(m, size) != getattr(mjm, size):
-                raise SceneMismatchError(
-                    f"ResetRandomizer: model.{size} is {getattr(m, size)} and should be {getattr(mjm, size)}, as in "
-                    "the compiled scene. Make the model from it: mjw.put_model(compiled.mjm)."
-                )
-        if d.qpos.shape[1] != mjm.nq or d.mocap_pos.shape[1] != mjm.nmocap:
-            raise SceneMismatchError(
-                f"ResetRandomizer: data has nq={d.qpos.shape[1]} and nmocap={d.mocap_pos.shape[1]} and should have "
-                f"nq={mjm.nq} and nmocap={mjm.nmocap}, as the compiled scene has. Make the data from it: "
-                "mjw.make_data(compiled.mjm, nworld=...)."
-            )
-        if self.layouts.compiled.hash != self.compiled.hash:
-            raise SceneMismatchError(
-                f"ResetRandomizer: layout_source makes layouts of scene {self.layouts.compiled.hash} and should make "
-                f"them of {self.compiled.hash}, the compiled scene."
-            )
-        nworld = self.layouts.nworld
-        if nworld != d.nworld:
-            raise SceneMismatchError(
-                f"ResetRandomizer: layout_source makes layouts for {nworld} worlds and should make them for "
-                f"{d.nworld}, as many as data has."
-            )
-        for what, device in (
-            ("the compiled scene", wp.get_device(self.compiled.device)),
-            ("layout_source", self.layouts.qpos.device),
-            ("model", m.qpos0.device),
-        ):
-            if device != self.device:
-                raise SceneMismatchError(
-                    f"ResetRandomizer: {what} is on {device} and should be on {self.device}, where data is."
-                )
 
 
 def _poses_of(layouts: Layouts | LayoutTable, m: mjw.Model, device: wp.Device) -> Poses:

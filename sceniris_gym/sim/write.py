@@ -8,6 +8,8 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
+from sceniris_gym.sim.versions import actuator_controls, actuator_outputs
+
 wp.set_module_options({"enable_backward": False})
 
 # as integers: `numpy.int32(0) in (enum member,)` is false although both are equal
@@ -66,6 +68,13 @@ def _rows_of_mask(mask: wp.array[wp.bool], rows_out: wp.array[int]):
 def _mask_of_rows(rows: wp.array[int], nrow: int, mask_out: wp.array[wp.bool]):
     worldid = wp.tid()
     mask_out[worldid] = rows[worldid] >= 0 and rows[worldid] < nrow
+
+
+@wp.kernel
+def _mask_of_ids(ids: wp.array[int], mask_out: wp.array[wp.bool]):
+    worldid = ids[wp.tid()]
+    if worldid >= 0 and worldid < mask_out.shape[0]:
+        mask_out[worldid] = True
 
 
 @wp.kernel
@@ -133,6 +142,12 @@ def mask_of_rows(rows: wp.array, nrow: int, mask_out: wp.array) -> None:
     wp.launch(_mask_of_rows, dim=rows.shape[0], inputs=[rows, nrow], outputs=[mask_out], device=rows.device)
 
 
+def mask_of_ids(ids: wp.array, mask_out: wp.array) -> None:
+    """Fill `mask_out` (nworld,) bool: true for the worlds in `ids` (n,) int32, false for the others."""
+    mask_out.zero_()
+    wp.launch(_mask_of_ids, dim=ids.shape[0], inputs=[ids], outputs=[mask_out], device=mask_out.device)
+
+
 def write_values(values: wp.array, mask: wp.array, out: wp.array) -> None:
     """Write `values` (n,) into the rows of `out` (nworld, n) where `mask` (nworld,) is true."""
     wp.launch(_write_values, dim=out.shape, inputs=[mask, values], outputs=[out], device=mask.device)
@@ -190,11 +205,8 @@ def rest_map(mjm: mujoco.MjModel, home_ctrl: np.ndarray, home_act: np.ndarray, d
     bias = np.concatenate([home_ctrl, home_act]).astype(float)
     lower, upper = np.full(nu + na, -np.inf), np.full(nu + na, np.inf)
     terms: list[list[tuple[int, float]]] = [[] for _ in range(nu + na)]
-    nactuator = len(mjm.actuator_trntype)
-    # since MuJoCo 4 an actuator may have several controls and outputs, before that each has one of both
-    ctrladr = getattr(mjm, "actuator_ctrladr", np.arange(nactuator))
-    ctrlnum = getattr(mjm, "actuator_ctrlnum", np.ones(nactuator, int))
-    for i in range(nactuator):
+    ctrladr, ctrlnum = actuator_controls(mjm)
+    for i in range(len(ctrladr)):
         length = _length_terms(mjm, i)
         gain, bias0, bias1 = mjm.actuator_gainprm[i, 0], *mjm.actuator_biasprm[i, :2]
         holds = (
@@ -239,8 +251,7 @@ def rest_map(mjm: mujoco.MjModel, home_ctrl: np.ndarray, home_act: np.ndarray, d
 
 def _length_terms(mjm: mujoco.MjModel, actuator: int) -> list[tuple[int, float]] | None:
     """Return (qpos address, factor) pairs that sum to an actuator's length, or None where it is not linear in qpos."""
-    outadr = getattr(mjm, "actuator_outadr", np.arange(len(mjm.actuator_trntype)))
-    gear = float(mjm.actuator_gear[outadr[actuator], 0])
+    gear = float(mjm.actuator_gear[actuator_outputs(mjm)[actuator], 0])
     trntype, target = int(mjm.actuator_trntype[actuator]), int(mjm.actuator_trnid[actuator, 0])
     if trntype in JOINT_TRANSMISSIONS:
         joints = [(target, 1.0)]

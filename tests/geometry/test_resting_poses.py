@@ -19,6 +19,7 @@ from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.program.plan import build_plan
 from sceniris_gym.scene.model import SceneModel, build_model
 from tests.layout.scenes import box_mjcf, write_mjcf
+from tests.versions import since_4
 
 FREE = ("apple", "banana", "block", "book", "bottle", "bowl", "brick", "can", "cereal_box")
 FREE += ("glass", "lemon", "mug", "orange", "pan", "pear", "plate", "spatula", "tin")
@@ -130,6 +131,7 @@ def test_an_uneven_bottom_still_carries(tmp_path: Path):
     assert sum(matrix(p.quat)[2, 2] > 0.99 for p in poses) == 2
 
 
+@since_4("a mesh with a curved bottom comes to rest a few degrees off")
 @pytest.mark.parametrize(("radius", "fineness"), [(0.06, 4), (0.08, 3), (0.1, 3), (0.12, 3)])
 def test_a_duck_of_small_faces_rests_on_its_curved_bottom(radius: float, fineness: int, tmp_path: Path):
     """No face of it comes back from 5 degrees by itself; in MuJoCo C it comes back from 12 directions, and stays."""

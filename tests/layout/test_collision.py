@@ -39,6 +39,7 @@ def _compile_pairs(pairs: list[tuple[dict, dict, float]], geometry: str, clearan
         objects[f"second_{i}"] = {**second, "region": {"box": box}, "clearance": clearance}
     scene = build_model(SceneConfig.load({"objects": objects, "geometry": geometry, "attempts": 30, "restarts": 0}))
     if tilt:
+        assert scene.spec is not None
         rng = np.random.default_rng(3)
         for name, part in objects.items():
             if part.get("kind", "free") == "free":

@@ -42,7 +42,7 @@ class Drawn:
         outlines = Auditor(self.compiled.mjm, self.compiled.config, self.compiled.scene.bodies).outlines
         self.poses = poses_of(self.compiled.mjm, table)
         self.seen = {name: outlines.outline(name, self.poses) for name in objects}
-        self.under = support_headings(self.compiled.config, self.poses, self.compiled.mjm)
+        self.under = support_headings(self.compiled.config, self.poses, self.compiled.mjm, self.compiled.scene.bodies)
 
     def surface(self, body: str, corners: list[tuple[float, float]]) -> np.ndarray:
         """A polygon [m] of a body's own frame in each layout, seen from above, shape (N,)."""

@@ -15,6 +15,7 @@ from sceniris_gym.program.oddities import warn_of_oddities
 from sceniris_gym.program.plan import build_plan
 from sceniris_gym.scene.model import build_model
 from tests.layout.scenes import box_mjcf, write_mjcf
+from tests.versions import since_4
 
 # A cube with a vertex in the middle of an edge, closed by a face without area.
 _CORNERS = [(x, y, z) for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (0.0, 0.2)] + [(-0.1, -0.1, 0.1)]
@@ -128,6 +129,7 @@ ARM = """<mujoco><worldbody><body name="base"><geom type="box" size=".05 .05 .05
   <keyframe><key name="home" qpos="0"/></keyframe></mujoco>"""
 
 
+@since_4("mj_geomDistance finds no depth of some boxes")
 @pytest.mark.parametrize(
     ("parts", "objects", "said", "cure"),
     [

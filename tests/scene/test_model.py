@@ -59,7 +59,7 @@ def test_supports_and_joints_are_found_by_their_names_inside_of_objects(folder: 
     """The floor is the world's body 0; a joint's own name goes before a pattern."""
     joints = {"*": {"value": 0.1}, "slide": {"fraction": [0, 1]}}
     scene = build(folder, {"a": {"asset": "chest", "kind": "fixture", "joints": joints}})
-    assert [scene.support_body(parent, "here") for parent in ("floor", "a", "a/lid")] == [0, 1, 3]
+    assert [scene.support(parent, "here").body for parent in ("floor", "a", "a/lid")] == [0, 1, 3]
     assert scene.parts("a") == {"tray": 2, "lid": 3}
     assert scene.subtree("a") == [1, 2, 3]
     assert [(config.fraction, config.value) for config in scene.joint_configs("a").values()] == [
@@ -83,7 +83,7 @@ def test_an_own_model_keeps_its_names_options_and_start_pose(folder: Path):
     assert names(mjm, "geom").count("floor") == 1
     assert mjm.body("desk").mocapid == 0
     np.testing.assert_allclose(mjm.body("desk").pos, [1, 0, 0])
-    assert scene.support_body("desk/drawer", "here") == mjm.body("drawer").id
+    assert scene.support("desk/drawer", "here").body == mjm.body("drawer").id
     assert scene.joints("desk") == {"rail": mjm.joint("rail").id}
     assert scene.joints("stone") == {}
     np.testing.assert_allclose(scene.home_qpos[: mjm.nq - 7], [0.1, 0, 0, 0.2, 1, 0, 0, 0, 0.7])
@@ -111,6 +111,7 @@ def test_noise_around_a_start_pose_beyond_the_limits_is_refused(folder: Path):
 def test_the_scene_opens_in_stock_mujoco_from_its_zip(folder: Path):
     """Meshes travel inside; names, poses and masses survive."""
     scene = build(folder, {"a": {"asset": "chest", "kind": "fixture"}, "b": {"asset": "chest", "kind": "static"}})
+    assert scene.spec is not None
     scene.spec.to_zip(str(folder / "scene.zip"))
     assert "scene.xml" in zipfile.ZipFile(folder / "scene.zip").namelist()
     for gone in ("chest.xml", "parts/knob.obj"):

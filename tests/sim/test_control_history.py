@@ -13,6 +13,7 @@ from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.control_history import ControlHistory, history_samples
 from sceniris_gym.sim.randomizer import ResetRandomizer
+from tests.versions import since_4
 
 NROW = 4
 
@@ -89,6 +90,7 @@ def test_other_worlds_keep_their_histories(randomizer):
     assert not (after[1] == np.float32(0.7)).any()
 
 
+@since_4("mujoco_warp lets every other control of an actuator with a delay act at once, also without a reset")
 def test_a_new_control_arrives_after_its_delay(randomizer):
     """The first control after a reset acts when its delay is over, not before and not later."""
     randomizer.reset()
@@ -104,6 +106,7 @@ def test_a_new_control_arrives_after_its_delay(randomizer):
     np.testing.assert_allclose(force, [0.0, 0.0, 1.0, 1.0], atol=1e-6)
 
 
+@since_4("mj_readCtrl has other arguments")
 def test_samples_are_found_where_mujoco_keeps_them():
     """Addresses of an actuator's samples are those that `mj_readCtrl` reads; there are none without a delay."""
     mjm = mujoco.MjModel.from_xml_string(ARM)

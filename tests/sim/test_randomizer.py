@@ -17,6 +17,7 @@ from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
 from tests.sim.conftest import SMALL_ARM
+from tests.versions import since_4
 
 STATE = ("time", "qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat", "qacc_warmstart", "xfrc_applied", "M")
 DERIVED = ("xpos", "xquat", "geom_xpos", "geom_xmat", "site_xpos", "site_xmat")
@@ -34,6 +35,7 @@ def step(randomizer: ResetRandomizer, n: int = 5) -> None:
     mjw.kinematics(randomizer.model, randomizer.data)
 
 
+@pytest.mark.oldest
 def test_a_reset_writes_the_rows_of_the_generator(make_randomizer, rows):
     """World i gets row (seed + episode) mod nrow: positions, mocap poses and kinematics that belong to them."""
     randomizer = make_randomizer(4, seed=2)
@@ -54,6 +56,7 @@ def test_a_reset_writes_the_rows_of_the_generator(make_randomizer, rows):
         np.testing.assert_allclose(d.geom_xpos.numpy()[world], mjd.geom_xpos, atol=1e-6)
 
 
+@since_4("mujoco_warp writes beyond its arrays on a CPU where contacts do not fit")
 def test_an_own_loop_learns_when_contacts_do_not_fit(make_randomizer):
     """After a reset the randomizer compares the data's room with the contacts; the default budget is enough."""
     enough, small = (make_randomizer(2, room=room) for room in (None, (1, 128)))
@@ -67,6 +70,7 @@ def test_an_own_loop_learns_when_contacts_do_not_fit(make_randomizer):
         small.check_budget()
 
 
+@pytest.mark.oldest
 def test_other_worlds_stay_the_same_to_the_bit(make_randomizer):
     """A masked reset changes nothing in the worlds that are not masked."""
     randomizer = make_randomizer(4)
@@ -271,7 +275,7 @@ def test_what_does_not_belong_to_the_scene_is_refused(make_randomizer, small_sce
     stored = StoredLayouts(small_scene, rows, 2)
     with pytest.raises(SceneMismatchError, match=r"model\.nq is 0 and should be 12"):
         ResetRandomizer(small_scene, mjw.put_model(other), mjw.make_data(other, 2), layout_source=stored)
-    with pytest.raises(SceneMismatchError, match="data has nq=0 and nmocap=1"):
+    with pytest.raises(SceneMismatchError, match=r"data's nq is 0 and should be 12"):
         ResetRandomizer(small_scene, randomizer.model, mjw.make_data(other, 2), layout_source=stored)
     three = StoredLayouts(small_scene, rows, 3)
     with pytest.raises(SceneMismatchError, match="layouts for 3 worlds and should make them for 2"):

@@ -94,7 +94,7 @@ class Auditor:
 
     def __init__(self, mjm: mujoco.MjModel, config: SceneConfig, bodies: Mapping[str, int]) -> None:
         self.mjm = mjm
-        self.tree = Tree(mjm, bodies)
+        self.tree = Tree(mjm, bodies, config.home)
         markers = {name for name, part in config.objects.items() if part.kind == "marker"}
         solids = [
             solid
@@ -111,7 +111,7 @@ class Auditor:
         self.collisions = CollisionAudit(
             self.tree, solids, config.geometry, clearances, jointed, self.contacts.at_home, {*drawn, *jointed}
         )
-        home = home_of(mjm)
+        home = home_of(mjm, config.home)
         outlines = Outlines(self.tree, solids, config, bodies, pose_of(home))
         self.standing = StandingAudit(self.tree, solids, config, outlines, pose_of(home))
         self.outlines = outlines

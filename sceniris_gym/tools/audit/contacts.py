@@ -118,7 +118,7 @@ class ContactAudit:
 
     def _touching_at_home(self, placed: Mapping[str, int]) -> dict[tuple[int, int], float]:
         """Find geoms that touch at home, each placed object far from all others, so that nothing is said of these."""
-        mjm, owner, data = self.tree.mjm, self.tree.owner, home_of(self.tree.mjm)
+        mjm, owner, data = self.tree.mjm, self.tree.owner, home_of(self.tree.mjm, self.tree.keyframe)
         for i, body in enumerate(placed.values(), start=1):
             away = [_APART * i, 0.0, _APART]
             if mjm.body_mocapid[body] >= 0:

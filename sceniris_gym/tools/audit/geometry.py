@@ -99,10 +99,13 @@ def poses_of(mjm: mujoco.MjModel, table: LayoutTable) -> Poses:
     return Poses(geom_xpos, geom_xmat.reshape(n, -1, 3, 3), xpos, xmat.reshape(n, -1, 3, 3))
 
 
-def home_of(mjm: mujoco.MjModel) -> mujoco.MjData:
-    """Return the model's data at its keyframe 'home', or else at its default state, with poses and subtree masses."""
+def home_of(mjm: mujoco.MjModel, keyframe: str | None = None) -> mujoco.MjData:
+    """Return the model's data at a keyframe, 'home' by default, with poses and subtree masses.
+
+    Without a keyframe of that name it is at its default state.
+    """
     data = mujoco.MjData(mjm)
-    home = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, "home")
+    home = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, keyframe or "home")
     if home >= 0:
         mujoco.mj_resetDataKeyframe(mjm, data, home)
     mujoco.mj_kinematics(mjm, data)

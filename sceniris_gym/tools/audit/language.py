@@ -69,7 +69,7 @@ class LanguageAudit:
             present: Object name -> rows in which it is there, shape (nrow,).
         """
         seen = {name: self.outlines.outline(name, poses) for name in self.outlines.bodies}
-        headings = support_headings(self.config, poses, self.outlines.mjm)
+        headings = support_headings(self.config, poses, self.outlines.mjm, self.outlines.bodies)
         found = [
             *self._relations.excess(seen, present, headings).items(),
             *self._turns.excess(poses, seen, present, headings).items(),

@@ -37,11 +37,12 @@ class Tree:
     Args:
         mjm: The model.
         bodies: Object name -> root body id; a body outside all objects belongs to the top-level body above it.
+        keyframe: The keyframe that is the start pose; None for 'home'.
     """
 
-    def __init__(self, mjm: mujoco.MjModel, bodies: Mapping[str, int]) -> None:
+    def __init__(self, mjm: mujoco.MjModel, bodies: Mapping[str, int], keyframe: str | None = None) -> None:
         roots = {body: name for name, body in bodies.items()}
-        self.mjm = mjm
+        self.mjm, self.keyframe = mjm, keyframe
         self.owner: list[str] = [WORLD]
         self.movable = np.zeros(mjm.nbody, bool)
         self.fixture = np.zeros(mjm.nbody, bool)

@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 import shapely
 
-from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.relations import Relation
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.tools.audit.carriers import carrier_of
 from sceniris_gym.tools.audit.geometry import Poses
 from sceniris_gym.tools.audit.outlines import Outline
 
@@ -88,19 +88,22 @@ class RelationAudit:
         return missed
 
 
-def support_headings(config: SceneConfig, poses: Poses, mjm: mujoco.MjModel) -> dict[str, np.ndarray]:
+def support_headings(
+    config: SceneConfig, poses: Poses, mjm: mujoco.MjModel, bodies: Mapping[str, int]
+) -> dict[str, np.ndarray]:
     """Return object name -> heading [rad] of the x axis of the body it stands on, 0 on the floor and in the air.
 
     Args:
         config: The scene.
         poses: Poses in the rows.
         mjm: The model.
+        bodies: Object name -> root body id.
     """
     found = {}
     for name, part in config.objects.items():
         found[name] = np.zeros(len(poses.xpos))
-        if part.support is not None and part.support.parent != FLOOR:
-            x = poses.xmat[:, mjm.body(part.support.parent).id, :, 0]
+        if part.support is not None:
+            x = poses.xmat[:, carrier_of(mjm, bodies, config, part.support.parent).body, :, 0]
             found[name] = np.arctan2(x[:, 1], x[:, 0])
     return found
 

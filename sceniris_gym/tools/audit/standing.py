@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.tools.audit.carriers import Carrier, carrier_of, is_ground
 from sceniris_gym.tools.audit.geometry import Form, Poses, Solid
 from sceniris_gym.tools.audit.outlines import Outlines
 from sceniris_gym.tools.audit.pairs import Tree
@@ -22,6 +22,7 @@ from sceniris_gym.tools.audit.supports import (
     hit_above,
     inside,
     level_surfaces,
+    plane_surface,
     surface_of,
     upright_frame,
 )
@@ -81,6 +82,7 @@ class StandingAudit:
     def __init__(self, tree: Tree, solids: list[Solid], config: SceneConfig, outlines: Outlines, home: Poses) -> None:
         self.tree, self.config, self.bodies, self.outlines = tree, config, outlines.bodies, outlines
         self.placed = {name: part for name, part in config.objects.items() if part.is_placed}
+        self._planes = [s.geom for s in solids if s.form is Form.HALFSPACE]
         self._surface = {s.geom: surface_of(s) for s in solids if s.form is not Form.HALFSPACE}
         self._home = home
         self.hulls = hulls_of(tree, solids, {name: self.bodies[name] for name in self.placed}, home)
@@ -119,13 +121,13 @@ class StandingAudit:
         Pivots (nrow, 3) keep a distance `erosion` (nrow,) from the edge of their surface.
         """
         assert part.support is not None
-        parent = part.support.parent
-        ground = 0 if parent == FLOOR else self.tree.mjm.body(parent).id
+        carrier = self._carrier(part)
+        ground = carrier.body
         body, stands = np.full(len(pivots), -1), np.zeros(len(pivots), bool)
         turned = self._in_frame(ground, poses, pivots[:, None])[:, 0]
         whole = part.ratio_on_support == 1.0
         corners = self._in_frame(ground, poses, self._corners(name, poses))[:, :, :2] if whole else turned[:, None, :2]
-        for rows, surfaces in self._surfaces(parent, ground, poses, open_above=part.support.word == "on"):
+        for rows, surfaces in self._surfaces(part, carrier, poses):
             bounds = shapely.total_bounds([surface.area for surface in surfaces])
             for surface in surfaces:
                 level = rows[np.abs(turned[rows, 2] - surface.height - part.gap) <= HEIGHT_TOLERANCE]
@@ -147,30 +149,54 @@ class StandingAudit:
         root = self.bodies[name]
         return self.hulls[name] @ poses.xmat[:, root].transpose(0, 2, 1) + poses.xpos[:, root, None]
 
+    def _carrier(self, part: ObjectConfig) -> Carrier:
+        assert part.support is not None
+        return carrier_of(self.tree.mjm, self.bodies, self.config, part.support.parent)
+
     def _surfaces(
-        self, parent: str, body: int, poses: Poses, *, open_above: bool
+        self, part: ObjectConfig, carrier: Carrier, poses: Poses
     ) -> list[tuple[np.ndarray, list[LevelSurface]]]:
-        """Return the level surfaces of a body for each group of rows in which the same body direction points up."""
-        if parent == FLOOR:
+        """Return the level surfaces of a support for each group of rows in which the same direction of it points up."""
+        assert part.support is not None
+        body, geom = carrier.body, carrier.geom
+        if is_ground(self.config, part.support.parent):
             assert self.config.floor is not None
             x, y = (extent / 2 for extent in self.config.floor.size)
             return [(np.arange(len(poses.xpos)), [LevelSurface(0.0, shapely.box(-x, -y, x, y))])]
         ups, index = _directions(poses.xmat[:, body, 2])
         groups = []
+        # what never moves is open wherever there is room: what stands over it is in the way, or is not
+        open_above = part.support.word == "on" and carrier.owner is not None
         for k, up in enumerate(ups):
-            key = (body, open_above, *np.round(up, 6))
+            key = (body, geom, open_above, *np.round(up, 6))
             if key not in self._levels:
-                self._levels[key] = level_surfaces(self._triangles(body), up, open_above=open_above)
+                solids = self._triangles(body)
+                only = None if geom is None else [list(solids).index(geom)] if geom in solids else []
+                found = level_surfaces([*solids.values()], up, open_above=open_above, only=only)
+                self._levels[key] = found + self._level_planes(carrier, up)
             groups.append((np.flatnonzero(index == k), self._levels[key]))
         return groups
 
-    def _triangles(self, body: int) -> list[np.ndarray]:
-        """Return the outward triangles (n, 3, 3) of each solid of a body, in the body's frame [m]."""
-        parts = []
+    def _level_planes(self, carrier: Carrier, up: np.ndarray) -> list[LevelSurface]:
+        """Return the planes of a support that are level where `up` (3,) of its body's frame points up."""
+        mjm = self.tree.mjm
+        wanted = [g for g in self._planes if mjm.geom_bodyid[g] == carrier.body and carrier.geom in (None, g)]
+        found = []
+        for geom in wanted:
+            mat = self._home.xmat[0, carrier.body].T @ self._home.geom_xmat[0, geom]
+            pos = self._home.xmat[0, carrier.body].T @ (
+                self._home.geom_xpos[0, geom] - self._home.xpos[0, carrier.body]
+            )
+            found.append(plane_surface(mjm.geom_size[geom], pos, mat, up))
+        return [surface for surface in found if surface is not None]
+
+    def _triangles(self, body: int) -> dict[int, np.ndarray]:
+        """Return the outward triangles (n, 3, 3) of each solid of a body, in the body's frame [m], by geom."""
+        parts = {}
         for geom, (vertices, faces) in self._surface.items():
             if self.tree.mjm.geom_bodyid[geom] == body:
                 world = vertices @ self._home.geom_xmat[0, geom].T + self._home.geom_xpos[0, geom]
-                parts.append(((world - self._home.xpos[0, body]) @ self._home.xmat[0, body])[faces])
+                parts[geom] = ((world - self._home.xpos[0, body]) @ self._home.xmat[0, body])[faces]
         return parts
 
     def _wrong_roof(self, part: ObjectConfig, poses: Poses, pivots: np.ndarray) -> np.ndarray:
@@ -180,21 +206,23 @@ class StandingAudit:
         """
         assert part.support is not None
         wrong = np.zeros(len(pivots), bool)
-        word, parent = part.support.word, part.support.parent
-        if word == "in" or parent == FLOOR:
+        word, carrier = part.support.word, self._carrier(part)
+        ground = is_ground(self.config, part.support.parent)
+        if word == "in" or ground or (word == "on" and carrier.owner is None):
             return wrong
         rows = np.arange(len(pivots))
         for shift in _AROUND:
-            covered = self._covered(parent.split("/")[0], poses, rows, pivots[rows] + shift)
+            covered = self._covered(carrier, poses, rows, pivots[rows] + shift)
             rows = rows[covered if word == "on" else ~covered]
         wrong[rows] = True
         return wrong
 
-    def _covered(self, parent: str, poses: Poses, rows: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Return whether any solid of the parent object is above each point (n, 3) of the rows (n,)."""
+    def _covered(self, carrier: Carrier, poses: Poses, rows: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Return whether any solid of the parent, an object or a body, is above each point (n, 3) of the rows (n,)."""
         covered = np.zeros(len(rows), bool)
         for geom, surface in self._surface.items():
-            if self.tree.owner[self.tree.mjm.geom_bodyid[geom]] != parent:
+            body = int(self.tree.mjm.geom_bodyid[geom])
+            if self.tree.owner[body] != carrier.owner if carrier.owner is not None else body != carrier.body:
                 continue
             mat = poses.geom_xmat[rows, geom]
             origin = np.einsum("nij,ni->nj", mat, points - poses.geom_xpos[rows, geom])

@@ -56,7 +56,26 @@ def upright_frame(up: np.ndarray) -> np.ndarray:
     return np.stack([x, np.cross(up, x), up])
 
 
-def level_surfaces(parts: list[np.ndarray], up: np.ndarray, *, open_above: bool) -> list[LevelSurface]:
+def plane_surface(size: np.ndarray, pos: np.ndarray, mat: np.ndarray, up: np.ndarray) -> LevelSurface | None:
+    """Return the rectangle that a plane is drawn as, without end where a size is 0; None if it is not level.
+
+    Args:
+        size: MuJoCo's sizes of the plane [m].
+        pos: Its position [m] in the body's frame.
+        mat: Its orientation there, shape (3, 3).
+        up: Unit vector (3,) of the body's frame that points up in the world.
+    """
+    if mat[:, 2] @ up <= LEVEL:
+        return None
+    half = np.where(size[:2] > 0.0, size[:2], 1e4)
+    corners = (np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half) @ mat[:, :2].T + pos
+    turned = corners @ upright_frame(up).T
+    return LevelSurface(float(pos @ up), shapely.Polygon(turned[:, :2]))
+
+
+def level_surfaces(
+    parts: list[np.ndarray], up: np.ndarray, *, open_above: bool, only: list[int] | None = None
+) -> list[LevelSurface]:
     """Return the level surfaces of a body, joined where they have the same height.
 
     Areas on which another part of the body stands are left out, and with `open_above` also those below another part.
@@ -65,9 +84,10 @@ def level_surfaces(parts: list[np.ndarray], up: np.ndarray, *, open_above: bool)
         parts: Outward triangles (n, 3, 3) of each solid of the body, in the body's frame [m].
         up: Unit vector (3,) of the body's frame that points up in the world.
         open_above: Whether nothing of the body may be above the surfaces.
+        only: The solids whose surfaces are wanted, as numbers among `parts`; all if None.
     """
     turned = [triangles @ upright_frame(up).T for triangles in parts]
-    triangles = np.concatenate([np.zeros((0, 3, 3)), *turned])
+    triangles = np.concatenate([np.zeros((0, 3, 3)), *(t for i, t in enumerate(turned) if only is None or i in only)])
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     level = triangles[normal[:, 2] > LEVEL * np.maximum(np.linalg.norm(normal, axis=1), 1e-16)]
     level = level[np.argsort(level[:, :, 2].mean(1))]

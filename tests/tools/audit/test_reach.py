@@ -100,6 +100,7 @@ def test_only_the_hand_may_touch_its_target_and_only_in_the_grasp(tmp_path_facto
     compiled = compile_on_cpu(crane_scene(asset, post, reachable="clear"))
     table = make_table(compiled, 5, 0)
     assert causes(compiled, table) == set()
+    assert compiled.scene.spec is not None
     spec = compiled.scene.spec.copy()
     bodies = compiled.scene.bodies
     present = {"thing": np.ones(5, bool)}
@@ -124,6 +125,7 @@ def test_hits_of_the_arm_with_itself_are_seen(
 
     But those that are so at home, where they are open, may be as deep as there.
     """
+    assert compiled.scene.spec is not None
     spec = compiled.scene.spec.copy()
     for name in ("left", "right"):
         (pad,) = spec.body(f"crane/{name}").geoms

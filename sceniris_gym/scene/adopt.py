@@ -1,0 +1,186 @@
+"""Bodies of the user's own model as objects of a scene, and what such a model must have for that.
+
+A model from a file is changed where the scene needs it. One in memory is somebody else's: it is taken as it is, and
+`place_on` is what changes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+
+from sceniris_gym.config.fields import FLOOR
+from sceniris_gym.config.objects import ObjectConfig
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import SceneKeyError, UnknownNameError
+from sceniris_gym.scene import assemble, backdrop
+from sceniris_gym.scene.parking import add_parking_ground, has_parking_ground
+
+HOME = "home"
+"""The keyframe of a model that is its start pose, where the scene names no other."""
+_MOCAP = ("fixture", "marker")
+PLACE_ON = "Call place_on(spec, scene) on the MjSpec before it is compiled, and make Model and Data from that."
+
+
+@dataclass(frozen=True)
+class _Root:
+    """A body of a model, as far as it decides what kind of object it can be.
+
+    Attributes:
+        name: Its name.
+        parent: The name of its parent.
+        joints: The types of its own joints.
+        mocap: Whether it is a mocap body.
+        touches: Whether any geom of it, or of a body below it, collides.
+    """
+
+    name: str
+    parent: str
+    joints: tuple[int, ...]
+    mocap: bool
+    touches: bool
+
+
+def adopt_body(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str) -> None:
+    """Use a body of a specification as an object; a fixture or a marker becomes a mocap body.
+
+    Raises:
+        UnknownNameError: The model has no such body.
+        SceneKeyError: The body cannot be of the object's kind.
+    """
+    body = spec.body(config.body or name)
+    if body is None or body.name == "world":
+        raise _unknown(config.body or name, [b.name for b in spec.bodies], f"{where}: objects.{name}")
+    geoms, pairs = body.find_all("geom"), {g for pair in spec.pairs for g in (pair.geomname1, pair.geomname2)}
+    touches = any(g.contype or g.conaffinity or g.name in pairs for g in geoms)
+    root = _Root(body.name, body.parent.name, tuple(int(j.type) for j in body.joints), bool(body.mocap), touches)
+    where = f"{where}: objects.{name}.kind"
+    _check_kind(root, config.kind, where)
+    if _needs_change(root, config.kind):
+        assemble.make_kind(spec, body, root.name, config.kind, where)
+
+
+def check_bodies(mjm: mujoco.MjModel, config: SceneConfig) -> None:
+    """Check that a model that is taken as it is has the bodies of a scene, of the right kinds, and its parking ground.
+
+    Raises:
+        UnknownNameError: The model has no such body.
+        SceneKeyError: The body cannot be of the object's kind, or would have to be changed for it.
+    """
+    for name, part in config.objects.items():
+        if part.asset is not None:
+            continue
+        root = _root(mjm, part.body or name, f"{config.where}: objects.{name}")
+        where = f"{config.where}: objects.{name}.kind"
+        _check_kind(root, part.kind, where)
+        if part.is_placed and _needs_change(root, part.kind):
+            lacks = "a mocap body" if not root.mocap else "without collisions"
+            raise SceneKeyError(
+                f"{where}: body '{root.name}' should be {lacks} to be placed as a '{part.kind}', and a model in memory "
+                f"is taken as it is. {PLACE_ON}"
+            )
+    if config.groups and not has_parking_ground(mjm, len(config.objects), config.where):
+        raise SceneKeyError(
+            f"{config.where}: groups: the model has no ground on which absent members are parked, and a model in "
+            f"memory is taken as it is. {PLACE_ON}"
+        )
+
+
+def check_additions(config: SceneConfig) -> None:
+    """Check that a scene adds nothing to a MjModel, which cannot be edited.
+
+    Raises:
+        SceneKeyError: Something that is not in the model; the message names its key.
+    """
+    names = {config.model.body(i).name for i in range(config.model.nbody)}
+    wanted = [f"objects.{name}.asset" for name, part in config.objects.items() if part.asset is not None]
+    wanted += ["robot"] if config.robot is not None else []
+    if config.floor is not None and mujoco.mj_name2id(config.model, mujoco.mjtObj.mjOBJ_GEOM, FLOOR) < 0:
+        wanted.append("floor")
+    wanted += [
+        f"objects.{name}"
+        for name, part in config.objects.items()
+        if part.kind == "marker" and part.asset is None and part.body is None and name not in names
+    ]
+    if wanted:
+        raise SceneKeyError(
+            f"{config.where}: {wanted[0]}: would be added to the model, and MuJoCo cannot turn a MjModel back into "
+            "something that can be edited. Give 'model' as a mujoco.MjSpec or as the path of an MJCF file."
+        )
+
+
+def place_on(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) -> None:
+    """Change a specification, in place, so that a scene can be placed on the model that is compiled from it.
+
+    Bodies that are placed and have no freejoint become mocap bodies; markers, the floor, and the ground on which absent
+    members of groups are parked are added; mocap bodies stand where the start keyframe has them. Nothing else changes.
+    The scene is compiled afterwards, with the specification or the MjModel compiled from it as its `model`.
+
+    Args:
+        spec: The specification, before it is compiled.
+        scene: The scene, as `compile_scene` takes it; its own `model` is not used.
+
+    Raises:
+        UnknownNameError: The model has no such body.
+        SceneKeyError: A body cannot be of its object's kind, or the scene has assets, which `compile_scene` attaches.
+    """
+    config = SceneConfig.load(scene, {"model": spec})
+    named = {"robot.asset": config.robot, **{f"objects.{n}.asset": p.asset for n, p in config.objects.items()}}
+    if key := next((key for key, value in named.items() if value is not None), None):
+        raise SceneKeyError(
+            f"{config.where}: {key}: place_on changes bodies of the model, and attaches nothing to it. Let "
+            "compile_scene attach assets to the MjSpec, and make Model and Data from its `mjm`."
+        )
+    assemble.stand_at_keyframe(spec, config.home or HOME, "place_on: spec")
+    if config.floor is not None and spec.geom(FLOOR) is None:
+        backdrop.add_floor(spec, config.floor)
+    for name, part in config.objects.items():
+        if part.kind == "marker" and part.body is None and spec.body(name) is None:
+            assemble.attach_object(spec, name, part, config.where)
+        else:
+            adopt_body(spec, name, part, config.where)
+    nslot = len(config.objects)
+    if config.groups and not has_parking_ground(assemble.compile_spec(spec, "place_on: spec"), nslot, config.where):
+        add_parking_ground(spec, nslot)
+
+
+def _root(mjm: mujoco.MjModel, name: str, where: str) -> _Root:
+    body = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, name)
+    if body <= 0:
+        raise _unknown(name, [mjm.body(i).name for i in range(mjm.nbody)], where)
+    first = int(mjm.body_jntadr[body])
+    joints = mjm.jnt_type[first : first + int(mjm.body_jntnum[body])] if first >= 0 else []
+    geoms = [g for g in range(mjm.ngeom) if _is_below(mjm, int(mjm.geom_bodyid[g]), body)]
+    paired = {*mjm.pair_geom1.tolist(), *mjm.pair_geom2.tolist()}
+    touches = any(mjm.geom_contype[g] or mjm.geom_conaffinity[g] or g in paired for g in geoms)
+    parent = mjm.body(int(mjm.body_parentid[body])).name
+    return _Root(name, parent, tuple(int(j) for j in joints), bool(mjm.body_mocapid[body] >= 0), touches)
+
+
+def _is_below(mjm: mujoco.MjModel, body: int, root: int) -> bool:
+    while body > root:  # parents come before their children
+        body = int(mjm.body_parentid[body])
+    return body == root
+
+
+def _unknown(name: str, bodies: list[str], where: str) -> UnknownNameError:
+    return UnknownNameError("body of the model", name, where, [b for b in bodies if b and b != "world"])
+
+
+def _check_kind(root: _Root, kind: str, where: str) -> None:
+    free = int(assemble.FREE)
+    if root.parent != "world":
+        raise SceneKeyError(f"{where}: body '{root.name}' should be a child of the world, not of '{root.parent}'.")
+    if kind == "free" and root.joints != (free,):
+        raise SceneKeyError(f"{where}: body '{root.name}' should have a freejoint and no other joint to be 'free'.")
+    if kind == "static" and free in root.joints:
+        raise SceneKeyError(f"{where}: body '{root.name}' has a freejoint; its kind should be 'free'.")
+    if kind in _MOCAP and root.joints:
+        raise SceneKeyError(f"{where}: body '{root.name}' should have no joint of its own to be a '{kind}'.")
+
+
+def _needs_change(root: _Root, kind: str) -> bool:
+    return kind in _MOCAP and (not root.mocap or (kind == "marker" and root.touches))

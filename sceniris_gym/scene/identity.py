@@ -1,0 +1,127 @@
+"""The hash that identifies a scene: its words, and what of its files shapes layouts.
+
+A model from files is identified by what is written in them, so its hash is the same with every version of MuJoCo. A
+model in memory is identified by its compiled arrays, which differ in their last digits from version to version.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.config.loader import SHIPPED_NAME, shipped
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.reach.map import map_file
+
+_NO_MATTER = frozenset(
+    ("camera", "light", "texture", "material", "visual", "statistic", "size", "sensor", "skin", "custom", "text")
+)
+"""Elements of MJCF that shape no layout."""
+_OPTIONS = frozenset(("gravity", "o_margin"))
+"""Attributes of `option` that shape layouts; the others are about how time goes on. Its flags all count."""
+_LOOKS = frozenset(("rgb1", "rgb2", "material", "texcoord", "texuniform"))
+"""Attributes that are about looks alone; `rgba` counts, as what is not seen is no obstacle with `geometry: visual`."""
+_FOLDERS = ("meshdir", "assetdir", "texturedir")
+
+_ARRAYS = (
+    *("body_parentid", "body_pos", "body_quat", "body_ipos", "body_mass", "body_mocapid", "body_gravcomp"),
+    *("jnt_type", "jnt_bodyid", "jnt_qposadr", "jnt_pos", "jnt_axis", "jnt_limited", "jnt_range", "qpos0"),
+    *("geom_type", "geom_bodyid", "geom_size", "geom_pos", "geom_quat", "geom_dataid", "geom_group", "geom_rgba"),
+    *("geom_contype", "geom_conaffinity", "geom_margin", "geom_gap", "pair_geom1", "pair_geom2", "pair_margin"),
+    *("pair_gap", "exclude_signature", "mesh_vert", "mesh_face", "mesh_vertadr", "mesh_faceadr", "site_bodyid"),
+    *("site_pos", "site_quat", "site_size", "eq_type", "eq_obj1id", "eq_obj2id", "eq_active0", "eq_data"),
+    *("tendon_adr", "tendon_num", "tendon_limited", "tendon_range", "tendon_stiffness", "tendon_lengthspring"),
+    *("wrap_type", "wrap_objid", "wrap_prm"),
+)
+"""Arrays of a MjModel that shape layouts."""
+_NAMED = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtObj.mjOBJ_SITE)
+
+
+def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) -> str:
+    """Return what identifies a scene: equal for equal scenes, in every process and folder; 16 hexadecimal digits.
+
+    Covered are the words of the scene that differ from their defaults, the files of its model and its assets, and the
+    map of what its arm reaches where that matters. Names of files, cameras, lights, looks and solver options are not.
+
+    Args:
+        config: The scene as written.
+        mjm: The compiled model, which is read where the scene's own model is in memory.
+        home_qpos: Its start pose, shape (nq,).
+    """
+    digest = hashlib.sha256(config.canonical().encode())
+    if config.has_model_in_memory:
+        _update_from_arrays(digest.update, mjm, home_qpos)
+    elif config.model is not None:
+        _update_from_file(digest.update, config.model)
+    parts = {**({"robot": config.robot} if config.robot is not None else {}), **config.objects}
+    for name, part in parts.items():
+        if part.asset is not None:
+            digest.update(f"{name}:".encode())
+            _update_from_file(digest.update, _path_of(part.asset))
+    if config.robot is not None and any(part.reachable for part in config.objects.values()):
+        path = map_file(config.robot.asset)  # what the arm reaches shapes the layouts, too
+        digest.update(path.read_bytes() if path is not None else b"")
+    return digest.hexdigest()[:16]
+
+
+def _path_of(asset: str) -> Path:
+    return shipped("assets", ".xml")[asset] if SHIPPED_NAME.fullmatch(asset) else Path(asset)
+
+
+def _update_from_arrays(update: Callable[[bytes], None], mjm: mujoco.MjModel, home_qpos: np.ndarray) -> None:
+    counts = (mjm.nbody, mjm.njnt, mjm.ngeom, mjm.nsite)
+    names = [mujoco.mj_id2name(mjm, kind, i) for kind, n in zip(_NAMED, counts, strict=True) for i in range(n)]
+    update(repr(names).encode())
+    option = np.hstack([mjm.opt.gravity, mjm.opt.disableflags, mjm.opt.enableflags, mjm.opt.o_margin])
+    for array in (home_qpos, option, *(getattr(mjm, name) for name in _ARRAYS)):
+        update(repr(array.shape).encode())
+        update(np.ascontiguousarray(array).tobytes())
+
+
+def _update_from_file(update: Callable[[bytes], None], path: Path) -> None:
+    """Add what is written in a file and in those that it refers to, meshes as their bytes."""
+    try:
+        root = _with_includes(path, path.parent)
+    except ElementTree.ParseError:  # MuJoCo reads some files that are no XML
+        update(path.read_bytes())
+        return
+    for token in _tokens(root):
+        update(token.encode() + b"\0")
+    folders = [path.parent / c.attrib[f] for c in root.iter("compiler") for f in _FOLDERS if f in c.attrib]
+    for element in root.iter():
+        if element.tag in _NO_MATTER or "file" not in element.attrib:
+            continue
+        name = element.attrib["file"]
+        places = (folder / n for folder in (*folders, path.parent) for n in (name, Path(name).name))
+        found = next((place for place in places if place.is_file()), None)
+        if found is not None and element.tag == "model":
+            _update_from_file(update, found)
+        elif found is not None:
+            update(found.read_bytes())
+
+
+def _with_includes(path: Path, folder: Path) -> ElementTree.Element:
+    """Return what is written in a file, with that of included files, which lie in `folder`, in the place of these."""
+    root = ElementTree.fromstring(path.read_bytes())
+    for parent in list(root.iter()):
+        for i in reversed([i for i, child in enumerate(parent) if child.tag == "include"]):
+            parent[i : i + 1] = list(_with_includes(folder / parent[i].attrib["file"], folder))
+    return root
+
+
+def _tokens(element: ElementTree.Element) -> Iterator[str]:
+    """Yield an element and what is in it, as far as it shapes layouts; attributes in the order of their names."""
+    if element.tag in _NO_MATTER:
+        return
+    yield element.tag
+    for name, value in sorted(element.attrib.items()):
+        if name not in _LOOKS and (element.tag != "option" or name in _OPTIONS) and (name not in _FOLDERS):
+            yield f"{name}={' '.join(value.split())}"
+    for child in element:
+        yield from _tokens(child)
+    yield "end"

@@ -1,0 +1,56 @@
+"""What an object can be placed on: the floor, a part of an object, or what never moves in the scene's own model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Support:
+    """A support, found by its name.
+
+    Attributes:
+        body: Id of the body that carries; 0 for the world.
+        owner: The object that it is part of; None for the floor, and for what never moves and is no object.
+        geom: Id of the one geom that carries; None for all of the body, or for the floor.
+        is_floor: Whether it is the ground workspace that the scene's `floor` describes.
+    """
+
+    body: int
+    owner: str | None = None
+    geom: int | None = None
+    is_floor: bool = False
+
+
+def static_geoms(mjm: mujoco.MjModel) -> np.ndarray:
+    """Return the geoms that never move, ascending: those of the world and of bodies that are welded to it."""
+    return np.flatnonzero(is_static(mjm)[mjm.geom_bodyid])
+
+
+def static_supports(mjm: mujoco.MjModel, bodies: Mapping[str, int]) -> dict[str, Support]:
+    """Return what never moves and has a name, by name: bodies, and geoms, which go before bodies of the same name.
+
+    Args:
+        mjm: The model.
+        bodies: Root body ids of the objects, by name; parts of these know their owner.
+    """
+    owners = {root: name for name, root in bodies.items()}
+    owner: list[str | None] = [None]
+    for body in range(1, mjm.nbody):  # parents come before their children
+        owner.append(owners.get(body, owner[int(mjm.body_parentid[body])]))
+    still = np.flatnonzero(is_static(mjm))[1:]
+    found = {mjm.body(b).name: Support(int(b), owner[b]) for b in still}
+    for geom in static_geoms(mjm):
+        body = int(mjm.geom_bodyid[geom])
+        found[mjm.geom(geom).name] = Support(body, owner[body], int(geom))
+    found.pop("", None)
+    return found
+
+
+def is_static(mjm: mujoco.MjModel) -> np.ndarray:
+    """Which bodies never move: without a joint up to the world, and not below a mocap body; shape (nbody,)."""
+    return (mjm.body_weldid == 0) & (mjm.body_mocapid[mjm.body_rootid] < 0)

@@ -1,0 +1,123 @@
+"""Whether a Model and Data that somebody else made are those of a compiled scene."""
+
+from __future__ import annotations
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import warp as wp
+
+from sceniris_gym.errors import SceneMismatchError
+from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.program.compiled import CompiledScene
+
+_SIZES = ("nq", "nv", "nu", "na", "nbody", "njnt", "ngeom", "nmocap", "nmeshvert")
+_NUMBERS = {
+    "body": ("body_parentid", "body_mocapid"),
+    "joint": ("jnt_type", "jnt_bodyid", "jnt_qposadr", "jnt_dofadr"),
+    "geom": ("geom_type", "geom_bodyid", "geom_dataid", "geom_contype", "geom_conaffinity"),
+}
+_MEASURES = {
+    "body": ("body_pos", "body_quat"),
+    "joint": ("jnt_pos", "jnt_axis"),
+    "geom": ("geom_size", "geom_pos", "geom_quat"),
+    "vertex": ("mesh_vert",),
+}
+_TOLERANCE = 1.0e-6
+"""Difference [m, or of an axis or quaternion] by which layouts do not change: rounding to single precision."""
+_CURE = "Make Model and Data from it: mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, nworld=...)."
+
+
+def check_fit(
+    compiled: CompiledScene, m: mjw.Model, d: mjw.Data, layouts: Layouts, mjm: mujoco.MjModel | None = None
+) -> None:
+    """Check that a Model and Data are those of a compiled scene, and that layouts are made for them.
+
+    Sizes, the order and the places of bodies, joints and geoms, their types, and what shapes layouts of each are
+    compared; where every world has values of its own, those of all worlds. Masses, frictions, gains and options may
+    differ. A mujoco_warp Model has no names: they are compared with those of the MjModel it was made from, if given.
+
+    Raises:
+        SceneMismatchError: Something differs; the message names it.
+    """
+    ours = compiled.mjm
+    for size in _SIZES:
+        _same(f"model.{size}", getattr(m, size), getattr(ours, size))
+    if mjm is not None:
+        _check_names(ours, mjm)
+    for kind, fields in _NUMBERS.items():
+        for field in fields:
+            _check_field(m, ours, kind, field, 0.0)
+    for kind, fields in _MEASURES.items():
+        for field in fields:
+            _check_field(m, ours, kind, field, _TOLERANCE)
+    arrays = {"nq": d.qpos, "nv": d.qvel, "nmocap": d.mocap_pos, "nbody": d.xpos, "ngeom": d.geom_xpos}
+    for size, array in arrays.items():
+        _same(f"data's {size}", array.shape[1], getattr(ours, size))
+    _check_layouts(compiled, m, d, layouts)
+
+
+def _same(what: str, found: object, wanted: object) -> None:
+    if found != wanted:
+        raise SceneMismatchError(
+            f"ResetRandomizer: {what} is {found} and should be {wanted}, as in the compiled scene. {_CURE}"
+        )
+
+
+def _check_names(ours: mujoco.MjModel, theirs: mujoco.MjModel) -> None:
+    for kind, count, other in (("body", ours.nbody, theirs.nbody), ("joint", ours.njnt, theirs.njnt)):
+        _same(f"the number of its {kind} names", other, count)
+        for i in range(count):
+            _same(f"the name of {kind} {i}", repr(getattr(theirs, kind)(i).name), repr(getattr(ours, kind)(i).name))
+
+
+def _check_field(m: mjw.Model, mjm: mujoco.MjModel, kind: str, field: str, tolerance: float) -> None:
+    """Compare a field in all worlds that have values of their own."""
+    wanted = np.asarray(getattr(mjm, field), float)
+    if not wanted.size:
+        return
+    wanted = wanted.reshape(len(wanted), -1)
+    found = getattr(m, field).numpy().astype(float).reshape(-1, *wanted.shape)
+    differs = (np.abs(found - wanted) > tolerance).any(axis=2)
+    if field in ("body_pos", "body_quat"):
+        differs &= ~_placed_anew(mjm, len(found))
+    if not differs.any():
+        return
+    world, i = np.argwhere(differs)[0]
+    name = "" if kind == "vertex" else getattr(mjm, kind)(int(i)).name
+    place = f" in world {world}" if len(found) > 1 else ""
+    _same(f"model.{field} of {kind} {repr(name) if name else i}{place}", _short(found[world, i]), _short(wanted[i]))
+
+
+def _placed_anew(mjm: mujoco.MjModel, nrow: int) -> np.ndarray:
+    """Bodies whose pose in the model is no matter: mocap bodies, and free ones where worlds differ; shape (nbody,)."""
+    anew = mjm.body_mocapid >= 0
+    if nrow > 1:
+        anew[mjm.jnt_bodyid[mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE]] = True
+    return anew
+
+
+def _short(values: np.ndarray) -> str:
+    text = ", ".join(f"{value:.6g}" for value in values)
+    return text if len(values) == 1 else f"[{text}]"
+
+
+def _check_layouts(compiled: CompiledScene, m: mjw.Model, d: mjw.Data, layouts: Layouts) -> None:
+    if layouts.compiled.hash != compiled.hash:
+        raise SceneMismatchError(
+            f"ResetRandomizer: layout_source makes layouts of scene {layouts.compiled.hash} and should make "
+            f"them of {compiled.hash}, the compiled scene."
+        )
+    if layouts.nworld != d.nworld:
+        raise SceneMismatchError(
+            f"ResetRandomizer: layout_source makes layouts for {layouts.nworld} worlds and should make them for "
+            f"{d.nworld}, as many as data has."
+        )
+    device = d.qpos.device
+    for what, other in (
+        ("the compiled scene", wp.get_device(compiled.device)),
+        ("layout_source", layouts.qpos.device),
+        ("model", m.qpos0.device),
+    ):
+        if other != device:
+            raise SceneMismatchError(f"ResetRandomizer: {what} is on {other} and should be on {device}, where data is.")

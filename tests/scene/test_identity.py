@@ -1,0 +1,109 @@
+"""The hash of a scene: what is part of it, what is not, and that no version of MuJoCo is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import mujoco
+import pytest
+
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.scene.model import build_model
+from tests.scene.assets import CHEST, OWN, build
+from tests.scene.memory import NEAR, cubes_on, spec_of
+
+CABINET = {"a": {"asset": "chest", "kind": "fixture", "on": "floor"}}
+LOOKS = {
+    "a camera": ('<light pos="0 0 3"/>', '<light pos="0 0 3"/><camera name="eye" pos="0 0 3"/>'),
+    "a light": ('<light pos="0 0 3"/>', ""),
+    "the solver": ('<option timestep="0.001"/>', '<option timestep="0.002" iterations="7" solver="CG"/>'),
+    "layout of the text": ('size=".1 .1 .1" pos="0 0 .1"', 'pos="0 0  .1"\n size=".1 .1 .1"'),
+    "a comment": ("<sensor>", "<!-- where it is --><sensor>"),
+    "a sensor": ("<sensor>", '<sensor><framequat name="how" objtype="body" objname="chest"/>'),
+}
+SHAPES = {
+    "a size": ('size=".1 .1 .1"', 'size=".1 .1 .2"'),
+    "a limit": ('range="0 .25"', 'range="0 .2"'),
+    "contact bits": ('<geom name="knob"', '<geom contype="2" name="knob"'),
+    "an exclude": ('<exclude body1="chest" body2="tray"/>', ""),
+    "gravity": ('<option timestep="0.001"/>', '<option timestep="0.001" gravity="0 0 -5"/>'),
+    "a flag": ('<option timestep="0.001"/>', '<option><flag filterparent="disable"/></option>'),
+    "the start pose": ('qpos="1 .2 .5"', 'qpos="1 .1 .5"'),
+    "what is seen": ('<geom name="box"', '<geom rgba="0 0 0 0" name="box"'),
+}
+
+
+def chest_hash(folder: Path, before: str = "", after: str = "") -> str:
+    """Return the hash of a scene with a changed chest."""
+    assert before in CHEST
+    (folder / "chest.xml").write_text(CHEST.replace(before, after, 1) if before else CHEST)
+    return build(folder, {"a": dict(CABINET["a"])}).hash
+
+
+@pytest.mark.parametrize(("before", "after"), LOOKS.values(), ids=LOOKS.keys())
+def test_what_shapes_no_layout_is_not_part_of_the_hash(folder: Path, before: str, after: str):
+    """Cameras, lights, sensors, and how time goes on."""
+    assert chest_hash(folder, before, after) == chest_hash(folder)
+
+
+@pytest.mark.parametrize(("before", "after"), SHAPES.values(), ids=SHAPES.keys())
+def test_what_shapes_layouts_is_part_of_the_hash(folder: Path, before: str, after: str):
+    """Sizes, limits, what collides, and the start pose."""
+    assert chest_hash(folder, before, after) != chest_hash(folder)
+
+
+def test_files_count_by_what_is_in_them(folder: Path):
+    """What is included counts as if it stood there, and names and folders of files are no matter."""
+    whole = chest_hash(folder)
+    asset = '<asset><mesh name="knob" file="knob.obj"/></asset>'
+    (folder / "assets.xml").write_text(f"<mujoco>{asset}</mujoco>")
+    assert chest_hash(folder, asset, '<include file="assets.xml"/>') == whole
+    scaled = asset.replace("/>", ' scale=".5 .5 .5"/>', 1)
+    (folder / "assets.xml").write_text(f"<mujoco>{scaled}</mujoco>")
+    assert chest_hash(folder, asset, '<include file="assets.xml"/>') != whole
+    chest_hash(folder)
+    (folder / "chest.xml").rename(folder / "trunk.xml")
+    assert build(folder, {"a": {**CABINET["a"], "asset": "trunk"}}).hash == whole
+
+
+def test_words_at_their_defaults_are_not_part_of_the_hash(folder: Path):
+    """Written or not; another value is."""
+    plain = build(folder, {"a": dict(CABINET["a"])}).hash
+    assert build(folder, {"a": {**CABINET["a"], "clearance": 0.001}}, attempts=10, geometry="physics").hash == plain
+    assert build(folder, {"a": {**CABINET["a"], "clearance": 0.002}}).hash != plain
+    assert build(folder, {"a": dict(CABINET["a"])}, attempts=11).hash != plain
+
+
+CHANGES: dict[str, Callable[[mujoco.MjSpec], object]] = {
+    "a size": lambda spec: setattr(spec.geom("ledge"), "size", [0.3, 0.2, 0.03]),
+    "a name": lambda spec: setattr(spec.geom("ledge"), "name", "shelf"),
+    "a place": lambda spec: setattr(spec.body("cab/cabinet"), "pos", [-0.7, 0, 0]),
+    "a geom": lambda spec: spec.worldbody.add_geom(size=[0.1, 0, 0], pos=[0, 0, 9]),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES.keys())
+def test_a_model_in_memory_is_known_by_its_arrays(change: Callable[[mujoco.MjSpec], object]):
+    """The same from a MjSpec and its MjModel, another one after a change; cameras and names of keys are no matter."""
+    scene = {"objects": cubes_on("ground", region=NEAR), "home": "init_state"}
+
+    def hashed(model: mujoco.MjSpec | mujoco.MjModel) -> str:
+        return build_model(SceneConfig.load({"model": model, **scene})).hash
+
+    spec = spec_of()
+    before = hashed(spec)
+    assert hashed(spec.compile()) == before
+    spec.worldbody.add_camera(name="eye")
+    spec.option.timestep = 0.001
+    assert hashed(spec.compile()) == before
+    change(spec)
+    assert hashed(spec) != before
+
+
+@pytest.mark.oldest
+def test_the_hash_is_the_same_with_every_version_of_mujoco(folder: Path):
+    """Of a scene from files: the number is kept here, and tests run with the oldest version and the newest."""
+    own = build(folder, {"stone": {"on": "desk"}, "desk": {"kind": "static"}}, model=str(folder / "own.xml"))
+    assert OWN in (folder / "own.xml").read_text()
+    assert (build(folder, {"a": dict(CABINET["a"])}).hash, own.hash) == ("b2186a1706e23957", "47c17d236259dd1c")

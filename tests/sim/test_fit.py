@@ -1,0 +1,124 @@
+"""A Model and Data that somebody else made: those of the scene are taken, and any others are refused by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import pytest
+import warp as wp
+
+from sceniris_gym.errors import SceneMismatchError
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.sim.fit import check_fit
+from sceniris_gym.sim.randomizer import ResetRandomizer
+
+NWORLD = 2
+MODEL = """
+<mujoco>
+  <worldbody>
+    <geom name="ground" type="plane" size="1 1 .1"/>
+    <body name="tray" pos="0 .5 0"><joint name="slide" type="{joint}" axis="1 0 0" range="0 .2"/>
+      <geom name="tray" type="box" size=".1 .1 .01" contype="{contype}"/></body>
+    {bodies}
+  </worldbody>
+</mujoco>
+"""
+SMALL = '<body name="small" pos="0 0 .1"><freejoint name="{j}"/><geom name="s" type="box" size=".02 .02 .02"/></body>'
+LARGE = '<body name="large" pos=".3 0 .1"><freejoint/><geom name="l" type="box" size=".1 .1 {z}"/></body>'
+TWIN = '<body name="{name}" pos="{x} 0 .5"><freejoint/><geom type="box" size=".02 .02 .02"/></body>'
+
+
+def model(*bodies: str, joint: str = "slide", contype: int = 1) -> mujoco.MjModel:
+    """Return a model with these free bodies, by default a small box before a large one."""
+    bodies = bodies or (SMALL, LARGE)
+    text = "".join(bodies).replace("{j}", "loose").replace("{z}", ".1")
+    return mujoco.MjModel.from_xml_string(MODEL.format(bodies=text, joint=joint, contype=contype))
+
+
+@pytest.fixture(scope="module")
+def compiled() -> CompiledScene:
+    """Return the scene of that model."""
+    objects = {"small": {"on": "ground"}, "large": {"on": "ground"}}
+    return compile_scene({"model": model(), "objects": objects, "bank": 2}, "cpu")
+
+
+def put(mjm: mujoco.MjModel) -> tuple[mjw.Model, mjw.Data]:
+    """Return the model and data of worlds, as somebody else makes them."""
+    with wp.ScopedDevice("cpu"):
+        return mjw.put_model(mjm), mjw.make_data(mjm, NWORLD)
+
+
+@pytest.mark.oldest
+def test_a_model_and_data_of_somebody_else_are_taken(compiled: CompiledScene):
+    """Compiled from the same MJCF on its own; masses, frictions and gains may be others, also in each world."""
+    mjm = model()
+    mjm.body_mass[2:] *= 3.0
+    mjm.geom_friction[:, 0] = 0.1
+    randomizer = ResetRandomizer(compiled, *put(mjm), mjm=mjm)
+    randomizer.reset()
+    expected = LayoutGenerator(compiled, NWORLD)
+    expected.generate()
+    np.testing.assert_array_equal(randomizer.data.qpos.numpy(), expected.layouts.qpos.numpy())
+
+
+FOREIGN: dict[str, tuple[Callable[[], mujoco.MjModel], str]] = {
+    "another order of bodies": (lambda: model(LARGE, SMALL), r"model\.body_pos of body 'small' is \[0\.3, 0, 0\.1\]"),
+    "another joint type": (lambda: model(joint="hinge"), r"model\.jnt_type of joint 'slide' is 3 and should be 2"),
+    "another size of a geom": (
+        lambda: model(SMALL, LARGE.replace("{z}", ".11")),
+        r"model\.geom_size of geom 'l' is \[0\.1, 0\.1, 0\.11\] and should be \[0\.1, 0\.1, 0\.1\]",
+    ),
+    "another type of a geom": (
+        lambda: model(SMALL.replace('type="box"', 'type="sphere"'), LARGE),
+        r"model\.geom_type of geom 's' is 2 and should be 6",
+    ),
+    "other contact bits": (lambda: model(contype=2), r"model\.geom_contype of geom 'tray' is 2 and should be 1"),
+    "one more geom": (
+        lambda: model(SMALL.replace("<geom", '<geom size=".01" pos="0 0 .02"/><geom'), LARGE),
+        r"model\.ngeom is 5 and should be 4",
+    ),
+    "another place of a joint": (
+        lambda: model(SMALL, LARGE.replace("<freejoint/>", "<joint/>")),
+        r"model\.nq is 9 and should be 15",
+    ),
+}
+
+
+@pytest.mark.oldest
+@pytest.mark.parametrize(("make", "says"), FOREIGN.values(), ids=FOREIGN.keys())
+def test_a_foreign_model_is_refused(compiled: CompiledScene, make: Callable[[], mujoco.MjModel], says: str):
+    """What differs is named, and what it should be."""
+    with pytest.raises(SceneMismatchError, match=says):
+        ResetRandomizer(compiled, *put(make()))
+
+
+def test_twins_in_another_order_are_told_apart_by_their_places_and_by_their_names():
+    """Boxes alike in everything but their names, of which a mujoco_warp Model has none."""
+    a, b = (TWIN.format(name=name, x=x) for name, x in (("a", 0), ("b", 0.5)))
+    objects = {"a": {"on": "ground"}, "b": {"on": "ground"}}
+    compiled = compile_scene({"model": model(a, b), "objects": objects, "bank": 2}, "cpu")
+    with pytest.raises(SceneMismatchError, match=r"model\.body_pos of body 'a'"):
+        ResetRandomizer(compiled, *put(model(b, a)))
+    other = model(*(TWIN.format(name=name, x=x) for name, x in (("b", 0), ("a", 0.5))))
+    with pytest.raises(SceneMismatchError, match="the name of body 2 is 'b' and should be 'a'"):
+        ResetRandomizer(compiled, *put(other), mjm=other)
+
+
+def test_all_worlds_are_compared_where_they_differ(compiled: CompiledScene):
+    """A size that one world alone has; where free bodies start is no matter then."""
+    m, d = put(model())
+    layouts = LayoutGenerator(compiled, NWORLD).layouts
+    places = np.repeat(m.body_pos.numpy(), NWORLD, axis=0)
+    places[1, 2] += 1.0
+    m.body_pos = wp.array(places, dtype=wp.vec3, device="cpu")
+    check_fit(compiled, m, d, layouts)
+    sizes = np.repeat(m.geom_size.numpy(), NWORLD, axis=0)
+    sizes[1, 2, 0] = 0.03
+    m.geom_size = wp.array(sizes, dtype=wp.vec3, device="cpu")
+    with pytest.raises(SceneMismatchError, match=r"model\.geom_size of geom 's' in world 1 is \[0\.03"):
+        check_fit(compiled, m, d, layouts)

@@ -1,0 +1,13 @@
+"""Tests of what MuJoCo does in its newer versions alone."""
+
+from __future__ import annotations
+
+import mujoco
+import pytest
+
+OLD = int(mujoco.__version__.split(".")[0]) < 4
+
+
+def since_4(reason: str) -> pytest.MarkDecorator:
+    """Return a mark that skips a test with MuJoCo before 4.0, for a reason that says what is different there."""
+    return pytest.mark.skipif(OLD, reason=f"MuJoCo before 4.0: {reason}")
