@@ -45,11 +45,12 @@ def _holds(piece: Piece, points: np.ndarray) -> np.ndarray:
     (x, y, z), kind = np.abs(piece.size), piece.type
     if kind in (PieceType.SPHERE, PieceType.CAPSULE):
         along = np.clip(points[:, 2], -y, y) if kind == PieceType.CAPSULE else 0.0
-        return np.linalg.norm(points - np.array([0.0, 0.0, 1.0]) * np.reshape(along, (-1, 1)), axis=1) <= x
+        beside = np.linalg.norm(points - np.array([0.0, 0.0, 1.0]) * np.reshape(along, (-1, 1)), axis=1)
+        return np.asarray(beside <= x)
     if kind == PieceType.CYLINDER:
         return (np.hypot(points[:, 0], points[:, 1]) <= x) & (np.abs(points[:, 2]) <= y)
     if kind == PieceType.ELLIPSOID:
-        return np.linalg.norm(points / [x, y, z], axis=1) <= 1.0
+        return np.asarray(np.linalg.norm(points / [x, y, z], axis=1) <= 1.0)
     if kind == PieceType.BOX:
         return (np.abs(points) <= [x, y, z]).all(axis=1)
     mesh = trimesh.convex.convex_hull(piece.vertices)
