@@ -153,6 +153,10 @@ class InfeasibleSceneError(ScenirisError):
             )
         elif cause == "roof":
             advice = "'on' requires open space above, 'inside' a part of the supporting object; 'in' accepts both."
+        elif cause == "unsound":
+            advice = (
+                "Layouts had numbers that are not finite, or are out of all bounds: look for such numbers in the model."
+            )
         elif cause in ("unreachable", "no_ik", "blocked"):
             advice = "Place it closer to the robot, turn it towards it, or use a less thorough tier of 'reachable'."
         way = "" if obstruction is None else f"Most in its way: {obstruction}. "

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PrivateAttr, Strict, model_validator
 
-from sceniris_gym.config.fields import Extents2, Number, ObjectName, Point3, wrong
+from sceniris_gym.config.fields import Extents2, ObjectName, Point3, Turn, wrong
 from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.limits import MOST_ATTEMPTS
 from sceniris_gym.config.loader import override, read_scene
@@ -48,7 +48,7 @@ class RobotConfig(Section):
 
     asset: str
     base: Point3 = (0.0, 0.0, 0.0)
-    yaw: Number = 0.0
+    yaw: Turn = 0.0
     keyframe: str = "home"
     joints: dict[str, JointConfig] = Field(default_factory=dict)
 

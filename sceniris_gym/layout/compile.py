@@ -34,7 +34,7 @@ _FEWEST_FAILED = 3
 # Causes that only come up once all objects are placed.
 _LATE = (Cause.NO_IK.name.lower(), Cause.BLOCKED.name.lower())
 # Causes that end a layout without further attempts.
-_AT_ONCE = (Cause.EMPTY, Cause.REGION, Cause.NO_IK, Cause.BLOCKED)
+_AT_ONCE = (Cause.EMPTY, Cause.REGION, Cause.NO_IK, Cause.BLOCKED, Cause.UNSOUND)
 # What a row of the bank holds.
 _BANK = ("qpos", "mocap_pos", "mocap_quat", "present")
 _REACH_BANK = ("grasp", "grasp_qpos", "pregrasp_qpos")

@@ -201,10 +201,12 @@ class LayoutGenerator:
 def rejection_counts(layouts: Layouts) -> dict[str, dict[str, int]]:
     """`Layouts.rejections` by name: object (in placement order), then cause in lower case.
 
-    Causes of failing to reach are included if there are reach targets.
+    Causes of failing to reach are included if there are reach targets, and `unsound` if there was such a layout.
     """
     counts = layouts.rejections.numpy()
     unused = {Cause.NONE, *(REACH_CAUSES if layouts.compiled.reaching is None else ())}
+    if not counts[:, Cause.UNSOUND].any():
+        unused.add(Cause.UNSOUND)
     causes = [c for c in Cause if c not in unused]
     return {name: {c.name.lower(): int(counts[i, c]) for c in causes} for i, name in enumerate(layouts.compiled.placed)}
 

@@ -15,6 +15,8 @@ from sceniris_gym.scene.layout_table import LayoutTable
 
 wp.set_module_options({"enable_backward": False})
 
+# How far squared lengths of quaternions may be from 1.
+_UNIT = 1.0e-4
 _VALID = wp.constant(int(Status.VALID))
 
 
@@ -85,6 +87,7 @@ class StoredLayouts:
     ) -> None:
         self.layouts = Layouts.create(compiled, nworld)
         _check_table(compiled, table)
+        _check_rows(compiled, table)
         self.device = compiled.device
         self._stored = _on_device(table, self.device)
         self._all = wp.ones(nworld, dtype=wp.bool, device=self.device)
@@ -152,6 +155,21 @@ def _check_table(compiled: CompiledScene, table: LayoutTable) -> None:
                 f"StoredLayouts: table.{name} should have shape ({wanted_shape}), with one row or more and as many as "
                 f"the other columns, got {found}. Store layouts of the same scene."
             )
+
+
+def _check_rows(compiled: CompiledScene, table: LayoutTable) -> None:
+    """Refuse rows with a number that is not finite, or with a quaternion that is not of length one."""
+    first = compiled.program.quat_qposadr.numpy()
+    quats = np.concatenate([table.qpos[:, first[:, None] + np.arange(4)], table.mocap_quat], axis=1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        unit = np.abs(np.square(quats.astype(float)).sum(axis=2) - 1.0) < _UNIT
+        finite = np.isfinite(table.qpos).all(axis=1) & np.isfinite(table.mocap_pos).all(axis=(1, 2))
+    wrong = np.flatnonzero(~(finite & unit.all(axis=1)))
+    if len(wrong):
+        raise SceneMismatchError(
+            f"StoredLayouts: row {wrong[0]} of the table holds a number that is not finite, or a quaternion of a length "
+            f"other than 1 ({len(wrong)} rows of {len(table)} do). Store layouts as a generator makes them."
+        )
 
 
 def _on_device(table: LayoutTable, device: str) -> list[wp.array]:

@@ -16,6 +16,7 @@ from sceniris_gym.errors import MeshError, NotSupportedError, SceneFileError, Sc
 from sceniris_gym.reach.map import map_file
 from sceniris_gym.scene import assemble, backdrop
 from sceniris_gym.scene.couplings import Coupling, driven_by, follow, joint_couplings, turned_round
+from sceniris_gym.scene.number_check import check_numbers
 from sceniris_gym.scene.parking import add_parking_ground, has_parking_ground
 
 HOME = "home"
@@ -216,6 +217,7 @@ def build_model(config: SceneConfig) -> SceneModel:
     elif not np.array_equal(home_qpos, given_qpos):
         spec.key(HOME).qpos = home_qpos
     mjm = assemble.compile_spec(spec, config.where)
+    check_numbers(mjm, config.where)
 
     bodies = {name: mjm.body(name).id for name in config.objects}
     if config.robot is not None:
@@ -272,7 +274,9 @@ def _home(mjm: mujoco.MjModel, homes: list[assemble.Home]) -> tuple[np.ndarray, 
                 qpos[adr : adr + len(values)] = values
         for actuator, value in home.ctrl.items():
             ctrl[mjm.actuator(actuator).id] = value
-    return qpos, ctrl
+    exact = qpos.copy()
+    mujoco.mj_normalizeQuat(mjm, exact)
+    return (qpos if np.abs(exact - qpos).max(initial=0.0) < 1e-6 else exact), ctrl
 
 
 def _hash(config: SceneConfig, spec: mujoco.MjSpec) -> str:
