@@ -167,8 +167,8 @@ def _check_rows(compiled: CompiledScene, table: LayoutTable) -> None:
     wrong = np.flatnonzero(~(finite & unit.all(axis=1)))
     if len(wrong):
         raise SceneMismatchError(
-            f"StoredLayouts: row {wrong[0]} of the table holds a number that is not finite, or a quaternion of a length "
-            f"other than 1 ({len(wrong)} rows of {len(table)} do). Store layouts as a generator makes them."
+            f"StoredLayouts: row {wrong[0]} of the table holds a number that is not finite, or a quaternion whose "
+            f"length is not 1 ({len(wrong)} rows of {len(table)} do). Store layouts as a generator makes them."
         )
 
 
