@@ -225,6 +225,24 @@ class SeedError(ScenirisError, ValueError):
     """A seed that is not a 64-bit integer, or a number of seeds that differs from the number of worlds."""
 
 
+class BusyError(ScenirisError, RuntimeError):
+    """An object that another thread uses at this moment.
+
+    Args:
+        what: The object.
+    """
+
+    def __init__(self, what: str) -> None:
+        self.what = what
+        super().__init__(
+            f"{what}: another thread is using it at this moment, and the order of their calls would be a matter of "
+            "chance. Call it from one thread at a time, or give each thread one of its own."
+        )
+
+    def __reduce__(self) -> tuple:
+        return type(self), (self.what,)
+
+
 class TaskError(ScenirisError, TypeError):
     """A method of a task returned something of the wrong type or form.
 

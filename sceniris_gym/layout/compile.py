@@ -18,6 +18,7 @@ from sceniris_gym.layout.attempts import find_attempts
 from sceniris_gym.layout.blame import obstructions
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.turns import launching
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Cause, Program, copied, fill_struct
 from sceniris_gym.program.device_reach import Reach
@@ -40,6 +41,7 @@ _BANK = ("qpos", "mocap_pos", "mocap_quat", "present")
 _REACH_BANK = ("grasp", "grasp_qpos", "pregrasp_qpos")
 
 
+@launching
 def compile_scene(scene: str | Path | Mapping | SceneConfig | SceneModel, device: str | None = None) -> CompiledScene:
     """Compile a scene for a device, prove that layouts of it can be made, and fill its bank of valid layouts.
 

@@ -31,6 +31,7 @@ from sceniris_gym.layout.search import SearchSize, create_search, default_size
 from sceniris_gym.layout.seeds import launch_reseed, seeds_on_device
 from sceniris_gym.layout.sequence import LaunchSequence, repeat_launches
 from sceniris_gym.layout.sides import launch_build_sides
+from sceniris_gym.layout.turns import launching
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
 from sceniris_gym.program.device_reach import Reach
@@ -55,6 +56,7 @@ class LayoutGenerator:
         ValueError: An unknown split.
     """
 
+    @launching
     def __init__(
         self,
         compiled: CompiledScene,
@@ -104,6 +106,7 @@ class LayoutGenerator:
         """Number of worlds."""
         return self.layouts.nworld
 
+    @launching
     def reseed(self, seed: int | Sequence[int] | np.ndarray | wp.array, mask: wp.array | None = None) -> None:
         """Give the masked worlds new seeds; the next layout they get is that of episode 0.
 
@@ -122,6 +125,7 @@ class LayoutGenerator:
         """See `LayoutSource`."""
         launch_reseed(seeds, mask, self.layouts.seed, self.layouts.episode)
 
+    @launching
     def generate(self, mask: wp.array | None = None) -> None:
         """Advance the masked worlds by one episode and write their new layouts into `layouts`.
 

@@ -9,6 +9,7 @@ from sceniris_gym.errors import SceneMismatchError
 from sceniris_gym.layout.generate import check_mask
 from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.layout.seeds import launch_reseed, seeds_on_device
+from sceniris_gym.layout.turns import launching
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -93,11 +94,13 @@ class StoredLayouts:
         self._all = wp.ones(nworld, dtype=wp.bool, device=self.device)
         self.reseed(seed)
 
+    @launching
     def reseed(self, seed: int | Sequence[int] | np.ndarray | wp.array, mask: wp.array | None = None) -> None:
         """Give the masked worlds (None: all) new seeds, as in the class; their next layouts are those of episode 0."""
         check_mask(mask, self.layouts.nworld)
         self.launch_reseed(seeds_on_device(seed, self.layouts.nworld, self.device), mask)
 
+    @launching
     def generate(self, mask: wp.array | None = None) -> None:
         """Serve the next row to the masked worlds (None: all)."""
         check_mask(mask, self.layouts.nworld)

@@ -17,6 +17,7 @@ from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.layout.seeds import seeds_on_device
 from sceniris_gym.layout.sequence import LaunchSequence
 from sceniris_gym.layout.source import LayoutSource
+from sceniris_gym.layout.turns import launching
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import check_budget, update_stages
@@ -79,6 +80,7 @@ class ResetRandomizer:
         ValueError: Both `layout_source` and `prefetch`.
     """
 
+    @launching
     def __init__(
         self,
         compiled: CompiledScene,
@@ -127,6 +129,7 @@ class ResetRandomizer:
         """The latest layouts, one row per world."""
         return self.layout_source.layouts
 
+    @launching
     def reset(self, mask: Any = None) -> None:
         """Give the masked worlds their next layouts.
 
@@ -148,6 +151,7 @@ class ResetRandomizer:
         else:
             self._reset()
 
+    @launching
     def reseed(self, seeds: int | Sequence[int] | np.ndarray | wp.array, mask: Any = None) -> None:
         """Give the masked worlds new seeds; their next layouts are those of episode 0.
 
@@ -168,6 +172,7 @@ class ResetRandomizer:
         """Give masked worlds new seeds, both on the device: `reseed` without its checks."""
         self.layout_source.launch_reseed(seeds, mask)
 
+    @launching
     def write(self, layouts: Layouts | LayoutTable, rows: Any) -> None:
         """Reset worlds to stored layouts. `self.layouts` does not change.
 
@@ -189,6 +194,7 @@ class ResetRandomizer:
         """Return how many candidates were rejected so far, by object and cause. Waits for the device."""
         return self.layout_source.rejection_counts()
 
+    @launching
     def check_budget(self) -> None:
         """Check that `data` has room for the contacts of the current state, and had it since the last resets.
 

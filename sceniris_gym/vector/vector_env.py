@@ -19,6 +19,7 @@ from torch import Tensor
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.source import LayoutSource
+from sceniris_gym.layout.turns import Turn, in_turn, launching
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.pictures import FrameCamera
@@ -101,6 +102,7 @@ class SceneVectorEnv(VectorEnv):
 
     # tensors made under inference mode could not be written to outside of it
     @torch.inference_mode(False)
+    @launching
     def __init__(
         self,
         task: Task | type[Task] | str,
@@ -140,6 +142,7 @@ class SceneVectorEnv(VectorEnv):
 
         self.rank = Rank.current()
         device = self.rank.device if device is None and not isinstance(scene, CompiledScene) else device
+        self.turn = Turn(type(self).__name__)
         self.compiled = as_compiled_scene(self.task.scene if scene is None else scene, overrides, device)
         self.rank.tell(self.compiled.device)
         needs, substeps = self.task.needs, self.task.substeps
@@ -198,6 +201,7 @@ class SceneVectorEnv(VectorEnv):
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         return flat
 
+    @in_turn
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -244,6 +248,7 @@ class SceneVectorEnv(VectorEnv):
             observation = self._observe(0)
             return self._returned(observation), self._returned(self._layout_info())
 
+    @in_turn
     def step(self, actions: Any) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Any]]:
         """Take one control step in all worlds.
 
@@ -255,6 +260,7 @@ class SceneVectorEnv(VectorEnv):
 
         Raises:
             ResetNeeded: There was no reset yet.
+            BusyError: Another thread is in a call of this environment.
             ValueError: The actions have the wrong shape.
         """
         self._check_open()
@@ -267,6 +273,7 @@ class SceneVectorEnv(VectorEnv):
             self.state.elapsed.add_(1)
             return self._outcome(action)
 
+    @in_turn
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Return pictures of the first `render_envs` worlds, each (height, width, 3) uint8; None without a mode."""
         self._check_open()
