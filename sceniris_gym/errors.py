@@ -266,7 +266,15 @@ class LayoutIdError(ScenirisError):
 
 
 class CountError(ScenirisError, ValueError):
-    """A number of layouts, candidates or worlds that is too small."""
+    """A number of layouts, candidates or worlds that is too small, too large, or no whole number."""
+
+
+class ArgumentError(ScenirisError, ValueError):
+    """An argument of a function that is none of what it takes."""
+
+
+class ArgumentTypeError(ArgumentError, TypeError):
+    """An argument of a function that is of a type that it does not take."""
 
 
 class FallbackWarning(UserWarning):

@@ -85,5 +85,8 @@ def _unknown_key(key: Any, valid: list[str]) -> str:
 
 def short(value: Any) -> str:
     """Return a value as a message shows it: on one line, and cut off after 80 characters."""
-    text = " ".join(repr(value).split())
+    try:
+        text = " ".join(repr(value).split())
+    except (ValueError, RecursionError):  # an integer of more digits than Python writes; too many lists in each other
+        text = f"a {type(value).__name__}"
     return text if len(text) <= 80 else text[:77] + "..."

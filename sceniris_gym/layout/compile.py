@@ -65,8 +65,8 @@ def compile_scene(scene: str | Path | Mapping | SceneConfig | SceneModel, device
     return _with_bank(compiled)
 
 
-def device_name(device: str | None, where: str = "compile_scene") -> str:
-    """Return Warp's name of a device, by default of its preferred one.
+def device_name(device: Any, where: str = "compile_scene") -> str:
+    """Return Warp's name of a device, given by name or as torch's or Warp's device; by default of its preferred one.
 
     Raises:
         UnknownNameError: There is no such device.
@@ -74,9 +74,9 @@ def device_name(device: str | None, where: str = "compile_scene") -> str:
     if device is None:
         return str(wp.get_preferred_device())
     try:
-        return str(wp.get_device(device))
-    except ValueError:
-        raise UnknownNameError("device", device, where, [d.alias for d in wp.get_devices()]) from None
+        return str(wp.get_device(str(device)))
+    except (ValueError, RuntimeError):
+        raise UnknownNameError("device", str(device), where, [d.alias for d in wp.get_devices()]) from None
 
 
 def _with_bank(compiled: CompiledScene) -> CompiledScene:
@@ -160,7 +160,7 @@ def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:
     held = (found, config.bank) if found < config.bank else None
     if held is None:
         cures.append(f"a 'bank' above {config.bank}, which repeats itself less often")
-    warnings.warn(FallbackWarning(config.where, share, name, cause, cures, held), stacklevel=4)
+    warnings.warn(FallbackWarning(config.where, share, name, cause, cures, held), stacklevel=5)
 
 
 def _with_rows(declared: Any, instance: Any, bank: Mapping[str, np.ndarray], names: Sequence[str], device: str) -> Any:

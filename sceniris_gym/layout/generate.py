@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import CountError, MaskError, MaskTypeError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, MaskTypeError
 from sceniris_gym.layout.accept import launch_accept
 from sceniris_gym.layout.collision import launch_test_collisions
 from sceniris_gym.layout.containment import launch_test_containment
+from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.draw import launch_draw
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.loading import load_kernels
@@ -53,7 +54,8 @@ class LayoutGenerator:
 
     Raises:
         SeedError: A seed that is not a 64-bit integer, or a wrong number of them.
-        ValueError: An unknown split.
+        ArgumentError: An unknown split.
+        CountError: A number of worlds that is no integer, or out of range.
     """
 
     @launching
@@ -67,10 +69,12 @@ class LayoutGenerator:
         size: SearchSize | None = None,
         rejected: int = 0,
     ) -> None:
-        if split not in SPLITS:
-            raise ValueError(f"LayoutGenerator: unknown split '{split}'. Valid: {', '.join(USER_SPLITS)}.")
-        if nworld < 1:
-            raise CountError(f"LayoutGenerator: nworld should be at least 1, got {nworld}.")
+        if not isinstance(compiled, CompiledScene):
+            raise ArgumentTypeError(f"LayoutGenerator: compiled should be a CompiledScene, got {type(compiled)}.")
+        if str(split) not in SPLITS:
+            raise ArgumentError(f"LayoutGenerator: unknown split '{split}'. Valid: {', '.join(USER_SPLITS)}.")
+        nworld = as_count(nworld, "LayoutGenerator: nworld")
+        rejected = as_count(rejected, "LayoutGenerator: rejected", 0)
         if size is None:
             size = default_size(compiled.device)
             if compiled.pieces > _MOST_PIECES:
@@ -118,7 +122,7 @@ class LayoutGenerator:
             SeedError: See the class.
             MaskError, MaskTypeError: A mask of the wrong shape, or not of booleans.
         """
-        check_mask(mask, self.nworld)
+        check_mask(mask, self.layouts)
         self.launch_reseed(seeds_on_device(seed, self.nworld, self.compiled.device), mask)
 
     def launch_reseed(self, seeds: wp.array, mask: wp.array | None) -> None:
@@ -138,7 +142,7 @@ class LayoutGenerator:
         Raises:
             MaskError, MaskTypeError: A mask of the wrong shape, or not of booleans.
         """
-        check_mask(mask, self.nworld)
+        check_mask(mask, self.layouts)
         wp.copy(self._mask, self._all if mask is None else mask)
         self._generate()
 
@@ -215,17 +219,20 @@ def rejection_counts(layouts: Layouts) -> dict[str, dict[str, int]]:
     return {name: {c.name.lower(): int(counts[i, c]) for c in causes} for i, name in enumerate(layouts.compiled.placed)}
 
 
-def check_mask(mask: wp.array | None, nworld: int) -> None:
+def check_mask(mask: wp.array | None, layouts: Layouts) -> None:
     """Refuse a mask on the device that kernels would read beyond its end, or as something else.
 
     Raises:
         MaskTypeError: Not of booleans.
-        MaskError: Of the wrong shape.
+        MaskError: Of the wrong shape, or on another device.
     """
     if mask is None:
         return
     if not isinstance(mask, wp.array) or mask.dtype is not wp.bool:
         found = mask.dtype.__name__ if isinstance(mask, wp.array) else type(mask).__name__
         raise MaskTypeError(f"mask should be a Warp array of booleans, got {found}.")
-    if mask.shape != (nworld,):
-        raise MaskError(f"mask should have shape ({nworld},), got {tuple(mask.shape)}.")
+    if mask.shape != (layouts.nworld,) or mask.device != layouts.seed.device:
+        raise MaskError(
+            f"mask should have shape ({layouts.nworld},) and be on {layouts.seed.device}, got {tuple(mask.shape)} on "
+            f"{mask.device}."
+        )

@@ -97,13 +97,13 @@ class StoredLayouts:
     @launching
     def reseed(self, seed: int | Sequence[int] | np.ndarray | wp.array, mask: wp.array | None = None) -> None:
         """Give the masked worlds (None: all) new seeds, as in the class; their next layouts are those of episode 0."""
-        check_mask(mask, self.layouts.nworld)
+        check_mask(mask, self.layouts)
         self.launch_reseed(seeds_on_device(seed, self.layouts.nworld, self.device), mask)
 
     @launching
     def generate(self, mask: wp.array | None = None) -> None:
         """Serve the next row to the masked worlds (None: all)."""
-        check_mask(mask, self.layouts.nworld)
+        check_mask(mask, self.layouts)
         self.launch_generate(mask)
 
     def launch_reseed(self, seeds: wp.array, mask: wp.array | None) -> None:

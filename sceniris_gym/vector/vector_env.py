@@ -17,6 +17,8 @@ from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import ArgumentError
+from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.turns import Turn, in_turn, launching
@@ -27,8 +29,8 @@ from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector import spaces
 from sceniris_gym.vector.arguments import (
     as_action,
+    as_autoreset_mode,
     as_compiled_scene,
-    as_count,
     as_reset_mask,
     as_reset_seeds,
     as_size,
@@ -128,14 +130,14 @@ class SceneVectorEnv(VectorEnv):
         graph: bool = True,
     ) -> None:
         if output not in OUTPUTS:
-            raise ValueError(f"output should be one of {', '.join(OUTPUTS)}, got {output!r}.")
+            raise ArgumentError(f"output should be one of {', '.join(OUTPUTS)}, got {output!r}.")
         if render_mode not in (None, "rgb_array"):
-            raise ValueError(f"render_mode should be 'rgb_array' or None, got {render_mode!r}.")
+            raise ArgumentError(f"render_mode should be 'rgb_array' or None, got {render_mode!r}.")
         num_envs = as_count(num_envs, "num_envs")
         if max_episode_steps is not None:
             max_episode_steps = as_count(max_episode_steps, "max_episode_steps")
         self.task, self.num_envs, self.max_episode_steps = as_task(task), num_envs, max_episode_steps
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.autoreset_mode = as_autoreset_mode(autoreset_mode)
         self.output, self.copy, self.render_mode, self.split = output, copy, render_mode, split
         self.render_envs = num_envs if render_envs is None else min(as_count(render_envs, "render_envs"), num_envs)
         self.render_size, self.render_camera = as_size(render_size, "render_size"), render_camera
@@ -261,7 +263,7 @@ class SceneVectorEnv(VectorEnv):
         Raises:
             ResetNeeded: There was no reset yet.
             BusyError: Another thread is in a call of this environment.
-            ValueError: The actions have the wrong shape.
+            ArgumentError: The actions have the wrong shape.
         """
         self._check_open()
         if not self._ready:

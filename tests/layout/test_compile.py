@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
@@ -31,6 +32,19 @@ from sceniris_gym.scene.model import build_model
 from tests.layout.scenes import ANYWHERE, FLOOR, box_mjcf, compile_on_cpu, make, valid, write_mjcf
 
 TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+
+@pytest.mark.parametrize("device", [torch.device("cpu"), wp.get_device("cpu"), "cpu"], ids=["torch", "warp", "name"])
+def test_a_device_is_given_in_any_way(crate: dict[str, Any], device: Any):
+    """As torch or Warp has it, or by its name."""
+    assert compile_scene({"floor": FLOOR, "objects": {"crate": crate}, "bank": 1}, device).device == "cpu"
+
+
+@pytest.mark.parametrize("device", [5, [], "abacus"])
+def test_what_is_no_device_is_refused(crate: dict[str, Any], device: Any):
+    """With those that there are."""
+    with pytest.raises(UnknownNameError, match=r"compile_scene: unknown device .* Valid: .*cpu"):
+        compile_scene({"floor": FLOOR, "objects": {"crate": crate}}, device)
 
 
 @pytest.fixture
