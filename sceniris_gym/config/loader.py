@@ -13,6 +13,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.constructor import DuplicateKeyError
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
+from sceniris_gym.config.expansion import MOST_VALUES, expanded_size
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.paths import user_path
 from sceniris_gym.errors import ArgumentTypeError, CycleError, SceneFileError, SceneKeyError, UnknownNameError
@@ -155,7 +156,13 @@ def _with_base(data: dict, where: str, name: str, folder: Path, seen: tuple[Path
 def _read_yaml(path: Path) -> dict:
     yaml = YAML(typ="safe", pure=True)  # the pure loader reads YAML 1.2, in which `on` is a word
     try:
-        data = yaml.load(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        if expanded_size(text) > MOST_VALUES:
+            raise SceneFileError(
+                f"{path}: with its aliases and merges written out the file has more than {MOST_VALUES} values. A scene "
+                "should have fewer."
+            )
+        data = yaml.load(text)
     except DuplicateKeyError as error:
         line = f":{error.problem_mark.line + 1}" if error.problem_mark else ""
         problem = str(error.problem).split(" with value")[0]

@@ -29,6 +29,10 @@ from sceniris_gym.scene.model import SceneModel, build_model
 # has none yet, in this many.
 _ROUNDS = 8
 _MOST_ROUNDS = 64
+# Candidates of an object that cannot be placed, in all worlds of a round, and those after which a probe that has found
+# nothing gives up (or goes on no further, where it or that of the other split has found some); with the default words a round has 5,760 of them.
+_BUDGET = 200_000
+_MOST_DRAWN = 20 * _BUDGET
 # Above this share of layouts from the bank, a scene is worth a warning; so few of them say little of a small probe.
 _MOST_FALLBACKS = 0.05
 _FEWEST_FAILED = 3
@@ -81,11 +85,12 @@ def device_name(device: Any, where: str = "compile_scene") -> str:
 
 def _with_bank(compiled: CompiledScene) -> CompiledScene:
     """The same scene with a bank for each split, made from streams that neither of them has."""
-    train, evaluation = _Probe(compiled, "train_bank"), _Probe(compiled, "eval_bank")
+    probed = _within_budget(compiled)
+    train, evaluation = _Probe(probed, "train_bank"), _Probe(probed, "eval_bank")
     if not train.fill(_ROUNDS):
-        raise _infeasible(compiled, train.generator)
+        raise _infeasible(probed, train.generator)
     if not evaluation.fill(_ROUNDS, _MOST_ROUNDS):  # layouts are rare, but there are some
-        raise _infeasible(compiled, evaluation.generator)
+        raise _infeasible(probed, evaluation.generator)
     _warn_of_fallbacks(compiled, train, evaluation)
     columns = (np.stack(rows) for rows in zip(*train.found, *evaluation.found, strict=True))
     bank: dict[str, np.ndarray] = dict(zip((*_BANK, *_REACH_BANK), columns, strict=True))
@@ -99,27 +104,49 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
     return replace(compiled, program=program, reaching=replace(compiled.reaching, view=view))
 
 
+def _within_budget(compiled: CompiledScene) -> CompiledScene:
+    """The same scene, with as many restarts for the probe as its budget has room for.
+
+    Where a layout takes more of them the probe gives up, by a number of candidates and not by a time, so that a scene
+    compiles everywhere or nowhere.
+    """
+    restarts = max(_BUDGET // (_probed_worlds(compiled) * compiled.attempts) - 1, 0)
+    if restarts >= compiled.config.restarts:
+        return compiled
+    program = copied(Program, compiled.program)
+    program.restarts = restarts
+    return replace(compiled, program=program)
+
+
+def _probed_worlds(compiled: CompiledScene) -> int:
+    return min(compiled.config.bank, max(_BUDGET // compiled.attempts, 1))
+
+
 class _Probe:
     """Makes layouts of one split's bank, and counts those that ran out of restarts."""
 
     def __init__(self, compiled: CompiledScene, split: str) -> None:
         self.size = compiled.config.bank
-        self.generator = LayoutGenerator(compiled, self.size, seed=0, split=split)
+        self.generator = LayoutGenerator(compiled, _probed_worlds(compiled), seed=0, split=split)
         self.found: list[tuple[np.ndarray, ...]] = []
         self.made = self.failed = self.first = 0
 
     def fill(self, rounds: int, most: int = 0) -> bool:
         """Make layouts until the bank is full, in `rounds` at most, or in `most` until there is one; is there one?"""
-        layouts = self.generator.layouts
-        done = 0
+        layouts, nworld = self.generator.layouts, self.generator.nworld
+        rounds, most = (-(-number * self.size // nworld) for number in (rounds, most))
+        done = drawn = 0
         while len(self.found) < self.size and done < (rounds if self.found else max(rounds, most)):
+            if drawn > (_MOST_DRAWN if self.found or most > rounds else _BUDGET):
+                break
             self.generator.generate()
+            drawn += int(layouts.attempts.numpy().sum(dtype=np.int64))
             valid = layouts.status.numpy() == Status.VALID
             rows = [getattr(layouts, name).numpy()[valid] for name in (*_BANK, *_REACH_BANK)]
             self.found += zip(*rows, strict=True)
-            self.made += self.size
+            self.made += nworld
             self.first += int(layouts.first_pass_valid.numpy().sum())
-            self.failed += int(self.size - valid.sum())
+            self.failed += int(nworld - valid.sum())
             done += 1
         self.found = self.found[: self.size]
         return bool(self.found)

@@ -75,11 +75,11 @@ class SceneModel:
     def joints(self, name: str) -> dict[str, int]:
         """Return the joints inside an object or the robot, except a root's freejoint: id by the name inside it."""
         prefix = self._prefix(name)
-        bodies = set(self.subtree(name))
+        joints = np.flatnonzero(np.isin(self.mjm.jnt_bodyid, self.subtree(name))).tolist()
         return {
             _local(self.mjm.joint(i).name, prefix): i
-            for i in range(self.mjm.njnt)
-            if self.mjm.jnt_bodyid[i] in bodies and self.mjm.jnt_type[i] != mujoco.mjtJoint.mjJNT_FREE
+            for i in joints
+            if self.mjm.jnt_type[i] != mujoco.mjtJoint.mjJNT_FREE
         }
 
     def joint_configs(self, name: str) -> dict[int, JointConfig]:
@@ -171,11 +171,10 @@ class SceneModel:
 
 def subtree(mjm: mujoco.MjModel, root: int) -> list[int]:
     """Return the ids of a body and of all bodies below it, in ascending order."""
-    inside = {root}
-    for body in range(root + 1, mjm.nbody):  # parents come before their children
-        if int(mjm.body_parentid[body]) in inside:
-            inside.add(body)
-    return sorted(inside)
+    end = root + 1  # bodies are numbered depth first: what is below one follows it
+    while end < mjm.nbody and mjm.body_parentid[end] >= root:
+        end += 1
+    return list(range(root, end))
 
 
 def build_model(config: SceneConfig) -> SceneModel:

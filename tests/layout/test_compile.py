@@ -408,3 +408,29 @@ def test_a_robot_with_drawn_joints_is_feasible_as_it_is_shipped(geometry: str):
     rows = make(compile_on_cpu({"floor": FLOOR, "robot": robot, "geometry": geometry}), 100)
     assert (rows.status == Status.VALID).all()
     assert rows.attempts.mean() < 1.1
+
+
+@pytest.mark.parametrize("words", [{"attempts": 10_000, "restarts": 10_000}, {"attempts": 10_000, "bank": 10_000}])
+def test_a_scene_that_cannot_be_made_is_given_up_after_a_number_of_candidates(tmp_path: Path, words: dict[str, int]):
+    """Each word as large as it may be: a hundred million candidates of each world, and none can pass."""
+    plate = box_mjcf(tmp_path, "plate", 0.3, 0.3, 0.05)
+    objects = {name: {"asset": plate, "on": "floor"} for name in ("one", "other")}
+    with pytest.raises(InfeasibleSceneError) as found:
+        compile_on_cpu({"floor": {"size": [0.05, 0.05]}, "objects": objects, **words})
+    assert 0 < found.value.counts["other"]["collision"] < 1_000_000
+
+
+def test_the_budget_of_the_probe_changes_no_layout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """It decides how the bank is filled; fresh layouts have all restarts that the scene says."""
+    crate = box_mjcf(tmp_path, "crate", 0.1, 0.1, 0.05)
+    objects = {f"crate_{i}": {"asset": crate, "on": "floor"} for i in range(5)}
+    scene = {"floor": {"size": [0.4, 0.4]}, "objects": objects, "attempts": 5, "restarts": 20, "bank": 16}
+    rich = make(compile_on_cpu(scene), 200)
+    monkeypatch.setattr("sceniris_gym.layout.compile._BUDGET", 150)
+    poor = compile_on_cpu(scene)
+    assert int(poor.program.restarts) == 20
+    made = make(poor, 200)
+    fresh = rich.status == Status.VALID
+    assert fresh.any()
+    assert (made.status == rich.status).all()
+    assert made[fresh].bits() == rich[fresh].bits()
