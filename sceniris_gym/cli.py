@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import functools
 import os
 import signal
@@ -36,6 +37,7 @@ Changes = Annotated[
     tyro.conf.arg(name="set", metavar="KEY=VALUE", help="change part of the scene, e.g. objects.apple.clearance=0.01"),
 ]
 P = ParamSpec("P")
+_UNWRITABLE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG})
 _MOST_LAYOUTS = 1_000_000_000  # of a data set, some hundred gigabytes
 
 
@@ -97,7 +99,8 @@ def generate(
     from sceniris_gym.tools.commands.generate import write_dataset
     from sceniris_gym.tools.tables import make_table
 
-    _target(out / "layouts.npz")
+    for file in ("layouts.npz", "scene.zip"):
+        _target(out / file)
     compiled = _compiled(scene, changes, device)
     with tqdm(total=n, unit="layout", file=sys.stderr) as bar:
         table = make_table(compiled, n, seed, split=split, chunk=chunk, progress=bar.update)
@@ -326,8 +329,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     kept = signal.signal(signal.SIGTERM, _terminate)
     try:
         print(tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="sceniris-gym", description=about, args=arguments))
-    except (ScenirisError, OSError) as error:
+    except ScenirisError as error:
         _end(str(error), 2)
+    except OSError as error:
+        _end(_in_words(error), 2)
     except KeyboardInterrupt:
         _end("interrupted", 128 + signal.SIGINT)
     finally:
@@ -337,6 +342,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _terminate(*_: object) -> NoReturn:
     """Exit by an exception, so that temporary files are removed."""
     _end("terminated", 128 + signal.SIGTERM)
+
+
+def _in_words(error: OSError) -> str:
+    """Say which file an error of the operating system is about, and what helps."""
+    file = "a file" if error.filename is None else str(error.filename)
+    why = str(error) if error.strerror is None else error.strerror.lower()
+    advice = "Make room there, or give it another place: --out for results, WARP_CACHE_PATH for compiled kernels."
+    return f"{file}: {why}. {advice if error.errno in _UNWRITABLE else ''}".rstrip()
 
 
 def _end(message: str, status: int) -> NoReturn:

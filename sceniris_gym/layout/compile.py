@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -30,7 +31,8 @@ from sceniris_gym.scene.model import SceneModel, build_model
 _ROUNDS = 8
 _MOST_ROUNDS = 64
 # Candidates of an object that cannot be placed, in all worlds of a round, and those after which a probe that has found
-# nothing gives up (or goes on no further, where it or that of the other split has found some); with the default words a round has 5,760 of them.
+# nothing gives up; one that has found some, or that knows from the other split that there are some, goes on for longer.
+# With the default words a round has 5,760 of them.
 _BUDGET = 200_000
 _MOST_DRAWN = 20 * _BUDGET
 # Above this share of layouts from the bank, a scene is worth a warning; so few of them say little of a small probe.
@@ -67,6 +69,9 @@ def compile_scene(scene: str | Path | Mapping | SceneConfig | SceneModel, device
     if model.config.attempts == AUTO:
         compiled.program.attempts = find_attempts(compiled)
     return _with_bank(compiled)
+
+
+copyreg.pickle(CompiledScene, lambda compiled: (compile_scene, (compiled.config, compiled.device)))
 
 
 def device_name(device: Any, where: str = "compile_scene") -> str:

@@ -16,6 +16,7 @@ from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.draw import launch_draw
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.loading import load_kernels
+from sceniris_gym.layout.pickling import StaysHere
 from sceniris_gym.layout.points import launch_draw_points
 from sceniris_gym.layout.random import SPLITS, USER_SPLITS
 from sceniris_gym.layout.reachability import ReachStage
@@ -41,7 +42,7 @@ from sceniris_gym.program.device_reach import Reach
 _MOST_PIECES = 1024
 
 
-class LayoutGenerator:
+class LayoutGenerator(StaysHere):
     """Makes layouts for a batch of worlds, each a pure function of (scene, split, seed, episode).
 
     Args:

@@ -13,6 +13,7 @@ import warp as wp
 from sceniris_gym.errors import SceneMismatchError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.pickling import StaysHere
 from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.layout.seeds import seeds_on_device
 from sceniris_gym.layout.sequence import LaunchSequence
@@ -39,7 +40,7 @@ A need of "sensors" or "dynamics" adds what delayed sensors measure now to `hist
 """
 
 
-class ResetRandomizer:
+class ResetRandomizer(StaysHere):
     """Resets chosen worlds to fresh layouts; the other worlds keep their state bit for bit.
 
     A reset clears the data of the chosen worlds (`mjw.reset_data`: velocities, warm starts, clocks and NaNs too) and

@@ -20,6 +20,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.pickling import StaysHere
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.turns import Turn, in_turn, launching
 from sceniris_gym.program.compiled import CompiledScene
@@ -46,7 +47,7 @@ from sceniris_gym.vector.task_checks import check_observation, check_outcome
 OUTPUTS = ("torch", "numpy")
 
 
-class SceneVectorEnv(VectorEnv):
+class SceneVectorEnv(StaysHere, VectorEnv):
     """Steps `num_envs` worlds of a task together, on one device, and gives each a fresh layout at every reset.
 
     Observations are a dict of groups (`policy`, `critic`), each of shape (num_envs, size); `observation_names` lists
