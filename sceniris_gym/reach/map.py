@@ -296,7 +296,7 @@ def _faults(fields: dict[str, Any], njoint: int) -> Iterator[str]:
     share = fields.get(_MEASURED, 0.0)
     if type(share) is not float or not 0.0 <= share <= 1.0:
         yield f"{_MEASURED} is {share!r}"
-    if not fields["codes"].any():
+    if not fields["codes"].any() and not fields["poles"].any():
         yield "its codes say that nothing is within reach"
     nz, ntilt, nu = fields["nz"], fields["ntilt"], fields["nu"]
     shapes = {
