@@ -13,6 +13,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.fields import ROBOT
+from sceniris_gym.config.messages import short
 from sceniris_gym.config.scene import AUTO, SceneConfig
 from sceniris_gym.errors import FallbackWarning, InfeasibleSceneError, UnknownNameError
 from sceniris_gym.layout.attempts import find_attempts
@@ -85,7 +86,7 @@ def device_name(device: Any, where: str = "compile_scene") -> str:
     try:
         return str(wp.get_device(str(device)))
     except (ValueError, RuntimeError):
-        raise UnknownNameError("device", str(device), where, [d.alias for d in wp.get_devices()]) from None
+        raise UnknownNameError("device", short(device).strip("'"), where, [d.alias for d in wp.get_devices()]) from None
 
 
 def _with_bank(compiled: CompiledScene) -> CompiledScene:

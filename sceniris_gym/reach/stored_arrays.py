@@ -6,6 +6,7 @@ import math
 import zipfile
 import zlib
 from pathlib import Path
+from tokenize import TokenError
 from typing import BinaryIO
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.lib import format as npy
 
 UNREADABLE = (
     *(OSError, ValueError, TypeError, KeyError, EOFError, RuntimeError, NotImplementedError, OverflowError),
-    *(SyntaxError, MemoryError, zipfile.BadZipFile, zlib.error),
+    *(SyntaxError, TokenError, MemoryError, zipfile.BadZipFile, zlib.error),
 )
 """What reading a damaged file raises."""
 

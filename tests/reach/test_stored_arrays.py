@@ -13,6 +13,9 @@ from numpy.lib import format as npy
 
 from sceniris_gym.reach.stored_arrays import UNREADABLE, read_array, read_arrays
 
+BROKEN = b"\x93NUMPY\x01\x00\x10\x00{'descr': ('<f8'\n\n"
+"""A head in which a bracket is open, at which Python's tokenizer gives up."""
+
 
 def _header(shape: tuple[int, ...]) -> bytes:
     """The head of a file that declares an array of this shape, and a little of its contents."""
@@ -64,7 +67,9 @@ def test_objects_of_python_are_never_loaded(tmp_path: Path):
         read_array(tmp_path / "a.npy")
 
 
-@pytest.mark.parametrize("text", [b"", b"PK\x03\x04", b"\x93NUMPY", b"\x93NUMPY\x01\x00\xff\xff", b"nothing" * 99])
+@pytest.mark.parametrize(
+    "text", [b"", b"PK\x03\x04", b"\x93NUMPY", b"\x93NUMPY\x01\x00\xff\xff", b"nothing" * 99, BROKEN]
+)
 def test_what_is_no_such_file_is_refused(tmp_path: Path, text: bytes):
     """With one of the errors that callers translate."""
     (tmp_path / "a").write_bytes(text)
