@@ -87,14 +87,16 @@ class SceneConfig(Section):
             SceneFileError: The file is missing, or is not YAML, or gives a key twice.
             ScenirisError: As in the class.
         """
+        if isinstance(overrides, Mapping) and not overrides:
+            overrides = None
         if isinstance(scene, SceneConfig):
-            if not overrides:
+            if overrides is None:
                 return scene
             data, where, name = scene.model_dump(by_alias=True, exclude_unset=True), scene.where, scene.name
         else:
             raw = read_scene(scene)
             data, where, name = raw.data, raw.where, raw.name
-        if overrides:
+        if overrides is not None:
             data = override(data, overrides, where)
         with reading(where):
             config = cls.model_validate({"name": name, **data})

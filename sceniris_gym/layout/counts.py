@@ -5,6 +5,7 @@ from __future__ import annotations
 import operator
 from typing import Any
 
+from sceniris_gym.config.messages import short
 from sceniris_gym.errors import CountError
 
 MOST_WORLDS = 1 << 24
@@ -22,7 +23,7 @@ def as_count(value: Any, name: str, least: int = 1, most: int = MOST_WORLDS) -> 
     except TypeError:
         count = None
     if count is None:
-        raise CountError(f"{name} should be an integer of at least {least}, got {value!r}.")
+        raise CountError(f"{name} should be an integer of at least {least}, got {short(value)}.")
     if not least <= count <= most:
         bound = f"an integer of at least {least}" if count < least else f"at most {most}"
         got = str(count) if abs(count) < 1 << 128 else "a number of more than 38 digits"

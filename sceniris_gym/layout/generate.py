@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
+from sceniris_gym.config.messages import short
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, MaskTypeError
 from sceniris_gym.layout.accept import launch_accept
 from sceniris_gym.layout.collision import launch_test_collisions
@@ -72,8 +73,8 @@ class LayoutGenerator(StaysHere):
     ) -> None:
         if not isinstance(compiled, CompiledScene):
             raise ArgumentTypeError(f"LayoutGenerator: compiled should be a CompiledScene, got {type(compiled)}.")
-        if str(split) not in SPLITS:
-            raise ArgumentError(f"LayoutGenerator: unknown split '{split}'. Valid: {', '.join(USER_SPLITS)}.")
+        if not isinstance(split, str) or split not in SPLITS:
+            raise ArgumentError(f"LayoutGenerator: unknown split {short(split)}. Valid: {', '.join(USER_SPLITS)}.")
         nworld = as_count(nworld, "LayoutGenerator: nworld")
         rejected = as_count(rejected, "LayoutGenerator: rejected", 0)
         if size is None:

@@ -13,6 +13,7 @@ from gymnasium import Space
 from gymnasium.vector import AutoresetMode
 from torch import Tensor
 
+from sceniris_gym.config.messages import short
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene, device_name
@@ -68,7 +69,7 @@ def as_autoreset_mode(value: Any) -> AutoresetMode:
         return AutoresetMode(value)
     except ValueError:
         modes = ", ".join(mode.value for mode in AutoresetMode)
-        raise ArgumentError(f"autoreset_mode should be one of {modes}, got {value!r}.") from None
+        raise ArgumentError(f"autoreset_mode should be one of {modes}, got {short(value)}.") from None
 
 
 def as_size(value: Any, name: str) -> tuple[int, int]:
@@ -81,7 +82,7 @@ def as_size(value: Any, name: str) -> tuple[int, int]:
     try:
         width, height = value
     except (TypeError, ValueError):
-        raise ArgumentError(f"{name} should be (width, height), got {value!r}.") from None
+        raise ArgumentError(f"{name} should be (width, height), got {short(value)}.") from None
     return as_count(width, f"{name}[0]", most=_MOST_PIXELS), as_count(height, f"{name}[1]", most=_MOST_PIXELS)
 
 

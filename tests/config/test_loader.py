@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from sceniris_gym.config.loader import merge, override, read_scene, shipped
@@ -229,7 +230,7 @@ def test_what_is_no_scene_is_refused_by_its_type(scene: Any):
         SceneConfig.load(scene)
 
 
-@pytest.mark.parametrize("overrides", [[1], "objects.apple.gap=1", 5])
+@pytest.mark.parametrize("overrides", [[1], "objects.apple.gap=1", 5, np.zeros(2)])
 def test_overrides_are_a_mapping(overrides: Any):
     """Nothing else has keys."""
     with pytest.raises(ArgumentTypeError, match="overrides should be a mapping"):

@@ -469,6 +469,8 @@ def test_a_mask_on_another_device_is_refused(mid: CompiledScene):
         ({"nworld": True}, "nworld should be an integer"),
         ({"rejected": -1}, "rejected should be an integer of at least 0"),
         ({"split": []}, "unknown split"),
+        ({"split": 10**5000}, "unknown split a int"),
+        ({"seed": 10**5000}, "seed=a int should be"),
         ({"compiled": None}, "compiled should be a CompiledScene"),
     ],
 )
