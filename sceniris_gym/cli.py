@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import functools
 import os
 import signal
@@ -16,7 +17,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn, ParamSpec
 import tyro
 
 import sceniris_gym
-from sceniris_gym.errors import CountError, NotSupportedError, SceneKeyError, ScenirisError
+from sceniris_gym.errors import CountError, NotSupportedError, SceneKeyError, ScenirisError, SeedError
+from sceniris_gym.layout.counts import MOST_WORLDS
 from sceniris_gym.reach.tier import Tier, TierWord
 
 if TYPE_CHECKING:
@@ -35,6 +37,8 @@ Changes = Annotated[
     tyro.conf.arg(name="set", metavar="KEY=VALUE", help="change part of the scene, e.g. objects.apple.clearance=0.01"),
 ]
 P = ParamSpec("P")
+_UNWRITABLE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG})
+_MOST_LAYOUTS = 1_000_000_000  # of a data set, some hundred gigabytes
 
 
 def _command(work: Callable[P, str]) -> Callable[P, str]:
@@ -87,13 +91,16 @@ def generate(
     json: Json = False,
 ) -> str:
     """Write a data set of layouts, together with their MuJoCo model."""
-    _at_least(1, n=n, chunk=chunk)
+    _at_least(1, chunk=chunk)
+    _at_least(1, n=n, most=_MOST_LAYOUTS)
+    _seed(seed)
     from tqdm import tqdm
 
     from sceniris_gym.tools.commands.generate import write_dataset
     from sceniris_gym.tools.tables import make_table
 
-    _target(out / "layouts.npz")
+    for file in ("layouts.npz", "scene.zip"):
+        _target(out / file)
     compiled = _compiled(scene, changes, device)
     with tqdm(total=n, unit="layout", file=sys.stderr) as bar:
         table = make_table(compiled, n, seed, split=split, chunk=chunk, progress=bar.update)
@@ -127,6 +134,7 @@ def audit(
     """Make layouts and audit them with FCL, MuJoCo C and shapely, which share no code with the generator."""
     _at_least(1, layouts=layouts)
     _at_least(0, rejected=rejected, settled=settled or 0)
+    _seed(seed)
     from sceniris_gym.tools.commands import audit as tool
 
     if rows is not None:
@@ -189,6 +197,7 @@ def bench(
     if quick or peer or out is not None:
         raise NotSupportedError("bench: --quick, --peer and --out belong to a suite. Add --suite paper, without SCENE.")
     _at_least(1, num_envs=num_envs)
+    _seed(seed)
     from sceniris_gym.tools.commands import bench as tool
     from sceniris_gym.tools.files import check_picture
 
@@ -247,6 +256,7 @@ def check(
 ) -> str:
     """Say why a scene is hard: how many candidates were rejected, per object and cause."""
     _at_least(1, layouts=layouts)
+    _seed(seed)
     from sceniris_gym.tools.commands import check as tool
     from sceniris_gym.tools.files import check_picture
 
@@ -280,6 +290,7 @@ def reach(
     json: Json = False,
 ) -> str:
     """Describe and draw what an arm reaches, build its map, or judge poses."""
+    _seed(seed)
     from sceniris_gym.tools.commands import reach as tool
 
     asked = [f"--{word}" for word, value in (("build", build), ("poses", poses), ("scene", scene)) if value]
@@ -318,8 +329,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     kept = signal.signal(signal.SIGTERM, _terminate)
     try:
         print(tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="sceniris-gym", description=about, args=arguments))
-    except (ScenirisError, OSError) as error:
+    except ScenirisError as error:
         _end(str(error), 2)
+    except OSError as error:
+        _end(_in_words(error), 2)
     except KeyboardInterrupt:
         _end("interrupted", 128 + signal.SIGINT)
     finally:
@@ -329,6 +342,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _terminate(*_: object) -> NoReturn:
     """Exit by an exception, so that temporary files are removed."""
     _end("terminated", 128 + signal.SIGTERM)
+
+
+def _in_words(error: OSError) -> str:
+    """Say which file an error of the operating system is about, and what helps."""
+    file = "a file" if error.filename is None else str(error.filename)
+    why = str(error) if error.strerror is None else error.strerror.lower()
+    advice = "Make room there, or give it another place: --out for results, WARP_CACHE_PATH for compiled kernels."
+    return f"{file}: {why}. {advice if error.errno in _UNWRITABLE else ''}".rstrip()
 
 
 def _end(message: str, status: int) -> NoReturn:
@@ -369,15 +390,22 @@ def _overrides(changes: Sequence[str]) -> dict[str, Any]:
             raise SceneKeyError(f"--set {change}: should be KEY=VALUE, as in objects.apple.clearance=0.01.")
         try:
             overrides[key] = YAML(typ="safe").load(value)
-        except YAMLError as error:
-            raise SceneKeyError(f"--set {change}: the value should be YAML: {error}") from error
+        except (YAMLError, ValueError, RecursionError) as error:
+            why = "too deeply nested" if isinstance(error, RecursionError) else error
+            raise SceneKeyError(f"--set {change:.80}: the value should be YAML: {why}") from None
     return overrides
 
 
-def _at_least(least: int, **counts: int) -> None:
+def _at_least(least: int, *, most: int = MOST_WORLDS, **counts: int) -> None:
     for name, count in counts.items():
-        if count < least:
-            raise CountError(f"--{name.replace('_', '-')} {count}: should be at least {least}.")
+        if not least <= count <= most:
+            bound = f"at least {least}" if count < least else f"at most {most}"
+            raise CountError(f"--{name.replace('_', '-')} {count}: should be {bound}.")
+
+
+def _seed(seed: int) -> None:
+    if not 0 <= seed < 1 << 64:
+        raise SeedError(f"--seed {seed}: should be an integer from 0 to 2^64 - 1.")
 
 
 def _listing(figures: dict[str, Any]) -> str:

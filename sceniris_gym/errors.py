@@ -153,6 +153,10 @@ class InfeasibleSceneError(ScenirisError):
             )
         elif cause == "roof":
             advice = "'on' requires open space above, 'inside' a part of the supporting object; 'in' accepts both."
+        elif cause == "unsound":
+            advice = (
+                "Layouts had numbers that are not finite, or are out of all bounds: look for such numbers in the model."
+            )
         elif cause in ("unreachable", "no_ik", "blocked"):
             advice = "Place it closer to the robot, turn it towards it, or use a less thorough tier of 'reachable'."
         way = "" if obstruction is None else f"Most in its way: {obstruction}. "
@@ -221,6 +225,24 @@ class SeedError(ScenirisError, ValueError):
     """A seed that is not a 64-bit integer, or a number of seeds that differs from the number of worlds."""
 
 
+class BusyError(ScenirisError, RuntimeError):
+    """An object that another thread uses at this moment.
+
+    Args:
+        what: The object.
+    """
+
+    def __init__(self, what: str) -> None:
+        self.what = what
+        super().__init__(
+            f"{what}: another thread is using it at this moment, and the order of their calls would be a matter of "
+            "chance. Call it from one thread at a time, or give each thread one of its own."
+        )
+
+    def __reduce__(self) -> tuple:
+        return type(self), (self.what,)
+
+
 class TaskError(ScenirisError, TypeError):
     """A method of a task returned something of the wrong type or form.
 
@@ -244,7 +266,15 @@ class LayoutIdError(ScenirisError):
 
 
 class CountError(ScenirisError, ValueError):
-    """A number of layouts, candidates or worlds that is too small."""
+    """A number of layouts, candidates or worlds that is too small, too large, or no whole number."""
+
+
+class ArgumentError(ScenirisError, ValueError):
+    """An argument of a function that is none of what it takes."""
+
+
+class ArgumentTypeError(ArgumentError, TypeError):
+    """An argument of a function that is of a type that it does not take."""
 
 
 class FallbackWarning(UserWarning):

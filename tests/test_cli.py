@@ -295,7 +295,7 @@ def test_check_and_generate_tell_an_id_to_replay(capfd: pytest.CaptureFixture, t
         (["replay", "not-an-id"], "scenehash:split:seed:episode"),
         (["replay", "0123456789abcdef:train:0:0"], "(mid)"),
         (["generate", "mid", "-n", "0", "-o", "x"], "at least 1"),
-        (["generate", "mid", "-n", "1", "-o", "x", "--seed", "-1"], "seed=-1"),
+        (["generate", "mid", "-n", "1", "-o", "x", "--seed", "-1"], "--seed -1"),
     ],
 )
 def test_errors_are_words_on_stderr(capfd: pytest.CaptureFixture, arguments: list[str], words: str):

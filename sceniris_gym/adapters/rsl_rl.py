@@ -9,7 +9,7 @@ import warp as wp
 from gymnasium.vector import AutoresetMode
 from torch import Tensor
 
-from sceniris_gym.errors import MissingExtraError
+from sceniris_gym.errors import ArgumentError, MissingExtraError
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.device import Cause
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -40,14 +40,14 @@ class RslRlVecEnv(VecEnv):
         seed: Seed of the first reset; None draws one.
 
     Raises:
-        ValueError: The environment has other settings.
+        ArgumentError: The environment has other settings.
     """
 
     def __init__(self, env: SceneVectorEnv, seed: int | None = None) -> None:
         if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.copy:
-            raise ValueError("RslRlVecEnv: env should have autoreset SAME_STEP, output='torch' and copy=True.")
+            raise ArgumentError("RslRlVecEnv: env should have autoreset SAME_STEP, output='torch' and copy=True.")
         if env.max_episode_steps is None:
-            raise ValueError(
+            raise ArgumentError(
                 "RslRlVecEnv: env should have max_episode_steps, as rsl-rl asks for the length of the longest episode."
             )
         assert env.single_action_space.shape is not None

@@ -13,7 +13,7 @@ import torch
 from gymnasium.vector import AutoresetMode, VectorEnv
 from torch import Tensor
 
-from sceniris_gym.errors import MissingExtraError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MissingExtraError, UnknownNameError
 from sceniris_gym.vector.arguments import RESET_MASK
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
@@ -43,15 +43,15 @@ class SB3VecEnv(VecEnv):
 
     Raises:
         TypeError: Not a SceneVectorEnv.
-        ValueError: A SceneVectorEnv with other settings.
+        ArgumentError: A SceneVectorEnv with other settings.
         UnknownNameError: The task does not observe this group.
     """
 
     def __init__(self, env: VectorEnv, group: str = "policy") -> None:
         if not isinstance(env, SceneVectorEnv):
-            raise TypeError(f"SB3VecEnv: env should be a SceneVectorEnv, as gymnasium.make_vec makes it, got {env!r}.")
+            raise ArgumentTypeError(f"SB3VecEnv: env should be a SceneVectorEnv, as make_vec makes it, got {env!r}.")
         if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.copy:
-            raise ValueError("SB3VecEnv: env should have autoreset SAME_STEP, output='torch' and copy=True.")
+            raise ArgumentError("SB3VecEnv: env should have autoreset SAME_STEP, output='torch' and copy=True.")
         groups = env.single_observation_space
         assert isinstance(groups, gymnasium.spaces.Dict)
         if group not in groups.spaces:
@@ -98,11 +98,11 @@ class SB3VecEnv(VecEnv):
         """Keep options for the next reset, the same for all worlds.
 
         Raises:
-            ValueError: A list with options for single worlds.
+            ArgumentError: A list with options for single worlds.
         """
         if isinstance(options, list):
             if any(options):
-                raise ValueError(
+                raise ArgumentError(
                     f"options should be one dict for all worlds together, such as {{'{RESET_MASK}': ...}}, got a list."
                 )
             options = None
@@ -126,11 +126,11 @@ class SB3VecEnv(VecEnv):
 
         Raises:
             AttributeError: Neither has it.
-            ValueError: Not all of the worlds.
+            ArgumentError: Not all of the worlds.
             IndexError: There is no such world.
         """
         if len(set(self._chosen(indices))) != self.num_envs:
-            raise ValueError(f"set_attr: '{attr_name}' belongs to all worlds together. Leave out the indices.")
+            raise ArgumentError(f"set_attr: '{attr_name}' belongs to all worlds together. Leave out the indices.")
         setattr(self._owner(attr_name), attr_name, value)
 
     def env_method(self, method_name: str, *method_args, indices: VecEnvIndices = None, **method_kwargs) -> list[Any]:

@@ -11,17 +11,13 @@ import shapely
 from pydantic import AfterValidator, AllowInfNan, BeforeValidator, Field, Strict
 from pydantic_core import PydanticCustomError
 
+from sceniris_gym.config.bounds import BOUNDS, LEAST_GAP
 from sceniris_gym.config.messages import ADVICE
 from sceniris_gym.errors import did_you_mean
 from sceniris_gym.reach.tier import TIERS
 
-MOST_FAR = 100.0
-"""Largest distance [m] from the world's origin, along each axis, at which objects are placed: single precision resolves
-8 um there."""
 FLOOR = "floor"
 ROBOT = "robot"
-LEAST_GAP = 2.0e-5
-"""Least height over a support [m]: below it an object counts as touching, by rounding."""
 
 
 def wrong(advice: str, word: str = "", valid: Iterable[str] = ()) -> PydanticCustomError:
@@ -39,6 +35,18 @@ def wrong(advice: str, word: str = "", valid: Iterable[str] = ()) -> PydanticCus
 def listed(value: Any) -> Any:
     """Return a NumPy array as a list, and any other value unchanged."""
     return value.tolist() if hasattr(value, "tolist") else value
+
+
+def within(kind: str) -> AfterValidator:
+    """Return the check of a number against the bound of its kind in `BOUNDS`."""
+    bound = BOUNDS[kind]
+
+    def check(value: float) -> float:
+        if not bound.holds(value):
+            raise wrong(bound.advice)
+        return value
+
+    return AfterValidator(check)
 
 
 def _ascending(interval: tuple[float, float]) -> tuple[float, float]:
@@ -101,18 +109,25 @@ def _object_name(name: str) -> str:
 
 Number = Annotated[float, Strict(), AllowInfNan(False)]
 Fraction = Annotated[Number, Field(ge=0.0, le=1.0)]
-Positive = Annotated[Number, Field(gt=0.0)]
-NotNegative = Annotated[Number, Field(ge=0.0)]
-Gap = Annotated[Number, AfterValidator(_over_the_skin)]
-Interval = Annotated[tuple[Number, Number], BeforeValidator(listed), AfterValidator(_ascending)]
-Point2 = Annotated[tuple[Number, Number], BeforeValidator(listed)]
-Direction2 = Annotated[Point2, AfterValidator(_not_zero)]
+Position = Annotated[Number, within("position")]
+Turn = Annotated[Number, within("turn")]
+JointPosition = Annotated[Number, within("joint")]
+Noise = Annotated[Number, Field(ge=0.0), within("noise")]
+Clearance = Annotated[Number, Field(ge=0.0), within("clearance")]
+Length = Annotated[Number, Field(ge=0.0), within("distance")]
+Width = Annotated[Number, Field(gt=0.0), within("distance")]
+Gap = Annotated[Number, AfterValidator(_over_the_skin), within("gap")]
+TurnInterval = Annotated[tuple[Turn, Turn], BeforeValidator(listed), AfterValidator(_ascending)]
+JointInterval = Annotated[tuple[JointPosition, JointPosition], BeforeValidator(listed), AfterValidator(_ascending)]
+Point2 = Annotated[tuple[Position, Position], BeforeValidator(listed)]
+_Component = Annotated[Number, within("direction")]
+Direction2 = Annotated[tuple[_Component, _Component], BeforeValidator(listed), AfterValidator(_not_zero)]
 FractionPoint2 = Annotated[tuple[Fraction, Fraction], BeforeValidator(listed)]
-Point3 = Annotated[tuple[Number, Number, Number], BeforeValidator(listed)]
-Corner = Annotated[tuple[Number, ...], BeforeValidator(listed)]
+Point3 = Annotated[tuple[Position, Position, Position], BeforeValidator(listed)]
+Corner = Annotated[tuple[Position, ...], BeforeValidator(listed)]
 FractionInterval = Annotated[tuple[Fraction, Fraction], BeforeValidator(listed), AfterValidator(_ascending)]
-Choice = Annotated[tuple[Number, ...], BeforeValidator(listed), Field(min_length=1)]
-_Extent = Annotated[Positive, Field(le=2.0 * MOST_FAR)]
+Choice = Annotated[tuple[JointPosition, ...], BeforeValidator(listed), Field(min_length=1)]
+_Extent = Annotated[Number, Field(gt=0.0), within("extent")]
 Extents2 = Annotated[tuple[_Extent, _Extent], BeforeValidator(listed)]
 Box = Annotated[tuple[Corner, Corner], BeforeValidator(listed), AfterValidator(_corners)]
 FractionBox = Annotated[tuple[FractionPoint2, FractionPoint2], BeforeValidator(listed), AfterValidator(_corners)]

@@ -13,9 +13,15 @@ from ruamel.yaml import YAML
 from ruamel.yaml.constructor import DuplicateKeyError
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
-from sceniris_gym.errors import CycleError, SceneFileError, SceneKeyError, UnknownNameError
+from sceniris_gym.config.expansion import MOST_VALUES, expanded_size
+from sceniris_gym.config.messages import short
+from sceniris_gym.config.paths import user_path
+from sceniris_gym.errors import ArgumentTypeError, CycleError, SceneFileError, SceneKeyError, UnknownNameError
 
 SHIPPED_NAME = re.compile(r"[A-Za-z0-9_-]+")  # anything else, such as 'my/scene.yaml', is a path
+
+# The longest dotted key of a scene has five.
+_MOST_KEYS = 16
 
 # Sets of keys of which only one may be given. A later one replaces an earlier one when scenes are merged.
 SUPPORT_WORDS = ("on", "inside", "in")
@@ -48,6 +54,10 @@ def read_scene(scene: str | Path | Mapping) -> RawScene:
     """
     if isinstance(scene, Mapping):
         return _with_base(dict(scene), where="scene", name="scene", folder=Path.cwd(), seen=())
+    if not isinstance(scene, str | Path):
+        raise ArgumentTypeError(
+            f"scene should be the name of a shipped scene, the path of a YAML file, or a mapping, got {type(scene)}."
+        )
     return _read_file(_find(scene, where="scene", folder=Path.cwd()), seen=())
 
 
@@ -72,6 +82,8 @@ def override(scene: Mapping, overrides: Mapping[str, Any], where: str) -> dict:
 
     Dotted keys reach into objects and groups that exist; a new one is given as a whole.
     """
+    if not isinstance(overrides, Mapping):
+        raise ArgumentTypeError(f"overrides should be a mapping of dotted keys to values, got {type(overrides)}.")
     changed = dict(scene)
     for dotted, value in overrides.items():
         keys = dotted.split(".") if isinstance(dotted, str) else []
@@ -79,6 +91,8 @@ def override(scene: Mapping, overrides: Mapping[str, Any], where: str) -> dict:
             raise SceneKeyError(f"overrides: {dotted!r} should be a dotted key such as 'objects.apple.clearance'.")
         if len(keys) > 2 and keys[0] in ("objects", "groups"):
             _check_there(changed.get(keys[0]) or {}, keys, where)
+        if len(keys) > _MOST_KEYS:
+            raise SceneKeyError(f"overrides: {short(dotted)}: should have {_MOST_KEYS} keys at most, has {len(keys)}.")
         nested = value
         for key in reversed(keys):
             nested = {key: nested}
@@ -110,7 +124,7 @@ def _find(scene: str | Path, where: str, folder: Path) -> Path:
         if scene not in scenes:
             raise UnknownNameError("shipped scene", scene, where, scenes)
         return scenes[scene]
-    path = folder / Path(scene).expanduser()
+    path = user_path(scene, folder, where)
     if not path.is_file():
         raise SceneFileError(
             f"{where}: there is no scene file '{path}'. Give the path of a YAML file, or the name of a shipped scene: "
@@ -129,7 +143,7 @@ def _read_file(path: Path, seen: tuple[Path, ...]) -> RawScene:
 
 
 def _with_base(data: dict, where: str, name: str, folder: Path, seen: tuple[Path, ...]) -> RawScene:
-    data = _resolve_paths(data, folder)
+    data = _resolve_paths(data, folder, where)
     base = data.pop("base", None)
     if base is None:
         return RawScene(data, where, name)
@@ -142,7 +156,13 @@ def _with_base(data: dict, where: str, name: str, folder: Path, seen: tuple[Path
 def _read_yaml(path: Path) -> dict:
     yaml = YAML(typ="safe", pure=True)  # the pure loader reads YAML 1.2, in which `on` is a word
     try:
-        data = yaml.load(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        if expanded_size(text) > MOST_VALUES:
+            raise SceneFileError(
+                f"{path}: with its aliases and merges written out the file has more than {MOST_VALUES} values. A scene "
+                "should have fewer."
+            )
+        data = yaml.load(text)
     except DuplicateKeyError as error:
         line = f":{error.problem_mark.line + 1}" if error.problem_mark else ""
         problem = str(error.problem).split(" with value")[0]
@@ -150,7 +170,7 @@ def _read_yaml(path: Path) -> dict:
     except MarkedYAMLError as error:
         line = f":{error.problem_mark.line + 1}" if error.problem_mark else ""
         raise SceneFileError(f"{path}{line}: this is not YAML: {error.problem or error.context}.") from None
-    except (YAMLError, UnicodeDecodeError) as error:
+    except (YAMLError, ValueError) as error:  # a ValueError: wrong bytes, dates, or a number of too many digits
         raise SceneFileError(f"{path}: this is not YAML: {str(error).splitlines()[0]}.") from None
     except RecursionError:
         raise SceneFileError(f"{path}: lists or mappings are nested too deeply for a scene.") from None
@@ -162,14 +182,14 @@ def _read_yaml(path: Path) -> dict:
     return data
 
 
-def _resolve_paths(data: dict, folder: Path) -> dict:
+def _resolve_paths(data: dict, folder: Path, where: str) -> dict:
     """Make the paths in a scene absolute, so that they keep their meaning after merging."""
 
     def resolved(part: Any, key: str, names: bool) -> Any:
         value = part.get(key) if isinstance(part, Mapping) else None
         if not isinstance(value, str | Path) or (names and SHIPPED_NAME.fullmatch(str(value))):
             return part
-        return {**part, key: str(folder / Path(value).expanduser())}
+        return {**part, key: str(user_path(value, folder, f"{where}: {key}"))}
 
     data = dict(resolved(data, "model", names=False))
     if isinstance(data.get("robot"), Mapping):

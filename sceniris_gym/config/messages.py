@@ -48,12 +48,18 @@ def reading(where: str) -> Iterator[None]:
         yield
     except ValidationError as error:
         raise _as_scene_error(error, where) from None
+    except UnicodeError:  # half of a surrogate pair, which pydantic cannot write into an error
+        raise SceneKeyError(f"{where}: a name or a value holds a character that is no text.") from None
     finally:
         where_now.reset(token)
 
 
 def _as_scene_error(error: ValidationError, where: str) -> SceneKeyError:
-    return SceneKeyError("\n".join(f"{where}: {_path(e)}: {_sentence(e)}" for e in error.errors(include_url=False)))
+    try:
+        found = error.errors(include_url=False)
+    except UnicodeError:
+        return SceneKeyError(f"{where}: a name or a value holds a character that is no text.")
+    return SceneKeyError("\n".join(f"{where}: {_path(e)}: {_sentence(e)}" for e in found))
 
 
 def _path(error: ErrorDetails) -> str:
@@ -85,5 +91,8 @@ def _unknown_key(key: Any, valid: list[str]) -> str:
 
 def short(value: Any) -> str:
     """Return a value as a message shows it: on one line, and cut off after 80 characters."""
-    text = " ".join(repr(value).split())
+    try:
+        text = " ".join(repr(value).split())
+    except (ValueError, RecursionError):  # an integer of more digits than Python writes; too many lists in each other
+        text = f"a {type(value).__name__}"
     return text if len(text) <= 80 else text[:77] + "..."

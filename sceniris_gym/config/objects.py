@@ -6,6 +6,7 @@ the attributes of relations are radians.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -13,16 +14,16 @@ from pydantic import ConfigDict, Field, model_validator
 
 from sceniris_gym.config.fields import (
     FLOOR,
-    MOST_FAR,
     Box,
     Choice,
+    Clearance,
     Fraction,
     FractionBox,
     FractionInterval,
     Gap,
-    Interval,
-    NotNegative,
-    Number,
+    JointInterval,
+    JointPosition,
+    Noise,
     Polygon,
     Reachable,
     wrong,
@@ -42,10 +43,10 @@ class JointConfig(Section):
     """
 
     fraction: FractionInterval | None = None
-    range: Interval | None = None
+    range: JointInterval | None = None
     choice: Choice | None = None
-    value: Number | None = None
-    noise: NotNegative | None = None
+    value: JointPosition | None = None
+    noise: Noise | None = None
 
     @model_validator(mode="after")
     def _exactly_one(self) -> JointConfig:
@@ -65,10 +66,6 @@ class RegionConfig(Section):
 
     @model_validator(mode="after")
     def _exactly_one(self) -> RegionConfig:
-        if self.is_3d and max(abs(x) for corner in self.box or () for x in corner) > MOST_FAR:
-            raise wrong(
-                f"should have its box within {MOST_FAR:g} m of the world's origin: rounding grows with distance"
-            )
         return check_one_of(self, REGION_FORMS)
 
     @property
@@ -104,7 +101,7 @@ class ObjectConfig(Section):
     relations: Annotated[tuple[Relation, ...], Field(max_length=MAX_RELATIONS)] = ()
     orientation: Orientation | None = None
     joints: dict[str, JointConfig] = Field(default_factory=dict)
-    clearance: NotNegative = 0.001
+    clearance: Clearance = 0.001
     gap: Gap = 0.0005
     reachable: Reachable = False
     by: Literal["robot"] = "robot"
@@ -170,6 +167,12 @@ class ObjectConfig(Section):
             raise wrong(
                 "should name its support ('on', 'inside' or 'in') or have a 3D box as its region: it has relations"
             )
+        for one, other in itertools.combinations(self.relations, 2):
+            if one.leaves_nothing_of(other):
+                raise wrong(
+                    f"should have relations that can hold together: '{one.word}' and '{other.word}' of "
+                    f"'{one.anchors[0]}' have no area in common. Take one out, or give both a wider 'angle'"
+                )
         if self.reachable and not self.is_placed:
             raise wrong("should be placed ('on', 'inside', 'in' or a 3D region) to be 'reachable'")
         if "by" in self.model_fields_set and not self.reachable:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, model_validator
 
-from sceniris_gym.config.fields import Interval, wrong
+from sceniris_gym.config.fields import TurnInterval, wrong
 from sceniris_gym.config.loader import ORIENTATION_FORMS
 from sceniris_gym.config.section import Section
 
@@ -41,7 +41,7 @@ def _all_around(value: Any) -> Any:
 class Stable(Section):
     """A stable pose, and its `yaw` about the vertical: 'free' or [low, high] in degrees."""
 
-    yaw: Annotated[Interval, BeforeValidator(_all_around)] = (-180.0, 180.0)
+    yaw: Annotated[TurnInterval, BeforeValidator(_all_around)] = (-180.0, 180.0)
 
 
 class Orientation(Section):
@@ -51,7 +51,7 @@ class Orientation(Section):
     {face_to: object}, which may have a `yaw` [low, high] in degrees that is added.
     """
 
-    yaw: Interval | None = None
+    yaw: TurnInterval | None = None
     any: Literal[True] | None = None
     stable: Stable | None = None
     face_to: str | None = None

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from sceniris_gym.config.fields import Direction2, NotNegative, Number, Positive, wrong
+from sceniris_gym.config.fields import Direction2, Length, Number, Width, wrong
 from sceniris_gym.config.limits import MAX_ANCHORS
 from sceniris_gym.config.section import Section, check_one_of
 
@@ -40,6 +40,8 @@ _OPTIONS = {
 # A band is drawn from slices that contain it, and should fill enough of them: below this half width [m] redraws get
 # frequent, partly because of rounding.
 _LEAST_TOLERANCE = 1.0e-4
+# Half of the thinnest wedge [rad] that directions may have in common: about a tenth of a degree.
+_LEAST_ANGLE = 1.0e-3
 _THIN_BAND = "too few of the points drawn for a thinner band would lie in it"
 
 
@@ -52,10 +54,10 @@ def _wide_enough(tolerance: float) -> float:
 class Distance(Section):
     """How far away [m]: from `min` to `max`, or `equal` within `tolerance` (0.01)."""
 
-    min: NotNegative | None = None
-    max: NotNegative | None = None
-    equal: NotNegative | None = None
-    tolerance: Annotated[NotNegative, AfterValidator(_wide_enough)] | None = None
+    min: Length | None = None
+    max: Length | None = None
+    equal: Length | None = None
+    tolerance: Annotated[Length, AfterValidator(_wide_enough)] | None = None
 
     @property
     def low(self) -> float:
@@ -119,9 +121,9 @@ class Relation(Section):
     frame: str = "anchor"
     distance: Distance | None = None
     measure: Literal["origin", "bounds"] = "origin"
-    width: Positive | None = None
+    width: Width | None = None
     side: Literal["left", "right", "front", "back"] | None = None
-    gap: NotNegative = 0.01
+    gap: Length = 0.01
 
     @property
     def word(self) -> str:
@@ -178,6 +180,13 @@ class Relation(Section):
     def frame_object(self) -> str | None:
         """The object that is the frame, or None."""
         return None if self.frame in FRAMES else self.frame
+
+    def leaves_nothing_of(self, other: Relation) -> bool:
+        """Whether two directions from one anchor, in one frame, have a line in common at most."""
+        if {self.kind, other.kind} != {"direction"} or (self.anchors, self.frame) != (other.anchors, other.frame):
+            return False
+        apart = abs(math.remainder(self.heading - other.heading, 2.0 * math.pi))
+        return apart > self.half_angle + other.half_angle - _LEAST_ANGLE
 
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> Relation:

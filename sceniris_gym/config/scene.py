@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PrivateAttr, Strict, model_validator
 
-from sceniris_gym.config.fields import Extents2, Model, Number, ObjectName, Point3, in_memory, wrong
+from sceniris_gym.config.fields import Extents2, Model, ObjectName, Point3, Turn, in_memory, wrong
 from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.limits import MOST_ATTEMPTS
 from sceniris_gym.config.loader import override, read_scene
@@ -48,7 +48,7 @@ class RobotConfig(Section):
 
     asset: str
     base: Point3 = (0.0, 0.0, 0.0)
-    yaw: Number = 0.0
+    yaw: Turn = 0.0
     keyframe: str = "home"
     joints: dict[str, JointConfig] = Field(default_factory=dict)
 
@@ -90,14 +90,16 @@ class SceneConfig(Section):
             SceneFileError: The file is missing, or is not YAML, or gives a key twice.
             ScenirisError: As in the class.
         """
+        if isinstance(overrides, Mapping) and not overrides:
+            overrides = None
         if isinstance(scene, SceneConfig):
-            if not overrides:
+            if overrides is None:
                 return scene
             data, where, name = scene.model_dump(by_alias=True, exclude_unset=True), scene.where, scene.name
         else:
             raw = read_scene(scene)
             data, where, name = raw.data, raw.where, raw.name
-        if overrides:
+        if overrides is not None:
             data = override(data, overrides, where)
         with reading(where):
             config = cls.model_validate({"name": name, **data})

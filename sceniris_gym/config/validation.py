@@ -163,16 +163,22 @@ def _check_cycles(scene: SceneNames, where: str) -> None:
     needs: dict[str, tuple[str, ...]] = {name: part.needs for name, part in scene.objects.items()}
     ends: set[str] = set()  # objects from which no chain leads into a cycle
     for name in needs:
-        if (cycle := _cycle([name], needs, ends)) is not None:
+        if (cycle := _cycle(name, needs, ends)) is not None:
             raise CycleError(where, cycle, "objects are placed relative to each other")
 
 
-def _cycle(chain: list[str], needs: Mapping[str, tuple[str, ...]], ends: set[str]) -> list[str] | None:
-    """Return the first cycle on a path from the end of `chain`, or None."""
-    for other in needs.get(chain[-1], ()):
-        if other in chain:
-            return chain[chain.index(other) :]
-        if other not in ends and (cycle := _cycle([*chain, other], needs, ends)) is not None:
-            return cycle
-    ends.add(chain[-1])
+def _cycle(first: str, needs: Mapping[str, tuple[str, ...]], ends: set[str]) -> list[str] | None:
+    """Return the first cycle on a path from an object, or None. A chain may be longer than Python can call itself."""
+    chain = {first: iter(needs.get(first, ()))}  # the path, and where it may go on from each
+    while chain:
+        last = next(reversed(chain))
+        other = next(chain[last], None)
+        if other is None:
+            ends.add(last)
+            del chain[last]
+        elif other in chain:
+            names = list(chain)
+            return names[names.index(other) :]
+        elif other not in ends:
+            chain[other] = iter(needs.get(other, ()))
     return None

@@ -23,6 +23,9 @@ class ContactRules:
     def __init__(self, mjm: mujoco.MjModel, geometry: str) -> None:
         self._mjm, self._visual = mjm, geometry == "visual"
         self._paired: dict[frozenset[int], float] = {}
+        # as lists, since single numbers of an array are slow, and scenes have a million pairs
+        self._contype, self._conaffinity = mjm.geom_contype.tolist(), mjm.geom_conaffinity.tolist()
+        self._margin, self._gap = mjm.geom_margin.tolist(), mjm.geom_gap.tolist()
         self._excluded = {int(signature) for signature in mjm.exclude_signature}
         if self._visual:
             self.classes = np.zeros(mjm.ngeom, int)
@@ -34,9 +37,9 @@ class ContactRules:
             (geom,) if geom in inside else (-1, bits[0], bits[1], margin, gap)
             for geom, (bits, margin, gap) in enumerate(
                 zip(
-                    zip(mjm.geom_contype.tolist(), mjm.geom_conaffinity.tolist(), strict=True),
-                    mjm.geom_margin.tolist(),
-                    mjm.geom_gap.tolist(),
+                    zip(self._contype, self._conaffinity, strict=True),
+                    self._margin,
+                    self._gap,
                     strict=True,
                 )
             )
@@ -61,7 +64,7 @@ class ContactRules:
         """Whether geoms of two classes collide: an explicit pair, or the contype of either meets the other's bits."""
         if self._visual or self.is_explicit(a, b):
             return True
-        contype, conaffinity = self._mjm.geom_contype, self._mjm.geom_conaffinity
+        contype, conaffinity = self._contype, self._conaffinity
         return bool(contype[a] & conaffinity[b] or contype[b] & conaffinity[a])
 
     def distance(self, a: int, b: int) -> float:

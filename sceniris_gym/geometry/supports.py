@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from shapely.geometry import MultiPoint, MultiPolygon, Polygon, box
 
-from sceniris_gym.config.fields import MOST_FAR
+from sceniris_gym.config.bounds import MOST_FAR
 from sceniris_gym.config.objects import RegionConfig
 from sceniris_gym.errors import ErodedSupportError
 from sceniris_gym.geometry.pieces import Piece, PieceType

@@ -43,7 +43,7 @@ def find_attempts(compiled: CompiledScene) -> int:
         attempts = min(2 * attempts, MOST_ATTEMPTS)
     if len(pending) == _NWORLD:  # it can hardly be made at all, which is found out sooner with few attempts
         return FEWEST_ATTEMPTS
-    warn(AttemptsWarning(compiled.config.where, attempts), stacklevel=4)
+    warn(AttemptsWarning(compiled.config.where, attempts), stacklevel=5)
     return attempts
 
 

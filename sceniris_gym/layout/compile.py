@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -12,6 +13,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.fields import ROBOT
+from sceniris_gym.config.messages import short
 from sceniris_gym.config.scene import AUTO, SceneConfig
 from sceniris_gym.errors import FallbackWarning, InfeasibleSceneError, UnknownNameError
 from sceniris_gym.layout.attempts import find_attempts
@@ -20,6 +22,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.kernel_log import use_kernel_log
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.scene_cache import UNREADABLE, load_arrays, scene_key, store_arrays
+from sceniris_gym.layout.turns import launching
 from sceniris_gym.program.archive import from_arrays, to_arrays
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Cause, Program, copied, fill_struct
@@ -32,13 +35,18 @@ from sceniris_gym.scene.model import SceneModel, build_model
 # has none yet, in this many.
 _ROUNDS = 8
 _MOST_ROUNDS = 64
+# Candidates of an object that cannot be placed, in all worlds of a round, and those after which a probe that has found
+# nothing gives up; one that has found some, or that knows from the other split that there are some, goes on for longer.
+# With the default words a round has 5,760 of them.
+_BUDGET = 200_000
+_MOST_DRAWN = 20 * _BUDGET
 # Above this share of layouts from the bank, a scene is worth a warning; so few of them say little of a small probe.
 _MOST_FALLBACKS = 0.05
 _FEWEST_FAILED = 3
 # Causes that only come up once all objects are placed.
 _LATE = (Cause.NO_IK.name.lower(), Cause.BLOCKED.name.lower())
 # Causes that end a layout without further attempts.
-_AT_ONCE = (Cause.EMPTY, Cause.REGION, Cause.NO_IK, Cause.BLOCKED)
+_AT_ONCE = (Cause.EMPTY, Cause.REGION, Cause.NO_IK, Cause.BLOCKED, Cause.UNSOUND)
 # What a row of the bank holds.
 _BANK = ("qpos", "mocap_pos", "mocap_quat", "present")
 _REACH_BANK = ("grasp", "grasp_qpos", "pregrasp_qpos")
@@ -46,6 +54,7 @@ _REACH_BANK = ("grasp", "grasp_qpos", "pregrasp_qpos")
 _KEY, _WARNINGS = "key", "warnings"
 
 
+@launching
 def compile_scene(
     scene: str | Path | Mapping | SceneConfig | SceneModel, device: str | None = None, *, cache: bool = True
 ) -> CompiledScene:
@@ -81,8 +90,11 @@ def compile_scene(
     return compiled
 
 
-def device_name(device: str | None, where: str = "compile_scene") -> str:
-    """Return Warp's name of a device, by default of its preferred one.
+copyreg.pickle(CompiledScene, lambda compiled: (compile_scene, (compiled.config, compiled.device)))
+
+
+def device_name(device: Any, where: str = "compile_scene") -> str:
+    """Return Warp's name of a device, given by name or as torch's or Warp's device; by default of its preferred one.
 
     Raises:
         UnknownNameError: There is no such device.
@@ -90,9 +102,9 @@ def device_name(device: str | None, where: str = "compile_scene") -> str:
     if device is None:
         return str(wp.get_preferred_device())
     try:
-        return str(wp.get_device(device))
-    except ValueError:
-        raise UnknownNameError("device", device, where, [d.alias for d in wp.get_devices()]) from None
+        return str(wp.get_device(str(device)))
+    except (ValueError, RuntimeError):
+        raise UnknownNameError("device", short(device).strip("'"), where, [d.alias for d in wp.get_devices()]) from None
 
 
 def _compiled(model: SceneModel, device: str) -> CompiledScene:
@@ -115,17 +127,18 @@ def _from_cache(key: str, model: SceneModel, device: str) -> CompiledScene | Non
     except UNREADABLE:
         return None
     for warning in warned:
-        warn(warning, stacklevel=3)
+        warn(warning, stacklevel=4)
     return compiled
 
 
 def _with_bank(compiled: CompiledScene) -> CompiledScene:
     """The same scene with a bank for each split, made from streams that neither of them has."""
-    train, evaluation = _Probe(compiled, "train_bank"), _Probe(compiled, "eval_bank")
+    probed = _within_budget(compiled)
+    train, evaluation = _Probe(probed, "train_bank"), _Probe(probed, "eval_bank")
     if not train.fill(_ROUNDS):
-        raise _infeasible(compiled, train.generator)
+        raise _infeasible(probed, train.generator)
     if not evaluation.fill(_ROUNDS, _MOST_ROUNDS):  # layouts are rare, but there are some
-        raise _infeasible(compiled, evaluation.generator)
+        raise _infeasible(probed, evaluation.generator)
     _warn_of_fallbacks(compiled, train, evaluation)
     columns = (np.stack(rows) for rows in zip(*train.found, *evaluation.found, strict=True))
     bank: dict[str, np.ndarray] = dict(zip((*_BANK, *_REACH_BANK), columns, strict=True))
@@ -139,27 +152,49 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
     return replace(compiled, program=program, reaching=replace(compiled.reaching, view=view))
 
 
+def _within_budget(compiled: CompiledScene) -> CompiledScene:
+    """The same scene, with as many restarts for the probe as its budget has room for.
+
+    Where a layout takes more of them the probe gives up, by a number of candidates and not by a time, so that a scene
+    compiles everywhere or nowhere.
+    """
+    restarts = max(_BUDGET // (_probed_worlds(compiled) * compiled.attempts) - 1, 0)
+    if restarts >= compiled.config.restarts:
+        return compiled
+    program = copied(Program, compiled.program)
+    program.restarts = restarts
+    return replace(compiled, program=program)
+
+
+def _probed_worlds(compiled: CompiledScene) -> int:
+    return min(compiled.config.bank, max(_BUDGET // compiled.attempts, 1))
+
+
 class _Probe:
     """Makes layouts of one split's bank, and counts those that ran out of restarts."""
 
     def __init__(self, compiled: CompiledScene, split: str) -> None:
         self.size = compiled.config.bank
-        self.generator = LayoutGenerator(compiled, self.size, seed=0, split=split)
+        self.generator = LayoutGenerator(compiled, _probed_worlds(compiled), seed=0, split=split)
         self.found: list[tuple[np.ndarray, ...]] = []
         self.made = self.failed = self.first = 0
 
     def fill(self, rounds: int, most: int = 0) -> bool:
         """Make layouts until the bank is full, in `rounds` at most, or in `most` until there is one; is there one?"""
-        layouts = self.generator.layouts
-        done = 0
+        layouts, nworld = self.generator.layouts, self.generator.nworld
+        rounds, most = (-(-number * self.size // nworld) for number in (rounds, most))
+        done = drawn = 0
         while len(self.found) < self.size and done < (rounds if self.found else max(rounds, most)):
+            if drawn > (_MOST_DRAWN if self.found or most > rounds else _BUDGET):
+                break
             self.generator.generate()
+            drawn += int(layouts.attempts.numpy().sum(dtype=np.int64))
             valid = layouts.status.numpy() == Status.VALID
             rows = [getattr(layouts, name).numpy()[valid] for name in (*_BANK, *_REACH_BANK)]
             self.found += zip(*rows, strict=True)
-            self.made += self.size
+            self.made += nworld
             self.first += int(layouts.first_pass_valid.numpy().sum())
-            self.failed += int(self.size - valid.sum())
+            self.failed += int(nworld - valid.sum())
             done += 1
         self.found = self.found[: self.size]
         return bool(self.found)
@@ -200,7 +235,7 @@ def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:
     held = (found, config.bank) if found < config.bank else None
     if held is None:
         cures.append(f"a 'bank' above {config.bank}, which repeats itself less often")
-    warn(FallbackWarning(config.where, share, name, cause, cures, held), stacklevel=5)
+    warn(FallbackWarning(config.where, share, name, cause, cures, held), stacklevel=6)
 
 
 def _with_rows(declared: Any, instance: Any, bank: Mapping[str, np.ndarray], names: Sequence[str], device: str) -> Any:

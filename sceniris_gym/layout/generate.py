@@ -8,13 +8,16 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import CountError, MaskError, MaskTypeError
+from sceniris_gym.config.messages import short
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, MaskTypeError
 from sceniris_gym.layout.accept import launch_accept
 from sceniris_gym.layout.collision import launch_test_collisions
 from sceniris_gym.layout.containment import launch_test_containment
+from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.draw import launch_draw
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.loading import load_kernels
+from sceniris_gym.layout.pickling import StaysHere
 from sceniris_gym.layout.points import launch_draw_points
 from sceniris_gym.layout.random import SPLITS, USER_SPLITS
 from sceniris_gym.layout.reachability import ReachStage
@@ -31,6 +34,7 @@ from sceniris_gym.layout.search import SearchSize, create_search, default_size
 from sceniris_gym.layout.seeds import launch_reseed, seeds_on_device
 from sceniris_gym.layout.sequence import LaunchSequence, repeat_launches
 from sceniris_gym.layout.sides import launch_build_sides
+from sceniris_gym.layout.turns import launching
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
 from sceniris_gym.program.device_reach import Reach
@@ -39,7 +43,7 @@ from sceniris_gym.program.device_reach import Reach
 _MOST_PIECES = 1024
 
 
-class LayoutGenerator:
+class LayoutGenerator(StaysHere):
     """Makes layouts for a batch of worlds, each a pure function of (scene, split, seed, episode).
 
     Args:
@@ -52,9 +56,11 @@ class LayoutGenerator:
 
     Raises:
         SeedError: A seed that is not a 64-bit integer, or a wrong number of them.
-        ValueError: An unknown split.
+        ArgumentError: An unknown split.
+        CountError: A number of worlds that is no integer, or out of range.
     """
 
+    @launching
     def __init__(
         self,
         compiled: CompiledScene,
@@ -65,10 +71,12 @@ class LayoutGenerator:
         size: SearchSize | None = None,
         rejected: int = 0,
     ) -> None:
-        if split not in SPLITS:
-            raise ValueError(f"LayoutGenerator: unknown split '{split}'. Valid: {', '.join(USER_SPLITS)}.")
-        if nworld < 1:
-            raise CountError(f"LayoutGenerator: nworld should be at least 1, got {nworld}.")
+        if not isinstance(compiled, CompiledScene):
+            raise ArgumentTypeError(f"LayoutGenerator: compiled should be a CompiledScene, got {type(compiled)}.")
+        if not isinstance(split, str) or split not in SPLITS:
+            raise ArgumentError(f"LayoutGenerator: unknown split {short(split)}. Valid: {', '.join(USER_SPLITS)}.")
+        nworld = as_count(nworld, "LayoutGenerator: nworld")
+        rejected = as_count(rejected, "LayoutGenerator: rejected", 0)
         if size is None:
             size = default_size(compiled.device)
             if compiled.pieces > _MOST_PIECES:
@@ -104,6 +112,7 @@ class LayoutGenerator:
         """Number of worlds."""
         return self.layouts.nworld
 
+    @launching
     def reseed(self, seed: int | Sequence[int] | np.ndarray | wp.array, mask: wp.array | None = None) -> None:
         """Give the masked worlds new seeds; the next layout they get is that of episode 0.
 
@@ -115,13 +124,14 @@ class LayoutGenerator:
             SeedError: See the class.
             MaskError, MaskTypeError: A mask of the wrong shape, or not of booleans.
         """
-        check_mask(mask, self.nworld)
+        check_mask(mask, self.layouts)
         self.launch_reseed(seeds_on_device(seed, self.nworld, self.compiled.device), mask)
 
     def launch_reseed(self, seeds: wp.array, mask: wp.array | None) -> None:
         """See `LayoutSource`."""
         launch_reseed(seeds, mask, self.layouts.seed, self.layouts.episode)
 
+    @launching
     def generate(self, mask: wp.array | None = None) -> None:
         """Advance the masked worlds by one episode and write their new layouts into `layouts`.
 
@@ -134,7 +144,7 @@ class LayoutGenerator:
         Raises:
             MaskError, MaskTypeError: A mask of the wrong shape, or not of booleans.
         """
-        check_mask(mask, self.nworld)
+        check_mask(mask, self.layouts)
         wp.copy(self._mask, self._all if mask is None else mask)
         self._generate()
 
@@ -201,25 +211,30 @@ class LayoutGenerator:
 def rejection_counts(layouts: Layouts) -> dict[str, dict[str, int]]:
     """`Layouts.rejections` by name: object (in placement order), then cause in lower case.
 
-    Causes of failing to reach are included if there are reach targets.
+    Causes of failing to reach are included if there are reach targets, and `unsound` if there was such a layout.
     """
     counts = layouts.rejections.numpy()
     unused = {Cause.NONE, *(REACH_CAUSES if layouts.compiled.reaching is None else ())}
+    if not counts[:, Cause.UNSOUND].any():
+        unused.add(Cause.UNSOUND)
     causes = [c for c in Cause if c not in unused]
     return {name: {c.name.lower(): int(counts[i, c]) for c in causes} for i, name in enumerate(layouts.compiled.placed)}
 
 
-def check_mask(mask: wp.array | None, nworld: int) -> None:
+def check_mask(mask: wp.array | None, layouts: Layouts) -> None:
     """Refuse a mask on the device that kernels would read beyond its end, or as something else.
 
     Raises:
         MaskTypeError: Not of booleans.
-        MaskError: Of the wrong shape.
+        MaskError: Of the wrong shape, or on another device.
     """
     if mask is None:
         return
     if not isinstance(mask, wp.array) or mask.dtype is not wp.bool:
         found = mask.dtype.__name__ if isinstance(mask, wp.array) else type(mask).__name__
         raise MaskTypeError(f"mask should be a Warp array of booleans, got {found}.")
-    if mask.shape != (nworld,):
-        raise MaskError(f"mask should have shape ({nworld},), got {tuple(mask.shape)}.")
+    if mask.shape != (layouts.nworld,) or mask.device != layouts.seed.device:
+        raise MaskError(
+            f"mask should have shape ({layouts.nworld},) and be on {layouts.seed.device}, got {tuple(mask.shape)} on "
+            f"{mask.device}."
+        )

@@ -1,6 +1,7 @@
 """Rounds of restarts: every pending world tries one restart, or several where rows are free.
 
-The lowest restart that placed everything is the world's layout; what later ones drew is not counted.
+The lowest restart that placed everything is the world's layout; what later ones drew is not counted. A layout that is
+not sound is never served: its world falls back at once.
 """
 
 import warp as wp
@@ -9,12 +10,14 @@ from sceniris_gym.layout.bank import fall_back
 from sceniris_gym.layout.groups import draw_groups, next_object
 from sceniris_gym.layout.layouts import LayoutsView, Status
 from sceniris_gym.layout.search import Search, SearchSize, queue_row
-from sceniris_gym.program.device import Program
+from sceniris_gym.layout.soundness import is_sound
+from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
 
 wp.set_module_options({"enable_backward": False})
 
 _VALID = wp.constant(int(Status.VALID))
+_UNSOUND = wp.constant(int(Cause.UNSOUND))
 _NEVER = wp.constant(1 << 30)
 
 
@@ -207,14 +210,19 @@ def _settle(
         row = _row_of_restart(search, worldid, i)
         _count_row(layouts, search, worldid, row)
     search.restart[worldid] = last + 1
+    sound = True
     if best < _NEVER:
+        sound = is_sound(program, layouts, row)
+    if best < _NEVER and sound:
         if row != worldid:
             _copy_row(layouts, row, worldid)
         layouts.status[worldid] = _VALID
         layouts.first_pass_valid[worldid] = wp.where(best == 0, 1, 0)
         search.pending[worldid] = False
         search.waiting[worldid] = staged
-    elif last == program.restarts:
+    elif last == program.restarts or not sound:
+        if not sound:
+            wp.atomic_add(layouts.rejections, wp.max(program.nobject - 1, 0), _UNSOUND, 1)
         layouts.status[worldid] = fall_back(program, reach, layouts, worldid, split)
         layouts.first_pass_valid[worldid] = 0
         search.pending[worldid] = False

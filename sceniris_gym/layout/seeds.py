@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from sceniris_gym.config.messages import short
 from sceniris_gym.errors import SeedError
 
 wp.set_module_options({"enable_backward": False})
@@ -67,7 +68,7 @@ def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
         raise SeedError(f"seed={seed} should be an integer from 0 to 2^64 - 1, not a boolean.")
     if isinstance(seed, int | np.integer):
         if not 0 <= int(seed) < 1 << 64:
-            raise SeedError(f"seed={seed} should be an integer from 0 to 2^64 - 1.")
+            raise SeedError(f"seed={short(seed)} should be an integer from 0 to 2^64 - 1.")
         with np.errstate(over="ignore"):
             return np.uint64(seed) + np.arange(nworld, dtype=np.uint64)
     many = isinstance(seed, Sequence) and not isinstance(seed, str | bytes)
@@ -82,7 +83,7 @@ def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
     if seed.dtype.kind == "u" or (seed.dtype.kind == "i" and (seed >= 0).all()):
         return seed.astype(np.uint64)
     first = next((i for i, value in enumerate(seed.tolist()) if not _is_seed(value)), 0)
-    raise SeedError(f"seeds[{first}]={seed[first]!r} should be an integer from 0 to 2^64 - 1.")
+    raise SeedError(f"seeds[{first}]={short(seed[first])} should be an integer from 0 to 2^64 - 1.")
 
 
 def _as_array(seeds: Sequence | np.ndarray) -> np.ndarray:

@@ -9,12 +9,15 @@ from sceniris_gym.errors import SceneMismatchError
 from sceniris_gym.layout.generate import check_mask
 from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.layout.seeds import launch_reseed, seeds_on_device
+from sceniris_gym.layout.turns import launching
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.scene.layout_table import LayoutTable
 
 wp.set_module_options({"enable_backward": False})
 
+# How far squared lengths of quaternions may be from 1.
+_UNIT = 1.0e-4
 _VALID = wp.constant(int(Status.VALID))
 
 
@@ -85,19 +88,22 @@ class StoredLayouts:
     ) -> None:
         self.layouts = Layouts.create(compiled, nworld)
         _check_table(compiled, table)
+        _check_rows(compiled, table)
         self.device = compiled.device
         self._stored = _on_device(table, self.device)
         self._all = wp.ones(nworld, dtype=wp.bool, device=self.device)
         self.reseed(seed)
 
+    @launching
     def reseed(self, seed: int | Sequence[int] | np.ndarray | wp.array, mask: wp.array | None = None) -> None:
         """Give the masked worlds (None: all) new seeds, as in the class; their next layouts are those of episode 0."""
-        check_mask(mask, self.layouts.nworld)
+        check_mask(mask, self.layouts)
         self.launch_reseed(seeds_on_device(seed, self.layouts.nworld, self.device), mask)
 
+    @launching
     def generate(self, mask: wp.array | None = None) -> None:
         """Serve the next row to the masked worlds (None: all)."""
-        check_mask(mask, self.layouts.nworld)
+        check_mask(mask, self.layouts)
         self.launch_generate(mask)
 
     def launch_reseed(self, seeds: wp.array, mask: wp.array | None) -> None:
@@ -152,6 +158,21 @@ def _check_table(compiled: CompiledScene, table: LayoutTable) -> None:
                 f"StoredLayouts: table.{name} should have shape ({wanted_shape}), with one row or more and as many as "
                 f"the other columns, got {found}. Store layouts of the same scene."
             )
+
+
+def _check_rows(compiled: CompiledScene, table: LayoutTable) -> None:
+    """Refuse rows with a number that is not finite, or with a quaternion that is not of length one."""
+    first = compiled.program.quat_qposadr.numpy()
+    quats = np.concatenate([table.qpos[:, first[:, None] + np.arange(4)], table.mocap_quat], axis=1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        unit = np.abs(np.square(quats.astype(float)).sum(axis=2) - 1.0) < _UNIT
+        finite = np.isfinite(table.qpos).all(axis=1) & np.isfinite(table.mocap_pos).all(axis=(1, 2))
+    wrong = np.flatnonzero(~(finite & unit.all(axis=1)))
+    if len(wrong):
+        raise SceneMismatchError(
+            f"StoredLayouts: row {wrong[0]} of the table holds a number that is not finite, or a quaternion whose "
+            f"length is not 1 ({len(wrong)} rows of {len(table)} do). Store layouts as a generator makes them."
+        )
 
 
 def _on_device(table: LayoutTable, device: str) -> list[wp.array]:

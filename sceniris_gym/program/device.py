@@ -41,6 +41,7 @@ class Cause(IntEnum):
     UNREACHABLE = 6
     NO_IK = 7
     BLOCKED = 8
+    UNSOUND = 9
 
 
 REACH_CAUSES = (Cause.UNREACHABLE, Cause.NO_IK, Cause.BLOCKED)
@@ -236,6 +237,11 @@ class Program:
     home_qpos: wp.array(dtype=float)
     home_place: wp.array(dtype=wp.vec4)
     home_bounds: wp.array(dtype=wp.vec4)
+    # What a layout must keep to be served: the greatest absolute value of each entry of qpos, the greatest sum of those
+    # of a mocap body's position, and where the quaternions of free and ball joints are.
+    bound_qpos: wp.array(dtype=float)
+    bound_mocap: wp.array(dtype=float)
+    quat_qposadr: wp.array(dtype=int)
     # The bank of valid layouts: rows of the split "train", then those of "eval".
     bank_ntrain: int
     bank_present: wp.array2d(dtype=int)

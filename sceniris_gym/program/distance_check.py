@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from sceniris_gym.config.fields import MOST_FAR, ROBOT
+from sceniris_gym.config.bounds import BOUNDS, MOST_FAR, MOST_WIDE
+from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.errors import SceneKeyError
-from sceniris_gym.geometry.pieces import PieceType
+from sceniris_gym.geometry.pieces import PieceType, geom_name
 from sceniris_gym.program.plan import PlacedObject, Plan
 from sceniris_gym.scene.model import SceneModel
-
-MOST_WIDE = 1000.0
-"""Largest distance [m] from the world's origin, along each axis, to which what is near it may reach: single precision
-resolves 61 um there, and layouts keep their distances to that. Where this matters there is a warning (`oddities.py`).
-Ground is better a plane, which has no corners."""
 
 
 def check_distances(scene: SceneModel, plan: Plan) -> None:
@@ -22,12 +18,15 @@ def check_distances(scene: SceneModel, plan: Plan) -> None:
     What stands beyond them as a whole and is no object of the scene can meet nothing, and is left alone.
 
     Raises:
-        SceneKeyError: An object that stands too far away or may be placed there, or a geom that reaches too far.
+        SceneKeyError: An object that stands too far away or may be placed there, a geom that reaches too far, or a
+            joint that is drawn too far out.
     """
     for name in scene.bodies:
         _check_start(scene, plan, name)
     for o in plan.objects:
         _check_region(scene, plan, o)
+        _check_size(scene, plan, o)
+        _check_draws(scene, o)
     for p in plan.pieces:
         if p.type == PieceType.PLANE:
             continue
@@ -53,6 +52,36 @@ def _check_start(scene: SceneModel, plan: Plan, name: str) -> None:
             f"{scene.config.where}: {key}: stands at ({place}) m, and should be within {MOST_FAR:g} m of the world's "
             "origin along each axis: rounding grows with distance. Move the model to the origin."
         )
+
+
+def _check_size(scene: SceneModel, plan: Plan, o: PlacedObject) -> None:
+    """Check that what is placed ends near enough to its own frame, wherever that is at home."""
+    if o.config is None or not o.config.is_placed:
+        return
+    for p in plan.pieces:
+        reach = (
+            float(np.abs(np.subtract(plan.extents(p), plan.home.xpos[o.bodies[0]])).max()) if p.body in o.bodies else 0
+        )
+        if reach > MOST_FAR:
+            raise SceneKeyError(
+                f"{scene.config.where}: objects.{o.name}: geom '{geom_name(scene.mjm, p.geom)}' reaches {reach:.4g} m "
+                f"from the object's origin, and should end within {MOST_FAR:g} m of it: rounding grows with distance. "
+                "Correct its position, or give its mesh a smaller `scale`."
+            )
+
+
+def _check_draws(scene: SceneModel, o: PlacedObject) -> None:
+    """Check that the limits, between which joints are drawn, are those of a mechanism."""
+    bound = BOUNDS["joint"]
+    for drawn in o.joint_ranges:
+        ends = drawn.choice or (drawn.low, drawn.high)
+        if not all(map(bound.holds, ends)):
+            joint = scene.mjm.joint(int(np.flatnonzero(scene.mjm.jnt_qposadr == drawn.qposadr)[0])).name
+            key = "robot" if o.name == ROBOT else f"objects.{o.name}"
+            raise SceneKeyError(
+                f"{scene.config.where}: {key}.joints: '{joint}' is drawn between {min(ends):g} and {max(ends):g}, and "
+                f"{bound.advice}. Correct its limits in the model, or give a 'range'."
+            )
 
 
 def _check_region(scene: SceneModel, plan: Plan, o: PlacedObject) -> None:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.fields import MOST_FAR, ROBOT
+from sceniris_gym.config.bounds import MOST_FAR
+from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.errors import ModelWarning
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.pieces import Piece, PieceType, flat_faces, geom_name

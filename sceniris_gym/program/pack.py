@@ -9,6 +9,7 @@ from sceniris_gym.geometry.colliders import Colliders
 from sceniris_gym.geometry.cores import no_core, piece_core
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.ragged import ranges
+from sceniris_gym.program.layout_bounds import layout_bounds
 from sceniris_gym.program.pack_objects import footprint_hulls, pack_objects
 from sceniris_gym.program.pack_regions import pack_regions
 from sceniris_gym.program.pack_relations import pack_relations
@@ -30,6 +31,7 @@ def pack_program(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int
         | pack_regions(plan, scene.config.where)
         | pack_pieces([*plan.pieces, *footprint_hulls(plan)], scene.config.geometry == "visual")
         | pack_bodies(scene)
+        | layout_bounds(scene, plan)
         | {"home_qpos": scene.home_qpos, "home_place": plan.place, "home_bounds": plan.bounds}
     )
 

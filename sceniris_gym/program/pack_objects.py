@@ -7,7 +7,8 @@ from itertools import product
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.fields import LEAST_GAP, ROBOT
+from sceniris_gym.config.bounds import LEAST_GAP
+from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.orientation import DrawnOrientation
 from sceniris_gym.geometry.colliders import Colliders

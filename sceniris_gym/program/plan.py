@@ -5,6 +5,7 @@ The result is plain numpy; `pack.py` flattens it into the fields of `device.Prog
 
 from __future__ import annotations
 
+import heapq
 from dataclasses import dataclass
 
 import mujoco
@@ -143,13 +144,24 @@ def placement_order(scene: SceneModel) -> list[str]:
     still = [ROBOT] if config.robot is not None else []
     still += [n for n in config.objects if n not in moving]
     order = [n for n in still if scene.joint_configs(n)]
-    pending = list(moving)
-    while pending:
-        ready = [n for n in pending if not set(config.objects[n].needs) & set(pending)]
-        if not ready:
-            raise CycleError(config.where, pending, "objects refer to each other")
-        order.append(ready[0])
-        pending.remove(ready[0])
+    number = {name: i for i, name in enumerate(moving)}
+    waits = {n: {other for other in config.objects[n].needs if other in number} for n in moving}
+    followers: dict[str, list[str]] = {}
+    for name, others in waits.items():
+        for other in others:
+            followers.setdefault(other, []).append(name)
+    ready = [number[n] for n in moving if not waits[n]]  # in ascending order, so a heap
+    pending = dict.fromkeys(moving)
+    while ready:
+        name = moving[heapq.heappop(ready)]
+        order.append(name)
+        del pending[name]
+        for other in followers.get(name, ()):
+            waits[other].remove(name)
+            if not waits[other]:
+                heapq.heappush(ready, number[other])
+    if pending:
+        raise CycleError(config.where, list(pending), "objects refer to each other")
     return order
 
 
@@ -196,7 +208,8 @@ def _pieces(scene: SceneModel) -> list[Piece]:
 def _standing(scene: SceneModel, name: str, pieces: list[Piece], home: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
     """Where an object stands at home, as relations see it: (pivot, heading) and bounds."""
     root = scene.bodies[name]
-    shape = HomeShape(home, root, [p for p in pieces if p.body in scene.subtree(name) and p.type != PieceType.PLANE])
+    bodies = set(scene.subtree(name))
+    shape = HomeShape(home, root, [p for p in pieces if p.body in bodies and p.type != PieceType.PLANE])
     mat = home.xmat[root].reshape(3, 3)
     variant, heading = shape.variant(of_heading_zero(mat)), heading_of(mat)
     if name == ROBOT:  # is where its base is, wherever its arm reaches

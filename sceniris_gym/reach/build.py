@@ -36,6 +36,8 @@ _POLE_STEPS = 5  # steps of the poles' tables in a step of the grid
 _NEAR_STARTS = 32  # more random starts for corners with a neighbour that is reached in more turns
 _EDGE_STARTS = 16  # random starts for points on an edge, besides the solution at its reached end
 _PASSES = 10
+_FEWEST_STEPS, _MOST_STEPS = 2, 10_000  # of the grid in the arm's reach
+_LEAST_TILT, _MOST_TILT = math.radians(0.01), math.radians(90.0)
 _HALVINGS = 4  # of an edge that the surface crosses: its distance is known to 1/32 of a step
 _MOST_CORNERS = 2**29  # keeps addresses within 32 bits, and joints within 16 GB while a map is built
 _FULL = 255  # label of a corner that is reached in every turn
@@ -115,9 +117,10 @@ class LabelledGrid:
     def solve(self, checkpoint: Checkpoint, progress: Progress) -> None:
         """Do everything that is left to do according to the checkpoint."""
         arrays = {f"{self.name}_{key}": getattr(self, key) for key in ("level", "distance", "joints")}
+        batches = -(-len(self.lattice.inside) // self._batch)
         for stage in (self._label, self._spread, self._bisect):
             task = f"{self.name}{stage.__name__}"
-            if checkpoint.enter(task, arrays):
+            if checkpoint.enter(task, arrays, batches * self._batch):
                 stage(checkpoint, progress)
                 checkpoint.leave(task)
 
@@ -245,6 +248,13 @@ def build_map(
     step = max(STEP, radius / _STEPS_OF_REACH) if step is None else step
     if not (step > 0.0 and tilt_step > 0.0):
         raise MapError(f"map of {arm.name}: steps of {step:g} m and {tilt_step:g} rad should be positive.")
+    least, most = radius / _MOST_STEPS, radius / _FEWEST_STEPS
+    if not (least <= step <= most and _LEAST_TILT <= tilt_step <= _MOST_TILT):
+        raise MapError(
+            f"map of {arm.name}: a step of {step:g} m should be from {least:.2g} to {most:.2g} m, as the arm reaches "
+            f"{radius:.2f} m, and a tilt step of {math.degrees(tilt_step):g} degrees from "
+            f"{math.degrees(_LEAST_TILT):g} to {math.degrees(_MOST_TILT):g}."
+        )
     grid, poles = lattices(height, radius, step, tilt_step)
     if math.prod(grid.shape) > _MOST_CORNERS:
         raise MapError(

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import time
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from sceniris_gym.errors import MapError
+from sceniris_gym.reach.stored_arrays import UNREADABLE, read_arrays
 
+_AGAIN = "Remove the file to start over."
 _SECONDS = 60.0  # between two writes
 
 
@@ -36,19 +38,27 @@ class Checkpoint:
         if path is not None and path.is_file():
             self._read(path)
 
-    def enter(self, task: str, arrays: Mapping[str, np.ndarray]) -> bool:
+    def enter(self, task: str, arrays: Mapping[str, np.ndarray], most: float = math.inf) -> bool:
         """Begin a task: restore its arrays, and return whether anything is left to do.
 
-        `done` then says how far it had got.
+        `done` then says how far it had got, which is `most` at most.
+
+        Raises:
+            MapError: The file holds arrays of another form, or says that more was done than there is.
         """
         for name, array in arrays.items():
             if name in self._stored:
-                array[...] = self._stored.pop(name)
+                stored = self._stored.pop(name)
+                if stored.shape != array.shape or stored.dtype != array.dtype:
+                    raise MapError(f"{self._path}: '{name}' holds {stored.dtype} of shape {stored.shape}. {_AGAIN}")
+                array[...] = stored
         self._arrays.update(arrays)
         if task in self._finished:
             return False
         self.done = self.done if task == self._task else 0
         self._task = task
+        if not 0 <= self.done <= most:
+            raise MapError(f"{self._path}: says that {self.done} of {most} parts of '{task}' are done. {_AGAIN}")
         return True
 
     def reached(self, done: int) -> None:
@@ -81,14 +91,13 @@ class Checkpoint:
         self._written = time.monotonic()
 
     def _read(self, path: Path) -> None:
-        again = "Remove the file to start over."
         try:
-            with np.load(path, allow_pickle=False) as stored:
-                held = {name: stored[name] for name in stored.files}
-            build, finished, task, done = (held.pop(name) for name in ("build", "finished", "task", "done"))
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-            raise MapError(f"{path}: this is not the saved state of a build ({error}). {again}") from error
-        if str(build) != self._build:
-            raise MapError(f"{path}: the state of a different build, with another arm, step or seed. {again}")
-        self._finished, self._task, self.done = set(str(finished).split()), str(task), int(done)
+            held = read_arrays(path)
+            build, finished, task = (str(held.pop(name)) for name in ("build", "finished", "task"))
+            done = int(held.pop("done"))
+        except UNREADABLE as error:
+            raise MapError(f"{path}: this is not the saved state of a build ({error}). {_AGAIN}") from error
+        if build != self._build:
+            raise MapError(f"{path}: the state of a different build, with another arm, step or seed. {_AGAIN}")
+        self._finished, self._task, self.done = set(finished.split()), task, done
         self._stored = held

@@ -11,6 +11,7 @@ import pytorch_kinematics as pk
 import torch
 from pytorch_kinematics.frame import Frame, Joint, Link
 
+from sceniris_gym.errors import ArgumentError
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.solve import POS_TOL, ROT_TOL
 
@@ -42,7 +43,7 @@ class Chain:
         """Return poses of the TCP in the base frame, shape (N, 4, 4), at joints of shape (N, n) [rad, m].
 
         Raises:
-            ValueError: `q` has the wrong shape.
+            ArgumentError: `q` has the wrong shape.
         """
         return self.serial.forward_kinematics_tensor(self._joints("q", q) - self._ref)[-1]
 
@@ -68,14 +69,14 @@ class Chain:
             their TCP is within POS_TOL and ROT_TOL of the pose, shape (N,), bool.
 
         Raises:
-            ValueError: `poses` or `seeds` have the wrong shape, or there are no starts.
+            ArgumentError: `poses` or `seeds` have the wrong shape, or there are no starts.
         """
         poses = self._tensor(poses)
         if poses.ndim != 3 or poses.shape[1:] != (4, 4):
-            raise ValueError(f"ik: poses have shape {tuple(poses.shape)}, but should have (N, 4, 4).")
+            raise ArgumentError(f"ik: poses have shape {tuple(poses.shape)}, but should have (N, 4, 4).")
         starts = self.random_joints(restarts, seed) if seeds is None else self._joints("seeds", seeds)
         if not len(starts):
-            raise ValueError("ik: there are no joints to start from; give seeds, or restarts should be at least 1.")
+            raise ArgumentError("ik: there are no joints to start from; give seeds, or restarts should be at least 1.")
         best = self._within(starts[:1]).repeat(len(poses), 1)
         error = torch.full((len(poses),), torch.inf, dtype=self.dtype, device=self.device)
         ok = torch.zeros(len(poses), dtype=torch.bool, device=self.device)
@@ -137,7 +138,7 @@ class Chain:
         """Joints from the user, with their shape checked."""
         q, n = self._tensor(values), len(self.lower)
         if q.ndim != 2 or q.shape[1] != n:
-            raise ValueError(f"{name} has shape {tuple(q.shape)}, but should have (N, {n}) for '{self.arm.name}'.")
+            raise ArgumentError(f"{name} has shape {tuple(q.shape)}, but should have (N, {n}) for '{self.arm.name}'.")
         return q
 
     def _tensor(self, values: torch.Tensor | np.ndarray | list[float]) -> torch.Tensor:

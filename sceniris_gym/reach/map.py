@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import math
 import time
-import zipfile
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import resources
@@ -26,6 +24,7 @@ from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.labels import base_turn, wrist_turn
 from sceniris_gym.reach.lookup import MapView, look_up, vec8h
 from sceniris_gym.reach.solve import as_vec8, vec8
+from sceniris_gym.reach.stored_arrays import UNREADABLE, read_arrays
 from sceniris_gym.reach.tier import Tier
 
 SUFFIX = ".reach"
@@ -42,7 +41,8 @@ MOST_FALSE_ACCEPTS = 0.005
 """A map is `coarse` if a larger share of the poses that it accepts than this is out of reach."""
 
 _FORMAT = 1
-_UNREADABLE = (OSError, ValueError, TypeError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
+_MOST = 100.0  # of steps and first coordinates [m, rad] in a file
+_MOST_CORNERS = 1 << 16  # along an axis
 _ARRAYS = ("rows", "codes", "poles", "wit_cells", "wit_joints")
 _NUMBERS = ("step", "tilt_step", "z_low", "u_low", "nz", "ntilt", "nu", "pole_step", "pole_z_low", "turn_error", "seed")
 _MEASURED = "false_accepts"  # only in files of maps for which it was measured
@@ -144,12 +144,11 @@ class ReachMap:
         if not path.is_file():
             raise MapError(f"{path}: there is no such reachability map. {again}")
         try:
-            with path.open("rb") as file:
-                held = _members(file)
+            held: dict[str, Any] = read_arrays(path)
             version, made_for = int(held.pop("format")), str(held.pop("arm"))
             known = (*_NUMBERS, _MEASURED) if _MEASURED in held else _NUMBERS
             fields = {name: held[name] for name in _ARRAYS} | {name: held[name].item() for name in known}
-        except _UNREADABLE as error:
+        except UNREADABLE as error:
             raise MapError(f"{path}: this is not a reachability map, or a damaged one ({error}). {again}") from error
         if version != _FORMAT:
             raise MapError(f"{path}: the map has format {version}, but should have format {_FORMAT}. {again}")
@@ -283,26 +282,22 @@ def build_command(asset: str) -> str:
     return f"sceniris-gym reach {asset} --build -o {map_path(asset)}"
 
 
-def _members(file: BinaryIO) -> dict[str, Any]:
-    """All arrays of an archive."""
-    stored = np.load(file, allow_pickle=False)
-    if not isinstance(stored, np.lib.npyio.NpzFile):
-        raise ValueError("a single array")
-    return {name: stored[name] for name in stored.files}
-
-
 def _faults(fields: dict[str, Any], njoint: int) -> Iterator[str]:
     """Yield what is impossible in the fields of a file; lookups on the device trust all of them."""
     for name in ("nz", "ntilt", "nu", "seed"):
-        if type(fields[name]) is not int or (name != "seed" and fields[name] < 2):
+        if type(fields[name]) is not int or (name != "seed" and not 2 <= fields[name] < _MOST_CORNERS):
             yield f"{name} is {fields[name]!r}"
     for name in ("step", "tilt_step", "pole_step", "z_low", "u_low", "pole_z_low", "turn_error"):
         value = fields[name]
         if type(value) is not float or not math.isfinite(value) or (name.endswith("step") and value <= 0.0):
             yield f"{name} is {value!r}"
+        elif abs(value) > _MOST:
+            yield f"{name} is {value!r}, and no arm needs that"
     share = fields.get(_MEASURED, 0.0)
     if type(share) is not float or not 0.0 <= share <= 1.0:
         yield f"{_MEASURED} is {share!r}"
+    if not fields["codes"].any() and not fields["poles"].any():
+        yield "its codes say that nothing is within reach"
     nz, ntilt, nu = fields["nz"], fields["ntilt"], fields["nu"]
     shapes = {
         "rows": (np.int32, (nz * nu, 3)),

@@ -12,6 +12,7 @@ import numpy as np
 
 from sceniris_gym.config.loader import SHIPPED_NAME, shipped
 from sceniris_gym.config.objects import ObjectConfig
+from sceniris_gym.config.paths import user_path
 from sceniris_gym.config.scene import RobotConfig, SceneConfig
 from sceniris_gym.errors import MeshError, SceneFileError, SceneKeyError, UnknownNameError
 
@@ -41,6 +42,7 @@ def load_mjcf(path: Path, where: str) -> mujoco.MjSpec:
     Raises:
         SceneFileError: The file or one that it refers to is missing, or MuJoCo cannot read it.
     """
+    path = user_path(path, Path(), where)
     if not path.is_file():
         raise SceneFileError(f"{where}: there is no file '{path}'. Give the path of an MJCF file.")
     try:

@@ -17,6 +17,7 @@ from sceniris_gym.scene import assemble, backdrop
 from sceniris_gym.scene.adopt import HOME, adopt_body, check_additions, check_bodies
 from sceniris_gym.scene.couplings import Coupling, driven_by, follow, joint_couplings, turned_round
 from sceniris_gym.scene.identity import scene_hash
+from sceniris_gym.scene.number_check import check_numbers
 from sceniris_gym.scene.parking import add_parking_ground, has_parking_ground
 from sceniris_gym.scene.support import Support, static_supports
 
@@ -82,11 +83,11 @@ class SceneModel:
     def joints(self, name: str) -> dict[str, int]:
         """Return the joints inside an object or the robot, except a root's freejoint: id by the name inside it."""
         prefix = self._prefix(name)
-        bodies = set(self.subtree(name))
+        joints = np.flatnonzero(np.isin(self.mjm.jnt_bodyid, self.subtree(name))).tolist()
         return {
             _local(self.mjm.joint(i).name, prefix): i
-            for i in range(self.mjm.njnt)
-            if self.mjm.jnt_bodyid[i] in bodies and self.mjm.jnt_type[i] != mujoco.mjtJoint.mjJNT_FREE
+            for i in joints
+            if self.mjm.jnt_type[i] != mujoco.mjtJoint.mjJNT_FREE
         }
 
     def joint_configs(self, name: str) -> dict[int, JointConfig]:
@@ -182,11 +183,10 @@ class SceneModel:
 
 def subtree(mjm: mujoco.MjModel, root: int) -> list[int]:
     """Return the ids of a body and of all bodies below it, in ascending order."""
-    inside = {root}
-    for body in range(root + 1, mjm.nbody):  # parents come before their children
-        if int(mjm.body_parentid[body]) in inside:
-            inside.add(body)
-    return sorted(inside)
+    end = root + 1  # bodies are numbered depth first: what is below one follows it
+    while end < mjm.nbody and mjm.body_parentid[end] >= root:
+        end += 1
+    return list(range(root, end))
 
 
 def build_model(config: SceneConfig) -> SceneModel:
@@ -256,6 +256,7 @@ def _scene(
     config: SceneConfig, spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, home: _Home, couplings: tuple[Coupling, ...]
 ) -> SceneModel:
     """The scene of a compiled model, in which all names that the scene refers to are looked up once."""
+    check_numbers(mjm, config.where)
     bodies = {name: mjm.body(part.body or name).id for name, part in config.objects.items()}
     if config.robot is not None:
         bodies[ROBOT] = mjm.body(assemble.asset_name(config.robot.asset)).id
@@ -328,6 +329,9 @@ def _home(mjm: mujoco.MjModel, homes: list[assemble.Home], config: SceneConfig) 
                 qpos[adr : adr + len(values)] = values
         for actuator, value in home.ctrl.items():
             ctrl[mjm.actuator(actuator).id] = value
+    exact = qpos.copy()
+    mujoco.mj_normalizeQuat(mjm, exact)
+    qpos = qpos if np.abs(exact - qpos).max(initial=0.0) < 1e-6 else exact
     return _Home(keyframe, qpos, ctrl)
 
 

@@ -31,6 +31,7 @@ def check_mask(mask: Any, nworld: int, name: str = "mask") -> None:
         raise MaskTypeError(f"{name} should be a boolean numpy array, torch tensor or Warp array, got {type(mask)}.")
     if str(mask.dtype) not in ("bool", "torch.bool") and mask.dtype is not wp.bool:
         raise MaskTypeError(f"{name} should hold booleans, got {mask.dtype}. A comparison such as `x > 0` gives them.")
+    _check_plain(mask, name)
     if tuple(mask.shape) != (nworld,):
         raise MaskError(f"{name} should have shape ({nworld},), one element per world, got {tuple(mask.shape)}.")
 
@@ -49,7 +50,11 @@ def as_rows(rows: Any, nrow: int, nworld: int, device: wp.Device) -> wp.array:
         MaskError: Wrong shape, or a row that does not exist (checked in sequences and numpy arrays only).
     """
     if _kind(rows) is None:
-        rows = np.asarray(rows)
+        try:
+            rows = np.asarray(rows)
+        except ValueError:  # lists of different lengths
+            raise MaskTypeError(f"rows should be integers, one per world, got {type(rows)}.") from None
+    _check_plain(rows, "rows")
     if "int" not in getattr(rows.dtype, "__name__", str(rows.dtype)):
         raise MaskTypeError(f"rows should hold integers, got {rows.dtype}.")
     if tuple(rows.shape) != (nworld,):
@@ -92,6 +97,15 @@ def as_ids(ids: Any, nworld: int, device: wp.Device) -> wp.array:
     elif _kind(ids) == "torch":
         ids = ids.clamp(-1, nworld).int().contiguous()  # what does not exist must not wrap around to what does
     return _to_device(ids, wp.int32, device)
+
+
+def _check_plain(array: Any, name: str) -> None:
+    """Refuse a torch tensor that has no values of its own in memory, and a NumPy array that hides some."""
+    if _kind(array) == "torch" and (array.is_meta or str(array.layout) != "torch.strided" or array.is_nested):
+        what = "a meta tensor, which has no values" if array.is_meta else f"a tensor of layout {array.layout}"
+        raise MaskError(f"{name} should be a dense array, got {what}. `to_dense()` makes one of a sparse one.")
+    if isinstance(array, np.ma.MaskedArray):
+        raise MaskError(f"{name} should be a dense array, got a masked one. `filled(False)` makes one of it.")
 
 
 def _kind(array: Any) -> str | None:

@@ -13,10 +13,12 @@ import warp as wp
 from sceniris_gym.errors import MaskTypeError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.pickling import StaysHere
 from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.layout.seeds import seeds_on_device
 from sceniris_gym.layout.sequence import LaunchSequence
 from sceniris_gym.layout.source import LayoutSource
+from sceniris_gym.layout.turns import launching
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import check_budget, update_stages
@@ -49,7 +51,7 @@ A need of "sensors" or "dynamics" adds what delayed sensors measure now to `hist
 _WRITES = ("all", "placed")
 
 
-class ResetRandomizer:
+class ResetRandomizer(StaysHere):
     """Resets chosen worlds to fresh layouts; the other worlds keep their state bit for bit.
 
     A reset clears the data of the chosen worlds (`mjw.reset_data`: velocities, warm starts, clocks and NaNs too) and
@@ -98,6 +100,7 @@ class ResetRandomizer:
         UnknownNameError: `write` is neither "all" nor "placed".
     """
 
+    @launching
     def __init__(
         self,
         compiled: CompiledScene,
@@ -157,6 +160,7 @@ class ResetRandomizer:
         """The latest layouts, one row per world."""
         return self.layout_source.layouts
 
+    @launching
     def reset(self, mask: Any = None, *, env_ids: Any = None) -> None:
         """Give the masked worlds, or those with these numbers, their next layouts.
 
@@ -186,6 +190,7 @@ class ResetRandomizer:
         else:
             self._reset()
 
+    @launching
     def reseed(self, seeds: int | Sequence[int] | np.ndarray | wp.array, mask: Any = None) -> None:
         """Give the masked worlds new seeds; their next layouts are those of episode 0.
 
@@ -206,6 +211,7 @@ class ResetRandomizer:
         """Give masked worlds new seeds, both on the device: `reseed` without its checks."""
         self.layout_source.launch_reseed(seeds, mask)
 
+    @launching
     def write(self, layouts: Layouts | LayoutTable, rows: Any) -> None:
         """Reset worlds to stored layouts. `self.layouts` does not change.
 
@@ -227,6 +233,7 @@ class ResetRandomizer:
         """Return how many candidates were rejected so far, by object and cause. Waits for the device."""
         return self.layout_source.rejection_counts()
 
+    @launching
     def check_budget(self) -> None:
         """Check that `data` has room for the contacts of the current state, and had it since the last resets.
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import re
+import socket
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,19 +13,28 @@ from pathlib import Path
 
 from sceniris_gym.errors import NotSupportedError, OutputError
 
+UNWRITABLE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO})
+"""What the operating system says where nothing can be written."""
+
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Yield the path of a temporary file beside `path`, which replaces `path` if the block succeeds.
 
-    If it fails, or the user presses Ctrl-C, the temporary file is removed and `path` stays as it was.
+    If it fails, or the user presses Ctrl-C, the temporary file is removed and `path` stays as it was. What a process
+    left behind that was killed is removed by the next one on the same machine.
 
     Raises:
         OutputError: The file cannot be written.
     """
     temporary = _temporary(path)
     try:
-        yield temporary
+        try:
+            yield temporary
+        except OSError as error:
+            if error.errno not in UNWRITABLE or isinstance(error, OutputError):
+                raise
+            raise OutputError(str(path), str(error.strerror).lower()) from error
         temporary.chmod(0o644)
         with _in_words(path):
             os.replace(temporary, path)
@@ -57,9 +69,30 @@ def check_picture(path: Path) -> None:
 def _temporary(path: Path) -> Path:
     with _in_words(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent)
+        _remove_orphans(path)
+        prefix = f".{path.name}.{socket.gethostname()}-{os.getpid()}."
+        handle, name = tempfile.mkstemp(prefix=prefix, suffix=".tmp", dir=path.parent)
     os.close(handle)
     return Path(name)
+
+
+def _remove_orphans(path: Path) -> None:
+    """Remove temporary files of this path whose process, on this machine, has ended."""
+    form = re.compile(rf"\.{re.escape(path.name)}\.{re.escape(socket.gethostname())}-(\d+)\.\w+\.tmp")
+    for other in path.parent.iterdir():
+        found = form.fullmatch(other.name)
+        if found is not None and not _is_running(int(found[1])):
+            other.unlink(missing_ok=True)
+
+
+def _is_running(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        pass
+    return True
 
 
 @contextmanager

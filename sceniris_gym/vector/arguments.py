@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import operator
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,17 +10,21 @@ import numpy as np
 import torch
 import warp as wp
 from gymnasium import Space
+from gymnasium.vector import AutoresetMode
 from torch import Tensor
 
+from sceniris_gym.config.messages import short
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import MaskError, UnknownNameError
-from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, UnknownNameError
+from sceniris_gym.layout.compile import compile_scene, device_name
+from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.masks import check_mask
 from sceniris_gym.vector.ranks import ALONE, Rank
 from sceniris_gym.vector.task import Task
 
+_MOST_PIXELS = 1 << 14  # along an edge
 RESET_MASK = "reset_mask"  # the option of Gymnasium's own vector environments
 
 
@@ -29,10 +32,13 @@ def as_task(task: Task | type[Task] | str) -> Task:
     """Return a Task that is given as itself, as its class, or as "module:Class"."""
     if isinstance(task, str):
         module, _, name = task.partition(":")
-        task = getattr(importlib.import_module(module), name)
+        try:
+            task = getattr(importlib.import_module(module), name)
+        except (ImportError, AttributeError, ValueError) as error:
+            raise ArgumentError(f"task {task!r} should be 'module:Class', as Python can import it: {error}.") from None
     made = task() if isinstance(task, type) else task
     if not isinstance(made, Task):
-        raise TypeError(f"task should be a Task, its class, or 'module:Class', got {made!r}.")
+        raise ArgumentTypeError(f"task should be a Task, its class, or 'module:Class', got {made!r}.")
     return made
 
 
@@ -40,12 +46,12 @@ def as_compiled_scene(scene: Any, overrides: Mapping[str, Any] | None, device: s
     """Return a CompiledScene as it is, or compile what SceneConfig.load takes; device None is cuda:0 if there is one.
 
     Raises:
-        ValueError: A CompiledScene with overrides, or with another device than its own.
+        ArgumentError: A CompiledScene with overrides, or with another device than its own.
         ScenirisError: See compile_scene.
     """
     if isinstance(scene, CompiledScene):
-        if overrides or (device is not None and wp.get_device(device) != wp.get_device(scene.device)):
-            raise ValueError(
+        if overrides or (device is not None and device_name(device) != scene.device):
+            raise ArgumentError(
                 "scene should be a scene file, mapping or SceneConfig to use overrides or another device: "
                 "a CompiledScene cannot be changed."
             )
@@ -53,32 +59,31 @@ def as_compiled_scene(scene: Any, overrides: Mapping[str, Any] | None, device: s
     return compile_scene(SceneConfig.load(scene, dict(overrides or {})), device)
 
 
-def as_count(value: Any, name: str) -> int:
-    """Return an integer of any library as an int.
+def as_autoreset_mode(value: Any) -> AutoresetMode:
+    """Return one of Gymnasium's modes, given as itself or as its value.
 
     Raises:
-        ValueError: Not an integer, or less than 1.
+        ArgumentError: Neither.
     """
     try:
-        count = 0 if isinstance(value, bool) else operator.index(value)
-    except TypeError:
-        count = 0
-    if count < 1:
-        raise ValueError(f"{name} should be an integer of at least 1, got {value!r}.")
-    return count
+        return AutoresetMode(value)
+    except ValueError:
+        modes = ", ".join(mode.value for mode in AutoresetMode)
+        raise ArgumentError(f"autoreset_mode should be one of {modes}, got {short(value)}.") from None
 
 
 def as_size(value: Any, name: str) -> tuple[int, int]:
     """Return width and height.
 
     Raises:
-        ValueError: Not two integers, or one less than 1.
+        ArgumentError: Not two numbers.
+        CountError: One that is no integer, or out of range.
     """
     try:
         width, height = value
     except (TypeError, ValueError):
-        raise ValueError(f"{name} should be (width, height), got {value!r}.") from None
-    return as_count(width, f"{name}[0]"), as_count(height, f"{name}[1]")
+        raise ArgumentError(f"{name} should be (width, height), got {short(value)}.") from None
+    return as_count(width, f"{name}[0]", most=_MOST_PIXELS), as_count(height, f"{name}[1]", most=_MOST_PIXELS)
 
 
 def as_reset_seeds(
@@ -144,11 +149,16 @@ def as_action(actions: Any, space: Space, device: torch.device) -> Tensor:
     A NaN in the controls would stay there until the world's next reset, and a gradient for ever.
 
     Raises:
-        ValueError: Wrong shape.
+        ArgumentError: Wrong shape, or not numbers.
     """
-    action = torch.as_tensor(actions, dtype=torch.float32, device=device).detach()
+    try:
+        action = torch.as_tensor(actions, dtype=torch.float32, device=device).detach()
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise ArgumentError(f"actions should be an array of numbers, shape {space.shape}: {error}") from None
+    if action.layout is not torch.strided:
+        raise ArgumentError(f"actions should be a dense tensor, got one of layout {action.layout}.")
     if action.shape != space.shape:
-        raise ValueError(f"actions should have shape {space.shape}, got {tuple(action.shape)}.")
+        raise ArgumentError(f"actions should have shape {space.shape}, got {tuple(action.shape)}.")
     return action.nan_to_num(nan=0.0).clamp(-1.0, 1.0)
 
 

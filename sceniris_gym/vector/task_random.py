@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.random import SPLITS, STREAM_BITS, TASK_STREAM, uniforms
 
 wp.set_module_options({"enable_backward": False})
@@ -10,7 +11,7 @@ wp.set_module_options({"enable_backward": False})
 def task_stream(split: str, stream: int) -> int:
     """Return the Philox stream of a task's own `stream`, 0 to 2^24 - 1, in a split."""
     if not 0 <= stream < 1 << STREAM_BITS:
-        raise ValueError(f"stream should be from 0 to {(1 << STREAM_BITS) - 1}, got {stream}.")
+        raise ArgumentError(f"stream should be from 0 to {(1 << STREAM_BITS) - 1}, got {stream}.")
     return TASK_STREAM + (SPLITS[split] << STREAM_BITS) + stream
 
 

@@ -17,8 +17,12 @@ from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import ArgumentError
+from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.pickling import StaysHere
 from sceniris_gym.layout.source import LayoutSource
+from sceniris_gym.layout.turns import Turn, in_turn, launching
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.pictures import FrameCamera
@@ -26,8 +30,8 @@ from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector import spaces
 from sceniris_gym.vector.arguments import (
     as_action,
+    as_autoreset_mode,
     as_compiled_scene,
-    as_count,
     as_reset_mask,
     as_reset_seeds,
     as_size,
@@ -43,7 +47,7 @@ from sceniris_gym.vector.task_checks import check_observation, check_outcome
 OUTPUTS = ("torch", "numpy")
 
 
-class SceneVectorEnv(VectorEnv):
+class SceneVectorEnv(StaysHere, VectorEnv):
     """Steps `num_envs` worlds of a task together, on one device, and gives each a fresh layout at every reset.
 
     Observations are a dict of groups (`policy`, `critic`), each of shape (num_envs, size); `observation_names` lists
@@ -101,6 +105,7 @@ class SceneVectorEnv(VectorEnv):
 
     # tensors made under inference mode could not be written to outside of it
     @torch.inference_mode(False)
+    @launching
     def __init__(
         self,
         task: Task | type[Task] | str,
@@ -126,20 +131,21 @@ class SceneVectorEnv(VectorEnv):
         graph: bool = True,
     ) -> None:
         if output not in OUTPUTS:
-            raise ValueError(f"output should be one of {', '.join(OUTPUTS)}, got {output!r}.")
+            raise ArgumentError(f"output should be one of {', '.join(OUTPUTS)}, got {output!r}.")
         if render_mode not in (None, "rgb_array"):
-            raise ValueError(f"render_mode should be 'rgb_array' or None, got {render_mode!r}.")
+            raise ArgumentError(f"render_mode should be 'rgb_array' or None, got {render_mode!r}.")
         num_envs = as_count(num_envs, "num_envs")
         if max_episode_steps is not None:
             max_episode_steps = as_count(max_episode_steps, "max_episode_steps")
         self.task, self.num_envs, self.max_episode_steps = as_task(task), num_envs, max_episode_steps
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.autoreset_mode = as_autoreset_mode(autoreset_mode)
         self.output, self.copy, self.render_mode, self.split = output, copy, render_mode, split
         self.render_envs = num_envs if render_envs is None else min(as_count(render_envs, "render_envs"), num_envs)
         self.render_size, self.render_camera = as_size(render_size, "render_size"), render_camera
 
         self.rank = Rank.current()
         device = self.rank.device if device is None and not isinstance(scene, CompiledScene) else device
+        self.turn = Turn(type(self).__name__)
         self.compiled = as_compiled_scene(self.task.scene if scene is None else scene, overrides, device)
         self.rank.tell(self.compiled.device)
         needs, substeps = self.task.needs, self.task.substeps
@@ -198,6 +204,7 @@ class SceneVectorEnv(VectorEnv):
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         return flat
 
+    @in_turn
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -244,6 +251,7 @@ class SceneVectorEnv(VectorEnv):
             observation = self._observe(0)
             return self._returned(observation), self._returned(self._layout_info())
 
+    @in_turn
     def step(self, actions: Any) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Any]]:
         """Take one control step in all worlds.
 
@@ -255,7 +263,8 @@ class SceneVectorEnv(VectorEnv):
 
         Raises:
             ResetNeeded: There was no reset yet.
-            ValueError: The actions have the wrong shape.
+            BusyError: Another thread is in a call of this environment.
+            ArgumentError: The actions have the wrong shape.
         """
         self._check_open()
         if not self._ready:
@@ -267,6 +276,7 @@ class SceneVectorEnv(VectorEnv):
             self.state.elapsed.add_(1)
             return self._outcome(action)
 
+    @in_turn
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Return pictures of the first `render_envs` worlds, each (height, width, 3) uint8; None without a mode."""
         self._check_open()

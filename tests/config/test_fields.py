@@ -46,7 +46,7 @@ WRONG: dict[str, tuple] = {
     "short floor": ({"floor.size": [1]}, SceneKeyError, ["floor.size.1", "missing"]),
     "long floor": ({"floor.size": [1, 1, 1]}, SceneKeyError, ["floor.size", "2 values"]),
     "empty floor": ({"floor.size": [0, 1]}, SceneKeyError, ["floor.size.0: 0", "above 0"]),
-    "endless floor": ({"floor.size": [1, 201]}, SceneKeyError, ["floor.size.1: 201", "at most 200"]),
+    "endless floor": ({"floor.size": [1, 201]}, SceneKeyError, ["floor.size.1: 201", "to 200 m"]),
     "bad name": ({"objects.an apple": {"asset": "apple"}}, SceneKeyError, ["an apple", "letters, digits"]),
     "taken name": (
         {"objects.floor": {"asset": "apple"}},

@@ -7,13 +7,21 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from sceniris_gym.config.loader import merge, override, read_scene, shipped
 from sceniris_gym.config.objects import JointConfig, SupportConfig
 from sceniris_gym.config.orientation import DrawnOrientation
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import CycleError, SceneFileError, SceneKeyError, ScenirisError, UnknownNameError
+from sceniris_gym.errors import (
+    ArgumentTypeError,
+    CycleError,
+    SceneFileError,
+    SceneKeyError,
+    ScenirisError,
+    UnknownNameError,
+)
 from tests.config.scenes import NEIGHBOURS, SMALL, refusal, refused, write
 
 
@@ -213,3 +221,34 @@ def test_shipped_files_are_found_by_their_stems():
     found = shipped("envs", ".yaml")
     assert found.keys() == {path.stem for path in (Path(__file__).parents[2] / "envs").glob("*.yaml")}
     assert all(path.is_file() and path.name == f"{name}.yaml" for name, path in found.items())
+
+
+@pytest.mark.parametrize("scene", [None, 5, [1], b"mid"])
+def test_what_is_no_scene_is_refused_by_its_type(scene: Any):
+    """With what would be one."""
+    with pytest.raises(ArgumentTypeError, match=r"scene should be the name of a shipped scene, .* or a mapping"):
+        SceneConfig.load(scene)
+
+
+@pytest.mark.parametrize("overrides", [[1], "objects.apple.gap=1", 5, np.zeros(2)])
+def test_overrides_are_a_mapping(overrides: Any):
+    """Nothing else has keys."""
+    with pytest.raises(ArgumentTypeError, match="overrides should be a mapping"):
+        SceneConfig.load(SMALL, overrides)
+
+
+@pytest.mark.parametrize("text", ["attempts: " + "9" * 5000, "attempts: 2001-99-99", "a: " + "[" * 5000])
+def test_values_that_python_cannot_make_are_refused(tmp_path: Path, text: str):
+    """Numbers of 5,000 digits, days that no month has, lists in lists."""
+    with pytest.raises(SceneFileError, match=r"wrong\.yaml"):
+        SceneConfig.load(write(tmp_path, "wrong.yaml", text))
+
+
+def test_a_number_of_many_digits_is_not_written_out():
+    """Python does not write it, so a message cannot."""
+    assert "attempts: a int should be at most" in refusal(SMALL, {"attempts": 10**5000}, SceneKeyError)
+
+
+def test_a_dotted_key_has_an_end():
+    """Merging goes as deep as the key."""
+    assert "16 keys at most, has 3000" in refusal(SMALL, {".".join("a" * 3000): 1}, SceneKeyError)

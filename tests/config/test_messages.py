@@ -68,3 +68,9 @@ def test_a_long_value_is_cut_off_in_a_message():
     assert said.startswith("scene: objects.apple.clearance: ['0123456789', '0123")
     assert said.endswith("... should be a number.")
     assert len(said) < 150
+
+
+def test_half_of_a_surrogate_pair_is_refused():
+    """Pydantic cannot write it into an error, as a key or as a value."""
+    for overrides in ({"\ud800": 1}, {"objects.apple.kind": "\ud800"}, {"objects.apple.\ud800": 1}):
+        assert refusal(SMALL, overrides, SceneKeyError).startswith("scene: ")

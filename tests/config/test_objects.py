@@ -51,7 +51,7 @@ WRONG: dict[str, tuple] = {
     "3D box too far away": (
         {"objects.goal.region.box": [[0, 0, 0], [1, 101, 1]]},
         SceneKeyError,
-        ["objects.goal.region:", "within 100 m of the world's origin"],
+        ["objects.goal.region.box.1.1: 101", "from -100 to 100 m"],
     ),
     "ratio of a support that is not there": (
         {"objects.goal.ratio_on_support": 0.5},

@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 
 from sceniris_gym.config.relations import Relation
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, ScenirisError
-from tests.config.scenes import NEAR, NEIGHBOURS, only, refused
+from tests.config.scenes import NEAR, NEIGHBOURS, SMALL, only, refusal, refused
 
 RIGHT, BACK, LEFT, FRONT = 0.0, math.pi / 2, math.pi, -math.pi / 2
 
@@ -197,3 +198,21 @@ WRONG: dict[str, tuple] = {
 def test_a_wrong_relation_is_refused(tmp_path: Path, relations: Any, error: type[ScenirisError], says: list[str]):
     """By its place in the list, with what would be right."""
     refused(tmp_path, NEIGHBOURS, {"objects.apple.relations": relations}, error, ["objects.apple.", *says])
+
+
+@pytest.mark.parametrize(
+    ("relations", "fits"),
+    [
+        ([{"left_of": "shelf"}, {"right_of": "shelf"}], False),
+        ([{"front_of": "shelf", "angle": 30}, {"left_of": "shelf", "angle": 60}], False),
+        ([{"front_of": "shelf"}, {"left_of": "shelf"}], True),
+        ([{"left_of": "shelf", "frame": "world"}, {"right_of": "shelf"}], True),
+    ],
+)
+def test_directions_that_leave_only_a_line_are_refused(relations: list[dict], fits: bool):
+    """What is left and right of one thing at once would lie on its middle line; other frames may turn apart."""
+    if fits:
+        SceneConfig.load(SMALL, {"objects.apple.relations": relations})
+    else:
+        said = refusal(SMALL, {"objects.apple.relations": relations}, SceneKeyError)
+        assert "have no area in common" in said

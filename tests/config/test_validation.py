@@ -204,3 +204,16 @@ def test_many_objects_that_refer_to_each_other_are_checked_in_no_time():
     assert "o0 -> o31" in refusal(
         config, {"objects.o0.relations": [{"near": "o31", "distance": {"max": 1}}]}, CycleError
     )
+
+
+def test_a_chain_may_be_longer_than_python_can_call_itself():
+    """1,200 objects, each near the next; a cycle at its end is found by its names."""
+    objects = {
+        f"o{i}": {"asset": "apple", "on": "floor", "relations": [{"near": f"o{i + 1}", "distance": {"max": 1}}]}
+        for i in range(1200)
+    }
+    scene = {"floor": {"size": [50, 50]}, "objects": {**objects, "o1200": {"asset": "apple", "on": "floor"}}}
+    assert len(SceneConfig.load(scene).objects) == 1201
+    scene["objects"]["o1200"]["relations"] = [{"near": "o1199", "distance": {"max": 1}}]
+    with pytest.raises(CycleError, match="o1199 -> o1200 -> o1199"):
+        SceneConfig.load(scene)

@@ -48,14 +48,14 @@ def _holds(piece: Piece, points: np.ndarray) -> np.ndarray:
         beside = np.linalg.norm(points - np.array([0.0, 0.0, 1.0]) * np.reshape(along, (-1, 1)), axis=1)
         return np.asarray(beside <= x)
     if kind == PieceType.CYLINDER:
-        return (np.hypot(points[:, 0], points[:, 1]) <= x) & (np.abs(points[:, 2]) <= y)
+        return np.asarray((np.hypot(points[:, 0], points[:, 1]) <= x) & (np.abs(points[:, 2]) <= y))
     if kind == PieceType.ELLIPSOID:
         return np.asarray(np.linalg.norm(points / [x, y, z], axis=1) <= 1.0)
     if kind == PieceType.BOX:
-        return (np.abs(points) <= [x, y, z]).all(axis=1)
+        return np.asarray((np.abs(points) <= [x, y, z]).all(axis=1))
     mesh = trimesh.convex.convex_hull(piece.vertices)
     heights = points @ mesh.face_normals.T - (mesh.face_normals * mesh.triangles[:, 0]).sum(axis=1)
-    return (heights <= 0.0).all(axis=1)
+    return np.asarray((heights <= 0.0).all(axis=1))
 
 
 @pytest.mark.parametrize("name", SHAPES)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
@@ -31,6 +32,19 @@ from sceniris_gym.scene.model import build_model
 from tests.layout.scenes import ANYWHERE, FLOOR, box_mjcf, compile_on_cpu, make, valid, write_mjcf
 
 TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+
+@pytest.mark.parametrize("device", [torch.device("cpu"), wp.get_device("cpu"), "cpu"], ids=["torch", "warp", "name"])
+def test_a_device_is_given_in_any_way(crate: dict[str, Any], device: Any):
+    """As torch or Warp has it, or by its name."""
+    assert compile_scene({"floor": FLOOR, "objects": {"crate": crate}, "bank": 1}, device).device == "cpu"
+
+
+@pytest.mark.parametrize("device", [5, [], "abacus"])
+def test_what_is_no_device_is_refused(crate: dict[str, Any], device: Any):
+    """With those that there are."""
+    with pytest.raises(UnknownNameError, match=r"compile_scene: unknown device .* Valid: .*cpu"):
+        compile_scene({"floor": FLOOR, "objects": {"crate": crate}}, device)
 
 
 @pytest.fixture
@@ -394,3 +408,29 @@ def test_a_robot_with_drawn_joints_is_feasible_as_it_is_shipped(geometry: str):
     rows = make(compile_on_cpu({"floor": FLOOR, "robot": robot, "geometry": geometry}), 100)
     assert (rows.status == Status.VALID).all()
     assert rows.attempts.mean() < 1.1
+
+
+@pytest.mark.parametrize("words", [{"attempts": 10_000, "restarts": 10_000}, {"attempts": 10_000, "bank": 10_000}])
+def test_a_scene_that_cannot_be_made_is_given_up_after_a_number_of_candidates(tmp_path: Path, words: dict[str, int]):
+    """Each word as large as it may be: a hundred million candidates of each world, and none can pass."""
+    plate = box_mjcf(tmp_path, "plate", 0.3, 0.3, 0.05)
+    objects = {name: {"asset": plate, "on": "floor"} for name in ("one", "other")}
+    with pytest.raises(InfeasibleSceneError) as found:
+        compile_on_cpu({"floor": {"size": [0.05, 0.05]}, "objects": objects, **words})
+    assert 0 < found.value.counts["other"]["collision"] < 1_000_000
+
+
+def test_the_budget_of_the_probe_changes_no_layout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """It decides how the bank is filled; fresh layouts have all restarts that the scene says."""
+    crate = box_mjcf(tmp_path, "crate", 0.1, 0.1, 0.05)
+    objects = {f"crate_{i}": {"asset": crate, "on": "floor"} for i in range(5)}
+    scene = {"floor": {"size": [0.4, 0.4]}, "objects": objects, "attempts": 5, "restarts": 20, "bank": 16}
+    rich = make(compile_on_cpu(scene), 200)
+    monkeypatch.setattr("sceniris_gym.layout.compile._BUDGET", 150)
+    poor = compile_on_cpu(scene)
+    assert int(poor.program.restarts) == 20
+    made = make(poor, 200)
+    fresh = rich.status == Status.VALID
+    assert fresh.any()
+    assert (made.status == rich.status).all()
+    assert made[fresh].bits() == rich[fresh].bits()

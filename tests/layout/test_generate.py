@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,9 @@ import warp as wp
 from scipy import stats
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import CountError, MaskError, MaskTypeError, SeedError
+from sceniris_gym.errors import CountError, MaskError, MaskTypeError, ScenirisError, SeedError
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.generate import LayoutGenerator, check_mask
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.program.compiled import CompiledScene
@@ -376,7 +377,7 @@ def test_rejections_and_attempts_add_up(restarts: int, tmp_path: Path):
     named = generator.rejection_counts()
     assert list(named) == list(compiled.placed)
     for i, name in enumerate(compiled.placed):
-        causes = [c for c in Cause if c is not Cause.NONE and c not in REACH_CAUSES]
+        causes = [c for c in Cause if c not in (Cause.NONE, Cause.UNSOUND, *REACH_CAUSES)]
         assert named[name] == {c.name.lower(): counts[i, c] for c in causes}
     assert counts[:, Cause.NONE].sum() == 0
     assert {c for c in Cause if counts[:, c].any()} == {Cause.ROOF, Cause.FOOTPRINT, Cause.COLLISION}
@@ -450,7 +451,38 @@ def test_a_wrong_mask_is_refused(mid: CompiledScene, mask: wp.array, error: type
             method(mask)
 
 
+def test_a_mask_on_another_device_is_refused(mid: CompiledScene):
+    """A kernel cannot read it; the message names both devices."""
+    generator = LayoutGenerator(mid, 4)
+    layouts = SimpleNamespace(nworld=4, seed=SimpleNamespace(device="cuda:7"))
+    with pytest.raises(MaskError, match=r"be on cuda:7, got \(4,\) on cpu"):
+        check_mask(wp.zeros(4, dtype=wp.bool, device="cpu"), layouts)  # type: ignore[arg-type]
+    generator.reseed(0, wp.zeros(4, dtype=wp.bool, device="cpu"))
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ({"nworld": 10**13}, "nworld should be at most"),
+        ({"nworld": 1.5}, "nworld should be an integer of at least 1, got 1.5"),
+        ({"nworld": "3"}, "nworld should be an integer"),
+        ({"nworld": True}, "nworld should be an integer"),
+        ({"rejected": -1}, "rejected should be an integer of at least 0"),
+        ({"split": []}, "unknown split"),
+        ({"split": 10**5000}, "unknown split a int"),
+        ({"seed": 10**5000}, "seed=a int should be"),
+        ({"compiled": None}, "compiled should be a CompiledScene"),
+    ],
+)
+def test_what_is_no_argument_is_refused_in_our_words(mid: CompiledScene, words: dict[str, Any], says: str):
+    """Whatever its type; each is a ValueError, too."""
+    given = {"compiled": mid, "nworld": 4, **words}
+    with pytest.raises(ScenirisError, match=says) as found:
+        LayoutGenerator(given.pop("compiled"), given.pop("nworld"), **given)
+    assert isinstance(found.value, ValueError)
+
+
 def test_a_batch_has_a_world_at_least(mid: CompiledScene):
     """None makes no sense."""
-    with pytest.raises(CountError, match="nworld should be at least 1, got 0"):
+    with pytest.raises(CountError, match="nworld should be an integer of at least 1, got 0"):
         LayoutGenerator(mid, 0)

@@ -235,3 +235,13 @@ def test_a_table_without_rows_is_refused(crane: CompiledScene, table: LayoutTabl
     """There would be nothing to serve."""
     with pytest.raises(SceneMismatchError, match="one row or more"):
         StoredLayouts(crane, table[slice(0, 0)], 2)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 2.0])
+@pytest.mark.parametrize("column", ["qpos", "mocap_quat"])
+def test_a_row_that_no_scene_can_be_in_is_refused(crane: CompiledScene, table: LayoutTable, column: str, value: float):
+    """A number that is not finite, or a quaternion that is not of length one, by the row."""
+    values = getattr(table, column).copy()
+    values[3].flat[-1] = value
+    with pytest.raises(SceneMismatchError, match="row 3 of the table"):
+        StoredLayouts(crane, replace(table, **{column: values}), 2)

@@ -54,7 +54,7 @@ def test_a_scene_built_far_away_is_refused(tmp_path: Path):
         _upload(tmp_path, _slab(1, "5000 0 -1"), {"slab": {"kind": "static"}, "crate": {"on": "slab"}})
     with pytest.raises(SceneKeyError, match=r"objects\.slab: stands at \(0, -5000, -1\) m"):
         _upload(tmp_path, _slab(1, "0 -5000 -1"), {"slab": {"kind": "static"}, "crate": {"on": "floor"}})
-    with pytest.raises(SceneKeyError, match=r"robot\.base: stands at \(0, 0, 5000\) m"):
+    with pytest.raises(SceneKeyError, match=r"robot\.base\.2: 5000 should be from -100 to 100 m"):
         _upload(tmp_path, "", {}, robot={"asset": "panda", "base": [0, 0, 5000]})
 
 
@@ -71,6 +71,21 @@ def test_what_nothing_can_meet_is_left_alone(tmp_path: Path):
     _upload(tmp_path, _slab(1, "5000 0 0"), {"crate": {"on": "floor"}})
     with pytest.raises(SceneKeyError, match="geom 'top': reaches"):
         _upload(tmp_path, _slab(4990, "5000 0 -1"), {"crate": {"on": "floor"}})
+
+
+def test_what_is_placed_ends_near_its_own_origin(tmp_path: Path):
+    """A geom at 1e8 m cancels against the object's place, and leaves a rest of metres."""
+    far = CRATE.replace('"crate"', '"other"').replace("/></body>", '/><geom size=".01" pos="0 90000 0"/></body>')
+    with pytest.raises(SceneKeyError, match=r"objects\.other: geom .* reaches 9e\+04 m .* within 100 m"):
+        _upload(tmp_path, far, {"other": {"on": "floor"}})
+
+
+def test_limits_that_are_no_limits_are_not_drawn_from(tmp_path: Path):
+    """A fraction of [-1e30, 1e30] is a number of no meaning."""
+    arm = '<body name="arm"><joint name="turn" limited="true" range="-1e30 1e30"/><geom size=".01"/></body>'
+    turned = {"joints": {"turn": {"fraction": [0, 1]}}, "kind": "static"}
+    with pytest.raises(SceneKeyError, match=r"objects\.arm\.joints: 'arm/turn' is drawn between -1.* from -100 to 100"):
+        _upload(tmp_path, arm.replace('name="turn"', 'name="arm/turn"'), {"arm": turned})
 
 
 def test_a_plane_has_no_end(tmp_path: Path):

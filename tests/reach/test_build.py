@@ -172,6 +172,13 @@ def test_steps_that_make_no_grid_are_refused(steps: tuple[float, float], words: 
         build_map(gantry()[1], "cpu", step=steps[0], tilt_step=steps[1])
 
 
+@pytest.mark.parametrize("steps", [(1e9, 0.1), (1e-30, 0.1), (1e-320, 0.1), (math.inf, 0.1), (0.1, 9.0), (0.1, 1e-30)])
+def test_steps_that_no_arm_has_are_refused(steps: tuple[float, float]):
+    """They made maps of a few corners that said yes to everything, or overflowed."""
+    with pytest.raises(MapError, match=r"should be from .* m, as the arm reaches"):
+        build_map(gantry()[1], "cpu", step=steps[0], tilt_step=steps[1])
+
+
 @pytest.mark.parametrize("name", ["gantry", "tall"])
 def test_nothing_is_reached_outside_of_the_ball(name: str):
     """The ball about the second joint holds the TCP at 20,000 random joints, and is not much too large."""

@@ -49,6 +49,28 @@ def test_what_was_stopped_goes_on_and_ends_as_if_it_had_not_been(tmp_path: Path,
 
 
 @pytest.mark.usefixtures("hasty")
+@pytest.mark.parametrize("done", [10**12, 6, -1])
+def test_more_than_there_is_cannot_be_done(tmp_path: Path, done: int):
+    """The task would be passed over, and its arrays stay empty."""
+    stopped = Checkpoint(tmp_path / "state", "a build")
+    stopped.enter("first", {"first": np.zeros(5)}, 5)
+    stopped.reached(done)
+    with pytest.raises(MapError, match=f"says that {done} of 5 parts of 'first' are done. Remove the file"):
+        Checkpoint(tmp_path / "state", "a build").enter("first", {"first": np.zeros(5)}, 5)
+
+
+@pytest.mark.usefixtures("hasty")
+@pytest.mark.parametrize("array", [np.zeros(4), np.zeros((1, 5)), np.zeros(5, np.float32)])
+def test_arrays_of_another_form_are_refused(tmp_path: Path, array: np.ndarray):
+    """One that NumPy would broadcast, too."""
+    stopped = Checkpoint(tmp_path / "state", "a build")
+    stopped.enter("first", {"first": array})
+    stopped.reached(1)
+    with pytest.raises(MapError, match="'first' holds"):
+        Checkpoint(tmp_path / "state", "a build").enter("first", {"first": np.zeros(5)})
+
+
+@pytest.mark.usefixtures("hasty")
 def test_what_is_finished_is_not_done_again(tmp_path: Path):
     """Its arrays come back whole."""
     whole, _ = _work(tmp_path / "state")

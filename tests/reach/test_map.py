@@ -139,7 +139,7 @@ def test_a_damaged_file_is_refused(shell: ReachMap, arm: SerialArm, tmp_path: Pa
 def test_an_array_is_no_map(arm: SerialArm, tmp_path: Path):
     """A .npy file, as that of poses is, is not taken for an archive."""
     np.save(tmp_path / "poses.npy", np.zeros((3, 4, 4)))
-    with pytest.raises(MapError, match=r"not a reachability map, or a damaged one \(a single array\)"):
+    with pytest.raises(MapError, match=r"not a reachability map, or a damaged one \(File is not a zip file\)"):
         ReachMap.load(tmp_path / "poses.npy", arm)
 
 
@@ -186,6 +186,21 @@ def test_a_map_that_would_lead_look_ups_astray_is_refused(shell: ReachMap, arm: 
         np.savez(file, allow_pickle=False, **(fields | {name: change(fields[name])}))
     with pytest.raises(MapError, match="a damaged reachability map"):
         ReachMap.load(path, arm)
+
+
+def test_a_map_in_which_nothing_is_within_reach_is_refused(shell: ReachMap, arm: SerialArm, tmp_path: Path):
+    """No arm is so short; every object would be out of reach without a word."""
+    replace(shell, codes=0 * shell.codes, poles=0 * shell.poles).save(tmp_path / "a.reach")
+    with pytest.raises(MapError, match="nothing is within reach"):
+        ReachMap.load(tmp_path / "a.reach", arm)
+
+
+@pytest.mark.parametrize(("name", "value"), [("step", 1e9), ("z_low", -1e9), ("nz", 10**12)])
+def test_a_map_of_no_arm_is_refused(shell: ReachMap, arm: SerialArm, tmp_path: Path, name: str, value: float):
+    """Steps and places that are out of all bounds."""
+    replace(shell, **{name: value}).save(tmp_path / "a.reach")
+    with pytest.raises(MapError, match=f"a damaged reachability map: {name} is"):
+        ReachMap.load(tmp_path / "a.reach", arm)
 
 
 def test_a_damaged_file_is_closed(shell: ReachMap, arm: SerialArm, tmp_path: Path, recwarn: pytest.WarningsRecorder):

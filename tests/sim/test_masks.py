@@ -37,6 +37,35 @@ def test_masks_of_all_libraries_arrive_as_they_are(make):
     assert np.asarray(given.numpy() if hasattr(given, "numpy") else given).tolist() == MASK
 
 
+@pytest.mark.parametrize(
+    "given",
+    [
+        torch.ones(5, dtype=torch.bool, device="meta"),
+        torch.ones(5, dtype=torch.bool).to_sparse(),
+        np.ma.array(np.ones(5, bool), mask=MASK),
+    ],
+    ids=["meta", "sparse", "masked"],
+)
+def test_a_mask_without_all_its_values_is_refused(given: Any):
+    """Warp would read memory that is not there, or what was masked."""
+    with pytest.raises(MaskError, match="mask should be a dense array"):
+        as_mask(given, 5, CPU)
+
+
+def test_rows_without_values_or_of_different_lengths_are_refused():
+    """As masks are."""
+    with pytest.raises(MaskError, match="rows should be a dense array"):
+        as_rows(torch.ones(5, dtype=torch.int32, device="meta"), 5, 5, CPU)
+    with pytest.raises(MaskTypeError, match="rows should be integers"):
+        as_rows([[1], [1, 2]], 5, 5, CPU)
+
+
+def test_masks_that_run_backwards_arrive_in_their_order():
+    """Negative strides are no matter."""
+    assert as_mask(np.array(MASK)[::-1], 5, CPU).numpy().tolist() == MASK[::-1]
+    assert as_rows(np.arange(5)[::-1], 5, 5, CPU).numpy().tolist() == [4, 3, 2, 1, 0]
+
+
 def test_what_was_computed_with_gradients_is_taken_too():
     """A comparison has none, but its tensors may come from where they are recorded."""
     scores = torch.tensor([0.2, -0.1], requires_grad=True)

@@ -1,5 +1,10 @@
 """Files that are whole or not there, and paths that are refused before the work."""
 
+import errno
+import os
+import socket
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -71,3 +76,34 @@ def test_a_picture_ends_with_png(tmp_path: Path, name: str):
     (tmp_path / "folder.png").mkdir()
     with pytest.raises(OutputError, match="folder"):
         check_picture(tmp_path / "folder.png")
+
+
+def test_what_a_killed_process_left_behind_is_removed(tmp_path: Path):
+    """By the next one that writes the same file; files of running processes and of other machines stay."""
+    script = (
+        "import os, sys; from pathlib import Path; from sceniris_gym.tools.files import replacing\n"
+        "with replacing(Path(sys.argv[1])) as file: file.write_text('half'); os.kill(os.getpid(), 9)"
+    )
+    target = tmp_path / "layouts.npz"
+    subprocess.run([sys.executable, "-c", script, str(target)], check=False)
+    (left,) = tmp_path.iterdir()
+    assert left.name.endswith(".tmp")
+    other = tmp_path / left.name.replace(socket.gethostname(), "another")
+    other.touch()
+    with replacing(target) as file:
+        assert not left.exists()
+        assert file.exists()
+        with replacing(target) as beside:
+            assert file.exists()
+            beside.write_text("first")
+        file.write_text("whole")
+    assert target.read_text() == "whole"
+    assert sorted(tmp_path.iterdir()) == sorted([target, other])
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS])
+def test_a_full_disk_is_told_with_its_file(tmp_path: Path, number: int):
+    """And nothing is left behind."""
+    with pytest.raises(OutputError, match=r"a\.png cannot be written: .*Give --out"), replacing(tmp_path / "a.png"):
+        raise OSError(number, os.strerror(number))
+    assert not list(tmp_path.iterdir())

@@ -9,13 +9,15 @@ import pytest
 import torch
 import warp as wp
 from gymnasium.spaces import Box
+from gymnasium.vector import AutoresetMode
 
-from sceniris_gym.errors import MaskError, MaskTypeError, SeedError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, MaskError, MaskTypeError, SeedError, UnknownNameError
+from sceniris_gym.layout.counts import as_count
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.arguments import (
     as_action,
+    as_autoreset_mode,
     as_compiled_scene,
-    as_count,
     as_reset_mask,
     as_reset_seeds,
     as_size,
@@ -224,3 +226,25 @@ def test_actions_of_a_policy_leave_their_gradients_outside(make_env):
     kept = [envs.state.ctrl, envs.statistics.sums(), *info["reward_terms"].values()]
     assert not any(tensor.requires_grad for tensor in [*observation.values(), reward, *kept])
     assert policy.weight.grad is None
+
+
+@pytest.mark.parametrize("value", ["sometimes", None, 5])
+def test_what_is_no_autoreset_mode_is_refused(value: Any):
+    """With those that there are."""
+    assert as_autoreset_mode("Disabled") is as_autoreset_mode(AutoresetMode.DISABLED)
+    with pytest.raises(ArgumentError, match=r"autoreset_mode should be one of NextStep, SameStep, Disabled"):
+        as_autoreset_mode(value)
+
+
+@pytest.mark.parametrize("actions", [None, "up", [[1, 2], [3]], torch.ones(2, 3).to_sparse(), object()])
+def test_what_are_no_actions_is_refused_in_our_words(actions: Any):
+    """Whatever torch says of it."""
+    with pytest.raises(ArgumentError, match="actions should"):
+        as_action(actions, SPACE, CPU)
+
+
+@pytest.mark.parametrize("task", ["nowhere:Class", "json:Nothing", ":", ""])
+def test_a_task_that_cannot_be_imported_is_refused(task: str):
+    """By what Python says."""
+    with pytest.raises(ArgumentError, match="should be 'module:Class', as Python can import it"):
+        as_task(task)

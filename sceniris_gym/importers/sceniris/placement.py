@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sceniris_gym.config.fields import FLOOR, MOST_FAR
+from sceniris_gym.config.bounds import MOST_FAR
+from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.importers.sceniris.keys import KeyReader
 from sceniris_gym.importers.sceniris.relations import Views, note_origins, read_relation
 

@@ -6,7 +6,6 @@ from collections import Counter
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from sceniris_gym.errors import SceneFileError, SceneMismatchError, UnknownNameE
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.reach_poses import OPENING_MARGIN
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.reach.stored_arrays import UNREADABLE, read_arrays
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.auditor import Auditor
 from sceniris_gym.tools.audit.contacts import Allowed
@@ -135,15 +135,14 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
         UnknownNameError: A rejected object is not one that the scene places.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            columns = {name: file[name] for name in file.files}
+        columns = read_arrays(path)
         found = str(columns["hash"])
         table, rejected = (
             LayoutTable(**{f.name: columns[f"{part}_{f.name}"] for f in fields(LayoutTable)})
             for part in ("layouts", "rejected")
         )
         names, split, seed = columns["rejected_object"], str(columns["split"]), int(columns["seed"])
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+    except UNREADABLE as error:
         raise SceneFileError(
             f"--rows {path}: should be a file that 'sceniris-gym audit SCENE --save FILE' has written: {error}"
         ) from error

@@ -10,6 +10,7 @@ import numpy as np
 
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.archive import write_zip
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.files import replacing
 
@@ -42,6 +43,6 @@ def write_dataset(compiled: CompiledScene, table: LayoutTable, folder: Path) -> 
         columns["reachable_names"] = np.array(compiled.reaching.names)
     with replacing(folder / "scene.zip") as scene, replacing(folder / "layouts.npz") as layouts:
         with scene.open("wb") as file:
-            spec.to_zip(file)
+            write_zip(spec, file)
         with layouts.open("wb") as file:
             np.savez(file, **columns)

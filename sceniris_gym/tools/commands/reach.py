@@ -28,6 +28,7 @@ from sceniris_gym.reach.arm import TCP, SerialArm
 from sceniris_gym.reach.build import TILT_STEP, build_map
 from sceniris_gym.reach.map import SUFFIX, ReachMap, build_command, default_tier, map_file, map_path, why_not_map
 from sceniris_gym.reach.solve import solve
+from sceniris_gym.reach.stored_arrays import UNREADABLE, read_array
 from sceniris_gym.reach.tier import Tier
 from sceniris_gym.scene.assemble import compile_spec, load_mjcf
 from sceniris_gym.tools.files import check_picture, check_writable, replacing
@@ -219,17 +220,11 @@ def read_poses(path: Path) -> np.ndarray:
     if not path.is_file():
         raise PosesError(f"--poses {path}: there is no such file. It {form}.")
     try:
-        poses = np.load(path, allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
+        poses = read_array(path)
+    except UNREADABLE as error:
         raise PosesError(f"--poses {path}: NumPy cannot read it ({error}). It {form}.") from error
-    if (
-        not isinstance(poses, np.ndarray)
-        or poses.ndim != 3
-        or poses.shape[1:] != (4, 4)
-        or poses.dtype.kind not in "fiu"
-    ):
-        got = f"{poses.dtype} of shape {poses.shape}" if isinstance(poses, np.ndarray) else "an archive"
-        raise PosesError(f"--poses {path}: holds {got}. It {form}.")
+    if poses.ndim != 3 or poses.shape[1:] != (4, 4) or poses.dtype.kind not in "fiu":
+        raise PosesError(f"--poses {path}: holds {poses.dtype} of shape {poses.shape}. It {form}.")
     poses = poses.astype(np.float64)
     turns = poses[:, :3, :3]
     with np.errstate(invalid="ignore"):  # NaN compares as false

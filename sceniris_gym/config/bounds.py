@@ -1,0 +1,54 @@
+"""Bounds of the numbers in scene files and models: beyond them a layout could only be nonsense.
+
+Positions end where single precision gets coarse; the others are far above whatever was seen to make sense.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+MOST_FAR = 100.0
+"""Largest distance [m] from the world's origin, along each axis, at which objects are placed: single precision resolves
+8 um there."""
+MOST_WIDE = 1000.0
+"""Largest distance [m] from the world's origin, along each axis, to which what is near it may reach: single precision
+resolves 61 um there, and layouts keep their distances to that. Where this matters there is a warning (`oddities.py`).
+Ground is better a plane, which has no corners."""
+LEAST_GAP = 2.0e-5
+"""Least height over a support [m]: below it an object counts as touching, by rounding."""
+
+
+@dataclass(frozen=True)
+class Bound:
+    """The least and the greatest value of a kind of number, and its unit for messages."""
+
+    low: float
+    high: float
+    unit: str
+
+    def holds(self, value: float) -> bool:
+        """Whether a value is within the bound; never for nan."""
+        return self.low <= value <= self.high
+
+    @property
+    def advice(self) -> str:
+        """What a value should be; begins with "should"."""
+        return f"should be from {self.low:g} to {self.high:g} {self.unit}".rstrip()
+
+
+BOUNDS = {
+    "position": Bound(-MOST_FAR, MOST_FAR, "m"),
+    "extent": Bound(0.0, 2.0 * MOST_FAR, "m"),
+    "distance": Bound(0.0, 2.0 * MOST_FAR, "m"),
+    "clearance": Bound(0.0, 10.0, "m"),
+    "gap": Bound(LEAST_GAP, 10.0, "m"),
+    "turn": Bound(-3600.0, 3600.0, "degrees"),
+    "joint": Bound(-MOST_FAR, MOST_FAR, "m or rad"),
+    "noise": Bound(0.0, MOST_FAR, "m or rad"),
+    "direction": Bound(-1.0e6, 1.0e6, ""),
+    "model length": Bound(-1.0e5, 1.0e5, "m"),
+    "friction": Bound(0.0, 1.0e6, ""),
+    "timestep": Bound(1.0e-7, 1.0, "s"),
+}
+"""The one table: every number of a scene file that is not a share, an angle of a relation or a count has its kind here,
+and so have those numbers of a model that MuJoCo takes whatever they are."""

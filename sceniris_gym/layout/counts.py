@@ -1,0 +1,31 @@
+"""Numbers of worlds and the like as users give them, checked once."""
+
+from __future__ import annotations
+
+import operator
+from typing import Any
+
+from sceniris_gym.config.messages import short
+from sceniris_gym.errors import CountError
+
+MOST_WORLDS = 1 << 24
+"""Most worlds of a batch: far more than fit into the memory of any GPU with a scene of a few objects."""
+
+
+def as_count(value: Any, name: str, least: int = 1, most: int = MOST_WORLDS) -> int:
+    """Return an integer of any library as an int.
+
+    Raises:
+        CountError: Not an integer, or one out of range.
+    """
+    try:
+        count = None if isinstance(value, bool) else operator.index(value)
+    except TypeError:
+        count = None
+    if count is None:
+        raise CountError(f"{name} should be an integer of at least {least}, got {short(value)}.")
+    if not least <= count <= most:
+        bound = f"an integer of at least {least}" if count < least else f"at most {most}"
+        got = str(count) if abs(count) < 1 << 128 else "a number of more than 38 digits"
+        raise CountError(f"{name} should be {bound}, got {got}.")
+    return count

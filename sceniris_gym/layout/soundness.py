@@ -1,0 +1,40 @@
+"""The last check of a layout before it is served: finite, within the scene's bounds, with unit quaternions.
+
+What is refused on the host cannot get here; this is for what nobody thought of.
+"""
+
+import warp as wp
+
+from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.program.device import Program
+
+wp.set_module_options({"enable_backward": False})
+
+# Single precision keeps the squared norm of a quaternion to a few times 1e-7.
+_UNIT = wp.constant(1.0e-4)
+
+
+@wp.func
+def _is_unit(w: float, x: float, y: float, z: float) -> bool:
+    # nan compares as false
+    return wp.abs(w * w + x * x + y * y + z * z - 1.0) <= _UNIT
+
+
+@wp.func
+def is_sound(program: Program, layouts: LayoutsView, row: int) -> bool:
+    """Whether a row may be served."""
+    for i in range(layouts.qpos.shape[1]):
+        if not (wp.abs(layouts.qpos[row, i]) <= program.bound_qpos[i]):
+            return False
+    for i in range(program.quat_qposadr.shape[0]):
+        adr = program.quat_qposadr[i]
+        qpos = layouts.qpos[row]
+        if not _is_unit(qpos[adr], qpos[adr + 1], qpos[adr + 2], qpos[adr + 3]):
+            return False
+    for i in range(program.bound_mocap.shape[0]):
+        pos = layouts.mocap_pos[row, i]
+        far = wp.abs(pos[0]) + wp.abs(pos[1]) + wp.abs(pos[2])  # a maximum would pass over nan
+        q = layouts.mocap_quat[row, i]
+        if not (far <= program.bound_mocap[i]) or not _is_unit(q[0], q[1], q[2], q[3]):
+            return False
+    return True

@@ -1,0 +1,46 @@
+"""How large the numbers of a layout can be: bounds for the last check before it is served."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.config.bounds import MOST_WIDE
+from sceniris_gym.program.plan import Plan
+from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.scene.parking import PARKING_SPACING
+
+# Shares and absolute numbers by which rounding may exceed a bound.
+_ROUNDING = 1.0e-3
+
+
+def layout_bounds(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
+    """Fields `bound_*`, the greatest absolute values, and `quat_qposadr`, where quaternions begin in qpos.
+
+    Joints that are drawn, and those that follow them, stay within what is drawn, and all others at home. What is placed
+    stays within what the scene may reach; absent objects are parked the further out the more there are.
+    """
+    mjm = scene.mjm
+    far = MOST_WIDE + PARKING_SPACING * len(plan.slots)
+    bound = np.abs(scene.home_qpos)
+    quats = []
+    for kind, adr in zip(mjm.jnt_type, mjm.jnt_qposadr, strict=True):
+        is_free = kind == mujoco.mjtJoint.mjJNT_FREE
+        if is_free:
+            bound[adr : adr + 3] = np.maximum(bound[adr : adr + 3], far)
+        if is_free or kind == mujoco.mjtJoint.mjJNT_BALL:
+            quats.append(int(adr) + (3 if is_free else 0))
+            bound[quats[-1] : quats[-1] + 4] = 1.0
+    for o in plan.objects:
+        for d in o.joint_ranges:
+            bound[d.qposadr] = max(map(abs, d.choice or (d.low, d.high)))
+        for f in o.followers:
+            bound[f.coupling.adr] = max(abs(f.low), abs(f.high))
+    mocap = np.full(mjm.nmocap, 3.0 * far)
+    bodies = np.flatnonzero(mjm.body_mocapid >= 0)
+    mocap[mjm.body_mocapid[bodies]] += np.abs(mjm.body_pos[bodies]).sum(axis=1)
+    return {
+        "bound_qpos": (1.0 + _ROUNDING) * bound + _ROUNDING,
+        "bound_mocap": mocap,
+        "quat_qposadr": np.array(quats, int),
+    }

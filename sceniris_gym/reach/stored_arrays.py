@@ -1,0 +1,72 @@
+"""NumPy's files from strangers: nothing is executed, and nothing is allocated that the file cannot hold."""
+
+from __future__ import annotations
+
+import math
+import zipfile
+import zlib
+from pathlib import Path
+from tokenize import TokenError
+from typing import BinaryIO
+
+import numpy as np
+from numpy.lib import format as npy
+
+UNREADABLE = (
+    *(OSError, ValueError, TypeError, KeyError, EOFError, RuntimeError, NotImplementedError, OverflowError),
+    *(SyntaxError, TokenError, MemoryError, zipfile.BadZipFile, zlib.error),
+)
+"""What reading a damaged file raises."""
+
+# Deflate makes nothing smaller than by this factor.
+_MOST_PACKED = 1040
+_HEADER = 1 << 16  # bytes
+
+
+def read_array(path: Path) -> np.ndarray:
+    """Read the one array of a .npy file.
+
+    Raises:
+        UNREADABLE: The file is not one, or is shorter than it says.
+    """
+    with path.open("rb") as file:
+        if file.read(4) == b"PK\x03\x04":
+            raise ValueError("an archive of several arrays")
+        file.seek(0)
+        _check_size(file, path.stat().st_size)
+        file.seek(0)
+        return np.asarray(npy.read_array(file, allow_pickle=False))
+
+
+def read_arrays(path: Path) -> dict[str, np.ndarray]:
+    """Read all arrays of a .npz file.
+
+    Raises:
+        UNREADABLE: The file is not one, or holds less than it says.
+    """
+    with path.open("rb") as opened, zipfile.ZipFile(opened) as archive:
+        size = path.stat().st_size
+        members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
+        if sum(info.compress_size for info in members) > size:
+            raise ValueError("its parts are larger than the file")
+        found = {}
+        for info in members:
+            if info.file_size > _MOST_PACKED * (info.compress_size + 64):
+                raise ValueError(f"'{info.filename}' says that it is {info.file_size} bytes long")
+            with archive.open(info) as member:
+                _check_size(member, info.file_size)  # type: ignore[arg-type]
+            with archive.open(info) as member:
+                found[info.filename.removesuffix(".npy")] = np.asarray(npy.read_array(member, allow_pickle=False))
+        return found
+
+
+def _check_size(file: BinaryIO, size: int) -> None:
+    """Compare the size that an array's header declares with the number of bytes there are."""
+    major, _ = npy.read_magic(file)
+    read = npy.read_array_header_1_0 if major == 1 else npy.read_array_header_2_0
+    shape, _, dtype = read(file, max_header_size=_HEADER)
+    declared = math.prod(shape) * dtype.itemsize
+    if dtype.hasobject:
+        raise ValueError("it holds objects of Python")
+    if any(n < 0 for n in shape) or declared > size:
+        raise ValueError(f"an array of shape {shape} has {declared} bytes, and there are {size} at most")

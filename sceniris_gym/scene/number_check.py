@@ -1,0 +1,75 @@
+"""Numbers of a model that MuJoCo takes although no simulation can use them: refused by their names."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.config.bounds import BOUNDS, Bound
+from sceniris_gym.errors import SceneKeyError
+
+_BOUNDED = {
+    "body_pos": "model length",
+    "geom_pos": "model length",
+    "geom_size": "model length",
+    "jnt_pos": "model length",
+    "site_pos": "model length",
+    "mesh_vert": "model length",
+    "geom_friction": "friction",
+    "pair_friction": "friction",
+}
+"""Fields of MjModel whose numbers are lengths [m] or coefficients, and their kinds in `BOUNDS`."""
+_KINDS = ("body", "geom", "jnt", "site", "mesh", "pair", "key", "actuator", "sensor", "tendon", "eq", "dof")
+
+
+def check_numbers(mjm: mujoco.MjModel, where: str) -> None:
+    """Check that a model holds no nan, and no length, coefficient or timestep that nothing real has.
+
+    Infinity is left to MuJoCo where it means that there is no limit (`range` and the like).
+
+    Raises:
+        SceneKeyError: The first such number, by its field and element.
+    """
+    for name in ("gravity", "wind", "magnetic", "density", "viscosity", "impratio"):
+        _check_option(where, name, np.atleast_1d(getattr(mjm.opt, name)), None)
+    _check_option(where, "timestep", np.atleast_1d(mjm.opt.timestep), BOUNDS["timestep"])
+    for name in (name for name in dir(mjm) if not name.startswith("_")):
+        values = getattr(mjm, name)
+        if isinstance(values, np.ndarray) and values.dtype.kind == "f" and values.size:
+            _check_field(mjm, where, name, values)
+
+
+def _check_option(where: str, name: str, values: np.ndarray, bound: Bound | None) -> None:
+    if not np.isfinite(values).all() or (bound is not None and not all(map(bound.holds, values))):
+        advice = "should be a finite number" if bound is None else bound.advice
+        found = ", ".join(f"{x:g}" for x in values)
+        raise SceneKeyError(f"{where}: model: option {name}: {found} {advice}. Correct it in the MJCF file.")
+
+
+def _check_field(mjm: mujoco.MjModel, where: str, name: str, values: np.ndarray) -> None:
+    wrong, advice = np.isnan(values), "should be a number"
+    if (kind := _BOUNDED.get(name)) is not None and not wrong.any():
+        bound = BOUNDS[kind]
+        wrong, advice = (values < bound.low) | (values > bound.high), bound.advice
+    if wrong.any():
+        at = tuple(np.argwhere(wrong)[0])
+        raise SceneKeyError(
+            f"{where}: model: {name} of {_element(mjm, name, int(at[0]))}: {values[at]:g} {advice}. Correct it in the "
+            "MJCF file."
+        )
+
+
+def _element(mjm: mujoco.MjModel, field: str, index: int) -> str:
+    """What a row of a field belongs to: "geom 'top'"; without a name, its number."""
+    kind = field.split("_", maxsplit=1)[0]
+    if kind not in _KINDS:
+        return f"element {index}"
+    if field == "mesh_vert":  # its rows are those of all meshes
+        index = int(np.searchsorted(mjm.mesh_vertadr, index, side="right")) - 1
+    elif kind == "dof":
+        kind, index = "jnt", int(mjm.dof_jntid[index])
+    try:
+        name = getattr(mjm, kind)(index).name
+    except (AttributeError, IndexError, KeyError):
+        name = ""
+    return f"{kind} '{name}'" if name else f"{kind} {index}"

@@ -1,0 +1,55 @@
+"""Numbers that MuJoCo takes and no simulation can use: nan, timesteps of no length, geoms beyond the horizon."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import SceneKeyError
+from sceniris_gym.scene.model import build_model
+
+BODY = '<body name="crate"><freejoint/><geom name="side" size=".1" {geom}/></body>'
+
+
+def _build(folder: Path, *, option: str = "", geom: str = "", rest: str = "") -> None:
+    path = folder / "own.xml"
+    body = BODY.format(geom=geom)
+    path.write_text(f"<mujoco><option {option}/><worldbody>{body}</worldbody>{rest}</mujoco>")
+    build_model(
+        SceneConfig.load({"model": str(path), "floor": {"size": [1, 1]}, "objects": {"crate": {"on": "floor"}}})
+    )
+
+
+@pytest.mark.parametrize("timestep", ["nan", "-1", "0", "1e300"])
+def test_a_timestep_is_a_short_time(tmp_path: Path, timestep: str):
+    """MuJoCo steps backwards, or never."""
+    with pytest.raises(SceneKeyError, match=r"model: option timestep: \S+ should be from 1e-07 to 1 s"):
+        _build(tmp_path, option=f'timestep="{timestep}"')
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ({"geom": 'friction="nan 1 1"'}, r"geom_friction of geom 'side': nan should be a number"),
+        ({"geom": 'friction="-1 1 1"'}, r"geom_friction of geom 'side': -1 should be from 0"),
+        ({"geom": 'pos="1e8 0 0"'}, r"geom_pos of geom 'side': 1e\+08 should be from"),
+        ({"geom": 'solref="nan 1"'}, r"geom_solref of geom 'side': nan"),
+        ({"option": 'gravity="0 0 nan"'}, r"option gravity: 0, 0, nan should be a finite number"),
+        ({"rest": '<keyframe><key name="home" qpos="0 0 nan 1 0 0 0"/></keyframe>'}, r"nan should be a number"),
+    ],
+)
+def test_a_number_that_nothing_real_has_is_refused_by_its_name(tmp_path: Path, words: dict[str, str], says: str):
+    """Nan anywhere, and lengths and coefficients out of bounds."""
+    with pytest.raises(SceneKeyError, match=says):
+        _build(tmp_path, **words)
+
+
+def test_a_start_pose_is_normalised(tmp_path: Path):
+    """A quaternion of any length is the rotation that MuJoCo takes it for."""
+    path = tmp_path / "own.xml"
+    key = '<keyframe><key name="home" qpos="0 0 1 2 0 0 0"/></keyframe>'
+    path.write_text(f"<mujoco><worldbody>{BODY.format(geom='')}</worldbody>{key}</mujoco>")
+    scene = build_model(SceneConfig.load({"model": str(path), "objects": {"crate": {}}}))
+    assert scene.home_qpos.tolist() == [0, 0, 1, 1, 0, 0, 0]
