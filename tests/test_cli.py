@@ -245,7 +245,7 @@ def test_a_full_disk_is_told_in_words(capfd: pytest.CaptureFixture, tmp_path: Pa
     with pytest.raises(SystemExit) as stop:
         cli.main(["generate", "mid", "-n", "1", "-o", str(tmp_path), "--device", "cpu"])
     assert stop.value.code == 2
-    assert "No space left on device" in capfd.readouterr().err
+    assert "layouts.npz cannot be written: no space left on device. Give --out" in capfd.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 

@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 import torch
 from torch import nn
@@ -123,18 +124,21 @@ def test_the_readme_names_every_scene():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("block", range(2))
+@pytest.mark.parametrize("block", range(3))
 def test_the_programs_in_the_readme_run(block: int, monkeypatch: pytest.MonkeyPatch):
     """As they stand, from the repository's root; the reset of a few worlds gave those their next episode."""
     monkeypatch.chdir(EXAMPLES.parent)
     programs = re.findall(r"```python\n(.*?)```", Path("README.md").read_text(), flags=re.DOTALL)
-    assert len(programs) == 2
+    assert len(programs) == 3
     names: dict = {}
     exec(programs[block], names)
     if block == 0:
         assert names["info"]["layout_episode"][6:10].tolist() == [1, 1, 0, 0]
-    else:
+    elif block == 1:
         assert set(names["randomizer"].layouts.episode.numpy()) == {1}
+    else:
+        assert np.flatnonzero(names["randomizer"].layouts.episode.numpy() == 0).tolist() == [3, 5]
+        assert names["poses"].shape == (64, 7)
 
 
 @pytest.mark.slow

@@ -54,8 +54,8 @@ def _check_field(mjm: mujoco.MjModel, where: str, name: str, values: np.ndarray)
     if wrong.any():
         at = tuple(np.argwhere(wrong)[0])
         raise SceneKeyError(
-            f"{where}: model: {name} of {_element(mjm, name, int(at[0]))}: {values[at]:g} {advice}. Correct it in the "
-            "MJCF file."
+            f"{where}: model: {name} of {_element(mjm, name, int(at[0]))}: {values[at]:g} {advice}. "
+            "Correct it in the MJCF file."
         )
 
 

@@ -17,6 +17,9 @@ READING = {
     "validation",
     "loader",
     "limits",
+    "bounds",  # of numbers in a scene file
+    "expansion",  # how much a file says by its aliases
+    "paths",  # how users give them
 }
 
 
