@@ -11,7 +11,7 @@ import warp as wp
 
 from sceniris_gym.errors import MaskError, MaskTypeError
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.sim.write import Poses, RestMap
+from sceniris_gym.sim.write import Poses, RestMap, rest_value
 
 wp.set_module_options({"enable_backward": False})
 
@@ -60,10 +60,7 @@ def _write_placed(
         mocap_quat_out[worldid, mocapid[i]] = mocap_quat_in[row, mocapid[i]]
     if i < element.shape[0]:
         e = element[i]
-        value = rest_bias[e]
-        for term in range(rest_rowadr[e], rest_rowadr[e + 1]):
-            value += rest_coef[term] * qpos_in[row, rest_qposadr[term]]
-        value = wp.clamp(value, rest_lower[e], rest_upper[e])
+        value = rest_value(rest_rowadr, rest_qposadr, rest_coef, rest_bias, rest_lower, rest_upper, e, qpos_in[row])
         if e < nu:
             ctrl_out[worldid, e] = value
         else:

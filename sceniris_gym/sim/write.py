@@ -58,6 +58,24 @@ class RestMap:
     upper: wp.array
 
 
+@wp.func
+def rest_value(
+    rowadr: wp.array[int],
+    qposadr: wp.array[int],
+    coef: wp.array[float],
+    bias: wp.array[float],
+    lower: wp.array[float],
+    upper: wp.array[float],
+    elemid: int,
+    qpos: wp.array[float],
+) -> float:
+    """Element `elemid` of a `RestMap`, given by its fields, at the joint positions `qpos` (nq,)."""
+    value = bias[elemid]
+    for term in range(rowadr[elemid], rowadr[elemid + 1]):
+        value += coef[term] * qpos[qposadr[term]]
+    return wp.clamp(value, lower[elemid], upper[elemid])
+
+
 @wp.kernel
 def _rows_of_mask(mask: wp.array[wp.bool], rows_out: wp.array[int]):
     worldid = wp.tid()
@@ -114,11 +132,10 @@ def _write_state(
         mocap_pos_out[worldid, elemid] = mocap_pos_in[row, elemid]
         mocap_quat_out[worldid, elemid] = mocap_quat_in[row, elemid]
     if elemid < nu + na:
-        value = rest_bias[elemid]
         # from the layout, not from qpos_out: other threads of this launch are writing that
-        for term in range(rest_rowadr[elemid], rest_rowadr[elemid + 1]):
-            value += rest_coef[term] * qpos_in[row, rest_qposadr[term]]
-        value = wp.clamp(value, rest_lower[elemid], rest_upper[elemid])
+        value = rest_value(
+            rest_rowadr, rest_qposadr, rest_coef, rest_bias, rest_lower, rest_upper, elemid, qpos_in[row]
+        )
         if elemid < nu:
             ctrl_out[worldid, elemid] = value
         else:
