@@ -15,8 +15,6 @@ import os
 import platform
 import tempfile
 import time
-import zipfile
-import zlib
 from collections.abc import Mapping
 from functools import cache
 from importlib import metadata
@@ -26,6 +24,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
+from sceniris_gym.reach import stored_arrays
 from sceniris_gym.scene.model import SceneModel
 
 VARIABLE = "SCENIRIS_GYM_CACHE"
@@ -33,17 +32,7 @@ VARIABLE = "SCENIRIS_GYM_CACHE"
 OFF = "off"
 MOST_BYTES = 256 << 20
 """Files that were not used for longest are removed as soon as all together take more than this."""
-UNREADABLE = (
-    OSError,
-    ValueError,
-    TypeError,
-    KeyError,
-    EOFError,
-    AttributeError,
-    RuntimeError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
+UNREADABLE = (*stored_arrays.UNREADABLE, AttributeError)
 """What reading a damaged or foreign file may raise."""
 
 _SUFFIX = ".npz"
@@ -97,8 +86,7 @@ def load_arrays(key: str) -> dict[str, np.ndarray] | None:
         return None
     path = folder / f"{key}{_SUFFIX}"
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
+        arrays = stored_arrays.read_arrays(path)
         os.utime(path)  # for `_remove_oldest`
     except UNREADABLE:
         return None
