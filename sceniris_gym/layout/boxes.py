@@ -8,6 +8,7 @@ from typing import Any
 
 import warp as wp
 
+from sceniris_gym.layout.axes import absolute, gap_across_edges, gap_at_faces
 from sceniris_gym.layout.blocks import block_any
 from sceniris_gym.layout.leaves import (
     PairPoses,
@@ -43,26 +44,15 @@ def boxes_separated(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pos
     """
     t = apply(rel, cb) - ca
     r = rel.rot
-    f = wp.mat33(
-        wp.abs(r[0, 0]), wp.abs(r[0, 1]), wp.abs(r[0, 2]),
-        wp.abs(r[1, 0]), wp.abs(r[1, 1]), wp.abs(r[1, 2]),
-        wp.abs(r[2, 0]), wp.abs(r[2, 1]), wp.abs(r[2, 2]),
-    )  # fmt: skip
-    ga = wp.vec3(wp.abs(t[0]), wp.abs(t[1]), wp.abs(t[2])) - ha - f * hb
-    if wp.max(ga) > margin:
+    f = absolute(r)
+    if gap_at_faces(ha, hb, t, f) > margin:
         return True
     tb = wp.transpose(r) * t
-    gb = wp.vec3(wp.abs(tb[0]), wp.abs(tb[1]), wp.abs(tb[2])) - hb - wp.transpose(f) * ha
-    if wp.max(gb) > margin:
+    if gap_at_faces(hb, ha, tb, wp.transpose(f)) > margin:
         return True
     for i in range(3):
-        i1 = (i + 1) % 3
-        i2 = (i + 2) % 3
         for j in range(3):
-            j1 = (j + 1) % 3
-            j2 = (j + 2) % 3
-            reach = ha[i1] * f[i2, j] + ha[i2] * f[i1, j] + hb[j1] * f[i, j2] + hb[j2] * f[i, j1]
-            if wp.abs(t[i2] * r[i1, j] - t[i1] * r[i2, j]) - reach > margin:
+            if gap_across_edges(ha, hb, t, r, f, i, j) > margin:
                 return True
     return False
 

@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from sceniris_gym.layout.axes import absolute, gap_across_edges, gap_at_faces
 from sceniris_gym.layout.transforms import Pose, apply, compose, pose_of, relative
 from sceniris_gym.program.device import Program
 
@@ -29,27 +30,16 @@ def boxes_within(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pose, 
     t = apply(rel, cb) - ca
     t = t * wp.max(1.0 - margin / wp.max(wp.length(t), 1.0e-9), 0.0)
     r = rel.rot
-    f = wp.mat33(
-        wp.abs(r[0, 0]), wp.abs(r[0, 1]), wp.abs(r[0, 2]),
-        wp.abs(r[1, 0]), wp.abs(r[1, 1]), wp.abs(r[1, 2]),
-        wp.abs(r[2, 0]), wp.abs(r[2, 1]), wp.abs(r[2, 2]),
-    )  # fmt: skip
+    f = absolute(r)
     deep = _OVERLAP * (wp.length(ha) + wp.length(hb))
-    ga = wp.vec3(wp.abs(t[0]), wp.abs(t[1]), wp.abs(t[2])) - ha - f * hb
-    if wp.max(ga) > -deep:
+    if gap_at_faces(ha, hb, t, f) > -deep:
         return False
     tb = wp.transpose(r) * t
-    gb = wp.vec3(wp.abs(tb[0]), wp.abs(tb[1]), wp.abs(tb[2])) - hb - wp.transpose(f) * ha
-    if wp.max(gb) > -deep:
+    if gap_at_faces(hb, ha, tb, wp.transpose(f)) > -deep:
         return False
     for i in range(3):
-        i1 = (i + 1) % 3
-        i2 = (i + 2) % 3
         for j in range(3):
-            j1 = (j + 1) % 3
-            j2 = (j + 2) % 3
-            reach = ha[i1] * f[i2, j] + ha[i2] * f[i1, j] + hb[j1] * f[i, j2] + hb[j2] * f[i, j1]
-            if f[i, j] < _PARALLEL and wp.abs(t[i2] * r[i1, j] - t[i1] * r[i2, j]) > reach - _ROUNDING:
+            if f[i, j] < _PARALLEL and gap_across_edges(ha, hb, t, r, f, i, j) > -_ROUNDING:
                 return False
     return True
 

@@ -7,6 +7,7 @@ finds one: it calls some boxes of decimetres in contact that are 10 to 100 um ap
 import warp as wp
 
 from sceniris_gym.geometry.pieces import PieceType
+from sceniris_gym.layout.axes import absolute, gap_across_edges, gap_at_faces
 from sceniris_gym.layout.convex import Shape, separated
 from sceniris_gym.layout.transforms import Pose
 
@@ -45,26 +46,17 @@ def _boxes_apart(ha: wp.vec3, hb: wp.vec3, rel: Pose, margin: float) -> bool:
     """
     t = rel.pos
     r = rel.rot
-    f = wp.mat33(
-        wp.abs(r[0, 0]), wp.abs(r[0, 1]), wp.abs(r[0, 2]),
-        wp.abs(r[1, 0]), wp.abs(r[1, 1]), wp.abs(r[1, 2]),
-        wp.abs(r[2, 0]), wp.abs(r[2, 1]), wp.abs(r[2, 2]),
-    )  # fmt: skip
-    if wp.max(wp.vec3(wp.abs(t[0]), wp.abs(t[1]), wp.abs(t[2])) - ha - f * hb) > margin:
+    f = absolute(r)
+    if gap_at_faces(ha, hb, t, f) > margin:
         return True
     tb = wp.transpose(r) * t
-    if wp.max(wp.vec3(wp.abs(tb[0]), wp.abs(tb[1]), wp.abs(tb[2])) - hb - wp.transpose(f) * ha) > margin:
+    if gap_at_faces(hb, ha, tb, wp.transpose(f)) > margin:
         return True
     rounding = _ROUNDING * (wp.length(ha) + wp.length(hb) + wp.length(t))
     for i in range(3):
-        i1 = (i + 1) % 3
-        i2 = (i + 2) % 3
         for j in range(3):
-            j1 = (j + 1) % 3
-            j2 = (j + 2) % 3
-            reach = ha[i1] * f[i2, j] + ha[i2] * f[i1, j] + hb[j1] * f[i, j2] + hb[j2] * f[i, j1]
             length = wp.sqrt(wp.max(1.0 - r[i, j] * r[i, j], 0.0))
-            if wp.abs(t[i2] * r[i1, j] - t[i1] * r[i2, j]) - reach > margin * length + rounding:
+            if gap_across_edges(ha, hb, t, r, f, i, j) > margin * length + rounding:
                 return True
     return False
 
