@@ -10,7 +10,7 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import MaskTypeError, SceneMismatchError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, MaskTypeError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.pickling import StaysHere
@@ -95,7 +95,7 @@ class ResetRandomizer(StaysHere):
 
     Raises:
         SceneMismatchError: Model, data or layout_source have another scene, device or number of worlds.
-        ValueError: Both `layout_source` and `prefetch`.
+        ArgumentError: Both `layout_source` and `prefetch`.
         MaskTypeError, MaskError: `origins` are no floats, or not one for each world.
         UnknownNameError: `write` is neither "all" nor "placed".
     """
@@ -125,7 +125,7 @@ class ResetRandomizer(StaysHere):
                 stream = prefetch if isinstance(prefetch, wp.Stream) else None
                 layout_source = PreparedLayouts(layout_source, stream, graph=graph)
         elif prefetch:
-            raise ValueError(
+            raise ArgumentError(
                 "ResetRandomizer: prefetch makes layouts ahead that the randomizer generates itself. Give either it or "
                 "a layout_source, which may be a PreparedLayouts."
             )

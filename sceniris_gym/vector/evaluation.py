@@ -11,7 +11,7 @@ import warp as wp
 from gymnasium.vector import VectorEnv
 from torch import Tensor
 
-from sceniris_gym.errors import SceneMismatchError
+from sceniris_gym.errors import ArgumentError, SceneMismatchError
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
@@ -56,14 +56,14 @@ def evaluate(
         A result for each id, in their order.
 
     Raises:
-        ValueError: The environment has no max_episode_steps.
+        ArgumentError: The environment has no max_episode_steps.
         LayoutIdError: Not the form of an id.
         SceneMismatchError: An id of another scene or split.
     """
     inner = envs.unwrapped
     assert isinstance(inner, SceneVectorEnv)
     if inner.max_episode_steps is None:
-        raise ValueError("evaluate: envs should have max_episode_steps, so that every episode ends.")
+        raise ArgumentError("evaluate: envs should have max_episode_steps, so that every episode ends.")
     split, number = inner.split, inner.num_envs
     if ids is None or isinstance(ids, int):
         ids = [inner.compiled.layout_id(seed, 0, split) for seed in range(number if ids is None else ids)]
