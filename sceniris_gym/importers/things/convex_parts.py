@@ -1,0 +1,157 @@
+"""Convex parts of a mesh: of each connected piece the hull if it fits, or what CoACD cuts it into; then merged."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sceniris_gym.errors import MissingExtraError, PartsError
+from sceniris_gym.importers.things.fit import Fit, Measure
+from sceniris_gym.importers.things.merging import merge
+from sceniris_gym.importers.things.repair import Solid
+
+if TYPE_CHECKING:
+    import trimesh
+
+LEAST_TOLERANCE, SHARE = 0.002, 0.02
+"""Parts are to stay within 2 mm of the mesh, or 2% of its longest edge if that is more."""
+MOST_PARTS = 160
+_MOST_PIECES = 200
+_MOST_VERTICES = 96  # of a part: MuJoCo-Warp's collisions take longer with more
+_DIRECTIONS = 192
+# CoACD's threshold of concavity: the coarsest, and how often a finer one is tried, as fine as the error asks for.
+_COARSE, _TRIES = 0.05, 4
+# Its search is made short: with its defaults a mug takes four times as long, and merging finds what that would save.
+_SEARCH = {"mcts_iterations": 10, "mcts_nodes": 8, "mcts_max_depth": 2, "resolution": 500}
+_GRID = 40  # cells along its size, of the surface that CoACD closes first
+_REST = 0.95  # of what is allowed, for each piece: merging uses the rest
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Convex parts of a mesh.
+
+    Attributes:
+        meshes: The parts [m].
+        fit: How they fit.
+        tolerance: How they had to fit [m].
+        method: How they were found, in words.
+    """
+
+    meshes: tuple[trimesh.Trimesh, ...]
+    fit: Fit
+    tolerance: float
+    method: str
+
+
+def tolerance_of(mesh: trimesh.Trimesh) -> float:
+    """How far convex parts may be from a mesh [m] if nothing else is said."""
+    return max(LEAST_TOLERANCE, SHARE * float(mesh.extents.max()))
+
+
+def convex_parts(solid: Solid, where: str, tolerance: float | None = None) -> Parts:
+    """Find few convex parts that stay within a tolerance of a mesh.
+
+    Args:
+        solid: The mesh.
+        where: How errors begin.
+        tolerance: In metres; by default 2 mm or 2% of its longest edge, whichever is larger.
+
+    Raises:
+        PartsError: Not even the finest parts stay within it.
+        MissingExtraError: It is not convex, and CoACD is not installed.
+    """
+    allowed = tolerance_of(solid.mesh) if tolerance is None else tolerance
+    found, methods = [], []
+    for piece in _pieces(solid.mesh):
+        meshes, method = _of_piece(piece, solid.closed, _REST * allowed)
+        found += meshes
+        methods.append(method)
+    method = ", ".join(f"{methods.count(word)} x {word}" for word in sorted(set(methods)))
+    measure = Measure(solid.mesh)
+    parts = merge(found, measure, allowed, small_hull)
+    fit = measure.fit(parts)
+    if fit.error > allowed or len(parts) > MOST_PARTS:
+        raise PartsError(
+            f"{where}: its best convex parts, {len(parts)} by {method}, are {1000.0 * fit.error:.2g} mm off its "
+            f"surface; at most {1000.0 * allowed:.2g} mm and {MOST_PARTS} parts are allowed. Allow more with "
+            "--tolerance, or model thin and fine structures thicker."
+        )
+    return Parts(tuple(parts), fit, allowed, method)
+
+
+def _of_piece(piece: trimesh.Trimesh, closed: bool, allowed: float) -> tuple[list[trimesh.Trimesh], str]:
+    """The parts of one connected piece, and how they were found: the first that fit, or else those that fit best."""
+    hull = [small_hull(piece.vertices)]
+    if float(piece.extents.max()) < allowed:
+        return hull, "hull"
+    measure = Measure(piece)
+    best, error = hull, measure.fit(hull).error
+    threshold = _COARSE
+    for _ in range(_TRIES):
+        if error <= allowed:
+            break
+        parts = _cut(piece, threshold, closed)
+        off = measure.fit(parts).error if parts else np.inf
+        if off < error:
+            best, error = parts, off
+        threshold *= max(0.8 * min(allowed / off, 1.0), 0.4)
+    return best, "hull" if best is hull else "CoACD"
+
+
+def _cut(mesh: trimesh.Trimesh, threshold: float, closed: bool) -> list[trimesh.Trimesh]:
+    """The parts that CoACD cuts a mesh into; it closes what is open by a surface around it."""
+    # One thread finds the same parts on every machine; several wait for each other where cores are busy.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    try:
+        import coacd
+    except ImportError:
+        raise MissingExtraError("coacd", "import") from None
+    coacd.set_log_level("error")
+    found = coacd.run_coacd(
+        coacd.Mesh(np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int)),
+        threshold=threshold,
+        preprocess_mode="auto" if closed else "on",
+        preprocess_resolution=_GRID,
+        merge=False,
+        seed=0,
+        **_SEARCH,
+    )
+    hulls = [_hull_or_none(np.asarray(vertices, float)) for vertices, _ in found]
+    return [hull for hull in hulls if hull is not None]
+
+
+def small_hull(points: np.ndarray) -> trimesh.Trimesh:
+    """The convex hull of points (n, 3), of few vertices: where there are many, those farthest in even directions."""
+    from sceniris_gym.geometry.pieces import convex_hull
+
+    hull = convex_hull(points)
+    if len(hull.vertices) <= _MOST_VERTICES:
+        return hull
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(_DIRECTIONS)
+    height = 1.0 - 2.0 * (np.arange(_DIRECTIONS) + 0.5) / _DIRECTIONS
+    level = np.sqrt(1.0 - height**2)
+    directions = np.stack([level * np.cos(turn), level * np.sin(turn), height], axis=1)
+    directions = np.concatenate([directions, np.eye(3), -np.eye(3)])
+    farthest = np.unique(np.argmax(hull.vertices @ directions.T, axis=0))
+    return convex_hull(hull.vertices[farthest])
+
+
+def _hull_or_none(points: np.ndarray) -> trimesh.Trimesh | None:
+    """The same; None if the points lie in a plane."""
+    try:
+        hull = small_hull(points)
+    except (ValueError, RuntimeError):  # qhull's
+        return None
+    return hull if hull.volume > 1e-9 * float(hull.extents.max()) ** 3 else None
+
+
+def _pieces(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
+    """The connected pieces of a mesh that have a volume; all of it as one if some are hollows inside of others."""
+    pieces = [piece for piece in mesh.split(only_watertight=False) if _hull_or_none(piece.vertices) is not None]
+    if len(pieces) > _MOST_PIECES or any(piece.is_watertight and piece.volume < 0.0 for piece in pieces):
+        return [mesh]
+    return pieces

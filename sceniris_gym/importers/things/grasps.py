@@ -1,0 +1,122 @@
+"""Antipodal grasps: where two fingers that close on a thing press on faces that look away from each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sceniris_gym.geometry.rotations import matrix, quaternion
+
+OPENING = 0.08
+"""How far the gripper opens [m]: as far as the narrowest of the shipped arms."""
+MOST = 16
+# The cosine of 15 degrees: how far the normals at both fingers may be off the closing axis. Rubber pads hold more.
+_ALIGNED = 0.966
+_TRIALS = 400  # points that a first finger may touch
+_APPROACHES = 12  # about the closing axis
+# A hand in its TCP's frame [m]: fingers (half width, thickness, palm to TCP, tip beyond TCP), and its palm.
+_FINGER = (0.011, 0.02, 0.038, 0.009)
+_PALM = (0.032, 0.1, 0.1)  # half depth, half width, height
+_ROOM = 0.005  # between an open finger and the surface
+_FLOOR = 0.002  # how far the fingers stay above what the thing stands on
+
+
+@dataclass(frozen=True)
+class GraspSite:
+    """A grasp: position [m] and orientation (wxyz) of the TCP; z is the approach axis, y the closing axis."""
+
+    pos: np.ndarray
+    quat: np.ndarray
+    width: float
+
+
+def antipodal_grasps(triangles: np.ndarray, points: np.ndarray, floor: float) -> list[GraspSite]:
+    """Find grasps that are spread over a thing.
+
+    Args:
+        triangles: Its surface, facing outwards [m], shape (n, 3, 3).
+        points: Points on it that a hand must not touch [m], shape (m, 3).
+        floor: Height of what it stands on [m].
+    """
+    rng = np.random.default_rng(0)
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    area = np.linalg.norm(normals, axis=1)
+    keep = area > 1e-12 * max(float(area.max(initial=0.0)), 1e-30)
+    triangles, normals, area = triangles[keep], normals[keep] / area[keep][:, None], area[keep]
+    which = rng.choice(len(area), _TRIALS, p=area / area.sum())
+    u, v = np.sqrt(rng.random(_TRIALS)), rng.random(_TRIALS)
+    weights = np.stack([1.0 - u, u * (1.0 - v), u * v], axis=1)
+    starts = (triangles[which] * weights[:, :, None]).sum(axis=1)
+    found = []
+    for start, normal in zip(starts, normals[which], strict=True):
+        hit = _through(triangles, start, -normal)
+        if hit is None or not 1e-3 < hit[0] < OPENING - _ROOM or normals[hit[1]] @ -normal < _ALIGNED:
+            continue
+        middle = start - 0.5 * hit[0] * normal
+        found += _around(middle, normal, hit[0], points, floor)
+    return _spread(found, float(np.ptp(points, axis=0).max()))
+
+
+def _through(triangles: np.ndarray, start: np.ndarray, direction: np.ndarray) -> tuple[float, int] | None:
+    """How far a ray from the surface goes through the solid, and the triangle where it leaves (Moeller-Trumbore)."""
+    a, e1, e2 = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    p = np.cross(direction, e2)
+    det = (e1 * p).sum(axis=1)
+    with np.errstate(all="ignore"):
+        t0 = start - a
+        u = (t0 * p).sum(axis=1) / det
+        q = np.cross(t0, e1)
+        v, t = (q @ direction) / det, (e2 * q).sum(axis=1) / det
+        ahead = np.where((u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (t > 1e-5), t, np.inf)
+    first = int(np.argmin(ahead))
+    return (float(ahead[first]), first) if np.isfinite(ahead[first]) else None
+
+
+def _around(middle: np.ndarray, closing: np.ndarray, width: float, points: np.ndarray, floor: float) -> list[GraspSite]:
+    """The grasps with this closing axis whose hand is free: one for each direction that it may come from."""
+    side = np.cross(closing, np.eye(3)[np.argmin(np.abs(closing))])
+    side /= np.linalg.norm(side)
+    other, found = np.cross(closing, side), []
+    for angle in 2.0 * np.pi * np.arange(_APPROACHES) / _APPROACHES:
+        approach = np.cos(angle) * side + np.sin(angle) * other
+        axes = np.stack([np.cross(closing, approach), closing, approach], axis=1)
+        if not _is_blocked((points - middle) @ axes, 0.5 * width + _ROOM) and _lowest(axes, width) + middle[2] > floor:
+            found.append(GraspSite(middle, quaternion(axes), width))
+    return found
+
+
+def _is_blocked(local: np.ndarray, gap: float) -> bool:
+    """Whether any of some points, in the frame of the TCP, is inside of the open hand."""
+    half, thickness, palm, tip = _FINGER
+    x, y, z = np.abs(local[:, 0]), np.abs(local[:, 1]), local[:, 2]
+    fingers = (x < half) & (y > gap) & (y < gap + thickness) & (z > -palm) & (z < tip)
+    hand = (x < _PALM[0]) & (y < _PALM[1]) & (z <= -palm) & (z > -palm - _PALM[2])
+    return bool((fingers | hand).any())
+
+
+def _lowest(axes: np.ndarray, width: float) -> float:
+    """Height of the lowest point of the open hand over its TCP [m], less what it keeps from the floor."""
+    half, thickness, palm, tip = _FINGER
+    reach = 0.5 * width + _ROOM + thickness
+    corners = [(x, y, z) for x in (-half, half) for y in (-reach, reach) for z in (-palm, tip)]
+    corners += [(x, y, -palm - _PALM[2]) for x in (-_PALM[0], _PALM[0]) for y in (-_PALM[1], _PALM[1])]
+    return float((np.array(corners) @ axes[2]).min()) - _FLOOR
+
+
+def _spread(found: list[GraspSite], size: float) -> list[GraspSite]:
+    """The grasps that are farthest from each other, up to the most that an asset gets."""
+    if not found:
+        return []
+    features = np.array([np.concatenate([g.pos / size, matrix(g.quat).ravel() * 0.5]) for g in found])
+    turned = np.array([np.concatenate([g.pos / size, (matrix(g.quat) * [-1, -1, 1]).ravel() * 0.5]) for g in found])
+    chosen = [int(np.argmin([matrix(g.quat)[2, 2] for g in found]))]  # that from above, if there is one
+    away = np.full(len(found), np.inf)
+    while len(chosen) < min(MOST, len(found)):
+        last = chosen[-1]
+        away = np.minimum(away, np.linalg.norm(features - features[last], axis=1))
+        away = np.minimum(away, np.linalg.norm(turned - features[last], axis=1))  # half a turn is the same grasp
+        if away.max() < 0.05:
+            break
+        chosen.append(int(np.argmax(away)))
+    return [found[i] for i in chosen]

@@ -1,0 +1,58 @@
+"""Merges convex parts into fewer ones, as long as they stay near the mesh that they stand for."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sceniris_gym.importers.things.fit import Measure
+
+if TYPE_CHECKING:
+    import trimesh
+
+Hull = Callable[[np.ndarray], "trimesh.Trimesh"]
+
+
+def merge(parts: list[trimesh.Trimesh], measure: Measure, allowed: float, hull: Hull) -> list[trimesh.Trimesh]:
+    """Merge pairs of parts, those first whose common hull adds least volume.
+
+    Args:
+        parts: Convex parts that fit.
+        measure: Measures how they fit.
+        allowed: How far from the mesh they may be [m].
+        hull: Makes a part of points, shape (n, 3).
+    """
+    alive = dict(enumerate(parts))
+    fresh = itertools.count(len(parts))
+    heap: list[tuple[float, int, int]] = []
+
+    def push(i: int, others: Iterator[int]) -> None:
+        for j in others:
+            if _touch(alive[i], alive[j], allowed):
+                both = hull(np.concatenate([alive[i].vertices, alive[j].vertices]))
+                heapq.heappush(heap, (float(both.volume - alive[i].volume - alive[j].volume), j, i))
+
+    for i in list(alive):
+        push(i, (j for j in list(alive) if j < i))
+    while heap:
+        _, j, i = heapq.heappop(heap)
+        if i not in alive or j not in alive:
+            continue
+        both = hull(np.concatenate([alive[i].vertices, alive[j].vertices]))
+        others = [part for k, part in alive.items() if k not in (i, j)]
+        if measure.beyond(both, others) > allowed:
+            continue
+        del alive[i], alive[j]
+        alive[new := next(fresh)] = both
+        push(new, (k for k in list(alive) if k != new))
+    merged = list(alive.values())
+    return merged if measure.fit(merged).error <= allowed else parts
+
+
+def _touch(one: trimesh.Trimesh, other: trimesh.Trimesh, near: float) -> bool:
+    """Whether the bounds of two parts are nearer than a distance [m]."""
+    return bool((one.bounds[0] <= other.bounds[1] + near).all() and (other.bounds[0] <= one.bounds[1] + near).all())

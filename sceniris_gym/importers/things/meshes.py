@@ -1,0 +1,103 @@
+"""Reads files of meshes: OBJ, STL, PLY, OFF, GLB and glTF, and DAE with pycollada."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sceniris_gym.errors import MissingExtraError, SceneFileError
+from sceniris_gym.importers.things.thing import GREY, Link, Surface, Thing
+
+if TYPE_CHECKING:
+    import trimesh
+
+SUFFIXES = (".obj", ".stl", ".ply", ".off", ".glb", ".gltf", ".dae")
+"""What is read; of these, glTF says that it is in metres with y up."""
+_GLTF = (".glb", ".gltf")
+
+
+def read_mesh(path: Path) -> Thing:
+    """Read a file of meshes as a thing of one link; nothing is scaled or turned.
+
+    Raises:
+        SceneFileError: It cannot be read.
+        MissingExtraError: It is a DAE file, and pycollada is not installed.
+    """
+    meters, up, files = (1.0, "y", ()) if path.suffix.lower() in _GLTF else (None, None, ())
+    if path.suffix.lower() == ".obj":
+        files = tuple(_materials(path))
+    if path.suffix.lower() == ".dae":
+        meters, up = 1.0, "z"  # trimesh applies the unit and the up axis that the file states
+    return Thing(path.stem, (Link(path.stem, surfaces=read_surfaces(path)),), meters, up, files=files)
+
+
+def read_surfaces(path: Path) -> tuple[Surface, ...]:
+    """Read the surfaces of a file of meshes, one for each of its materials; errors as in `read_mesh`."""
+    import trimesh
+
+    if path.suffix.lower() == ".dae":
+        _need_collada()
+    try:
+        scene = trimesh.load_scene(path)
+        found = []
+        for node in scene.graph.nodes_geometry:
+            pose, name = scene.graph[node]
+            mesh = scene.geometry[name]
+            if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
+                found.append(_surface(mesh.copy(), np.asarray(pose, float)))
+    except MemoryError:
+        raise
+    except Exception as error:  # a reader of a dozen formats, each with errors of its own
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise SceneFileError(f"{path}: it cannot be read as {path.suffix[1:].upper()}: {reason:.200}") from None
+    return tuple(found)
+
+
+def _surface(mesh: trimesh.Trimesh, pose: np.ndarray) -> Surface:
+    if np.linalg.det(pose[:3, :3]) < 0.0:  # mirrored: what was counterclockwise is clockwise
+        mesh.faces = mesh.faces[:, ::-1]
+    vertices = mesh.vertices @ pose[:3, :3].T + pose[:3, 3]
+    rgba, texture, uv = _look(mesh.visual)
+    if uv is not None and len(uv) != len(vertices):
+        texture = uv = None
+    return Surface(np.asarray(vertices, float), np.asarray(mesh.faces, int), rgba, texture, uv)
+
+
+def _look(visual: Any) -> tuple[tuple[float, ...], Any, np.ndarray | None]:
+    """The colour, picture and picture coordinates of what trimesh calls a visual."""
+    if visual.kind == "texture":
+        material = visual.material
+        image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+        uv = None if visual.uv is None else np.asarray(visual.uv, float)
+        if image is not None and uv is not None and np.isfinite(uv).all():
+            return (1.0, 1.0, 1.0, 1.0), image.convert("RGB"), uv
+        return _colour(material.main_color), None, None
+    if visual.kind in ("face", "vertex") and visual.defined:
+        return (
+            _colour(np.median(visual.face_colors if visual.kind == "face" else visual.vertex_colors, axis=0)),
+            None,
+            None,
+        )
+    return GREY, None, None
+
+
+def _colour(rgba: Any) -> tuple[float, ...]:
+    values = np.asarray(rgba, float).ravel() / 255.0
+    return tuple(float(v) for v in np.append(values[:3], values[3] if len(values) > 3 and values[3] > 0.0 else 1.0))
+
+
+def _materials(path: Path) -> list[str]:
+    """The files of materials that an OBJ file names, as far as they exist."""
+    with path.open(errors="replace") as lines:
+        named = [line.split(maxsplit=1)[1].strip() for line in lines if re.match(r"mtllib\s+\S", line)]
+    return [name for name in named if (path.parent / name).is_file()]
+
+
+def _need_collada() -> None:
+    try:
+        import collada  # noqa: F401
+    except ImportError:
+        raise MissingExtraError("pycollada", "import") from None

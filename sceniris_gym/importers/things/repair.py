@@ -1,0 +1,194 @@
+"""Makes one closed surface of what a link is made of, and reports what had to be done for it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sceniris_gym.errors import EmptyMeshError, FlatMeshError, LargeMeshError, MeshError, OpenMeshError
+from sceniris_gym.importers.things.thing import Surface, faces_of
+
+if TYPE_CHECKING:
+    import trimesh
+
+MOST_FACES = 500_000
+"""Triangles of a thing: more than any picture of it needs, and minutes of work."""
+LARGEST_HOLE, MOST_OPEN = 0.1, 0.3
+"""Share of a surface that may be missing in one hole, and in all of them: flat patches close them. A box without one of
+its sides misses a fifth, and may be a solid or a container."""
+_WELD = 1e-6  # of its size: vertices nearer to each other are one
+_FLAT = 1e-6  # of its size: what is thinner is flat
+_EMPTY = 1e-9  # of the cube of its size: what encloses less encloses nothing
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A surface as one mesh.
+
+    Attributes:
+        mesh: The mesh [m], vertices welded.
+        closed: Whether it encloses a volume; a shell does not.
+        report: What was done to it, in words.
+        patches: The triangles that closed its holes, for the eye; None if there is nothing to see of them.
+    """
+
+    mesh: trimesh.Trimesh
+    closed: bool
+    report: tuple[str, ...]
+    patches: Surface | None = None
+
+
+def check_faces(surfaces: Sequence[Surface], where: str) -> None:
+    """Refuse surfaces without faces, with too many of them, or with numbers that are not finite.
+
+    Raises:
+        EmptyMeshError, LargeMeshError, MeshError: See above.
+    """
+    count = faces_of(surfaces)
+    if count == 0:
+        raise EmptyMeshError(f"{where}: it has no faces. Export the object as a mesh of triangles or polygons.")
+    if count > MOST_FACES:
+        raise LargeMeshError(
+            f"{where}: it has {count:,} faces, and should have {MOST_FACES:,} at most. Reduce it, e.g. with Blender's "
+            "modifier Decimate: 10,000 are plenty."
+        )
+    if not all(np.isfinite(surface.vertices).all() for surface in surfaces):
+        raise MeshError(f"{where}: it has vertices that are not finite. Export it again.")
+
+
+def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> Solid:
+    """Weld vertices, drop faces without area and doubles, close small holes, and turn all faces outwards.
+
+    Args:
+        surfaces: The surfaces of a link [m].
+        where: How errors begin.
+        shell: The surface is a sheet that encloses nothing: holes stay as they are.
+
+    Raises:
+        FlatMeshError: It lies in a plane.
+        OpenMeshError: Too much of it is missing.
+    """
+    import trimesh
+
+    mesh = _joined(surfaces)
+    size = float(mesh.extents.max()) if len(mesh.faces) else 0.0
+    report = []
+    faces = len(mesh.faces)
+    mesh.update_faces(mesh.nondegenerate_faces(height=1e-12 * size) & mesh.unique_faces())
+    mesh.remove_unreferenced_vertices()
+    if len(mesh.faces) < faces:
+        report.append(f"{faces - len(mesh.faces)} faces without area or twice there were dropped")
+    if not len(mesh.faces) or float(np.linalg.svd(mesh.vertices - mesh.vertices.mean(axis=0), compute_uv=False)[2]) <= (
+        _FLAT * size * np.sqrt(len(mesh.vertices))
+    ):
+        raise FlatMeshError(f"{where}: it is flat and has no volume. Give it a thickness, or leave it out.")
+    if not mesh.is_winding_consistent:
+        trimesh.repair.fix_winding(mesh)
+        report.append("its faces were turned to agree with each other")
+    if shell:
+        return Solid(mesh, False, (*report, "taken as a shell without inside"))
+    loops, patches = _holes(mesh), None
+    if loops:
+        shares = [float(np.linalg.norm(_vector_area(mesh.vertices, edges)) / mesh.area) for edges in loops]
+        missing = sum(shares)
+        if max(shares) > LARGEST_HOLE or missing > MOST_OPEN:
+            raise OpenMeshError(
+                f"{where}: it is open along {sum(map(len, loops))} edges. {missing:.0%} of its surface is missing, "
+                f"{max(shares):.0%} in the largest hole. Close it (in Blender: Mesh, Clean Up, Fill Holes), or import "
+                "it with --shell if it is a sheet without inside."
+            )
+        mesh, patches = _capped(mesh, loops, surfaces[0].rgba)
+        report.append(f"{len(loops)} holes, {missing:.2%} of its surface, were closed")
+    if mesh.volume < 0.0:
+        mesh.invert()
+        report.append("it was inside out")
+    if mesh.volume < _EMPTY * size**3:
+        raise FlatMeshError(f"{where}: it encloses no volume. Give it a thickness, or import it with --shell.")
+    return Solid(mesh, True, tuple(report), patches)
+
+
+def _joined(surfaces: Sequence[Surface]) -> trimesh.Trimesh:
+    """All surfaces as one mesh whose vertices are welded."""
+    import trimesh
+
+    starts = np.cumsum([0, *(len(surface.vertices) for surface in surfaces)])
+    vertices = np.concatenate([surface.vertices for surface in surfaces])
+    faces = np.concatenate([s.faces + start for s, start in zip(surfaces, starts, strict=False)])
+    used = vertices[np.unique(faces)]
+    grid = _WELD * max(float(np.ptp(used, axis=0).max()), 1e-12)
+    _, first, same = np.unique(
+        np.round((vertices - used.min(axis=0)) / grid), axis=0, return_index=True, return_inverse=True
+    )
+    mesh = trimesh.Trimesh(vertices[first], same.ravel()[faces], process=False)
+    mesh.remove_unreferenced_vertices()
+    return mesh
+
+
+def _holes(mesh: trimesh.Trimesh) -> list[np.ndarray]:
+    """The edges that only one face has, each in that face's direction, by hole: arrays of shape (n, 2)."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    edges = mesh.edges
+    _, which, count = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
+    single = edges[(count[which.ravel()] % 2) == 1]
+    if not len(single):
+        return []
+    n = len(mesh.vertices)
+    graph = coo_matrix((np.ones(len(single)), (single[:, 0], single[:, 1])), (n, n))
+    label = connected_components(graph, directed=False)[1][single[:, 0]]
+    return [loop for i in np.unique(label) for loop in _loops(single[label == i])]
+
+
+def _loops(edges: np.ndarray) -> list[np.ndarray]:
+    """Connected edges (n, 2) as loops that come by no vertex twice; what is no loop stays together."""
+    after: dict[int, list[int]] = {}
+    for start, end in edges:
+        after.setdefault(int(start), []).append(int(end))
+    degrees = np.bincount(edges[:, 0], minlength=edges.max() + 1) - np.bincount(edges[:, 1], minlength=edges.max() + 1)
+    if degrees.any():
+        return [edges]
+    found, path = [], []
+    while path or any(after.values()):
+        if not path:
+            path = [next(vertex for vertex, ends in after.items() if ends)]
+        end = after[path[-1]].pop()
+        if end in path:
+            loop = path[path.index(end) :]
+            found.append(np.array([*zip(loop, [*loop[1:], end], strict=True)]))
+            path = path[: path.index(end)] + ([end] if after[end] else [])
+        else:
+            path.append(end)
+    return found
+
+
+def _vector_area(vertices: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Area of a flat patch within a loop of edges, as a vector along its normal."""
+    a, b = vertices[edges[:, 0]], vertices[edges[:, 1]]
+    middle = 0.5 * (a + b).mean(axis=0)
+    return 0.5 * np.cross(a - middle, b - middle).sum(axis=0)
+
+
+def _capped(
+    mesh: trimesh.Trimesh, loops: list[np.ndarray], rgba: tuple[float, ...]
+) -> tuple[trimesh.Trimesh, Surface | None]:
+    """The mesh with each hole closed by triangles around its middle, and these triangles where they have an area."""
+    import trimesh
+
+    middles = np.array([mesh.vertices[np.unique(edges)].mean(axis=0) for edges in loops])
+    faces = np.concatenate(
+        [
+            np.column_stack([edges[:, 1], edges[:, 0], np.full(len(edges), len(mesh.vertices) + i)])
+            for i, edges in enumerate(loops)
+        ]
+    )
+    vertices = np.concatenate([mesh.vertices, middles])
+    corners = vertices[faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    seen = faces[area > 1e-9 * float(mesh.extents.max()) ** 2]
+    used, inverse = np.unique(seen, return_inverse=True)
+    patches = Surface(vertices[used], inverse.reshape(-1, 3), rgba) if len(seen) else None
+    return trimesh.Trimesh(vertices, np.concatenate([mesh.faces, faces]), process=False), patches

@@ -1,0 +1,114 @@
+"""In which unit of length a thing is written, and which of its axes points up: stated, asked, or guessed and said."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+
+import numpy as np
+
+from sceniris_gym.errors import ArgumentError, SizeError
+from sceniris_gym.importers.things.thing import Thing
+
+LEAST_SIZE, MOST_SIZE = 0.001, 50.0
+"""Longest edge of the bounds of a thing [m]: anything else is most likely in another unit."""
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+"""Metres for each unit."""
+_USUAL = (0.01, 3.0)  # m: what most things that are placed in scenes measure
+# Turns that make an axis of the file point up, x to the right where that is possible.
+_TURNS = {
+    "x": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),
+    "y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
+    "z": np.eye(3),
+}
+
+Ask = Callable[[str], str]
+"""Asks the user a question and returns the answer."""
+
+
+def ask_on_terminal() -> Ask | None:
+    """Return what asks the user, or None if there is nobody to be asked."""
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return None
+
+    def ask(question: str) -> str:
+        print(question, end=" ", file=sys.stderr, flush=True)
+        return sys.stdin.readline().strip()
+
+    return ask
+
+
+def parse_scale(text: str) -> float:
+    """Return metres for each unit of length, from a number or the name of a unit.
+
+    Raises:
+        ArgumentError: It is neither.
+    """
+    try:
+        factor = UNITS[text] if text in UNITS else float(text)
+    except ValueError:
+        factor = 0.0
+    if not (np.isfinite(factor) and factor > 0.0):
+        raise ArgumentError(
+            f"scale: {text!r} should be metres for each unit of the file, or one of {', '.join(UNITS)}."
+        )
+    return factor
+
+
+def find_scale(thing: Thing, scale: str | None, ask: Ask | None, where: str) -> tuple[float, str]:
+    """Return metres for each unit of length of a thing, and how that is known.
+
+    A scale that is given wins over what the file says; if neither is there, metres are taken if they make sense.
+
+    Raises:
+        SizeError: The thing would be smaller than 1 mm or larger than 50 m, and there is nobody to be asked.
+        ArgumentError: The scale, or the answer, is no scale.
+    """
+    size = float(thing.extents().max())
+    if scale is not None:
+        factor, how = parse_scale(scale), "as given"
+    elif thing.meters is not None:
+        factor, how = thing.meters, "as the file says"
+    else:
+        factor, how = 1.0, "guessed: the file does not say"
+    if LEAST_SIZE <= size * factor <= MOST_SIZE:
+        if how.startswith("guessed") and not _USUAL[0] <= size * factor <= _USUAL[1]:
+            how += f"; --scale if {size * factor:.3g} m is not its length"
+        return factor, how
+    choices = _choices(size)
+    problem = f"{where}: it would be {size * factor:.4g} m long, and should be from 1 mm to 50 m"
+    if ask is None:
+        raise SizeError(f"{problem}. Give its scale: {choices}.")
+    factor = parse_scale(ask(f"{problem}. Scale ({choices})?"))
+    if not LEAST_SIZE <= size * factor <= MOST_SIZE:
+        raise SizeError(f"{where}: it would be {size * factor:.4g} m long. Give a scale as in {choices}.")
+    return factor, "as answered"
+
+
+def find_up(thing: Thing, up: str | None, stands: Callable[[str], bool]) -> tuple[str, str]:
+    """Return the axis of the file that points up, and how that is known.
+
+    Args:
+        thing: The thing.
+        up: The axis if the user says so.
+        stands: Whether the thing would stand with this axis up.
+    """
+    if up is not None:
+        return up, "as given"
+    if thing.up is not None:
+        return thing.up, "as the file says"
+    for axis, why in (("z", "it stands that way"), ("y", "it stands that way, and not with z up")):
+        if stands(axis):
+            return axis, f"guessed: {why}"
+    return "z", "guessed: it stands neither way"
+
+
+def upright(axis: str) -> np.ndarray:
+    """Return the rotation matrix (3, 3) after which an axis of the file points up."""
+    return _TURNS[axis]
+
+
+def _choices(size: float) -> str:
+    """The units in which a thing of this size [units] would be of a usual size; all if there is none."""
+    fit = [unit for unit, factor in UNITS.items() if _USUAL[0] <= size * factor <= _USUAL[1]] or list(UNITS)
+    return ", ".join(f"--scale {unit} makes it {size * UNITS[unit]:.3g} m" for unit in fit)

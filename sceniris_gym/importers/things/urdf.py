@@ -1,0 +1,172 @@
+"""Reads URDF: links, joints, and the meshes and primitives that they are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.errors import MissingMeshError, NotSupportedError, SceneFileError
+from sceniris_gym.geometry.rotations import matrix
+from sceniris_gym.importers.things.meshes import read_surfaces
+from sceniris_gym.importers.things.thing import GREY, Inertia, Joint, Link, Surface, Thing
+from sceniris_gym.scene.model_files import file_of
+
+_JOINTS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide"}
+_MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+
+
+def read_urdf(path: Path) -> Thing:
+    """Read a URDF file.
+
+    Meshes are found beside the file, or, with `package://`, in a folder above it.
+
+    Raises:
+        SceneFileError: It is no URDF, or its links are no tree.
+        MissingMeshError: Meshes do not exist; all of them are named.
+        NotSupportedError: It has a floating or planar joint.
+    """
+    try:
+        robot = ElementTree.parse(path).getroot()
+    except (ElementTree.ParseError, UnicodeDecodeError, OSError) as error:
+        raise SceneFileError(f"{path}: it cannot be read as XML: {error}.") from None
+    if robot.tag != "robot":
+        raise SceneFileError(f"{path}: it should begin with <robot>, as a URDF does; found <{robot.tag}>.")
+    folder = path.absolute().parent  # a relative path has no folders above it
+    meshes = {mesh.get("filename", ""): file_of(mesh.get("filename", ""), folder) for mesh in robot.iter("mesh")}
+    missing = [name for name, found in meshes.items() if found is None]
+    if missing:
+        raise MissingMeshError(
+            f"{path}: it refers to {len(missing)} files that do not exist: {', '.join(missing[:5])}"
+            f"{', ...' if len(missing) > 5 else ''}. Put them where the file says, relative to it or below a folder "
+            "of the package's name."
+        )
+    colours = {
+        material.get("name", ""): tuple(_floats(colour.get("rgba"), (*GREY,)))
+        for material in robot.iter("material")
+        for colour in material.findall("color")
+    }
+    links = {link.get("name", ""): _link(path, link, colours) for link in robot.findall("link")}
+    joints = robot.findall("joint")
+    notes = [
+        f"the joint '{joint.get('name')}' follows another in the file (mimic) and is free here"
+        for joint in joints
+        if joint.find("mimic") is not None
+    ]
+    ordered = tuple(_in_order(path, links, joints))
+    files = tuple(str(found) for found in meshes.values() if found is not None)
+    return Thing(robot.get("name") or path.stem, ordered, 1.0, "z", tuple(notes), files)
+
+
+def _link(path: Path, element: ElementTree.Element, colours: dict[str, tuple[float, ...]]) -> Link:
+    surfaces, solids = (
+        tuple(surface for shape in element.findall(kind) for surface in _shape(path, shape, colours))
+        for kind in ("visual", "collision")
+    )
+    return Link(
+        element.get("name", ""),
+        surfaces=surfaces or solids,
+        solids=solids,
+        inertia=_inertia(element.find("inertial")),
+    )
+
+
+def _in_order(path: Path, links: dict[str, Link], joints: list[ElementTree.Element]) -> Iterator[Link]:
+    """Yield links with their joints, parents first."""
+    children: dict[str, list[tuple[str, ElementTree.Element]]] = {}
+    for joint in joints:
+        ends = [end.get("link", "") if (end := joint.find(kind)) is not None else "" for kind in ("parent", "child")]
+        unknown = [name for name in ends if name not in links]
+        if unknown:
+            raise SceneFileError(f"{path}: joint '{joint.get('name')}' refers to an unknown link '{unknown[0]}'.")
+        children.setdefault(ends[0], []).append((ends[1], joint))
+    hanging = {child for below in children.values() for child, _ in below}
+    roots = [name for name in links if name not in hanging]
+    if len(roots) != 1:
+        raise SceneFileError(f"{path}: its links should hang on one root; found {roots[:5] or 'a circle'}.")
+    waiting = [links[roots[0]]]
+    while waiting:
+        yield (link := waiting.pop(0))
+        for name, joint in children.get(link.name, []):
+            pos, quat = _origin(joint)
+            waiting.append(replace(links[name], parent=link.name, pos=pos, quat=quat, joint=_joint(path, joint)))
+
+
+def _joint(path: Path, element: ElementTree.Element) -> Joint | None:
+    name, kind = element.get("name", ""), element.get("type", "")
+    if kind == "fixed":
+        return None
+    if kind not in _JOINTS:
+        raise NotSupportedError(
+            f"{path}: joint '{name}' is '{kind}'. Things have revolute, continuous, prismatic and fixed joints."
+        )
+    axis, limit = element.find("axis"), element.find("limit")
+    limits = None
+    if limit is not None and kind != "continuous":
+        low, high = float(limit.get("lower", 0.0)), float(limit.get("upper", 0.0))
+        limits = (low, high) if low < high else None
+    return Joint(name, _JOINTS[kind], _floats(None if axis is None else axis.get("xyz"), (1, 0, 0)), limits)
+
+
+def _shape(path: Path, element: ElementTree.Element, colours: dict[str, tuple[float, ...]]) -> Iterator[Surface]:
+    import trimesh
+
+    geometry, material = element.find("geometry"), element.find("material")
+    if geometry is None or not len(geometry):
+        return
+    pos, quat = _origin(element)
+    shape = geometry[0]
+    if shape.tag == "mesh":
+        found = file_of(shape.get("filename", ""), path.absolute().parent)
+        assert found is not None
+        scale = _floats(shape.get("scale"), (1, 1, 1))
+        surfaces = [replace(s, vertices=s.vertices * scale) for s in read_surfaces(found)]
+        if np.prod(scale) < 0.0:
+            surfaces = [replace(s, faces=s.faces[:, ::-1]) for s in surfaces]
+    else:
+        if shape.tag == "box":
+            made = trimesh.creation.box(_floats(shape.get("size"), (1, 1, 1)))
+        elif shape.tag == "sphere":
+            made = trimesh.creation.icosphere(subdivisions=3, radius=float(shape.get("radius", 1.0)))
+        elif shape.tag in ("cylinder", "capsule"):
+            make = getattr(trimesh.creation, shape.tag)
+            made = make(radius=float(shape.get("radius", 1.0)), height=float(shape.get("length", 1.0)))
+        else:
+            raise NotSupportedError(f"{path}: a <{shape.tag}> is no shape of URDF. Use box, sphere, cylinder or mesh.")
+        surfaces = [Surface(np.asarray(made.vertices), np.asarray(made.faces))]
+    rgba = None if material is None else colours.get(material.get("name", ""))
+    if material is not None and (colour := material.find("color")) is not None:
+        rgba = tuple(_floats(colour.get("rgba"), (*GREY,)))
+    for surface in surfaces:
+        own = surface if rgba is None or surface.texture is not None else replace(surface, rgba=rgba)
+        yield replace(own, vertices=pos + surface.vertices @ matrix(quat).T)
+
+
+def _inertia(element: ElementTree.Element | None) -> Inertia | None:
+    mass, inertia = (None, None) if element is None else (element.find("mass"), element.find("inertia"))
+    if element is None or mass is None or inertia is None:
+        return None
+    pos, quat = _origin(element)
+    xx, yy, zz, xy, xz, yz = (float(inertia.get(name, 0.0)) for name in _MOMENTS)
+    turn = matrix(quat)
+    full = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
+    value = float(mass.get("value", 0.0))
+    if value <= 0.0 or np.linalg.eigvalsh(full)[0] <= 0.0:
+        return None
+    return Inertia(value, pos, full[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+
+
+def _origin(element: ElementTree.Element) -> tuple[np.ndarray, np.ndarray]:
+    """The pose of an element: position, and orientation as wxyz."""
+    origin = element.find("origin")
+    quat = np.empty(4)
+    mujoco.mju_euler2Quat(quat, _floats(None if origin is None else origin.get("rpy"), (0, 0, 0)), "XYZ")
+    return _floats(None if origin is None else origin.get("xyz"), (0, 0, 0)), quat
+
+
+def _floats(text: str | None, default: tuple[float, ...]) -> np.ndarray:
+    return np.array(default if not text else [float(word) for word in text.split()], float)

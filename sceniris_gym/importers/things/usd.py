@@ -1,0 +1,173 @@
+"""Reads USD: the meshes of a stage and what they look like, with usd-core."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sceniris_gym.errors import InstancesError, MissingExtraError, SceneFileError
+from sceniris_gym.importers.things.thing import GREY, Link, Surface, Thing
+
+SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+
+
+def read_usd(path: Path) -> Thing:
+    """Read all visible meshes and primitives of a stage, at its first time, as a thing of one link.
+
+    Instances of a prototype are read as often as they stand there; a PointInstancer is refused.
+
+    Raises:
+        MissingExtraError: usd-core is not installed.
+        SceneFileError: The file cannot be read, or refers to a file that does not exist.
+        InstancesError: It has a PointInstancer.
+    """
+    try:
+        from pxr import Tf, Usd, UsdGeom
+    except ImportError:
+        raise MissingExtraError("usd-core", "import") from None
+    try:
+        stage = Usd.Stage.Open(str(path))
+    except Tf.ErrorException as error:
+        raise SceneFileError(f"{path}: usd-core cannot read it: {str(error).strip().splitlines()[-1]:.200}") from None
+    time, notes, found = Usd.TimeCode.EarliestTime(), [], []
+    poses = UsdGeom.XformCache(time)
+    for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
+        if prim.IsA(UsdGeom.PointInstancer):
+            raise InstancesError(
+                f"{path}: '{prim.GetPath()}' is a PointInstancer, which is a scene rather than a thing. Import its "
+                "prototype as a file of its own, and place it as often as you like in a scene file."
+            )
+        if prim.HasAPI("PhysicsDriveAPI") or prim.GetTypeName() in ("PhysicsRevoluteJoint", "PhysicsPrismaticJoint"):
+            notes.append(f"the joint '{prim.GetPath()}' is left out: all is one rigid body")
+        if not prim.IsA(UsdGeom.Gprim) or UsdGeom.Imageable(prim).ComputeVisibility(time) == "invisible":
+            continue
+        if UsdGeom.Imageable(prim).ComputePurpose() not in ("default", "render"):
+            continue
+        pose = np.array(poses.GetLocalToWorldTransform(prim), float).T
+        for surface in _surfaces(prim, time):
+            faces = surface.faces[:, ::-1] if np.linalg.det(pose[:3, :3]) < 0.0 else surface.faces
+            found.append(replace(surface, vertices=surface.vertices @ pose[:3, :3].T + pose[:3, 3], faces=faces))
+    meters, up = UsdGeom.GetStageMetersPerUnit(stage), str(UsdGeom.GetStageUpAxis(stage)).lower()
+    files = tuple(layer.realPath for layer in stage.GetUsedLayers() if layer.realPath and layer.realPath != str(path))
+    return Thing(path.stem, (Link(path.stem, surfaces=tuple(found)),), meters, up, tuple(notes), files)
+
+
+def _surfaces(prim: Any, time: Any) -> Iterator[Surface]:
+    """The triangles of a mesh, or of a primitive, in its own frame."""
+    from pxr import UsdGeom
+
+    rgba = _display_colour(prim, time)
+    if not prim.IsA(UsdGeom.Mesh):
+        if (made := _primitive(prim, time)) is not None:
+            yield Surface(np.asarray(made.vertices), np.asarray(made.faces), rgba)
+        return
+    mesh = UsdGeom.Mesh(prim)
+    points = np.array(mesh.GetPointsAttr().Get(time) or np.zeros((0, 3)), float).reshape(-1, 3)
+    counts = np.array(mesh.GetFaceVertexCountsAttr().Get(time) or [], int)
+    corners = np.array(mesh.GetFaceVertexIndicesAttr().Get(time) or [], int)
+    if not len(counts) or corners.sum() < 0 or counts.sum() != len(corners) or corners.max(initial=-1) >= len(points):
+        return
+    triangles = _fans(counts)
+    if mesh.GetOrientationAttr().Get(time) == "leftHanded":
+        triangles = triangles[:, ::-1]
+    colour, texture = _material(prim)
+    uv = _coordinates(prim, time, corners, len(points)) if texture is not None else None
+    if uv is not None:  # a corner of its own for each corner of a face: pictures may have seams
+        yield Surface(points[corners], triangles, (1.0, 1.0, 1.0, 1.0), texture, uv)
+    else:
+        yield Surface(points, corners[triangles], rgba if colour is None else colour)
+
+
+def _fans(counts: np.ndarray) -> np.ndarray:
+    """Polygons as fans of triangles: indices of corners, shape (n, 3)."""
+    first = np.cumsum(counts) - counts
+    found = [
+        np.stack([start, start + i + 1, start + i + 2], axis=1)
+        for i in range(int(counts.max()) - 2)
+        if len(start := first[counts > i + 2])
+    ]
+    return np.concatenate(found) if found else np.zeros((0, 3), int)
+
+
+def _primitive(prim: Any, time: Any) -> Any:
+    import trimesh
+    from pxr import UsdGeom
+
+    def value(name: str) -> Any:
+        return prim.GetAttribute(name).Get(time)
+
+    if prim.IsA(UsdGeom.Cube):
+        return trimesh.creation.box([value("size")] * 3)
+    if prim.IsA(UsdGeom.Sphere):
+        return trimesh.creation.icosphere(subdivisions=3, radius=value("radius"))
+    if not (prim.IsA(UsdGeom.Cylinder) or prim.IsA(UsdGeom.Cone) or prim.IsA(UsdGeom.Capsule)):
+        return None
+    make = getattr(trimesh.creation, prim.GetTypeName().lower())
+    made = make(radius=value("radius"), height=value("height"))
+    if prim.IsA(UsdGeom.Cone):
+        made.apply_translation([0.0, 0.0, -0.5 * value("height")])
+    turn = {"X": [[0, 0, 1], [1, 0, 0], [0, 1, 0]], "Y": [[0, 1, 0], [0, 0, 1], [1, 0, 0]]}.get(value("axis"))
+    if turn is not None:
+        made.vertices = made.vertices @ np.array(turn, float).T
+    return made
+
+
+def _display_colour(prim: Any, time: Any) -> tuple[float, ...]:
+    from pxr import UsdGeom
+
+    colours = UsdGeom.Gprim(prim).GetDisplayColorAttr().Get(time)
+    return (*(float(c) for c in np.mean(np.array(colours), axis=0)), 1.0) if colours else GREY
+
+
+def _material(prim: Any) -> tuple[tuple[float, ...] | None, Any]:
+    """The colour, and the picture, of the preview surface that is bound to a prim."""
+    from pxr import UsdShade
+
+    material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
+    shader = material.ComputeSurfaceSource()[0] if material else None
+    diffuse = shader.GetInput("diffuseColor") if shader else None
+    if not diffuse:
+        return None, None
+    for source in diffuse.GetConnectedSources()[0]:
+        picture = UsdShade.Shader(source.source).GetInput("file")
+        if picture and (image := _picture(picture.Get())) is not None:
+            return None, image
+    value = diffuse.Get()
+    return (None if value is None else (*(float(c) for c in value), 1.0)), None
+
+
+def _picture(asset: Any) -> Any:
+    """The picture behind a path of an asset, inside of an archive too; None if there is none."""
+    import io
+
+    from PIL import Image, UnidentifiedImageError
+    from pxr import Ar
+
+    if asset is None or not asset.resolvedPath:
+        return None
+    opened = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(asset.resolvedPath))
+    if not opened:
+        return None
+    try:
+        return Image.open(io.BytesIO(bytes(opened.GetBuffer()))).convert("RGB")
+    except (UnidentifiedImageError, OSError):
+        return None
+
+
+def _coordinates(prim: Any, time: Any, corners: np.ndarray, npoint: int) -> np.ndarray | None:
+    """Where each corner of a face is in the picture, shape (ncorner, 2)."""
+    from pxr import UsdGeom
+
+    api = UsdGeom.PrimvarsAPI(prim)
+    uv = next((api.GetPrimvar(name) for name in ("st", "UVMap", "uv", "st_0") if api.HasPrimvar(name)), None)
+    values = None if uv is None else uv.ComputeFlattened(time)
+    if values is None:
+        return None
+    found = np.array(values, float).reshape(-1, 2)
+    if len(found) == len(corners):
+        return found
+    return found[corners] if len(found) == npoint else None

@@ -1,0 +1,113 @@
+"""Importing: from a file to an asset that a scene places, with a manifest that says what was done."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from sceniris_gym import SceneConfig, build_model
+from sceniris_gym.errors import (
+    ArgumentError,
+    EmptyMeshError,
+    MeshError,
+    NotSupportedError,
+    SceneFileError,
+    ScenirisError,
+    SizeError,
+)
+from sceniris_gym.importers.things.importer import Options, import_thing
+from tests.importers.things.shapes import box, cup, write
+
+
+def test_a_mesh_is_placed_in_a_scene_by_one_line(tmp_path: Path):
+    """The asset stands on z = 0 around the origin, and the scene finds it beside itself."""
+    manifest = import_thing(
+        write(box(), tmp_path / "box.stl"), tmp_path / "assets" / "crate.xml", Options(density=1000.0)
+    )
+    assert manifest["mass_kg"] == pytest.approx(0.24)
+    line = "  crate: {asset: assets/crate.xml, on: floor}"
+    (tmp_path / "scene.yaml").write_text(f"floor: {{size: [1, 1]}}\nobjects:\n{line}\n")
+    mjm = build_model(SceneConfig.load(tmp_path / "scene.yaml")).mjm
+    assert mjm.body("crate").mass[0] == pytest.approx(0.24)
+    alone = mujoco.MjModel.from_xml_path(str(tmp_path / "assets" / "crate.xml"))
+    data = mujoco.MjData(alone)
+    mujoco.mj_kinematics(alone, data)
+    seen = data.geom_xpos[0] + alone.mesh_vert[: alone.mesh_vertnum[0]] @ data.geom_xmat[0].reshape(3, 3).T
+    np.testing.assert_allclose(seen.min(axis=0), [-0.02, -0.03, 0.0], atol=1e-6)
+
+
+def test_the_manifest_has_the_hashes_of_all_files(tmp_path: Path):
+    """Of the source too; a second import writes the same bytes, and nothing else is left."""
+    source, out = write(box(), tmp_path / "box.obj"), tmp_path / "out" / "box.xml"
+    import_thing(source, out)
+    manifest = json.loads((out.parent / "box" / "manifest.json").read_text())
+    assert manifest["sha256"] == hashlib.sha256(source.read_bytes()).hexdigest()
+    for name, digest in manifest["files"].items():
+        file = out if name == out.name else out.parent / "box" / name
+        assert hashlib.sha256(file.read_bytes()).hexdigest() == digest
+    assert import_thing(source, out) == manifest
+    assert sorted(path.name for path in out.parent.iterdir()) == ["box", "box.xml"]
+
+
+def test_y_up_becomes_z_up(tmp_path: Path):
+    """A GLB says so; 10 cm along y become the height."""
+    manifest = import_thing(write(box((0.04, 0.1, 0.06)), tmp_path / "box.glb"), tmp_path / "box.xml")
+    assert manifest["size_m"] == pytest.approx([0.04, 0.06, 0.1])
+    assert (manifest["up"], manifest["up_from"]) == ("y", "as the file says")
+
+
+def test_a_cup_holds_a_pin(tmp_path: Path):
+    """A pin dropped into it is still inside after two seconds in MuJoCo C, and stands out of nothing."""
+    pytest.importorskip("coacd", reason="coacd is not installed (extra 'import')")
+    import_thing(write(cup(), tmp_path / "cup.stl"), tmp_path / "cup.xml")
+    spec = mujoco.MjSpec.from_file(str(tmp_path / "cup.xml"))
+    spec.worldbody.bodies[0].add_freejoint()
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0])
+    pin = spec.worldbody.add_body(name="pin", pos=[0.0, 0.0, 0.08])
+    pin.add_freejoint()
+    pin.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[0.004, 0.02, 0.0], mass=0.01)
+    mjm = spec.compile()
+    data = mujoco.MjData(mjm)
+    while data.time < 2.0:
+        mujoco.mj_step(mjm, data)
+    at = data.body("pin").xpos - data.body("cup").xpos
+    assert np.hypot(*at[:2]) < 0.034
+    assert 0.006 < at[2] < 0.05
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "kind"),
+    [
+        ("a.obj", "v 0 0 0\n", MeshError),
+        ("a.txt", "", NotSupportedError),
+        ("a.urdf", "<robot", SceneFileError),
+        ("a.glb", "", SceneFileError),
+        ("a.stl", "solid a\nendsolid a\n", ScenirisError),
+    ],
+)
+def test_bad_files_leave_nothing_behind(tmp_path: Path, name: str, text: str, kind: type[Exception]):
+    """And an asset that was there before stays."""
+    (tmp_path / name).write_text(text)
+    out = tmp_path / "out" / "thing.xml"
+    out.parent.mkdir()
+    out.write_text("before")
+    with pytest.raises(kind):
+        import_thing(tmp_path / name, out)
+    assert [path.name for path in out.parent.iterdir()] == ["thing.xml"]
+    assert out.read_text() == "before"
+
+
+def test_wrong_sizes_and_options_are_refused(tmp_path: Path):
+    """A kilometre, a density below that of any gas, a tolerance of nothing."""
+    far = write(box((1000.0, 1.0, 1.0)), tmp_path / "far.stl")
+    with pytest.raises(SizeError):
+        import_thing(far, tmp_path / "far.xml")
+    for options in (Options(density=0.0), Options(tolerance=-1.0), Options(scale="yard")):
+        with pytest.raises(ArgumentError):
+            import_thing(far, tmp_path / "far.xml", options)
+    assert issubclass(EmptyMeshError, MeshError)

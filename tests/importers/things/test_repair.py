@@ -1,0 +1,70 @@
+"""Repair: welding, holes, orientation, and what is beyond it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from sceniris_gym.errors import EmptyMeshError, FlatMeshError, LargeMeshError, MeshError, OpenMeshError
+from sceniris_gym.importers.things.repair import MOST_FACES, check_faces, repair
+from sceniris_gym.importers.things.thing import Surface
+from tests.importers.things.shapes import box, cup, surface
+
+
+def test_loose_triangles_of_a_closed_mesh_are_welded():
+    """As an STL has them: a cup of known volume."""
+    mesh = cup()
+    loose = Surface(mesh.triangles.reshape(-1, 3), np.arange(3 * len(mesh.faces)).reshape(-1, 3))
+    found = repair([loose], "cup")
+    assert found.closed
+    assert found.mesh.is_watertight
+    assert found.mesh.volume == pytest.approx(mesh.volume)
+    assert found.report == ()
+
+
+def test_small_holes_are_closed_and_told():
+    """A sphere without three triangles has its volume again, and the patches can be seen."""
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    whole = ball.volume
+    ball.update_faces(np.arange(len(ball.faces)) > 2)
+    found = repair([surface(ball)], "ball")
+    assert found.mesh.is_watertight
+    assert found.mesh.volume == pytest.approx(whole, rel=1e-3)
+    assert "closed" in found.report[-1]
+    assert found.patches is not None
+
+
+def test_a_mesh_that_is_inside_out_is_turned():
+    """Its volume is positive."""
+    mesh = box()
+    mesh.invert()
+    assert repair([surface(mesh)], "box").mesh.volume == pytest.approx(0.04 * 0.06 * 0.1)
+
+
+def test_a_box_without_a_side_is_beyond_repair_but_may_be_a_shell():
+    """Nobody knows whether it is solid."""
+    mesh = box()
+    mesh.update_faces(mesh.face_normals[:, 2] < 0.5)
+    with pytest.raises(OpenMeshError, match=r"box: it is open along 4 edges\..*--shell"):
+        repair([surface(mesh)], "box")
+    assert not repair([surface(mesh)], "box", shell=True).closed
+
+
+def test_what_is_flat_is_refused():
+    """A sheet, and a sheet with two sides."""
+    square = Surface(np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]), np.array([[0, 1, 2], [0, 2, 3]]))
+    for faces in (square.faces, np.concatenate([square.faces, square.faces[:, ::-1]])):
+        with pytest.raises(FlatMeshError, match="flat"):
+            repair([Surface(square.vertices, faces)], "square")
+
+
+def test_meshes_without_faces_with_too_many_or_with_nan_are_refused():
+    """Before any work."""
+    with pytest.raises(EmptyMeshError, match="no faces"):
+        check_faces([], "nothing")
+    with pytest.raises(LargeMeshError, match="1,000,000 faces"):
+        check_faces([Surface(np.zeros((3, 3)), np.zeros((1_000_000, 3), int))], "scan")
+    assert MOST_FACES < 1_000_000
+    with pytest.raises(MeshError, match="not finite"):
+        check_faces([Surface(np.full((3, 3), np.nan), np.array([[0, 1, 2]]))], "broken")

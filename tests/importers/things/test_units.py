@@ -1,0 +1,72 @@
+"""Units and up axes: what is said wins over what is guessed, and sizes that make no sense are asked for or refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sceniris_gym.errors import ArgumentError, SizeError
+from sceniris_gym.importers.things.thing import Link, Thing
+from sceniris_gym.importers.things.units import find_scale, find_up, parse_scale, upright
+from tests.importers.things.shapes import box, surface
+
+
+def thing(size: float, meters: float | None = None, up: str | None = None) -> Thing:
+    """A cube of a size."""
+    return Thing("cube", (Link("cube", surfaces=(surface(box((size, size, size))),)),), meters, up)
+
+
+def test_what_the_user_says_wins_then_what_the_file_says_then_metres():
+    """And each is told."""
+    assert find_scale(thing(100.0, 0.01), "mm", None, "x") == (0.001, "as given")
+    assert find_scale(thing(100.0, 0.01), None, None, "x") == (0.01, "as the file says")
+    assert find_scale(thing(0.1), None, None, "x") == (1.0, "guessed: the file does not say")
+    assert "--scale" in find_scale(thing(20.0), None, None, "x")[1]
+
+
+@pytest.mark.parametrize("size", [0.0005, 80.0])
+def test_a_size_that_makes_no_sense_is_refused_where_nobody_can_be_asked(size: float):
+    """With the units in which it would make sense."""
+    with pytest.raises(SizeError, match=r"from 1 mm to 50 m.*--scale"):
+        find_scale(thing(size), None, None, "cube.stl")
+
+
+def test_it_is_asked_for_where_somebody_is_there():
+    """And the answer has to make sense too."""
+    questions = []
+
+    def answer(text: str):
+        def ask(question: str) -> str:
+            questions.append(question)
+            return text
+
+        return ask
+
+    assert find_scale(thing(80.0), None, answer("mm"), "cube.stl") == (0.001, "as answered")
+    assert "--scale mm makes it 0.08 m" in questions[0]
+    with pytest.raises(SizeError):
+        find_scale(thing(80.0), None, answer("m"), "cube.stl")
+
+
+@pytest.mark.parametrize("text", ["0", "-1", "nan", "yards"])
+def test_a_scale_is_a_positive_number_or_a_unit(text: str):
+    """Others are refused."""
+    with pytest.raises(ArgumentError, match="scale"):
+        parse_scale(text)
+
+
+def test_an_axis_points_up_if_it_is_said_or_the_thing_stands_so():
+    """Z is tried before y."""
+    assert find_up(thing(1.0, up="y"), "x", lambda axis: True)[0] == "x"
+    assert find_up(thing(1.0, up="y"), None, lambda axis: True)[0] == "y"
+    assert find_up(thing(1.0), None, lambda axis: True)[0] == "z"
+    assert find_up(thing(1.0), None, lambda axis: axis == "y")[0] == "y"
+    assert find_up(thing(1.0), None, lambda axis: False) == ("z", "guessed: it stands neither way")
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_turns_make_the_axis_point_up(axis: str):
+    """And are rotations."""
+    turn = upright(axis)
+    np.testing.assert_allclose(turn @ np.eye(3)["xyz".index(axis)], [0, 0, 1])
+    assert np.linalg.det(turn) == pytest.approx(1.0)

@@ -1,0 +1,78 @@
+"""USD: meshes, primitives, transforms, instances and pictures, written with usd-core; point instancers are refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sceniris_gym.errors import InstancesError, SceneFileError
+from sceniris_gym.importers.things.usd import read_usd
+
+pxr = pytest.importorskip("pxr", reason="usd-core is not installed (extra 'import')")
+
+HEAD = '#usda 1.0\n(\n  metersPerUnit = 0.01\n  upAxis = "Y"\n)\n'
+PRISM = """
+def Xform "thing"
+{
+  double3 xformOp:translate = (10, 0, 0)
+  uniform token[] xformOpOrder = ["xformOp:translate"]
+  def Mesh "top"
+  {
+    int[] faceVertexCounts = [4, 3]
+    int[] faceVertexIndices = [0, 1, 2, 3, 0, 1, 4]
+    point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1)]
+    color3f[] primvars:displayColor = [(0.5, 0.25, 0)]
+  }
+  def Cylinder "bar"
+  {
+    double radius = 2
+    double height = 6
+    uniform token axis = "X"
+  }
+}
+"""
+
+
+def stage(path: Path, text: str) -> Path:
+    """Write a stage."""
+    path.write_text(HEAD + text)
+    return path
+
+
+def test_meshes_and_primitives_stand_where_the_stage_has_them(tmp_path: Path):
+    """Polygons as triangles, colours, unit and up axis."""
+    thing = read_usd(stage(tmp_path / "a.usda", PRISM))
+    assert (thing.meters, thing.up) == (0.01, "y")
+    mesh, bar = thing.links[0].surfaces
+    assert sorted(mesh.faces.tolist()) == [[0, 1, 2], [0, 1, 4], [0, 2, 3]]
+    assert mesh.rgba == (0.5, 0.25, 0.0, 1.0)
+    np.testing.assert_allclose(mesh.vertices[4], [10, 0, 1])
+    np.testing.assert_allclose(np.ptp(bar.vertices, axis=0), [6, 4, 4], atol=0.05)
+
+
+def test_instances_of_a_prototype_are_read_as_often_as_they_stand_there(tmp_path: Path):
+    """Two references, both instanceable."""
+    stage(tmp_path / "part.usda", 'def Xform "part"\n{\n  def Cube "cube"\n  {\n    double size = 2\n  }\n}\n')
+    text = ""
+    for i in range(2):
+        text += f'def Xform "i{i}" (\n  instanceable = true\n  references = @part.usda@</part>\n)\n{{\n'
+        text += f"  double3 xformOp:translate = ({10 * i}, 0, 0)\n"
+        text += '  uniform token[] xformOpOrder = ["xformOp:translate"]\n}\n'
+    thing = read_usd(stage(tmp_path / "two.usda", text))
+    assert len(thing.links[0].surfaces) == 2
+    np.testing.assert_allclose(thing.extents(), [12, 2, 2])
+
+
+def test_a_point_instancer_is_refused(tmp_path: Path):
+    """It is named, with the remedy."""
+    with pytest.raises(InstancesError, match=r"'/many' is a PointInstancer.*place it as often as you like"):
+        read_usd(stage(tmp_path / "many.usda", 'def PointInstancer "many"\n{\n}\n'))
+
+
+def test_a_file_of_something_else_is_refused(tmp_path: Path):
+    """With what usd-core says."""
+    (tmp_path / "bad.usda").write_text("nothing")
+    with pytest.raises(SceneFileError, match="usd-core cannot read it"):
+        read_usd(tmp_path / "bad.usda")

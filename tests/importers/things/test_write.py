@@ -1,0 +1,45 @@
+"""Assets as they are written: MuJoCo reads them, with bodies, joints, masses, textures and sites in place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from PIL import Image
+
+from sceniris_gym.importers.things.grasps import GraspSite
+from sceniris_gym.importers.things.thing import Inertia, Joint, Link, Thing
+from sceniris_gym.importers.things.write import Body, write_asset
+from tests.importers.things.shapes import box, surface
+
+HEAVY = Inertia(2.0, np.array([0.01, 0.0, 0.0]), np.array([0.01, 0.01, 0.01, 0.0, 0.0, 0.0]))
+
+
+def test_a_thing_of_two_links_is_what_mujoco_reads(tmp_path: Path):
+    """Poses, joint limits, inertias, a picture around the box, its parts and a grasp."""
+    plain = surface(box())
+    textured = replace(plain, texture=Image.new("RGB", (2, 2), (9, 8, 7)), uv=np.zeros((len(plain.vertices), 2)))
+    lid = Link(
+        "lid",
+        "base",
+        np.array([0.0, 0.0, 0.2]),
+        joint=Joint("hinge", "hinge", np.eye(3)[1], (0.0, 1.0)),
+        surfaces=(plain,),
+    )
+    thing = Thing("pot", (Link("base", surfaces=(textured,)), lid))
+    body = Body([(plain.vertices, plain.faces)], HEAVY)
+    grasp = GraspSite(np.array([0.0, 0.0, 0.1]), np.array([0.0, 1.0, 0.0, 0.0]), 0.04)
+    files = write_asset(thing, [body, body], [grasp], tmp_path / "pot.xml")
+    assert all(file.is_file() for file in files)
+    assert all(file.name.startswith("pot") for file in files)
+    mjm = mujoco.MjModel.from_xml_path(str(tmp_path / "pot.xml"))
+    assert mjm.body("pot").id == 1
+    np.testing.assert_allclose(mjm.body("lid").pos, [0, 0, 0.2])
+    np.testing.assert_allclose(mjm.joint("hinge").range, [0, 1])
+    np.testing.assert_allclose(mjm.body_mass[1:], 2.0)
+    np.testing.assert_allclose(mjm.body("pot").ipos, [0.01, 0, 0], atol=1e-9)
+    assert mjm.ntex == 1
+    assert sorted(mjm.geom_group.tolist()) == [2, 2, 3, 3]
+    assert mjm.site("grasp_0").pos.tolist() == [0.0, 0.0, 0.1]
