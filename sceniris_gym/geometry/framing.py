@@ -1,0 +1,46 @@
+"""Where a camera stands so that it just sees some points."""
+
+from __future__ import annotations
+
+import numpy as np
+
+_MARGIN = 1.04
+
+
+def frame(points: np.ndarray, backward: np.ndarray, fovy: float, aspect: float) -> tuple[np.ndarray, np.ndarray]:
+    """Place a camera so that it just sees all points.
+
+    With the eye at height t along the viewing direction, a point (x, y, z) in the camera's axes is seen if
+    |x - u| <= (t - z) tan(fovx / 2), and the same for y: the least t and the middle of the interval left for u are the
+    answer.
+
+    Args:
+        points: The points to be seen [m], world frame, shape (n, 3).
+        backward: Direction from the points to the eye, shape (3,).
+        fovy: Vertical field of view [degrees].
+        aspect: Width of the picture over its height.
+
+    Returns:
+        Position (3,) [m] and axes (3, 3) of the camera; the columns are right, up and backward.
+    """
+    axes = camera_axes(backward)
+    local = points @ axes
+    slope = np.tan(np.radians(fovy) / 2) * np.array([aspect, 1.0]) / _MARGIN
+    near = (local[:, :2] + slope * local[:, 2:]).max(0)
+    far = (local[:, :2] - slope * local[:, 2:]).min(0)
+    away = float(((near - far) / (2 * slope)).max())
+    return axes @ np.array([*(near + far) / 2, away]), axes
+
+
+def camera_axes(backward: np.ndarray) -> np.ndarray:
+    """Axes of an upright camera that looks against `backward`, shape (3, 3): columns right, up and backward."""
+    backward = backward / np.linalg.norm(backward)
+    right = np.cross([0.0, 0.0, 1.0], backward)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(backward, right), backward], axis=1)
+
+
+def box_corners(center: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """The eight corners [m] of an upright box, shape (8, 3)."""
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    return center + signs * half

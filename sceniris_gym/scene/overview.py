@@ -1,0 +1,168 @@
+"""From where a scene's camera looks: so that it sees where things are put, and not the back of a robot."""
+
+from __future__ import annotations
+
+import copy
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.config.fields import FLOOR
+from sceniris_gym.config.objects import ObjectConfig
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.geometry.framing import box_corners, frame
+from sceniris_gym.scene.support import subtree
+
+FOVY = 40.0
+"""Vertical field of view [degrees]."""
+_ASPECT = 4.0 / 3.0
+# Headings from the scene to the eye, seen from above; the first of those from which nearly most is seen is taken.
+_HEADINGS = (
+    *((0.45, -1.0), (-0.45, -1.0), (1.0, -0.45), (-1.0, -0.45)),
+    *((0.45, 1.0), (-0.45, 1.0), (1.0, 0.45), (-1.0, 0.45)),
+)
+_NEARLY = 0.05
+# How steeply it looks down: into a drawer over its face, and where there is none.
+_INTO_DRAWERS, _ELSEWHERE = np.tan(np.radians(62.0)), np.tan(np.radians(42.0))
+_SHOWN = (0, 1, 2)
+_HIDDEN_GROUP = 5
+_GRID = np.linspace(0.1, 0.9, 4)
+
+_Box = tuple[np.ndarray, np.ndarray]
+
+
+def overview(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return where a camera stands that sees all of a scene, position (3,) [m] and axes (3, 3): right, up, backward.
+
+    Args:
+        config: The scene.
+        mjm: Its model.
+        home_qpos: The start pose, shape (nq,).
+    """
+    return _Overview(config, mjm, home_qpos).camera()
+
+
+def seen(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) -> np.ndarray:
+    """Return corners of boxes around all that is to be seen of a scene, shape (n, 3) [m].
+
+    That is what stays where it is, and where objects are put, whatever the layout.
+    """
+    return _Overview(config, mjm, home_qpos).seen()
+
+
+class _Overview:
+    def __init__(self, config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) -> None:
+        self.config, self.mjm = config, mjm
+        self.data = mujoco.MjData(mjm)
+        self.data.qpos[:] = home_qpos
+        mujoco.mj_kinematics(mjm, self.data)
+        self.boxes: dict[str, _Box | None] = {}
+        planes = mjm.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+        self.shown = np.isin(mjm.geom_group, _SHOWN) & ~planes
+        placed = [self._body(part.body or name) for name, part in config.objects.items() if part.is_placed]
+        self.of_placed = np.isin(mjm.geom_bodyid, [body for root in placed for body in subtree(mjm, root)])
+
+    def camera(self) -> tuple[np.ndarray, np.ndarray]:
+        slides = any(self._is_drawer(part) for part in self.config.objects.values())
+        steep = _INTO_DRAWERS if slides else _ELSEWHERE
+        backward = [np.array([x, y, steep * np.hypot(x, y)]) for x, y in _HEADINGS]
+        points = self.seen()
+        cameras = [frame(points, direction, FOVY, _ASPECT) for direction in backward]
+        if self.config.robot is None:
+            return cameras[0]
+        shares = self._shares_seen([eye for eye, _ in cameras])
+        return cameras[int(np.flatnonzero(shares >= shares.max() - _NEARLY)[0])]
+
+    def seen(self) -> np.ndarray:
+        """Corners of what is to be seen: what stays where it is, and where objects are put."""
+        corners = [self._corners(int(g)) for g in np.flatnonzero(self.shown & ~self.of_placed)]
+        corners += [box_corners((low + high) / 2.0, (high - low) / 2.0) for low, high in self._places()]
+        if not corners:
+            half = [0.5, 0.5] if self.config.floor is None else np.array(self.config.floor.size) / 2.0
+            corners = [box_corners(np.zeros(3), np.array([*half, 0.0]))]
+        return np.concatenate(corners)
+
+    def _places(self) -> list[_Box]:
+        boxes = (self._box(name) for name in self.config.objects)
+        return [box for box in boxes if box is not None]
+
+    def _shares_seen(self, eyes: list[np.ndarray]) -> np.ndarray:
+        """Which share of the places is seen from each point: past the robot, and what stays where it is."""
+        mjm = copy.copy(self.mjm)
+        mjm.geom_group[self.of_placed] = _HIDDEN_GROUP
+        groups, hit = np.isin(np.arange(6), _SHOWN).astype(np.uint8), np.zeros(1, np.int32)
+        shares = np.array([[x, y, 0.9] for x in _GRID for y in _GRID])
+        points = [low + (high - low) * share for low, high in self._places() for share in shares]
+
+        def free(at: np.ndarray, eye: np.ndarray) -> bool:
+            return mujoco.mj_ray(mjm, self.data, at, eye - at, groups, 1, -1, hit, None) < 0.0
+
+        return np.array([np.mean([free(at, eye) for at in points]) if points else 1.0 for eye in eyes])
+
+    def _box(self, name: str) -> _Box | None:
+        """The box that an object is put into, with some of its size beyond where its pivot may be; None if it stays."""
+        if name in self.boxes:
+            return self.boxes[name]
+        self.boxes[name] = None  # objects on each other in a circle
+        part = self.config.objects[name]
+        if not part.is_placed:
+            return None
+        if part.support is None:
+            assert part.region is not None
+            assert part.region.box is not None
+            self.boxes[name] = tuple(np.array(corner, float) for corner in part.region.box)  # type: ignore[assignment]
+            return self.boxes[name]
+        base = self._support(part)
+        if base is not None:
+            low, high = base
+            radius, height = self._size(self._body(part.body or name))
+            half = (high - low)[:2] / 2.0
+            beyond = np.array([*np.maximum(radius / 2.0, radius - half / 2.0), 0.0])
+            self.boxes[name] = low - beyond, np.array([*high[:2], low[2] + height]) + beyond
+        return self.boxes[name]
+
+    def _support(self, part: ObjectConfig) -> _Box | None:
+        """Where pivots may be, as a flat box: the region, or the top of what carries the object."""
+        assert part.support is not None
+        region = None if part.region is None or part.region.box is None else np.array(part.region.box, float)[:, :2]
+        parent = part.support.parent
+        if parent == FLOOR and self.config.floor is not None:
+            half = np.array(self.config.floor.size) / 2.0
+            low, high = (-half, half) if region is None else (region[0], region[1])
+            return np.array([*low, 0.0]), np.array([*high, 0.0])
+        owner = parent.partition("/")[0]
+        body = self._body(parent)
+        if body < 0:
+            return None
+        if owner in self.config.objects and self.config.objects[owner].is_placed:
+            box = self._box(owner)
+            return None if box is None else (np.array([*box[0][:2], box[0][2]]), np.array([*box[1][:2], box[0][2]]))
+        geoms = np.flatnonzero((self.mjm.geom_bodyid == body) & self.shown)
+        corners = np.concatenate([self._corners(int(g)) for g in geoms] or [self.data.xpos[body][None]])
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        if region is not None:
+            flat = np.array([[x, y, 0.0] for x in region[:, 0] for y in region[:, 1]])
+            flat = flat @ self.data.xmat[body].reshape(3, 3).T + self.data.xpos[body]
+            low[:2], high[:2] = flat[:, :2].min(axis=0), flat[:, :2].max(axis=0)
+        return np.array([*low[:2], high[2]]), high
+
+    def _size(self, root: int) -> tuple[float, float]:
+        """Radius [m] of an object around its root, seen from above at home, and its height [m]."""
+        geoms = np.flatnonzero(np.isin(self.mjm.geom_bodyid, subtree(self.mjm, root)) & self.shown)
+        if not len(geoms):
+            return 0.0, 0.0
+        corners = np.concatenate([self._corners(int(g)) for g in geoms]) - self.data.xpos[root]
+        return float(np.linalg.norm(corners[:, :2], axis=1).max()), float(np.ptp(corners[:, 2]))
+
+    def _corners(self, geom: int) -> np.ndarray:
+        box = box_corners(self.mjm.geom_aabb[geom, :3], self.mjm.geom_aabb[geom, 3:])
+        return box @ self.data.geom_xmat[geom].reshape(3, 3).T + self.data.geom_xpos[geom]
+
+    def _is_drawer(self, part: ObjectConfig) -> bool:
+        """Whether an object is put on something that slides out."""
+        body = -1 if part.support is None else self._body(part.support.parent)
+        joints = np.flatnonzero(self.mjm.jnt_bodyid == body)
+        return bool(body > 0 and np.any(self.mjm.jnt_type[joints] == mujoco.mjtJoint.mjJNT_SLIDE))
+
+    def _body(self, name: str) -> int:
+        return mujoco.mj_name2id(self.mjm, mujoco.mjtObj.mjOBJ_BODY, name)

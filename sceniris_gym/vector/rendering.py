@@ -1,0 +1,65 @@
+"""`Rendering`: how an environment is looked at, in pictures or on a page in the browser."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from sceniris_gym.errors import ArgumentError
+from sceniris_gym.layout.counts import as_count
+from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.sim.batch import Batch
+from sceniris_gym.sim.pictures import FrameCamera
+from sceniris_gym.vector import window
+from sceniris_gym.vector.arguments import as_size
+from sceniris_gym.vector.window import Window
+
+RENDER_MODES = ["rgb_array", "human"]
+"""What `render_mode` may be besides None."""
+
+
+class Rendering:
+    """Takes pictures of the first worlds of a batch, or shows them on a page; made ready when it is first needed.
+
+    Args:
+        mode: "rgb_array", "human" or None.
+        num_envs: How many worlds there are.
+        worlds: How many of them are looked at; None is all.
+        size: Width and height of a picture [pixels].
+        camera: Name of the camera.
+
+    Raises:
+        ArgumentError: Another mode, or a number or size that is none.
+    """
+
+    def __init__(self, mode: str | None, num_envs: int, worlds: Any, size: Any, camera: str) -> None:
+        if mode not in (None, *RENDER_MODES):
+            raise ArgumentError(f"render_mode should be {', '.join(map(repr, RENDER_MODES))} or None, got {mode!r}.")
+        self.mode, self.camera = mode, camera
+        self.worlds = num_envs if worlds is None else min(as_count(worlds, "render_envs"), num_envs)
+        self.size = as_size(size, "render_size")
+        self._camera: FrameCamera | None = None
+        self._window: Window | None = None
+
+    def pictures(self, batch: Batch) -> tuple[np.ndarray, ...]:
+        """Return a picture of each world, (height, width, 3) uint8. Waits for the device."""
+        if self._camera is None:
+            width, height = self.size
+            self._camera = FrameCamera(batch.scene.mjm, batch.model, self.worlds, width, height, self.camera)
+        return tuple(self._camera.take(batch.data))
+
+    def show(self, batch: Batch, layouts: Layouts, seconds: float) -> None:
+        """Bring the page up to date, where there is one, so much time [s] after the last time. Waits for the device."""
+        if self.mode != "human":
+            return
+        if self._window is None:
+            self._window = window.open_window(batch.scene, self.worlds)
+        window.show(self._window, batch, layouts, seconds)
+
+    def close(self) -> None:
+        """Release the camera, and close the page."""
+        self._camera = None
+        if self._window is not None:
+            self._window.close()
+            self._window = None

@@ -1,0 +1,77 @@
+"""The layer of clearances: from each object to what is nearest, how far that is, and how far it has to be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.viewer.shown import ShownWorld
+from sceniris_gym.viewer.sketch import GREEN, RED, Sketch
+
+_LOOKED = 0.3  # m; what is further away is not drawn
+_ROUNDING = 1.0e-6  # m
+_ABOVE = 0.06  # m from a line to its words
+
+
+def sketch_clearances(world: ShownWorld, only: str | None = None) -> Sketch:
+    """Draw a line from each placed object to the nearest thing that is not its support: red where it is too near."""
+    sketch, drawn = Sketch(), set()
+    for name in [only] if only is not None else world.placed_names:
+        nearest = nearest_to(world, name)
+        if nearest is None or (nearest.other, name) in drawn:
+            continue
+        drawn.add((name, nearest.other))
+        asked = world.compiled.config.objects[name].clearance
+        sketch.lines.append((nearest.ends, GREEN if nearest.distance >= asked - _ROUNDING else RED))
+        words = f"{name} to {nearest.other}: {1e3 * nearest.distance:.0f} mm, at least {1e3 * asked:g}"
+        sketch.words.append((words, nearest.ends.mean(axis=0) + [0.0, 0.0, _ABOVE]))
+    return sketch
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """What is nearest to an object.
+
+    Attributes:
+        other: The name of the object, or of the body, that it is.
+        ends: The shortest line from the object to it, (2, 3) [m].
+        distance: The length of that line [m]; negative where they overlap.
+    """
+
+    other: str
+    ends: np.ndarray
+    distance: float
+
+
+def nearest_to(world: ShownWorld, name: str) -> Nearest | None:
+    """Return what collides and is nearest to an object.
+
+    What carries the object is left out, as `clearance` says nothing about it. None if nothing is near.
+    """
+    mjm, data, scene = world.compiled.mjm, world.data, world.compiled.scene
+    own = set(scene.subtree(name))
+    ground = world.placed(name).ground
+    aside = {*own, *([] if ground is None else [ground]), *world.hidden_bodies()}
+    collides = (mjm.geom_contype | mjm.geom_conaffinity) != 0
+    mine = [g for g in np.flatnonzero(collides) if int(mjm.geom_bodyid[g]) in own]
+    others = [g for g in np.flatnonzero(collides) if int(mjm.geom_bodyid[g]) not in aside]
+    best, found = _LOOKED, None
+    for a in mine:
+        for b in others:
+            apart = np.linalg.norm(data.geom_xpos[a] - data.geom_xpos[b]) - mjm.geom_rbound[a] - mjm.geom_rbound[b]
+            if mjm.geom_rbound[b] > 0.0 and apart > best:
+                continue
+            ends = np.zeros(6)
+            distance = mujoco.mj_geomDistance(mjm, data, a, b, best, ends)
+            if distance < best:
+                best, found = distance, Nearest(_owner(world, int(mjm.geom_bodyid[b])), ends.reshape(2, 3), distance)
+    return found
+
+
+def _owner(world: ShownWorld, body: int) -> str:
+    """The name of the object that a body is part of, or of the body."""
+    scene = world.compiled.scene
+    names = [name for name in scene.bodies if body in scene.subtree(name)]
+    return names[0] if names else scene.mjm.body(body).name

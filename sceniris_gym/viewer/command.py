@@ -1,0 +1,80 @@
+"""The `view` command: shows a scene on a page until it is interrupted."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sceniris_gym.errors import ArgumentError
+from sceniris_gym.viewer.server import import_ahead, wait_for
+
+if TYPE_CHECKING:
+    import viser
+
+
+def view_scene(
+    server: viser.ViserServer, scene: str, changes: Mapping[str, Any], *, split: str, seed: int, episode: int, num: int
+) -> None:
+    """Show a scene on a page, and serve it until Ctrl-C."""
+    print(f"Open that page in a browser: '{scene}' appears there. Ctrl-C ends it.", file=sys.stderr, flush=True)
+    drawing = import_ahead()
+    import warp as wp
+
+    from sceniris_gym.config.loader import read_scene, shipped
+    from sceniris_gym.viewer.deck import Where
+    from sceniris_gym.viewer.scene_file import SceneFile
+    from sceniris_gym.viewer.view import SceneView
+
+    wp.config.log_level = wp.LOG_WARNING
+    wait_for(drawing)
+    view = SceneView(server, SceneFile(scene, changes), Where(split, seed, episode), num)
+    if scene not in shipped("envs", ".yaml") and not Path(scene).expanduser().is_file():
+        read_scene(scene)  # says that there is none
+    view.load()
+    while True:
+        view.turn()
+
+
+def view_env(
+    server: viser.ViserServer,
+    env: str,
+    policy: str | None,
+    ids: Sequence[str],
+    *,
+    num: int,
+    split: str,
+    device: str | None,
+    changes: Mapping[str, Any],
+) -> None:
+    """Show how a policy plays an environment on a page, and serve it until Ctrl-C."""
+    print(f"Open that page in a browser: '{env}' appears there. Ctrl-C ends it.", file=sys.stderr, flush=True)
+    import gymnasium
+    import warp as wp
+
+    import sceniris_gym  # noqa: F401, registers the environments
+    from sceniris_gym.viewer.env_view import EnvView
+    from sceniris_gym.viewer.policies import load_policy
+
+    wp.config.log_level = wp.LOG_WARNING
+    try:
+        spec = gymnasium.spec(env)
+    except gymnasium.error.Error as error:
+        raise ArgumentError(f"--env {env}: {error}") from None
+    words = {"split": split, "device": device, "overrides": dict(changes), "autoreset_mode": "Disabled"}
+    envs: Any = gymnasium.make_vec(spec, num_envs=num, **words).unwrapped
+    view = EnvView(server, envs, None if policy is None else load_policy(policy, envs.device), ids)
+    while True:
+        view.turn()
+
+
+def read_ids(given: Sequence[str]) -> list[str]:
+    """Return layout ids: those that are given, and those in the files that are given, one a line."""
+    found: list[str] = []
+    for text in given:
+        path = Path(text)
+        if ":" not in text and not path.is_file():
+            raise ArgumentError(f"--layouts {text}: neither an id, as in HASH:train:42:0, nor a file that is there.")
+        found += [text] if ":" in text else path.read_text().split()
+    return found

@@ -1,0 +1,175 @@
+"""The layouts on show: made by seed and episode, with the candidates that were rejected on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+import warp as wp
+
+from sceniris_gym.errors import SceneMismatchError
+from sceniris_gym.layout.blame import Blame, Hit
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layout_id import LayoutId
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import Cause
+from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.tools.tables import read_table
+
+MOST_RECORDED = 1024
+_COUNTED = 256  # layouts that the table of a scene begins with
+
+
+@dataclass(frozen=True)
+class Where:
+    """Which layouts are on show: world i has seed + i.
+
+    Attributes:
+        split: "train" or "eval".
+        seed: Seed of the first world, 64 bits.
+        episode: Episode of all worlds.
+    """
+
+    split: str = "train"
+    seed: int = 0
+    episode: int = 0
+
+    def moved(self, seeds: int = 0, episodes: int = 0) -> Where:
+        """The same, so many seeds and episodes on; neither goes below zero."""
+        seed = min(max(self.seed + seeds, 0), 2**64 - 1)
+        return replace(self, seed=seed, episode=min(max(self.episode + episodes, 0), 2**31 - 1))
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A place that was tried for an object, and rejected.
+
+    Attributes:
+        name: The object.
+        number: Its index in placement order; what comes before it had a place already.
+        cause: Why it was rejected, in lower case.
+        count: How many of this object's candidates were rejected for this cause, in this layout.
+        state: The state it would have led to, one row.
+    """
+
+    name: str
+    number: int
+    cause: str
+    count: int
+    state: LayoutTable
+
+
+class LayoutDeck:
+    """Makes layouts of a compiled scene, of many worlds or of one with all that was tried for it.
+
+    Args:
+        compiled: The scene. It may be one of which no layout can be made, uploaded and without a bank.
+        num: How many worlds.
+    """
+
+    def __init__(self, compiled: CompiledScene, num: int) -> None:
+        self.compiled, self.num = compiled, num
+        self._generators: dict[str, LayoutGenerator] = {}
+        self._recorders: dict[str, LayoutGenerator] = {}
+        self._blame: Blame | None = None
+        self.layouts = 0
+        self.valid = 0
+        self.counts = np.zeros((max(len(compiled.placed), 1), len(Cause)), np.int64)
+
+    def make(self, where: Where) -> LayoutTable:
+        """Return the layouts of all worlds, and count what was rejected for them."""
+        generator = self._generator(where.split)
+        table = _made(generator, where, self.num)
+        self._count(generator, table)
+        return table
+
+    def stands(self, split: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return where relations see the objects of the first world that was made last; see `ShownWorld.stands`."""
+        view = self._generator(split).layouts.view
+        return view.place.numpy()[0].copy(), view.bounds.numpy()[0].copy()
+
+    def count_ahead(self) -> None:
+        """Make layouts for the table of rejections alone, on a stream of seeds far from those that users look at."""
+        generator = LayoutGenerator(self.compiled, _COUNTED, seed=1 << 62)
+        generator.generate()
+        self._count(generator, read_table(generator))
+
+    def rejected(self, where: Where) -> list[Candidate]:
+        """Return the candidates of the first world's layout that were rejected, in the order in which they were tried.
+
+        Those for which no place was left to try are not among them, as they never were anywhere.
+        """
+        recorder = self._recorders.get(where.split)
+        if recorder is None:
+            recorder = LayoutGenerator(self.compiled, 1, split=where.split, rejected=MOST_RECORDED, every_cause=True)
+            self._recorders[where.split] = recorder
+        view = recorder.layouts.view
+        view.rejected_count.zero_()
+        before = view.rejections.numpy().copy()
+        _made(recorder, where, 1)
+        counts = view.rejections.numpy() - before
+        num = min(int(view.rejected_count.numpy()[0]), MOST_RECORDED)
+        nmocap, present = self.compiled.mjm.nmocap, recorder.layouts.present.numpy()[:1] != 0
+        states = [a.numpy()[:num] for a in (view.rejected_qpos, view.rejected_mocap_pos, view.rejected_mocap_quat)]
+        found = []
+        for i in range(num):
+            number, cause = int(view.rejected_object.numpy()[i]), int(view.rejected_cause.numpy()[i])
+            row = [a[i : i + 1].copy() for a in states]
+            state = LayoutTable.from_states(row[0], row[1][:, :nmocap], row[2][:, :nmocap], present.copy())
+            name = self.compiled.placed[number]
+            found.append(Candidate(name, number, Cause(cause).name.lower(), int(counts[number, cause]), state))
+        return found
+
+    def hits(self, candidate: Candidate) -> list[Hit]:
+        """Return what a candidate collides with, the worst first."""
+        if self._blame is None:
+            self._blame = Blame(self.compiled)
+        data = mujoco.MjData(self.compiled.mjm)
+        candidate.state.put(data, 0)
+        mujoco.mj_kinematics(self.compiled.mjm, data)
+        return self._blame.hits(data, candidate.number)
+
+    def find(self, text: str) -> Where:
+        """Return where the layout with an id is.
+
+        Raises:
+            LayoutIdError: Not the form of an id.
+            SceneMismatchError: An id of another scene.
+        """
+        name = LayoutId.parse(text.strip())
+        if name.scene != self.compiled.hash:
+            raise SceneMismatchError(
+                f"layout '{text.strip()}': is of a scene {name.scene}, and this one is {self.compiled.hash}. Open the "
+                "scene that it is of."
+            )
+        return Where(name.split, name.seed, name.episode)
+
+    def table(self) -> Mapping[str, Mapping[str, int]]:
+        """How many candidates were rejected so far, by object and cause; only what ever was."""
+        seen = {c for c in Cause if self.counts[:, c].any()}
+        rows = ((name, self.counts[i]) for i, name in enumerate(self.compiled.placed))
+        return {name: {c.name.lower(): int(row[c]) for c in sorted(seen)} for name, row in rows if row.any()}
+
+    def _generator(self, split: str) -> LayoutGenerator:
+        if split not in self._generators:
+            self._generators[split] = LayoutGenerator(self.compiled, self.num, split=split)
+        return self._generators[split]
+
+    def _count(self, generator: LayoutGenerator, table: LayoutTable) -> None:
+        self.layouts += len(table)
+        self.valid += int((table.status == Status.VALID).sum())
+        rejections = generator.layouts.view.rejections
+        self.counts += rejections.numpy()
+        rejections.zero_()
+
+
+def _made(generator: LayoutGenerator, where: Where, num: int) -> LayoutTable:
+    seeds = [(where.seed + i) % 2**64 for i in range(num)]
+    generator.reseed(seeds)
+    generator.layouts.episode.fill_(where.episode - 1)
+    generator.generate()
+    wp.synchronize_device(generator.compiled.device)
+    return read_table(generator)

@@ -1,0 +1,174 @@
+"""The page of an environment: a policy plays it, one chosen layout after another."""
+
+from __future__ import annotations
+
+import sys
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+
+from sceniris_gym.errors import ScenirisError
+from sceniris_gym.layout.layout_id import LayoutId
+from sceniris_gym.vector.evaluation import own_id, reset_to
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+from sceniris_gym.vector.window import show
+from sceniris_gym.viewer.plots import Plots
+from sceniris_gym.viewer.policies import GROUP, Policy
+from sceniris_gym.viewer.requests import Requests
+from sceniris_gym.viewer.window import Window
+
+if TYPE_CHECKING:
+    import viser
+
+_IDLE = 0.25  # s
+_PLOTTED = 0.2  # s between two drawings of the plots
+
+
+class EnvView:
+    """Plays a policy, in the thread that calls `turn`, and shows what it does.
+
+    Args:
+        server: The page.
+        envs: The environment, without autoreset.
+        policy: The policy; None takes random actions.
+        ids: Layouts to play one after another; empty for those of seeds 0, 1, 2, ...
+    """
+
+    def __init__(
+        self, server: viser.ViserServer, envs: SceneVectorEnv, policy: Policy | None, ids: Sequence[str] = ()
+    ) -> None:
+        self.envs, self.policy = envs, policy
+        self.requests = Requests()
+        self.ids = [own_id(text, envs, envs.split) for text in ids]
+        self.first = 0
+        self._pasted: LayoutId | None = None
+        self.running, self.speed = True, 1.0
+        self._plotted = 0.0
+        self._window = Window(envs.compiled.scene, envs.num_envs, server)
+        self._gui = server.gui
+        self._add_controls()
+        sizes = [(name, int(np.prod(shape, dtype=int))) for name, shape in envs.observation_names[GROUP]]
+        self._plots = Plots(server, sizes)
+        self.start(0)
+
+    def start(self, first: int) -> None:
+        """Begin episodes on the layouts from number `first` on, a world each; those after the last are the last."""
+        self.first = max(first, 0)
+        chosen = [self._layout(self.first + i) for i in range(self.envs.num_envs)]
+        if self._pasted is not None:
+            chosen[0], self._pasted = self._pasted, None
+        self._observation, _ = reset_to(self.envs, self.envs, chosen)
+        self._ended = np.zeros(self.envs.num_envs, bool)
+        self._success = np.zeros(self.envs.num_envs, bool)
+        self._step = 0
+        self._plots.clear()
+        name = chosen[0]
+        self._id.value = self.envs.compiled.layout_id(name.seed, name.episode, name.split)
+        self._show(0.0)
+        self._tell()
+
+    def turn(self) -> None:
+        """Do what was asked for, and take a step if nothing stands against it."""
+        for action in self.requests.take(0.0 if self.running else _IDLE):
+            self._try(action)
+        if self.running:
+            self._try(self._go_on)
+
+    def _go_on(self) -> None:
+        self.step()
+        if self._ended.all():
+            self.start(self.first + self.envs.num_envs)
+
+    def _try(self, action: Callable[[], None]) -> None:
+        """Do something; what fails, such as a policy, stops the episode, and is said on the page and on stderr."""
+        try:
+            action()
+        except Exception as error:
+            self.running = False
+            if not isinstance(error, ScenirisError):
+                traceback.print_exc(file=sys.stderr)
+            print(f"{type(error).__name__}: {error}", file=sys.stderr, flush=True)
+            self._status.content = f"**Stopped: {type(error).__name__}: {error}**"
+
+    def step(self) -> None:
+        """Take one control step."""
+        with torch.inference_mode():
+            actions = self._actions()
+            self._observation, _, terminated, truncated, info = self.envs.step(actions)
+        success = info["success"].cpu().numpy()
+        self._success = np.where(self._ended, self._success, success)
+        self._ended |= (terminated | truncated).cpu().numpy()
+        self._step += 1
+        rewards = {name: float(term[0]) for name, term in info["reward_terms"].items()}
+        self._plots.add(rewards | {"success": float(success[0])}, self._observation[GROUP][0].cpu().numpy())
+        self._show(self.envs.state.dt / self.speed)
+        if time.monotonic() - self._plotted > _PLOTTED or not self.running:
+            self._plotted = time.monotonic()
+            self._plots.draw()
+            self._tell()
+
+    def _actions(self) -> Any:
+        if self.policy is not None:
+            return self.policy(self._observation)
+        size = self.envs.single_action_space.shape
+        return 2.0 * torch.rand(self.envs.num_envs, *(size or ()), device=self.envs.device) - 1.0
+
+    def _layout(self, i: int) -> LayoutId:
+        if self.ids:
+            return self.ids[i % len(self.ids)]
+        return LayoutId(self.envs.compiled.hash, self.envs.split, i, 0)
+
+    def _show(self, seconds: float) -> None:
+        show(self._window, self.envs.batch, self.envs.randomizer.layouts, seconds)
+
+    def _tell(self) -> None:
+        done, num = int(self._ended.sum()), self.envs.num_envs
+        words = "running" if not self._ended[0] else "ended, success" if self._success[0] else "ended, no success"
+        self._status.content = (
+            f"**{type(self.envs.task).__name__}**, step {self._step}: first world {words}. "
+            f"{done} of {num} episodes ended, {int((self._success & self._ended).sum())} in success."
+        )
+
+    def _add_controls(self) -> None:
+        gui = self._gui
+        self._status = gui.add_markdown("")
+        self._id = gui.add_text("layout", "", hint="The layout of the first world.")
+
+        @self._id.on_update
+        def _(event: Any) -> None:
+            if event.client is not None:
+                self.requests.put("id", lambda: self._play_id(event.target.value))
+
+        arrows = gui.add_button_group(" ", ("◀ layout", "layout ▶"))
+
+        @arrows.on_click
+        def _(event: Any) -> None:
+            step = self.envs.num_envs if "▶" in event.target.value else -self.envs.num_envs
+            self.requests.put(None, lambda: self.start(self.first + step))
+
+        buttons = gui.add_button_group("  ", ("Pause", "Step", "Play"))
+
+        @buttons.on_click
+        def _(event: Any) -> None:
+            self.requests.put(None, lambda: self._press(event.target.value))
+
+        speed = gui.add_slider("speed", 0.1, 1.0, 0.1, 1.0)
+        speed.on_update(lambda _: setattr(self, "speed", float(speed.value)))
+
+    def _press(self, button: str) -> None:
+        self.running = button == "Play"
+        if button == "Step":
+            self.step()
+
+    def _play_id(self, text: str) -> None:
+        try:
+            found = own_id(text.strip(), self.envs, self.envs.split)
+        except ScenirisError as error:
+            self._status.content = f"**{error}**"
+            return
+        self._pasted = found
+        self.start(self.first)

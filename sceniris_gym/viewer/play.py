@@ -1,0 +1,78 @@
+"""Physics from a layout: MuJoCo C steps one world, at real time or slower."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.tools.audit.physics import hold
+
+_LONGEST = 0.1  # s of physics between two pictures; a slow machine falls behind rather than freeze
+
+
+class Player:
+    """Steps one world from its layout on.
+
+    Args:
+        mjm: The model.
+        table: The layout, one row.
+
+    Attributes:
+        data: The state.
+        running: Whether time goes on.
+        speed: Seconds of physics in a second.
+    """
+
+    def __init__(self, mjm: mujoco.MjModel, table: LayoutTable) -> None:
+        self.mjm, self.table = mjm, table
+        self.data = mujoco.MjData(mjm)
+        self.running, self.speed = False, 1.0
+        self._debt = 0.0
+        self.reset()
+
+    def reset(self) -> None:
+        """Go back to the layout, with controls that hold its joints."""
+        mujoco.mj_resetData(self.mjm, self.data)
+        self.table.put(self.data, 0)
+        hold(self.mjm, self.data)
+        mujoco.mj_forward(self.mjm, self.data)
+        self._debt = 0.0
+
+    def advance(self, seconds: float) -> bool:
+        """Let so much time [s] pass, and return whether anything was stepped."""
+        if not self.running:
+            return False
+        self._debt = min(self._debt + seconds * self.speed, _LONGEST)
+        steps = int(self._debt / self.mjm.opt.timestep)
+        self._debt -= steps * self.mjm.opt.timestep
+        for _ in range(steps):
+            mujoco.mj_step(self.mjm, self.data)
+        return steps > 0
+
+    def step(self) -> None:
+        """Take a single step of physics."""
+        mujoco.mj_step(self.mjm, self.data)
+
+    def target_ranges(self) -> list[tuple[str, float, float]]:
+        """Name, least and greatest control of each actuator; unlimited ones get the range of their joint, or +-1."""
+        ranges = []
+        for i in range(self.mjm.nu):
+            low, high = self.mjm.actuator_ctrlrange[i]
+            if not self.mjm.actuator_ctrllimited[i]:
+                low, high = -1.0, 1.0
+                joint = int(self.mjm.actuator_trnid[i, 0])
+                of_joint = self.mjm.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
+                if of_joint and self.mjm.jnt_limited[joint]:
+                    low, high = self.mjm.jnt_range[joint]
+            ranges.append((self.mjm.actuator(i).name or f"actuator {i}", float(low), float(high)))
+        return ranges
+
+    def set_target(self, i: int, value: float) -> None:
+        """Set the control of an actuator."""
+        self.data.ctrl[i] = value
+
+    @property
+    def targets(self) -> np.ndarray:
+        """The controls, shape (nu,)."""
+        return self.data.ctrl

@@ -1,0 +1,110 @@
+"""Policies as users name them: a checkpoint of rsl-rl, a model of Stable-Baselines3, or a function of their own."""
+
+from __future__ import annotations
+
+import importlib
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from sceniris_gym.errors import ArgumentError, MissingExtraError
+
+Policy = Callable[[dict[str, Tensor]], Any]
+"""Takes the observation groups of all worlds, each (num_envs, size), and returns actions, (num_envs, action size)."""
+GROUP = "policy"
+"""The observation group that a policy sees."""
+FORMS = "a checkpoint of rsl-rl (.pt), a model of Stable-Baselines3 (.zip), or 'module:function'"
+
+_ALGORITHMS = ("PPO", "A2C", "SAC", "TD3", "DDPG")
+
+
+def load_policy(name: str, device: str = "cpu") -> Policy:
+    """Load a policy.
+
+    Args:
+        name: The path of a .pt or .zip file, or 'module:function' of a function that is a policy. Checkpoints of rsl-rl
+            are those of its MLPModel with its default activation.
+        device: Where observations are, as torch names it.
+
+    Raises:
+        ArgumentError: Not one of these, or a file that cannot be used.
+        MissingExtraError: The library that it is of is not installed.
+    """
+    path = Path(name)
+    if path.suffix in (".pt", ".zip") and not path.is_file():
+        raise ArgumentError(f"--policy {name}: there is no such file. Give {FORMS}.")
+    if path.suffix == ".pt":
+        return _of_rsl_rl(path, device)
+    if path.suffix == ".zip":
+        return _of_stable_baselines(path, device)
+    module, colon, function = name.partition(":")
+    if not colon:
+        raise ArgumentError(f"--policy {name}: should be {FORMS}.")
+    try:
+        policy = getattr(importlib.import_module(module), function)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ArgumentError(f"--policy {name}: cannot be imported: {error}. Give {FORMS}.") from None
+    if not callable(policy):
+        raise ArgumentError(f"--policy {name}: should be a function that takes observations and returns actions.")
+    return policy
+
+
+def _of_rsl_rl(path: Path, device: str) -> Policy:
+    try:
+        from rsl_rl.modules import MLP, EmpiricalNormalization
+    except ImportError:
+        raise MissingExtraError("rsl_rl", "rsl-rl") from None
+    try:
+        stored = torch.load(path, map_location=device, weights_only=True)["actor_state_dict"]
+    except Exception as error:  # torch's own classes of errors differ between versions
+        why = str(error).splitlines()[0]
+        raise ArgumentError(f"--policy {path}: should be a checkpoint of rsl-rl 5 with an actor: {why}.") from None
+    weights = [value for key, value in stored.items() if key.startswith("mlp.") and key.endswith(".weight")]
+    if not weights:
+        raise ArgumentError(f"--policy {path}: should be a checkpoint of rsl-rl's MLPModel, has {', '.join(stored)}.")
+    sizes = [weights[0].shape[1], *(w.shape[0] for w in weights)]
+    network = MLP(sizes[0], sizes[-1], sizes[1:-1], "elu").to(device)
+    network.load_state_dict({k.removeprefix("mlp."): v for k, v in stored.items() if k.startswith("mlp.")})
+    normal = {k.removeprefix("obs_normalizer."): v for k, v in stored.items() if k.startswith("obs_normalizer.")}
+    scale = torch.nn.Identity()
+    if normal:
+        scale = EmpiricalNormalization(sizes[0]).to(device)
+        scale.load_state_dict(normal)
+    scale.eval()
+
+    @torch.inference_mode()
+    def policy(observation: dict[str, Tensor]) -> Tensor:
+        seen = observation[GROUP]
+        if seen.shape[1] != sizes[0]:
+            raise ArgumentError(f"--policy {path}: takes {sizes[0]} observations, and this task has {seen.shape[1]}.")
+        return network(scale(seen))
+
+    return policy
+
+
+def _of_stable_baselines(path: Path, device: str) -> Policy:
+    try:
+        stable_baselines3 = importlib.import_module("stable_baselines3")
+    except ImportError:
+        raise MissingExtraError("stable_baselines3", "sb3") from None
+    if not zipfile.is_zipfile(path):
+        raise ArgumentError(f"--policy {path}: should be a model that Stable-Baselines3 saved.")
+    model, why = None, ""
+    for name in _ALGORITHMS:  # the file does not say of which algorithm it is
+        try:
+            model = getattr(stable_baselines3, name).load(path, device=device)
+            break
+        except Exception as error:
+            why = str(error).splitlines()[0] if str(error) else type(error).__name__
+    if model is None:
+        raise ArgumentError(f"--policy {path}: is a model of none of {', '.join(_ALGORITHMS)}: {why}.")
+    loaded = model
+
+    def policy(observation: dict[str, Tensor]) -> Any:
+        return loaded.predict(observation[GROUP].cpu().numpy(), deterministic=True)[0]
+
+    return policy

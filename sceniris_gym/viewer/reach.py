@@ -1,0 +1,80 @@
+"""The layer of reach: a slice of the arm's map, as a picture that lies at some height in the scene."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.config.fields import ROBOT
+from sceniris_gym.errors import ScenirisError
+from sceniris_gym.program.reach import load_map, robot_arm
+from sceniris_gym.reach.map import ReachMap
+from sceniris_gym.reach.tier import Tier
+from sceniris_gym.scene.model import SceneModel
+
+_PIXELS = 96
+_DIRECTIONS = 48
+_FULL = np.array([38.0, 110.0, 190.0])
+_OPACITY = 170.0  # of 255, where every direction is reached
+
+
+class ReachSlice:
+    """Slices of the map of a scene's arm.
+
+    Args:
+        reach_map: The arm's map.
+        base: Position [m] and orientation of the arm's base.
+    """
+
+    def __init__(self, reach_map: ReachMap, base: tuple[np.ndarray, np.ndarray]) -> None:
+        self.map, self.base = reach_map, base
+        self.span = -reach_map.u_low
+
+    @classmethod
+    def of(cls, scene: SceneModel) -> ReachSlice | None:
+        """The slices of a scene; None if it has no robot, or its robot has no map."""
+        robot = scene.config.robot
+        if robot is None:
+            return None
+        try:
+            reach_map = load_map(robot_arm(scene), robot, scene.config.where)
+        except ScenirisError:
+            return None
+        data = mujoco.MjData(scene.mjm)
+        data.qpos[:] = scene.home_qpos
+        mujoco.mj_kinematics(scene.mjm, data)
+        body = scene.bodies[ROBOT]
+        return None if reach_map is None else cls(reach_map, (data.xpos[body].copy(), data.xquat[body].copy()))
+
+    def picture(self, height: float) -> np.ndarray:
+        """Return a slice at a height [m] of the world, (n, n, 4) uint8: the more opaque, the more approaches reach.
+
+        It is `2 * span` wide, around the axis of the arm's first joint, with the base's y up and its x to the right.
+        """
+        ticks = (np.arange(_PIXELS) + 0.5) / _PIXELS * 2.0 * self.span - self.span
+        across, up = np.meshgrid(ticks, ticks[::-1])
+        points = np.stack([across, up, np.full_like(across, height - self.base[0][2])], axis=-1)
+        points = points.reshape(-1, 3) + [*self.map.arm.axis_xy, 0.0]
+        poses = np.zeros((_DIRECTIONS, len(points), 4, 4))
+        poses[..., :3, 3] = points
+        poses[..., :3, 2] = _directions()[:, None]
+        verdicts = self.map.verdict(poses.reshape(-1, 4, 4), "cpu").reshape(_DIRECTIONS, -1)
+        share = np.mean(verdicts >= Tier.MAP.least_verdict, axis=0).reshape(_PIXELS, _PIXELS)
+        picture = np.empty((_PIXELS, _PIXELS, 4), np.uint8)
+        picture[..., :3] = _FULL
+        picture[..., 3] = np.round(_OPACITY * share)
+        return picture
+
+    def pose(self, height: float) -> tuple[np.ndarray, np.ndarray]:
+        """Where the middle of the slice is [m], and its orientation (wxyz)."""
+        offset = np.empty(3)
+        mujoco.mju_rotVecQuat(offset, np.array([*self.map.arm.axis_xy, 0.0]), self.base[1])
+        at = self.base[0] + offset
+        return np.array([at[0], at[1], height]), self.base[1]
+
+
+def _directions() -> np.ndarray:
+    """Unit vectors spread evenly over the sphere (a Fibonacci lattice), shape (n, 3)."""
+    z = 1.0 - (2.0 * np.arange(_DIRECTIONS) + 1.0) / _DIRECTIONS
+    angle = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(_DIRECTIONS)
+    return np.stack([np.sqrt(1.0 - z**2) * np.cos(angle), np.sqrt(1.0 - z**2) * np.sin(angle), z], axis=1)

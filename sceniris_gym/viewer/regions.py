@@ -1,0 +1,159 @@
+"""The layer of supports: what of them the words of a scene leave for each object, in the state of one world."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import shapely
+from shapely.affinity import affine_transform
+from shapely.geometry import LineString, MultiPoint, MultiPolygon, Point, Polygon
+from shapely.geometry.base import BaseGeometry
+
+from sceniris_gym.config.relations import Relation
+from sceniris_gym.geometry.supports import SupportSurface, triangulate
+from sceniris_gym.program.pack_relations import relations_of
+from sceniris_gym.viewer.shown import ShownWorld
+from sceniris_gym.viewer.sketch import GREY, PALETTE, Sketch
+
+_FAR = 20.0  # m; a relation without a greatest distance is drawn so far
+_ARC = 64  # segments of a half circle
+_LINE = 0.002  # m; a line is drawn so wide to both sides
+_LIFT = 0.002  # m that a region is drawn above its surface, and above the one before it
+
+
+def sketch_regions(world: ShownWorld, only: str | None = None) -> Sketch:
+    """Draw the supports as grey outlines, and on them in colour where pivots of objects may be.
+
+    Args:
+        world: The world.
+        only: The object whose region is drawn; None for all.
+    """
+    sketch = Sketch()
+    found: dict[tuple[bytes, float], tuple[list[str], MultiPolygon]] = {}
+    for name in [only] if only is not None else world.placed_names:
+        for outline, left, height in _on_supports(world, name):
+            for part in shapely.get_parts(outline):
+                ring = np.asarray(part.exterior.coords)[:-1, :2]
+                sketch.outline(np.c_[ring, np.full(len(ring), height + _LIFT)], GREY)
+            if left.is_empty:
+                at = outline.representative_point()
+                sketch.words.append((f"nothing is left for {name}", np.array([at.x, at.y, height])))
+            else:
+                found.setdefault((left.normalize().wkb, height), ([], left))[0].append(name)
+    # However many there are, together they are as thin, and as clear, as a few; their words stand along their edges.
+    lift, opacity = 2.0 * _LIFT / max(len(found), 2), 0.45 / math.sqrt(max(len(found) / 3.0, 1.0))
+    for i, ((_, height), (names, left)) in enumerate(found.items()):
+        triangles = triangulate(left)
+        points = np.c_[triangles.reshape(-1, 2), np.full(3 * len(triangles), height + (i + 1) * lift)]
+        sketch.surfaces.append((points, np.arange(len(points)).reshape(-1, 3), PALETTE[i % len(PALETTE)], opacity))
+        at = left.representative_point()
+        if len(found) > 3:
+            edge = max(shapely.get_parts(left), key=lambda part: part.area).exterior
+            at = edge.interpolate((i + 0.5) / len(found), normalized=True)
+        sketch.words.append((f"{', '.join(names)} here", np.array([at.x, at.y, height])))
+    return sketch
+
+
+def region_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, float]]:
+    """Return where the pivot of an object may be: areas [m] of the world seen from above, and their heights [m].
+
+    Distances between bounds are those that bounds of any heading can have, so their rings are a little too large.
+    """
+    return [(left, height) for _, left, height in _on_supports(world, name)]
+
+
+def _on_supports(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, MultiPolygon, float]]:
+    """The outline of each surface that an object may stand on, what is left of it, and its height, in the world."""
+    placed = world.placed(name)
+    relations = [relation_area(world, name, relation) for relation in relations_of(placed)]
+    found = []
+    for surface in placed.surfaces[0] if placed.surfaces else []:
+        outline, region, height = _in_world(world, surface)
+        for area in relations:
+            region = region.intersection(area) if area is not None else region
+        parts = [part for part in shapely.get_parts(region) if isinstance(part, Polygon) and part.area > 0.0]
+        found.append((outline, MultiPolygon(parts), height))
+    return found
+
+
+def _in_world(world: ShownWorld, surface: SupportSurface) -> tuple[MultiPolygon, MultiPolygon, float]:
+    mat, pos = world.data.xmat[surface.body].reshape(3, 3), world.data.xpos[surface.body]
+    across = (mat[0, 0], mat[0, 1], mat[1, 0], mat[1, 1], pos[0], pos[1])
+    outline = surface.region if surface.is_endless else surface.outline
+    height = float(pos[2] + mat[2, 2] * surface.height)
+    return affine_transform(outline, across), affine_transform(surface.region, across), height
+
+
+def relation_area(world: ShownWorld, name: str, relation: Relation) -> BaseGeometry | None:
+    """Return the area of the plane that a relation leaves for an object; None where it does not apply."""
+    anchors = [anchor for anchor in relation.anchors if world.is_shown(anchor)]
+    if len(anchors) < (2 if relation.kind == "between" else 1):
+        return None
+    places = {anchor: world.standing(anchor) for anchor in anchors}
+    own = world.standing(name)[1]
+    if relation.kind == "between":
+        width = min(own[2] - own[0], own[3] - own[1]) if relation.width is None else relation.width
+        hull = MultiPoint([places[anchor][0][:2] for anchor in anchors]).convex_hull
+        if isinstance(hull, Polygon):
+            return hull
+        return hull.buffer(width / 2.0, cap_style="flat" if isinstance(hull, LineString) else "square")
+    (x, y, _, _), bounds = places[anchors[0]]
+    axis = relation.heading + frame_heading(world, name, relation)
+    if relation.kind == "beside":
+        return _beside(world, name, relation, axis)
+    low, high = relation.low, min(relation.high, _FAR)
+    if relation.bounds:
+        low -= _outside(bounds) + _outside(own)
+        high += _radius(bounds) + _radius(own)
+    return _wedge(np.array([x, y]), axis, relation.half_angle, max(low, 0.0), high)
+
+
+def frame_heading(world: ShownWorld, name: str, relation: Relation) -> float:
+    """Return the heading [rad] of the frame of a relation's direction."""
+    if relation.frame == "world":
+        return 0.0
+    if relation.frame == "support":
+        ground = world.placed(name).ground
+        mat = world.data.xmat[0 if ground is None else ground]
+        return math.atan2(mat[3], mat[0])
+    return float(world.standing(relation.anchors[0] if relation.frame == "anchor" else relation.frame)[0][3])
+
+
+def _wedge(apex: np.ndarray, axis: float, half_angle: float, low: float, high: float) -> BaseGeometry:
+    if half_angle >= math.pi:
+        return Point(*apex).buffer(high, _ARC // 2).difference(Point(*apex).buffer(low, _ARC // 2))
+    angles = axis + np.linspace(-half_angle, half_angle, max(2, math.ceil(_ARC * half_angle / math.pi) * 2))
+    rays = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    inner = apex + low * rays[::-1] if low > 0.0 else apex[None]
+    return Polygon(np.concatenate([apex + high * rays, inner]))
+
+
+def _beside(world: ShownWorld, name: str, relation: Relation, axis: float) -> BaseGeometry:
+    """The line of pivots whose bounds are the gap apart, the narrower within the wider."""
+    (anchor_place, anchor), (own_place, own) = world.standing(relation.anchors[0]), world.standing(name)
+    side = np.array([math.cos(axis), math.sin(axis)])
+    along = np.array([-side[1], side[0]])
+    offset = _extent(anchor, anchor_place[3], side)[1] + relation.gap - _extent(own, own_place[3], side)[0]
+    wide, narrow = _extent(anchor, anchor_place[3], along), _extent(own, own_place[3], along)
+    ends = sorted([wide[0] - narrow[0], wide[1] - narrow[1]])
+    middle = anchor_place[:2] + offset * side
+    return LineString([middle + ends[0] * along, middle + ends[1] * along]).buffer(_LINE)
+
+
+def _extent(bounds: np.ndarray, heading: float, along: np.ndarray) -> tuple[float, float]:
+    """How far bounds reach along a direction of the world, from their origin [m]."""
+    c, s = math.cos(heading), math.sin(heading)
+    corners = np.array([[x, y] for x in bounds[[0, 2]] for y in bounds[[1, 3]]]) @ np.array([[c, s], [-s, c]])
+    reach = corners @ along
+    return float(reach.min()), float(reach.max())
+
+
+def _radius(bounds: np.ndarray) -> float:
+    """How far the furthest corner of bounds is from their origin [m]."""
+    return float(np.linalg.norm(np.maximum(np.abs(bounds[:2]), np.abs(bounds[2:]))))
+
+
+def _outside(bounds: np.ndarray) -> float:
+    """How far the origin of bounds is outside of them [m]."""
+    return float(np.linalg.norm(np.maximum(np.maximum(bounds[:2], -bounds[2:]), 0.0)))

@@ -1,0 +1,104 @@
+"""The page's server. It answers before anything heavy is imported, so that the address is there at once."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import importlib.util
+import os
+import socket
+import threading
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from sceniris_gym.errors import ArgumentError, MissingExtraError
+
+if TYPE_CHECKING:
+    import viser
+
+HOST = "127.0.0.1"
+"""Where the page is by default: on this machine, so that nobody else gets in unasked."""
+PORT = 8080
+"""The port that is tried first."""
+MOST_SHOWN = 64
+"""Most worlds that are shown side by side."""
+EXTRA = "viewer"
+"""The extra of this package that installs viser and mjviser."""
+
+_EVERYWHERE = ("0.0.0.0", "::")
+
+
+def open_server(host: str = HOST, port: int = PORT) -> viser.ViserServer:
+    """Open an empty page.
+
+    Args:
+        host: Address to listen on; "0.0.0.0" lets every machine in.
+        port: Port to listen on; the next free one is taken where it is in use.
+
+    Raises:
+        MissingExtraError: viser or mjviser is not installed.
+        ArgumentError: This machine does not have that address.
+    """
+    for package in ("viser", "mjviser"):
+        if importlib.util.find_spec(package) is None:
+            raise MissingExtraError(package, EXTRA)
+    _check_host(host)
+    import viser
+
+    with _quiet():
+        server = viser.ViserServer(host=host, port=port, label="sceniris_gym", verbose=False)
+    server.gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
+    server.gui.main_panel.dock_right()
+    return server
+
+
+def _check_host(host: str) -> None:
+    """Refuse an address that cannot be listened on, for which viser would wait for ever."""
+    try:
+        family, kind, *_, at = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind) as probe:
+            probe.bind(at)
+    except OSError as error:
+        raise ArgumentError(f"--host {host}: cannot listen there: {error}. Give an address of this machine.") from None
+
+
+@contextlib.contextmanager
+def opened_page(host: str, port: int) -> Iterator[viser.ViserServer]:
+    """Open a page, and close it in the end; see `open_server`."""
+    server = open_server(host, port)
+    try:
+        yield server
+    finally:
+        close_server(server)
+
+
+def close_server(server: viser.ViserServer) -> None:
+    """Close the page."""
+    with _quiet():
+        server.stop()
+
+
+def address(server: viser.ViserServer) -> str:
+    """Where a browser finds the page."""
+    host = server.get_host()
+    return f"http://{'localhost' if host in _EVERYWHERE else host}:{server.get_port()}"
+
+
+def import_ahead() -> threading.Thread:
+    """Import what draws, beside what the caller does meanwhile: a second of trimesh, which also swallows a Ctrl-C."""
+    thread = threading.Thread(target=importlib.import_module, args=("mjviser",), daemon=True)
+    thread.start()
+    return thread
+
+
+def wait_for(thread: threading.Thread) -> None:
+    """Wait for a thread, so that Ctrl-C still ends the program at once."""
+    while thread.is_alive():
+        thread.join(0.05)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Let viser, which prints banners, keep them to itself."""
+    with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
+        yield

@@ -1,0 +1,88 @@
+"""What layers draw: surfaces, lines, arrows, axes and words, first as plain numbers, then on the page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import viser
+
+Colour = tuple[int, int, int]
+
+RED: Colour = (214, 39, 40)
+"""What is wrong, and nothing else."""
+ORANGE: Colour = (240, 140, 20)
+BLUE: Colour = (38, 110, 190)
+GREEN: Colour = (40, 150, 90)
+VIOLET: Colour = (130, 80, 170)
+GREY: Colour = (120, 126, 134)
+PALETTE: tuple[Colour, ...] = (BLUE, GREEN, VIOLET, (180, 120, 30), (20, 150, 160), (170, 60, 120), (90, 120, 40))
+"""Colours of objects, none of them red."""
+
+
+@dataclass
+class Sketch:
+    """Shapes in the world's frame [m].
+
+    Attributes:
+        surfaces: Triangles as vertices (n, 3) and faces (m, 3), their colour and opacity.
+        lines: Ends of a line, (2, 3), and its colour.
+        arrows: Tail and tip of an arrow, (2, 3), and its colour.
+        axes: Position (3,) and orientation (wxyz) of a frame whose axes are drawn.
+        words: Texts and where they are.
+    """
+
+    surfaces: list[tuple[np.ndarray, np.ndarray, Colour, float]] = field(default_factory=list)
+    lines: list[tuple[np.ndarray, Colour]] = field(default_factory=list)
+    arrows: list[tuple[np.ndarray, Colour]] = field(default_factory=list)
+    axes: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
+    words: list[tuple[str, np.ndarray]] = field(default_factory=list)
+
+    def outline(self, ring: np.ndarray, colour: Colour) -> None:
+        """Add the edges of a closed ring of points, shape (n, 3)."""
+        for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
+            self.lines.append((np.stack([a, b]), colour))
+
+    def draw(self, server: viser.ViserServer, name: str, origin: np.ndarray) -> None:
+        """Show it on the page below `/name`, in the place of what was there, with the world's origin at `origin`."""
+        scene = server.scene
+        with server.atomic():
+            erase(server, name)
+            scene.add_frame(f"/{name}", show_axes=False, position=origin)
+            for i, (vertices, faces, colour, opacity) in enumerate(self.surfaces):
+                scene.add_mesh_simple(
+                    f"/{name}/surface{i}",
+                    vertices.astype(np.float32),
+                    faces.astype(np.uint32),
+                    color=colour,
+                    opacity=None if opacity >= 1.0 else opacity,
+                    side="double",
+                    flat_shading=True,
+                    cast_shadow=False,
+                    receive_shadow=False,
+                )
+            if self.lines:
+                points = np.stack([line for line, _ in self.lines]).astype(np.float32)
+                colours = np.repeat(np.array([c for _, c in self.lines], np.uint8)[:, None], 2, axis=1)
+                scene.add_line_segments(f"/{name}/lines", points, colours, thickness=0.006)
+            if self.arrows:
+                points = np.stack([arrow for arrow, _ in self.arrows]).astype(np.float32)
+                colours = np.array([c for _, c in self.arrows], np.uint8)
+                shaft, head, length = 0.004, 0.012, 0.03
+                scene.add_arrows(
+                    f"/{name}/arrows", points, colours, shaft_radius=shaft, head_radius=head, head_length=length
+                )
+            if self.axes:
+                positions, turns = (np.stack(values).astype(np.float32) for values in zip(*self.axes, strict=True))
+                scene.add_batched_axes(f"/{name}/axes", turns, positions, axes_length=0.05, axes_radius=0.002)
+            for i, (text, at) in enumerate(self.words):
+                scene.add_label(f"/{name}/word{i}", text, position=at, anchor="bottom-center", font_screen_scale=0.9)
+
+
+def erase(server: viser.ViserServer, name: str) -> None:
+    """Take a sketch off the page, if it is there."""
+    if server.scene.get_handle_by_name(f"/{name}") is not None:
+        server.scene.remove_by_name(f"/{name}")

@@ -1,0 +1,365 @@
+"""The page of one scene: what its controls do, and what it shows."""
+
+from __future__ import annotations
+
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from sceniris_gym.errors import InfeasibleSceneError, ScenirisError
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.viewer import why
+from sceniris_gym.viewer.deck import Candidate, LayoutDeck, Where
+from sceniris_gym.viewer.grasps import poses_of_arm, with_arm
+from sceniris_gym.viewer.layers import COLLIDED, PARKED, REACH, SEEN, SKETCHES
+from sceniris_gym.viewer.panel import Panel
+from sceniris_gym.viewer.pieces import sketch_pieces
+from sceniris_gym.viewer.play import Player
+from sceniris_gym.viewer.reach import ReachSlice
+from sceniris_gym.viewer.requests import Requests
+from sceniris_gym.viewer.scene_file import LoadedScene, SceneFile
+from sceniris_gym.viewer.shown import ShownWorld
+from sceniris_gym.viewer.sketch import erase
+from sceniris_gym.viewer.worlds import Worlds
+
+if TYPE_CHECKING:
+    import viser
+
+_FRAME = 1.0 / 60.0  # s between pictures of physics
+_IDLE = 0.25  # s between looks at the scene's files
+_CANDIDATE, _SLICE, _PIECES = "candidate", "slice", "pieces"  # names of sketches on the page
+
+
+class SceneView:
+    """Shows layouts of a scene, and does what the controls of the page ask for, in the thread that calls `turn`.
+
+    Args:
+        server: The page.
+        file: The scene.
+        where: Which layout is shown first.
+        num: How many worlds are shown first.
+    """
+
+    def __init__(self, server: viser.ViserServer, file: SceneFile, where: Where, num: int = 1) -> None:
+        self.server, self.file, self.where, self.num = server, file, where, num
+        self.requests = Requests()
+        self.panel = Panel(server, self.requests, self, num)
+        self.panel.say("The scene is being worked out. The first time this compiles kernels, which takes a minute.")
+        self.loaded: LoadedScene | None = None
+        self.deck: LayoutDeck | None = None
+        self.table: LayoutTable | None = None
+        self._worlds: Worlds | None = None
+        self._player: Player | None = None
+        self._slice: ReachSlice | None = None
+        self._layers: set[str] = set()
+        self._geometry = SEEN
+        self._only: str | None = None
+        self._height, self._speed = 0.5, 1.0
+        self._pose = "start"
+        self._candidates: list[Candidate] | None = None
+        self._candidate = 0
+        self._counted = True
+        self._looked = self._stepped = time.monotonic()
+
+    def turn(self, seconds: float = _IDLE) -> None:
+        """Do what was asked for, waiting so long for something; let physics go on, and see whether files were saved."""
+        running = self._player is not None and self._player.running
+        for action in self.requests.take(_FRAME if running else seconds):
+            self._try(action)
+        now = time.monotonic()
+        if self._player is not None and self._player.advance(now - self._stepped):
+            self._show_player()
+        self._stepped = now
+        if now - self._looked > _IDLE:
+            self._looked = now
+            if self.file.changed():
+                self._try(self.load)
+            elif not self._counted:
+                self._count()
+
+    def load(self) -> None:
+        """Read the scene, and show it at the same seed; if that fails, say why, and leave what is on show."""
+        loaded = self.file.load()
+        if loaded.error is not None:
+            print(loaded.error, file=sys.stderr, flush=True)
+        if loaded.compiled is None:
+            self.panel.say(str(loaded.error), bad=True)
+            return
+        self.loaded = loaded
+        self.deck = LayoutDeck(loaded.compiled, self.num)
+        self._only, self._counted = None, False
+        self._slice = ReachSlice.of(loaded.compiled.scene)
+        ranges = Player(loaded.compiled.mjm, self.deck.make(self.where)[:1]).target_ranges()
+        shown = self._candidates is not None
+        self._candidates = None
+        self.panel.set_scene(list(loaded.compiled.object_names), ranges, self._slice is not None)
+        self._draw_worlds()
+        if loaded.stuck or shown:
+            self.panel.set_rejected(True)
+            self.show_rejected(True)
+
+    def go(self, where: Where) -> None:
+        """Show another layout."""
+        if self.deck is None:
+            return
+        self.where, self._pose = where, "start"
+        self._end_play()
+        self.table = self.deck.make(where)
+        if self._candidates is not None:
+            self._candidates = self.deck.rejected(where)
+            self._candidate = self._first_candidate()
+        self._show()
+        self._tell()
+
+    def go_to_id(self, text: str) -> None:
+        """Show the layout with an id."""
+        if self.deck is not None and text.strip() != self._layout_id():
+            self.go(self.deck.find(text))
+
+    def show_worlds(self, num: int) -> None:
+        """Show so many worlds."""
+        self.num = num
+        if self.loaded is not None and self.loaded.compiled is not None:
+            self.deck = LayoutDeck(self.loaded.compiled, num)
+            self._counted = False
+            self._draw_worlds()
+
+    def show_layer(self, name: str, shown: bool) -> None:
+        """Show a layer, or hide it."""
+        (self._layers.add if shown else self._layers.discard)(name)
+        self._show()
+
+    def show_geometry(self, which: str) -> None:
+        """Show what is seen, what physics collides, or both."""
+        self._geometry = which
+        if self._worlds is not None:
+            self._worlds.show_visuals(which != COLLIDED)
+        self._show()
+
+    def look_at_object(self, name: str | None) -> None:
+        """Let layers show one object, or all."""
+        self._only = name
+        self._show()
+
+    def move_slice(self, height: float) -> None:
+        """Move the slice of the reach map to a height [m]."""
+        self._height = height
+        self._show_slice()
+
+    def move_arm(self, pose: str) -> None:
+        """Let the arm of the first world jump into a pose of `poses_of_arm`; physics ends."""
+        self._pose = pose
+        self._end_play()
+        self._show()
+
+    def show_rejected(self, shown: bool) -> None:
+        """Show the rejected candidates of this layout, or the layout itself; physics ends where there are some."""
+        if shown:
+            self._end_play()
+        self._candidates = self.deck.rejected(self.where) if shown and self.deck is not None else None
+        self._candidate = self._first_candidate()
+        self._show()
+
+    def show_candidate(self, i: int) -> None:
+        """Show a rejected candidate; those before the first and after the last one are those themselves."""
+        self._candidate = min(max(i, 0), max(len(self._candidates or ()) - 1, 0))
+        self._show()
+
+    def play(self, running: bool) -> None:
+        """Let physics go on in the first world, or stop it."""
+        player = self._playing()
+        player.running, self._stepped = running, time.monotonic()
+        self.panel.set_playing(running)
+
+    def step(self) -> None:
+        """Stop, and take one step of physics."""
+        self.play(False)
+        self._playing().step()
+        self._show_player()
+
+    def reset_play(self) -> None:
+        """Go back to the layout, and to its layers."""
+        if self._player is not None:
+            self._player.reset()
+            self.panel.set_targets(self._player.targets)
+            self._end_play()
+            self._show()
+
+    def set_speed(self, speed: float) -> None:
+        """Set how many seconds of physics there are in a second."""
+        self._speed = speed
+        if self._player is not None:
+            self._player.speed = speed
+
+    def set_target(self, i: int, value: float) -> None:
+        """Set the control of an actuator, and let physics go on."""
+        self._playing().set_target(i, value)
+        self.play(True)
+
+    def _try(self, action: Callable[[], None]) -> None:
+        """Do what was asked for; what users can get wrong is said on the page, and what we did on stderr too."""
+        try:
+            action()
+        except ScenirisError as error:
+            self.panel.say(str(error), bad=True)
+        except Exception as error:
+            traceback.print_exc(file=sys.stderr)
+            self.panel.say(f"The viewer failed: {type(error).__name__}: {error}", bad=True)
+
+    def _draw_worlds(self) -> None:
+        """Draw the worlds anew, as another model or another number of them needs."""
+        assert self.deck is not None
+        self.server.scene.reset()
+        self._worlds = Worlds(self.server, self.deck.compiled.scene, self.num)
+        self._worlds.show_visuals(self._geometry != COLLIDED)
+        self._worlds.aim()
+        self.go(self.where)
+
+    def _show(self) -> None:
+        """Bring the picture up to date."""
+        if self.deck is None or self.table is None or self._worlds is None:
+            return
+        compiled, worlds = self.deck.compiled, self._worlds
+        first, candidate = self._first_world()
+        for i in range(self.num):
+            world = first if i == 0 else ShownWorld(compiled, self.table[i : i + 1])
+            parked = PARKED in self._layers
+            hidden = world.hidden_bodies(with_absent=not parked)
+            if candidate is not None and i == 0:
+                hidden += compiled.scene.subtree(candidate.name)
+            worlds.put(i, world.data, hidden, world.parked_offsets(worlds.low) if parked else None)
+        worlds.send()
+        self._show_layers(first)
+        self._show_candidate(first, candidate)
+        self._show_slice()
+        self._show_player()
+
+    def _first_world(self) -> tuple[ShownWorld, Candidate | None]:
+        """The world that layers are about: the layout, with its arm in some pose, or a rejected candidate."""
+        assert self.deck is not None
+        assert self.table is not None
+        if self._candidates:
+            candidate = self._candidates[self._candidate]
+            return why.world_of(self.deck.compiled, candidate), candidate
+        world = ShownWorld(self.deck.compiled, self.table[:1], stands=self.deck.stands(self.where.split))
+        if self._pose != "start":
+            moved = with_arm(world, self._pose)
+            if moved is None:
+                self.panel.say(f"The arm has no joints for the {self._pose}.", bad=True)
+            else:
+                world = replace(world, table=moved)
+        return world, None
+
+    def _show_layers(self, world: ShownWorld) -> None:
+        assert self._worlds is not None
+        for name, sketch in SKETCHES.items():
+            if name in self._layers and self._player is None:
+                sketch(world, self._only).draw(self.server, _path(name), self._worlds.origins[0])
+            else:
+                erase(self.server, _path(name))
+        if self._geometry == SEEN or self._player is not None:
+            erase(self.server, _PIECES)
+        else:
+            opacity = 1.0 if self._geometry == COLLIDED else 0.5
+            sketch_pieces(world, opacity).draw(self.server, _PIECES, self._worlds.origins[0])
+
+    def _show_candidate(self, world: ShownWorld, candidate: Candidate | None) -> None:
+        assert self.deck is not None
+        assert self._worlds is not None
+        if candidate is None:
+            erase(self.server, _CANDIDATE)
+            text = "Nothing was rejected for this layout." if self._candidates == [] else "Switch them on to see them."
+            self.panel.set_candidates(0, 0, text)
+            return
+        hits = self.deck.hits(candidate) if candidate.cause == "collision" else []
+        why.sketch_candidate(world, candidate, hits).draw(self.server, _CANDIDATE, self._worlds.origins[0])
+        text = why.explain(self.deck.compiled, candidate, hits)
+        self.panel.set_candidates(len(self._candidates or ()), self._candidate, text)
+
+    def _show_slice(self) -> None:
+        if REACH not in self._layers or self._slice is None or self._worlds is None:
+            erase(self.server, _SLICE)
+            return
+        at, turn = self._slice.pose(self._height)
+        size = 2.0 * self._slice.span
+        words = {"position": at + self._worlds.origins[0], "wxyz": turn, "cast_shadow": False, "receive_shadow": False}
+        self.server.scene.add_image(f"/{_SLICE}", self._slice.picture(self._height), size, size, format="png", **words)
+
+    def _show_player(self) -> None:
+        assert self.table is not None
+        assert self.deck is not None
+        if self._player is None or self._worlds is None:
+            return
+        world = ShownWorld(self.deck.compiled, self.table[:1])
+        self._worlds.put(0, self._player.data, world.hidden_bodies())
+        self._worlds.send()
+
+    def _playing(self) -> Player:
+        """The player of this layout, made when it is first asked for; layers are about the layout and go."""
+        assert self.deck is not None
+        assert self.table is not None
+        if self._player is None:
+            self._player = Player(self.deck.compiled.mjm, self.table[:1])
+            self._player.speed = self._speed
+            self._candidates = None
+            self.panel.set_rejected(False)
+            self.panel.set_targets(self._player.targets)
+            self._show()
+        return self._player
+
+    def _end_play(self) -> None:
+        self._player = None
+        self.panel.set_playing(False)
+
+    def _first_candidate(self) -> int:
+        """The candidate to begin with: where no layout can be made, the first of what is to blame."""
+        error = None if self.loaded is None else self.loaded.error
+        if isinstance(error, InfeasibleSceneError):
+            for i, candidate in enumerate(self._candidates or ()):
+                if (candidate.name, candidate.cause) == (error.name, error.cause):
+                    return i
+        return 0
+
+    def _layout_id(self) -> str:
+        assert self.deck is not None
+        return self.deck.compiled.layout_id(self.where.seed, self.where.episode, self.where.split)
+
+    def _tell(self) -> None:
+        """Say what is on show."""
+        assert self.deck is not None
+        assert self.table is not None
+        assert self.loaded is not None
+        poses = poses_of_arm(ShownWorld(self.deck.compiled, self.table[:1]))
+        self.panel.set_where(self.where, self._layout_id(), poses)
+        self._tell_counts()
+        if self.loaded.error is not None:
+            return self.panel.say(str(self.loaded.error), bad=True)
+        name, row = self.deck.compiled.config.name, self.table[:1]
+        words = {
+            Status.VALID: "a fresh layout",
+            Status.FALLBACK: "from the bank of valid ones, as no fresh one was found",
+        }
+        made = f"{name}: {words[Status(int(row.status[0]))]}, {row.attempts[0]} candidates"
+        if self.num > 1:
+            last = (self.where.seed + self.num - 1) % 2**64
+            made = f"{name}: {self.num} layouts, seeds {self.where.seed} to {last}"
+        return self.panel.say(made, notices=self.loaded.notices)
+
+    def _count(self) -> None:
+        """Make more layouts for the table of counts, while nobody asks for anything."""
+        assert self.deck is not None
+        self._counted = True
+        self.deck.count_ahead()
+        self._tell_counts()
+
+    def _tell_counts(self) -> None:
+        assert self.deck is not None
+        self.panel.set_table(why.table_in_html(self.deck.table(), self.deck.layouts, self.deck.valid))
+
+
+def _path(layer: str) -> str:
+    return f"layer_{layer.replace(' ', '_')}"

@@ -1,0 +1,102 @@
+"""Why a layout is as it is: a rejected candidate in red where it would have stood, and what was wrong with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.layout.blame import Hit
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.viewer.deck import Candidate
+from sceniris_gym.viewer.shown import ShownWorld
+from sceniris_gym.viewer.sketch import ORANGE, RED, Sketch
+from sceniris_gym.viewer.worlds import body_mesh
+
+_MOST_HITS = 3
+_ABOVE = 0.15  # m from a candidate to its words
+CAUSES = {
+    "roof": "what is above it is not what 'on' (open space) or 'inside' (a cover of the same object) asks for",
+    "footprint": "part of it hangs over the edge of its support",
+    "collision": "it would touch something, or be nearer to it than its clearance",
+    "empty": "its region and relations leave nothing of its support",
+    "region": "its relations hold nowhere in the region that is left",
+    "unreachable": "no grasp of it is within the arm's reach",
+    "no_ik": "the arm has no joints for a grasp of it",
+    "blocked": "something is in the way of the arm in every grasp of it",
+    "unsound": "the layout has numbers that are not finite",
+}
+"""What each cause means, in words that follow 'because'."""
+
+
+def world_of(compiled: CompiledScene, candidate: Candidate) -> ShownWorld:
+    """The world as it was when a candidate was tried: what comes later has no place yet."""
+    later = compiled.placed[candidate.number + 1 :]
+    drawn = {name for name in later if name in compiled.object_names and compiled.config.objects[name].is_placed}
+    return ShownWorld(compiled, candidate.state, frozenset(drawn))
+
+
+def sketch_candidate(world: ShownWorld, candidate: Candidate, hits: Sequence[Hit]) -> Sketch:
+    """Draw a candidate in red, and what it hits in orange."""
+    sketch, mjm = Sketch(), world.compiled.mjm
+    for body in world.compiled.scene.subtree(candidate.name):
+        _add_body(sketch, world, body, np.flatnonzero(mjm.geom_bodyid == body))
+    for hit in worst_by_body(mjm, hits):
+        ends = np.zeros(6)
+        mujoco.mj_geomDistance(mjm, world.data, *hit.geoms, 1.0, ends)
+        at = ends.reshape(2, 3)
+        sketch.lines.append((at, ORANGE))
+        sketch.outline(_edges_of_box(world, hit.geoms[1]), ORANGE)
+    low, high = world.box(candidate.name)
+    middle = (low + high) / 2.0
+    top = np.array([*middle[:2], high[2] + _ABOVE])
+    sketch.lines.append((np.stack([middle, top]), RED))
+    sketch.words.append((f"{candidate.name}: {candidate.cause}", top))
+    return sketch
+
+
+def explain(compiled: CompiledScene, candidate: Candidate, hits: Sequence[Hit]) -> str:
+    """Say in sentences why a candidate was rejected."""
+    times = f"{candidate.count} of its candidates" if candidate.count > 1 else "one candidate"
+    lines = [f"{candidate.name}: {candidate.cause} ({times} in this layout)."]
+    lines.append(f"Rejected because {CAUSES[candidate.cause]}.")
+    lines += [f"In the way: {hit}." for hit in worst_by_body(compiled.mjm, hits)]
+    return "\n".join(lines)
+
+
+def worst_by_body(mjm: mujoco.MjModel, hits: Sequence[Hit]) -> list[Hit]:
+    """Return the worst hit with each other body, the worst of all first, a few at most."""
+    first = {int(mjm.geom_bodyid[hit.geoms[1]]): hit for hit in reversed(hits)}
+    return [hit for hit in hits if first[int(mjm.geom_bodyid[hit.geoms[1]])] is hit][:_MOST_HITS]
+
+
+def table_in_html(counts: Mapping[str, Mapping[str, int]], layouts: int, valid: int) -> str:
+    """Return counts of rejections as a table: a row for each object that had any, a column for each cause."""
+    share = f"{valid / layouts:.1%}" if layouts else "none"
+    head = f"<p>Rejected candidates in {layouts} layouts, {share} valid:</p>"
+    if not counts:
+        return f"{head}<p>none at all</p>"
+    causes = list(next(iter(counts.values())))
+    cells = {name: "".join(f"<td align=right>{row[c] or '-'}</td>" for c in causes) for name, row in counts.items()}
+    rows = "".join(f"<tr><td>{name}</td>{cells[name]}</tr>" for name in counts)
+    titles = "".join(f"<th align=right title='{CAUSES[c]}'>{c}</th>" for c in causes)
+    return f"{head}<table width='100%'><tr><th align=left>object</th>{titles}</tr>{rows}</table>"
+
+
+def _add_body(sketch: Sketch, world: ShownWorld, body: int, geoms: np.ndarray) -> None:
+    mesh = body_mesh(world.compiled.mjm, geoms)
+    if mesh is not None:
+        vertices, faces = mesh
+        mat, pos = world.data.xmat[body].reshape(3, 3), world.data.xpos[body]
+        sketch.surfaces.append((vertices @ mat.T + pos, faces, RED, 0.8))
+
+
+def _edges_of_box(world: ShownWorld, geom: int) -> np.ndarray:
+    """The lower rectangle of the box around a geom, shape (4, 3) [m]."""
+    mjm, data = world.compiled.mjm, world.data
+    center, half = mjm.geom_aabb[geom, :3], mjm.geom_aabb[geom, 3:]
+    if mjm.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
+        half = np.array([*mjm.geom_size[geom, :2], 0.0])
+    corners = center + half * np.array([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]])
+    return corners @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]

@@ -1,0 +1,175 @@
+"""The worlds on show: one model, drawn many times on a square grid by mjviser."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Collection, Mapping
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.geometry.framing import camera_axes, frame
+from sceniris_gym.scene.assemble import MARK_GROUP
+from sceniris_gym.scene.backdrop import OVERVIEW
+from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.scene.overview import FOVY, seen
+
+if TYPE_CHECKING:
+    import viser
+
+_GAP = 0.12  # between worlds, as a share of their size
+_FLOOR = (0.80, 0.83, 0.86, 1.0)
+_BACKGROUND = (238, 241, 245)
+_ENDLESS = 4.0  # m; a plane without sizes is drawn so wide
+_SEEN = (0, 1, 2, MARK_GROUP)
+_ASPECT = 1.2
+# Where bodies go that are not on show [m]: beyond what a camera sees.
+_AWAY = np.array([0.0, 0.0, -1.0e5])
+
+
+class Worlds:
+    """Draws worlds of one model side by side.
+
+    Args:
+        server: The page.
+        scene: The scene, of whose model a changed copy is drawn.
+        num: How many worlds.
+    """
+
+    def __init__(self, server: viser.ViserServer, scene: SceneModel, num: int) -> None:
+        from mjviser import ViserMujocoScene
+
+        mjm = scene.mjm
+        self.mjm, self.num = mjm, num
+        self._server = server
+        self._seen = seen(scene.config, mjm, scene.home_qpos)
+        self.low, self.high = self._seen.min(axis=0), self._seen.max(axis=0)
+        size = (self.high - self.low)[:2]
+        if scene.config.floor is not None:
+            size = np.maximum(size, scene.config.floor.size)
+        self.origins = grid_origins(num, (1.0 + _GAP) * size)
+        self._scene = ViserMujocoScene(server, drawn_model(mjm), num_envs=num)
+        self._scene.camera_tracking_enabled = False
+        light(server)
+        shape = (num, mjm.nbody)
+        self._xpos, self._xmat = np.zeros((*shape, 3)), np.zeros((*shape, 3, 3))
+        self._mocap_pos, self._mocap_quat = np.zeros((num, mjm.nmocap, 3)), np.zeros((num, mjm.nmocap, 4))
+
+    def put(
+        self,
+        i: int,
+        data: mujoco.MjData,
+        hidden: Collection[int] = (),
+        moved: Mapping[int, np.ndarray] | None = None,
+    ) -> None:
+        """Set what world `i` shows, without sending it.
+
+        Args:
+            i: The world.
+            data: A state whose kinematics are up to date.
+            hidden: Bodies that are not drawn.
+            moved: Bodies that are drawn elsewhere, and how far away [m].
+        """
+        self.put_poses(i, data.xpos, data.xmat, data.mocap_quat, hidden, moved)
+
+    def put_poses(
+        self,
+        i: int,
+        xpos: np.ndarray,
+        xmat: np.ndarray,
+        mocap_quat: np.ndarray,
+        hidden: Collection[int] = (),
+        moved: Mapping[int, np.ndarray] | None = None,
+    ) -> None:
+        """Set what world `i` shows by the poses of its bodies, (nbody, 3), (nbody, 9) and (nmocap, 4); see `put`."""
+        self._xpos[i] = xpos + self.origins[i]
+        self._xmat[i] = np.reshape(xmat, (-1, 3, 3))
+        for body in hidden:
+            self._xpos[i, body] = _AWAY
+        for body, offset in (moved or {}).items():
+            self._xpos[i, body] += offset
+        mocap = np.flatnonzero(self.mjm.body_mocapid >= 0)
+        self._mocap_pos[i, self.mjm.body_mocapid[mocap]] = self._xpos[i, mocap]
+        self._mocap_quat[i] = mocap_quat
+
+    def send(self) -> None:
+        """Let the page show what was set."""
+        self._scene.update_from_arrays(self._xpos, self._xmat, self._mocap_pos, self._mocap_quat)
+
+    def show_visuals(self, visible: bool) -> None:
+        """Show or hide the worlds themselves, for layers that stand in their place."""
+        for group in _SEEN:
+            self._scene.geom_groups_visible[group if group < 3 else 2] = visible
+        self._scene._sync_visibilities()
+
+    def aim(self) -> None:
+        """Let all cameras, those of pages to come too, look at all worlds from where the model's camera does."""
+        points = (self._seen[None] + self.origins[:, None]).reshape(-1, 3)
+        eye, axes = frame(points, view_direction(self.mjm), FOVY, _ASPECT)
+        middle = points.mean(axis=0)
+        look_at = eye - axes[:, 2] * float((eye - middle) @ axes[:, 2])
+        camera = self._server.initial_camera
+        camera.fov, camera.position, camera.look_at = math.radians(FOVY), eye, look_at
+        for client in self._server.get_clients().values():
+            client.camera.fov = math.radians(FOVY)
+            client.camera.position, client.camera.look_at = eye, look_at
+
+
+def light(server: viser.ViserServer) -> None:
+    """Light the page: a lamp from the front left and a soft sky, before a pale background."""
+    scene = server.scene
+    scene.configure_environment_map("studio", environment_intensity=0.25)
+    scene.configure_default_lights(enabled=False)
+    scene.add_light_directional("/lamp", intensity=2.2, position=(-1.0, -1.5, 3.0))
+    scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(200, 200, 205), intensity=0.8)
+    scene.set_background_image(np.full((2, 2, 3), _BACKGROUND, np.uint8), format="png")
+
+
+def view_direction(mjm: mujoco.MjModel) -> np.ndarray:
+    """From a scene to the eye of its camera `overview`, or of one in front where it has none, shape (3,)."""
+    camera = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_CAMERA, OVERVIEW)
+    if camera < 0:
+        return camera_axes(np.array([0.5, -1.0, 1.0]))[:, 2]
+    mat = np.zeros(9)
+    mujoco.mju_quat2Mat(mat, mjm.cam_quat[camera])
+    return mat.reshape(3, 3)[:, 2]
+
+
+def grid_origins(num: int, size: np.ndarray) -> np.ndarray:
+    """Where worlds stand [m]: row by row, from the back left on, around the origin, shape (num, 3)."""
+    columns = math.ceil(math.sqrt(num))
+    rows = math.ceil(num / columns)
+    i = np.arange(num)
+    x = (i % columns - 0.5 * (columns - 1)) * size[0]
+    y = (0.5 * (rows - 1) - i // columns) * size[1]
+    return np.stack([x, y, np.zeros(num)], axis=1)
+
+
+def drawn_model(mjm: mujoco.MjModel) -> mujoco.MjModel:
+    """A copy of a model that mjviser draws as often as there are worlds, with all that does not move.
+
+    mjviser draws what is welded to the world once, planes as one endless grid, and changes the model's `vis`.
+    """
+    drawn = copy.copy(mjm)
+    drawn.body_weldid[drawn.body_weldid == 0] = -1
+    drawn.geom_group[drawn.geom_group == MARK_GROUP] = 2
+    planes = drawn.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+    drawn.geom_matid[planes] = -1
+    drawn.geom_rgba[planes] = _FLOOR
+    endless = planes & (drawn.geom_size[:, 0] <= 0.0)
+    drawn.geom_size[endless, :2] = _ENDLESS / 2.0
+    return drawn
+
+
+def body_mesh(mjm: mujoco.MjModel, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Vertices (n, 3) [m] in the body's frame and faces (m, 3) of what is seen of a body's geoms; None for nothing."""
+    from mjviser.conversions import merge_geoms
+
+    seen = [int(g) for g in geoms if mjm.geom_group[g] in _SEEN and mjm.geom_rgba[g, 3] > 0.0]
+    seen = [g for g in seen if mjm.geom_type[g] != mujoco.mjtGeom.mjGEOM_PLANE]
+    if not seen:
+        return None
+    mesh = merge_geoms(mjm, seen)
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces)

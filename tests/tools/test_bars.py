@@ -1,0 +1,37 @@
+"""Bars on stderr: one after another, for terminals, and not for what is over at once."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from sceniris_gym.progress import tell
+from sceniris_gym.tools.bars import bars, shown
+
+
+def test_a_bar_goes_as_far_as_it_is_told(capsys: pytest.CaptureFixture):
+    """One for each kind of work."""
+    with bars() as show:
+        for done in (1, 2):
+            show("first", done, 2)
+        show("second", 1, 5)
+    said = capsys.readouterr().err
+    assert "first: 100%" in said
+    assert "second:  20%" in said
+
+
+def test_bars_are_for_terminals(capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch):
+    """Neither in a log nor where nobody wants them, nor for work of a moment."""
+    with shown():
+        tell("work", 1, 2)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    with shown(quiet=True):
+        tell("work", 1, 2)
+    with shown():
+        tell("work", 1, 2)
+    assert "work" not in capsys.readouterr().err
+    monkeypatch.setattr("sceniris_gym.tools.bars._SOON", 0.0)
+    with shown():
+        tell("work", 1, 2)
+    assert "work" in capsys.readouterr().err

@@ -1,0 +1,52 @@
+"""The layer of clearances: the nearest thing, how far it is, and whether that is enough."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sceniris_gym.viewer.clearances import nearest_to, sketch_clearances
+from sceniris_gym.viewer.sketch import GREEN, RED
+from tests.viewer.worlds_on_show import world_of
+
+
+def test_clearances_are_kept_in_layouts():
+    """In the layouts of a scene with 5 cm between things no line is red, and each says how long it is."""
+    for seed in range(5):
+        sketch = sketch_clearances(world_of("tabletop_lift", seed))
+        assert sketch.lines
+        assert {colour for _, colour in sketch.lines} == {GREEN}
+        for (ends, _), (text, _) in zip(sketch.lines, sketch.words, strict=True):
+            assert text.endswith(f"{1e3 * np.linalg.norm(ends[1] - ends[0]):.0f} mm, at least 50")
+
+
+def test_what_is_too_near_is_red():
+    """A tin that is moved into the can; its support is never in its way."""
+    world = world_of("tabletop_lift")
+    data = world.data
+    tin, can = (world.compiled.scene.bodies[name] for name in ("tin", "can"))
+    world.table.qpos[0, world.compiled.mjm.joint("tin/free").qposadr[0] :][:2] = data.xpos[can][:2]
+    moved = type(world)(world.compiled, world.table)
+    assert np.linalg.norm(moved.data.xpos[tin][:2] - moved.data.xpos[can][:2]) < 1e-6
+    nearest = nearest_to(moved, "tin")
+    assert nearest is not None
+    assert nearest.other == "can"
+    assert nearest.distance < 0.0
+    assert (RED in {colour for _, colour in sketch_clearances(moved, "tin").lines}) is True
+
+
+def test_a_pair_is_drawn_once():
+    """Two things that are nearest to each other have one line."""
+    objects = {n: {"asset": n, "on": "floor", "relations": []} for n in ("apple", "pear")}
+    world = world_of({"floor": {"size": [0.3, 0.3]}, "objects": objects})
+    sketch = sketch_clearances(world)
+    assert len(sketch.lines) == 1
+    assert sketch.words[0][0].startswith("apple to pear: ")
+
+
+@pytest.mark.parametrize("name", ["apple"])
+def test_nothing_near_is_nothing_to_draw(name: str):
+    """An object alone on a floor."""
+    world = world_of({"floor": {"size": [1.0, 1.0]}, "objects": {name: {"asset": name, "on": "floor"}}})
+    assert nearest_to(world, name) is None
+    assert sketch_clearances(world).lines == []

@@ -1,0 +1,65 @@
+"""The `view` command: the address comes first, Ctrl-C ends it, and wrong options are refused."""
+
+from __future__ import annotations
+
+import importlib.util
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sceniris_gym.cli import main
+from sceniris_gym.errors import ArgumentError
+from sceniris_gym.viewer.command import read_ids
+from tests.viewer.pages import free_port, hear_ctrl_c
+
+
+@pytest.mark.skipif(importlib.util.find_spec("mjviser") is None, reason="needs the extra 'viewer'")
+def test_the_address_comes_first_and_ctrl_c_ends_it():
+    """Alone on stdout, before the scene is compiled; with status 130, and without a traceback."""
+    port = free_port()
+    command = [sys.executable, "-m", "sceniris_gym", "view", "mid", "--port", str(port)]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=hear_ctrl_c
+    )
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == f"http://127.0.0.1:{port}\n"
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert out == ""
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ([], "either a SCENE or --env"),
+        (["mid", "--env", "sceniris_gym/TabletopLift-v0"], "either a SCENE or --env"),
+        (["mid", "--policy", "a.pt"], "belong to --env"),
+        (["mid", "--worlds", "65"], "--worlds 65"),
+        (["mid", "--port", "0"], "--port 0"),
+        (["mid", "--seed", "-1"], "--seed -1"),
+        (["--env", "sceniris_gym/TabletopLift-v0", "--seed", "5"], "belong to a SCENE"),
+        (["mid", "--set", "objects"], "KEY=VALUE"),
+    ],
+)
+def test_wrong_options_are_refused(options: list[str], words: str, capsys: pytest.CaptureFixture):
+    """Before anything is opened."""
+    with pytest.raises(SystemExit) as ended:
+        main(["view", *options])
+    assert ended.value.code == 2
+    assert words in capsys.readouterr().err
+
+
+def test_ids_come_from_options_and_files(tmp_path: Path):
+    """A file has one a line."""
+    (tmp_path / "failed.txt").write_text("a:train:1:0\nb:train:2:0\n")
+    with pytest.raises(ArgumentError, match="neither an id"):
+        read_ids(["nofile.txt"])
+    assert read_ids(["c:eval:3:1", str(tmp_path / "failed.txt")]) == ["c:eval:3:1", "a:train:1:0", "b:train:2:0"]

@@ -1,0 +1,95 @@
+"""The page on which a policy plays: chosen layouts one after another, and what is said of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+import torch
+
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import SceneMismatchError
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+from sceniris_gym.viewer.env_view import EnvView
+from tests.vector.conftest import SCENE, Reach
+from tests.viewer.pages import page
+
+pytest.importorskip("mjviser", reason="needs the extra 'viewer'")
+
+
+@pytest.fixture(scope="module")
+def envs() -> Iterator[SceneVectorEnv]:
+    """A small environment without autoreset, whose episodes take four steps."""
+    scene = compile_scene(SceneConfig.load(SCENE, {"bank": 8}), "cpu")
+    envs = SceneVectorEnv(Reach, 2, scene=scene, autoreset_mode="Disabled", max_episode_steps=4)
+    yield envs
+    envs.close()
+
+
+def test_layouts_are_played_one_after_another(envs: SceneVectorEnv):
+    """Two at a time, from the ids that were chosen; after the episodes of both the next two begin."""
+    ids = [envs.compiled.layout_id(seed, seed % 2) for seed in (5, 8, 9)]
+    seen: list[tuple[list[int], list[int]]] = []
+    with page() as server:
+        view = EnvView(server, envs, None, ids)
+        view.speed = 1000.0
+        assert view._id.value == ids[0]
+        for _ in range(9):
+            state = envs.state
+            seen.append((state.seed.tolist(), state.episode.tolist()))
+            view.turn()
+    assert seen[0] == ([5, 8], [1, 0])
+    assert seen[3] == seen[0]
+    assert seen[4] == ([9, 5], [1, 1])
+
+
+def test_the_policy_is_asked_and_what_it_gets_is_plotted(envs: SceneVectorEnv):
+    """Its actions are taken; each step adds one to the plots."""
+    asked: list[torch.Tensor] = []
+
+    def policy(observation: dict[str, torch.Tensor]) -> torch.Tensor:
+        asked.append(observation["policy"])
+        return torch.zeros(2, 5)
+
+    with page() as server:
+        view = EnvView(server, envs, policy)
+        view.running = False
+        view.step()
+        view.step()
+        assert len(asked) == 2
+        assert asked[0].shape == (2, sum(int(np.prod(shape)) for _, shape in envs.observation_names["policy"]))
+        assert len(view._plots._steps) == 2
+        assert "step 2" in view._status.content
+        view.start(-1)
+        assert view.first == 0
+        assert len(view._plots._steps) == 0
+
+
+def test_ids_of_other_scenes_are_refused(envs: SceneVectorEnv):
+    """At the start by an error, later on the page."""
+    with page() as server, pytest.raises(SceneMismatchError):
+        EnvView(server, envs, None, ["0123456789abcdef:train:0:0"])
+    with page() as server:
+        view = EnvView(server, envs, None)
+        view._play_id("apple")
+        assert "should be scenehash" in view._status.content
+        view._play_id(envs.compiled.layout_id(77, 0))
+        assert view._id.value == envs.compiled.layout_id(77, 0)
+        view.start(view.first + 2)
+        assert view._id.value == envs.compiled.layout_id(2, 0), "then it goes on as before"
+
+
+def test_a_policy_that_fails_is_said_on_the_page(envs: SceneVectorEnv, capsys: pytest.CaptureFixture):
+    """And stops the episode, not the page."""
+
+    def policy(observation: dict[str, torch.Tensor]) -> torch.Tensor:
+        raise KeyError("no such layer")
+
+    with page() as server:
+        view = EnvView(server, envs, policy)
+        view.turn()
+        assert not view.running
+        assert "no such layer" in view._status.content
+        assert "no such layer" in capsys.readouterr().err

@@ -1,0 +1,80 @@
+"""Policies by name: a checkpoint of rsl-rl, a model of Stable-Baselines3, a function; and what is none of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from sceniris_gym.errors import ArgumentError
+from sceniris_gym.viewer.policies import load_policy
+
+
+def zeros(observation: dict[str, torch.Tensor]) -> torch.Tensor:
+    """Take no action."""
+    return torch.zeros(len(observation["policy"]), 2)
+
+
+def test_a_checkpoint_of_rsl_rl_acts_as_its_own_model_does(tmp_path: Path):
+    """With and without normalisation of observations; for other observations it is refused."""
+    models = pytest.importorskip("rsl_rl.models", reason="needs the extra 'rsl-rl'")
+    tensordict = pytest.importorskip("tensordict", reason="needs the extra 'rsl-rl'")
+    observation = {"policy": torch.randn(3, 6)}
+    seen = tensordict.TensorDict(observation, batch_size=[3])
+    for normalized in (False, True):
+        spread = {"class_name": "GaussianDistribution", "init_std": 1.0}
+        model = models.MLPModel(seen, {"actor": ["policy"]}, "actor", 2, (16, 8), "elu", normalized, spread)
+        if normalized:
+            model.obs_normalizer.update(5.0 + 3.0 * torch.randn(100, 6))
+        model.eval()
+        path = tmp_path / f"model_{normalized}.pt"
+        torch.save({"actor_state_dict": model.state_dict()}, path)
+        policy = load_policy(str(path))
+        assert policy(observation) == pytest.approx(model(seen).detach(), abs=1e-6)
+        with pytest.raises(ArgumentError, match="takes 6 observations, and this task has 5"):
+            policy({"policy": torch.zeros(1, 5)})
+
+
+def test_a_model_of_stable_baselines_acts_as_it_does(tmp_path: Path):
+    """Whatever the algorithm, without exploration."""
+    library = pytest.importorskip("stable_baselines3", reason="needs the extra 'sb3'")
+    model = library.PPO("MlpPolicy", "Pendulum-v1", n_steps=8, batch_size=8, device="cpu")
+    model.save(tmp_path / "model.zip")
+    observation = torch.randn(4, 3)
+    actions = load_policy(str(tmp_path / "model.zip"))({"policy": observation})
+    assert actions == pytest.approx(model.predict(observation.numpy(), deterministic=True)[0])
+
+
+def test_a_function_is_a_policy():
+    """By the name of its module."""
+    policy = load_policy("tests.viewer.test_policies:zeros")
+    assert policy({"policy": torch.ones(3, 4)}).shape == (3, 2)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("none.pt", "there is no such file"),
+        ("nothing", "should be a checkpoint of rsl-rl"),
+        ("tests.viewer.test_policies:no", "cannot be imported"),
+        ("no.such.module:f", "cannot be imported"),
+        ("tests.viewer.test_policies:__name__", "should be a function"),
+    ],
+)
+def test_what_is_no_policy_is_refused(name: str, words: str):
+    """And it is said what would be one."""
+    with pytest.raises(ArgumentError, match=words):
+        load_policy(name)
+
+
+def test_files_of_something_else_are_refused(tmp_path: Path):
+    """Neither checkpoints nor models, though they are called so."""
+    pytest.importorskip("rsl_rl", reason="needs the extra 'rsl-rl'")
+    pytest.importorskip("stable_baselines3", reason="needs the extra 'sb3'")
+    (tmp_path / "a.pt").write_bytes(b"none")
+    (tmp_path / "a.zip").write_bytes(b"none")
+    torch.save({"actor_state_dict": {"cnn.weight": torch.zeros(1)}}, tmp_path / "cnn.pt")
+    for name, words in (("a.pt", "rsl-rl 5"), ("a.zip", "Stable-Baselines3"), ("cnn.pt", "MLPModel")):
+        with pytest.raises(ArgumentError, match=words):
+            load_policy(str(tmp_path / name))

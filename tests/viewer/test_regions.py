@@ -1,0 +1,73 @@
+"""What the layer of supports draws is where objects are: every layout's pivots are in it, and little else is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+from shapely.geometry import Point
+
+from sceniris_gym.viewer.regions import region_left, sketch_regions
+from tests.viewer.worlds_on_show import world_of
+
+SCENES = ["mid", "hard_plus", "kitchen", "table_top", "clutter_push"]
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_pivots_are_in_the_regions_that_are_drawn(scene: str):
+    """In ten layouts, for every object that stands on something; a millimetre for rounding."""
+    for seed in range(10):
+        world = world_of(scene, seed)
+        for name in world.placed_names:
+            if world.compiled.config.objects[name].support is None:
+                continue
+            x, y, z, _ = world.standing(name)[0]
+            near = [area for area, height in region_left(world, name) if abs(height - z) < 0.005]
+            assert shapely.union_all(near).buffer(1e-3).contains(Point(x, y)), f"{name}, seed {seed}"
+
+
+def test_a_drawer_takes_its_region_along():
+    """The banana's region is as far out as the drawer is, in every joint state."""
+    for seed in range(5):
+        world = world_of("mid", seed)
+        drawer = world.data.body("cabinet/upper_drawer")
+        ((area, height),) = [found for found in region_left(world, "banana") if found[0].area > 0.01]
+        middle = np.array([area.centroid.x, area.centroid.y])
+        assert np.linalg.norm(middle - drawer.xpos[:2]) < 0.3
+        assert height > drawer.xpos[2]
+
+
+def test_relations_cut_the_region():
+    """`front_of` leaves the half of the floor before the cabinet, beyond the least distance."""
+    world = world_of("hard_plus", 1)
+    (area, _), *_ = region_left(world, "apple")
+    (x, y, _, heading), _ = world.standing("cabinet")
+    points = np.array([p for part in area.geoms for p in part.exterior.coords])[:, :2] - [x, y]
+    front = np.array([np.sin(heading), -np.cos(heading)])  # the front of an asset is its -y
+    assert np.all(points @ front > -1e-6)
+    assert np.all(np.linalg.norm(points, axis=1) > 0.5 - 1e-3)
+
+
+def test_objects_of_one_region_share_its_words():
+    """Five things on one table: one surface, whose words name them all."""
+    sketch = sketch_regions(world_of("tabletop_lift"))
+    assert len(sketch.surfaces) == 1
+    assert [text for text, _ in sketch.words] == ["tin, orange, can, lemon, block here"]
+    assert sketch.lines
+
+
+def test_where_nothing_is_left_it_says_so():
+    """A relation that no point of the support fulfils leaves no surface, but words."""
+    objects = {
+        "bowl": {"asset": "bowl", "on": "floor", "region": {"box": [[-0.1, -0.1], [0.1, 0.1]]}},
+        "apple": {"asset": "apple", "on": "floor"},
+    }
+    world = world_of({"floor": {"size": [1.0, 1.0]}, "objects": objects})
+    config = world.compiled.config.objects["apple"]
+    far = config.model_validate(
+        {**config.model_dump(exclude_unset=True), "relations": [{"near": "bowl", "distance": {"min": 3.0, "max": 3.1}}]}
+    )
+    world.placed("apple").__dict__["config"] = far
+    sketch = sketch_regions(world, "apple")
+    assert sketch.surfaces == []
+    assert [text for text, _ in sketch.words] == ["nothing is left for apple"]

@@ -1,0 +1,81 @@
+"""The scene's file: read, read again when it is saved, and what is said where it is wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from sceniris_gym.errors import InfeasibleSceneError, SceneFileError, SceneKeyError
+from sceniris_gym.viewer.scene_file import SceneFile
+
+GOOD = "floor: {size: [1.0, 1.0]}\nobjects: {apple: {asset: apple, on: floor}}\n"
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """A scene in a file."""
+    path = tmp_path / "scene.yaml"
+    path.write_text(GOOD)
+    return path
+
+
+def test_saving_is_seen_and_nothing_else_is(path: Path):
+    """Of the file itself and of its base; once it was loaded again it is not new any more."""
+    above = path.with_name("above.yaml")
+    above.write_text("base: scene.yaml\nobjects: {pear: {asset: pear, on: floor}}\n")
+    file = SceneFile(str(above), {})
+    loaded = file.load()
+    assert loaded.error is None
+    assert loaded.compiled is not None
+    assert loaded.compiled.object_names == ("apple", "pear")
+    assert not file.changed()
+    path.write_text(GOOD.replace("1.0, 1.0", "2.0, 2.0"))
+    assert file.changed()
+    again = file.load().compiled
+    assert again is not None
+    assert again.config.floor is not None
+    assert again.config.floor.size == (2.0, 2.0)
+    assert not file.changed()
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "words"),
+    [
+        (GOOD.replace("on: floor", "on: flour"), Exception, "flour"),
+        (GOOD.replace("on:", "onn:"), SceneKeyError, "onn"),
+        ("floor: [", SceneFileError, "not YAML"),
+    ],
+)
+def test_a_mistake_is_said_in_the_words_of_the_file(path: Path, text: str, error: type[Exception], words: str):
+    """There is no scene then, and mending it is seen."""
+    file = SceneFile(str(path), {})
+    path.write_text(text)
+    loaded = file.load()
+    assert loaded.compiled is None
+    assert not loaded.stuck
+    assert isinstance(loaded.error, error)
+    assert words in str(loaded.error)
+    path.write_text(GOOD)
+    assert file.changed()
+    assert file.load().error is None
+
+
+def test_a_scene_that_cannot_be_made_is_there_with_its_error(path: Path):
+    """An apple that has no room: the error names it, and what was tried can be looked at."""
+    path.write_text(GOOD.replace("{apple", "{chest: {asset: chest, on: floor, clearance: 2.0}, apple"))
+    loaded = SceneFile(str(path), {}).load()
+    assert isinstance(loaded.error, InfeasibleSceneError)
+    assert loaded.stuck
+    assert loaded.compiled is not None
+
+
+def test_changes_and_missing_files(path: Path, tmp_path: Path):
+    """Changes lie over the file; a file that is not there is an error like others."""
+    loaded = SceneFile(str(path), {"floor.size": [3.0, 3.0]}).load().compiled
+    assert loaded is not None
+    assert loaded.config.floor is not None
+    assert loaded.config.floor.size == (3.0, 3.0)
+    missing = SceneFile(str(tmp_path / "none.yaml"), {})
+    assert isinstance(missing.load().error, SceneFileError)
+    assert not missing.changed()

@@ -1,0 +1,243 @@
+"""The page of a scene without a browser: what its controls ask for is done, and mistakes are said on it."""
+
+from __future__ import annotations
+
+import gc
+import tracemalloc
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.viewer.deck import Where
+from sceniris_gym.viewer.layers import COLLIDED, PARKED, REACH, SEEN, SKETCHES
+from sceniris_gym.viewer.panel import ALL
+from sceniris_gym.viewer.scene_file import SceneFile
+from sceniris_gym.viewer.view import SceneView
+from tests.viewer.pages import page, press
+
+pytest.importorskip("mjviser", reason="needs the extra 'viewer'")
+
+SCENE = "floor: {size: [1.0, 1.0]}\nobjects: {apple: {asset: apple, on: floor}, pear: {asset: pear, on: floor}}\n"
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """A scene in a file."""
+    path = tmp_path / "scene.yaml"
+    path.write_text(SCENE)
+    return path
+
+
+@pytest.fixture
+def view(path: Path) -> Iterator[SceneView]:
+    """Its page."""
+    with page() as server:
+        view = SceneView(server, SceneFile(str(path), {}), Where())
+        view.load()
+        yield view
+
+
+def message(view: SceneView) -> str:
+    """Return what is said above the controls."""
+    return view.panel._message.content
+
+
+def saved(view: SceneView, path: Path, text: str) -> None:
+    """Save the scene, and let the page see it."""
+    path.write_text(text)
+    view._looked = -1.0
+    view.turn(0.0)
+
+
+def test_controls_lead_to_layouts(view: SceneView):
+    """Seed and episode as numbers, arrows, and an id that is pasted; what is on show is the generator's."""
+    panel = view.panel
+    press(panel._seed, "41")
+    view.turn(0.0)
+    assert view.where == Where(seed=41)
+    press(panel._episode, "2")
+    view.turn(0.0)
+    assert view.where == Where(seed=41, episode=2)
+    assert view.deck is not None
+    press(panel._id, view.deck.compiled.layout_id(7, 1, "eval"))
+    view.turn(0.0)
+    assert view.where == Where("eval", 7, 1)
+    assert (panel._seed.value, panel._episode.value, panel._split.value) == ("7", "1", "eval")
+    generator = LayoutGenerator(view.deck.compiled, 1, seed=[7], split="eval")
+    generator.generate()
+    generator.generate()
+    assert view.table is not None
+    np.testing.assert_array_equal(view.table.qpos[0], generator.layouts.qpos.numpy()[0])
+
+
+@pytest.mark.parametrize("wrong", ["-1", "1.5", "apple", str(2**64)])
+def test_wrong_numbers_and_ids_are_said(view: SceneView, wrong: str):
+    """In red, and what is on show stays."""
+    press(view.panel._seed, wrong)
+    view.turn(0.0)
+    assert "should be an integer from 0 to 2^64 - 1" in message(view)
+    press(view.panel._id, wrong)
+    view.turn(0.0)
+    assert "should be scenehash" in message(view)
+    assert view.where == Where()
+
+
+def test_saving_shows_the_scene_at_the_same_seed_and_mistakes_leave_the_last_good_one(
+    view: SceneView, path: Path, capsys: pytest.CaptureFixture
+):
+    """The error is in the words of the file; once it is mended the page says that all is well."""
+    view.go(Where(seed=9))
+    saved(view, path, SCENE.replace("pear: {asset: pear", "can: {asset: can"))
+    assert view.where == Where(seed=9)
+    assert view.deck is not None
+    assert view.deck.compiled.object_names == ("apple", "can")
+    shown = view.deck
+    saved(view, path, SCENE.replace("on: floor}, pear", "onn: floor}, pear"))
+    assert "objects.apple.onn" in message(view)
+    assert "#8a1414" in message(view)
+    assert view.deck is shown
+    assert "objects.apple.onn" in capsys.readouterr().err
+    saved(view, path, SCENE)
+    assert "a fresh layout" in message(view)
+    assert view.where == Where(seed=9)
+
+
+def test_a_scene_that_cannot_be_made_shows_what_was_tried(view: SceneView, path: Path):
+    """With the object that is to blame, its cause, and how often; the candidate is in the picture."""
+    saved(view, path, SCENE.replace("pear: {asset: pear, on: floor", "chest: {asset: chest, on: floor, clearance: 2.0"))
+    assert "could not be placed" in message(view)
+    assert view._candidates
+    candidate = view._candidates[view._candidate]
+    assert candidate.name in ("apple", "chest")
+    assert candidate.cause == "collision"
+    assert f"{candidate.name}: collision (" in view.panel._why.content
+    assert view.server.scene.get_handle_by_name("/candidate") is not None
+    saved(view, path, SCENE)
+    assert view.server.scene.get_handle_by_name("/candidate") is None
+
+
+def test_layers_are_drawn_and_go(view: SceneView):
+    """Each of them, of all objects and of one; what collides takes the place of what is seen."""
+    for name in SKETCHES:
+        view.show_layer(name, True)
+        assert view.server.scene.get_handle_by_name(f"/layer_{name}") is not None
+        view.look_at_object("apple")
+        view.show_layer(name, False)
+        view.look_at_object(None)
+        assert view.server.scene.get_handle_by_name(f"/layer_{name}") is None
+    view.show_geometry(COLLIDED)
+    assert view.server.scene.get_handle_by_name("/pieces") is not None
+    view.show_geometry(SEEN)
+    assert view.server.scene.get_handle_by_name("/pieces") is None
+    view.show_layer(PARKED, True)
+    view.show_layer(REACH, True)
+    assert view.panel._layers[REACH].disabled
+
+
+def test_worlds_can_be_many(view: SceneView):
+    """World i has seed + i, and what is said is about all of them."""
+    view.show_worlds(16)
+    assert view.table is not None
+    assert len(view.table) == 16
+    assert view.table.seed.tolist() == list(range(16))
+    assert "16 layouts, seeds 0 to 15" in message(view)
+
+
+def test_physics_is_played_stepped_and_reset(view: SceneView):
+    """Time goes on while it plays; another layout ends it."""
+    press(view.panel._rejected, True)
+    view.turn(0.0)
+    view.play(True)
+    assert view.panel._play.label == "Pause"
+    assert view._player is not None
+    for _ in range(5):
+        view.turn(0.0)
+    assert view._player.data.time > 0.0
+    view.step()
+    assert not view._player.running
+    view.reset_play()
+    assert view._player is None, "layers are back"
+    view.set_speed(0.1)
+    assert view._player is None, "a speed begins nothing"
+    view.go(Where(seed=1))
+    view.play(True)
+    assert view._player.speed == 0.1
+    view.go(Where(seed=2))
+    assert view._player is None
+    assert view.panel._play.label == "Play"
+
+
+def test_what_is_on_show_is_what_is_played(view: SceneView):
+    """A layer that is switched does not put the layout back; candidates and poses of the arm end physics."""
+    view.step()
+    assert view._worlds is not None
+    assert view._player is not None
+    put: list[float] = []
+    shown = view._worlds.put
+    view._worlds.put = lambda i, data, *rest: (put.append(data.time), shown(i, data, *rest))[1]  # type: ignore[method-assign]
+    view.show_layer("names", True)
+    assert put[-1] == view._player.data.time > 0.0
+    view.show_rejected(True)
+    assert view._player is None
+    assert put[-1] == 0.0
+
+
+def test_controls_say_what_is_on_show_after_a_reload(view: SceneView, path: Path):
+    """Candidates stay on where they were on, and all objects are chosen again."""
+    press(view.panel._rejected, True)
+    press(view.panel._object, "pear")
+    view.turn(0.0)
+    saved(view, path, SCENE.replace("pear", "orange"))
+    assert view.panel._rejected.value
+    assert view._candidates is not None
+    assert (view.panel._object.value, view._only) == (ALL, None)
+    view.show_rejected(False)
+    assert view.panel._candidate.value == 1
+
+
+def test_rejected_candidates_are_shown_one_by_one(view: SceneView, path: Path):
+    """From the first to the last; a layout without any says so."""
+    saved(view, path, SCENE.replace("[1.0, 1.0]", "[0.2, 0.2]"))
+    view.show_rejected(True)
+    while not view._candidates:
+        view.go(view.where.moved(seeds=1))
+        assert view.where.seed < 50
+    view.show_candidate(0)
+    assert view.panel._candidate.value == 1
+    view.show_candidate(10**6)
+    assert view._candidate == len(view._candidates) - 1
+    view.show_rejected(False)
+    assert view.server.scene.get_handle_by_name("/candidate") is None
+
+
+def test_a_failure_of_ours_is_said_and_the_page_goes_on(view: SceneView, capsys: pytest.CaptureFixture):
+    """With a traceback on stderr."""
+
+    def fail() -> None:
+        raise ZeroDivisionError("division by zero")
+
+    view.requests.put("boom", fail)
+    view.turn(0.0)
+    assert "ZeroDivisionError" in message(view)
+    assert "Traceback" in capsys.readouterr().err
+    view.go(Where(seed=3))
+    assert "a fresh layout" in message(view)
+
+
+@pytest.mark.slow
+def test_memory_is_flat_over_many_layouts(view: SceneView):
+    """A thousand of them leave less than 2 MB behind."""
+    for seed in range(50):
+        view.go(Where(seed=seed))
+    gc.collect()
+    tracemalloc.start()
+    try:
+        for seed in range(1000):
+            view.go(Where(seed=seed))
+        gc.collect()
+        assert tracemalloc.get_traced_memory()[0] < 2 << 20
+    finally:
+        tracemalloc.stop()

@@ -1,0 +1,89 @@
+"""Worlds side by side: poses that are sent are those of the layouts, each at its place in the grid."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from sceniris_gym.viewer.deck import LayoutDeck, Where
+from sceniris_gym.viewer.shown import ShownWorld
+from sceniris_gym.viewer.worlds import Worlds, body_mesh, drawn_model, grid_origins, view_direction
+from tests.viewer.pages import page
+from tests.viewer.worlds_on_show import compiled_scene
+
+pytest.importorskip("mjviser", reason="needs the extra 'viewer'")
+
+
+def test_what_is_sent_is_the_layout():
+    """For every body of nine worlds, moved by the world's origin; a hidden one is out of sight."""
+    compiled = compiled_scene("kitchen")
+    table = LayoutDeck(compiled, 9).make(Where(seed=5))
+    mug = compiled.scene.bodies["mug"]
+    with page() as server:
+        worlds = Worlds(server, compiled.scene, 9)
+        shown = [ShownWorld(compiled, table[i : i + 1]) for i in range(9)]
+        for i, world in enumerate(shown):
+            worlds.put(i, world.data, hidden=[mug] if i == 4 else [])
+        worlds.send()
+        checked = set()
+        for group in worlds._scene._mesh_groups:
+            if not group.handle.visible:
+                continue
+            sent = np.asarray(group.handle.batched_positions).reshape(9, len(group.body_ids), 3)
+            for k, body in enumerate(group.body_ids):
+                checked.add(int(body))
+                for i, world in enumerate(shown):
+                    if body == mug and i == 4:
+                        assert sent[i, k, 2] < -1.0e4
+                    else:
+                        assert sent[i, k] == pytest.approx(world.data.xpos[body] + worlds.origins[i], abs=1e-4)
+        assert {compiled.scene.bodies[name] for name in ("mug", "counter", "plate")} <= checked
+        assert 0 in checked  # the floor of every world
+
+
+def test_the_users_model_stays_as_it_is():
+    """What is drawn is a copy, in which nothing is fixed to the world, and planes have an end."""
+    mjm = compiled_scene("tabletop_lift").mjm
+    before = {name: np.array(getattr(mjm, name)) for name in ("body_weldid", "geom_group", "geom_rgba", "geom_size")}
+    width = mjm.vis.scale.framewidth
+    with page() as server:
+        Worlds(server, compiled_scene("tabletop_lift").scene, 1).aim()
+        eye = np.array(server.initial_camera.position)
+        assert np.linalg.norm(eye) < 10.0
+    for name, values in before.items():
+        np.testing.assert_array_equal(getattr(mjm, name), values)
+    assert mjm.vis.scale.framewidth == width
+    assert not np.any(drawn_model(mjm).body_weldid == 0)
+
+
+@pytest.mark.parametrize("num", [1, 2, 5, 64])
+def test_worlds_stand_apart_around_the_middle(num: int):
+    """On a grid as square as it can be, each in a place of its own."""
+    origins = grid_origins(num, np.array([2.0, 1.0]))
+    assert origins.shape == (num, 3)
+    assert len(np.unique(origins, axis=0)) == num
+    apart = np.abs(origins[:, None] - origins[None])[..., :2] / [2.0, 1.0]
+    assert np.all((apart.max(axis=-1) > 0.99) | np.eye(num, dtype=bool))
+    full = int(np.sqrt(num)) ** 2 == num
+    assert not full or origins.mean(axis=0) == pytest.approx([0.0, 0.0, 0.0])
+
+
+def test_the_page_looks_as_the_scenes_camera_does():
+    """Along the axis of 'overview', or from the front where there is none."""
+    mjm = compiled_scene("mid").mjm
+    data = mujoco.MjData(mjm)
+    mujoco.mj_forward(mjm, data)
+    assert view_direction(mjm) == pytest.approx(data.camera("overview").xmat.reshape(3, 3)[:, 2])
+    empty = mujoco.MjModel.from_xml_string("<mujoco/>")
+    assert view_direction(empty)[1] < 0.0 < view_direction(empty)[2]
+
+
+def test_bodies_have_the_mesh_that_is_seen():
+    """Of the apple, about its size; of geoms that are not seen, none."""
+    mjm = compiled_scene("mid").mjm
+    geoms = np.flatnonzero(mjm.geom_bodyid == mjm.body("apple").id)
+    mesh = body_mesh(mjm, geoms)
+    assert mesh is not None
+    assert 0.04 < np.ptp(mesh[0], axis=0).max() < 0.12
+    assert body_mesh(mjm, geoms[mjm.geom_group[geoms] == 3]) is None
