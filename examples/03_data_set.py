@@ -3,6 +3,7 @@
 `sceniris-gym generate kitchen -n 64 -o layouts/kitchen` writes the same files from the command line.
 """
 
+import json
 from pathlib import Path
 
 import mujoco
@@ -20,7 +21,7 @@ def main(
     Args:
         scene: name of a shipped scene, or the path of a scene file.
         n: number of layouts; row i has seed i and episode 0 for any n.
-        folder: where `layouts.npz` and `scene.zip` go.
+        folder: where `dataset.json`, `scene.zip` and `layouts-*.npy` go; it must not hold a data set.
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
     """
     where = [] if device is None else ["--device", device]
@@ -30,16 +31,17 @@ def main(
 
 def look(folder: Path) -> None:
     """Load the layouts into stock MuJoCo, measure contacts, and let the first one settle for half a second."""
-    layouts = np.load(folder / "layouts.npz")
+    about = json.loads((folder / "dataset.json").read_text())
+    layouts = np.concatenate([np.load(part) for part in sorted(folder.glob("layouts-*.npy"))])
     model = mujoco.MjSpec.from_zip(str(folder / "scene.zip")).compile()
     data = mujoco.MjData(model)
-    names = layouts["object_names"].tolist()  # objects of the scene; the bodies have the same names
+    names = about["object_names"]  # objects of the scene; the bodies have the same names
     deepest = 0.0
     for qpos, pos, quat in zip(layouts["qpos"], layouts["mocap_pos"], layouts["mocap_quat"], strict=True):
         data.qpos[:], data.mocap_pos[:], data.mocap_quat[:] = qpos, pos, quat
         mujoco.mj_forward(model, data)
         deepest = max(deepest, -data.contact.dist.min(initial=0.0))
-    print(f"{len(layouts['qpos'])} layouts, {layouts['valid'].mean():.1%} of them fresh and valid")
+    print(f"{len(layouts)} layouts, {layouts['valid'].mean():.1%} of them fresh and valid")
     print(f"deepest contact in MuJoCo before the first step: {1000.0 * deepest:.3f} mm")
 
     mujoco.mj_resetData(model, data)

@@ -1,48 +1,72 @@
-"""The `generate` command: writes a data set of layouts, together with their model."""
+"""The `generate` command: writes a data set of layouts, together with their model, or verifies one."""
 
 from __future__ import annotations
 
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.scene.archive import write_zip
-from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.tools.files import replacing
+from sceniris_gym.progress import tell
+from sceniris_gym.tools.dataset.manifest import DatasetPlan, counts
+from sceniris_gym.tools.dataset.share import Share
+from sceniris_gym.tools.dataset.writer import DatasetWriter
 
-_OF_REACH = ("grasp", "grasp_pose", "grasp_qpos", "pregrasp_qpos")
+# Layouts that are made at once: what keeps a GPU busy, and on a CPU no more than its caches hold.
+_CHUNK, _CHUNK_CUDA = 4096, 16_384
 
 
-def write_dataset(compiled: CompiledScene, table: LayoutTable, folder: Path) -> None:
-    """Write `layouts.npz`, and `scene.zip`, which stock MuJoCo opens; neither is ever left half written.
-
-    If an object has `reachable`, its grasps are written too.
+def generate(
+    compiled: CompiledScene,
+    n: int,
+    folder: Path,
+    *,
+    seed: int = 0,
+    split: str = "train",
+    chunk: int | None = None,
+    share: Share | None = None,
+    resume: bool = False,
+) -> dict[str, Any]:
+    """Write a data set, or a process's share of it, and return its figures.
 
     Args:
         compiled: The compiled scene.
-        table: Its layouts.
+        n: Number of layouts: row i is episode 0 of seed + i.
         folder: The folder to write to; created if it does not exist.
+        seed: Seed of the first row.
+        split: "train" or "eval".
+        chunk: Layouts that are made at once, which changes nothing else; None for what suits the device.
+        share: Which parts this process writes; None for all of them.
+        resume: Go on with a data set that was begun.
 
     Raises:
+        DatasetError: See `DatasetWriter`.
+        OutputError: A file cannot be written.
         SceneKeyError: The scene's model is a MjModel, of which no `scene.zip` can be written.
     """
-    if (spec := compiled.scene.spec) is None:
-        raise SceneKeyError(
-            f"{compiled.config.where}: model: scene.zip cannot be written of a MjModel, which MuJoCo cannot turn back "
-            "into MJCF. Give 'model' as a mujoco.MjSpec or as the path of an MJCF file."
-        )
-    columns: dict[str, Any] = {f.name: getattr(table, f.name) for f in fields(LayoutTable)}
-    columns["object_names"] = np.array(compiled.object_names)
-    if compiled.reaching is None:
-        columns = {name: column for name, column in columns.items() if name not in _OF_REACH}
-    else:
-        columns["reachable_names"] = np.array(compiled.reaching.names)
-    with replacing(folder / "scene.zip") as scene, replacing(folder / "layouts.npz") as layouts:
-        with scene.open("wb") as file:
-            write_zip(spec, file)
-        with layouts.open("wb") as file:
-            np.savez(file, **columns)
+    plan, share = DatasetPlan.of(compiled, n, seed, split), share or Share()
+    if chunk is None:
+        chunk = _CHUNK if compiled.device == "cpu" else _CHUNK_CUDA
+    writer = DatasetWriter(compiled, plan, folder, share, resume=resume)
+    own = sum(len(plan.rows(part)) for part in range(share.number, plan.parts, share.size))
+    written = 0
+
+    def progress(rows: int) -> None:
+        nonlocal written
+        written += rows
+        tell("layouts", written, own)
+
+    writer.write(chunk=chunk, progress=progress)
+    records = writer.records()
+    rows, valid, first = counts(records)
+    figures = {
+        "scene": compiled.config.name,
+        "hash": compiled.hash,
+        "first_id": compiled.layout_id(seed, 0, split),
+        "layouts": n,
+        "valid": valid / max(rows, 1),
+        "first_pass_valid": first / max(rows, 1),
+        "folder": str(folder),
+        "parts": plan.parts,
+        "complete": writer.complete,
+    }
+    return figures if writer.complete else figures | {"missing_parts": plan.parts - len(records)}

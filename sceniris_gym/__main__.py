@@ -1,0 +1,17 @@
+"""The program `sceniris-gym`, which signals end at once, also while its libraries are being imported."""
+
+from __future__ import annotations
+
+from sceniris_gym.tools.stopping import ending_at_signals
+
+
+def main() -> None:
+    """Run the command line; see `cli.main`. Ctrl-C ends it with status 130 and SIGTERM with 143, as in a shell."""
+    with ending_at_signals("sceniris-gym"):
+        from sceniris_gym import cli
+
+        cli.main()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,168 @@
+"""What a data set holds: its rows, its parts, and `dataset.json`, which is there once all of them are."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+import sceniris_gym
+from sceniris_gym.errors import DatasetError
+from sceniris_gym.program.compiled import CompiledScene
+
+MANIFEST, SCENE = "dataset.json", "scene.zip"
+PART_ROWS = 1 << 16
+"""Rows of a part, whoever writes it; the last one may have fewer."""
+FORMAT = 1
+
+_FIELDS = {
+    **{"format": int, "scene": str, "hash": str, "split": str, "seed": int, "layouts": int, "rows_of_a_part": int},
+    **{"columns": dict, "object_names": list, "reachable_names": list, "versions": dict},
+    **{"scene_sha256": str, "parts": list},
+}
+_RECORD = {"sha256": str, "rows": int, "valid": int, "first_pass_valid": int}
+
+
+@dataclass(frozen=True)
+class DatasetPlan:
+    """What a data set is to hold. Every process that writes some of it works out the same plan.
+
+    Attributes:
+        words: It as values of JSON: what `dataset.json` says before its parts.
+        row: Type of a row: a record with a field for each column, of which none lies at an odd address.
+    """
+
+    words: dict[str, Any]
+    row: np.dtype
+
+    @classmethod
+    def of(cls, compiled: CompiledScene, n: int, seed: int, split: str) -> DatasetPlan:
+        """The plan of `n` layouts of a scene, of which row i is episode 0 of seed + i."""
+        columns = _columns(compiled)
+        words = {
+            "format": FORMAT,
+            "scene": compiled.config.name,
+            "hash": compiled.hash,
+            "split": split,
+            "seed": seed,
+            "layouts": n,
+            "rows_of_a_part": PART_ROWS,
+            "columns": {name: {"dtype": dtype, "shape": list(shape)} for name, (dtype, shape) in columns.items()},
+            "object_names": list(compiled.object_names),
+            "reachable_names": [] if compiled.reaching is None else list(compiled.reaching.names),
+            "versions": {"sceniris_gym": sceniris_gym.__version__, "mujoco": mujoco.__version__},
+        }
+        return cls(words, row_of(words["columns"]))
+
+    @property
+    def seed(self) -> int:
+        """Seed of the first row."""
+        return self.words["seed"]
+
+    @property
+    def layouts(self) -> int:
+        """Number of rows."""
+        return self.words["layouts"]
+
+    @property
+    def parts(self) -> int:
+        """Number of parts."""
+        return -(-self.layouts // PART_ROWS)
+
+    def rows(self, part: int) -> range:
+        """The rows of a part."""
+        return range(part * PART_ROWS, min((part + 1) * PART_ROWS, self.layouts))
+
+
+def part_name(part: int) -> str:
+    """The file of a part."""
+    return f"layouts-{part:05}.npy"
+
+
+def row_of(columns: dict[str, dict[str, Any]]) -> np.dtype:
+    """The type of a row with these columns, `{name: {"dtype": ..., "shape": [...]}}`."""
+    fields = [(name, np.dtype(told["dtype"]), tuple(told["shape"])) for name, told in columns.items()]
+    return np.dtype(fields, align=True)
+
+
+def _columns(compiled: CompiledScene) -> dict[str, tuple[str, tuple[int, ...]]]:
+    """Type and shape of all columns, wide types first, so that a row has no gaps."""
+    mjm, reaching = compiled.mjm, compiled.reaching
+    columns: dict[str, tuple[str, tuple[int, ...]]] = {
+        "seed": ("uint64", ()),
+        "episode": ("int32", ()),
+        "qpos": ("float32", (mjm.nq,)),
+        "mocap_pos": ("float32", (mjm.nmocap, 3)),
+        "mocap_quat": ("float32", (mjm.nmocap, 4)),
+        "status": ("int32", ()),
+        "attempts": ("int32", ()),
+    }
+    if reaching is not None:
+        nreach, njoint = len(reaching.targets), len(reaching.arm.joints)
+        columns |= {
+            "grasp": ("int32", (nreach,)),
+            "grasp_pose": ("float32", (nreach, 7)),
+            "grasp_qpos": ("float32", (nreach, njoint)),
+            "pregrasp_qpos": ("float32", (nreach, njoint)),
+        }
+    present = ("bool", (len(compiled.slots),))
+    return columns | {"present": present, "valid": ("bool", ()), "first_pass_valid": ("bool", ())}
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Read `dataset.json`.
+
+    Raises:
+        DatasetError: It is missing, or is no such file; of a started data set it is missing.
+    """
+    path = folder / MANIFEST
+    try:
+        return checked(path, json.loads(path.read_text()), _FIELDS)
+    except FileNotFoundError:
+        raise DatasetError(
+            f"{folder}: no whole data set is here, since it has no {MANIFEST}. Where `sceniris-gym generate` was "
+            "stopped, the same command with --resume finishes it."
+        ) from None
+    except (OSError, ValueError, RecursionError) as error:
+        raise DatasetError(f"{path}: cannot be read ({error}). `sceniris-gym generate` writes such files.") from error
+
+
+def read_record(path: Path) -> dict[str, Any] | None:
+    """Read what is kept of a written part; None where there is none, or none that is whole."""
+    try:
+        return checked(path, json.loads(path.read_text()), _RECORD)
+    except (OSError, ValueError, RecursionError, DatasetError):
+        return None
+
+
+def checked(path: Path, told: Any, fields: dict[str, type]) -> dict[str, Any]:
+    """Return `told` if it is a mapping with these fields.
+
+    Raises:
+        DatasetError: It is something else.
+    """
+    for name, kind in fields.items():
+        value = told.get(name) if isinstance(told, dict) else None
+        if type(value) is not kind:
+            raise DatasetError(f"{path}: '{name}' should be of type {kind.__name__}, got {value!s:.80}.")
+    records = told.get("parts", []) if fields is _FIELDS else []
+    for record in records:
+        checked(path, record, _RECORD)
+    return told
+
+
+def as_json(words: dict[str, Any]) -> str:
+    """The text of a manifest: the same for the same words."""
+    return json.dumps(words, indent=1) + "\n"
+
+
+def counts(records: Iterable[dict[str, Any]]) -> tuple[int, int, int]:
+    """How many rows parts have, how many of them are valid, and how many without a restart."""
+    kept = list(records)
+    rows, valid, first = (sum(record[name] for record in kept) for name in ("rows", "valid", "first_pass_valid"))
+    return rows, valid, first

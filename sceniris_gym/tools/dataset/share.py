@@ -1,0 +1,62 @@
+"""Which parts of a data set a process writes, where several processes write it together."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from sceniris_gym.errors import ArgumentError
+from sceniris_gym.vector.ranks import Rank
+
+_TORCHRUN = ("RANK", "WORLD_SIZE")
+_ARRAY = ("SLURM_ARRAY_TASK_ID", "SLURM_ARRAY_TASK_MIN", "SLURM_ARRAY_TASK_MAX", "SLURM_ARRAY_TASK_COUNT")
+
+
+@dataclass(frozen=True)
+class Share:
+    """One of `size` processes: it writes every `size`-th part, from part `number` on."""
+
+    number: int = 0
+    size: int = 1
+
+    @property
+    def device(self) -> str | None:
+        """The GPU of this process if torchrun started it, and there is one for each; None for the usual default."""
+        return Rank.current().device if self.size > 1 else None
+
+    @classmethod
+    def parse(cls, words: str) -> Share:
+        """Read `R/K`, process R of K.
+
+        Raises:
+            ArgumentError: It is something else.
+        """
+        found = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", words)
+        share = None if found is None else cls(int(found[1]), int(found[2]))
+        if share is None or share.number >= share.size:
+            raise ArgumentError(f"--share {words:.40}: should be R/K with R below K, such as 0/8 for the first of 8.")
+        return share
+
+    @classmethod
+    def current(cls, environment: Mapping[str, str] = os.environ) -> Share:
+        """The share that torchrun (RANK, WORLD_SIZE) or an array of Slurm's gives this process; else all parts.
+
+        Raises:
+            ArgumentError: The numbers of the array's tasks have gaps.
+        """
+        rank = [environment.get(name, "") for name in _TORCHRUN]
+        if all(word.isdecimal() for word in rank):
+            return cls.parse("/".join(rank))
+        array = [environment.get(name, "") for name in _ARRAY]
+        if not all(word.isdecimal() for word in array):
+            return cls()
+        task, first, last, count = map(int, array)
+        step = int(environment.get("SLURM_ARRAY_TASK_STEP", "") or 1)
+        if (last - first) // step + 1 != count or (task - first) % step:
+            raise ArgumentError(
+                f"generate: this is task {task} of a Slurm array of {count} tasks from {first} to {last}, with gaps. "
+                "Say which share of the parts it writes: --share R/K."
+            )
+        return cls((task - first) // step, count)

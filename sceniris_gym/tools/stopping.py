@@ -1,0 +1,93 @@
+"""Ctrl-C and SIGTERM end a program at once, whatever it is doing.
+
+An exception would not: libraries that are being imported catch it, and one that is thrown into them half-way leaves
+them broken. So a thread hears of the signal, ends the processes that this one has started, removes what must not stay
+behind, and ends the process.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+_WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+_undo: dict[object, Callable[[], object]] = {}
+
+
+@contextmanager
+def undone_at_stop(undo: Callable[[], object]) -> Iterator[None]:
+    """Call `undo` if the program is stopped by a signal within the block; the block itself never sees it."""
+    key = object()
+    _undo[key] = undo
+    try:
+        yield
+    finally:
+        _undo.pop(key, None)
+
+
+@contextmanager
+def ending_at_signals(name: str) -> Iterator[None]:
+    """Let SIGINT and SIGTERM end the process within the block, with a line on stderr and 128 + signal, as shells do.
+
+    A signal that is ignored, as Ctrl-C is for a shell's background jobs, stays ignored.
+
+    Args:
+        name: The program, for that line.
+    """
+    heard, tell = os.pipe()
+    os.set_blocking(tell, False)
+    kept = {number: signal.getsignal(number) for number in _WORDS}
+    before = signal.set_wakeup_fd(tell, warn_on_full_buffer=False)
+    for number, handler in kept.items():
+        if handler is not signal.SIG_IGN:
+            signal.signal(number, _nothing)  # Python writes to the pipe before it gets to this
+    threading.Thread(target=_listen, args=(heard, name), name="signals", daemon=True).start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        for number, handler in kept.items():
+            signal.signal(number, handler)
+        os.close(tell)
+
+
+def _nothing(*_: object) -> None:
+    pass
+
+
+def _in_child() -> None:
+    """Let signals end a forked child as ever: the thread that hears of them is its parent's, and the pipe is, too."""
+    if signal.getsignal(signal.SIGTERM) is _nothing:
+        signal.set_wakeup_fd(-1)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    if signal.getsignal(signal.SIGINT) is _nothing:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+os.register_at_fork(after_in_child=_in_child)
+
+
+def _end_children() -> None:
+    """End processes that this one has started, such as glfw's, which tell at length that nobody reads their answer."""
+    for file in Path("/proc/self/task").glob("*/children"):
+        with contextlib.suppress(OSError):
+            for child in file.read_text().split():
+                os.kill(int(child), signal.SIGKILL)
+
+
+def _listen(heard: int, name: str) -> None:
+    """Wait for a signal, and end the process; or end with the block, when the other end is closed."""
+    while number := os.read(heard, 1):
+        if number[0] in _WORDS:
+            _end_children()
+            for undo in list(_undo.values()):
+                with contextlib.suppress(Exception):
+                    undo()
+            os.write(2, f"\n{name}: {_WORDS[signal.Signals(number[0])]}\n".encode())
+            os._exit(128 + number[0])
+    os.close(heard)

@@ -1,0 +1,137 @@
+"""Programs that signals end: at once, with the status of shells, whatever they are doing."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from sceniris_gym.tools.stopping import ending_at_signals, undone_at_stop
+
+START = """
+import hashlib, os, signal, sys, time
+from pathlib import Path
+from sceniris_gym.tools.files import replacing
+from sceniris_gym.tools.stopping import ending_at_signals, undone_at_stop
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs are started with it ignored
+"""
+BUSY = {
+    "a library that catches everything": """while True:
+        try:
+            time.sleep(60)
+        except BaseException:
+            pass""",
+    "a call that does not return": "hashlib.pbkdf2_hmac('sha256', b'', b'', 10**9)",
+    "a file that is being written": """with replacing(Path(sys.argv[1])) as file:
+        os.kill(os.getpid(), NUMBER)
+        time.sleep(60)""",
+}
+STOPS = [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")]
+
+
+def ended(program: str, number: int, path: Path) -> tuple[int, str]:
+    """Run a program that says when it is ready, send it a signal, and return its status and its stderr."""
+    command = [sys.executable, "-c", program.replace("NUMBER", str(int(number))), str(path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        process.send_signal(number)
+        _, said = process.communicate(timeout=30)
+    return process.returncode, said
+
+
+@pytest.mark.parametrize("busy", BUSY)
+@pytest.mark.parametrize(("number", "word"), STOPS)
+def test_a_signal_ends_a_program_whatever_it_does(tmp_path: Path, number: int, word: str, busy: str):
+    """One line on stderr and no traceback; a file that is half written goes."""
+    program = f"{START}\nwith ending_at_signals('it'):\n    print('ready', flush=True)\n    {BUSY[busy]}"
+    assert ended(program, number, tmp_path / "file") == (128 + number, f"\nit: {word}\n")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_forked_child_ends_as_ever(tmp_path: Path):
+    """By the signal itself; its parent hears nothing of it."""
+    program = f"""{START}
+with ending_at_signals("it"):
+    ready, tell = os.pipe()
+    child = os.fork()
+    if not child:
+        os.write(tell, b"1")
+        time.sleep(60)
+        os._exit(0)
+    os.read(ready, 1)
+    os.kill(child, signal.SIGTERM)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+    time.sleep(60)
+"""
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == f"{-signal.SIGTERM}\n"
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(0.2)
+        process.kill()
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="asks Linux for the children of a process")
+@pytest.mark.parametrize(("number", "word"), STOPS)
+def test_processes_that_were_started_end_too(tmp_path: Path, number: int, word: str):
+    """They would work on for nobody, and say so."""
+    program = f"""{START}
+import subprocess
+child = "import time; print('ready', flush=True); time.sleep(1); print('for nobody', flush=True)"
+with ending_at_signals("it"):
+    process = subprocess.Popen([sys.executable, "-c", child], stdout=subprocess.PIPE)
+    process.stdout.readline()
+    print("ready", flush=True)
+    time.sleep(60)
+"""
+    assert ended(program, number, tmp_path) == (128 + number, f"\nit: {word}\n")
+
+
+def test_a_signal_that_is_ignored_stays_ignored(tmp_path: Path):
+    """As `nohup` and background jobs ask for."""
+    program = f"""{START}
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+with ending_at_signals("it"):
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(0.2)
+print("went on")
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "went on\n"
+
+
+def test_what_was_there_before_is_there_again():
+    """Handlers, the wakeup file and the thread; the block may end by an exception."""
+    kept = [signal.getsignal(number) for number, _ in STOPS]
+    before = signal.set_wakeup_fd(-1)
+    signal.set_wakeup_fd(before)
+    threads = threading.active_count()
+
+    def fail() -> None:
+        with ending_at_signals("it"):
+            assert threading.active_count() == threads + 1
+            raise ValueError
+
+    with pytest.raises(ValueError, match=r"^$"):
+        fail()
+    assert [signal.getsignal(number) for number, _ in STOPS] == kept
+    assert signal.set_wakeup_fd(before) == before
+    for thread in threading.enumerate():
+        if thread.name == "signals":
+            thread.join(5.0)
+            assert not thread.is_alive()
+
+
+def test_what_is_undone_at_a_stop_is_left_alone_otherwise():
+    """The block ends, well or not: nothing is called."""
+    called = []
+    with undone_at_stop(lambda: called.append(1)):
+        pass
+    assert not called
+    assert os.getpid()
