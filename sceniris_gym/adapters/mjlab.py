@@ -1,0 +1,272 @@
+"""`PlaceLayouts`, an event term for mjlab: at every reset the entities of an environment get a fresh layout."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import torch
+import warp as wp
+from torch import Tensor
+
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import ArgumentError, MissingExtraError, SceneKeyError
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Layouts, Status
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.sim.fit import check_fit
+from sceniris_gym.vector.arguments import fresh_seed
+from sceniris_gym.vector.ranks import Rank
+
+try:
+    from mjlab.managers.event_manager import EventTermCfg  # pyright: ignore[reportMissingImports]
+    from mjlab.managers.manager_base import ManagerTermBase  # pyright: ignore[reportMissingImports]
+except ImportError as error:
+    raise MissingExtraError("mjlab", "mjlab") from error
+
+KEYFRAME = "init_state"
+"""The keyframe that mjlab makes of the initial states of all entities."""
+_CURE = (
+    "Layouts are made for the model as mjlab compiles it: events should not change where bodies without joints are, or "
+    "sizes, places and contact bits of geoms."
+)
+
+
+class PlaceLayouts(ManagerTermBase):
+    """Gives the environments that are reset a fresh layout each, by the entities' own functions, at their origins.
+
+    The scene is that of `PlaceLayoutsCfg`, on the model that mjlab has compiled. Free entities get a pose and come to
+    rest, those with a mocap root get a pose, and drawn joints get a position. Nothing else is written. A layout is a
+    pure function of scene, split, seed and episode; where other events move what layouts know nothing of, such as a
+    robot whose joints they offset, objects may start in it. List this event after those that write the same entities.
+
+    After a reset `env.extras` has `layout_seed` and `layout_episode`, int64, and `layout_fallback` (the layout came
+    from the bank of valid ones), each of shape (num_envs,); `extras["log"]` has the share of such environments.
+
+    Attributes:
+        compiled: The compiled scene; `compiled.layout_id(seed, episode, cfg.split)` names a layout.
+        layouts: The latest layout of each environment, without its origin.
+
+    Raises:
+        SceneKeyError: An object of the scene that is no entity's root.
+        ScenirisError: The scene cannot be used; see `compile_scene`.
+        SceneMismatchError: In the first reset: startup events changed what layouts depend on.
+        ArgumentError: In the first reset: something placed the objects again; see `keep_layouts`.
+    """
+
+    def __init__(self, cfg: PlaceLayoutsCfg, env: Any) -> None:
+        super().__init__(env)
+        self.compiled: CompiledScene = compile_scene(_as_config(cfg.scene, env), env.device)
+        seed = cfg.seed if cfg.seed is not None else env.cfg.seed
+        seed = Rank.current().own_seed(fresh_seed() if seed is None else seed)
+        self._generator = LayoutGenerator(self.compiled, env.num_envs, seed=seed, split=cfg.split)
+        self._roots, self._joints = _roots(self.compiled, env), _joints(self.compiled, env)
+        self._addresses = _addresses(env, self._roots, self._joints)
+        self._mask = torch.zeros(env.num_envs, dtype=torch.bool, device=env.device)
+        self._fits, self._placed, self._kept = False, None, False
+
+    @property
+    def layouts(self) -> Layouts:
+        """See the class."""
+        return self._generator.layouts
+
+    def __call__(self, env: Any, env_ids: Tensor | None) -> None:
+        """Place the objects of the environments `env_ids`, of all if None."""
+        ids = torch.arange(env.num_envs, device=env.device) if env_ids is None else env_ids
+        if not self._fits:
+            model, data = env.sim.wp_model, env.sim.wp_data
+            check_fit(self.compiled, model, data, self.layouts, env.sim.mj_model, where="PlaceLayouts", cure=_CURE)
+            self._fits = True
+        self._mask.zero_()
+        self._mask[ids] = True
+        self._generator.generate(wp.from_torch(self._mask))
+        self._write(ids)
+        self._tell()
+        if not self._kept:
+            self._placed = ids, self.state(ids)
+
+    def reset(self, env_ids: Tensor | None) -> None:
+        """Check, the first time, that the objects are still where they were placed: a reset of mjlab ends with this."""
+        if self._placed is None:
+            return
+        ids, state = self._placed
+        self._placed, self._kept = None, True
+        if not all(torch.equal(old, new) for old, new in zip(state, self.state(ids), strict=True)):
+            raise ArgumentError(
+                f"PlaceLayouts: {', '.join(self._roots)} should stay where the layouts have them, but something placed "
+                f"them again in the same reset. {_suspects(self, self._env)}"
+            )
+
+    def state(self, env_ids: Tensor) -> list[Tensor]:
+        """Return positions and velocities of what the scene places, in some environments."""
+        return [array[env_ids[:, None], adr] for array, adr in self._addresses]
+
+    def restore(self, env_ids: Tensor, state: list[Tensor]) -> None:
+        """Write back what `state` returned."""
+        for (array, adr), values in zip(self._addresses, state, strict=True):
+            array[env_ids[:, None], adr] = values
+
+    def _write(self, env_ids: Tensor) -> None:
+        origins = self._env.scene.env_origins[env_ids]
+        for name, entity in self._roots.items():
+            pose = self.layouts.pose(name)[env_ids]
+            pose[:, :3] += origins
+            if entity.is_fixed_base:
+                entity.write_mocap_pose_to_sim(pose, env_ids=env_ids)
+            else:
+                entity.write_root_link_pose_to_sim(pose, env_ids=env_ids)
+                entity.write_root_link_velocity_to_sim(torch.zeros_like(pose[:, :6]), env_ids=env_ids)
+        qpos = wp.to_torch(self.layouts.qpos)
+        for entity, joint_ids in self._joints:
+            position = qpos[env_ids[:, None], entity.indexing.joint_q_adr[joint_ids]]
+            entity.write_joint_state_to_sim(position, torch.zeros_like(position), joint_ids, env_ids)
+
+    def _tell(self) -> None:
+        """Tell which layouts the environments are in."""
+        layouts, extras = self.layouts, self._env.extras
+        fallback = wp.to_torch(layouts.status) == Status.FALLBACK
+        extras["layout_seed"] = wp.to_torch(layouts.seed).view(torch.int64).clone()
+        extras["layout_episode"] = wp.to_torch(layouts.episode).long()
+        extras["layout_fallback"] = fallback
+        extras.setdefault("log", {})["Layouts/fallback_share"] = fallback.float().mean()
+
+
+@dataclass(kw_only=True)
+class PlaceLayoutsCfg(EventTermCfg):
+    """An event that places entities, for `cfg.events`.
+
+    Attributes:
+        scene: The scene: a mapping, a path or a name, without `model`. An object with the name of an entity is that
+            entity; `body` names the root of another one, as in "cube_0/cube". `home` is mjlab's "init_state".
+        seed: Seed of environment 0, environment i has seed + i; None takes that of the environment's cfg, or draws one.
+            Under torchrun and torchrunx it counts from RANK * 2^40 on.
+        split: "train" or "eval", which share no layouts.
+    """
+
+    func: Any = PlaceLayouts
+    mode: str = "reset"
+    scene: Any
+    seed: int | None = None
+    split: str = "train"
+
+
+class KeepLayouts:
+    """Mixin for commands that place objects themselves: they draw their targets, and objects stay where they are.
+
+    `class Command(KeepLayouts, MultiCubeLiftingCommand)` is such a command; `keep_layouts` makes one of any cfg. Where
+    no event is a `PlaceLayouts` the command places objects as ever.
+    """
+
+    _env: Any
+
+    def _resample_command(self, env_ids: Tensor) -> None:
+        term = _term(self._env)
+        state = None if term is None else term.state(env_ids)
+        super()._resample_command(env_ids)  # pyright: ignore[reportAttributeAccessIssue]
+        if term is not None and state is not None:
+            term.restore(env_ids, state)
+
+
+def keep_layouts(cfg: Any) -> Any:
+    """Return the cfg of a command with `KeepLayouts` mixed into the command that it builds.
+
+    Args:
+        cfg: A CommandTermCfg whose command places objects when it draws a target, as MultiCubeLiftingCommandCfg.
+    """
+    kind = type(cfg)
+
+    def build(self: Any, env: Any) -> Any:
+        command = kind.build(self, env)
+        # a cfg makes an instance of the class that is written into its `build`, so the class changes afterwards
+        command.__class__ = type(type(command).__name__, (KeepLayouts, type(command)), {})
+        return command
+
+    kept = copy.copy(cfg)
+    kept.__class__ = type(kind.__name__, (kind,), {"build": build, "__module__": kind.__module__})
+    return kept
+
+
+def _term(env: Any) -> PlaceLayouts | None:
+    """The event that places entities, if there is one."""
+    manager = env.event_manager
+    terms = (manager.get_term_cfg(name).func for names in manager.active_terms.values() for name in names)
+    return next((term for term in terms if isinstance(term, PlaceLayouts)), None)
+
+
+def _suspects(term: PlaceLayouts, env: Any) -> str:
+    """Who may have placed objects after the event, and what helps."""
+    commands = {name: env.command_manager.get_term(name) for name in env.command_manager.active_terms}
+    names = [f"'{n}' ({type(c).__name__})" for n, c in commands.items() if not isinstance(c, KeepLayouts)]
+    events = env.event_manager.active_terms["reset"]
+    later = events[[env.event_manager.get_term_cfg(name).func for name in events].index(term) + 1 :]
+    cures = []
+    if names:
+        cures.append(
+            f"If it was the command {' or '.join(names)}, write cfg.commands[name] = keep_layouts(cfg.commands[name])."
+        )
+    if later:
+        cures.append(f"If it was the event {' or '.join(map(repr, later))}, list it before PlaceLayouts.")
+    return " ".join(cures)
+
+
+def _as_config(scene: Any, env: Any) -> SceneConfig:
+    """The scene on the environment's model, with entities as the objects of their names."""
+    mjm = env.sim.mj_model
+    config = SceneConfig.load(scene, {"model": mjm})
+    words = {} if config.home is not None or not _has_key(mjm) else {"home": KEYFRAME}
+    for name, part in config.objects.items():
+        if part.asset is None and part.body is None and name in env.scene.entities:
+            words[f"objects.{name}.body"] = mjm.body(env.scene.entities[name].indexing.root_body_id).name
+    return SceneConfig.load(config, {**words, "model": mjm})
+
+
+def _has_key(mjm: mujoco.MjModel) -> bool:
+    return mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME) >= 0
+
+
+def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:
+    """The entities whose poses are placed, by the names of the objects that they are.
+
+    Raises:
+        SceneKeyError: An object that is no entity.
+    """
+    config, scene = compiled.config, compiled.scene
+    entities = {e.indexing.root_body_id: e for e in env.scene.entities.values() if e.spec.bodies[1:]}
+    for name, part in config.objects.items():
+        if part.is_placed and scene.bodies[name] not in entities:
+            body = scene.mjm.body(scene.bodies[name]).name
+            raise SceneKeyError(
+                f"{config.where}: objects.{name}: body '{body}' should be the root of an entity, which writes its "
+                f"pose. Entities: {', '.join(env.scene.entities)}."
+            )
+    return {name: entities[scene.bodies[name]] for name, part in config.objects.items() if part.is_placed}
+
+
+def _joints(compiled: CompiledScene, env: Any) -> list[tuple[Any, Tensor]]:
+    """The entities whose joints are drawn, with the joints' numbers inside them."""
+    scene = compiled.scene
+    adr = [int(scene.mjm.jnt_qposadr[joint]) for name in scene.bodies for joint in scene.moving_joints(name)]
+    found = []
+    for entity in env.scene.entities.values():
+        own = entity.indexing.joint_q_adr
+        numbers = torch.isin(own, torch.tensor(adr, dtype=own.dtype, device=own.device)).nonzero().flatten()
+        if len(numbers):
+            found.append((entity, numbers))
+    return found
+
+
+def _addresses(env: Any, roots: dict[str, Any], joints: list[tuple[Any, Tensor]]) -> list[tuple[Any, Tensor]]:
+    """The arrays of the simulation that hold the state of entities, with where in them that is."""
+    data, found = env.sim.data, []
+    for entity in roots.values():
+        if entity.is_fixed_base:
+            number = torch.tensor([entity.indexing.mocap_id], device=env.device)
+            found += [(data.mocap_pos, number), (data.mocap_quat, number)]
+        else:
+            found += [(data.qpos, entity.indexing.free_joint_q_adr), (data.qvel, entity.indexing.free_joint_v_adr)]
+    for entity, numbers in joints:
+        found += [(data.qpos, entity.indexing.joint_q_adr[numbers]), (data.qvel, entity.indexing.joint_v_adr[numbers])]
+    return found

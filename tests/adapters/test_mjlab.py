@@ -1,0 +1,263 @@
+"""mjlab's environments with `PlaceLayouts`: nothing overlaps at a start, and what places again is noticed.
+
+mjlab needs MuJoCo 3.11, so this runs in a venv of its own: `make test-mjlab`.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from sceniris_gym.errors import ArgumentError, SceneKeyError, SceneMismatchError
+
+pytest.importorskip("mjlab", reason="needs mjlab: make test-mjlab")
+from mjlab.entity import EntityCfg  # pyright: ignore[reportMissingImports]
+from mjlab.envs import ManagerBasedRlEnv, ManagerBasedRlEnvCfg, mdp  # pyright: ignore[reportMissingImports]
+from mjlab.envs.mdp import dr  # pyright: ignore[reportMissingImports]
+from mjlab.managers.event_manager import EventTermCfg  # pyright: ignore[reportMissingImports]
+from mjlab.managers.scene_entity_config import SceneEntityCfg  # pyright: ignore[reportMissingImports]
+from mjlab.rl import MjlabOnPolicyRunner, RslRlVecEnvWrapper  # pyright: ignore[reportMissingImports]
+from mjlab.scene import SceneCfg  # pyright: ignore[reportMissingImports]
+from mjlab.tasks.manipulation.config.yam.env_cfgs import (  # pyright: ignore[reportMissingImports]
+    get_cube_spec,
+    yam_multi_cube_seg_env_cfg,
+)
+from mjlab.tasks.manipulation.config.yam.rl_cfg import (  # pyright: ignore[reportMissingImports]
+    yam_multi_cube_seg_ppo_runner_cfg,
+)
+from mjlab.terrains import TerrainEntityCfg  # pyright: ignore[reportMissingImports]
+
+from sceniris_gym.adapters.mjlab import PlaceLayoutsCfg, keep_layouts
+
+PAGE = Path(__file__).parents[2] / "docs" / "mjlab.md"
+NEAR = {"box": [[0.25, -0.15], [0.40, 0.15]]}
+NUM_ENVS = 6
+CABINET = """
+<mujoco><worldbody><body name="case" pos="0 0 0"><geom name="top" type="box" size=".2 .2 .1" pos="0 0 .1"/>
+  <body name="drawer" pos="0 0 .25"><joint name="slide" type="slide" axis="1 0 0" range="0 .2"/>
+    <geom name="tray" type="box" size=".1 .1 .01"/></body></body></worldbody></mujoco>
+"""
+
+
+def cubes_on(support: str = "terrain", count: int = 2, **words: Any) -> dict[str, Any]:
+    """Return a scene with cubes, which are entities of these names."""
+    return {"objects": {f"cube_{i}": {"on": support, "region": NEAR, **words} for i in range(count)}, "bank": 4}
+
+
+def plain_cfg(scene: dict[str, Any], **entities: EntityCfg) -> ManagerBasedRlEnvCfg:
+    """Return the cfg of an environment of two cubes and other entities, without a task."""
+    cubes = {f"cube_{i}": EntityCfg(spec_fn=get_cube_spec) for i in range(2)}
+    scene_cfg = SceneCfg(
+        num_envs=NUM_ENVS, env_spacing=3.0, terrain=TerrainEntityCfg(terrain_type="plane"), entities=cubes | entities
+    )
+    cfg = ManagerBasedRlEnvCfg(decimation=1, scene=scene_cfg, seed=5)
+    cfg.events["layouts"] = PlaceLayoutsCfg(scene=scene)
+    return cfg
+
+
+def lifting_cfg(cubes: int, *, kept: bool = True) -> ManagerBasedRlEnvCfg:
+    """Return the cfg of mjlab's task with several cubes, with their layouts."""
+    cfg = yam_multi_cube_seg_env_cfg(num_cubes=cubes)
+    cfg.scene.num_envs, cfg.seed = NUM_ENVS, 0
+    cfg.events["layouts"] = PlaceLayoutsCfg(scene=cubes_on(count=cubes))
+    if kept:
+        cfg.commands["lift_height"] = keep_layouts(cfg.commands["lift_height"])
+    return cfg
+
+
+def deepest(env: ManagerBasedRlEnv) -> float:
+    """Return the deepest contact [m] of a cube in any environment, by MuJoCo C."""
+    mjm = env.sim.mj_model
+    data, worst = mujoco.MjData(mjm), 0.0
+    state = {name: getattr(env.sim.wp_data, name).numpy() for name in ("qpos", "mocap_pos", "mocap_quat")}
+    for world in range(env.num_envs):
+        for name, values in state.items():
+            getattr(data, name)[:] = values[world]
+        mujoco.mj_fwdPosition(mjm, data)
+        for contact in data.contact:
+            if any("cube" in mjm.body(mjm.geom_bodyid[geom]).name for geom in contact.geom):
+                worst = max(worst, -contact.dist)
+    return worst
+
+
+def local(env: ManagerBasedRlEnv, entity: str) -> np.ndarray:
+    """Return where a free entity is in each environment, relative to its origin [m]."""
+    adr = env.scene[entity].indexing.free_joint_q_adr[:3]
+    return (env.sim.data.qpos[:, adr] - env.scene.env_origins).cpu().numpy()
+
+
+def test_entities_start_apart_at_their_origins():
+    """Two cubes on a small part of the plane, in environments three metres apart; at rest."""
+    env = ManagerBasedRlEnv(plain_cfg(cubes_on()), "cpu")
+    _, extras = env.reset()
+    assert deepest(env) == 0.0
+    places = np.stack([local(env, f"cube_{i}") for i in range(2)])
+    assert (places[..., 0] >= 0.25).all() and (places[..., 0] <= 0.40).all() and (np.abs(places[..., 1]) <= 0.15).all()
+    np.testing.assert_allclose(places[..., 2], 0.0205, atol=1e-6)
+    assert len(np.unique(env.scene.env_origins.numpy(), axis=0)) == NUM_ENVS
+    assert not np.any(env.sim.data.qvel[:].numpy())
+    assert extras["layout_seed"].tolist() == list(range(5, 5 + NUM_ENVS))  # from the seed of the environment on
+    assert extras["layout_seed"].dtype == extras["layout_episode"].dtype == torch.int64
+    assert extras["layout_episode"].tolist() == [0] * NUM_ENVS
+    assert not extras["layout_fallback"].any()
+    assert float(extras["log"]["Layouts/fallback_share"]) == 0.0
+
+
+def test_only_environments_that_are_reset_get_a_new_layout():
+    """By their numbers in any order; the others keep their bits."""
+    env = ManagerBasedRlEnv(plain_cfg(cubes_on()), "cpu")
+    env.reset()
+    before = env.sim.data.qpos[:].clone()
+    _, extras = env.reset(env_ids=torch.tensor([4, 1]))
+    changed = (env.sim.data.qpos[:] != before).any(dim=1)
+    assert changed.tolist() == [i in (1, 4) for i in range(NUM_ENVS)]
+    assert extras["layout_episode"].tolist() == [int(i in (1, 4)) for i in range(NUM_ENVS)]
+    assert deepest(env) == 0.0
+
+
+def test_the_same_seed_gives_the_same_layouts_and_another_split_others():
+    """Whatever torch's random numbers are, as layouts have their own."""
+    found = []
+    for split in ("train", "train", "eval"):
+        cfg = plain_cfg(cubes_on())
+        cfg.events["layouts"] = PlaceLayoutsCfg(scene=cubes_on(), seed=3, split=split)
+        env = ManagerBasedRlEnv(cfg, "cpu")
+        env.reset()
+        found.append(env.sim.data.qpos[:].numpy().copy())
+    assert np.array_equal(found[0], found[1])
+    assert not np.array_equal(found[0], found[2])
+
+
+def test_a_mocap_root_and_drawn_joints_are_written_by_their_entity():
+    """A cabinet without a freejoint, which mjlab gives a mocap root, with its drawer drawn and a cube on its tray."""
+    scene = {
+        "objects": {
+            "cabinet": {
+                "kind": "fixture",
+                "on": "terrain",
+                "region": {"box": [[-0.3, -0.3], [0.3, 0.3]]},
+                "joints": {"slide": {"range": [0.05, 0.15]}},
+            },
+            "cube_0": {"on": "cabinet/drawer"},
+            "cube_1": {"on": "terrain", "region": {"box": [[0.8, 0.8], [1.0, 1.0]]}},
+        },
+        "bank": 2,
+    }
+    cfg = plain_cfg(scene, cabinet=EntityCfg(spec_fn=lambda: mujoco.MjSpec.from_string(CABINET)))
+    env = ManagerBasedRlEnv(cfg, "cpu")
+    env.reset()
+    cabinet = env.scene["cabinet"]
+    slide = env.sim.data.qpos[:, cabinet.indexing.joint_q_adr][:, 0].numpy()
+    assert (slide >= 0.05).all() and (slide <= 0.15).all() and len(np.unique(slide)) == NUM_ENVS
+    base = (env.sim.data.mocap_pos[:, cabinet.indexing.mocap_id] - env.scene.env_origins).numpy()
+    assert np.abs(base).max() <= 0.3 and len(np.unique(base[:, 0])) == NUM_ENVS
+    np.testing.assert_allclose(local(env, "cube_0")[:, 2], base[:, 2] + 0.25 + 0.01 + 0.0205, atol=1e-5)
+    assert deepest(env) == 0.0
+
+
+def test_a_command_that_places_again_is_refused_and_one_that_keeps_layouts_is_taken():
+    """MultiCubeLiftingCommand places its cubes after all events; with the mixin it draws targets alone."""
+    env = ManagerBasedRlEnv(lifting_cfg(4, kept=False), "cpu")
+    with pytest.raises(ArgumentError, match=r"'lift_height' \(MultiCubeLiftingCommand\).*keep_layouts"):
+        env.reset()
+    env = ManagerBasedRlEnv(lifting_cfg(4), "cpu")
+    env.reset()
+    assert deepest(env) == 0.0
+    command = env.command_manager.get_term("lift_height")
+    places = [local(env, f"cube_{i}") for i in range(4)]
+    before = command.target_pos.clone()
+    command._resample(torch.arange(NUM_ENVS))  # as when its timer has run out
+    assert (command.target_pos != before).any(dim=1).all()
+    assert all(np.array_equal(local(env, f"cube_{i}"), places[i]) for i in range(4))
+
+
+def test_the_arm_of_mjlab_can_grasp_what_is_reachable():
+    """With the joints that a layout has for it, MuJoCo C has the tool at the cube and its approach axis downwards."""
+    scene = cubes_on(reachable="clear") | {"robot": {"in_model": "robot/arm", "tcp": "robot/grasp_site"}}
+    cfg = lifting_cfg(2)
+    cfg.events["layouts"] = PlaceLayoutsCfg(scene=scene)
+    env = ManagerBasedRlEnv(cfg, "cpu")
+    env.reset()
+    layouts = env.event_manager.get_term_cfg("layouts").func.layouts
+    mjm = env.sim.mj_model
+    data, tool = mujoco.MjData(mjm), mjm.site("robot/grasp_site").id
+    qpos, joints = layouts.qpos.numpy(), layouts.grasp_qpos.numpy()
+    assert layouts.reaching.names == ("cube_0", "cube_1")
+    for world in range(NUM_ENVS):
+        for i, name in enumerate(("cube_0", "cube_1")):
+            data.qpos[:] = qpos[world]
+            data.qpos[:6] = joints[world, i, :6]
+            mujoco.mj_kinematics(mjm, data)
+            assert (data.qpos[:6] >= mjm.jnt_range[:6, 0]).all() and (data.qpos[:6] <= mjm.jnt_range[:6, 1]).all()
+            assert np.linalg.norm(data.site_xpos[tool] - data.xpos[mjm.body(f"{name}/cube").id]) < 0.03
+            assert data.site_xmat[tool].reshape(3, 3)[2, 2] < 0.2  # no approach from below
+
+
+def test_without_layouts_a_kept_command_places_as_ever():
+    """So the event can be taken out for comparison."""
+    cfg = lifting_cfg(2)
+    del cfg.events["layouts"]
+    env = ManagerBasedRlEnv(cfg, "cpu")
+    env.reset()
+    assert (local(env, "cube_0")[:, 0] >= 0.25).all()
+
+
+def test_a_later_event_that_places_again_is_refused():
+    """It should be listed before."""
+    cfg = plain_cfg(cubes_on())
+    cfg.events["home"] = EventTermCfg(func=mdp.reset_scene_to_default, mode="reset")
+    with pytest.raises(ArgumentError, match="event 'home', list it before"):
+        ManagerBasedRlEnv(cfg, "cpu").reset()
+
+
+def test_sizes_that_startup_events_change_are_refused():
+    """Layouts are made for the sizes of the compiled model."""
+    cfg = plain_cfg(cubes_on())
+    cfg.events["size"] = EventTermCfg(
+        func=dr.geom_size,
+        mode="startup",
+        params={"asset_cfg": SceneEntityCfg("cube_0", geom_names=(".*",)), "ranges": (1.5, 2.0), "operation": "scale"},
+    )
+    with pytest.raises(SceneMismatchError, match=r"PlaceLayouts: model\.geom_size of geom 'cube_0/cube_geom'"):
+        ManagerBasedRlEnv(cfg, "cpu").reset()
+
+
+def test_bodies_that_no_entity_writes_are_refused():
+    """A part of an entity cannot be placed, as the entity writes its root alone."""
+    two = "<mujoco><worldbody><body name='a'/><body name='b'><freejoint/><geom size='.02'/></body></worldbody></mujoco>"
+    scene = {"objects": {"ball": {"body": "pair/b", "on": "terrain", "region": NEAR}}}
+    cfg = plain_cfg(scene, pair=EntityCfg(spec_fn=lambda: mujoco.MjSpec.from_string(two)))
+    with pytest.raises(SceneKeyError, match=r"objects\.ball: body 'pair/b' should be the root of an entity"):
+        ManagerBasedRlEnv(cfg, "cpu")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cubes", [2, 4, 6])
+def test_mjlab_trains_ten_iterations(cubes: int):
+    """Its own runner and networks, in short episodes, so that environments are reset in between."""
+    cfg, agent = lifting_cfg(cubes), yam_multi_cube_seg_ppo_runner_cfg()
+    cfg.episode_length_s = 0.1
+    agent.num_steps_per_env = 8
+    env = RslRlVecEnvWrapper(ManagerBasedRlEnv(cfg, "cpu"))
+    runner = MjlabOnPolicyRunner(env, asdict(agent), None, "cpu")
+    runner.learn(10)
+    assert runner.current_learning_iteration == 9
+    assert env.unwrapped.extras["layout_episode"].min() >= 10
+
+
+@pytest.mark.slow
+def test_the_program_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """As it stands, with fewer environments and iterations."""
+    program = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)[0]
+    lines = program.splitlines()
+    assert len(lines) <= 40
+    assert len([line for line in lines if re.search("sceniris|region|cubes =|layouts", line)]) == 5  # as the page says
+    monkeypatch.chdir(tmp_path)
+    exec(compile(program.replace("4096", "2").replace("learn(1000)", "learn(1)"), "mjlab.md", "exec"), {})
