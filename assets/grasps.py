@@ -159,6 +159,7 @@ GRASPS: dict[str, dict[str, Grasp]] = {
     "book": book(),
     "brick": across("top_x", (0, 0, 0.013), (0, 1, 0)) | across("top_y", (0, 0, 0.015), (1, 0, 0), (0, 30, -30)),
     "block": block(0.0225),
+    "peg": across("top_x", (0, 0, 0.035), (0, 1, 0)) | across("top_y", (0, 0, 0.035), (1, 0, 0)),
     "cereal_box": cereal_box(),
     "pan": handle(0.07, 0.12, 0.0342, 0.12),
     "spatula": handle(-0.10, 0.0, 0.0105),

@@ -1,4 +1,4 @@
-"""Book, toy brick, toy block, and a chest with a hinged lid."""
+"""Book, toy brick, toy block, a peg, and a chest with a hinged lid."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ BOOK, COVER, OVERHANG = (0.15, 0.21, 0.030), 0.0025, 0.004
 # Brick [m] with eight studs, whose radius is in mm.
 BRICK, STUD_RADIUS, PITCH = (0.064, 0.032, 0.020), 4.9, 0.016
 BLOCK = 0.045
+PEG = (0.04, 0.04, 0.06)
 # Chest [m].
 CHEST, CHEST_WALL, LID, LID_GAP = (0.24, 0.16, 0.095), 0.009, 0.016, 0.0012
 
@@ -57,6 +58,14 @@ def make_block() -> None:
     write_thing("block", Part({"visual": look}, {"body": chamfered(low, high, radius)}, 0.06, {"grasp": (0, 0, half)}))
 
 
+def make_peg() -> None:
+    """Write ``peg.xml``: a standing square peg, with room below a palm for what is lower than it."""
+    x, y, z = PEG[0] / 2, PEG[1] / 2, PEG[2]
+    low, high, radius = (-x, -y, 0.0), (x, y, z), 0.003
+    look = Look(surface(box(low, high, radius, 6)), (0.80, 0.16, 0.12), shine=0.25)
+    write_thing("peg", Part({"visual": look}, {"body": chamfered(low, high, radius)}, 0.07, {"grasp": (0, 0, z / 2)}))
+
+
 def make_chest() -> None:
     """Write ``chest.xml``: an open box, and a lid that turns about the upper edge of its back."""
     x, y, z = CHEST[0] / 2, CHEST[1] / 2, CHEST[2]
@@ -95,10 +104,11 @@ def make_chest() -> None:
 
 
 def main() -> None:
-    """Write the four."""
+    """Write the five."""
     make_book()
     make_brick()
     make_block()
+    make_peg()
     make_chest()
 
 

@@ -30,7 +30,6 @@ from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.registration import ENVS
-from sceniris_gym.scene.assemble import asset_name
 from sceniris_gym.scene.model import subtree
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
@@ -162,7 +161,7 @@ def levers(compiled: CompiledScene) -> dict[int, float]:
     found = {}
     for joint in range(mjm.njnt):
         kind, name = mjm.jnt_type[joint], mjm.joint(joint).name
-        held = robot is not None and name.startswith(f"{asset_name(robot.asset)}/")
+        held = robot is not None and name.startswith(f"{robot.name}/")
         if kind == mujoco.mjtJoint.mjJNT_SLIDE and not held:
             found[int(mjm.jnt_dofadr[joint])] = 1.0
         elif kind == mujoco.mjtJoint.mjJNT_HINGE and not held:

@@ -3,10 +3,10 @@
     python -m benchmarks.train_rsl_rl TabletopReach-v0 --minutes 5 --out results/reach_0
 
 writes to the folder `out`: `log.jsonl` (a line every few iterations, and one for every evaluation), `model.pt` (a
-checkpoint every 20 seconds and after every evaluation) and `config.json`. The clock starts when everything is compiled;
-it stops during evaluations. An evaluation runs the deterministic policy through the first episodes of as many worlds as
-are trained on and takes the success at their last step: on `valid` layouts of the split "eval", and on `unfiltered`
-ones, placed uniformly without checks.
+checkpoint every 20 seconds and after every evaluation) and `config.json`, with a hash of the sources. The clock starts
+when everything is compiled; it stops during evaluations, which benchmarks/judging.py describes: 4,096 layouts of the
+split "eval", on `valid` ones and on `unfiltered` ones, placed uniformly without checks. `judged.json` has the last one,
+layout by layout.
 
 `--resume` continues from the checkpoint: the log is cut off there, and unfinished episodes are dropped; every world
 starts its next episode with the same number of elapsed steps. Runs that resume from the same checkpoint see the same
@@ -17,8 +17,11 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import time
-from dataclasses import asdict, dataclass
+from ast import literal_eval
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -28,14 +31,14 @@ import warp as wp
 from rsl_rl.runners import OnPolicyRunner
 
 from benchmarks import layout_sources
+from benchmarks.judging import judge, judges_of
+from benchmarks.sources import source_hash
 from benchmarks.task_scenes import SEED_SPACING, make_env, scene_of
 from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.tools.files import replacing
 
-EVAL_SEED = 7 * SEED_SPACING
-
-FREE = ("out", "resume", "device", "minutes", "million_steps", "every", "evaluate_every", "save_every")
+FREE = ("out", "resume", "device", "minutes", "million_steps", "layouts", "every", "evaluate_every", "save_every")
 """Options that may differ when a run is resumed: they do not change what is learned in an iteration."""
 
 
@@ -66,7 +69,12 @@ class Settings:
 
 SETTINGS = {
     "TabletopReach-v0": Settings(),
+    "TabletopReachEasy-v0": Settings(),
     "TabletopLift-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
+    "TabletopLiftEasy-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
+    "ClutterPush-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
+    "DrawerPick-v0": Settings(gamma=0.985, entropy=0.005, steps=32),
+    "ClutterExtract-v0": Settings(hidden=(512, 256, 128), gamma=0.985, entropy=0.003, init_std=0.6, steps=32),
 }
 
 
@@ -86,6 +94,8 @@ class Options:
         bank: replay this many stored layouts instead of making fresh ones
         uniform: place uniformly, without checks for collisions or reach
         reachable: false removes `reachable` from the scene's objects
+        changes: settings to try instead of the task's, as name=value
+        layouts: how many layouts a policy is judged on
         every: iterations between two lines of the log
         evaluate_every: seconds of training between two evaluations
         save_every: seconds of training between two checkpoints
@@ -102,20 +112,29 @@ class Options:
     bank: int | None = None
     uniform: bool = False
     reachable: bool = True
+    changes: tuple[str, ...] = ()
+    layouts: int = 4096
     every: int = 10
     evaluate_every: float = 60.0
     save_every: float = 20.0
 
 
-def settings_of(task: str) -> Settings:
-    """Return the settings of a task.
+def settings_of(task: str, changes: Sequence[str] = ()) -> Settings:
+    """Return the settings of a task, with `changes` as name=value.
 
     Raises:
-        SystemExit: there are none for it
+        SystemExit: there are none for it, or no setting has that name
     """
     if task not in SETTINGS:
         raise SystemExit(f"There are no settings to train '{task}' with, only for {', '.join(SETTINGS)}.")
-    return SETTINGS[task]
+    changed: dict[str, Any] = {}
+    names = [field.name for field in fields(Settings)]
+    for change in changes:
+        name, _, value = change.partition("=")
+        if name not in names or not value:
+            raise SystemExit(f"--changes takes name=value with a name out of {', '.join(names)}, got '{change}'.")
+        changed[name] = literal_eval(value)
+    return replace(SETTINGS[task], **changed)
 
 
 def as_json(value: Any, indent: int | None = None) -> str:
@@ -168,30 +187,10 @@ def runner_config(settings: Settings, seed: int) -> dict[str, Any]:
     }
 
 
-@torch.inference_mode()
-def evaluate(policy: Any, env: RslRlVecEnv, seed: int = EVAL_SEED) -> dict[str, Any]:
-    """Run the first episode of every world; `success` is taken at its last step, `return` is the sum of its rewards.
-
-    For a task that chooses an object, `by_choice` is the success for each object.
-    """
-    obs, _ = env.reset(seed=seed)
-    chosen = getattr(env.unwrapped.task, "chosen", None)
-    chosen = torch.ones(env.num_envs, 1, device=env.device) if chosen is None else chosen.clone()
-    running = torch.ones(env.num_envs, dtype=torch.bool, device=env.device)
-    success, total = torch.zeros_like(running), torch.zeros(env.num_envs, device=env.device)
-    for _ in range(env.max_episode_length):
-        obs, reward, done, extras = env.step(policy(obs))
-        total += reward * running
-        ends = running & done.bool()
-        success |= ends & extras["success"]
-        running &= ~ends
-    by_choice = (success.float() @ chosen) / chosen.sum(dim=0)
-    return {
-        "success": float(success.float().mean()),
-        "return": float(total.mean()),
-        "unfinished": int(running.sum()),
-        "by_choice": [round(share, 4) for share in by_choice.tolist()],
-    }
+def runner_of(env: RslRlVecEnv, settings: Settings, seed: int) -> OnPolicyRunner:
+    """Return rsl-rl's runner, with a policy that nothing has trained yet."""
+    torch.manual_seed(seed)
+    return OnPolicyRunner(env, runner_config(settings, seed), log_dir=None, device=str(env.device))
 
 
 class Run:
@@ -202,12 +201,12 @@ class Run:
     """
 
     def __init__(self, options: Options) -> None:
-        self.options, self.settings = options, settings_of(options.task)
+        self.options, self.settings = options, settings_of(options.task, options.changes)
         if self.resumes:
             self._check_same()
         # evaluation layouts do not depend on the training layouts
-        filtered, plain = (compile_scene(scene_of(options.task, reachable=r), options.device) for r in (True, False))
-        compiled = filtered if options.reachable and not options.uniform else plain
+        checked = options.reachable and not options.uniform
+        compiled = compile_scene(scene_of(options.task, reachable=checked), options.device)
         seed = (1 + options.seed) * 16 * SEED_SPACING
         generator = None
         if options.bank:
@@ -215,13 +214,9 @@ class Run:
         elif options.uniform:
             generator = layout_sources.uniform()
         self.env = RslRlVecEnv(make_env(options.task, options.num_envs, compiled, layout_source=generator), seed)
-        judged = {"valid": (filtered, None), "unfiltered": (plain, layout_sources.uniform("eval"))}
-        self.judges = {
-            name: RslRlVecEnv(make_env(options.task, options.num_envs, scene, split="eval", layout_source=source))
-            for name, (scene, source) in judged.items()
-        }
+        self.judges = judges_of(options.task, options.layouts, options.device)
         self._warm_up()
-        self.runner = self._runner()
+        self.runner = runner_of(self.env, self.settings, options.seed)
         self.seconds = self.judged_at = self.saved_at = 0.0
         self.iterations = 0
 
@@ -261,7 +256,8 @@ class Run:
         else:
             self.checkpoint.unlink(missing_ok=True)  # of an earlier run
             self.log.write_text("")
-        (options.out / "config.json").write_text(as_json(self._config(), indent=1))
+        with replacing(options.out / "config.json") as file:
+            file.write_text(as_json(self._config(), indent=1))
         while not self.finished:
             self._train(options.every)
             judged = self.finished or self.seconds - self.judged_at >= options.evaluate_every
@@ -272,7 +268,7 @@ class Run:
                 self._save()
 
     def _config(self) -> dict[str, Any]:
-        return {"options": asdict(self.options), "settings": asdict(self.settings)}
+        return {"options": asdict(self.options), "settings": asdict(self.settings), "sources": {"hash": source_hash()}}
 
     def _check_same(self) -> None:
         """Compare with the run that made the checkpoint."""
@@ -280,7 +276,7 @@ class Run:
         told, wanted = json.loads(file.read_text()), json.loads(as_json(self._config()))
         for part, values in wanted.items():
             for name, value in values.items():
-                before = told[part].get(name)
+                before = told.get(part, {}).get(name)
                 if name not in FREE and before != value:
                     raise SystemExit(
                         f"{file}: the run to go on from has {part}.{name} = {before!r}, not {value!r}. Give it the "
@@ -289,14 +285,9 @@ class Run:
 
     def _warm_up(self) -> None:
         """Compile and allocate everything that training needs, with a different policy from the one that is trained."""
-        for judge in self.judges.values():
-            judge.step(torch.zeros(judge.num_envs, judge.num_actions, device=judge.device))
-        self._runner().learn(1, init_at_random_ep_len=True)
-
-    def _runner(self) -> OnPolicyRunner:
-        torch.manual_seed(self.options.seed)
-        config = runner_config(self.settings, self.options.seed)
-        return OnPolicyRunner(self.env, config, log_dir=None, device=str(self.env.device))
+        for env in self.judges.values():
+            env.step(torch.zeros(env.num_envs, env.num_actions, device=env.device))
+        runner_of(self.env, self.settings, self.options.seed).learn(1, init_at_random_ep_len=True)
 
     def _train(self, iterations: int) -> None:
         start = self._clock()
@@ -308,11 +299,17 @@ class Run:
         valid = float(self.env.log["Reset/valid_share"])
         std = float(self.runner.alg.get_policy().output_std.detach().mean())
         told = {"steps_per_second": round(steps / seconds), "valid_share": valid, "action_std": std}
+        causes = {key.removeprefix("Reset/reject_"): value for key, value in self.env.log.items() if "reject_" in key}
+        told["rejected"] = {cause: round(share, 4) for cause, value in causes.items() if (share := float(value)) > 0}
         self._tell("train", self.env.unwrapped.statistics.read() | told)
 
     def _judge(self) -> None:
-        policy = self.runner.get_inference_policy(str(self.env.device))
-        self._tell("eval", {name: evaluate(policy, judge) for name, judge in self.judges.items()})
+        """Judge the policy; the verdict on each layout is in `judged.json`, of the last time only."""
+        policy, options = self.runner.get_inference_policy(str(self.env.device)), self.options
+        found = {name: judge(policy, env, options.task, options.layouts) for name, env in self.judges.items()}
+        with replacing(options.out / "judged.json") as temporary:
+            temporary.write_text(as_json({"env_steps": self.env_steps, "seconds": self.seconds, **found}))
+        self._tell("eval", {name: {k: v for k, v in one.items() if k != "each"} for name, one in found.items()})
 
     def _save(self) -> None:
         self.saved_at = self.seconds
@@ -333,7 +330,7 @@ class Run:
         progress = self.runner.load(str(self.checkpoint), map_location=str(self.env.device))
         self.seconds, self.iterations = progress["seconds"], progress["iterations"]
         self.judged_at, self.saved_at = progress["judged_at"], progress["seconds"]
-        self.log.write_bytes(self.log.read_bytes()[: progress["log_size"]])
+        os.truncate(self.log, progress["log_size"])
         episode = wp.to_torch(self.env.unwrapped.randomizer.layouts.episode)
         episode.copy_(progress["episode"])
         self.env.reset()  # starts the next episodes

@@ -1,4 +1,4 @@
-"""KitchenReset-v0: the largest layout, for measuring what resets cost."""
+"""KitchenReset-v0: a furnished kitchen, for measuring what resets cost."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from torch import Tensor
 
 from sceniris_gym.vector.arm_controller import ArmController
 from sceniris_gym.vector.state import State
-from sceniris_gym.vector.task import Observation, Task
+from sceniris_gym.vector.task import FRICTION_PYRAMIDS, Observation, Task
 
 THINGS = (
     "chest",
@@ -49,6 +49,7 @@ class KitchenReset(Task):
     """
 
     scene = "kitchen_reset"
+    options = FRICTION_PYRAMIDS
     action_size = 7
 
     def bind(self, s: State) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from sceniris_gym.vector import rotations
 from sceniris_gym.vector.arm_controller import ArmController
 from sceniris_gym.vector.bounds import Bounds
 from sceniris_gym.vector.state import State
@@ -45,7 +46,7 @@ class TabletopLift(Task):
     Action, 5 numbers in [-1, 1] at 50 Hz: changes of the tool's target along x, y and z in units of 0.02 m and about
     the vertical in units of 0.1 rad, and the gripper from -1 (closed) to 1 (open).
 
-    Observations, group `policy`, 57 numbers:
+    Observations, group `policy`, 79 numbers:
 
     | name | shape | what |
     |---|---|---|
@@ -54,15 +55,16 @@ class TabletopLift(Task):
     | finger_width | 1 | distance between the fingers [m] |
     | tcp_pose | 7 | point between the finger tips: position [m], rotation |
     | tool_lead | 4 | the tool's target minus the tool: x, y, z [m], yaw [rad] |
-    | tcp_to_grasp | 3 | from that point to where the chosen object is grasped [m] |
-    | turn_to_grasp | 2 | cosine and sine of twice the angle from the tool's yaw to the chosen object's |
     | chosen | 3 | 1 for the chosen one of block, can and lemon, 0 for the others |
     | tcp_to_objects | 5, 3 | from that point to the undersides of block, can, lemon, tin and orange [m] |
-    | touching | 2 | 1 where the left and the right finger touch the chosen object |
-    | held | 1 | how long it has been held up without a break, in units of 0.5 s; from 1 on it is a success |
+    | object_axes | 5, 6 | their x and z axes |
     | last_action | 5 | the last action, zeros after a reset |
 
-    Group `critic`, 87 numbers: the same, then `object_velocities` (5, 6: linear [m/s] and angular [rad/s]).
+    Group `critic`, 117 numbers: the same, then `tcp_to_grasp` (3: from the point between the finger tips to where the
+    chosen object is grasped [m]), `turn_to_grasp` (2: cosine and sine of twice the angle from the tool's yaw to the
+    chosen object's), `touching` (2: 1 where the left and the right finger touch the chosen object), `held` (1: how long
+    it has been held up without a break, in units of 0.5 s; from 1 on it is a success) and `object_velocities` (5, 6:
+    linear [m/s] and angular [rad/s]). `TabletopLiftEasy-v0` tells the policy most of that.
 
     Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, how near the
     tool is to the grasp), `grasping` (1 where both fingers touch the chosen object), `lifting` (0 to 4, share of the
@@ -98,22 +100,26 @@ class TabletopLift(Task):
         """Return the observations that the class lists."""
         tool, poses = self.arm.tool(s), s.poses(OBJECTS)
         pose = self._chosen(poses)
-        turn = 2.0 * (yaw(pose) - yaw(tool))
+        turn = 2.0 * (rotations.yaw(pose[:, 3:]) - rotations.yaw(tool[:, 3:]))
         policy = {
             "arm_qpos": self.arm.qpos(s),
             "arm_qvel": self.arm.qvel(s),
             "finger_width": self.arm.width(s)[:, None],
             "tcp_pose": tool,
-            "tool_lead": self.arm.tool_target - torch.cat([tool[:, :3], yaw(tool)[:, None]], dim=1),
-            "tcp_to_grasp": self._grasp(pose) - tool[:, :3],
-            "turn_to_grasp": torch.stack([turn.cos(), turn.sin()], dim=1),
+            "tool_lead": self.arm.tool_lead(s),
             "chosen": self.chosen,
             "tcp_to_objects": poses[:, :, :3] - tool[:, None, :3],
-            "touching": self.touching(s),
-            "held": (self.held[:, None] - 1.0).clamp(min=0.0) / self.hold_steps,
+            "object_axes": rotations.axes(poses[:, :, 3:]),
             "last_action": self.last_action,
         }
-        return {"policy": policy, "critic": policy | {"object_velocities": s.velocities(OBJECTS)}}
+        critic = {
+            "tcp_to_grasp": self._grasp(pose) - tool[:, :3],
+            "turn_to_grasp": torch.stack([turn.cos(), turn.sin()], dim=1),
+            "touching": self.touching(s),
+            "held": (self.held[:, None] - 1.0).clamp(min=0.0) / self.hold_steps,
+            "object_velocities": s.velocities(OBJECTS),
+        }
+        return {"policy": policy, "critic": policy | critic}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
         """Return the terms reaching, grasping, lifting, holding, disturbing and effort; count the steps held up."""
@@ -175,9 +181,3 @@ class TabletopLift(Task):
     def _grasp(self, pose: Tensor) -> Tensor:
         """Return the point [m] at which the chosen object is grasped in that pose, shape (num_envs, 3)."""
         return pose[:, :3] + (self.chosen[:, :, None] * self.grasp_heights).sum(dim=1)
-
-
-def yaw(pose: Tensor) -> Tensor:
-    """Return the angle of the x axis about the vertical [rad], shape (num_envs,)."""
-    w, x, y, z = pose[:, 3:].unbind(dim=1)
-    return torch.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from sceniris_gym.vector.arm_controller import ArmController
 from sceniris_gym.vector.state import State
-from sceniris_gym.vector.task import Observation, Task
+from sceniris_gym.vector.task import FRICTION_PYRAMIDS, Observation, Task
 
 HEIGHTS = {"bottle": 0.252, "apple": 0.076, "orange": 0.070, "can": 0.122, "block": 0.045}
 """The objects and their heights [m]."""
@@ -32,7 +32,7 @@ class TabletopReach(Task):
 
     Action, 7 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.04 rad.
 
-    Observations, group `policy`, 58 numbers:
+    Observations, group `policy`, 55 numbers:
 
     | name | shape | what |
     |---|---|---|
@@ -40,12 +40,13 @@ class TabletopReach(Task):
     | arm_qvel | 7 | joint velocities [rad/s] |
     | arm_lead | 7 | joint targets minus joint angles [rad] |
     | tcp_pose | 7 | point between the finger tips: position [m], rotation |
-    | tcp_to_target | 3 | from that point to the target [m] |
     | tcp_to_objects | 5, 3 | from that point to the undersides of bottle, apple, orange, can and block [m] |
     | chosen | 5 | 1 for the chosen object, 0 for the others |
     | last_action | 7 | the last action, zeros after a reset |
 
-    Group `critic`, 73 numbers: the same, then `object_velocities` (5, 3: linear velocities of the objects [m/s]).
+    Group `critic`, 73 numbers: the same, then `tcp_to_target` (3: from the point between the finger tips to the target
+    [m]) and `object_velocities` (5, 3: linear velocities of the objects [m/s]). `TabletopReachEasy-v0` tells the policy
+    where its target is.
 
     Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, how near the
     tool is to the target, on the scale of the arm), `hovering` (0 to 2, the same on the scale of centimetres),
@@ -55,6 +56,7 @@ class TabletopReach(Task):
     """
 
     scene = "tabletop_reach"
+    options = FRICTION_PYRAMIDS
     action_size = 7
 
     def bind(self, s: State) -> None:
@@ -77,12 +79,15 @@ class TabletopReach(Task):
             "arm_qvel": self.arm.qvel(s),
             "arm_lead": self.arm.targets(s) - qpos,
             "tcp_pose": tool,
-            "tcp_to_target": self._target(positions) - tool[:, :3],
             "tcp_to_objects": positions - tool[:, None, :3],
             "chosen": self.chosen,
             "last_action": self.last_action,
         }
-        return {"policy": policy, "critic": policy | {"object_velocities": self._velocities(s)}}
+        critic = {
+            "tcp_to_target": self._target(positions) - tool[:, :3],
+            "object_velocities": self._velocities(s),
+        }
+        return {"policy": policy, "critic": policy | critic}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
         """Return the terms reaching, hovering, disturbing and effort."""

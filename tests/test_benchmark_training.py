@@ -15,7 +15,16 @@ import torch
 
 pytest.importorskip("rsl_rl")
 
-from benchmarks import curves, honest_resets, layout_sources, reset_cost, task_scenes, train_rsl_rl
+from benchmarks import (
+    curves,
+    honest_resets,
+    judging,
+    layout_sources,
+    reset_cost,
+    sources,
+    task_scenes,
+    train_rsl_rl,
+)
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ContactBudgetError
 from sceniris_gym.layout.compile import compile_scene
@@ -189,7 +198,14 @@ def test_a_training_that_is_killed_goes_on_from_its_last_checkpoint(tmp_path: Pa
     """Whatever the log has of later is cut off; worlds begin their next episodes; the table has what came of it."""
     monkeypatch.setattr(train_rsl_rl, "make_env", partial(task_scenes.make_env, max_episode_steps=10))
     out = tmp_path / "fresh_0"
-    common: dict[str, Any] = {"task": "TabletopReach-v0", "num_envs": 4, "out": out, "every": 1, "device": "cpu"}
+    common: dict[str, Any] = {
+        "task": "TabletopReach-v0",
+        "num_envs": 4,
+        "layouts": 4,
+        "out": out,
+        "every": 1,
+        "device": "cpu",
+    }
     options = train_rsl_rl.Options(**common, million_steps=2e-4, evaluate_every=1000.0, save_every=0.0)
     killed = train_rsl_rl.Run(options)
 
@@ -226,13 +242,14 @@ def test_a_training_that_is_killed_goes_on_from_its_last_checkpoint(tmp_path: Pa
     assert {"valid", "unfiltered"} <= set(judged[0])
     assert judged[0]["valid"]["unfinished"] == 0
     table = curves.table(curves.read(tmp_path))
-    assert "| fresh | 1 | 0 M | 0.0% | 0.0% | - |" in table
+    assert "| TabletopReach-v0 | fresh | 1 | 0.0 M | 0.0% | 0.0% to 49.0% | 0.0% | - |" in table
 
 
 def test_a_run_does_not_go_on_from_another_one(tmp_path: Path):
     """The first option that differs is named; how long it runs may be another."""
     options = train_rsl_rl.Options("TabletopReach-v0", out=tmp_path, bank=16)
-    told = {"options": asdict(options), "settings": asdict(train_rsl_rl.SETTINGS["TabletopReach-v0"])}
+    settings, known = asdict(train_rsl_rl.SETTINGS["TabletopReach-v0"]), {"hash": sources.source_hash()}
+    told = {"options": asdict(options), "settings": settings, "sources": known}
     (tmp_path / "config.json").write_text(train_rsl_rl.as_json(told))
     (tmp_path / "model.pt").touch()
     with pytest.raises(SystemExit, match=r"options\.bank = 16, not 256"):
@@ -241,7 +258,7 @@ def test_a_run_does_not_go_on_from_another_one(tmp_path: Path):
 
 def test_a_task_without_settings_is_not_trained():
     """The error names those that have some."""
-    with pytest.raises(SystemExit, match=r"'KitchenReset-v0' with, only for TabletopReach-v0, TabletopLift-v0"):
+    with pytest.raises(SystemExit, match=r"'KitchenReset-v0' with, only for TabletopReach-v0, TabletopReachEasy-v0"):
         train_rsl_rl.Run(train_rsl_rl.Options("KitchenReset-v0"))
 
 
@@ -265,26 +282,91 @@ def test_placement_without_checks_rejects_nothing():
     assert not any(any(causes.values()) for causes in generator.rejection_counts().values())
 
 
-def test_table_and_picture_are_made_of_the_seeds_that_are_there(tmp_path: Path):
-    """Unjudged runs are left out, a time to success says of how many seeds, and a folder may do without a seed."""
-    for name, success in {"reach_0": 0.96, "reach_2": 0.5, "fresh_1": 0.25, "bank_16_0": None, "train": 0.75}.items():
-        folder = tmp_path / name
-        folder.mkdir()
-        seed = int(name[-1]) if "_" in name else 0
-        (folder / "config.json").write_text(json.dumps({"options": {"task": "TabletopReach-v0", "seed": seed}}))
-        shares = {kind: {"success": success} for kind in ("valid", "unfiltered")}
-        line = {"kind": "train" if success is None else "eval", "seconds": 9.0, "env_steps": 3_000_000, **shares}
-        (folder / "log.jsonl").write_text(json.dumps(line) + "\n")
-    kinds = curves.read(tmp_path)
-    _, _, *rows = curves.table(kinds).splitlines()
+def write_run(folder: Path, name: str, success: float | None, sources: str = "a", **options: Any) -> None:
+    """Write what a training run leaves: 40 layouts judged, half of them with 5 things, half with 9."""
+    run = folder / name
+    run.mkdir()
+    told = {"options": {"task": "ClutterExtract-v0", "seed": 0, **options}, "sources": {"hash": sources}}
+    (run / "config.json").write_text(json.dumps(told))
+    line: dict[str, Any] = {"kind": "train", "seconds": 9.0, "env_steps": 3_000_000}
+    if success is not None:
+        hits = round(40 * success)
+        judged = {kind: {"success": success, "layouts": 40} for kind in ("valid", "unfiltered")}
+        each = {"success": [1] * hits + [0] * (40 - hits), "things": [5, 9] * 20, "nearest": [60] * 30 + [None] * 10}
+        (run / "judged.json").write_text(json.dumps({"valid": {"each": each}}))
+        line |= {"kind": "eval", **judged}
+    (run / "log.jsonl").write_text(json.dumps(line) + "\n")
+
+
+def test_tables_and_picture_are_made_of_the_seeds_that_are_there(tmp_path: Path):
+    """Unjudged runs are left out, a time to success says of how many seeds, and the order is that of the sources."""
+    write_run(tmp_path, "fresh_0", 0.95, million_steps=3.0)
+    write_run(tmp_path, "fresh_1", 0.5, million_steps=3.0, seed=1)
+    write_run(tmp_path, "bank_0", 0.25, million_steps=3.0, bank=4096)
+    write_run(tmp_path, "bank_1", None, million_steps=3.0, bank=4096, seed=1)
+    write_run(tmp_path, "uniform_0", 0.75, million_steps=3.0, uniform=True)
+    write_run(tmp_path, "long", 0.85, million_steps=None)
+    runs = curves.read(tmp_path)
+    _, _, *rows = curves.table([run for run in runs if run.compared]).splitlines()
+    start, both = "| ClutterExtract-v0 |", "72.5% (50.0% to 95.0%)"
     assert rows == [
-        "| reach | 2 | 3 M | 73.0% (50.0% to 96.0%) | 73.0% (50.0% to 96.0%) | 9 s, 1 of 2 seeds |",
-        "| fresh | 1 | 3 M | 25.0% | 25.0% | - |",
-        "| train | 1 | 3 M | 75.0% | 75.0% | - |",
+        f"{start} bank of 4,096 | 1 | 3.0 M | 25.0% | 14.2% to 40.2% | 25.0% | - |",
+        f"{start} fresh | 2 | 3.0 M | {both} | 61.9% to 81.1% | {both} | 9 s, 1 of 2 seeds |",
+        f"{start} uniform | 1 | 3.0 M | 75.0% | 59.8% to 85.8% | 75.0% | - |",
     ]
-    curves.draw(kinds, tmp_path / "all.png")
-    curves.draw({}, tmp_path / "none.png")
+    assert [run.name for run in runs if not run.compared] == ["long"]
+    dense = curves.by_density([run for run in runs if run.kind == "uniform"])
+    assert "| uniform | 5 things | 15 of 20 | 75.0% | 53.1% to 88.8% |" in dense
+    assert "| uniform | nearest at 55 to 65 mm | 30 of 30 | 100.0% |" in dense
+    curves.draw(runs, tmp_path / "all.png")
+    curves.draw([], tmp_path / "none.png")
     assert (tmp_path / "all.png").stat().st_size > (tmp_path / "none.png").stat().st_size > 0
+
+
+def test_runs_of_different_sources_are_not_mixed(tmp_path: Path):
+    """Neither in a table, nor by going on from a run of other sources."""
+    write_run(tmp_path, "first", 0.5)
+    write_run(tmp_path, "second", 0.5, sources="b")
+    with pytest.raises(SystemExit, match="different sources: first, second"):
+        curves.read(tmp_path)
+    options = train_rsl_rl.Options("TabletopReach-v0", out=tmp_path / "third")
+    settings = asdict(train_rsl_rl.SETTINGS["TabletopReach-v0"])
+    told = {"options": asdict(options), "settings": settings, "sources": {"hash": "b"}}
+    options.out.mkdir()
+    (options.out / "config.json").write_text(train_rsl_rl.as_json(told))
+    (options.out / "model.pt").touch()
+    with pytest.raises(SystemExit, match=r"sources\.hash = 'b', not"):
+        train_rsl_rl.Run(replace(options, resume=True))
+
+
+def test_the_hash_of_the_sources_depends_on_what_results_depend_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """On a line of a task, and not on a line of the docs; links into the package count once."""
+    for name in ("envs/task.py", "docs/page.md", "sceniris_gym/cli.py"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("1")
+    monkeypatch.setattr(sources, "ROOT", tmp_path)
+    first = sources.source_hash()
+    (tmp_path / "docs/page.md").write_text("2")
+    (tmp_path / "sceniris_gym/envs").symlink_to(tmp_path / "envs")
+    assert sources.source_hash() == first
+    (tmp_path / "envs/task.py").write_text("2")
+    assert sources.source_hash() != first
+
+
+def test_intervals_are_those_of_wilson():
+    """The values of Brown, Cai and DasGupta's definition, worked out by hand for 8 of 10; and the ends."""
+    assert judging.wilson(8, 10) == pytest.approx((0.4902, 0.9433), abs=1e-4)
+    assert judging.wilson(0, 10) == pytest.approx((0.0, 0.2775), abs=1e-4)
+    assert judging.wilson(0, 0) == (0.0, 1.0)
+
+
+def test_settings_to_try_are_named():
+    """A setting that there is gets the value; others are refused."""
+    changed = train_rsl_rl.settings_of("TabletopReach-v0", ("gamma=0.5", "hidden=(8, 8)"))
+    assert (changed.gamma, changed.hidden) == (0.5, (8, 8))
+    for wrong in ("gama=0.5", "gamma"):
+        with pytest.raises(SystemExit, match="name=value with a name out of hidden, gamma"):
+            train_rsl_rl.settings_of("TabletopReach-v0", (wrong,))
 
 
 @pytest.mark.slow
@@ -299,12 +381,12 @@ def test_the_cost_of_resets_is_measured_on_equal_terms(tmp_path: Path, monkeypat
     turn = reset_cost.turn
     monkeypatch.setattr(reset_cost, "turn", keep)
     reset_cost.main(reset_cost.Options(num_envs=4, rounds=1, episode=10, out=tmp_path / "cost.json", device="cpu"))
-    fresh, replayed, fixed = kept[:3]
-    states = [envs.batch.data.qpos.numpy() for envs in (fresh, replayed, fixed)]
-    np.testing.assert_array_equal(states[0], states[1])
-    assert (states[0] != states[2]).any()
+    states = [envs.batch.data.qpos.numpy() for envs in kept[:4]]  # fresh, in_place, replayed, fixed
+    for same in states[1:3]:
+        np.testing.assert_array_equal(states[0], same)
+    assert (states[0] != states[3]).any()
     told = (tmp_path / "cost.json").read_text()
-    assert set(json.loads(told)["ratio_median"]) == {"fresh / replayed", "fresh / fixed"}
+    assert set(json.loads(told)["ratio_median"]) == {"fresh / in_place", "fresh / replayed", "fresh / fixed"}
     turns = len(kept)
     reset_cost.main(reset_cost.Options(num_envs=4, rounds=1, episode=10, out=tmp_path / "cost.json", device="cpu"))
     assert (len(kept), (tmp_path / "cost.json").read_text()) == (turns, told), "a file with the answer is left alone"

@@ -153,7 +153,7 @@ def as_action(actions: Any, space: Space, device: torch.device) -> Tensor:
     """
     try:
         action = torch.as_tensor(actions, dtype=torch.float32, device=device).detach()
-    except (TypeError, ValueError, RuntimeError) as error:
+    except (TypeError, ValueError, RuntimeError, OverflowError) as error:
         raise ArgumentError(f"actions should be an array of numbers, shape {space.shape}: {error}") from None
     if action.layout is not torch.strided:
         raise ArgumentError(f"actions should be a dense tensor, got one of layout {action.layout}.")

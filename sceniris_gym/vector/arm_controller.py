@@ -25,7 +25,7 @@ TURN_LEAD = 0.3
 """How far the target yaw may lead the tool's yaw [rad]."""
 
 TURN_LIMIT = 1.7
-"""Largest target yaw to either side [rad]: a gripper is the same after half a turn."""
+"""Largest target yaw to either side by default [rad]: a gripper is the same after half a turn."""
 
 DAMPING = 1e-3
 """Damping of the inverse kinematics [m^2]: its root is 3 cm/rad, a tenth of what a joint moves the tool by."""
@@ -103,7 +103,9 @@ class ArmController:
         """Set the tool's target to where the tool is in the masked worlds; call it after their reset."""
         self.tool_target.copy_(torch.where(mask[:, None], self._tool_now(s), self.tool_target))
 
-    def move_tool(self, s: State, action: Tensor, lowest: float = 0.0) -> None:
+    def move_tool(
+        self, s: State, action: Tensor, lowest: float = 0.0, turns: tuple[float, float] = (-TURN_LIMIT, TURN_LIMIT)
+    ) -> None:
         """Move the tool, which points down, along the axes of the base frame, and turn it about the vertical.
 
         The target changes by `action` times 0.02 m and 0.1 rad, and leads the tool by TOOL_LEAD and TURN_LEAD at most.
@@ -114,11 +116,12 @@ class ArmController:
             s: The worlds.
             action: Changes of x, y, z and yaw in [-1, 1], shape (num_envs, 4).
             lowest: Lower limit of the target's height [m], base frame.
+            turns: Limits of the target's yaw [rad], within half a turn.
         """
         now = self._tool_now(s)
         target = (self.tool_target + self._step * action).clamp(now - self._lead, now + self._lead)
         target[:, 2].clamp_(min=lowest)
-        target[:, 3].clamp_(-TURN_LIMIT, TURN_LIMIT)
+        target[:, 3].clamp_(*turns)
         self.tool_target.copy_(target)
         half, zero = 0.5 * target[:, 3], torch.zeros_like(target[:, 3])
         # half a turn about x, then the yaw: the tool's z axis points down
@@ -137,12 +140,14 @@ class ArmController:
         moved = moved / (moved / self.lead).abs().amax(dim=1, keepdim=True).clamp(min=1.0)
         self.targets(s).copy_((qpos + moved).clamp(self._lower, self._upper))
 
+    def tool_lead(self, s: State) -> Tensor:
+        """Return the tool's target minus the tool: x, y, z [m] and yaw [rad], shape (num_envs, 4)."""
+        return self.tool_target - self._tool_now(s)
+
     def _tool_now(self, s: State) -> Tensor:
         """Return position [m] and yaw [rad] of the tool, shape (num_envs, 4)."""
         pose = self.tool(s)
-        w, x, y, z = pose[:, 3:].unbind(dim=1)
-        yaw = torch.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        return torch.cat([pose[:, :3], yaw[:, None]], dim=1)
+        return torch.cat([pose[:, :3], rotations.yaw(pose[:, 3:])[:, None]], dim=1)
 
     def grip(self, s: State, action: Tensor) -> None:
         """Set the gripper's target from -1 (closed) to 1 (open), shape (num_envs,)."""

@@ -67,7 +67,7 @@ def evaluate(
     split, number = inner.split, inner.num_envs
     if ids is None or isinstance(ids, int):
         ids = [inner.compiled.layout_id(seed, 0, split) for seed in range(number if ids is None else ids)]
-    wanted = [_own_id(text, inner, split) for text in ids]
+    wanted = [own_id(text, inner, split) for text in ids]
     results = []
     for first in range(0, len(wanted), number):
         batch = wanted[first : first + number]
@@ -76,7 +76,23 @@ def evaluate(
     return results
 
 
-def _own_id(text: str, envs: SceneVectorEnv, split: str) -> LayoutId:
+def reset_to(envs: VectorEnv, inner: SceneVectorEnv, ids: Sequence[LayoutId]) -> tuple[Any, dict[str, Any]]:
+    """Reset every world to a layout of its own, and return what the reset returned.
+
+    Args:
+        envs: The environment, or wrappers around it.
+        inner: The environment.
+        ids: A layout for each world.
+    """
+    observation, info = envs.reset(seed=[i.seed for i in ids])  # type: ignore[arg-type]
+    if any(i.episode > 0 for i in ids):
+        before = torch.tensor([i.episode - 1 for i in ids], dtype=torch.int32, device=inner.device)
+        wp.to_torch(inner.randomizer.layouts.episode).copy_(before)
+        observation, info = envs.reset()
+    return observation, info
+
+
+def own_id(text: str, envs: SceneVectorEnv, split: str) -> LayoutId:
     """Read an id, which should be of the scene and split of an environment."""
     found = LayoutId.parse(text)
     if (found.scene, found.split) != (envs.compiled.hash, split):
@@ -88,11 +104,7 @@ def _own_id(text: str, envs: SceneVectorEnv, split: str) -> LayoutId:
 
 def _run(policy: Callable[[Any], Any], envs: VectorEnv, inner: SceneVectorEnv, ids: list[LayoutId]) -> list:
     """Run one episode in each world."""
-    observation, info = envs.reset(seed=[i.seed for i in ids])  # type: ignore[arg-type]
-    if any(i.episode > 0 for i in ids):
-        before = torch.tensor([i.episode - 1 for i in ids], dtype=torch.int32, device=inner.device)
-        wp.to_torch(inner.randomizer.layouts.episode).copy_(before)
-        observation, info = envs.reset()
+    observation, info = reset_to(envs, inner, ids)
     fallback = _tensor(info["layout_fallback"], inner)
     running = torch.ones_like(fallback)
     last, ever = torch.zeros_like(running), torch.zeros_like(running)

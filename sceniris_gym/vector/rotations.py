@@ -44,3 +44,21 @@ def _product(device: torch.device) -> tuple[Tensor, Tensor]:
     # tensors made under inference mode could not be used where gradients are wanted
     with torch.inference_mode(False):
         return torch.tensor(PARTNER, device=device), torch.tensor(SIGN, dtype=torch.float32, device=device)
+
+
+def yaw(quat: Tensor) -> Tensor:
+    """Return the angle of the x axis about the vertical [rad], shape (...,)."""
+    w, x, y, z = quat.unbind(dim=-1)
+    return torch.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def axes(quat: Tensor) -> Tensor:
+    """Return the x and the z axis that rotations turn the frame's own to, shape (..., 6).
+
+    Unlike quaternions, of which two are the same rotation, they are a continuous function of it (Zhou et al., "On the
+    Continuity of Rotation Representations in Neural Networks", 2019).
+    """
+    w, x, y, z = quat.unbind(dim=-1)
+    first = (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y))
+    last = (2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y))
+    return torch.stack([*first, *last], dim=-1)

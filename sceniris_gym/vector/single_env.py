@@ -8,11 +8,13 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from sceniris_gym.layout.fixed import Fixed
+from sceniris_gym.vector.rendering import RENDER_MODES
 from sceniris_gym.vector.task import Task
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 
-class SceneEnv(gymnasium.Env):
+class SceneEnv(Fixed, gymnasium.Env):
     """One world of a task, with numpy observations and no autoreset.
 
     Args:
@@ -20,7 +22,9 @@ class SceneEnv(gymnasium.Env):
         kwargs: Arguments of SceneVectorEnv, except num_envs, output and autoreset_mode.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012, Gymnasium wants it on the class
+    FIXED = ("envs",)
+    ARGUMENTS = ("compiled", *SceneVectorEnv.ARGUMENTS)  # whose `compiled` is that of `envs`
+    metadata: dict[str, Any] = {"render_modes": RENDER_MODES}  # noqa: RUF012, Gymnasium wants it on the class
 
     def __init__(self, task: Task | type[Task] | str, **kwargs: Any) -> None:
         self.envs = SceneVectorEnv(task, 1, output="numpy", autoreset_mode=AutoresetMode.DISABLED, **kwargs)
@@ -43,7 +47,7 @@ class SceneEnv(gymnasium.Env):
         return _first(observation), float(reward[0]), bool(terminated[0]), bool(truncated[0]), _first(info)
 
     def render(self) -> np.ndarray | None:
-        """Return a picture, (height, width, 3) uint8; None without a render mode."""
+        """Return a picture, (height, width, 3) uint8; None without a render mode, or with "human"."""
         frames = self.envs.render()
         return None if frames is None else frames[0]
 

@@ -13,8 +13,9 @@ from torch import Tensor
 from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.program.reach import ReachTarget
-from sceniris_gym.scene.model import subtree
+from sceniris_gym.scene.support import subtree
 from sceniris_gym.sim.batch import Batch
+from sceniris_gym.sim.versions import sleeps
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.base_frame import BaseFrame
 from sceniris_gym.vector.joint_writer import JointWriter
@@ -88,6 +89,17 @@ class State:
         """Return position [m] and orientation (wxyz) of a body, shape (num_envs, 7)."""
         body = self._id("body", name, "pose")
         return self._base.pose(self._xpos[:, body], self._xquat[:, body])
+
+    def present(self, names: Sequence[str]) -> Tensor:
+        """Return which objects are present rather than left out by their groups, shape (num_envs, len(names)), bool."""
+        key = ("present", *names)
+        if key not in self._columns:
+            objects = list(self.scene.config.objects)
+            unknown = [name for name in names if name not in objects]
+            if unknown:
+                raise self._unknown("object", unknown[0], "present", objects)
+            self._columns[key] = self._index([objects.index(name) for name in names])
+        return wp.to_torch(self._layouts.present)[:, self._columns[key]] > 0
 
     def poses(self, names: Sequence[str]) -> Tensor:
         """Return the poses of several bodies at once, shape (num_envs, len(names), 7); see `pose`."""
@@ -200,6 +212,27 @@ class State:
         given = mask & qpos.isfinite().all(dim=1)
         self._writers[key].write(self._qpos, self._qvel, self.ctrl, self._act, qpos, given, self._history)
         self._batch.update()
+
+    def sleep(self, names: Sequence[str], mask: Tensor) -> None:
+        """Put free objects to sleep where they are, until something that is awake touches them; for `on_reset`.
+
+        Only where the task's `options` have SLEEPING: else nothing happens, and they settle as usual.
+
+        Args:
+            names: Free objects at rest, none of which stands on another.
+            mask: Which worlds, shape (num_envs,), bool.
+        """
+        if not sleeps(self._batch.model):
+            return
+        key = ("trees of", *names)
+        if key not in self._columns:
+            bodies = [self._id("body", name, "sleep") for name in names]
+            self._columns[key] = self._index([int(self.mjm.dof_treeid[self._free_dof(body)]) for body in bodies])
+        trees = self._columns[key]
+        asleep, awake = wp.to_torch(self.data.tree_asleep), wp.to_torch(self.data.tree_awake)
+        # a tree that sleeps by itself is named by its own number
+        asleep[:, trees] = torch.where(mask[:, None], trees.int(), asleep[:, trees])
+        awake[:, trees] = torch.where(mask[:, None], 0, awake[:, trees])
 
     def actuator(self, name: str) -> int:
         """Return the column of an actuator in `ctrl`."""

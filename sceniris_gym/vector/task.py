@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
+import mujoco
 import torch
 from torch import Tensor
 
+from sceniris_gym.sim.versions import SLEEPING as SLEEPING
 from sceniris_gym.vector.state import State
 
 Observation = dict[str, dict[str, Tensor]]
 """{group: {name: tensor of shape (num_envs, ...)}}; groups are `policy` and `critic`."""
+
+
+FRICTION_PYRAMIDS: dict[str, Any] = {"cone": mujoco.mjtCone.mjCONE_PYRAMIDAL, "impratio": 1.0}
+"""Options for tasks that grip nothing: a step takes half the time, but what is gripped for long creeps."""
 
 
 class Task:
@@ -22,12 +31,15 @@ class Task:
         needs: What the task reads that kinematics does not bring up to date, keys of sceniris_gym.sim.batch.NEEDS.
         substeps: Physics steps in a control step.
         action_size: Length of an action; None is the number of controls of the scene.
+        options: Fields of MjOption that are other than the scene's in this task's physics. Layouts do not depend on
+            them.
     """
 
     scene: str = ""
     needs: tuple[str, ...] = ()
     substeps: int = 4
     action_size: int | None = None
+    options: Mapping[str, Any] = {}
 
     def bind(self, s: State) -> None:
         """Prepare for the worlds of `s`; called once, before anything else."""

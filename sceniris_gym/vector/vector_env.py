@@ -19,13 +19,13 @@ from torch import Tensor
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.counts import as_count
+from sceniris_gym.layout.fixed import Fixed
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.pickling import StaysHere
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.turns import Turn, in_turn, launching
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
-from sceniris_gym.sim.pictures import FrameCamera
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector import spaces
 from sceniris_gym.vector.arguments import (
@@ -34,11 +34,12 @@ from sceniris_gym.vector.arguments import (
     as_compiled_scene,
     as_reset_mask,
     as_reset_seeds,
-    as_size,
     as_task,
     fresh_seed,
 )
 from sceniris_gym.vector.ranks import Rank
+from sceniris_gym.vector.rendering import RENDER_MODES, Rendering
+from sceniris_gym.vector.sensing import Sensing, Sensors, as_sensing
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.statistics import EpisodeStatistics
 from sceniris_gym.vector.task import Task
@@ -47,7 +48,7 @@ from sceniris_gym.vector.task_checks import check_observation, check_outcome
 OUTPUTS = ("torch", "numpy")
 
 
-class SceneVectorEnv(StaysHere, VectorEnv):
+class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     """Steps `num_envs` worlds of a task together, on one device, and gives each a fresh layout at every reset.
 
     Observations are a dict of groups (`policy`, `critic`), each of shape (num_envs, size); `observation_names` lists
@@ -69,6 +70,9 @@ class SceneVectorEnv(StaysHere, VectorEnv):
 
     `statistics` sums up finished episodes on the device; `statistics.read()` returns their means.
 
+    An environment keeps the scene that it was made with: `compiled`, `randomizer` and the like cannot be exchanged, as
+    steps and resets, also those that a caller has captured, go on with its arrays. Make another environment instead.
+
     A world whose positions or velocities are no longer finite is terminated, with reward 0. With autoreset DISABLED, a
     finished world keeps running until it is reset.
 
@@ -82,26 +86,34 @@ class SceneVectorEnv(StaysHere, VectorEnv):
         autoreset_mode: An AutoresetMode, or its value.
         output: "torch" (tensors on `device`) or "numpy".
         observation_groups: The groups to observe, such as ("policy",); None is all.
+        sensing: Noise, delay and dropout of the group `policy`: a Sensing, a mapping of its attributes, or None.
         copy: Never overwrite what was returned; if false, observations are valid until the next call.
         split: "train" or "eval", which share no layouts and no random numbers.
-        render_mode: "rgb_array" or None.
-        render_envs: How many worlds `render` takes pictures of, from the first on; None is all, as wrappers that record
-            videos expect.
+        render_mode: "rgb_array", for `render` to take pictures; "human", to show every reset and step on a page in the
+            browser, in real time (extra `viewer`); or None.
+        render_envs: How many worlds `render` takes pictures of, or the page shows, from the first on; None is all, as
+            wrappers that record videos expect. The page shows 64 at most.
         render_size: Width and height of a picture [pixels].
         render_camera: Name of the camera.
         layout_source: Function that makes a LayoutSource: `layout_source(compiled, num_envs)`. None makes a
             LayoutGenerator.
-        prefetch: Make the next layout of every world ahead, beside the steps that follow; see ResetRandomizer. Not used
-            with a layout_source.
+        prefetch: Make the next layout of every world ahead, beside the steps that follow; None does so on a GPU. See
+            ResetRandomizer. Not with a layout_source.
         nconmax: Contacts per world; None takes default_budget.
         njmax: Constraint rows per world; None takes default_budget.
+        nvmax: Degrees of freedom of a world that are awake at most, where a task's `options` let bodies sleep; None is
+            all.
         graph: Capture steps and resets into graphs and replay them.
 
     Raises:
         ScenirisError: The scene cannot be used; see compile_scene.
         TaskError: A method of the task returns what it should not; raised here, or in the first step.
+        FixedError: An attribute that is assigned to, although it cannot be changed.
         ContactBudgetError: There are more contacts than room for them; raised in the first reset.
     """
+
+    FIXED = ("compiled", "batch", "randomizer", "state", "statistics", "num_envs", "device", "split", "rank")
+    ARGUMENTS = ("scene", "overrides", "layout_source", "prefetch", "graph", "nconmax", "njmax")
 
     # tensors made under inference mode could not be written to outside of it
     @torch.inference_mode(False)
@@ -118,6 +130,7 @@ class SceneVectorEnv(StaysHere, VectorEnv):
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         output: str = "torch",
         observation_groups: Sequence[str] | None = None,
+        sensing: Sensing | Mapping[str, Any] | None = None,
         copy: bool = True,
         split: str = "train",
         render_mode: str | None = None,
@@ -125,38 +138,38 @@ class SceneVectorEnv(StaysHere, VectorEnv):
         render_size: tuple[int, int] = (320, 240),
         render_camera: str = "overview",
         layout_source: Callable[[CompiledScene, int], LayoutSource] | None = None,
-        prefetch: bool = False,
+        prefetch: bool | None = None,
         nconmax: int | None = None,
         njmax: int | None = None,
+        nvmax: int | None = None,
         graph: bool = True,
     ) -> None:
         if output not in OUTPUTS:
             raise ArgumentError(f"output should be one of {', '.join(OUTPUTS)}, got {output!r}.")
-        if render_mode not in (None, "rgb_array"):
-            raise ArgumentError(f"render_mode should be 'rgb_array' or None, got {render_mode!r}.")
-        num_envs = as_count(num_envs, "num_envs")
+        num_envs, wanted = as_count(num_envs, "num_envs"), as_sensing(sensing)
         if max_episode_steps is not None:
             max_episode_steps = as_count(max_episode_steps, "max_episode_steps")
         self.task, self.num_envs, self.max_episode_steps = as_task(task), num_envs, max_episode_steps
         self.autoreset_mode = as_autoreset_mode(autoreset_mode)
-        self.output, self.copy, self.render_mode, self.split = output, copy, render_mode, split
-        self.render_envs = num_envs if render_envs is None else min(as_count(render_envs, "render_envs"), num_envs)
-        self.render_size, self.render_camera = as_size(render_size, "render_size"), render_camera
+        self.output, self.copy, self.split = output, copy, split
+        self.rendering = Rendering(render_mode, num_envs, render_envs, render_size, render_camera)
+        self.render_mode = render_mode
 
         self.rank = Rank.current()
         device = self.rank.device if device is None and not isinstance(scene, CompiledScene) else device
         self.turn = Turn(type(self).__name__)
         self.compiled = as_compiled_scene(self.task.scene if scene is None else scene, overrides, device)
         self.rank.tell(self.compiled.device)
-        needs, substeps = self.task.needs, self.task.substeps
         self.batch = Batch(
             self.compiled.scene,
             num_envs,
             self.compiled.device,
             nconmax=nconmax,
             njmax=njmax,
-            needs=needs,
-            substeps=substeps,
+            nvmax=nvmax,
+            needs=self.task.needs,
+            substeps=self.task.substeps,
+            options=self.task.options,
             graph=graph,
         )
         self.randomizer = ResetRandomizer(
@@ -165,29 +178,25 @@ class SceneVectorEnv(StaysHere, VectorEnv):
             self.batch.data,
             layout_source=layout_source(self.compiled, num_envs) if layout_source else None,
             split=split,
-            prefetch=self._side_stream() if prefetch and self.batch.device.is_cuda else prefetch,
-            needs=needs,
+            prefetch=prefetch,
+            needs=self.task.needs,
             graph=graph,
         )
         self.state = State(self.batch, self.randomizer.layouts, split)
         self.device = self.state.device
         self.statistics = EpisodeStatistics(num_envs, self.device)
-        self.metadata = {
-            "autoreset_mode": self.autoreset_mode,
-            "render_modes": ["rgb_array"],
-            "render_fps": round(1.0 / self.state.dt),
-        }
+        fps = round(1.0 / self.state.dt)
+        self.metadata = {"autoreset_mode": self.autoreset_mode, "render_modes": RENDER_MODES, "render_fps": fps}
 
         self._groups = None if observation_groups is None else tuple(observation_groups)
-        flat = self._bind_task()
+        flat = self._bind_task(wanted)
         self._kept = None if copy else (flat, {group: torch.empty_like(t) for group, t in flat.items()})
         self._autoreset = torch.zeros(num_envs, dtype=torch.bool, device=self.device)
         self._reset_mask = wp.to_torch(self.randomizer.mask)
-        self._camera: FrameCamera | None = None
         self._ready = self._stepped = False
         self._np_random, self._np_random_seed = seeding.np_random(fresh_seed())
 
-    def _bind_task(self) -> dict[str, Tensor]:
+    def _bind_task(self, sensing: Sensing | None) -> dict[str, Tensor]:
         """Give the task its state, and set the spaces from what it observes first, which is returned flat."""
         wp.synchronize_device(self.batch.device)  # torch works on another stream than the arrays were made on
         with self._on_torch_stream():
@@ -195,6 +204,7 @@ class SceneVectorEnv(StaysHere, VectorEnv):
             self.batch.update()
             observation = self.task.observe(self.state)
             check_observation(self.task, observation, self.num_envs)
+            self._sensors = None if sensing is None else Sensors(self.state, sensing, observation)
             observation = spaces.chosen(observation, self._groups)
             flat = spaces.flatten(observation)
         self.observation_names = spaces.names_of(observation)
@@ -249,6 +259,7 @@ class SceneVectorEnv(StaysHere, VectorEnv):
                 self.batch.check_budget()
                 self._ready = True
             observation = self._observe(0)
+            self.rendering.show(self.batch, self.randomizer.layouts, 0.0)
             return self._returned(observation), self._returned(self._layout_info())
 
     @in_turn
@@ -274,24 +285,24 @@ class SceneVectorEnv(StaysHere, VectorEnv):
             self.task.apply(self.state, action)
             self.batch.step()
             self.state.elapsed.add_(1)
-            return self._outcome(action)
+            outcome = self._outcome(action)
+            self.rendering.show(self.batch, self.randomizer.layouts, self.state.dt)
+            return outcome
 
     @in_turn
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """Return pictures of the first `render_envs` worlds, each (height, width, 3) uint8; None without a mode."""
+        """Return pictures of the first `render_envs` worlds, each (height, width, 3) uint8; None without a mode.
+
+        With "human" the page is brought up to date, as after every reset and step, and nothing is returned.
+        """
         self._check_open()
-        if self.render_mode is None:
-            return None
-        if self._camera is None:
-            width, height = self.render_size
-            model, mjm = self.batch.model, self.compiled.mjm
-            self._camera = FrameCamera(mjm, model, self.render_envs, width, height, self.render_camera)
         with self._on_torch_stream():
-            return tuple(self._camera.take(self.batch.data))
+            self.rendering.show(self.batch, self.randomizer.layouts, 0.0)
+            return self.rendering.pictures(self.batch) if self.render_mode == "rgb_array" else None
 
     def close_extras(self, **kwargs: Any) -> None:
         """Release what `render` keeps."""
-        self._camera = None
+        self.rendering.close()
 
     def _outcome(self, action: Tensor) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Any]]:
         """Return the results of the step, and reset the worlds that are due."""
@@ -343,7 +354,10 @@ class SceneVectorEnv(StaysHere, VectorEnv):
 
     def _observe(self, buffer: int) -> dict[str, Tensor]:
         """Return the flat observation, in new tensors or in one of two kept buffers."""
-        observation = spaces.chosen(self.task.observe(self.state), self._groups)
+        observation = self.task.observe(self.state)
+        if self._sensors is not None:
+            observation = self._sensors(self.state, observation)
+        observation = spaces.chosen(observation, self._groups)
         return spaces.flatten(observation, None if self._kept is None else self._kept[buffer])
 
     def _layout_info(self) -> dict[str, Tensor]:
@@ -372,10 +386,6 @@ class SceneVectorEnv(StaysHere, VectorEnv):
         if device.stream.cuda_stream == stream.cuda_stream:
             return nullcontext()
         return wp.ScopedStream(wp.stream_from_torch(stream), sync_enter=False)
-
-    def _side_stream(self) -> wp.Stream:
-        """Return a stream that runs beside torch's current one, also where that is CUDA's default stream."""
-        return wp.stream_from_torch(torch.cuda.Stream(str(self.batch.device)))
 
     def _check_open(self) -> None:
         if self.closed:

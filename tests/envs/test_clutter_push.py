@@ -32,14 +32,14 @@ def test_the_docstring_lists_what_is_observed(compiled):
     envs = gymnasium.make_vec(ENV_ID, num_envs=1, scene=compiled)
     assert isinstance(envs, SceneVectorEnv)
     assert envs.max_episode_steps == 250
-    check_stated(ClutterPush, envs, [("object_velocities", (4, 6))])
+    check_stated(ClutterPush, envs, [("tcp_to_behind", (3,)), ("object_velocities", (4, 6))])
 
 
 def test_a_push_begins_behind_the_tin(compiled):
     """On the line from the mark through the tin, 6 cm on, 2 cm over the table."""
     envs = SceneVectorEnv(ClutterPush, 8, scene=compiled)
     observation, _ = envs.reset(seed=1)
-    way, tin = values(envs, observation, "tcp_to_behind"), values(envs, observation, "tcp_to_tin")
+    way, tin = values(envs, observation, "tcp_to_behind", "critic"), values(envs, observation, "tcp_to_tin")
     goal = values(envs, observation, "tin_to_goal")
     back = way - tin
     torch.testing.assert_close(back[:, :2].norm(dim=1), torch.full((8,), 0.06), rtol=0, atol=1e-5)
@@ -96,10 +96,29 @@ def test_terms_of_the_reward(compiled):
     d.qvel.assign(qvel)
     envs.batch.update()
     terms = task.reward(s, torch.ones(2, 4))
-    assert terms["arrived"].tolist() == pytest.approx([0.08, 0.0])
+    assert terms["arrived"].tolist() == pytest.approx([0.04, 0.0])
+    assert terms["resting"].tolist() == pytest.approx([0.08, 0.0])
     assert terms["disturbing"].tolist() == pytest.approx([0.0, -0.005])
     assert terms["effort"].tolist() == pytest.approx([-0.001, -0.001])
     assert task.success(s).tolist() == [True, False]
+
+
+def test_a_tin_that_passes_over_the_mark_has_not_arrived(compiled):
+    """It is there, but faster than 1 cm/s: no success, and no reward for resting."""
+    envs = SceneVectorEnv(ClutterPush, 2, scene=compiled, autoreset_mode="Disabled")
+    envs.reset(seed=3)
+    task: Any = envs.task
+    d, tin = envs.batch.data, compiled.mjm.joint("tin/free")
+    qpos, qvel = d.qpos.numpy(), d.qvel.numpy()
+    qpos[:, tin.qposadr[0] : tin.qposadr[0] + 2] = d.mocap_pos.numpy()[:, 0, :2]
+    qvel[:, tin.dofadr[0]] = [0.009, 0.011]
+    d.qpos.assign(qpos)
+    d.qvel.assign(qvel)
+    envs.batch.update()
+    terms = task.reward(envs.state, torch.zeros(2, 4))
+    assert (terms["arrived"] > 0).tolist() == [True, True]
+    assert (terms["resting"] > 0).tolist() == [True, False]
+    assert task.success(envs.state).tolist() == [True, False]
 
 
 ASIDE = {
@@ -117,20 +136,26 @@ def test_a_script_pushes_where_the_way_is_free():
     """Over, down, and along: the tin arrives where the clutter stands aside."""
     envs = SceneVectorEnv(ClutterPush, 6, device="cpu", overrides=ASIDE, autoreset_mode="Disabled")
     observation, _ = envs.reset(seed=20)
-    down = torch.zeros(6, dtype=torch.bool)
-    arrived = torch.zeros(6, dtype=torch.bool)
+    down, there = torch.zeros(6, dtype=torch.bool), torch.zeros(6, dtype=torch.bool)
+    returns, info = [], {}
     for _ in range(250):
-        way, left = values(envs, observation, "tcp_to_behind"), values(envs, observation, "tin_to_goal")[:, :2]
+        way = values(envs, observation, "tcp_to_behind", "critic")
+        left = values(envs, observation, "tin_to_goal")[:, :2]
         down |= way[:, :2].norm(dim=1) < 0.01
         pushing = down & (way[:, 2] > -0.01)
         line = torch.nn.functional.normalize(left, dim=1)
         across = way[:, :2] - (way[:, :2] * line).sum(dim=1, keepdim=True) * line
-        push = across + 0.012 * line * (left.norm(dim=1, keepdim=True) > 0.02)
+        push = across + 0.012 * line
+        there |= left.norm(dim=1) < 0.03
         flat = torch.where(pushing[:, None], push, way[:, :2])
         height = torch.where(down, way[:, 2], way[:, 2] + 0.1)
         tool, target = values(envs, observation, "tcp_pose")[:, :3], values(envs, observation, "tool_target")
         wanted = tool + torch.cat([flat, height[:, None]], dim=1).clamp(-0.03, 0.03)
         action = torch.cat([(wanted - target[:, :3]) / 0.02, -target[:, 3:] / 0.1], dim=1)
-        observation, _, _, _, info = envs.step(action)
-        arrived |= info["success"]
-    assert arrived.all()
+        action[there] = torch.tensor([0.0, 0.0, 0.2, 0.0])  # away from it
+        observation, reward, _, _, info = envs.step(action)
+        returns.append(reward)
+    assert info["success"].all(), "at the last step"
+    fifths = torch.stack(returns).reshape(5, 50, 6).sum(dim=1)
+    assert (fifths[1:3] > fifths[:2]).all(), "the reward grows on the way"
+    assert fifths[3:].min() > 9.0

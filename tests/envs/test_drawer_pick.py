@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import itertools
 import pickle
 import re
 from typing import Any
@@ -19,9 +20,10 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.vector.arm_controller import JOINT_STEP
+from sceniris_gym.vector.arm_controller import TOOL_STEP, TURN_STEP
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.envs.reaching import ScriptedArm, descent
+from tests.envs.stated import values
 
 ENV_ID = "sceniris_gym/DrawerPick-v0"
 drawer_pick = importlib.import_module("sceniris_gym.envs.drawer_pick")
@@ -79,7 +81,7 @@ def test_one_world_of_it_passes_gymnasiums_checker(compiled):
     batch, _ = SceneVectorEnv(DrawerPick, 3, scene=compiled).reset(seed=5)
     np.testing.assert_array_equal(observation["policy"], batch["policy"][0].numpy())
     assert (info["layout_seed"], info["layout_episode"]) == (5, 0)
-    _, reward, terminated, truncated, _ = env.step(np.zeros(8, np.float32))
+    _, reward, terminated, truncated, _ = env.step(np.zeros(5, np.float32))
     assert isinstance(reward, float)
     assert (terminated, truncated) == (False, False)
     frame = env.render()
@@ -91,9 +93,11 @@ def test_one_world_of_it_passes_gymnasiums_checker(compiled):
 
 def test_the_scene_can_be_changed_by_overrides():
     """`overrides` replaces parts of the task's scene, here the drawer's opening."""
-    envs = SceneVectorEnv(DrawerPick, 4, device="cpu", overrides={"objects.cabinet.joints": {"upper": {"value": 0.2}}})
+    envs = SceneVectorEnv(
+        DrawerPick, 4, device="cpu", overrides={"objects.cabinet.joints": {"upper": {"value": 0.246}}}
+    )
     envs.reset(seed=0)
-    np.testing.assert_allclose(envs.state.qpos("cabinet/upper").numpy(), 0.2, atol=1e-6)
+    np.testing.assert_allclose(envs.state.qpos("cabinet/upper").numpy(), 0.246, atol=1e-6)
 
 
 def test_the_docstring_lists_what_is_observed(compiled):
@@ -109,6 +113,8 @@ def test_the_docstring_lists_what_is_observed(compiled):
         ("apple_pose", (7,)),
         ("touching", (2,)),
         ("held", (1,)),
+        ("tcp_to_grasp", (3,)),
+        ("turn_to_grasp", (2,)),
     ]
     sizes = {group: sum(shape[0] for _, shape in named) for group, named in names.items()}
     for group, size in sizes.items():
@@ -116,43 +122,48 @@ def test_the_docstring_lists_what_is_observed(compiled):
 
 
 def test_poses_are_in_the_robots_base_frame(compiled):
-    """Tool, banana and drawer as seen from the base, against plain MuJoCo."""
+    """Tool and drawer as seen from the base, and the way to the banana, against plain MuJoCo."""
     envs = SceneVectorEnv(DrawerPick, 3, scene=compiled)
     observation, _ = envs.reset(seed=2)
     first = 0
     for name, shape in envs.observation_names["policy"]:
-        values = observation["policy"][:, first : first + shape[0]].numpy()
+        told = observation["policy"][:, first : first + shape[0]].numpy()
         first += shape[0]
         for i in range(3):
             data = host_data(envs, i)
             base = data.body("panda").xmat.reshape(3, 3)
             where = {
                 "tcp_pose": (data.site("panda/tcp").xpos, data.site("panda/tcp").xmat),
-                "banana_pose": (data.body("banana").xpos, data.body("banana").xmat),
                 "drawer_pose": (data.body("cabinet/upper_drawer").xpos, data.body("cabinet/upper_drawer").xmat),
             }
             if name in where:
                 pos, matrix = where[name]
                 seen = np.zeros(9)
-                mujoco.mju_quat2Mat(seen, values[i, 3:].astype(float))
-                np.testing.assert_allclose(values[i, :3], base.T @ (pos - data.body("panda").xpos), atol=1e-5)
+                mujoco.mju_quat2Mat(seen, told[i, 3:].astype(float))
+                np.testing.assert_allclose(told[i, :3], base.T @ (pos - data.body("panda").xpos), atol=1e-5)
                 np.testing.assert_allclose(seen.reshape(3, 3), base.T @ matrix.reshape(3, 3), atol=1e-5)
+            banana, tool = data.body("banana"), data.site("panda/tcp").xpos
+            if name == "tcp_to_banana":
+                np.testing.assert_allclose(told[i], base.T @ (banana.xpos - tool), atol=1e-5)
+            if name == "banana_axes":
+                axes = (base.T @ banana.xmat.reshape(3, 3))[:, [0, 2]]
+                np.testing.assert_allclose(told[i], axes.T.ravel(), atol=1e-5)
 
 
 def test_nothing_moves_until_the_agent_does(compiled):
-    """With zero actions the arm holds the sampled pose, and the banana only settles in the drawer."""
+    """With zero actions the tool stays where it is, and the banana only settles in the drawer."""
     envs = SceneVectorEnv(DrawerPick, 4, scene=compiled)
     envs.reset(seed=0)
     s = envs.state
-    arm, banana = s.qpos("panda")[:, :7].clone(), s.pose("banana").clone()
+    arm, tool, banana = s.qpos("panda")[:, :7].clone(), s.site("panda/tcp")[:, :3].clone(), s.pose("banana").clone()
     assert len(torch.unique(arm[:, 0])) == 4, "the start pose has noise"
-    hold = torch.zeros(4, 8)
-    hold[:, 7] = 1.0
+    hold = torch.zeros(4, 5)
+    hold[:, 4] = 1.0
     for _ in range(25):
         _, _, terminated, _, info = envs.step(hold)
     assert not terminated.any()
     assert not info["success"].any()
-    torch.testing.assert_close(s.qpos("panda")[:, :7], arm, rtol=0, atol=1e-3)
+    torch.testing.assert_close(s.site("panda/tcp")[:, :3], tool, rtol=0, atol=5e-3)
     torch.testing.assert_close(s.pose("banana")[:, :3], banana[:, :3], rtol=0, atol=5e-3)
 
 
@@ -186,43 +197,50 @@ def test_the_camera_sees_the_banana_over_the_face_of_the_drawer(compiled):
     assert min(seen) > 0.5, np.round(seen, 2)
 
 
-def test_a_script_lifts_the_banana_out(compiled):
-    """Down, close, up: success where the script knows a way, with the reward growing on it."""
-    envs = SceneVectorEnv(DrawerPick, 4, scene=compiled, autoreset_mode="Disabled")
-    envs.reset(seed=0)
-    arm = ScriptedArm.of(compiled.mjm)
-    found = (descent(arm, host_data(envs, i), "banana", "banana/grasp") for i in range(4))
-    ways = [way for way in found if way is not None]
-    assert len(ways) == 4
-    down = torch.tensor(np.stack(ways, axis=1), dtype=torch.float32)
-    high = down[0].clone()
-    high[:, 1] -= 0.25  # the shoulder leans back: higher than the way down began
-    rewards, successes = [], []
+def scripted(envs: SceneVectorEnv, observation: dict, down: torch.Tensor, closed: torch.Tensor) -> torch.Tensor:
+    """Return actions that go over the grasp, down to it, close (counted in `closed`) and go up; from observations."""
+    grasp, lead = values(envs, observation, "tcp_to_grasp", "critic"), values(envs, observation, "tool_lead")
+    cos, sin = values(envs, observation, "turn_to_grasp", "critic").unbind(dim=1)
+    turn = 0.5 * torch.atan2(sin, cos)
+    down |= (grasp[:, :2].norm(dim=1) < 0.01) & (turn.abs() < 0.08)
+    closed += (closed > 0) | (down & (grasp.norm(dim=1) < 0.01))
+    height = torch.where(down, grasp[:, 2].clamp(-0.03, 0.03), grasp[:, 2] + 0.15)
     task: Any = envs.task
+    up = (0.62 - task.height(envs.state)).clamp(-0.01, 0.012)
+    height = torch.where(closed > 0, torch.where(closed > 12, up, 0.0), height)
+    held = closed[:, None] > 0
+    way = torch.cat(
+        [torch.where(held, 0.0, grasp[:, :2]), height[:, None], torch.where(held, 0.0, turn[:, None])], dim=1
+    )
+    limit, step = torch.tensor([0.04, 0.04, 0.04, 0.3]), torch.tensor([TOOL_STEP] * 3 + [TURN_STEP])
+    moved = ((way.clamp(-limit, limit) - lead) / step).clamp(-1, 1)
+    return torch.cat([moved, torch.where(held, -1.0, 1.0)], dim=1)
 
-    def go(goal: torch.Tensor, gripper: float, steps: int, speed: float) -> dict:
-        info = {}
-        for _ in range(steps):
-            action = torch.full((4, 8), gripper)
-            action[:, :7] = ((goal - envs.state.ctrl[:, :7]) / JOINT_STEP).clamp(-speed, speed)
-            _, reward, _, _, info = envs.step(action)
-            successes.append(info["success"])
-        rewards.append(float(reward.mean()))
-        return info
 
-    go(down[0], 1.0, 110, 1.0)
-    for goal in down[1:]:
-        go(goal, 1.0, 8, 0.5)
-    go(down[-1], -1.0, 20, 0.5)
-    for goal in down.flip(0)[1:]:
-        go(goal, -1.0, 10, 0.3)
-    go(high, -1.0, 30, 0.3)
-    info = go(high, -1.0, 30, 0.3)
-    assert info["success"].sum() >= 3
-    assert (task.height(envs.state)[info["success"]] > drawer_pick.CLEAR_HEIGHT).all()
-    assert rewards[0] < 0.01 < rewards[len(down)] < 0.16 < rewards[-1]
-    assert (task.touching(envs.state)[info["success"]] == 1.0).all()
-    assert (torch.stack(successes).sum(dim=0)[info["success"]] < 100).all()
+def test_a_script_lifts_the_banana_out(compiled):
+    """Over it, down, close, up: success to the last step; the terms of the reward come one after the other."""
+    envs = SceneVectorEnv(DrawerPick, 6, scene=compiled, autoreset_mode="Disabled")
+    observation, _ = envs.reset(seed=0)
+    task: Any = envs.task
+    down, closed = torch.zeros(6, dtype=torch.bool), torch.zeros(6, dtype=torch.long)
+    terms: dict[str, list[torch.Tensor]] = {"reaching": [], "grasping": [], "lifting": [], "out": []}
+    rewards, successes, info = [], [], {}
+    for _ in range(200):
+        observation, reward, _, _, info = envs.step(scripted(envs, observation, down, closed))
+        rewards.append(reward)
+        successes.append(info["success"])
+        for name, seen in terms.items():
+            seen.append(info["reward_terms"][name] > 0.01)
+    assert info["success"].sum() >= 5
+    done = info["success"]
+    assert (task.height(envs.state)[done] > drawer_pick.CLEAR_HEIGHT).all()
+    assert (task.touching(envs.state)[done] == 1.0).all()
+    first = {name: torch.stack(seen).int().argmax(dim=0)[done] for name, seen in terms.items()}
+    order = [first[name] for name in ("reaching", "grasping", "lifting", "out")]
+    assert all((a < b).all() for a, b in itertools.pairwise(order))
+    fifths = torch.stack(rewards).reshape(5, 40, 6).sum(dim=1)[:, done]
+    assert (fifths[1:] > fifths[:-1]).all()
+    assert (torch.stack(successes).sum(dim=0)[done] < 100).all()
 
 
 def test_a_banana_that_is_thrown_out_is_no_success(compiled):
@@ -234,7 +252,7 @@ def test_a_banana_that_is_thrown_out_is_no_success(compiled):
     envs.batch.data.qpos.assign(qpos)
     task: Any = envs.task
     task.held.copy_(torch.tensor([0.0, 25.0]))
-    _, _, _, _, info = envs.step(torch.zeros(2, 8))
+    _, _, _, _, info = envs.step(torch.zeros(2, 5))
     assert (task.height(envs.state) > drawer_pick.CLEAR_HEIGHT).all()
     assert not info["success"].any()
     assert (info["reward_terms"]["out"] == 0.0).all()
@@ -260,10 +278,10 @@ def test_a_banana_is_out_when_its_lowest_point_is(compiled, monkeypatch):
     lying, on_end, upside_down = [1.0, 0.0, 0.0, 0.0], [half, 0.0, half, 0.0], [0.0, 1.0, 0.0, 0.0]
     for height, quat, out in ((0.56, lying, True), (0.6, on_end, False), (0.6, upside_down, True)):
         task = put_banana(envs, monkeypatch, height, quat)
-        terms = task.reward(envs.state, torch.zeros(2, 8))
+        terms = task.reward(envs.state, torch.zeros(2, 5))
         assert (terms["out"] > 0).tolist() == [out, out]
         assert (task.held > 0).tolist() == [out, out]
-        assert (terms["lifting"] > 0.0999).tolist() == [out, out]
+        assert (terms["lifting"] > 0.0799).tolist() == [out, out]
 
 
 def test_success_takes_half_a_second(compiled, monkeypatch):
@@ -273,7 +291,7 @@ def test_success_takes_half_a_second(compiled, monkeypatch):
     task = put_banana(envs, monkeypatch, 0.6, [1.0, 0.0, 0.0, 0.0])
     for steps in range(26):
         assert not task.success(envs.state).any()
-        task.reward(envs.state, torch.zeros(2, 8))
+        task.reward(envs.state, torch.zeros(2, 5))
         held = task.observe(envs.state)["critic"]["held"]
         torch.testing.assert_close(held, torch.full((2, 1), steps * envs.state.dt / 0.5))
     assert task.success(envs.state).all()

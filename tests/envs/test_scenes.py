@@ -77,7 +77,18 @@ def test_the_clutter_covers_three_tenths_of_its_table():
     assert covered / shapely.area(footprint(scene, data, "table")) > 0.30
 
 
-@pytest.mark.parametrize("name", ["tabletop_reach", "tabletop_lift", "clutter_push", "drawer_pick", "kitchen_reset"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "tabletop_reach",
+        "tabletop_lift",
+        "clutter_push",
+        "clutter_extract",
+        "drawer_pick",
+        "drawer_open_pick",
+        "kitchen_reset",
+    ],
+)
 def test_no_robot_turns_its_back_on_the_camera(name):
     """Seen from above, the camera is within 135 degrees of where the robot looks, so that it sees its work."""
     scene = build_model(SceneConfig.load(name))

@@ -32,8 +32,8 @@ def compiled() -> CompiledScene:
 
 def scripted(envs: SceneVectorEnv, observation: dict, closed: Tensor) -> Tensor:
     """Return actions that go over the grasp, down to it, close (counted in `closed`) and go up; from observations."""
-    grasp, lead = values(envs, observation, "tcp_to_grasp"), values(envs, observation, "tool_lead")
-    cos, sin = values(envs, observation, "turn_to_grasp").unbind(dim=1)
+    grasp, lead = values(envs, observation, "tcp_to_grasp", "critic"), values(envs, observation, "tool_lead")
+    cos, sin = values(envs, observation, "turn_to_grasp", "critic").unbind(dim=1)
     turn = 0.5 * torch.atan2(sin, cos)
     turn = torch.where(values(envs, observation, "chosen")[:, 2] > 0, turn, 0.0)  # only the lemon is long
     aside = grasp[:, :2].norm(dim=1)
@@ -52,7 +52,8 @@ def test_the_docstring_lists_what_is_observed(compiled):
     envs = gymnasium.make_vec(ENV_ID, num_envs=1, scene=compiled)
     assert isinstance(envs, SceneVectorEnv)
     assert envs.max_episode_steps == 150
-    check_stated(TabletopLift, envs, [("object_velocities", (5, 6))])
+    hints = [("tcp_to_grasp", (3,)), ("turn_to_grasp", (2,)), ("touching", (2,)), ("held", (1,))]
+    check_stated(TabletopLift, envs, [*hints, ("object_velocities", (5, 6))])
 
 
 def test_the_turn_to_a_grasp_is_that_between_tool_and_object(compiled):
@@ -60,7 +61,7 @@ def test_the_turn_to_a_grasp_is_that_between_tool_and_object(compiled):
     envs = SceneVectorEnv(TabletopLift, 8, scene=compiled)
     observation, _ = envs.reset(seed=2)
     task: Any = envs.task
-    cos, sin = values(envs, observation, "turn_to_grasp").unbind(dim=1)
+    cos, sin = values(envs, observation, "turn_to_grasp", "critic").unbind(dim=1)
     for i, name in enumerate(tuple(module.GRASP_HEIGHTS)[j] for j in task.chosen.argmax(dim=1).tolist()):
         data = mujoco.MjData(compiled.mjm)
         data.qpos[:] = envs.batch.data.qpos.numpy()[i]
@@ -142,10 +143,10 @@ def test_success_takes_half_a_second(compiled, monkeypatch):
     for steps in range(26):
         assert not task.success(envs.state).any()
         task.reward(envs.state, torch.zeros(2, 5))
-        held = task.observe(envs.state)["policy"]["held"]
+        held = task.observe(envs.state)["critic"]["held"]
         torch.testing.assert_close(held, torch.full((2, 1), steps * envs.state.dt / 0.5))
     assert task.success(envs.state).all()
-    assert (task.observe(envs.state)["policy"]["held"] == 1.0).all()
+    assert (task.observe(envs.state)["critic"]["held"] == 1.0).all()
 
 
 def test_an_object_that_is_dropped_is_not_held_any_more(compiled):

@@ -35,7 +35,7 @@ def test_the_docstring_lists_what_is_observed(compiled):
     envs = gymnasium.make_vec(ENV_ID, num_envs=1, scene=compiled)
     assert isinstance(envs, SceneVectorEnv)
     assert envs.max_episode_steps == 100
-    check_stated(TabletopReach, envs, [("object_velocities", (5, 3))])
+    check_stated(TabletopReach, envs, [("tcp_to_target", (3,)), ("object_velocities", (5, 3))])
 
 
 def test_heights_are_those_of_the_assets(compiled):
@@ -61,7 +61,7 @@ def test_every_object_is_chosen_now_and_then_and_the_target_is_over_it(compiled)
     chosen = values(envs, observation, "chosen")
     assert (chosen.sum(dim=1) == 1).all()
     assert (chosen.sum(dim=0) >= 4).all()
-    objects, target = values(envs, observation, "tcp_to_objects"), values(envs, observation, "tcp_to_target")
+    objects, target = values(envs, observation, "tcp_to_objects"), values(envs, observation, "tcp_to_target", "critic")
     heights = torch.tensor(list(module.HEIGHTS.values()))
     expected = objects[chosen.bool()] + torch.stack([0 * heights, 0 * heights, heights + 0.05], dim=1)[chosen.argmax(1)]
     torch.testing.assert_close(target, expected, rtol=0, atol=1e-5)
@@ -114,7 +114,7 @@ def test_a_script_reaches(compiled):
     observation, _ = envs.reset(seed=10)
     mjm = compiled.mjm
     arm, goals = ScriptedArm.of(mjm), []
-    target = values(envs, observation, "tcp_to_target").double().numpy()
+    target = values(envs, observation, "tcp_to_target", "critic").double().numpy()
     for i in range(12):
         data = mujoco.MjData(mjm)
         data.qpos[:] = envs.batch.data.qpos.numpy()[i]

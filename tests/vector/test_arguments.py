@@ -236,7 +236,7 @@ def test_what_is_no_autoreset_mode_is_refused(value: Any):
         as_autoreset_mode(value)
 
 
-@pytest.mark.parametrize("actions", [None, "up", [[1, 2], [3]], torch.ones(2, 3).to_sparse(), object()])
+@pytest.mark.parametrize("actions", [None, "up", [[1, 2], [3]], [[10**400]], torch.ones(2, 3).to_sparse(), object()])
 def test_what_are_no_actions_is_refused_in_our_words(actions: Any):
     """Whatever torch says of it."""
     with pytest.raises(ArgumentError, match="actions should"):

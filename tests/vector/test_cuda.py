@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import gymnasium
 import pytest
 import torch
 import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.task import Task
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -32,6 +35,15 @@ def test_reset_states_have_the_same_bits_with_and_without_graphs(cuda_scene):
         envs.step(torch.zeros(3, 5))
     for group in first:
         assert torch.equal(first[group], second[group][[3, 4, 1]])
+
+
+def test_layouts_are_made_ahead_on_a_gpu_by_default(cuda_scene):
+    """Unless a source of layouts is given, or it is asked not to."""
+    assert isinstance(SceneVectorEnv(Reach, 2, scene=cuda_scene).randomizer.layout_source, PreparedLayouts)
+    plain = SceneVectorEnv(Reach, 2, scene=cuda_scene, prefetch=False)
+    given = SceneVectorEnv(Reach, 2, scene=cuda_scene, layout_source=LayoutGenerator)
+    for envs in (plain, given):
+        assert isinstance(envs.randomizer.layout_source, LayoutGenerator)
 
 
 def test_other_worlds_keep_their_bits(cuda_scene):
@@ -88,5 +100,23 @@ def test_torch_waits_for_nothing_in_a_step(cuda_scene, mode):
         for _ in range(7):
             envs.step(action)
             envs.statistics.latest()
+    finally:
+        torch.cuda.set_sync_debug_mode("default")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("prefetch", [True, False])
+@pytest.mark.parametrize("task", sorted(i for i in gymnasium.registry if i.startswith("sceniris_gym/")))
+def test_no_shipped_task_waits_in_a_step(task: str, prefetch: bool):
+    """With layouts made ahead and in place, through ends of episodes: nothing waits for the device."""
+    envs = gymnasium.make_vec(task, num_envs=8, device="cuda:0", max_episode_steps=3, prefetch=prefetch)
+    envs.reset(seed=0)
+    action = torch.zeros(8, *envs.single_action_space.shape, device="cuda")  # type: ignore[misc]
+    for _ in range(4):  # with the first reset of an episode that has ended
+        envs.step(action)
+    torch.cuda.set_sync_debug_mode("error")
+    try:
+        for _ in range(7):
+            envs.step(action)
     finally:
         torch.cuda.set_sync_debug_mode("default")

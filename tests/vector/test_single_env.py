@@ -9,6 +9,7 @@ import gymnasium
 import numpy as np
 import pytest
 
+from sceniris_gym.errors import FixedError
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.single_env import SceneEnv
 from tests.vector.conftest import Reach
@@ -98,3 +99,12 @@ def test_what_one_world_cannot_have_is_no_argument(make_one, name: str):
     """A batch, tensors, or resets of its own."""
     with pytest.raises(TypeError, match=name):
         make_one(**{name: 1})
+
+
+@pytest.mark.parametrize("name", ["envs", "scene", "overrides", "compiled", "layout_source"])
+def test_another_scene_is_refused(make_one, name: str):
+    """Assigned to the unwrapped environment, where nothing would follow from it."""
+    one = make_one()
+    one.reset(seed=0)
+    with pytest.raises(FixedError, match=f"SceneEnv.{name} cannot be changed"):
+        setattr(one.unwrapped, name, one.envs)

@@ -9,7 +9,7 @@ import torch
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 
-from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.errors import FixedError, UnknownNameError
 from sceniris_gym.layout.prepared import PreparedLayouts
 from tests.vector.stepping import actions, assert_equal, leaves, state
 
@@ -104,7 +104,7 @@ def test_calls_out_of_order_are_refused(make_env):
     "arguments",
     [
         {"output": "jax"},
-        {"render_mode": "human"},
+        {"render_mode": "ansi"},
         {"num_envs": 0},
         {"num_envs": 2.0},
         {"max_episode_steps": 0},
@@ -304,3 +304,18 @@ def test_only_the_groups_that_are_asked_for_are_observed(make_env):
     assert list(make_env(3, observation_groups=["critic", "policy"]).reset(seed=0)[0]) == ["critic", "policy"]
     with pytest.raises(UnknownNameError, match=r"unknown observation group 'polcy'. Did you mean 'policy'"):
         make_env(3, observation_groups=("polcy",))
+
+
+@pytest.mark.parametrize("name", ["scene", "overrides", "compiled", "randomizer", "batch", "state", "layout_source"])
+def test_another_scene_is_refused_once_steps_are_captured(make_env, name):
+    """Assigned to the environment or to its randomizer; a method that would set one does not exist."""
+    envs, other = make_env(num_envs=3), make_env(num_envs=3)
+    envs.reset(seed=0)
+    with pytest.raises(FixedError, match=f"SceneVectorEnv.{name} cannot be changed.*Make another SceneVectorEnv"):
+        setattr(envs.unwrapped, name, getattr(other, name, {}))
+    with pytest.raises(FixedError, match=r"ResetRandomizer\.layout_source"):
+        envs.randomizer.layout_source = other.randomizer.layout_source
+    with pytest.raises(FixedError, match=r"LayoutGenerator\.compiled"):
+        envs.randomizer.layout_source.compiled = other.compiled
+    with pytest.raises(AttributeError, match="set_scene"):
+        envs.unwrapped.set_scene({})

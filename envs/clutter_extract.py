@@ -1,0 +1,280 @@
+"""ClutterExtract-v0: take a peg out of the things around it, and leave those where they are."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from sceniris_gym.vector import rotations
+from sceniris_gym.vector.arm_controller import ArmController
+from sceniris_gym.vector.bounds import Bounds
+from sceniris_gym.vector.state import State
+from sceniris_gym.vector.task import SLEEPING, Observation, Task
+from sceniris_gym.vector.touch import Touch
+
+KINDS = {
+    "can": (0.033, 0.033, 0.033),
+    "tin": (0.042, -1.0, -1.0),
+    "apple": (0.038, 0.032, 0.015),
+    "orange": (0.037, 0.027, -1.0),
+    "pear": (0.032, 0.024, 0.018),
+    "lemon": (0.034, -1.0, -1.0),
+}
+"""Kinds of things, and their radii [m] at the heights of the parts in HAND; -1 for what is lower than a part."""
+
+HAND = ((0.025, 0.034, 0.011), (0.030, 0.050, 0.009), (0.0, 0.101, 0.031))
+"""Finger pads, fingers and palm to either side of the TCP: from, to along the closing axis, half the width [m]."""
+
+CLOSE = ("can", "can_2", "tin", "tin_2", "apple", "orange", "pear", "lemon")
+
+AROUND = (
+    "can_3",
+    "can_4",
+    "tin_3",
+    "tin_4",
+    "tin_5",
+    "apple_2",
+    "apple_3",
+    "orange_2",
+    "orange_3",
+    "pear_2",
+    "lemon_2",
+)
+
+OTHERS = (*CLOSE, *AROUND)
+
+SLOTS = 11
+"""How many of the others can be present."""
+
+FINGERS = ("panda/left_finger", "panda/right_finger")
+
+GRASP_HEIGHT = 0.035
+"""How high over its underside the peg is grasped [m]; the hand is 37 mm over the TCP."""
+
+LIFTED = 0.1
+"""Height over the table that counts as lifted [m]."""
+
+HOLD = 0.5
+"""How long it should be held there [s]."""
+
+MOVED = 0.02
+"""How far another thing may be moved [m]."""
+
+TOPPLED = 0.5
+"""How far it may be tilted [rad]."""
+
+LOWEST = 0.015
+"""Lower limit of the tool's target over the table [m]: the finger tips reach 9 mm further down."""
+
+LOST_HEIGHT = -0.05
+"""If its origin is below this height [m], the peg has fallen off the table."""
+
+
+class ClutterExtract(Task):
+    """A Panda on a table grasps a peg among 5 to 11 other things, lifts it by 10 cm, and moves nothing else.
+
+    At least two of the others are within 3 cm of the peg, so that the fingers often fit on one pair of its sides only:
+    the grasp has to be chosen by what stands around it. In every layout one is free (`reachable: clear`).
+
+    Frames: poses and velocities are in the robot's base frame (on the table's top, x to the front, z up), rotations are
+    quaternions wxyz. Every reset draws which of 19 other things are present, the positions and yaws of all of them, and
+    a little noise on the arm. The tool always points down. A thing's underside is the origin of its body; axes are the
+    x and the z axis of the body. What nothing has touched yet sleeps, as MuJoCo has it: it neither moves nor takes
+    time. The things that are present are in slots, the nearest to the peg at the start first; slots that are left over
+    are 0 throughout.
+
+    Action, 5 numbers in [-1, 1] at 50 Hz: changes of the tool's target along x, y and z in units of 0.02 m and about
+    the vertical in units of 0.1 rad, and the gripper from -1 (closed) to 1 (open).
+
+    Observations, group `policy`, 216 numbers:
+
+    | name | shape | what |
+    |---|---|---|
+    | arm_qpos | 7 | joint angles [rad] |
+    | arm_qvel | 7 | joint velocities [rad/s] |
+    | finger_width | 1 | distance between the fingers [m] |
+    | tcp_pose | 7 | point between the finger tips: position [m], rotation |
+    | tool_lead | 4 | the tool's target minus the tool: x, y, z [m], yaw [rad] |
+    | tcp_to_target | 3 | from that point to the peg's underside [m] |
+    | target_axes | 6 | axes of the peg |
+    | others_present | 11 | 1 for a slot with a thing in it |
+    | others_kind | 11, 6 | 1 for its kind: can, tin, apple, orange, pear, lemon |
+    | target_to_others | 11, 3 | from the peg's underside to its own [m] |
+    | others_axes | 11, 6 | its axes |
+    | last_action | 5 | the last action, zeros after a reset |
+
+    Group `critic`, 309 numbers: the same, then `touching` (2: 1 where the left and the right finger touch the peg),
+    `held` (1: how long it has been held up without a break, in units of 0.5 s), `moved` (11: how far each of the others
+    is from where it was, or tilted, as a share of what is allowed), `target_velocity` (6: [m/s], [rad/s]),
+    `others_velocity` (11, 6) and `clear_side` (7: the direction in which the fingers should close, by what is beside
+    the peg: cosine and sine of twice its angle, and of twice the angle from the tool to it; and the gaps along both
+    axes and the larger of them [m]).
+
+    Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, how near the
+    tool is to the grasp, or to the funnel above it, down which it should come), `aligning` (0 to 1, over the peg, how
+    well the fingers close in the direction with more room), `grasping` (2 where both fingers touch the peg), `lifting`
+    (0 to 4, by the root of the share of the way up, while both touch), `holding` (5 while it is up and both touch),
+    `disturbing` (minus a quarter of the sum of the others' speeds in m/s, and of the largest share in `moved`, -0.5 at
+    the lowest) and `effort` (-0.05 times the mean square of the action). The more is moved, the less `lifting` and
+    `holding` count, down to a fifth. Success means that the peg is 10 cm or more over the table and touched by both
+    fingers at the end of 26 steps in a row, 0.5 s from the first to the last, and that no other thing is more than 2 cm
+    from where it was, or tilted by more than 0.5 rad. It is judged at the last step. The episode terminates when the
+    peg has fallen off the table, and is truncated after 200 steps (4 s).
+    """
+
+    scene = "clutter_extract"
+    options = SLEEPING
+    action_size = 5
+
+    def bind(self, s: State) -> None:
+        """Find the arm, its contacts and the peg's bounds, and allocate what is kept between steps."""
+        self.arm = ArmController(s)
+        self.touch = Touch(s, FINGERS, ("target",))
+        self.bounds = Bounds(s, ("target",))
+        kinds = [name.split("_")[0] for name in OTHERS]
+        self.kinds = torch.eye(len(KINDS), device=s.device)[[list(KINDS).index(kind) for kind in kinds]]
+        self.radii = torch.tensor([KINDS[kind] for kind in kinds], device=s.device)
+        n = s.num_envs
+        self.slots = torch.zeros(n, SLOTS, dtype=torch.long, device=s.device)
+        self.filled = torch.zeros(n, SLOTS, device=s.device)
+        self.start = torch.zeros(n, SLOTS, 7, device=s.device)
+        self.clear = torch.zeros(n, 3, device=s.device)
+        self.held = torch.zeros(n, device=s.device)
+        self.last_action = torch.zeros(n, 5, device=s.device)
+        self.hold_steps = round(HOLD / s.dt)
+
+    def apply(self, s: State, action: Tensor) -> None:
+        """Move the tool, and open or close the gripper."""
+        self.arm.move_tool(s, action[:, :4], lowest=LOWEST)
+        self.arm.grip(s, action[:, 4])
+        self.last_action.copy_(action)
+
+    def observe(self, s: State) -> Observation:
+        """Return the observations that the class lists."""
+        tool, target, others = self.arm.tool(s), s.pose("target"), self.others(s)
+        filled = self.filled[:, :, None]
+        policy = {
+            "arm_qpos": self.arm.qpos(s),
+            "arm_qvel": self.arm.qvel(s),
+            "finger_width": self.arm.width(s)[:, None],
+            "tcp_pose": tool,
+            "tool_lead": self.arm.tool_lead(s),
+            "tcp_to_target": target[:, :3] - tool[:, :3],
+            "target_axes": rotations.axes(target[:, 3:]),
+            "others_present": self.filled,
+            "others_kind": self.kinds[self.slots] * filled,
+            "target_to_others": (others[:, :, :3] - target[:, None, :3]) * filled,
+            "others_axes": rotations.axes(others[:, :, 3:]) * filled,
+            "last_action": self.last_action,
+        }
+        critic = {
+            "touching": self.touching(s),
+            "held": (self.held[:, None] - 1.0).clamp(min=0.0) / self.hold_steps,
+            "moved": self.moved(s),
+            "target_velocity": s.velocity("target"),
+            "others_velocity": self._gather(s.velocities(OTHERS)) * filled,
+            "clear_side": self._clear_side(s),
+        }
+        return {"policy": policy, "critic": policy | critic}
+
+    def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
+        """Return the terms that the class lists, and count the steps held up."""
+        tool, height = self.arm.tool(s)[:, :3], self.height(s)
+        away = s.pose("target")[:, :3] - tool
+        aside = away[:, :2].norm(dim=1)
+        # a funnel: the further aside, the higher the tool should be
+        below = away[:, 2] + GRASP_HEIGHT + (1.5 * (aside - 0.01)).clamp(0.0, 0.12)
+        distance = torch.hypot(aside, below)
+        grasped = self.touching(s).prod(dim=1)
+        up = grasped * (height >= LIFTED)
+        self.held.copy_((self.held + 1.0) * up)
+        worst = self.moved(s).amax(dim=1).clamp(max=1.0)
+        left = 1.0 - 0.8 * worst
+        speeds = (self._gather(s.velocities(OTHERS))[:, :, :3].norm(dim=2) * self.filled).sum(dim=1)
+        wide, narrow = torch.exp(-((distance / 0.08) ** 2)), torch.exp(-((distance / 0.025) ** 2))
+        near = 0.3 * (1.0 - torch.tanh(4.0 * distance)) + 0.3 * wide + 0.4 * narrow
+        aligned = 0.5 + 0.5 * self._turn(s).cos()
+        return {
+            "reaching": s.dt * near,
+            "aligning": s.dt * aligned * torch.exp(-((aside / 0.08) ** 2)),
+            "grasping": 2.0 * s.dt * grasped,
+            "lifting": 4.0 * s.dt * grasped * left * (height / LIFTED).clamp(0.0, 1.0).sqrt(),
+            "holding": 5.0 * s.dt * up * left,
+            "disturbing": -0.25 * s.dt * (speeds.clamp(max=1.0) + worst),
+            "effort": -0.05 * s.dt * action.square().mean(dim=1),
+        }
+
+    def success(self, s: State) -> Tensor:
+        """Return the worlds in which the peg has been held up for 0.5 s, and everything else is where it was."""
+        return (self.held > self.hold_steps) & (self.moved(s) <= 1.0).all(dim=1)
+
+    def terminated(self, s: State) -> Tensor:
+        """Return the worlds in which the peg has fallen off the table."""
+        return s.pose("target")[:, 2] < LOST_HEIGHT
+
+    def on_reset(self, s: State, mask: Tensor) -> None:
+        """Give those that are present their slots, and clear what is kept between steps."""
+        target, poses = s.pose("target"), s.poses(OTHERS)
+        away = (poses[:, :, :2] - target[:, None, :2]).norm(dim=2)
+        away = torch.where(s.present(OTHERS), away, torch.inf)
+        nearest, slots = away.sort(dim=1, stable=True)
+        self.slots.copy_(torch.where(mask[:, None], slots[:, :SLOTS], self.slots))
+        self.filled.copy_(torch.where(mask[:, None], nearest[:, :SLOTS].isfinite(), self.filled))
+        self.start.copy_(torch.where(mask[:, None, None], self.others(s), self.start))
+        self.clear.copy_(torch.where(mask[:, None], self._clearer(s), self.clear))
+        self.held.masked_fill_(mask, 0.0)
+        self.last_action.masked_fill_(mask[:, None], 0.0)
+        self.arm.start(s, mask)
+        s.sleep(("target", *OTHERS), mask)
+
+    def height(self, s: State) -> Tensor:
+        """Return the height of the peg's lowest corner over the table [m], shape (num_envs,)."""
+        return self.bounds.lowest(s.poses(("target",)))[:, 0]
+
+    def touching(self, s: State) -> Tensor:
+        """Return 1 where the left and the right finger touch the peg, else 0; shape (num_envs, 2)."""
+        return self.touch(s)[:, :, 0].float()
+
+    def others(self, s: State) -> Tensor:
+        """Return the poses of the things in the slots, position [m] and rotation, shape (num_envs, 11, 7)."""
+        return self._gather(s.poses(OTHERS))
+
+    def moved(self, s: State) -> Tensor:
+        """Return how far each is from where it was, or tilted, as a share of what is allowed, (num_envs, 11)."""
+        now = self.others(s)
+        shift = (now[:, :, :3] - self.start[:, :, :3]).norm(dim=2) / MOVED
+        before, after = (rotations.axes(pose[:, :, 3:])[:, :, 3:] for pose in (self.start, now))
+        tilt = torch.linalg.cross(before, after).norm(dim=2).atan2((before * after).sum(dim=2)) / TOPPLED
+        return torch.maximum(shift, tilt) * self.filled
+
+    def _gather(self, values: Tensor) -> Tensor:
+        """Return what belongs to the slots, out of values for all others, shape (num_envs, 11, ...)."""
+        return values.gather(1, self.slots[:, :, None].expand(-1, -1, values.shape[2]))
+
+    def _clearer(self, s: State) -> Tensor:
+        """Return the closing axis with more room [rad], and the room along both [m], shape (num_envs, 3)."""
+        target, others = s.pose("target"), self.others(s)
+        flat = others[:, :, :2] - target[:, None, :2]
+        radii, absent = self.radii[self.slots], torch.where(self.filled > 0, 0.0, torch.inf)
+        along = rotations.axes(target[:, 3:])[:, :2]
+        rooms = []
+        for axis in (along, torch.stack([-along[:, 1], along[:, 0]], dim=1)):
+            far = (flat * axis[:, None]).sum(dim=2).abs()
+            beside = (flat[:, :, 0] * axis[:, None, 1] - flat[:, :, 1] * axis[:, None, 0]).abs()
+            gaps = [
+                torch.hypot((first - far).clamp(min=0.0) + (far - last).clamp(min=0.0), (beside - half).clamp(min=0.0))
+                for first, last, half in HAND
+            ]
+            rooms.append((torch.stack(gaps, dim=2) - radii + absent[:, :, None]).amin(dim=(1, 2)))
+        angle = torch.atan2(along[:, 1], along[:, 0]) + 0.5 * torch.pi * (rooms[1] > rooms[0])
+        return torch.stack([angle, *rooms], dim=1)
+
+    def _turn(self, s: State) -> Tensor:
+        """Return twice the angle from the axis along which the fingers close to the one they should, (num_envs,)."""
+        # the closing axis is the tool's y axis: pointing down, a quarter turn behind its x axis
+        return 2.0 * (self.clear[:, 0] - rotations.yaw(self.arm.tool(s)[:, 3:]) + 0.5 * torch.pi)
+
+    def _clear_side(self, s: State) -> Tensor:
+        angle, turn, rooms = 2.0 * self.clear[:, 0], self._turn(s), self.clear[:, 1:]
+        parts = [angle.cos(), angle.sin(), turn.cos(), turn.sin()]
+        return torch.cat([torch.stack(parts, dim=1), rooms, rooms.amax(dim=1, keepdim=True)], dim=1)

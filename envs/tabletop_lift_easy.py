@@ -1,0 +1,55 @@
+"""TabletopLiftEasy-v0: TabletopLift-v0 with the grasp, contacts and a timer among what the policy sees."""
+
+from __future__ import annotations
+
+from sceniris_gym.vector.state import State
+from sceniris_gym.vector.task import Observation
+
+from .tabletop_lift import TabletopLift
+
+POLICY = (
+    "arm_qpos",
+    "arm_qvel",
+    "finger_width",
+    "tcp_pose",
+    "tool_lead",
+    "tcp_to_grasp",
+    "turn_to_grasp",
+    "chosen",
+    "tcp_to_objects",
+    "touching",
+    "held",
+    "last_action",
+)
+
+
+class TabletopLiftEasy(TabletopLift):
+    """TabletopLift-v0, but the policy is told where and how to grasp, what it touches, and how long it has held on.
+
+    Scene, action, reward, success and the end of an episode are those of `TabletopLift-v0`.
+
+    Observations, group `policy`, 57 numbers:
+
+    | name | shape | what |
+    |---|---|---|
+    | arm_qpos | 7 | joint angles [rad] |
+    | arm_qvel | 7 | joint velocities [rad/s] |
+    | finger_width | 1 | distance between the fingers [m] |
+    | tcp_pose | 7 | point between the finger tips: position [m], rotation |
+    | tool_lead | 4 | the tool's target minus the tool: x, y, z [m], yaw [rad] |
+    | tcp_to_grasp | 3 | from that point to where the chosen object is grasped [m] |
+    | turn_to_grasp | 2 | cosine and sine of twice the angle from the tool's yaw to the chosen object's |
+    | chosen | 3 | 1 for the chosen one of block, can and lemon, 0 for the others |
+    | tcp_to_objects | 5, 3 | from that point to the undersides of block, can, lemon, tin and orange [m] |
+    | touching | 2 | 1 where the left and the right finger touch the chosen object |
+    | held | 1 | how long it has been held up without a break, in units of 0.5 s; from 1 on it is a success |
+    | last_action | 5 | the last action, zeros after a reset |
+
+    Group `critic`, 87 numbers: the same, then `object_velocities` (5, 6: linear [m/s] and angular [rad/s]).
+    """
+
+    def observe(self, s: State) -> Observation:
+        """Return the observations that the class lists."""
+        seen = super().observe(s)["critic"]
+        policy = {name: seen[name] for name in POLICY}
+        return {"policy": policy, "critic": policy | {"object_velocities": seen["object_velocities"]}}

@@ -1,0 +1,47 @@
+"""TabletopReachEasy-v0: TabletopReach-v0 with the way to the target among what the policy sees."""
+
+from __future__ import annotations
+
+from sceniris_gym.vector.state import State
+from sceniris_gym.vector.task import Observation
+
+from .tabletop_reach import TabletopReach
+
+POLICY = (
+    "arm_qpos",
+    "arm_qvel",
+    "arm_lead",
+    "tcp_pose",
+    "tcp_to_target",
+    "tcp_to_objects",
+    "chosen",
+    "last_action",
+)
+
+
+class TabletopReachEasy(TabletopReach):
+    """TabletopReach-v0, but the policy is told where its target is; a first task for a training loop.
+
+    Scene, action, reward, success and the end of an episode are those of `TabletopReach-v0`.
+
+    Observations, group `policy`, 58 numbers:
+
+    | name | shape | what |
+    |---|---|---|
+    | arm_qpos | 7 | joint angles [rad] |
+    | arm_qvel | 7 | joint velocities [rad/s] |
+    | arm_lead | 7 | joint targets minus joint angles [rad] |
+    | tcp_pose | 7 | point between the finger tips: position [m], rotation |
+    | tcp_to_target | 3 | from that point to the target [m] |
+    | tcp_to_objects | 5, 3 | from that point to the undersides of bottle, apple, orange, can and block [m] |
+    | chosen | 5 | 1 for the chosen object, 0 for the others |
+    | last_action | 7 | the last action, zeros after a reset |
+
+    Group `critic`, 73 numbers: the same, then `object_velocities` (5, 3: linear velocities of the objects [m/s]).
+    """
+
+    def observe(self, s: State) -> Observation:
+        """Return the observations that the class lists."""
+        seen = super().observe(s)["critic"]
+        policy = {name: seen[name] for name in POLICY}
+        return {"policy": policy, "critic": policy | {"object_velocities": seen["object_velocities"]}}

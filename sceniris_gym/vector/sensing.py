@@ -1,0 +1,154 @@
+"""`Sensing`: noise, delay and dropout of what a policy observes, drawn from the seeds of the layouts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, UnknownNameError
+from sceniris_gym.layout.random import STREAM_BITS
+from sceniris_gym.vector.state import State
+
+NOISE, DELAY, DROPOUT = (2**STREAM_BITS - i for i in (1, 2, 3))
+"""Streams of random numbers, the last ones of a task's own."""
+
+POLICY = "policy"
+"""The group that is sensed; others, such as `critic`, are exact."""
+
+
+@dataclass(frozen=True)
+class Sensing:
+    """How the group `policy` is sensed. All of it depends on a world's seed, episode and step alone, like its layout.
+
+    Attributes:
+        noise: Standard deviation of Gaussian noise, by the name of an observation, in its unit. What is exactly 0, such
+            as the slot of an absent object, stays so.
+        delay: Least and greatest delay [control steps], drawn uniformly for each episode. Until so much time has
+            passed, the first observation is what is seen.
+        dropout: Chance in each step that an observation is the one before again; each name by itself.
+        late: Names of the observations that are delayed and dropped; None is all.
+
+    Raises:
+        ArgumentError: A standard deviation or delay below 0, or a chance outside of [0, 1).
+    """
+
+    noise: Mapping[str, float] = field(default_factory=dict)
+    delay: tuple[int, int] = (0, 0)
+    dropout: float = 0.0
+    late: tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        for name, deviation in self.noise.items():
+            if not deviation >= 0.0:
+                raise ArgumentError(f"sensing: the noise of '{name}' should be 0 or more, got {deviation!r}.")
+        low, high = self.delay
+        if not (isinstance(low, int) and isinstance(high, int) and 0 <= low <= high):
+            raise ArgumentError(f"sensing: delay should be (low, high) with 0 <= low <= high, got {self.delay!r}.")
+        if not 0.0 <= self.dropout < 1.0:
+            raise ArgumentError(f"sensing: dropout should be in [0, 1), got {self.dropout!r}.")
+
+
+def as_sensing(value: Any) -> Sensing | None:
+    """Return a Sensing that is given as itself or as a mapping of its attributes; None stays None.
+
+    Raises:
+        ArgumentError: See Sensing.
+        ArgumentTypeError: Neither.
+        UnknownNameError: A key that is no attribute.
+    """
+    if value is None or isinstance(value, Sensing):
+        return value
+    if not isinstance(value, Mapping):
+        raise ArgumentTypeError(f"sensing should be a Sensing, a mapping of its attributes, or None, got {value!r}.")
+    for key in value:
+        if key not in Sensing.__dataclass_fields__:
+            raise UnknownNameError("attribute", str(key), "sensing", Sensing.__dataclass_fields__)
+    given: dict[str, Any] = dict(value)
+    for key in ("delay", "late"):
+        if given.get(key) is not None:
+            given[key] = tuple(given[key])
+    return Sensing(**given)
+
+
+class Sensors:
+    """Applies a Sensing to the observations of all worlds, without host synchronisation.
+
+    A second call in the same step returns the same, so that the worlds that a reset leaves alone keep what they saw.
+
+    Args:
+        s: The worlds.
+        sensing: What happens to observations.
+        observation: What the task observes, of which the names and shapes count.
+
+    Raises:
+        UnknownNameError: There is no group `policy`, or no such observation in it.
+    """
+
+    def __init__(self, s: State, sensing: Sensing, observation: Mapping[str, Mapping[str, Tensor]]) -> None:
+        if POLICY not in observation:
+            raise UnknownNameError("observation group", POLICY, "sensing", observation)
+        seen = observation[POLICY]
+        for name in (*sensing.noise, *(sensing.late or ())):
+            if name not in seen:
+                raise UnknownNameError("observation", name, "sensing", seen)
+        self.sensing = sensing
+        late = tuple(seen) if sensing.late is None else sensing.late
+        deviations, lates, parts = [], [], []
+        for part, (name, values) in enumerate(seen.items()):
+            size = values[0].numel()
+            deviations += [sensing.noise.get(name, 0.0)] * size
+            lates += [name in late] * size
+            parts += [part] * size
+        width = len(parts)
+        self._deviation = torch.tensor(deviations, dtype=torch.float32, device=s.device)
+        self._late = torch.tensor(lates, device=s.device)
+        self._part = torch.tensor(parts, device=s.device)
+        self._parts = len(seen)
+        self._rows = torch.arange(s.num_envs, device=s.device)
+        self._past = torch.zeros(s.num_envs, sensing.delay[1] + 1, width, device=s.device)
+        self._shown = torch.zeros(s.num_envs, 2, width, device=s.device)
+        self._delay = torch.zeros(s.num_envs, dtype=torch.long, device=s.device)
+
+    def __call__(self, s: State, observation: Mapping[str, dict[str, Tensor]]) -> dict[str, dict[str, Tensor]]:
+        """Return the observation with the group `policy` as it is sensed."""
+        seen = observation[POLICY]
+        exact = torch.cat([values.reshape(len(values), -1).float() for values in seen.values()], dim=1)
+        sensed = self._dropped(s, self._delayed(s, self._noisy(s, exact)))
+        pieces = sensed.split([values[0].numel() for values in seen.values()], dim=1)
+        shaped = (piece.reshape(values.shape) for piece, values in zip(pieces, seen.values(), strict=True))
+        return {**observation, POLICY: dict(zip(seen, shaped, strict=True))}
+
+    def _noisy(self, s: State, exact: Tensor) -> Tensor:
+        if not self.sensing.noise:
+            return exact
+        # Box and Muller: 1 - u is never 0
+        u, v = s.random(2 * exact.shape[1], stream=NOISE).chunk(2, dim=1)
+        noise = (-2.0 * torch.log1p(-u)).sqrt() * (2.0 * torch.pi * v).cos()
+        return exact + self._deviation * noise * (exact != 0.0)
+
+    def _delayed(self, s: State, now: Tensor) -> Tensor:
+        low, high = self.sensing.delay
+        if high == 0:
+            return now
+        elapsed, first = s.elapsed.long(), s.elapsed == 0
+        drawn = (low + s.random(1, high=high - low + 1.0, stream=DELAY)[:, 0].floor()).long().clamp(max=high)
+        self._delay.copy_(torch.where(first, drawn, self._delay))
+        self._past.copy_(torch.where(first[:, None, None], now[:, None], self._past))
+        self._past[self._rows, elapsed % (high + 1)] = now
+        before = self._past[self._rows, (elapsed - self._delay) % (high + 1)]
+        return torch.where(self._late, before, now)
+
+    def _dropped(self, s: State, now: Tensor) -> Tensor:
+        if self.sensing.dropout == 0.0:
+            return now
+        elapsed, first = s.elapsed.long(), s.elapsed == 0
+        lost = (s.random(self._parts, stream=DROPOUT) < self.sensing.dropout)[:, self._part]
+        lost = lost & self._late & ~first[:, None]
+        shown = torch.where(lost, self._shown[self._rows, (elapsed - 1) % 2], now)
+        self._shown.copy_(torch.where(first[:, None, None], shown[:, None], self._shown))
+        self._shown[self._rows, elapsed % 2] = shown
+        return shown
