@@ -16,7 +16,14 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from sceniris_gym.config.expansion import MOST_VALUES, expanded_size
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.paths import user_path
-from sceniris_gym.errors import ArgumentTypeError, CycleError, SceneFileError, SceneKeyError, UnknownNameError
+from sceniris_gym.errors import (
+    ArgumentTypeError,
+    CycleError,
+    SceneFileError,
+    SceneKeyError,
+    ScenirisError,
+    UnknownNameError,
+)
 
 SHIPPED_NAME = re.compile(r"[A-Za-z0-9_-]+")  # anything else, such as 'my/scene.yaml', is a path
 
@@ -28,6 +35,7 @@ SUPPORT_WORDS = ("on", "inside", "in")
 REGION_FORMS = ("box", "fraction", "polygon")
 JOINT_FORMS = ("fraction", "range", "choice", "value", "noise")
 ORIENTATION_FORMS = ("yaw", "any", "stable", "face_to")
+ROBOT_FORMS = ("asset", "model", "in_model")
 
 
 @dataclass(frozen=True)
@@ -59,6 +67,22 @@ def read_scene(scene: str | Path | Mapping) -> RawScene:
             f"scene should be the name of a shipped scene, the path of a YAML file, or a mapping, got {type(scene)}."
         )
     return _read_file(_find(scene, where="scene", folder=Path.cwd()), seen=())
+
+
+def scene_files(scene: str | Path) -> list[Path]:
+    """Return the scene files that a scene is made of: its own and those of its bases, as far as they can be found."""
+    found: list[Path] = []
+    try:
+        path = _find(scene, where="scene", folder=Path.cwd()).resolve()
+        while path not in found:
+            found.append(path)
+            base = _read_yaml(path).get("base")
+            if not isinstance(base, str):
+                break
+            path = _find(base, where=f"{path}: base", folder=path.parent).resolve()
+    except ScenirisError:
+        pass  # which file is wrong, and why, is said where the scene is read
+    return found
 
 
 def merge(base: Mapping, child: Mapping, path: tuple[str, ...] = ()) -> dict:
@@ -113,6 +137,8 @@ def _one_of(path: tuple[str, ...]) -> tuple[str, ...]:
             return REGION_FORMS
         case ("objects", _, "orientation"):
             return ORIENTATION_FORMS
+        case ("robot",):
+            return ROBOT_FORMS
         case ("objects", _, "joints", _) | ("robot", "joints", _):
             return JOINT_FORMS
     return ()
@@ -194,6 +220,8 @@ def _resolve_paths(data: dict, folder: Path, where: str) -> dict:
     data = dict(resolved(data, "model", names=False))
     if isinstance(data.get("robot"), Mapping):
         data["robot"] = resolved(data["robot"], "asset", names=True)
+        for key in ("model", "map"):
+            data["robot"] = resolved(data["robot"], key, names=False)
     if isinstance(data.get("objects"), Mapping):
         data["objects"] = {name: resolved(part, "asset", names=True) for name, part in data["objects"].items()}
     return data

@@ -10,12 +10,14 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from sceniris_gym.config.fields import Direction2, Length, Number, Width, wrong
+from sceniris_gym.config.fields import ROBOT, Direction2, Length, Number, Width, wrong
 from sceniris_gym.config.limits import MAX_ANCHORS
 from sceniris_gym.config.section import Section, check_one_of
 
 HEADINGS = {"right": 0.0, "back": 0.5 * math.pi, "left": math.pi, "front": -0.5 * math.pi}
 """Heading [rad] of each side, from x towards y."""
+ROBOT_HEADINGS = {"front": 0.0, "left": 0.5 * math.pi, "back": math.pi, "right": -0.5 * math.pi}
+"""The same in the frame of the robot, which looks along the x axis of its base and has its left hand along y."""
 SIDES = {f"{side}_of": side for side in ("front", "back", "left", "right")}
 """The words that name a direction by themselves, and their sides."""
 FRAMES = ("anchor", "support", "world")
@@ -152,7 +154,10 @@ class Relation(Section):
         if self.direction is not None:
             return math.atan2(self.direction[1], self.direction[0])
         side = self.side or SIDES.get(self.word)
-        return 0.0 if side is None else HEADINGS[side]
+        if side is None:
+            return 0.0
+        frame = self.anchors[0] if self.frame == "anchor" else self.frame
+        return (ROBOT_HEADINGS if frame == ROBOT else HEADINGS)[side]
 
     @property
     def half_angle(self) -> float:

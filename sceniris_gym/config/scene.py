@@ -9,12 +9,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PrivateAttr, Strict, model_validator
 
-from sceniris_gym.config.fields import Extents2, Model, ObjectName, Point3, Turn, in_memory, wrong
+from sceniris_gym.config.fields import Extents2, Model, ObjectName, in_memory, wrong
 from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.limits import MOST_ATTEMPTS
 from sceniris_gym.config.loader import override, read_scene
 from sceniris_gym.config.messages import reading, where_now
-from sceniris_gym.config.objects import JointConfig, ObjectConfig
+from sceniris_gym.config.objects import ObjectConfig
+from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.section import Section
 from sceniris_gym.config.validation import SceneNames, check_names
 
@@ -22,6 +23,8 @@ AUTO = "auto"
 """`attempts` that `compile_scene` finds."""
 DEFAULT_BANK = 64
 """Valid layouts that are kept for each split, for worlds that run out of restarts."""
+_FILES = ("asset", "model", "map")
+"""Words of objects and of the robot that name files."""
 
 
 def _count_or_auto(value: Any) -> Any:
@@ -41,16 +44,6 @@ class Floor(Section):
     """The ground workspace: a rectangle around the world's origin, `size` = (x, y) full extents [m]."""
 
     size: Extents2
-
-
-class RobotConfig(Section):
-    """The robot: an asset at `base` (x, y, z) [m], turned by `yaw` [degrees], started from `keyframe`."""
-
-    asset: str
-    base: Point3 = (0.0, 0.0, 0.0)
-    yaw: Turn = 0.0
-    keyframe: str = "home"
-    joints: dict[str, JointConfig] = Field(default_factory=dict)
 
 
 class SceneConfig(Section):
@@ -123,13 +116,20 @@ class SceneConfig(Section):
         """
         data = self.model_dump(mode="json", by_alias=True, exclude={"name", "model"}, exclude_defaults=True)
         for part in (*data.get("objects", {}).values(), *filter(None, [data.get("robot")])):
-            part.pop("asset", None)
+            for word in _FILES:
+                part.pop(word, None)
         return json.dumps(data, separators=(",", ":"))
 
     @model_validator(mode="after")
     def _home_is_of_a_model(self) -> SceneConfig:
         if self.home is not None and self.model is None:
             raise wrong("should have 'home', the name of a keyframe, only together with 'model'")
+        return self
+
+    @model_validator(mode="after")
+    def _robot_is_of_a_model(self) -> SceneConfig:
+        if self.robot is not None and self.robot.in_model is not None and self.model is None:
+            raise wrong("should have a robot that is 'in_model' only together with 'model'")
         return self
 
     @model_validator(mode="after")

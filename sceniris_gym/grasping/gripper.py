@@ -17,7 +17,7 @@ from sceniris_gym.errors import NotSupportedError
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.scene.couplings import Coupling, driven_by, equality_label, follow, free_range, joint_couplings
-from sceniris_gym.scene.model import subtree
+from sceniris_gym.scene.support import subtree
 
 # A tool without fingers takes no room, and may touch objects of any width.
 _NO_LIMIT = 1.0e3
@@ -26,6 +26,7 @@ _DEEP = 0.1
 # How far [m or rad] equalities may be missed beyond the start pose while the gripper opens, and in how many steps that
 # is looked at.
 _KEPT = 1e-4
+_TIPS = 0.01  # m; what ends within this of the farthest part of a finger is its tip
 _SHARES = 17
 
 
@@ -88,9 +89,11 @@ class Gripper:
         rows = np.arange(len(joints))
         wide, narrow = limits[rows, outer], limits[rows, 1 - np.array(outer)]
         driven = tuple(driven_by(couplings, joints))
-        low, high, opening = _fingers(mjm, data, arm, own, adr, wide, driven)
-        _, _, closed = _fingers(mjm, data, arm, own, adr, narrow, driven)
-        at = (low[:, 2] <= 0.0) & (high[:, 2] >= 0.0)
+        moving = {b for j in (*joints, *(c.follower for c in driven)) for b in subtree(mjm, int(mjm.jnt_bodyid[j]))}
+        fingers = np.array([p.body in moving for p in own])
+        low, high, opening = _fingers(mjm, data, arm, own, fingers, adr, wide, driven)
+        _, _, closed = _fingers(mjm, data, arm, own, fingers, adr, narrow, driven)
+        at = _beside(low, high, fingers)
         between = ~at & (high[:, 2] < 0.0) & (low[:, 1] < 0.5 * opening) & (high[:, 1] > -0.5 * opening)
         gripper = cls(
             opening=opening,
@@ -208,6 +211,7 @@ def _fingers(
     data: mujoco.MjData,
     arm: SerialArm,
     pieces: list[Piece],
+    fingers: np.ndarray,
     adr: np.ndarray,
     qpos: np.ndarray,
     driven: tuple[Coupling, ...],
@@ -216,11 +220,22 @@ def _fingers(
     data.qpos[adr] = qpos
     follow(driven, data.qpos)
     low, high = _boxes(mjm, data, arm, pieces)
-    at = (low[:, 2] <= 0.0) & (high[:, 2] >= 0.0)
+    at = _beside(low, high, fingers)
     left = at & (low[:, 1] + high[:, 1] > 0.0)
     right = at & (low[:, 1] + high[:, 1] <= 0.0)
-    gap = low[left, 1].min(initial=_NO_LIMIT) - high[right, 1].max(initial=-_NO_LIMIT)
-    return low, high, float(np.clip(gap, 0.0, _NO_LIMIT))
+    above, below = low[left, 1].min(initial=np.inf), -high[right, 1].max(initial=-np.inf)
+    if np.isfinite([above, below]).sum() == 1:  # a finger on one side alone leaves as much room on the other
+        alone = min(above, below)
+        above = below = alone if alone > 0.0 else _NO_LIMIT  # the hull of a hooked one may be around the TCP
+    return low, high, float(np.clip(above + below, 0.0, _NO_LIMIT))
+
+
+def _beside(low: np.ndarray, high: np.ndarray, fingers: np.ndarray) -> np.ndarray:
+    """Which boxes stand beside the TCP; where none does, the tips of the fingers, as of those that swing open."""
+    at = (low[:, 2] <= 0.0) & (high[:, 2] >= 0.0)
+    if at.any() or not fingers.any():
+        return at
+    return fingers & (high[:, 2] > high[fingers, 2].max() - _TIPS)
 
 
 def _boxes(

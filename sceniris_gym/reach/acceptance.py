@@ -24,7 +24,7 @@ _EFFORTS = ((RESTARTS, ITERATIONS), (2 * RESTARTS, 2 * ITERATIONS))
 
 
 def measure_false_accepts(
-    reach_map: ReachMap, device: str, progress: Callable[[str, int, int], None] = lambda what, done, total: None
+    reach_map: ReachMap, device: str, progress: Callable[[str, int, int], object] = lambda what, done, total: None
 ) -> float | None:
     """Measure the share of the poses accepted by a map that are out of reach, within limits.
 

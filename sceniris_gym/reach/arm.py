@@ -21,8 +21,11 @@ MAX_JOINTS = 8
 HOME = "home"
 """Name of the keyframe of the start pose."""
 
-_LENGTH_TOL = 1e-4  # [m]
 _ANGLE_TOL = 1e-4  # [rad]
+# How far the TCP may be off the last joint's axis, and its z axis lean from it, for a map to apply: a turn of the wrist
+# then moves the TCP by twice as much at most, half of what `ik` allows for. Files have angles in few digits.
+_TCP_LENGTH_TOL = 2.5e-4  # [m]
+_TCP_ANGLE_TOL = np.radians(0.12)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +145,7 @@ class SerialArm:
     def tcp_on_axis(self) -> bool:
         """Whether the last joint is a hinge about the TCP's own z axis."""
         length, angle = self.tcp_offset
-        return not self.slide[-1] and length < _LENGTH_TOL and angle < _ANGLE_TOL
+        return not self.slide[-1] and length < _TCP_LENGTH_TOL and angle < _TCP_ANGLE_TOL
 
     @property
     def free_base(self) -> bool:

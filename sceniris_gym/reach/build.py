@@ -8,7 +8,6 @@ device.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from sceniris_gym.errors import ArmError, MapError
+from sceniris_gym.progress import Progress
 from sceniris_gym.reach.acceptance import measure_false_accepts
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.checkpoint import Checkpoint
@@ -43,9 +43,6 @@ _MOST_CORNERS = 2**29  # keeps addresses within 32 bits, and joints within 16 GB
 _FULL = 255  # label of a corner that is reached in every turn
 _HALF = 128
 _FAR = 255  # distance of a corner with no edge that the surface crosses
-
-Progress = Callable[[str, int, int], None]
-"""Called with the current stage, how much of it is done, and how much there is in all."""
 
 
 @dataclass(frozen=True)

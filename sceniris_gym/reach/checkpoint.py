@@ -76,7 +76,7 @@ class Checkpoint:
 
     def _write(self) -> None:
         if self._path is not None:
-            temporary = self._path.with_name(f"{self._path.name}.new")
+            temporary = _unfinished(self._path)
             with temporary.open("wb") as file:
                 np.savez(
                     file,
@@ -101,3 +101,13 @@ class Checkpoint:
             raise MapError(f"{path}: the state of a different build, with another arm, step or seed. {_AGAIN}")
         self._finished, self._task, self.done = set(finished.split()), task, done
         self._stored = held
+
+
+def remove_state(path: Path) -> None:
+    """Remove the file of a build that is over, and what a process left that was killed while it wrote it."""
+    for left in (path, _unfinished(path)):
+        left.unlink(missing_ok=True)
+
+
+def _unfinished(path: Path) -> Path:
+    return path.with_name(f"{path.name}.new")

@@ -238,7 +238,7 @@ def pack(codes: np.ndarray) -> np.ndarray:
 
 def map_path(asset: str) -> Path:
     """Where the map of an arm is looked for: with the shipped assets for the name of one, or beside your own MJCF."""
-    if asset.endswith(".xml"):
+    if asset.endswith((".xml", ".urdf")):
         return Path(asset).with_suffix(SUFFIX)
     return Path(str(resources.files("sceniris_gym.assets"))) / "maps" / f"{asset}{SUFFIX}"
 
@@ -249,15 +249,15 @@ def map_file(asset: str) -> Path | None:
     return path if path.is_file() else None
 
 
-def why_not_map(arm: SerialArm, reach_map: ReachMap | None, asset: str) -> str | None:
-    """Return why no map, or not this one, should decide for an arm (an asset's name, or your own MJCF).
+def why_not_map(arm: SerialArm, reach_map: ReachMap | None, asset: str, words: str = "") -> str | None:
+    """Return why no map, or not this one, should decide for an arm (an asset's name, or your own MJCF or URDF).
 
-    Inverse kinematics then does. None if the map should.
+    Inverse kinematics then does. None if the map should. `words` are those of `build_command`.
     """
     if arm.no_map is not None:
         return arm.no_map
     if reach_map is None:
-        return f"it has no map yet; build one with {build_command(asset)}"
+        return f"it has no map yet; build one with {build_command(asset, words)}"
     if reach_map.limited:
         return (
             "what the arm reaches depends on turns of base and wrist that a map does not know: its map is wrong about "
@@ -277,9 +277,14 @@ def default_tier(arm: SerialArm, reach_map: ReachMap | None) -> Tier:
     return Tier.MAP if why_not_map(arm, reach_map, arm.name) is None else Tier.IK
 
 
-def build_command(asset: str) -> str:
-    """The command that builds the map of an arm (an asset's name, or your own MJCF) where it is looked for."""
-    return f"sceniris-gym reach {asset} --build -o {map_path(asset)}"
+def build_command(asset: str, words: str = "") -> str:
+    """The command that builds the map of an arm (an asset's name, or your own MJCF or URDF).
+
+    Args:
+        asset: The arm.
+        words: What else it is to be told of the arm, such as its TCP.
+    """
+    return " ".join(filter(None, [f"sceniris-gym reach {asset}", words, f"--build -o {map_path(asset)}"]))
 
 
 def _faults(fields: dict[str, Any], njoint: int) -> Iterator[str]:

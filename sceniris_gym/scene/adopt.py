@@ -18,10 +18,12 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
 from sceniris_gym.scene import assemble, backdrop
 from sceniris_gym.scene.parking import add_parking_ground, has_parking_ground
+from sceniris_gym.scene.tcp import tcp_site
 
 HOME = "home"
 """The keyframe of a model that is its start pose, where the scene names no other."""
 _MOCAP = ("fixture", "marker")
+_JOINTS = {int(kind): kind.name.removeprefix("mjJNT_").lower() for kind in mujoco.mjtJoint.__members__.values()}
 PLACE_ON = "Call place_on(spec, scene) on the MjSpec before it is compiled, and make Model and Data from that."
 
 
@@ -97,7 +99,7 @@ def check_additions(config: SceneConfig) -> None:
     """
     names = {config.model.body(i).name for i in range(config.model.nbody)}
     wanted = [f"objects.{name}.asset" for name, part in config.objects.items() if part.asset is not None]
-    wanted += ["robot"] if config.robot is not None else []
+    wanted += ["robot"] if config.robot is not None and config.robot.in_model is None else []
     if config.floor is not None and mujoco.mj_name2id(config.model, mujoco.mjtObj.mjOBJ_GEOM, FLOOR) < 0:
         wanted.append("floor")
     wanted += [
@@ -128,7 +130,9 @@ def place_on(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) -> 
         SceneKeyError: A body cannot be of its object's kind, or the scene has assets, which `compile_scene` attaches.
     """
     config = SceneConfig.load(scene, {"model": spec})
-    named = {"robot.asset": config.robot, **{f"objects.{n}.asset": p.asset for n, p in config.objects.items()}}
+    named = {f"objects.{n}.asset": p.asset for n, p in config.objects.items()}
+    if config.robot is not None:
+        named = {config.robot.key: config.robot.file, **named}
     if key := next((key for key, value in named.items() if value is not None), None):
         raise SceneKeyError(
             f"{config.where}: {key}: place_on changes bodies of the model, and attaches nothing to it. Let "
@@ -142,6 +146,9 @@ def place_on(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) -> 
             assemble.attach_object(spec, name, part, config.where)
         else:
             adopt_body(spec, name, part, config.where)
+    if config.robot is not None:
+        mjm = assemble.compile_spec(spec, "place_on: spec")
+        tcp_site(spec, mjm, mjm.qpos0, config.robot, assemble.prefix_of(config.robot), config.where)
     nslot = len(config.objects)
     if config.groups and not has_parking_ground(assemble.compile_spec(spec, "place_on: spec"), nslot, config.where):
         add_parking_ground(spec, nslot)
@@ -175,7 +182,12 @@ def _check_kind(root: _Root, kind: str, where: str) -> None:
     if root.parent != "world":
         raise SceneKeyError(f"{where}: body '{root.name}' should be a child of the world, not of '{root.parent}'.")
     if kind == "free" and root.joints != (free,):
-        raise SceneKeyError(f"{where}: body '{root.name}' should have a freejoint and no other joint to be 'free'.")
+        has = ", ".join(_JOINTS[joint] for joint in root.joints) or "no joint"
+        instead = f"in place of its {len(root.joints)} joints ({has})" if root.joints else "in it"
+        raise SceneKeyError(
+            f"{where}: body '{root.name}' should have a freejoint and no other joint to be 'free'; it has {has}. Write "
+            f"<freejoint name=\"{root.name}\"/> {instead}, or make it 'static' and draw its joints by 'joints'."
+        )
     if kind == "static" and free in root.joints:
         raise SceneKeyError(f"{where}: body '{root.name}' has a freejoint; its kind should be 'free'.")
     if kind in _MOCAP and root.joints:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,9 +11,10 @@ import numpy as np
 
 from sceniris_gym.config.loader import SHIPPED_NAME, shipped
 from sceniris_gym.config.objects import ObjectConfig
-from sceniris_gym.config.paths import user_path
-from sceniris_gym.config.scene import RobotConfig, SceneConfig
+from sceniris_gym.config.robot import RobotConfig
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import MeshError, SceneFileError, SceneKeyError, UnknownNameError
+from sceniris_gym.scene.model_files import load_model, renamed
 
 FREE = mujoco.mjtJoint.mjJNT_FREE
 _BODIES = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_XBODY)
@@ -29,32 +29,6 @@ class Home:
 
     qpos: dict[str, list[float]]
     ctrl: dict[str, float]
-
-
-def asset_name(asset: str) -> str:
-    """Return the name of an asset, which prefixes the names inside a robot: 'panda' for 'my/panda.xml'."""
-    return Path(asset).stem
-
-
-def load_mjcf(path: Path, where: str) -> mujoco.MjSpec:
-    """Read an MJCF file, with the files it refers to held in `MjSpec.assets`, so that the scene can be moved.
-
-    Raises:
-        SceneFileError: The file or one that it refers to is missing, or MuJoCo cannot read it.
-    """
-    path = user_path(path, Path(), where)
-    if not path.is_file():
-        raise SceneFileError(f"{where}: there is no file '{path}'. Give the path of an MJCF file.")
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
-        raise SceneFileError(f"{where}: MuJoCo cannot read '{path}': {error}") from None
-    for folder, file in _referred(spec):
-        source = path.parent / folder / file
-        if not source.is_file():
-            raise SceneFileError(f"{where}: '{path}' refers to '{source}', which does not exist.")
-        spec.assets[file] = source.read_bytes()
-    return spec
 
 
 def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str) -> Home:
@@ -82,13 +56,32 @@ def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: s
 
 def attach_robot(spec: mujoco.MjSpec, config: RobotConfig, where: str) -> Home:
     """Attach the robot at its base and return the start pose of its keyframe."""
-    where = f"{where}: robot.asset"
-    name, half = asset_name(config.asset), math.radians(config.yaw) / 2.0
-    child = _load_asset(config.asset, where)
-    home = _take_home(child, name, config.keyframe, where)
-    frame = spec.worldbody.add_frame(pos=config.base, quat=[math.cos(half), 0.0, 0.0, math.sin(half)])
-    _attach(spec, child, name, frame, where)
+    assert config.file is not None
+    where = f"{where}: {config.key}"
+    named = "keyframe" in config.model_fields_set
+    child = _load_asset(config.file, where)
+    home = _take_home(child, config.name, config.keyframe if named else None, where)
+    frame = spec.worldbody.add_frame(pos=config.base, quat=turn_of(config.roll, config.pitch, config.yaw))
+    _attach(spec, child, config.name, frame, where)
     return home
+
+
+def prefix_of(robot: RobotConfig) -> str:
+    """Return what names inside the robot begin with: 'panda/', or '' for a robot in a model without prefixes."""
+    if robot.in_model is None:
+        return f"{robot.name}/"
+    return robot.name[: robot.name.rfind("/") + 1]
+
+
+def turn_of(roll: float, pitch: float, yaw: float) -> np.ndarray:
+    """Return the quaternion of a turn by angles [degrees] about x, then y, then z of the frame that is turned in."""
+    quat = np.array([1.0, 0.0, 0.0, 0.0])
+    for axis, angle in enumerate((roll, pitch, yaw)):
+        if angle:
+            half, turn = math.radians(angle) / 2.0, np.zeros(4)
+            turn[0], turn[1 + axis] = math.cos(half), math.sin(half)
+            mujoco.mju_mulQuat(quat, turn, quat.copy())
+    return quat
 
 
 def check_assets(config: SceneConfig) -> None:
@@ -97,10 +90,10 @@ def check_assets(config: SceneConfig) -> None:
     Raises:
         MeshError, SceneFileError: The first asset that cannot be compiled; the message names its key.
     """
-    if config.robot is not None:
+    if config.robot is not None and config.robot.file is not None:
         alone = mujoco.MjSpec()
         attach_robot(alone, config.robot, config.where)
-        compile_spec(alone, f"{config.where}: robot.asset")
+        compile_spec(alone, f"{config.where}: {config.robot.key}")
     for name, part in config.objects.items():
         if part.asset is not None:
             alone = mujoco.MjSpec()
@@ -129,23 +122,13 @@ def names_in(asset: str, where: str) -> Names:
     return Names(tuple(joints), tuple(bodies))
 
 
-def _referred(spec: mujoco.MjSpec) -> Iterator[tuple[str, str]]:
-    for element in (*spec.meshes, *spec.hfields, *spec.skins):
-        if element.file:
-            yield spec.meshdir, element.file
-    for texture in spec.textures:
-        for file in (texture.file, *texture.cubefiles):
-            if file:
-                yield spec.texturedir, file
-
-
 def _load_asset(asset: str, where: str) -> mujoco.MjSpec:
     if not SHIPPED_NAME.fullmatch(asset):
-        return load_mjcf(Path(asset), where)
+        return load_model(Path(asset), where)
     assets = shipped("assets", ".xml")
     if asset not in assets:
         raise UnknownNameError("asset", asset, where, assets)
-    return load_mjcf(assets[asset], where)
+    return load_model(assets[asset], where)
 
 
 def stand_at_keyframe(spec: mujoco.MjSpec, keyframe: str, where: str) -> None:
@@ -199,19 +182,54 @@ def _take_home(child: mujoco.MjSpec, name: str, keyframe: str | None, where: str
 
 
 def _attach(spec: mujoco.MjSpec, child: mujoco.MjSpec, name: str, frame: mujoco.MjsFrame, where: str) -> mujoco.MjsBody:
+    """Attach an asset as one body of that name: its only body, or a new one around all that it has."""
     world = child.worldbody
-    roots = [body.name for body in world.bodies if body.parent.name == "world"]
-    if len(roots) != 1 or not roots[0]:
-        raise SceneKeyError(
-            f"{where}: an asset should have one body below its worldbody, with a name; found {roots or 'none'}."
-        )
-    for element in (*world.geoms, *world.sites, *world.cameras, *world.lights):
+    tops = [body for body in world.bodies if body.parent.name == "world"]
+    shapes = [geom for geom in world.geoms if geom.type != mujoco.mjtGeom.mjGEOM_PLANE]
+    if not tops and not shapes:
+        raise SceneKeyError(f"{where}: an asset should have a body below its worldbody; found none.")
+    if len(tops) > 1:
+        _check_rigid(tops, name, where)
+    for element in (*(world.geoms if tops else ()), *world.sites, *world.cameras, *world.lights):
         child.delete(element)  # a floor or a light for viewing the asset on its own
     child.option, child.visual = spec.option, spec.visual  # the scene's apply; equal ones raise no warning
-    spec.attach(child, prefix=f"{name}/", frame=frame)
-    root = spec.body(f"{name}/{roots[0]}")
-    _rename(spec, root, name)
+    _keep_files_apart(spec, child, name)
+    if len(tops) == 1:
+        tops[0].name = tops[0].name or name
+        old = tops[0].name
+        spec.attach(child, prefix=f"{name}/", frame=frame)
+        root = spec.body(f"{name}/{old}")
+        _rename(spec, root, name)
+        return root
+    for plane in [geom for geom in world.geoms if geom.type == mujoco.mjtGeom.mjGEOM_PLANE]:
+        child.delete(plane)
+    root = spec.worldbody.add_body(name=name, pos=frame.pos, quat=frame.quat)
+    spec.attach(child, prefix=f"{name}/", frame=root.add_frame())
     return root
+
+
+def _check_rigid(tops: list[mujoco.MjsBody], name: str, where: str) -> None:
+    """Check that several bodies below the worldbody can be parts of one thing."""
+    loose = [body.name for body in tops if body.mocap or any(joint.type == FREE for joint in body.joints)]
+    if loose:
+        raise SceneKeyError(
+            f"{where}: an asset should have one body below its worldbody, or several that stay together; found "
+            f"{[body.name for body in tops]}, of which {loose} move freely. Use the file as the scene's 'model', and "
+            f"its bodies by name, as in objects.{name}: {{body: {loose[0]}}} or robot: {{in_model: {tops[-1].name}}}."
+        )
+
+
+def _keep_files_apart(spec: mujoco.MjSpec, child: mujoco.MjSpec, name: str) -> None:
+    """Give files of an asset another name where the scene has others of the same name, in whatever folder."""
+    present = {file.rpartition("/")[2]: content for file, content in spec.assets.items()}
+    taken = {f for f, content in child.assets.items() if present.get(f.rpartition("/")[2], content) != content}
+    for element in (*child.meshes, *child.hfields, *child.skins, *child.textures) if taken else ():
+        if element.file in taken:
+            file = renamed(element.file, f"{name}_")
+            child.assets[file] = child.assets[element.file]
+            element.file = file
+    for file in taken:
+        del child.assets[file]
 
 
 def _rename(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str) -> None:

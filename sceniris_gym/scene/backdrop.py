@@ -74,26 +74,15 @@ def add_light(spec: mujoco.MjSpec) -> None:
     )
 
 
-def add_camera(spec: mujoco.MjSpec, center: np.ndarray, extent: float, facing: float | None = None) -> None:
-    """Add the camera 'overview': from the front, slightly from the right, and high enough to see into a drawer.
-
-    If a robot would have its back to the camera, and hide its workspace, the camera looks from behind instead.
+def add_camera(spec: mujoco.MjSpec, position: np.ndarray, axes: np.ndarray, fovy: float) -> None:
+    """Add the camera 'overview'.
 
     Args:
         spec: The scene.
-        center: What it looks at [m], world frame, shape (3,).
-        extent: How wide the scene is there [m].
-        facing: Heading of the robot [rad], if there is one.
+        position: Where it stands [m], shape (3,).
+        axes: Its axes, the columns right, up and backward, shape (3, 3).
+        fovy: Vertical field of view [degrees].
     """
-    backward = np.array([0.5, -1.0, 2.1])  # 62 degrees up: over the face of an open drawer, down to its floor
-    if facing is not None:
-        away = -backward[:2] @ [np.cos(facing), np.sin(facing)]
-        if away > np.cos(np.radians(45.0)) * np.linalg.norm(backward[:2]):
-            backward[1] *= -1.0
-    backward /= np.linalg.norm(backward)
-    right = np.cross([0.0, 0.0, 1.0], backward)
-    right /= np.linalg.norm(right)
-    axes = np.stack([right, np.cross(backward, right), backward], axis=1)
     quat = np.zeros(4)
     mujoco.mju_mat2Quat(quat, axes.flatten())
-    spec.worldbody.add_camera(name=OVERVIEW, pos=center + 1.65 * extent * backward, quat=quat, fovy=40.0)
+    spec.worldbody.add_camera(name=OVERVIEW, pos=position, quat=quat, fovy=fovy)

@@ -15,8 +15,10 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.loader import SHIPPED_NAME, shipped
+from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.reach.map import map_file
+from sceniris_gym.scene.model_files import file_of
 
 _NO_MATTER = frozenset(
     ("camera", "light", "texture", "material", "visual", "statistic", "size", "sensor", "skin", "custom", "text")
@@ -60,13 +62,21 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
         _update_from_file(digest.update, config.model)
     parts = {**({"robot": config.robot} if config.robot is not None else {}), **config.objects}
     for name, part in parts.items():
-        if part.asset is not None:
+        file = part.file if isinstance(part, RobotConfig) else part.asset
+        if file is not None:
             digest.update(f"{name}:".encode())
-            _update_from_file(digest.update, _path_of(part.asset))
+            _update_from_file(digest.update, _path_of(file))
     if config.robot is not None and any(part.reachable for part in config.objects.values()):
-        path = map_file(config.robot.asset)  # what the arm reaches shapes the layouts, too
-        digest.update(path.read_bytes() if path is not None else b"")
+        path = map_of(config.robot)  # what the arm reaches shapes the layouts, too
+        digest.update(path.read_bytes() if path is not None and path.is_file() else b"")
     return digest.hexdigest()[:16]
+
+
+def map_of(robot: RobotConfig) -> Path | None:
+    """Return the file of a robot's reachability map: the one that the scene names, or that of a shipped asset."""
+    if robot.map is not None:
+        return Path(robot.map)
+    return map_file(robot.asset) if robot.asset is not None and SHIPPED_NAME.fullmatch(robot.asset) else None
 
 
 def _path_of(asset: str) -> Path:
@@ -92,6 +102,9 @@ def _update_from_file(update: Callable[[bytes], None], path: Path) -> None:
         return
     for token in _tokens(root):
         update(token.encode() + b"\0")
+    for mesh in root.iterfind(".//collision//mesh[@filename]"):  # of a URDF
+        source = file_of(mesh.attrib["filename"], path.parent)
+        update(source.read_bytes() if source is not None else b"")
     folders = [path.parent / c.attrib[f] for c in root.iter("compiler") for f in _FOLDERS if f in c.attrib]
     for element in root.iter():
         if element.tag in _NO_MATTER or "file" not in element.attrib:

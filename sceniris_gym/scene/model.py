@@ -13,13 +13,17 @@ from sceniris_gym.config.fields import FLOOR, ROBOT
 from sceniris_gym.config.objects import JointConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import MeshError, NotSupportedError, SceneFileError, SceneKeyError, UnknownNameError
+from sceniris_gym.progress import tell
 from sceniris_gym.scene import assemble, backdrop
 from sceniris_gym.scene.adopt import HOME, adopt_body, check_additions, check_bodies
 from sceniris_gym.scene.couplings import Coupling, driven_by, follow, joint_couplings, turned_round
 from sceniris_gym.scene.identity import scene_hash
+from sceniris_gym.scene.model_files import load_model
 from sceniris_gym.scene.number_check import check_numbers
+from sceniris_gym.scene.overview import FOVY, overview
 from sceniris_gym.scene.parking import add_parking_ground, has_parking_ground
-from sceniris_gym.scene.support import Support, static_supports
+from sceniris_gym.scene.support import Support, static_supports, subtree
+from sceniris_gym.scene.tcp import tcp_site
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +41,7 @@ class SceneModel:
             to others where it has them.
         home_ctrl: Controls of the start pose, shape (nu,).
         hash: Identifies the scene: equal for equal scenes, in every process; 16 hexadecimal digits.
+        tcp: Name of the site that is the robot's tool centre point, whether there is one or not; "" without a robot.
         couplings: Joints that follow others, drivers before what follows them; a joint that is drawn by its name drives
             the one that it would follow, where that one is not drawn and the coupling is a straight line.
     """
@@ -49,6 +54,7 @@ class SceneModel:
     home_qpos: np.ndarray
     home_ctrl: np.ndarray
     hash: str
+    tcp: str = ""
     couplings: tuple[Coupling, ...] = ()
 
     def support(self, parent: str, where: str) -> Support:
@@ -141,7 +147,7 @@ class SceneModel:
         """What names inside an object begin with: its own, or that of the model which its body was attached from."""
         robot = self.config.robot
         if name == ROBOT and robot is not None:
-            return assemble.asset_name(robot.asset)
+            return assemble.prefix_of(robot).removesuffix("/")
         body = self.config.objects[name].body
         return name if body is None else body.rpartition("/")[0]
 
@@ -181,14 +187,6 @@ class SceneModel:
                 )
 
 
-def subtree(mjm: mujoco.MjModel, root: int) -> list[int]:
-    """Return the ids of a body and of all bodies below it, in ascending order."""
-    end = root + 1  # bodies are numbered depth first: what is below one follows it
-    while end < mjm.nbody and mjm.body_parentid[end] >= root:
-        end += 1
-    return list(range(root, end))
-
-
 def build_model(config: SceneConfig) -> SceneModel:
     """Compose the model of a scene and compile it.
 
@@ -219,13 +217,8 @@ def build_model(config: SceneConfig) -> SceneModel:
     couplings = joint_couplings(mjm, config.where)
     given_qpos = home.qpos.copy()
     follow(couplings, home.qpos)
-    if config.floor is not None:
-        center, extent = np.array([0.0, 0.0, 0.25]), max(config.floor.size)
-    else:
-        center, extent = mjm.stat.center.copy(), float(mjm.stat.extent)
     if spec.camera(backdrop.OVERVIEW) is None:
-        facing = None if config.robot is None else float(np.radians(config.robot.yaw))
-        backdrop.add_camera(spec, center, extent, facing)
+        backdrop.add_camera(spec, *overview(config, mjm, home.qpos), FOVY)
     if config.groups and not has_parking_ground(mjm, len(config.objects), config.where):
         spec.stat.center, spec.stat.extent = mjm.stat.center, mjm.stat.extent  # of the scene without its parking ground
         add_parking_ground(spec, len(config.objects))
@@ -234,7 +227,8 @@ def build_model(config: SceneConfig) -> SceneModel:
         spec.add_key(name=keyframe, qpos=home.qpos, ctrl=home.ctrl)
     elif not np.array_equal(home.qpos, given_qpos):
         spec.key(keyframe).qpos = home.qpos
-    return _scene(config, spec, assemble.compile_spec(spec, config.where), home, couplings)
+    tcp = _tcp(spec, mjm, home.qpos, config)
+    return _scene(config, spec, assemble.compile_spec(spec, config.where), home, couplings, tcp)
 
 
 def _taken(config: SceneConfig, model: mujoco.MjModel) -> SceneModel:
@@ -249,20 +243,25 @@ def _taken(config: SceneConfig, model: mujoco.MjModel) -> SceneModel:
         mjm.body_quat[mocap] = mjm.key_mquat[home.keyframe].reshape(-1, 4)[mjm.body_mocapid[mocap]]
     couplings = joint_couplings(mjm, config.where)
     follow(couplings, home.qpos)
-    return _scene(config, None, mjm, home, couplings)
+    return _scene(config, None, mjm, home, couplings, _tcp(None, mjm, home.qpos, config))
 
 
 def _scene(
-    config: SceneConfig, spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, home: _Home, couplings: tuple[Coupling, ...]
+    config: SceneConfig,
+    spec: mujoco.MjSpec | None,
+    mjm: mujoco.MjModel,
+    home: _Home,
+    couplings: tuple[Coupling, ...],
+    tcp: str,
 ) -> SceneModel:
     """The scene of a compiled model, in which all names that the scene refers to are looked up once."""
     check_numbers(mjm, config.where)
     bodies = {name: mjm.body(part.body or name).id for name, part in config.objects.items()}
     if config.robot is not None:
-        bodies[ROBOT] = mjm.body(assemble.asset_name(config.robot.asset)).id
+        bodies[ROBOT] = mjm.body(config.robot.name).id
     keyframe = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, config.home or HOME)
     identity = scene_hash(config, mjm, home.qpos)
-    scene = SceneModel(config, spec, mjm, bodies, keyframe, home.qpos, home.ctrl, identity, couplings)
+    scene = SceneModel(config, spec, mjm, bodies, keyframe, home.qpos, home.ctrl, identity, tcp, couplings)
     scene = replace(scene, couplings=turned_round(mjm, couplings, scene.named_joints()))
     for name, part in config.objects.items():
         if part.support is not None:
@@ -272,6 +271,17 @@ def _scene(
     return scene
 
 
+def _tcp(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, config: SceneConfig) -> str:
+    """The name of the robot's tool centre point, "" without a robot; a robot in the model must be there."""
+    robot = config.robot
+    if robot is None:
+        return ""
+    bodies = [mjm.body(i).name for i in range(1, mjm.nbody)]
+    if robot.name not in bodies:
+        raise UnknownNameError("body of the model", robot.name, f"{config.where}: {robot.key}", filter(None, bodies))
+    return tcp_site(spec, mjm, qpos, robot, assemble.prefix_of(robot), config.where)
+
+
 def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, list[assemble.Home]]:
     if config.model is None:
         spec = mujoco.MjSpec()
@@ -279,7 +289,7 @@ def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, list[assemble.Home]]:
     else:
         where = f"{config.where}: model"
         in_memory = config.has_model_in_memory
-        spec = config.model.copy() if in_memory else assemble.load_mjcf(config.model, where)
+        spec = config.model.copy() if in_memory else load_model(config.model, where)
         assemble.stand_at_keyframe(spec, config.home or HOME, where)
     spec.modelname = "scene"
     homes = []
@@ -288,13 +298,15 @@ def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, list[assemble.Home]]:
     if not spec.lights:
         backdrop.add_light(spec)
     if config.robot is not None:
-        if assemble.asset_name(config.robot.asset) in config.objects:
+        if config.robot.name in config.objects:
             raise SceneKeyError(
-                f"{config.where}: objects.{assemble.asset_name(config.robot.asset)}: the name of the robot's asset is "
-                "taken by the robot. Give the object another name."
+                f"{config.where}: objects.{config.robot.name}: the name of the robot's asset is taken by the robot. "
+                "Give the object another name."
             )
-        homes.append(assemble.attach_robot(spec, config.robot, config.where))
-    for name, part in config.objects.items():
+        if config.robot.in_model is None:
+            homes.append(assemble.attach_robot(spec, config.robot, config.where))
+    for i, (name, part) in enumerate(config.objects.items()):
+        tell("objects", i + 1, len(config.objects))
         if part.asset is None and (part.kind != "marker" or part.body is not None or spec.body(name) is not None):
             if not config.has_model_in_memory:  # whose bodies are checked once it is compiled
                 adopt_body(spec, name, part, config.where)

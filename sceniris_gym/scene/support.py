@@ -54,3 +54,11 @@ def static_supports(mjm: mujoco.MjModel, bodies: Mapping[str, int]) -> dict[str,
 def is_static(mjm: mujoco.MjModel) -> np.ndarray:
     """Which bodies never move: without a joint up to the world, and not below a mocap body; shape (nbody,)."""
     return (mjm.body_weldid == 0) & (mjm.body_mocapid[mjm.body_rootid] < 0)
+
+
+def subtree(mjm: mujoco.MjModel, root: int) -> list[int]:
+    """Return the ids of a body and of all bodies below it, in ascending order."""
+    end = root + 1  # bodies are numbered depth first: what is below one follows it
+    while end < mjm.nbody and mjm.body_parentid[end] >= root:
+        end += 1
+    return list(range(root, end))

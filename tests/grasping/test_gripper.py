@@ -200,3 +200,37 @@ def test_a_hand_is_what_the_last_joint_moves():
         assert carried(mjm, arm) == set(np.flatnonzero(np.abs(poses[1] - poses[0]).max(axis=1) > 1e-6))
     mjm, arm, _ = _hand()
     assert {mjm.body(body).name for body in carried(mjm, arm)} == {"hand", "left", "right"}
+
+
+SWING = """
+<mujoco><compiler angle="degree"/><worldbody><body name="base"><body name="hand" pos="0 0 .3">
+  <joint axis="0 0 1" range="-90 90"/><geom type="box" size=".05 .05 .01"/><site name="tcp" pos="0 0 .1"/>{fingers}
+</body></body></worldbody></mujoco>"""
+
+
+def _swinging(headings: list[float]) -> Gripper:
+    """Measure fingers of 10 cm that swing outwards from z by up to 60 degrees, at these headings around the palm."""
+    finger = (
+        '<body pos="0 0 0" euler="0 0 {0}"><body pos="0 .02 0"><joint axis="-1 0 0" range="0 60"/>'
+        '<geom type="box" size=".005 .004 .05" pos="0 0 .05"/></body></body>'
+    )
+    text = SWING.format(fingers="".join(finger.format(h) for h in headings))
+    mjm = mujoco.MjModel.from_xml_string(text)
+    arm = SerialArm.from_model(mjm, "base")
+    return Gripper.from_model(mjm, arm, np.zeros(mjm.nq), extract_pieces(mjm, "physics"))
+
+
+@pytest.mark.parametrize(("headings", "across"), [([0, 180], 2.0), ([0, 120, 240], 1.5)], ids=["two", "three"])
+def test_fingers_that_swing_out_of_reach_of_the_tcp_are_measured_at_their_tips(headings: list[float], across: float):
+    """Open, they end 5 cm before the TCP: by the extents of bars at 60 degrees, and of their projections on y."""
+    gripper = _swinging(headings)
+    low = 0.02 - 0.004 * np.cos(np.radians(60))  # where a bar begins, from the middle of the palm
+    assert gripper.opening == pytest.approx(across * low, abs=0.02)
+    assert gripper.opening > 0.02
+    assert gripper.open_qpos == pytest.approx(np.full(len(headings), np.radians(60)))
+
+
+def test_one_jaw_has_as_much_room_on_its_other_side():
+    """Upright it stands 16 mm from the middle."""
+    gripper = _swinging([0])
+    assert gripper.closed == pytest.approx(2.0 * 0.016, abs=1e-6)

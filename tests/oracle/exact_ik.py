@@ -37,13 +37,15 @@ class Screws:
     def from_model(cls, mjm: mujoco.MjModel, base: str, count: int, tcp: str = "tcp") -> Screws:
         """Take axes and the TCP from MuJoCo with 'joint1' and so on at zero. The base stands at the origin."""
         data = mujoco.MjData(mjm)
-        joints = [mjm.joint(f"joint{i + 1}").id for i in range(count)]
+        named = {mjm.joint(i).name.rpartition("/")[2]: i for i in range(mjm.njnt)}  # with or without the arm's prefix
+        joints = [named[f"joint{i + 1}"] for i in range(count)]
         data.qpos[mjm.jnt_qposadr[joints]] = 0.0
         mujoco.mj_kinematics(mjm, data)
         assert not data.xpos[mjm.body(base).id].any()
+        site = {mjm.site(i).name.rpartition("/")[2]: i for i in range(mjm.nsite)}[tcp]
         pose = np.eye(4)
-        pose[:3, :3] = data.site(tcp).xmat.reshape(3, 3)
-        pose[:3, 3] = data.site(tcp).xpos
+        pose[:3, :3] = data.site_xmat[site].reshape(3, 3)
+        pose[:3, 3] = data.site_xpos[site]
         return cls(data.xaxis[joints].copy(), data.xanchor[joints].copy(), pose, *mjm.jnt_range[joints].T)
 
     def forward(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ import pytest
 
 from sceniris_gym.errors import MapError
 from sceniris_gym.reach import checkpoint
-from sceniris_gym.reach.checkpoint import Checkpoint
+from sceniris_gym.reach.checkpoint import Checkpoint, remove_state
 
 
 @pytest.fixture
@@ -134,3 +134,21 @@ def test_a_file_that_is_no_state_is_refused(tmp_path: Path, share: float):
     for path in (state, other, text):
         with pytest.raises(MapError, match="not the saved state of a build"):
             Checkpoint(path, "a build")
+
+
+@pytest.mark.usefixtures("hasty")
+def test_nothing_is_left_of_a_build_that_is_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Nor of a process that was killed while it wrote its state."""
+
+    def killed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    _work(tmp_path / "state", ("first", 2))
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", killed)
+        with pytest.raises(KeyboardInterrupt):
+            _work(tmp_path / "state")
+    assert len(list(tmp_path.iterdir())) == 2
+    remove_state(tmp_path / "state")
+    remove_state(tmp_path / "state")
+    assert not list(tmp_path.iterdir())

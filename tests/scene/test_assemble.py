@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import mujoco
+import numpy as np
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
@@ -89,8 +90,12 @@ def test_explicit_pairs_make_no_marker_touch_anything(folder: Path):
 
 BAD_ASSETS = {
     "no XML": ("<mujoco>", SceneFileError, "MuJoCo cannot read"),
-    "no body": ("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>", SceneKeyError, "one body.*found none"),
-    "two bodies": (BALL.replace("</worldbody>", "<body name='c'/></worldbody>"), SceneKeyError, "one body.*'b', 'c'"),
+    "no body": ("<mujoco/>", SceneKeyError, "a body below its worldbody; found none"),
+    "two free bodies": (
+        BALL.replace("</worldbody>", "<body name='c'><freejoint/><geom size='.1'/></body></worldbody>"),
+        SceneKeyError,
+        r"one body.*'b', 'c'.*of which \['c'\] move freely.*'model'.*objects\.a: {body: c}",
+    ),
     "a missing mesh": (
         BALL.replace("<worldbody>", "<asset><mesh name='m' file='m.obj'/></asset><worldbody>"),
         SceneFileError,
@@ -145,6 +150,42 @@ def test_a_mesh_without_a_volume_is_refused(folder: Path, knob: str):
     (folder / "parts" / "knob.obj").write_text(knob)
     with pytest.raises(MeshError, match=r"objects\.b\.asset: .*vertices"):
         build(folder, {"a": {"asset": "ball", "on": "floor"}, "b": {"asset": "chest", "kind": "fixture"}})
+
+
+PARTS: dict[str, tuple[str, int, int]] = {
+    "no name": ("<body><geom size='.1'/><body name='in'><geom size='.1'/></body></body>", 2, 2),
+    "two bodies": ("<body name='b'><geom size='.1'/></body><body><geom size='.1'/></body>", 3, 2),
+    "geoms alone": ("<geom name='ground' type='plane' size='1 1 1'/><geom size='.1'/><geom size='.2'/>", 1, 2),
+}
+
+
+@pytest.mark.parametrize("kind", ["free", "fixture", "static"])
+@pytest.mark.parametrize(("text", "nbody", "ngeom"), PARTS.values(), ids=PARTS.keys())
+def test_what_belongs_together_becomes_one_body(folder: Path, text: str, nbody: int, ngeom: int, kind: str):
+    """A root without a name, several bodies, and geoms without one; a plane is no part."""
+    (folder / "parts.xml").write_text(f"<mujoco><worldbody>{text}</worldbody></mujoco>")
+    support = {} if kind == "static" else {"on": "floor"}
+    scene = build(folder, {"a": {"asset": "parts", "kind": kind, **support}})
+    assert len(scene.subtree("a")) == nbody
+    assert np.isin(scene.mjm.geom_bodyid, scene.subtree("a")).sum() == ngeom
+    assert scene.mjm.body("a").jntnum == (kind == "free")
+    assert (scene.mjm.body("a").mocapid >= 0) == (kind == "fixture")
+
+
+def test_slides_in_place_of_a_freejoint_are_refused_with_the_line_that_mends_them(folder: Path):
+    """As in models that move a body by slides and hinges."""
+    joints = "<joint name='x' type='slide' axis='1 0 0'/><joint name='t' type='hinge' axis='0 0 1'/>"
+    (folder / "slid.xml").write_text(
+        f"<mujoco><worldbody><body name='cube'>{joints}<geom size='.1'/></body></worldbody></mujoco>"
+    )
+    says = (
+        r"'cube' .* has slide, hinge\. Write <freejoint name=\"cube\"/> in place of its 2 joints .* or make it 'static'"
+    )
+    with pytest.raises(SceneKeyError, match=says):
+        build(folder, {"cube": {"on": "floor"}}, model=str(folder / "slid.xml"))
+    text = (folder / "slid.xml").read_text().replace(joints, '<freejoint name="cube"/>')
+    (folder / "slid.xml").write_text(text)
+    assert build(folder, {"cube": {"on": "floor"}}, model=str(folder / "slid.xml")).mjm.njnt == 1
 
 
 def test_unknown_keyframes_and_taken_names_of_a_robot_are_refused(folder: Path):

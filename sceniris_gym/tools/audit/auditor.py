@@ -9,7 +9,7 @@ collide are listed as allowed for.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import mujoco
@@ -87,13 +87,20 @@ class Auditor:
         mjm: The model.
         config: The scene.
         bodies: Object name -> root body id.
+        progress: Called with what is being done, how many are done, and how many there are.
 
     Raises:
         NotSupportedError: A geom has a type that the audit does not know.
     """
 
-    def __init__(self, mjm: mujoco.MjModel, config: SceneConfig, bodies: Mapping[str, int]) -> None:
-        self.mjm = mjm
+    def __init__(
+        self,
+        mjm: mujoco.MjModel,
+        config: SceneConfig,
+        bodies: Mapping[str, int],
+        progress: Callable[[str, int, int], object] = lambda what, done, total: None,
+    ) -> None:
+        self.mjm, self.progress = mjm, progress
         self.tree = Tree(mjm, bodies, config.home)
         markers = {name for name, part in config.objects.items() if part.kind == "marker"}
         solids = [
@@ -103,13 +110,15 @@ class Auditor:
         ]
         placed = {name: part for name, part in config.objects.items() if part.kind in ("free", "fixture")}
         clearances = {name: part.clearance for name, part in placed.items()}
+        if config.robot is not None:
+            clearances[ROBOT] = config.robot.clearance
         drawn = {name: bodies[name] for name, part in placed.items() if part.is_placed}
         self.contacts = ContactAudit(self.tree, drawn, markers)
         jointed = {name for name, part in config.objects.items() if part.joints}
         if config.robot is not None and config.robot.joints:
             jointed.add(ROBOT)
         self.collisions = CollisionAudit(
-            self.tree, solids, config.geometry, clearances, jointed, self.contacts.at_home, {*drawn, *jointed}
+            self.tree, solids, config.geometry, clearances, jointed, self.contacts.at_home, {*drawn, *jointed}, drawn
         )
         home = home_of(mjm, config.home)
         outlines = Outlines(self.tree, solids, config, bodies, pose_of(home))
@@ -150,6 +159,7 @@ class Auditor:
                 )
             conflicts += [nearer[key] for key in sorted(nearer)]
             kept = self.language.add(kept, start, poses, there)
+            self.progress("layouts judged", start + len(some), len(table))
         report = Report(len(table), conflicts, misplaced, tally.deepest, tally.allowed(), kept)
         return self._settle(report, table[slice(0, settled)])
 
@@ -221,6 +231,7 @@ class Auditor:
                 }
                 found = [a for a in found if a.row not in hit]
             alarms += [FalseAlarm(start + a.row, a.owners, a.surplus) for a in found]
+            self.progress("candidates judged", start + len(some), len(table))
         return alarms
 
 

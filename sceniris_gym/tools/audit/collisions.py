@@ -61,6 +61,7 @@ class CollisionAudit:
         jointed: Names of the objects whose joints are drawn.
         at_home: Pairs of geoms that touch at home, which are not judged here.
         moved: Names of the objects that layouts move, None for all that can move; pairs of others are not judged here.
+        placed: Names of the objects that layouts place, None for all; two others keep no clearance.
     """
 
     def __init__(
@@ -72,9 +73,12 @@ class CollisionAudit:
         jointed: Collection[str] = (),
         at_home: Collection[tuple[int, int]] = (),
         moved: Collection[str] | None = None,
+        placed: Collection[str] | None = None,
     ) -> None:
         self.tree, self.solids = tree, solids
-        self.pairs = judged_pairs(tree, solids, geometry, clearances, jointed=jointed, at_home=at_home, moved=moved)
+        self.pairs = judged_pairs(
+            tree, solids, geometry, clearances, jointed=jointed, at_home=at_home, moved=moved, placed=placed
+        )
         self._narrow = Narrow(solids)
         self._body = [int(tree.mjm.geom_bodyid[s.geom]) for s in solids]
 

@@ -67,6 +67,7 @@ def judged_pairs(
     jointed: Collection[str] = (),
     at_home: Collection[tuple[int, int]] = (),
     moved: Collection[str] | None = None,
+    placed: Collection[str] | None = None,
 ) -> list[Judged]:
     """List the pairs of solids that a layout must keep apart.
 
@@ -84,6 +85,7 @@ def judged_pairs(
             their bodies ("visual") is not judged at all.
         moved: Names of the objects that layouts move, None for all that can move. MuJoCo alone judges two others: they
             are as they are at home.
+        placed: Names of the objects that layouts place, None for all; two others keep no clearance.
     """
     mjm = tree.mjm
     touching = {frozenset(mjm.geom_bodyid[list(geoms)].tolist()) for geoms in at_home if geometry == "visual"}
@@ -108,7 +110,8 @@ def judged_pairs(
                 if (own or not (tree.fixture[body1] or tree.fixture[body2])) and _filtered(mjm, body1, body2):
                     continue
                 margin = float(mjm.geom_margin[list(geoms)].sum())
-            clearance = 0.0 if own else max(clearances.get(owner, 0.0) for owner in owners)
+            keeps = not own and (placed is None or bool({*owners} & {*placed}))
+            clearance = max(clearances.get(owner, 0.0) for owner in owners) if keeps else 0.0
             judged.append(Judged(first, second, clearance, owners, margin if geometry == "physics" else 0.0))
     return judged
 

@@ -1,7 +1,7 @@
 """Checks claims that the arm reaches objects: with MuJoCo C where joints are given, else by searching for joints.
 
-Joints, limits and hand are taken from the MjModel: the chain from the robot's root body to its site `tcp`. The search
-is damped least squares on MuJoCo's own kinematics and Jacobian, from the layout's joints and from random ones. How wide
+Joints, limits and hand are taken from the MjModel: the chain from the robot's root body to its TCP, a site. The search
+is that of chain.py, from random joints. How wide
 the fingers open for a grasp is taken as claimed; opened so, the arm must not touch anything but the object, and that
 with its hand alone (what its last joint carries), in the grasp alone. Parts of the robot that touch each other at home
 may be as deep as they are there.
@@ -18,17 +18,14 @@ import numpy as np
 
 from sceniris_gym.reach.tier import Tier
 from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.tools.audit.chain import POSITION, ROTATION, Chain
 from sceniris_gym.tools.audit.geometry import home_of
 
-POSITION = 1e-3  # m
-ROTATION = np.radians(0.5)
 BACK = 0.08  # m, from the pre-grasp to the grasp along its approach
 _LIMIT = 1e-6  # rad or m
 _DEEP = 1e-5  # m; bodies that overlap by more than this touch
 _OFF = 0.03  # m; most distance from the TCP of a grasp to the nearest box of the object's geoms
-_TCP = "tcp"
-_STARTS, _STEPS = 48, 40  # of the search
-_LEVER = 0.3  # m; converts angles to lengths in the search
+_STARTS, _STEPS = 64, 40  # of the search
 
 
 @dataclass(frozen=True)
@@ -70,16 +67,15 @@ class ReachAudit:
         mjm: The model.
         root: Id of the robot's root body.
         bodies: Object name -> root body id.
+        tcp: Name of the site that is the robot's tool centre point.
     """
 
-    def __init__(self, mjm: mujoco.MjModel, root: int, bodies: dict[str, int]) -> None:
+    def __init__(self, mjm: mujoco.MjModel, root: int, bodies: dict[str, int], tcp: str) -> None:
         self.mjm, self.root, self.data = mjm, root, mujoco.MjData(mjm)
-        self.site = mjm.site(f"{mjm.body(root).name}/{_TCP}").id
-        self.joints = _joints_between(mjm, root, int(mjm.site_bodyid[self.site]))
-        self.adr, self.dof = mjm.jnt_qposadr[self.joints], mjm.jnt_dofadr[self.joints]
-        limited = mjm.jnt_limited[self.joints].astype(bool)
-        self.lower = np.where(limited, mjm.jnt_range[self.joints, 0], -np.inf)
-        self.upper = np.where(limited, mjm.jnt_range[self.joints, 1], np.inf)
+        self.site = mjm.site(tcp).id
+        self.chain = Chain(mjm, root, self.site)
+        self.joints, self.adr = self.chain.joints, mjm.jnt_qposadr[self.chain.joints]
+        self.lower, self.upper = self.chain.lower.numpy(), self.chain.upper.numpy()
         self._of = {name: _inside(mjm, body) for name, body in bodies.items()}
         self._robot = _inside(mjm, root)
         self._hand = _inside(mjm, int(mjm.jnt_bodyid[self.joints[-1]]))
@@ -93,7 +89,7 @@ class ReachAudit:
             claims: One for each object with `reachable`.
             present: Object name -> rows in which it is present, shape (nrow,).
         """
-        found = []
+        found, asked = [], []
         for claim in claims:
             for row in np.flatnonzero(present[claim.name]).tolist():
                 table.put(self.data, row)
@@ -101,9 +97,18 @@ class ReachAudit:
                 cause = self._wrong(claim, row)
                 if cause is not None:
                     found.append(Unreached(row, claim.name, cause))
-                elif claim.tier.needs_map and not self._solvable(_matrix(claim.pose[row])):
-                    found.append(Unreached(row, claim.name, "no joints found"))
+                elif claim.tier.needs_map:
+                    asked.append((Unreached(row, claim.name, "no joints found"), self._from_base(claim.pose[row])))
+        if asked:
+            _, ok = self.chain.ik(np.stack([pose for _, pose in asked]), restarts=_STARTS, iterations=_STEPS)
+            found += [unreached for (unreached, _), solved in zip(asked, ok.tolist(), strict=True) if not solved]
         return found
+
+    def _from_base(self, pose: np.ndarray) -> np.ndarray:
+        """Return a pose of the world in the frame of the base in `data`, as a matrix (4, 4)."""
+        base = np.eye(4)
+        base[:3, :3], base[:3, 3] = self.data.xmat[self.root].reshape(3, 3), self.data.xpos[self.root]
+        return np.linalg.inv(base) @ _matrix(pose)
 
     def _wrong(self, claim: Claim, row: int) -> str | None:
         """Return what is wrong with a claim in the layout in `data`, except whether joints can be found."""
@@ -186,41 +191,6 @@ class ReachAudit:
         mujoco.mju_mat2Quat(quat, (pose[:3, :3] @ self.data.site_xmat[self.site].reshape(3, 3).T).ravel())
         mujoco.mju_quat2Vel(turn, quat, 1.0)
         return pose[:3, 3] - self.data.site_xpos[self.site], turn
-
-    def _solvable(self, pose: np.ndarray) -> bool:
-        """Return whether a search finds joints within limits for a TCP pose in the world. It moves the robot."""
-        mjm, data = self.mjm, self.data
-        draws = np.random.default_rng(0)
-        low, high = np.maximum(self.lower, -np.pi), np.minimum(self.upper, np.pi)
-        jacobian, rows = np.zeros((6, mjm.nv)), np.repeat([1.0, _LEVER], 3)
-        for start in range(_STARTS):
-            q = np.clip(data.qpos[self.adr], low, high) if start == 0 else draws.uniform(low, high)
-            for _ in range(_STEPS):
-                data.qpos[self.adr] = q
-                mujoco.mj_kinematics(mjm, data)
-                mujoco.mj_comPos(mjm, data)
-                shift, turn = self._away(pose)
-                if np.linalg.norm(shift) < POSITION and np.linalg.norm(turn) < ROTATION:
-                    return True
-                error = rows * np.concatenate([shift, turn])
-                mujoco.mj_jacSite(mjm, data, jacobian[:3], jacobian[3:], self.site)
-                here = rows[:, None] * jacobian[:, self.dof]
-                wish = here.T @ error
-                here[:, ((q <= self.lower) & (wish < 0.0)) | ((q >= self.upper) & (wish > 0.0))] = 0.0
-                damped = here @ here.T + (0.1 * error @ error + 1e-6) * np.eye(6)
-                step = here.T @ np.linalg.solve(damped, error)
-                q = np.clip(q + step / max(np.abs(step).max(), 1.0), self.lower, self.upper)
-        return False
-
-
-def _joints_between(mjm: mujoco.MjModel, root: int, body: int) -> np.ndarray:
-    """Return the ids of the joints between a root and a body below it, from the root on."""
-    found: list[int] = []
-    while body != root:
-        first = int(mjm.body_jntadr[body])
-        found[:0] = range(first, first + int(mjm.body_jntnum[body]))
-        body = int(mjm.body_parentid[body])
-    return np.array(found, int)
 
 
 def _inside(mjm: mujoco.MjModel, root: int) -> set[int]:

@@ -36,10 +36,10 @@ def test_a_body_that_its_model_has_turned_has_its_sides_turned(joint: str):
 
 def test_a_robot_is_seen_where_its_base_is():
     """Its arm reaches 1.05 m to the right of its base; a distance from it is one from the base or from its bounds."""
-    arm = '<geom type="box" size=".05 .05 .1"/><geom type="box" size=".5 .02 .02" pos=".55 0 .2"/>'
+    arm = '<geom type="box" size=".05 .05 .1"/><geom type="box" size=".02 .5 .02" pos="0 -.55 .2"/>'
     mjm = mujoco.MjModel.from_xml_string(
         f'<mujoco><worldbody><body name="arm" pos=".1 0 0">{arm}</body>'
-        '<body name="mark" mocap="true" pos=".1 -.4 0"/></worldbody></mujoco>'
+        '<body name="mark" mocap="true" pos=".5 0 0"/></worldbody></mujoco>'
     )
     rows = at_home(mjm)
     for measure, distance in (("origin", 0.4), ("bounds", 0.35)):

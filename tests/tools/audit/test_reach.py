@@ -110,7 +110,12 @@ def test_only_the_hand_may_touch_its_target_and_only_in_the_grasp(tmp_path_facto
         size, pos = [0.005, 0.005, 0.005], [0.0, 0.0, at]
         changed.body(f"crane/{body}").add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=size, pos=pos)
         claims = reach_claims(compiled, table)
-        return {u.cause for u in ReachAudit(changed.compile(), bodies["robot"], bodies).judge(table, claims, present)}
+        return {
+            u.cause
+            for u in ReachAudit(changed.compile(), bodies["robot"], bodies, compiled.scene.tcp).judge(
+                table, claims, present
+            )
+        }
 
     assert judged("hand", 0.0) == set()  # at the TCP, 8 cm above where it grasps
     assert judged("hand", 0.08) == {"pre-grasp: hits its target"}
@@ -131,7 +136,7 @@ def test_hits_of_the_arm_with_itself_are_seen(
         (pad,) = spec.body(f"crane/{name}").geoms
         pad.size, pad.contype, pad.conaffinity = [0.01, width, 0.02], 1, 1
     mjm: mujoco.MjModel = spec.compile()
-    audit = ReachAudit(mjm, compiled.scene.bodies["robot"], compiled.scene.bodies)
+    audit = ReachAudit(mjm, compiled.scene.bodies["robot"], compiled.scene.bodies, compiled.scene.tcp)
     claims = reach_claims(compiled, table)[:1]
     present = {"thing": np.ones(N, bool)}
     assert {u.cause for u in audit.judge(table, claims, present)} == cause

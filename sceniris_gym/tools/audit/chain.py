@@ -1,20 +1,24 @@
-"""Forward and inverse kinematics in torch, a reference for tests. Resets and maps use those in Warp, in solve.py.
+"""Forward and inverse kinematics in torch: the judge of what an arm reaches, for arms without a closed form.
 
-The chain is one of pytorch-kinematics, made from a SerialArm. Its own MJCF reader cannot be used: it fails on joints
-under MuJoCo 4, supports one joint per body, and gives hinges without limits the range (0, 0).
+Resets and maps use those in Warp, in reach/solve.py, and none of that is used here. The chain is one of
+pytorch-kinematics, made from the bodies of an MjModel. Its own MJCF reader cannot be used: it fails on joints under
+MuJoCo 4, supports one joint per body, and gives hinges without limits the range (0, 0).
 """
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytorch_kinematics as pk
 import torch
 from pytorch_kinematics.frame import Frame, Joint, Link
 
 from sceniris_gym.errors import ArgumentError
-from sceniris_gym.reach.arm import SerialArm
-from sceniris_gym.reach.solve import POS_TOL, ROT_TOL
 
+POSITION = 1e-3
+"""How far [m] a TCP may be from a pose that counts as reached."""
+ROTATION = np.radians(0.5)
+"""How far [rad] it may be turned from it."""
 # A radian of error counts as much as this many metres: about half the size of an arm's links.
 _LEVER = 0.3
 # The damping of a step is this share of the squared error, and at least that much in a singular pose.
@@ -28,16 +32,31 @@ class Chain:
     Forward kinematics agree with MuJoCo's to 1e-14 m in float64, and to 2e-7 m in float32 for arms of about a metre.
 
     Args:
-        arm: The arm.
+        mjm: A model with the arm in it.
+        root: Id of the arm's base body.
+        site: Id of the site that is its TCP.
         device: Torch's name of the device.
         dtype: Type of all tensors.
+
+    Attributes:
+        joints: Ids of its n joints, from the base to the TCP, shape (n,).
+        lower, upper: Their limits [rad, m], shape (n,). -inf and inf without limits.
     """
 
-    def __init__(self, arm: SerialArm, device: str = "cpu", dtype: torch.dtype = torch.float64) -> None:
-        self.arm, self.device, self.dtype = arm, device, dtype
-        self.lower, self.upper, self._ref = (self._tensor(values) for values in (arm.lower, arm.upper, arm.ref))
-        self._slide = self._tensor(arm.slide).bool()
-        self.serial = pk.SerialChain(_tree(arm), "tcp", dtype=torch.float64).to(dtype, device)
+    def __init__(
+        self, mjm: mujoco.MjModel, root: int, site: int, device: str = "cpu", dtype: torch.dtype = torch.float64
+    ) -> None:
+        self.device, self.dtype = device, dtype
+        self.joints = joints_between(mjm, root, int(mjm.site_bodyid[site]))
+        limited = mjm.jnt_limited[self.joints].astype(bool)
+        low, high = mjm.jnt_range[self.joints].T
+        self.lower, self.upper = (
+            self._tensor(np.where(limited, low, -np.inf)),
+            self._tensor(np.where(limited, high, np.inf)),
+        )
+        self._ref = self._tensor(mjm.qpos0[mjm.jnt_qposadr[self.joints]])
+        self._slide = self._tensor(mjm.jnt_type[self.joints] == mujoco.mjtJoint.mjJNT_SLIDE).bool()
+        self.serial = pk.SerialChain(_tree(mjm, root, site), "tcp", dtype=torch.float64).to(dtype, device)
 
     def fk(self, q: torch.Tensor | np.ndarray) -> torch.Tensor:
         """Return poses of the TCP in the base frame, shape (N, 4, 4), at joints of shape (N, n) [rad, m].
@@ -66,7 +85,7 @@ class Chain:
 
         Returns:
             Joints [rad, m], shape (N, n), within limits: a solution, or the closest joints that were found; and whether
-            their TCP is within POS_TOL and ROT_TOL of the pose, shape (N,), bool.
+            their TCP is within POSITION and ROTATION of the pose, shape (N,), bool.
 
         Raises:
             ArgumentError: `poses` or `seeds` have the wrong shape, or there are no starts.
@@ -86,7 +105,7 @@ class Chain:
                 break
             q = self.refine(poses[pending], start.repeat(len(pending), 1), iterations)
             distance, angle = self.errors(poses[pending], q)
-            found = (distance < POS_TOL) & (angle < ROT_TOL)
+            found = (distance < POSITION) & (angle < ROTATION)
             left = torch.where(found, 0.0, distance + _LEVER * angle)
             closer = left < error[pending]
             error[pending[closer]], best[pending[closer]] = left[closer], q[closer]
@@ -138,32 +157,51 @@ class Chain:
         """Joints from the user, with their shape checked."""
         q, n = self._tensor(values), len(self.lower)
         if q.ndim != 2 or q.shape[1] != n:
-            raise ArgumentError(f"{name} has shape {tuple(q.shape)}, but should have (N, {n}) for '{self.arm.name}'.")
+            raise ArgumentError(f"{name} has shape {tuple(q.shape)}, but should have (N, {n}).")
         return q
 
     def _tensor(self, values: torch.Tensor | np.ndarray | list[float]) -> torch.Tensor:
         return torch.as_tensor(values, dtype=self.dtype, device=self.device)
 
 
-def _tree(arm: SerialArm) -> pk.Chain:
-    """Return the arm as frames of pytorch-kinematics: a fixed base, a frame for each joint, and the TCP, fixed."""
-    root = tip = Frame("base", link=Link("base"), joint=Joint("base"))
-    for i, name in enumerate([*arm.joints, "tcp"]):
-        offset = pk.Transform3d(
-            pos=torch.as_tensor(arm.link_pos[i]), rot=torch.as_tensor(arm.link_quat[i]), dtype=torch.float64
-        )
-        if i == len(arm.joints):
-            joint = Joint("tcp", offset, "fixed", dtype=torch.float64)
-        else:
-            kind = "prismatic" if arm.slide[i] else "revolute"
-            limits = (float(arm.lower[i]), float(arm.upper[i]))
-            joint = Joint(
-                name or f"joint {i}", offset, kind, torch.as_tensor(arm.axis[i]), torch.float64, limits=limits
-            )
-        frame = Frame("tcp" if i == len(arm.joints) else f"joint {i}", link=Link(name or f"joint {i}"), joint=joint)
-        tip.add_child(frame)
-        tip = frame
-    return pk.Chain(root, dtype=torch.float64)
+def joints_between(mjm: mujoco.MjModel, root: int, body: int) -> np.ndarray:
+    """Return the ids of the joints between a root and a body below it, from the root on."""
+    found: list[int] = []
+    while body != root:
+        first = int(mjm.body_jntadr[body])
+        found[:0] = range(first, first + int(mjm.body_jntnum[body]))
+        body = int(mjm.body_parentid[body])
+    return np.array(found, int)
+
+
+def _tree(mjm: mujoco.MjModel, root: int, site: int) -> pk.Chain:
+    """Return an arm as frames of pytorch-kinematics: a fixed base, a frame for each joint, and the TCP, fixed."""
+    path = [int(mjm.site_bodyid[site])]
+    while path[-1] != root:
+        path.append(int(mjm.body_parentid[path[-1]]))
+    top = tip = Frame("base", link=Link("base"), joint=Joint("base"))
+    offset = np.eye(4)  # from the last frame
+    for body in path[-2::-1]:
+        offset = offset @ _matrix(mjm.body_pos[body], mjm.body_quat[body])
+        first = int(mjm.body_jntadr[body])
+        for i in range(first, first + int(mjm.body_jntnum[body])):
+            to_anchor, back = np.eye(4), np.eye(4)
+            to_anchor[:3, 3], back[:3, 3] = mjm.jnt_pos[i], -mjm.jnt_pos[i]
+            kind = "prismatic" if mjm.jnt_type[i] == mujoco.mjtJoint.mjJNT_SLIDE else "revolute"
+            axis = torch.as_tensor(mjm.jnt_axis[i])
+            tip = _added(tip, f"joint {i}", offset @ to_anchor, kind, axis)
+            offset = back
+    _added(tip, "tcp", offset @ _matrix(mjm.site_pos[site], mjm.site_quat[site]), "fixed", None)
+    return pk.Chain(top, dtype=torch.float64)
+
+
+def _added(tip: Frame, name: str, offset: np.ndarray, kind: str, axis: torch.Tensor | None) -> Frame:
+    """Add a frame to the end of a chain, and return it."""
+    moved = pk.Transform3d(matrix=torch.as_tensor(offset), dtype=torch.float64)
+    joint = Joint(name, moved, kind, axis, torch.float64)
+    frame = Frame(name, link=Link(name), joint=joint)
+    tip.add_child(frame)
+    return frame
 
 
 def _difference(at: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
@@ -174,3 +212,11 @@ def _difference(at: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
     sine = quat[:, 1:].norm(dim=1, keepdim=True)
     scale = torch.where(sine > 1e-9, 2.0 * torch.atan2(sine, quat[:, :1]) / sine.clamp(min=1e-9), 2.0)
     return torch.cat([wanted[:, :3, 3] - at[:, :3, 3], scale * quat[:, 1:]], dim=1)
+
+
+def _matrix(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
+    """Return a pose, position [m] and wxyz quaternion, as a homogeneous matrix (4, 4)."""
+    turn, pose = np.empty(9), np.eye(4)
+    mujoco.mju_quat2Mat(turn, quat)
+    pose[:3, :3], pose[:3, 3] = turn.reshape(3, 3), pos
+    return pose

@@ -1,0 +1,147 @@
+"""Reading models from MJCF and URDF files, with the files that they refer to held in `MjSpec.assets`.
+
+So the scene can be moved, and written as a zip file. A model may attach others (`<model>` and `<attach>`), whose files
+lie beside them; a URDF may name its meshes by package.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import mujoco
+
+from sceniris_gym.config.paths import user_path
+from sceniris_gym.errors import MissingExtraError, SceneFileError
+
+URDF = ".urdf"
+"""Suffix of URDF files; whatever has another one is read as MJCF."""
+_COLLADA = ".dae"
+_PACKAGES = ("package://", "model://")
+# What MuJoCo makes at least of masses and inertias that a URDF leaves out [kg, kg m^2].
+_LEAST_MASS, _LEAST_INERTIA = 1e-3, 1e-6
+
+
+@dataclass(frozen=True)
+class _Folder:
+    """Where the files of a model lie, and what the names of its elements begin with once it is attached."""
+
+    prefix: str
+    path: Path
+
+
+def load_model(path: Path, where: str) -> mujoco.MjSpec:
+    """Read an MJCF or a URDF file, with the files it refers to held in `MjSpec.assets`.
+
+    Raises:
+        SceneFileError: The file or one that it refers to is missing, or MuJoCo cannot read it.
+        MissingExtraError: A Collada mesh, and nothing that reads it is installed.
+    """
+    path = user_path(path, Path(), where)
+    if not path.is_file():
+        raise SceneFileError(f"{where}: there is no file '{path}'. Give the path of an MJCF or URDF file.")
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise SceneFileError(f"{where}: MuJoCo cannot read '{path}': {error}") from None
+    if path.suffix.lower() == URDF:
+        spec.compiler.fusestatic = False  # links that are fixed to each other keep their names
+        spec.compiler.balanceinertia = True
+        spec.compiler.boundmass, spec.compiler.boundinertia = _LEAST_MASS, _LEAST_INERTIA
+    folders = list(_folders(path, ""))
+    for element, subfolder, file in _referring(spec):
+        source = _source(path, folders, element, subfolder, file)
+        if source is None:
+            raise SceneFileError(
+                f"{where}: '{path}' refers to '{_shown(path, subfolder, file)}', which does not exist."
+            )
+        key, content = _as_mesh(source, file)
+        if spec.assets.get(key, content) != content:  # of another model that is attached, under the same name
+            key = renamed(key, f"{len(spec.assets)}_")
+        if key != file and element.file == file:
+            element.file = key
+        spec.assets[key] = content
+    return spec
+
+
+def renamed(file: str, prefix: str) -> str:
+    """Return a name for a file that begins with a prefix, without folders: MuJoCo looks for both, with and without."""
+    return prefix + file.rpartition("/")[2]
+
+
+def file_of(uri: str, folder: Path) -> Path | None:
+    """The file that a URDF in a folder means by a mesh's file name; None if there is none.
+
+    A package is looked for among the folders above the URDF, as what it is named or as what holds the same files.
+    """
+    for scheme in _PACKAGES:
+        if uri.startswith(scheme):
+            package, _, rest = uri.removeprefix(scheme).partition("/")
+            above = (folder, *folder.parents)
+            places = [*(f / package / rest for f in above), *(f / rest for f in above)]
+            return next((place for place in places if place.is_file()), None)
+    path = folder / uri.removeprefix("file://")
+    return path if path.is_file() else None
+
+
+def _folders(path: Path, prefix: str) -> Iterator[_Folder]:
+    """Yield the folder of a model, and those of all models that it attaches, with their prefixes."""
+    yield _Folder(prefix, path.parent)
+    try:
+        root = ElementTree.fromstring(path.read_bytes())
+    except ElementTree.ParseError:  # MuJoCo reads some files that are no XML
+        return
+    files = {m.get("name"): m.get("file") for m in root.iter("model")}
+    for attach in root.iter("attach"):
+        file = path.parent / (files.get(attach.get("model")) or "")
+        if file.is_file():
+            yield from _folders(file, prefix + (attach.get("prefix") or ""))
+
+
+def _referring(spec: mujoco.MjSpec) -> Iterator[tuple[Any, str, str]]:
+    """Yield what refers to a file, in which folder it is below that of its model, and the file."""
+    for element in (*spec.meshes, *spec.hfields, *spec.skins):
+        if element.file:
+            yield element, _compiler(element, spec).meshdir, element.file
+    for texture in spec.textures:
+        for file in (texture.file, *texture.cubefiles):
+            if file:
+                yield texture, _compiler(texture, spec).texturedir, file
+
+
+def _compiler(element: Any, spec: mujoco.MjSpec) -> Any:
+    """Settings of the model that an element comes from, which may have been attached."""
+    return getattr(element, "compiler", None) or spec.compiler
+
+
+def _source(path: Path, folders: list[_Folder], element: Any, subfolder: str, file: str) -> Path | None:
+    if path.suffix.lower() == URDF:
+        found = file_of(file, path.parent / subfolder)
+        return file_of(file, path.parent) if found is None else found
+    own = [f for f in folders if element.name.startswith(f.prefix)]
+    nearest = sorted(own, key=lambda f: -len(f.prefix))
+    places = [folder.path / subfolder / file for folder in (*nearest, *(f for f in folders if f not in own))]
+    return next((place for place in places if place.is_file()), None)
+
+
+def _shown(path: Path, subfolder: str, file: str) -> str:
+    return file if "://" in file else str(path.parent / subfolder / file)
+
+
+def _as_mesh(source: Path, name: str) -> tuple[str, bytes]:
+    """The name and the content of a file as MuJoCo reads it: a Collada mesh becomes an STL file."""
+    if source.suffix.lower() != _COLLADA:
+        return name, source.read_bytes()
+    try:
+        import collada  # noqa: F401  # pyright: ignore[reportMissingImports]
+        import trimesh
+    except ImportError:
+        raise MissingExtraError("pycollada", "import") from None
+    mesh = trimesh.load_mesh(source)
+    content = io.BytesIO()
+    mesh.export(content, file_type="stl")
+    return f"{name.removesuffix(source.suffix)}.stl", content.getvalue()

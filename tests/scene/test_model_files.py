@@ -1,0 +1,124 @@
+"""Models from files: what they refer to is found, also in models that are attached and in URDF packages."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import MissingExtraError, SceneFileError
+from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.model_files import file_of, load_model
+from tests.scene.assets import TETRAHEDRON
+
+LARGE = TETRAHEDRON.replace(".1", ".2")
+PART = """
+<mujoco><compiler meshdir="meshes"/><asset><mesh name="shape" file="part.obj"/></asset>
+  <worldbody><body name="{0}"><geom type="mesh" mesh="shape"/></body></worldbody></mujoco>
+"""
+WHOLE = """
+<mujoco><asset><model name="a" file="arm/arm.xml"/><model name="h" file="hand/hand.xml"/></asset>
+  <worldbody><body name="base"><geom size=".1"/>
+    <frame pos="0 0 .1"><attach model="a" body="link" prefix="a_"/><attach model="h" body="palm" prefix="h_"/></frame>
+  </body></worldbody></mujoco>
+"""
+LINK = (
+    '<link name="{0}"><inertial><mass value="1"/><inertia ixx=".1" ixy="0" ixz="0" iyy=".1" iyz="0" izz=".1"/>'
+    '</inertial><collision><geometry><mesh filename="{1}"/></geometry></collision></link>'
+)
+JOINT = (
+    '<joint name="j{0}" type="{1}"><parent link="l{0}"/><child link="l{2}"/><axis xyz="0 0 1"/>'
+    '<origin xyz="0 0 .3"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+)
+
+
+def write(path: Path, text: str) -> Path:
+    """Write a file and the folders above it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return path
+
+
+def attached(folder: Path) -> Path:
+    """Write a model that attaches two others, each with a mesh of the same name in a folder of its own."""
+    for name, body, mesh in (("arm", "link", TETRAHEDRON), ("hand", "palm", LARGE)):
+        write(folder / name / f"{name}.xml", PART.format(body))
+        write(folder / name / "meshes/part.obj", mesh)
+    return write(folder / "whole.xml", WHOLE)
+
+
+def urdf(folder: Path, uri: str, mesh: str = "part.obj") -> Path:
+    """Write a URDF of three links, the last of which is fixed to the second, in a package with its mesh."""
+    links = "".join(LINK.format(f"l{i}", uri) for i in range(3))
+    joints = JOINT.format(0, "revolute", 1) + JOINT.format(1, "fixed", 2)
+    write(folder / "my_arm/meshes" / mesh, TETRAHEDRON)
+    return write(folder / "my_arm/urdf/arm.urdf", f'<robot name="arm">{links}{joints}</robot>')
+
+
+def test_models_that_are_attached_bring_their_own_files(tmp_path: Path):
+    """MuJoCo itself finds them where the file lies; a scene finds them wherever it is written."""
+    path = attached(tmp_path)
+    expected = mujoco.MjModel.from_xml_path(str(path))
+    scene = build_model(SceneConfig.load({"robot": {"model": str(path)}, "objects": {}}))
+    assert scene.mjm.nmesh == 2
+    np.testing.assert_allclose(
+        sorted(np.ptp(scene.mjm.mesh_vert, axis=0)), sorted(np.ptp(expected.mesh_vert, axis=0)), atol=1e-6
+    )
+    assert scene.spec is not None
+    spec = mujoco.MjSpec.from_string(scene.spec.to_xml())
+    spec.assets.update(scene.spec.assets)
+    np.testing.assert_allclose(spec.compile().mesh_vert, scene.mjm.mesh_vert, atol=1e-6)
+
+
+def test_assets_with_files_of_the_same_name_keep_their_own(tmp_path: Path):
+    """Two assets from different folders, each with another mesh `part.obj`."""
+    attached(tmp_path)
+    objects = {n: {"asset": str(tmp_path / n / f"{n}.xml"), "kind": "static"} for n in ("arm", "hand")}
+    mjm = build_model(SceneConfig.load({"objects": objects})).mjm
+    volumes = [float(np.prod(mjm.geom_aabb[mjm.body(name).geomadr[0], 3:])) for name in ("arm", "hand")]
+    assert volumes[1] == pytest.approx(8.0 * volumes[0], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "uri", ["package://my_arm/meshes/part.obj", "package://other/meshes/part.obj", "../meshes/part.obj"]
+)
+def test_a_urdf_is_a_robot_as_it_is(tmp_path: Path, uri: str):
+    """Its meshes are found by package, or by the path within one; links that are fixed keep their names."""
+    path = urdf(tmp_path, uri)
+    robot = {"model": str(path), "tcp": "l2", "base": [0, 0, 0.5]}
+    scene = build_model(SceneConfig.load({"robot": robot, "objects": {}}))
+    assert [scene.mjm.body(b).name for b in scene.subtree("robot")] == ["arm", "arm/l1", "arm/l2"]
+    assert list(scene.joints("robot")) == ["j0"]
+    data = mujoco.MjData(scene.mjm)
+    mujoco.mj_kinematics(scene.mjm, data)
+    np.testing.assert_allclose(data.site(scene.tcp).xpos, [0, 0, 1.1], atol=1e-9)
+
+
+def test_the_meshes_of_a_urdf_are_part_of_the_scenes_name(tmp_path: Path):
+    """Another mesh is another scene; another folder is not."""
+    found = []
+    for folder, mesh in (("a", TETRAHEDRON), ("b", TETRAHEDRON), ("c", LARGE)):
+        path = urdf(tmp_path / folder, "package://my_arm/meshes/part.obj")
+        write(path.parents[1] / "meshes/part.obj", mesh)
+        found.append(build_model(SceneConfig.load({"robot": {"model": str(path)}, "objects": {}})).hash)
+    assert found[0] == found[1] != found[2]
+
+
+def test_a_missing_mesh_is_named(tmp_path: Path):
+    """Of a URDF as the URDF has it."""
+    path = urdf(tmp_path, "package://my_arm/meshes/none.obj")
+    with pytest.raises(SceneFileError, match=r"here: .*arm\.urdf' refers to 'package://my_arm/meshes/none\.obj'"):
+        load_model(path, "here")
+    assert file_of("file:///nowhere/none.obj", tmp_path) is None
+
+
+@pytest.mark.skipif(importlib.util.find_spec("collada") is not None, reason="Collada meshes can be read here")
+def test_a_collada_mesh_says_what_reads_it(tmp_path: Path):
+    """MuJoCo does not; an extra does."""
+    path = urdf(tmp_path, "package://my_arm/meshes/part.dae", "part.dae")
+    with pytest.raises(MissingExtraError, match=r"pycollada is not installed.*sceniris-gym\[import\]"):
+        load_model(path, "here")
