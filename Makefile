@@ -6,8 +6,9 @@ STAMP := $(VENV)/.setup-done
 OLDEST := .venv-oldest
 OLDEST_STAMP := $(OLDEST)/.setup-done
 RECIPES := skrl torchrl
+MJLAB := .venv-mjlab
 
-.PHONY: setup test test-oldest lint types test-recipes demo bench clean
+.PHONY: setup test test-oldest lint types test-recipes test-mjlab demo bench clean
 
 setup: $(STAMP)
 
@@ -15,7 +16,7 @@ setup: $(STAMP)
 $(STAMP): pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install "$$(grep '^torch==' constraints.txt)"
-	$(BIN)/python -m pip install -e '.[dev,sb3,rsl-rl]' -c constraints.txt
+	$(BIN)/python -m pip install -e '.[dev,sb3,rsl-rl,viewer,import]' -c constraints.txt
 	touch $@
 
 # The oldest versions that are supported, over everything else that .venv has.
@@ -50,6 +51,13 @@ test-recipe-%:
 	$(VENV)-$*/bin/python -m pip install -e . $* pytest ruamel.yaml python-fcl "$$(grep '^torch==' constraints.txt)"
 	$(VENV)-$*/bin/python -m pytest -q tests/test_recipes.py tests/adapters/test_wrappers.py -k $*
 
+# mjlab needs MuJoCo 3.11.
+test-mjlab:
+	test -x $(MJLAB)/bin/python || $(PYTHON) -m venv $(MJLAB)
+	$(MJLAB)/bin/python -m pip install "$$(grep '^torch==' constraints.txt)"
+	$(MJLAB)/bin/python -m pip install -e '.[mjlab]' pytest "$$(grep '^torch==' constraints.txt)"
+	$(MJLAB)/bin/python -m pytest -q --durations=5 tests/adapters/test_mjlab.py
+
 demo: $(STAMP)
 	$(BIN)/sceniris-gym demo
 
@@ -57,4 +65,4 @@ bench: $(STAMP)
 	$(BIN)/sceniris-gym bench mid --num-envs 4096
 
 clean:
-	rm -rf $(VENV) $(OLDEST) $(addprefix $(VENV)-,$(RECIPES)) build dist demo *.egg-info .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(OLDEST) $(addprefix $(VENV)-,$(RECIPES)) $(MJLAB) build dist demo *.egg-info .pytest_cache .ruff_cache

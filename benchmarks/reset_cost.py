@@ -2,9 +2,10 @@
 
     python -m benchmarks.reset_cost --task TabletopReach-v0 --out results/reset_cost.json
 
-Three environments run the same actions with the same staggered resets: episodes of 200 control steps that start at
-random points. `fresh` generates its layouts, `replayed` gets the same ones from a bank, and `fixed` gets one layout
-again and again. They take turns in one run; a turn is as long as an episode, and the first turn of each does not count.
+Four environments run the same actions with the same staggered resets: episodes of 200 control steps that start at
+random points. `fresh` makes its layouts ahead, `in_place` when they are wanted, `replayed` gets the same ones from a
+bank, and `fixed` gets one layout again and again. They take turns in one run; a turn is as long as an episode, and the
+first turn of each does not count.
 If the output file exists, its result is printed and nothing is measured; a run that was stopped has no file and starts
 over.
 """
@@ -83,12 +84,18 @@ def main(options: Options) -> None:
     seeds = [11 * 16 * SEED_SPACING + i * per_world for i in range(options.num_envs)]
     sources: dict[str, Any] = {
         "fresh": None,
+        "in_place": None,
         "replayed": layout_sources.replayed(layout_sources.episodes(compiled, seeds, per_world)),
         "fixed": layout_sources.replayed(layout_sources.home_rows(compiled, seeds[0])),
     }
     environments = {
         name: make_env(
-            options.task, options.num_envs, compiled, layout_source=source, max_episode_steps=options.episode
+            options.task,
+            options.num_envs,
+            compiled,
+            layout_source=source,
+            prefetch=False if name == "in_place" else None,
+            max_episode_steps=options.episode,
         )
         for name, source in sources.items()
     }
@@ -106,7 +113,7 @@ def main(options: Options) -> None:
             seconds[name].append(turn(envs, actions, options.episode))
     total = options.num_envs * options.episode
     rates = {name: total / np.array(times[1:]) for name, times in seconds.items()}
-    ratios = {f"fresh / {name}": rates["fresh"] / rates[name] for name in ("replayed", "fixed")}
+    ratios = {f"fresh / {name}": rates["fresh"] / rates[name] for name in ("in_place", "replayed", "fixed")}
     ranges = {name: [round(float(r), 4) for r in (ratio.min(), ratio.max())] for name, ratio in ratios.items()}
     answer = {
         **asked,

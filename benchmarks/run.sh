@@ -11,7 +11,7 @@ scenes="mid mid_16k hard hard_plus table_top kitchen clutter drawer_pick"
 worlds="mid:4096 mid:16384 mid:65536 mid_16k:4096 mid_16k:16384 hard:16384 hard_plus:16384 table_top:16384 kitchen:4096
   clutter:4096 drawer_pick:4096"
 [ "$device" = cpu ] && worlds="mid:4096 mid_16k:1024 hard:1024 hard_plus:1024 table_top:1024 kitchen:256 clutter:256"
-cli() { python3 -m sceniris_gym.cli "$@" --device "$device" --json 2>>"$folder/errors.log"; }
+cli() { python3 -m sceniris_gym "$@" --device "$device" --json 2>>"$folder/errors.log"; }
 
 python3 - <<'PY' | tee "$folder/versions.txt"
 from importlib.metadata import version

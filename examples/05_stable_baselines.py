@@ -1,4 +1,4 @@
-"""Train PPO of Stable-Baselines3 on TabletopReach-v0 and evaluate it on layouts it has never seen.
+"""Train PPO of Stable-Baselines3 on TabletopReachEasy-v0 and evaluate it on layouts it has never seen.
 
 Needs the extra: pip install 'sceniris-gym[sb3]'.
 """
@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from sceniris_gym.adapters.sb3 import SB3VecEnv
 
-ENV_ID = "sceniris_gym:sceniris_gym/TabletopReach-v0"
+ENV_ID = "sceniris_gym:sceniris_gym/TabletopReachEasy-v0"
 
 
 class PrintStatistics(BaseCallback):

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from sceniris_gym.errors import AttemptsWarning as AttemptsWarning
     from sceniris_gym.errors import ContactBudgetError as ContactBudgetError
     from sceniris_gym.errors import CycleError as CycleError
+    from sceniris_gym.errors import DatasetError as DatasetError
     from sceniris_gym.errors import ErodedSupportError as ErodedSupportError
     from sceniris_gym.errors import FallbackWarning as FallbackWarning
     from sceniris_gym.errors import GraspError as GraspError
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from sceniris_gym.errors import MapError as MapError
     from sceniris_gym.errors import MaskError as MaskError
     from sceniris_gym.errors import MaskTypeError as MaskTypeError
+    from sceniris_gym.errors import MemoryLimitError as MemoryLimitError
     from sceniris_gym.errors import MeshError as MeshError
     from sceniris_gym.errors import ModelWarning as ModelWarning
     from sceniris_gym.errors import NoSupportError as NoSupportError
@@ -48,6 +50,7 @@ if TYPE_CHECKING:
     from sceniris_gym.scene.model import SceneModel as SceneModel
     from sceniris_gym.scene.model import build_model as build_model
     from sceniris_gym.sim.randomizer import ResetRandomizer as ResetRandomizer
+    from sceniris_gym.tools.dataset.reader import LayoutDataset as LayoutDataset
     from sceniris_gym.vector.arm_controller import ArmController as ArmController
     from sceniris_gym.vector.bounds import Bounds as Bounds
     from sceniris_gym.vector.evaluation import EpisodeResult as EpisodeResult
@@ -76,6 +79,7 @@ _HOME = {  # public name -> the module it lives in
     "SceneVectorEnv": "vector.vector_env",
     "State": "vector.state",
     "Task": "vector.task",
+    "LayoutDataset": "tools.dataset.reader",
     "ArmController": "vector.arm_controller",
     "Bounds": "vector.bounds",
     "EpisodeResult": "vector.evaluation",
@@ -97,6 +101,8 @@ _HOME = {  # public name -> the module it lives in
             "ErodedSupportError",
             "GraspError",
             "CycleError",
+            "DatasetError",
+            "MemoryLimitError",
             "MeshError",
             "ContactBudgetError",
             "InfeasibleSceneError",

@@ -20,6 +20,7 @@ import sceniris_gym
 from sceniris_gym.errors import CountError, NotSupportedError, SceneKeyError, ScenirisError, SeedError
 from sceniris_gym.layout.counts import MOST_WORLDS
 from sceniris_gym.reach.tier import Tier, TierWord
+from sceniris_gym.viewer.server import HOST, MOST_SHOWN, PORT
 
 if TYPE_CHECKING:
     from sceniris_gym.config.scene import SceneConfig
@@ -42,14 +43,19 @@ _MOST_LAYOUTS = 1_000_000_000  # of a data set, some hundred gigabytes
 
 
 def _command(work: Callable[P, str]) -> Callable[P, str]:
-    """Send everything that libraries print during a command to stderr: stdout is for the result."""
+    """Send everything that libraries print during a command to stderr, and show there how far it is.
+
+    Stdout is for the result.
+    """
 
     @functools.wraps(work)
     def quiet(*args: P.args, **kwargs: P.kwargs) -> str:
         import warp as wp
 
+        from sceniris_gym.tools.bars import shown
+
         wp.config.log_level = wp.LOG_WARNING
-        with _stdout_to_stderr():
+        with _stdout_to_stderr(), shown(quiet=bool(kwargs.get("json"))):
             return work(*args, **kwargs)
 
     return quiet
@@ -80,42 +86,71 @@ def demo(out: Path = Path("demo/layouts.png"), device: Device = None, json: Json
 
 @_command
 def generate(
-    scene: Scene,
-    n: Annotated[int, tyro.conf.arg(aliases=["-n"], help="number of layouts")],
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"], help="folder for layouts.npz and scene.zip")],
+    scene: Annotated[
+        str | None, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE", help="name of a shipped scene, or a path")
+    ] = None,
+    n: Annotated[int | None, tyro.conf.arg(aliases=["-n"], help="number of layouts")] = None,
+    out: Annotated[
+        Path | None, tyro.conf.arg(aliases=["-o"], help="folder for dataset.json, scene.zip and layouts-*.npy")
+    ] = None,
     seed: Annotated[int, tyro.conf.arg(aliases=["-s"], help="row i has seed + i, episode 0")] = 0,
     split: Annotated[Literal["train", "eval"], tyro.conf.arg(help="training or evaluation layouts")] = "train",
-    chunk: Annotated[int, tyro.conf.arg(help="layouts made at once; does not change them")] = 4096,
+    chunk: Annotated[
+        int | None, tyro.conf.arg(help="layouts made at once, which does not change them; by default what suits DEVICE")
+    ] = None,
+    share: Annotated[
+        str | None, tyro.conf.arg(help="R/K: write every K-th part; by default as torchrun or a Slurm array say")
+    ] = None,
+    resume: Annotated[
+        bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="go on with the data set in the folder, if there is one")
+    ] = False,
+    verify: Annotated[
+        bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="only compare the data set in the folder with its sums")
+    ] = False,
     device: Device = None,
     changes: Changes = (),
     json: Json = False,
 ) -> str:
-    """Write a data set of layouts, together with their MuJoCo model."""
-    _at_least(1, chunk=chunk)
+    """Write a data set of layouts, together with their MuJoCo model; or verify one."""
+    if out is None:
+        raise NotSupportedError("generate: nowhere to write to. Give a folder: -o FOLDER.")
+    if verify:
+        if scene is not None or n is not None or resume:
+            raise NotSupportedError("generate: --verify only reads the folder. Leave out SCENE, -n and --resume.")
+        return _verified(out, json)
+    if scene is None or n is None:
+        raise NotSupportedError("generate: nothing to make. Give a SCENE and a number of layouts, -n N.")
     _at_least(1, n=n, most=_MOST_LAYOUTS)
+    _at_least(1, chunk=1 if chunk is None else chunk)
     _seed(seed)
+    from sceniris_gym.tools.dataset.share import Share
+
+    part = Share.current() if share is None else Share.parse(share)
+    from sceniris_gym.tools.commands import generate as tool
+    from sceniris_gym.tools.dataset.manifest import MANIFEST, SCENE
+
+    for file in (MANIFEST, SCENE):
+        _target(out / file)
+    compiled = _compiled(scene, changes, device or part.device)
+    figures = tool.generate(compiled, n, out, seed=seed, split=split, chunk=chunk, share=part, resume=resume)
+    if json:
+        return dumps(figures)
+    if not figures["complete"]:
+        return f"{out}: {figures['missing_parts']} of {figures['parts']} parts are left for the other processes"
+    made = f"{n} layouts of '{compiled.config.name}' written to {out}, {figures['valid']:.2%} valid"
+    return f"{made}; the first one is {figures['first_id']}"
+
+
+def _verified(folder: Path, json: bool) -> str:
+    """Verify a data set, and say what it is."""
     from tqdm import tqdm
 
-    from sceniris_gym.tools.commands.generate import write_dataset
-    from sceniris_gym.tools.tables import make_table
+    from sceniris_gym.tools.dataset.reader import verify
 
-    for file in ("layouts.npz", "scene.zip"):
-        _target(out / file)
-    compiled = _compiled(scene, changes, device)
-    with tqdm(total=n, unit="layout", file=sys.stderr) as bar:
-        table = make_table(compiled, n, seed, split=split, chunk=chunk, progress=bar.update)
-    write_dataset(compiled, table, out)
-    figures = {
-        "scene": compiled.config.name,
-        "hash": compiled.hash,
-        "first_id": compiled.layout_id(seed, 0, split),
-        "layouts": n,
-        "valid": float(table.valid.mean()),
-        "first_pass_valid": float(table.first_pass_valid.mean()),
-        "files": [str(out / "layouts.npz"), str(out / "scene.zip")],
-    }
-    made = f"{n} layouts of '{compiled.config.name}' written to {out}, {figures['valid']:.2%} valid"
-    return dumps(figures) if json else f"{made}; the first one is {figures['first_id']}"
+    with tqdm(unit="layout", unit_scale=True, file=sys.stderr) as bar:
+        held = verify(folder, bar.update)
+    found = {name: held[name] for name in ("scene", "hash", "split", "seed", "layouts")} | {"verified": True}
+    return dumps(found) if json else f"{folder}: {held['layouts']} layouts of '{held['scene']}', all files are whole"
 
 
 @_command
@@ -268,7 +303,9 @@ def check(
 
 @_command
 def reach(
-    arm: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="ARM", help="name of a shipped arm, or its MJCF")],
+    arm: Annotated[
+        str, tyro.conf.Positional, tyro.conf.arg(metavar="ARM", help="name of a shipped arm, or its MJCF or URDF")
+    ],
     build: Annotated[
         bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="build the map; resumes a build that was stopped")
     ] = False,
@@ -298,50 +335,149 @@ def reach(
         raise NotSupportedError(f"reach: {' and '.join(asked)} are separate commands. Give one at a time.")
     if poses is not None:
         found = tool.judge(
-            arm, map_, poses, _target(out, "reached.npy"), None if tier is None else Tier.of(tier), device
+            arm,
+            map_,
+            poses,
+            _target(out, "reached.npy"),
+            None if tier is None else Tier.of(tier),
+            device,
+            _overrides(changes),
         )
     elif build:
         target = _target(out, tool.default_map(arm))
-        found = tool.build(arm, target, device, step=step, tilt_step=radians(tilt_step), seed=seed)
+        words = {"seed": seed, "changes": _overrides(changes)}
+        found = tool.build(arm, target, device, step=step, tilt_step=radians(tilt_step), **words)
     elif scene is not None:
         target = _target(out, f"demo/reach_{Path(scene).stem}.png")
         found = tool.narrowed(arm, _config(scene, changes), target, device, seed=seed)
     else:
-        found = tool.show(arm, map_, _target(out, f"demo/reach_{Path(arm).stem}.png"), height, device)
+        found = tool.show(
+            arm, map_, _target(out, f"demo/reach_{Path(arm).stem}.png"), height, device, _overrides(changes)
+        )
     return dumps(found) if json else _listing(found)
 
 
+def view(
+    scene: Annotated[
+        str | None, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE", help="name of a shipped scene, or a path")
+    ] = None,
+    worlds: Annotated[int, tyro.conf.arg(help="how many worlds, at most 64")] = 1,
+    seed: Annotated[int, tyro.conf.arg(aliases=["-s"], help="world i has seed + i")] = 0,
+    episode: Annotated[int, tyro.conf.arg(help="how often the worlds were reset since they got the seed")] = 0,
+    split: Annotated[Literal["train", "eval"], tyro.conf.arg(help="training or evaluation layouts")] = "train",
+    env: Annotated[
+        str | None, tyro.conf.arg(help="instead of a scene: an environment, e.g. sceniris_gym/TabletopLift-v0")
+    ] = None,
+    policy: Annotated[
+        str | None,
+        tyro.conf.arg(
+            metavar="POLICY",
+            help="who plays it: an rsl-rl checkpoint (.pt), an SB3 model (.zip), or module:function; else at random",
+        ),
+    ] = None,
+    layouts: Annotated[
+        tyro.conf.UseAppendAction[tuple[str, ...]],
+        tyro.conf.arg(metavar="ID", help="layout id to play, or a file with one a line; may be given several times"),
+    ] = (),
+    host: Annotated[str, tyro.conf.arg(help="address to listen on; 0.0.0.0 lets other machines in")] = HOST,
+    port: Annotated[int, tyro.conf.arg(help="port to listen on; the next free one if it is in use")] = PORT,
+    device: Annotated[str | None, tyro.conf.arg(help="with --env: cpu, cuda:0, ...")] = None,
+    changes: Changes = (),
+) -> str:
+    """Open a page that shows a scene, or a policy at work: layouts, why candidates are rejected, physics.
+
+    The address of the page is printed at once. What is saved in the scene's file is shown at once. Ctrl-C ends it.
+    """
+    if (scene is None) == (env is None):
+        raise NotSupportedError("view: should have either a SCENE or --env, as in 'sceniris-gym view mid'.")
+    if env is None and (policy or layouts or device):
+        raise NotSupportedError("view: --policy, --layouts and --device belong to --env. Leave them out, or the SCENE.")
+    if env is not None and (seed or episode):
+        raise NotSupportedError("view: --seed and --episode belong to a SCENE. Choose an environment's by --layouts.")
+    _at_least(1, most=MOST_SHOWN, worlds=worlds)
+    _at_least(1, most=65535, port=port)
+    _seed(seed)
+    _at_least(0, most=2**31 - 1, episode=episode)
+    from sceniris_gym.viewer import command
+    from sceniris_gym.viewer.server import address, opened_page
+
+    overrides = _overrides(changes)
+    with opened_page(host, port) as server:
+        print(address(server), flush=True)  # before anything that takes a while
+        with _stdout_to_stderr():
+            if env is not None:
+                ids = command.read_ids(layouts)
+                words = {"num": worlds, "split": split, "device": device, "changes": overrides}
+                command.view_env(server, env, policy, ids, **words)
+            else:
+                assert scene is not None
+                command.view_scene(server, scene, overrides, split=split, seed=seed, episode=episode, num=worlds)
+    return ""
+
+
+@_command
+def import_(
+    thing: Annotated[
+        Path,
+        tyro.conf.Positional,
+        tyro.conf.arg(metavar="THING", help="OBJ, STL, PLY, GLB, DAE, URDF or USD, or a folder"),
+    ],
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"], help="MJCF file to write; for a folder of things a folder")],
+    scale: Annotated[str | None, tyro.conf.arg(help="metres for each unit, or m, cm, mm, in, ft")] = None,
+    up: Annotated[Literal["x", "y", "z"] | None, tyro.conf.arg(help="the axis of the file that points up")] = None,
+    density: Annotated[float, tyro.conf.arg(help="density where the file has no masses [kg/m^3]")] = 500.0,
+    tolerance: Annotated[
+        float | None, tyro.conf.arg(help="how far convex parts may be from the surface [m]; by default 2 mm or 2%%")
+    ] = None,
+    shell: Annotated[
+        bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="open surfaces are sheets without inside")
+    ] = False,
+    jobs: Annotated[
+        int | None, tyro.conf.arg(help="of a folder: things at a time; by default one for each core")
+    ] = None,
+    device: Device = None,
+    json: Json = False,
+) -> str:
+    """Make assets of meshes, URDF and USD: convex parts, mass, resting poses, grasps, a picture and a manifest."""
+    from sceniris_gym.importers.things.importer import Options
+    from sceniris_gym.importers.things.units import ask_on_terminal
+    from sceniris_gym.tools.commands import import_things as tool
+
+    _at_least(1, jobs=1 if jobs is None else jobs)
+    options = Options(scale, up, density, tolerance, shell)
+    if thing.is_dir():
+        found = tool.import_many(thing, out, options, jobs, device)
+        return dumps(found) if json else _listing(found)
+    _target(out)
+    found = tool.import_one(thing, out, options, None if json else ask_on_terminal(), device)
+    return dumps(found) if json else tool.report(found)
+
+
 ABOUT = "Fresh, collision-free scene layouts for every reset of batched MuJoCo-Warp environments."
-COMMANDS = {command.__name__: command for command in (demo, generate, audit, bench, replay, check, reach)}
+COMMANDS = {
+    command.__name__.rstrip("_"): command
+    for command in (demo, generate, audit, bench, replay, check, reach, import_, view)
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command.
 
-    A ScenirisError or an OSError ends it with a message on stderr and exit status 2. Ctrl-C ends it with status 130 and
-    SIGTERM with 143, as in a shell, after temporary files are removed.
+    A ScenirisError or an OSError ends it with a message on stderr and exit status 2.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
     if list(arguments) == ["--version"]:
         print(f"sceniris-gym {sceniris_gym.__version__}")
         return
     about = f"{ABOUT} Version {sceniris_gym.__version__} (--version)."
-    kept = signal.signal(signal.SIGTERM, _terminate)
     try:
         print(tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="sceniris-gym", description=about, args=arguments))
     except ScenirisError as error:
         _end(str(error), 2)
     except OSError as error:
         _end(_in_words(error), 2)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt:  # where it is not run as the program
         _end("interrupted", 128 + signal.SIGINT)
-    finally:
-        signal.signal(signal.SIGTERM, kept)
-
-
-def _terminate(*_: object) -> NoReturn:
-    """Exit by an exception, so that temporary files are removed."""
-    _end("terminated", 128 + signal.SIGTERM)
 
 
 def _in_words(error: OSError) -> str:
@@ -410,7 +546,3 @@ def _seed(seed: int) -> None:
 
 def _listing(figures: dict[str, Any]) -> str:
     return "\n".join(f"{name:<24}{value}" for name, value in figures.items())
-
-
-if __name__ == "__main__":
-    main()

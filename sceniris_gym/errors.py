@@ -87,6 +87,38 @@ class MeshError(ScenirisError):
     """A mesh that cannot be used for collision: it is open, flat, or has no faces."""
 
 
+class EmptyMeshError(MeshError):
+    """A file without a single face."""
+
+
+class FlatMeshError(MeshError):
+    """A mesh that encloses nothing: all of it lies in a plane or on a line."""
+
+
+class OpenMeshError(MeshError):
+    """A mesh with holes so large that what it encloses is anyone's guess."""
+
+
+class LargeMeshError(MeshError):
+    """A mesh with more faces than any use of it needs."""
+
+
+class PartsError(MeshError):
+    """A mesh that no convex parts were found for which stay near its surface."""
+
+
+class SizeError(MeshError):
+    """A thing smaller than 1 mm or larger than 50 m: its file is most likely in another unit."""
+
+
+class MissingMeshError(SceneFileError):
+    """A description of a thing that refers to files which do not exist."""
+
+
+class InstancesError(NotSupportedError):
+    """A stage of USD in which one prim stands for many copies."""
+
+
 class GraspError(ScenirisError):
     """An object that the gripper cannot grasp: none of its grasps fits the gripper.
 
@@ -243,6 +275,26 @@ class BusyError(ScenirisError, RuntimeError):
         return type(self), (self.what,)
 
 
+class FixedError(ScenirisError, AttributeError):
+    """An attribute that was assigned to, although nothing would follow from it: launches are captured without it.
+
+    Args:
+        what: The class of the object.
+        name: The attribute.
+    """
+
+    def __init__(self, what: str, name: str) -> None:
+        self.what = what
+        super().__init__(
+            f"{what}.{name} cannot be changed: steps and resets are captured with the arrays of the scene that "
+            f"{what} was made with, and would go on with them. Make another {what} with the other '{name}'."
+        )
+        self.name = name  # which AttributeError has as well, and sets to None
+
+    def __reduce__(self) -> tuple:
+        return type(self), (self.what, self.name)
+
+
 class TaskError(ScenirisError, TypeError):
     """A method of a task returned something of the wrong type or form.
 
@@ -357,8 +409,34 @@ class OutputError(ScenirisError, OSError):
         return type(self), (self.path, self.reason)
 
 
+class MemoryLimitError(ScenirisError, MemoryError):
+    """Something that does not fit into the memory that is free.
+
+    Args:
+        what: What was about to be made.
+        needed: How many bytes it takes, at least.
+        free: How many are free.
+        device: Where.
+        cure: What to do about it.
+    """
+
+    def __init__(self, what: str, needed: int, free: int, device: str, cure: str) -> None:
+        self.what, self.needed, self.free, self.device, self.cure = what, needed, free, device, cure
+        super().__init__(
+            f"{what}: takes {needed / 2**30:.1f} GiB or more, and {max(free, 0) / 2**30:.1f} GiB are free on {device}. "
+            f"{cure}"
+        )
+
+    def __reduce__(self) -> tuple:
+        return type(self), (self.what, self.needed, self.free, self.device, self.cure)
+
+
+class DatasetError(ScenirisError):
+    """A data set of layouts that is incomplete, damaged, or another one than was asked for."""
+
+
 class MissingExtraError(ScenirisError, ImportError):
-    """A training library that is not installed.
+    """A library that is not installed, and that an extra of this package installs.
 
     Args:
         package: What could not be imported.

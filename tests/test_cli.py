@@ -2,6 +2,7 @@
 
 import errno
 import json
+import os
 import re
 import signal
 import subprocess
@@ -143,11 +144,11 @@ def test_generated_rows_depend_on_their_seed_alone(capfd: pytest.CaptureFixture,
     """Row i has seed S + i and episode 0, whatever N and the chunks are."""
     many = answer(capfd, "generate", "mid", "-n", "50", "--seed", "7", "-o", str(tmp_path / "many"))
     answer(capfd, "generate", "mid", "-n", "20", "--seed", "17", "--chunk", "8", "-o", str(tmp_path / "few"))
-    a, b = (np.load(tmp_path / folder / "layouts.npz") for folder in ("many", "few"))
-    assert many["layouts"] == 50
-    assert set(a.files) == {
+    a, b = (np.load(tmp_path / folder / "layouts-00000.npy") for folder in ("many", "few"))
+    assert (many["layouts"], many["complete"]) == (50, True)
+    assert set(a.dtype.names) == {
         *("qpos", "mocap_pos", "mocap_quat", "present", "valid", "first_pass_valid", "attempts", "status"),
-        *("seed", "episode", "object_names"),
+        *("seed", "episode"),
     }
     assert a["seed"].tolist() == list(range(7, 57))
     assert not a["episode"].any()
@@ -157,22 +158,53 @@ def test_generated_rows_depend_on_their_seed_alone(capfd: pytest.CaptureFixture,
     assert (a["mocap_pos"].shape, a["mocap_quat"].shape) == ((50, 1, 3), (50, 1, 4))
     assert a["present"].shape == (50, 3)
     assert a["present"].all()
-    assert a["object_names"].tolist() == ["cabinet", "apple", "banana"]
+
+
+def test_a_data_set_is_written_in_shares_resumed_and_verified(
+    capfd: pytest.CaptureFixture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """The environment names the share, or --share does; what is wrong with the words is said."""
+    command = ["generate", "mid", "-n", "5", "-o", str(tmp_path)]
+    monkeypatch.setenv("RANK", "1")
+    monkeypatch.setenv("WORLD_SIZE", "2")
+    cli.main([*command, "--device", "cpu"])
+    assert "1 of 1 parts are left for the other processes" in capfd.readouterr().out
+    assert not answer(capfd, *command)["complete"]
+    assert answer(capfd, *command, "--share", "0/2")["complete"]
+    monkeypatch.delenv("RANK")
+    assert answer(capfd, *command, "--resume")["valid"] == 1.0
+    assert answer(capfd, "generate", "-o", str(tmp_path), "--verify")["verified"]
+    cli.main(["generate", "-o", str(tmp_path), "--verify"])
+    assert "5 layouts of 'mid', all files are whole" in capfd.readouterr().out
+    for words, message in (
+        (command, "--resume"),
+        ([*command, "--verify"], "Leave out SCENE"),
+        (["generate", "-o", str(tmp_path / "nowhere"), "--verify"], "no whole data set"),
+        (["generate", "mid", "-n", "5"], "-o FOLDER"),
+        (["generate", "mid", "-o", "x"], "-n N"),
+        ([*command, "--share", "2/2"], "R/K"),
+    ):
+        with pytest.raises(SystemExit) as stop:
+            cli.main(words)
+        assert stop.value.code == 2
+        assert message in capfd.readouterr().err
 
 
 def test_the_scene_opens_in_stock_mujoco(capfd: pytest.CaptureFixture, tmp_path: Path):
     """scene.zip alone, in a process without this package: bodies have the scene's names, and rows can be stepped."""
     answer(capfd, "generate", "mid", "-n", "3", "-o", str(tmp_path))
     program = """
-import sys, mujoco, numpy as np
+import json, sys, mujoco, numpy as np
 with open(sys.argv[1] + "/scene.zip", "rb") as file:
     model = mujoco.MjSpec.from_zip(file).compile()
-rows = np.load(sys.argv[1] + "/layouts.npz")
+rows = np.load(sys.argv[1] + "/layouts-00000.npy")
 data = mujoco.MjData(model)
 data.qpos, data.mocap_pos, data.mocap_quat = rows["qpos"][2], rows["mocap_pos"][2], rows["mocap_quat"][2]
 mujoco.mj_forward(model, data)
 assert not (data.contact.dist < 0).any()
-for name in (*rows["object_names"], "cabinet/upper_drawer"):
+with open(sys.argv[1] + "/dataset.json") as file:
+    names = json.load(file)["object_names"]
+for name in (*names, "cabinet/upper_drawer"):
     model.body(name)
 assert "sceniris_gym" not in sys.modules
 """
@@ -180,30 +212,28 @@ assert "sceniris_gym" not in sys.modules
 
 
 def test_a_stopped_run_leaves_no_half_written_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Ctrl-C while the layouts are written: the old files are whole, and nothing else is there."""
-    cli.generate("mid", n=2, out=tmp_path, device="cpu")
-    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    assert set(before) == {"layouts.npz", "scene.zip"}
+    """Ctrl-C while the layouts are written: what is there is whole, and says that it is not all."""
 
-    def interrupted(file, **_):
-        file.write(b"half of it")
+    def interrupted(_: int) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(np, "savez", interrupted)
+    kept = os.fsync
+    monkeypatch.setattr(os, "fsync", lambda file: (monkeypatch.setattr(os, "fsync", interrupted), kept(file)))
     with pytest.raises(KeyboardInterrupt):
         cli.generate("mid", n=4, out=tmp_path, device="cpu")
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".progress", "scene.zip"]
 
 
 @pytest.mark.parametrize(("stop", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_stopped_command_says_so_and_leaves_no_temporary_file(tmp_path: Path, stop: int, status: int):
     """Ctrl-C and SIGTERM in the middle of writing: one line on stderr, the status of shells, an empty folder."""
     program = f"""
-import os, signal, sys, numpy as np
-from sceniris_gym import cli
+import os, signal, sys, time
+from sceniris_gym.__main__ import main
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs are started with it ignored
-np.savez = lambda *_, **__: os.kill(os.getpid(), {int(stop)})
-cli.main(["generate", "mid", "-n", "2", "--device", "cpu", "-o", sys.argv[1]])
+os.fsync = lambda _: (os.kill(os.getpid(), {int(stop)}), time.sleep(60))
+sys.argv = ["sceniris-gym", "generate", "mid", "-n", "2", "--device", "cpu", "-o", sys.argv[1]]
+main()
 """
     command = [sys.executable, "-c", program, str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True)
@@ -211,7 +241,7 @@ cli.main(["generate", "mid", "-n", "2", "--device", "cpu", "-o", sys.argv[1]])
     assert done.stdout == ""
     assert done.stderr.splitlines()[-1] in ("sceniris-gym: interrupted", "sceniris-gym: terminated")
     assert "Traceback" not in done.stderr
-    assert list(tmp_path.iterdir()) == []
+    assert [path.name for path in tmp_path.iterdir()] == [".progress"]
 
 
 @pytest.mark.parametrize(
@@ -223,7 +253,7 @@ def test_a_path_that_cannot_be_written_is_refused_before_the_work(
 ):
     """A file where a folder should be, and a folder where the file should be; nothing is left behind."""
     (tmp_path / "file").write_text("kept")
-    (tmp_path / "folder" / "layouts.npz").mkdir(parents=True)
+    (tmp_path / "folder" / "scene.zip").mkdir(parents=True)
     for out in (tmp_path / "file" / "inside", tmp_path / "folder"):
         with pytest.raises(SystemExit) as stop:
             cli.main([*command, "--out", str(out), "--device", "cpu"])
@@ -232,7 +262,7 @@ def test_a_path_that_cannot_be_written_is_refused_before_the_work(
         assert "cannot be written" in err
         assert "Traceback" not in err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder"]
-    assert [path.name for path in (tmp_path / "folder").iterdir()] == ["layouts.npz"]
+    assert [path.name for path in (tmp_path / "folder").iterdir()] == ["scene.zip"]
 
 
 def test_a_full_disk_is_told_in_words(capfd: pytest.CaptureFixture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -241,12 +271,12 @@ def test_a_full_disk_is_told_in_words(capfd: pytest.CaptureFixture, tmp_path: Pa
     def full(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(np, "savez", full)
+    monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(SystemExit) as stop:
         cli.main(["generate", "mid", "-n", "1", "-o", str(tmp_path), "--device", "cpu"])
     assert stop.value.code == 2
-    assert "layouts.npz cannot be written: no space left on device. Give --out" in capfd.readouterr().err
-    assert list(tmp_path.iterdir()) == []
+    assert "scene.zip cannot be written: no space left on device. Give --out" in capfd.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == [".progress"]
 
 
 def test_a_new_folder_is_only_made_when_there_is_something_to_write(tmp_path: Path):
@@ -266,7 +296,7 @@ def test_replay_makes_a_layout_again_from_its_id(capfd: pytest.CaptureFixture, t
     """The poses are those of the data set's row, and a picture is written."""
     made = answer(capfd, "generate", "mid", "-n", "4", "--seed", "40", "-o", str(tmp_path))
     found = answer(capfd, "replay", f"{made['hash']}:train:42:0", "--out", str(tmp_path / "one.png"))
-    qpos = np.load(tmp_path / "layouts.npz")["qpos"][2]
+    qpos = np.load(tmp_path / "layouts-00000.npy")["qpos"][2]
     with (tmp_path / "scene.zip").open("rb") as file:
         model = mujoco.MjSpec.from_zip(file).compile()
     adr = model.jnt_qposadr[model.joint("banana/free").id]
@@ -280,7 +310,7 @@ def test_replay_makes_a_layout_again_from_its_id(capfd: pytest.CaptureFixture, t
 
 def test_check_and_generate_tell_an_id_to_replay(capfd: pytest.CaptureFixture, tmp_path: Path):
     """Their text has the id of the first layout, which replay takes."""
-    for command in (["check", "mid", "--layouts", "4"], ["generate", "mid", "-n", "4", "-o", str(tmp_path)]):
+    for command in (["check", "mid", "--layouts", "4"], ["generate", "mid", "-n", "4", "-o", str(tmp_path / "set")]):
         cli.main([*command, "--seed", "40", "--device", "cpu"])
         (named,) = re.findall(r"[0-9a-f]{16}:train:40:0", capfd.readouterr().out)
         assert answer(capfd, "replay", named, "--out", str(tmp_path / "one.png"))["scene"] == "mid"
@@ -311,6 +341,6 @@ def test_errors_are_words_on_stderr(capfd: pytest.CaptureFixture, arguments: lis
 
 def test_libraries_cannot_print_into_the_answer():
     """In a process of its own, in which Warp starts up, stdout is still one JSON line."""
-    command = [sys.executable, "-m", "sceniris_gym.cli", "check", "mid", "--layouts", "4", "--json", "--device", "cpu"]
+    command = [sys.executable, "-m", "sceniris_gym", "check", "mid", "--layouts", "4", "--json", "--device", "cpu"]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     assert json.loads(done.stdout)["layouts"] == 4

@@ -15,9 +15,11 @@ from sceniris_gym.errors import (
     ContactBudgetError,
     CycleError,
     FallbackWarning,
+    FixedError,
     GraspError,
     InfeasibleSceneError,
     KeysLeftOutWarning,
+    MemoryLimitError,
     MissingExtraError,
     OutputError,
     ScenirisError,
@@ -43,8 +45,10 @@ EXAMPLES: dict[type, Exception] = {
         GraspError("scene.yaml: objects.can", 0.1, 0.08),
         InfeasibleSceneError("scene.yaml", "apple", "collision", COUNTS, "table/top", "any"),
         ContactBudgetError("nconmax", 40, 57),
+        FixedError("SceneVectorEnv", "compiled"),
         TaskError("Lift", "reward", "a float", "a tensor of shape (num_envs,)"),
         OutputError("/out/a.png", "no space left on device"),
+        MemoryLimitError("a million worlds", 3 << 30, 1 << 30, "cpu", "Use fewer."),
         MissingExtraError("stable-baselines3", "sb3"),
         FallbackWarning(
             "scene.yaml", 0.45, "can", "blocked", ["'restarts' above 8", "a larger region for 'can'"], (4, 64)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.util
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -40,7 +44,7 @@ def test_the_vector_env_is_stepped_and_reset_in_part(capsys: pytest.CaptureFixtu
     """Worlds outside of a reset mask keep their observations."""
     load("01_vector_env").main(num_envs=4, steps=3, device="cpu")
     out = capsys.readouterr().out
-    assert "policy: (4, 54) critic: (4, 70) on cpu" in out
+    assert "policy: (4, 47) critic: (4, 68) on cpu" in out
     assert "layouts: seeds [0, 1, 2, 3] episodes [0, 0, 0, 0]" in out
     assert "masked reset of 2 worlds; the others kept their observations: True" in out
 
@@ -150,3 +154,65 @@ def test_stable_baselines_trains_and_is_judged(tmp_path: Path, capsys: pytest.Ca
     assert re.search(r"\n480 steps: return -?\d\.\d+, success 0\.00; reaching \d\.\d+, hovering", out)
     assert re.search(r"\nafter: return -?\d\.\d+ \+- \d\.\d+, success [01]\.\d+", out)
     assert {path.name for path in tmp_path.iterdir()} == {"model.zip", "normalize.pkl"}
+
+
+TWO = """
+import importlib.util, os, sys
+import torch
+from rsl_rl.runners import OnPolicyRunner
+
+
+def configure(self):  # as rsl-rl does with NCCL, which there is none of on a CPU
+    self.is_distributed, self.gpu_world_size = True, int(os.environ["WORLD_SIZE"])
+    self.gpu_local_rank, self.gpu_global_rank = int(os.environ["LOCAL_RANK"]), int(os.environ["RANK"])
+    self.cfg["multi_gpu"] = {"global_rank": self.gpu_global_rank, "local_rank": self.gpu_local_rank, "world_size": 2}
+    torch.distributed.init_process_group("gloo")
+
+
+def learn(self, *args, **kwargs):
+    learned(self, *args, **kwargs)
+    weights = torch.cat([p.flatten() for p in self.alg.actor.parameters()]).double().sum().item()
+    seeds = self.env.unwrapped.state.seed.tolist()
+    found = [None, None]
+    torch.distributed.all_gather_object(found, (weights, seeds, self.logger.writer is not None))
+    if self.gpu_global_rank == 0:
+        print("FOUND", repr(found))
+
+
+learned, OnPolicyRunner.learn, OnPolicyRunner._configure_multi_gpu = OnPolicyRunner.learn, learn, configure
+spec = importlib.util.spec_from_file_location("example", sys.argv[1])
+example = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(example)
+example.main(num_envs=3, iterations=2, device="cpu", out=sys.argv[2])
+"""
+
+
+@pytest.mark.slow
+def test_two_processes_train_one_policy_on_layouts_of_their_own(tmp_path: Path):
+    """As `load("08_all_gpus")` runs under torchrun, with gloo in place of NCCL; one of them writes."""
+    pytest.importorskip("rsl_rl")
+    script, out = tmp_path / "two.py", tmp_path / "out"
+    script.write_text(TWO)
+    command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", str(script)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path.cwd()), os.environ.get("PYTHONPATH", "")])}
+    command += [str(EXAMPLES / "08_all_gpus.py"), str(out)]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=400, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    line = next(line for line in done.stdout.splitlines() if "FOUND" in line)
+    (weights, seeds, writes), (others, other_seeds, other_writes) = ast.literal_eval(line.partition("FOUND ")[2])
+    assert weights == others
+    assert (seeds, other_seeds) == ([0, 1, 2], [2**40, 2**40 + 1, 2**40 + 2])
+    assert (writes, other_writes) == (True, False)
+    names = [path.name for path in out.iterdir()]
+    assert sorted(name for name in names if name.endswith(".pt")) == ["model_0.pt", "model_1.pt"]
+    assert sum("tfevents" in name for name in names) == 1
+
+
+@pytest.mark.slow
+def test_the_viewer_shows_every_step(capsys: pytest.CaptureFixture[str]):
+    """The address is said, and worlds are shown until the end."""
+    pytest.importorskip("mjviser", reason="needs the extra 'viewer'")
+    load("07_view").main(num_envs=2, steps=3, device="cpu")
+    found = capsys.readouterr()
+    assert "the environment is shown at http://127.0.0.1:" in found.err
+    assert "3 steps of 2 worlds were shown" in found.out

@@ -24,7 +24,7 @@ ORDER = {  # a module imports its own part of the house and those with a smaller
     name: rank
     for rank, names in enumerate(
         [
-            ["errors"],
+            ["errors", "progress"],
             ["reach"],
             ["config"],
             ["geometry"],
@@ -35,12 +35,14 @@ ORDER = {  # a module imports its own part of the house and those with a smaller
             ["sim"],
             ["vector"],
             ["adapters", "tools"],
+            ["viewer"],
             ["cli"],
+            ["__main__"],
         ]
     )
     for name in names
 }
-WITH_TORCH = {"reach", "vector", "adapters", "tools"}
+WITH_TORCH = {"reach", "vector", "adapters", "tools", "viewer"}
 OUTSIDE = {"__init__", "registration"}  # the door of the package: looked at below, by what it loads
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import torch
 import warp as wp
-from gymnasium.vector import AutoresetMode
+from gymnasium.vector import AutoresetMode, VectorEnv
 from torch import Tensor
 
 from sceniris_gym.errors import ArgumentError, MissingExtraError
@@ -40,10 +40,15 @@ class RslRlVecEnv(VecEnv):
         seed: Seed of the first reset; None draws one.
 
     Raises:
-        ArgumentError: The environment has other settings.
+        ArgumentError: The environment is another one, or has other settings.
     """
 
-    def __init__(self, env: SceneVectorEnv, seed: int | None = None) -> None:
+    def __init__(self, env: VectorEnv, seed: int | None = None) -> None:
+        if not isinstance(env, SceneVectorEnv):
+            raise ArgumentError(
+                "RslRlVecEnv: env should be a SceneVectorEnv, as gymnasium.make_vec returns it without wrappers, got a "
+                f"{type(env).__name__}."
+            )
         if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.copy:
             raise ArgumentError("RslRlVecEnv: env should have autoreset SAME_STEP, output='torch' and copy=True.")
         if env.max_episode_steps is None:

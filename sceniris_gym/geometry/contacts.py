@@ -27,6 +27,8 @@ class ContactRules:
         self._contype, self._conaffinity = mjm.geom_contype.tolist(), mjm.geom_conaffinity.tolist()
         self._margin, self._gap = mjm.geom_margin.tolist(), mjm.geom_gap.tolist()
         self._excluded = {int(signature) for signature in mjm.exclude_signature}
+        self._meet: dict[tuple[int, int], bool] = {}
+        self._distance: dict[tuple[int, int], float] = {}
         if self._visual:
             self.classes = np.zeros(mjm.ngeom, int)
             return
@@ -54,21 +56,33 @@ class ContactRules:
 
     def is_explicit(self, a: int, b: int) -> bool:
         """Whether geoms of two classes are an explicit `<pair>`, to which excludes and parents are nothing."""
-        return frozenset((a, b)) in self._paired
+        return bool(self._paired) and frozenset((a, b)) in self._paired
 
     def excludes(self, body: int, other: int) -> bool:
         """Whether the model excludes the contacts of two bodies."""
-        return (min(body, other) << 16) + max(body, other) in self._excluded
+        return bool(self._excluded) and (min(body, other) << 16) + max(body, other) in self._excluded
 
     def meet(self, a: int, b: int) -> bool:
         """Whether geoms of two classes collide: an explicit pair, or the contype of either meets the other's bits."""
+        found = self._meet.get((a, b))
+        if found is None:
+            found = self._meet[a, b] = self._work_out_meet(a, b)
+        return found
+
+    def distance(self, a: int, b: int) -> float:
+        """From which distance [m] on a contact of geoms of two classes acts: 0 without margins."""
+        found = self._distance.get((a, b))
+        if found is None:
+            found = self._distance[a, b] = self._work_out_distance(a, b)
+        return found
+
+    def _work_out_meet(self, a: int, b: int) -> bool:
         if self._visual or self.is_explicit(a, b):
             return True
         contype, conaffinity = self._contype, self._conaffinity
         return bool(contype[a] & conaffinity[b] or contype[b] & conaffinity[a])
 
-    def distance(self, a: int, b: int) -> float:
-        """From which distance [m] on a contact of geoms of two classes acts: 0 without margins."""
+    def _work_out_distance(self, a: int, b: int) -> float:
         mjm = self._mjm
         if self._visual:
             return 0.0

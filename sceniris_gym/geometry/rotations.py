@@ -18,3 +18,10 @@ def pose_matrix(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = matrix(quat), pos
     return pose
+
+
+def quaternion(mat: np.ndarray) -> np.ndarray:
+    """Return the wxyz quaternion of a rotation matrix (3, 3)."""
+    quat = np.empty(4)
+    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(mat, float).ravel())
+    return quat

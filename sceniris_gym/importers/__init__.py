@@ -1,1 +1,1 @@
-"""Importers of scenes that were written for other packages."""
+"""Importers of what was made for other programs: scenes of other packages, and things as meshes, URDF and USD."""

@@ -80,12 +80,31 @@ def _place(
 
 
 @wp.func
+def _leaves_nothing(cause: int) -> bool:
+    """Was nothing of the region left to draw from?"""
+    if cause == _EMPTY:
+        return True
+    return cause == _REGION
+
+
+@wp.func
+def _is_recorded(layouts: LayoutsView, cause: int) -> bool:
+    """Is a candidate with this cause kept: one that collided, or any that got as far as a pose?"""
+    if layouts.rejected_object.shape[0] == 0 or cause == _NONE:
+        return False
+    if cause == _COLLISION:
+        return True
+    return layouts.record_all != 0 and not _leaves_nothing(cause)
+
+
+@wp.func
 def _record(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int):
-    """Keep a candidate that was rejected for collision, as long as there is room for it."""
+    """Keep a candidate that was rejected, as long as there is room for it."""
     slot = wp.atomic_add(layouts.rejected_count, 0, 1)
     if slot >= layouts.rejected_object.shape[0]:
         return
     layouts.rejected_object[slot] = obj
+    layouts.rejected_cause[slot] = search.cause[c]
     for i in range(layouts.qpos.shape[1]):
         layouts.rejected_qpos[slot, i] = layouts.qpos[row, i]
     for i in range(layouts.mocap_pos.shape[1]):
@@ -123,14 +142,6 @@ def _queue_trial(search: Search, row: int, trial: int):
 
 
 @wp.func
-def _leaves_nothing(cause: int) -> bool:
-    """Was nothing of the region left to draw from?"""
-    if cause == _EMPTY:
-        return True
-    return cause == _REGION
-
-
-@wp.func
 def _ends_row(program: Program, obj: int, cause: int) -> bool:
     """Is a trial the last one of its object: one that passed, or one that no other draw could better?"""
     if cause == _NONE:
@@ -158,7 +169,7 @@ def _accept_first(
         cause = search.cause[first + t]
         if cause != _NONE:
             _count_rejection(layouts, search, row, obj, cause)
-        if cause == _COLLISION and layouts.rejected_object.shape[0] > 0:
+        if _is_recorded(layouts, cause):
             _record(program, layouts, search, first + t, row, obj)
     if lane == 0:
         search.row_attempts[row] += wp.min(end + 1, trials)

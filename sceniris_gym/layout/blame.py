@@ -9,7 +9,7 @@ from itertools import product
 import mujoco
 import numpy as np
 
-from sceniris_gym.geometry.colliders import Colliders, collect_colliders
+from sceniris_gym.geometry.colliders import collect_colliders
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.leaves import SKIN
 from sceniris_gym.program.compiled import CompiledScene
@@ -39,81 +39,121 @@ class Obstruction:
     margin: float
 
     def __str__(self) -> str:
-        gap = f"{1e3 * abs(self.distance):.3g} mm {'deep' if self.distance < 0.0 else 'apart'} on average"
-        rule = "deep is allowed, as at home" if self.margin < 0.0 else "apart is asked for"
-        asked = f"{1e3 * abs(self.margin):.3g} mm {rule}"
-        return f"{self.pair} ({gap}, {asked}; {self.share:.0%} of them)"
+        return f"{self.pair} ({_gap(self.distance, self.margin, ' on average')}; {self.share:.0%} of them)"
 
 
-def obstructions(compiled: CompiledScene, split: str) -> dict[str, Obstruction]:
-    """Return for each object that candidates are rejected of for collision what is in its way most.
+@dataclass(frozen=True)
+class Hit:
+    """Two geoms that are nearer to each other than a candidate may have them.
+
+    Attributes:
+        geoms: Their ids; the first is of what is placed.
+        words: The geoms and their bodies, by name.
+        distance: How far apart they are [m]; negative where they overlap.
+        margin: The least distance [m] that is asked for; negative where they may be as deep as they are at home.
+    """
+
+    geoms: tuple[int, int]
+    words: str
+    distance: float
+    margin: float
+
+    def __str__(self) -> str:
+        return f"{self.words} ({_gap(self.distance, self.margin)})"
+
+
+class Blame:
+    """Finds what is in the way of candidates of a compiled scene, one by one.
 
     Distances are those of MuJoCo C, between what it collides, also with `geometry: visual`. Depths of geoms that are in
     each other at home are measured as they were there.
     """
+
+    def __init__(self, compiled: CompiledScene) -> None:
+        self.compiled = compiled
+        self._colliders = collect_colliders(compiled.plan.pieces, compiled.config.geometry == "visual", compiled.device)
+        self._pieces = {piece.geom: piece for piece in compiled.plan.pieces}
+        self._tests: dict[int, dict[tuple[int, int], float]] = {}
+
+    def hits(self, data: mujoco.MjData, number: int) -> list[Hit]:
+        """Return the pairs of geoms that a candidate is rejected for, the worst first.
+
+        Args:
+            data: The state that it would have led to, kinematics up to date.
+            number: Its object's index in placement order; objects after it are not looked at.
+        """
+        mjm = self.compiled.mjm
+        if number not in self._tests:
+            self._tests[number] = self._pairs(number)
+        depths, found = HomeTouch(mjm, data), []
+        for geoms, margin in self._tests[number].items():
+            distance = self._distance(data, depths, geoms, margin)
+            if distance is not None:
+                words = " and ".join(_name(mjm, geom) for geom in geoms)
+                found.append(Hit(geoms, words, distance, margin))
+        return sorted(found, key=lambda hit: hit.distance - hit.margin)
+
+    def _pairs(self, number: int) -> dict[tuple[int, int], float]:
+        """Pairs of geoms that an object of the plan is tested for, and the least distance [m] of each."""
+        compiled, colliders = self.compiled, self._colliders
+        rules = PairRules(compiled.scene, colliders)
+        ground = compiled.plan.objects[number].ground
+        found = {}
+        for pair in collider_pairs(compiled.scene, compiled.plan, colliders)[number]:
+            stands = ground is not None and rules.colliders.body[pair.b] == ground
+            margin = rules.touch(pair.a, pair.b) if stands else pair.margin
+            geoms = product(rules.geoms(pair.a), rules.geoms(pair.b)) if pair.geoms is None else [pair.geoms]
+            found |= dict.fromkeys(geoms, margin)  # those that touch at home follow the others of their bodies
+        return found
+
+    def _distance(self, data: mujoco.MjData, depths: HomeTouch, geoms: tuple[int, int], margin: float) -> float | None:
+        """How far apart two geoms are [m], None if that is as far as is asked for."""
+        mjm, (a, b), nearest = self.compiled.mjm, geoms, margin + SKIN + _UNDECIDED
+        if margin < 0.0:
+            touch = depths.between(self._pieces[a], self._pieces[b], nearest)
+            return None if touch is None else touch.distance
+        reach = mjm.geom_rbound[a] + mjm.geom_rbound[b] + margin
+        bounded = mjm.geom_rbound[a] > 0.0 and mjm.geom_rbound[b] > 0.0  # a plane is not
+        if bounded and np.linalg.norm(data.geom_xpos[a] - data.geom_xpos[b]) > reach:
+            return None
+        distance = mujoco.mj_geomDistance(mjm, data, a, b, margin + 1e-3, None)
+        return distance if distance <= nearest else None
+
+
+def obstructions(compiled: CompiledScene, split: str) -> dict[str, Obstruction]:
+    """Return for each object that candidates are rejected of for collision what is in its way most; see Blame."""
     generator = LayoutGenerator(compiled, _WORLDS, split=split, rejected=_RECORDED)
     generator.generate()
     view, mjm = generator.layouts.view, compiled.mjm
     count = min(int(view.rejected_count.numpy()[0]), _RECORDED)
     objects = view.rejected_object.numpy()[:count]
     states = [a.numpy() for a in (view.rejected_qpos, view.rejected_mocap_pos, view.rejected_mocap_quat)]
-    colliders = collect_colliders(compiled.plan.pieces, compiled.config.geometry == "visual", compiled.device)
-    data, found = mujoco.MjData(mjm), {}
+    blame, data, found = Blame(compiled), mujoco.MjData(mjm), {}
     for number in np.unique(objects):
-        tests = _tests(compiled, colliders, int(number))
         rows = np.flatnonzero(objects == number)[:_LOOKED_AT]
         seen: Counter[tuple[int, int]] = Counter()
-        distances: dict[tuple[int, int], list[float]] = {}
+        hits: dict[tuple[int, int], list[Hit]] = {}
         for row in rows:
             data.qpos[:] = states[0][row]
             if mjm.nmocap:
                 data.mocap_pos[:], data.mocap_quat[:] = states[1][row], states[2][row]
             mujoco.mj_kinematics(mjm, data)
-            for pair, distance in _hits(compiled, data, tests).items():
-                seen[pair] += 1
-                distances.setdefault(pair, []).append(distance)
+            for hit in blame.hits(data, int(number)):
+                seen[hit.geoms] += 1
+                hits.setdefault(hit.geoms, []).append(hit)
         if seen:
             pair, times = seen.most_common(1)[0]
-            words = " and ".join(_name(mjm, geom) for geom in pair)
-            found[compiled.placed[number]] = Obstruction(
-                words, times / len(rows), float(np.mean(distances[pair])), tests[pair]
-            )
+            distance = float(np.mean([hit.distance for hit in hits[pair]]))
+            first = hits[pair][0]
+            found[compiled.placed[number]] = Obstruction(first.words, times / len(rows), distance, first.margin)
     return found
 
 
-def _tests(compiled: CompiledScene, colliders: Colliders, number: int) -> dict[tuple[int, int], float]:
-    """Pairs of geoms that an object of the plan is tested for, and the least distance [m] of each."""
-    rules = PairRules(compiled.scene, colliders)
-    ground = compiled.plan.objects[number].ground
-    found = {}
-    for pair in collider_pairs(compiled.scene, compiled.plan, colliders)[number]:
-        stands = ground is not None and rules.colliders.body[pair.b] == ground
-        margin = rules.touch(pair.a, pair.b) if stands else pair.margin
-        geoms = product(rules.geoms(pair.a), rules.geoms(pair.b)) if pair.geoms is None else [pair.geoms]
-        found |= dict.fromkeys(geoms, margin)  # those that touch at home follow the others of their bodies
-    return found
-
-
-def _hits(
-    compiled: CompiledScene, data: mujoco.MjData, tests: dict[tuple[int, int], float]
-) -> dict[tuple[int, int], float]:
-    mjm, depths, found = compiled.mjm, HomeTouch(compiled.mjm, data), {}
-    pieces = {piece.geom: piece for piece in compiled.plan.pieces}
-    for (a, b), margin in tests.items():
-        nearest = margin + SKIN + _UNDECIDED
-        if margin < 0.0:
-            touch = depths.between(pieces[a], pieces[b], nearest)
-            if touch is not None:
-                found[a, b] = touch.distance
-            continue
-        reach = mjm.geom_rbound[a] + mjm.geom_rbound[b] + margin
-        bounded = mjm.geom_rbound[a] > 0.0 and mjm.geom_rbound[b] > 0.0  # a plane is not
-        if bounded and np.linalg.norm(data.geom_xpos[a] - data.geom_xpos[b]) > reach:
-            continue
-        distance = mujoco.mj_geomDistance(mjm, data, a, b, margin + 1e-3, None)
-        if distance <= nearest:
-            found[a, b] = distance
-    return found
+def _gap(distance: float, margin: float, average: str = "") -> str:
+    """How far apart two geoms are [m], and how far they should be."""
+    gap = f"{1e3 * abs(distance):.3g} mm {'deep' if distance < 0.0 else 'apart'}{average}"
+    rule = "deep is allowed, as at home" if margin < 0.0 else "apart is asked for"
+    return f"{gap}, {1e3 * abs(margin):.3g} mm {rule}"
 
 
 def _name(mjm: mujoco.MjModel, geom: int) -> str:

@@ -196,13 +196,15 @@ def _test_alone(
                 search.cause[c] = _COLLISION
 
 
-def lane_kernels(faces: bool) -> tuple[wp.Kernel, ...]:
-    """The kernels that a GPU launches by lanes."""
-    return (_test_alone,) if faces else (_test_cores, _test_alone)
+def lane_kernels(faces: bool, together: bool) -> tuple[wp.Kernel, ...]:
+    """The kernels that are launched by lanes; `together`: blocks have more than one."""
+    return (_test_cores, _test_alone) if together and not faces else (_test_alone,)
 
 
-def block_kernels(faces: bool) -> tuple[wp.Kernel, ...]:
-    """Those that it launches by blocks."""
+def block_kernels(faces: bool, together: bool) -> tuple[wp.Kernel, ...]:
+    """Those that are launched by blocks."""
+    if not together:
+        return ()
     return (_test_together,) if faces else (_queue_leaves, _test_leaves)
 
 

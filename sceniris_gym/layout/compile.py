@@ -29,6 +29,7 @@ from sceniris_gym.program.device import Cause, Program, copied, fill_struct
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.notices import from_words, noting, to_words, warn
 from sceniris_gym.program.plan import UPRIGHT
+from sceniris_gym.progress import tell
 from sceniris_gym.scene.model import SceneModel, build_model
 
 # The probe makes layouts until the bank is full, in this many rounds at most; where one split has layouts and the other
@@ -196,6 +197,7 @@ class _Probe:
             self.first += int(layouts.first_pass_valid.numpy().sum())
             self.failed += int(nworld - valid.sum())
             done += 1
+            tell(self.generator.split.replace("_", " "), min(len(self.found), self.size), self.size)
         self.found = self.found[: self.size]
         return bool(self.found)
 

@@ -15,6 +15,7 @@ from sceniris_gym.layout.collision import launch_test_collisions
 from sceniris_gym.layout.containment import launch_test_containment
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.draw import launch_draw
+from sceniris_gym.layout.fixed import Fixed
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.loading import load_kernels
 from sceniris_gym.layout.pickling import StaysHere
@@ -38,12 +39,13 @@ from sceniris_gym.layout.turns import launching
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
 from sceniris_gym.program.device_reach import Reach
+from sceniris_gym.program.memory import check_memory
 
 # Regions of more pieces than this make a candidate so dear that fewer restarts are tried at once.
 _MOST_PIECES = 1024
 
 
-class LayoutGenerator(StaysHere):
+class LayoutGenerator(Fixed, StaysHere):
     """Makes layouts for a batch of worlds, each a pure function of (scene, split, seed, episode).
 
     Args:
@@ -53,12 +55,18 @@ class LayoutGenerator(StaysHere):
         split: "train" or "eval": independent streams of the same seeds, each with a bank of its own.
         size: Capacities, which affect the speed and never the layouts; None for what suits the device.
         rejected: Length of a record of the first candidates that collided, for audits.
+        every_cause: Whether that record is of all candidates that were rejected where they would have stood.
 
     Raises:
         SeedError: A seed that is not a 64-bit integer, or a wrong number of them.
         ArgumentError: An unknown split.
         CountError: A number of worlds that is no integer, or out of range.
+        FixedError: An attribute that is assigned to: launches are captured with what they were.
+        MemoryLimitError: More worlds than there is memory for.
     """
+
+    FIXED = ("compiled", "split", "size", "layouts")
+    ARGUMENTS = ("nworld", "seed", "rejected")
 
     @launching
     def __init__(
@@ -70,6 +78,7 @@ class LayoutGenerator(StaysHere):
         split: str = "train",
         size: SearchSize | None = None,
         rejected: int = 0,
+        every_cause: bool = False,
     ) -> None:
         if not isinstance(compiled, CompiledScene):
             raise ArgumentTypeError(f"LayoutGenerator: compiled should be a CompiledScene, got {type(compiled)}.")
@@ -83,8 +92,9 @@ class LayoutGenerator(StaysHere):
                 size = replace(size, rows=size.rows // 8)
         if rejected > 0:
             size = replace(size, rows=0)  # rows of restarts that may not be reached are not recorded
+        _check_memory(compiled, nworld, size)
         self.compiled, self.split, self.size = compiled, split, size
-        self.layouts = Layouts.create(compiled, nworld, rejected=rejected, rows=size.rows)
+        self.layouts = Layouts.create(compiled, nworld, rejected=rejected, every_cause=every_cause, rows=size.rows)
         self._search = create_search(compiled, nworld, size)
         reaching = compiled.reaching
         self._reach = Reach() if reaching is None else reaching.view
@@ -206,6 +216,16 @@ class LayoutGenerator(StaysHere):
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """How many candidates were rejected so far, by object and cause. Synchronises with the device."""
         return rejection_counts(self.layouts)
+
+
+def _check_memory(compiled: CompiledScene, nworld: int, size: SearchSize) -> None:
+    """Refuse more worlds than fit into memory, by what the largest arrays of layouts and candidates take."""
+    mjm = compiled.mjm
+    state = 4 * mjm.nq + 28 * mjm.nbody  # joints, and the poses of all bodies
+    row = state + 36 * len(compiled.slots) + 32 * mjm.nmocap
+    what = f"LayoutGenerator: {nworld} worlds of '{compiled.config.name}'"
+    needed = (nworld + size.rows) * row + size.candidates * state
+    check_memory(what, needed, compiled.device, "Use fewer worlds at once, or another device.")
 
 
 def rejection_counts(layouts: Layouts) -> dict[str, dict[str, int]]:

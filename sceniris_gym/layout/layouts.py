@@ -47,7 +47,9 @@ class LayoutsView:
     variant: wp.array2d(dtype=int)
     body_pos: wp.array2d(dtype=wp.vec3)
     body_quat: wp.array2d(dtype=wp.vec4)
+    record_all: int
     rejected_count: wp.array(dtype=int)
+    rejected_cause: wp.array(dtype=int)
     rejected_object: wp.array(dtype=int)
     rejected_qpos: wp.array2d(dtype=float)
     rejected_mocap_pos: wp.array2d(dtype=wp.vec3)
@@ -132,10 +134,13 @@ class Layouts:
         return qpos[:, adr] if width == 1 else qpos[:, adr : adr + width]
 
     @classmethod
-    def create(cls, compiled: CompiledScene, nworld: int, *, rejected: int = 0, rows: int = 0) -> "Layouts":
+    def create(
+        cls, compiled: CompiledScene, nworld: int, *, rejected: int = 0, every_cause: bool = False, rows: int = 0
+    ) -> "Layouts":
         """Allocate room for `nworld` layouts, and for a record of the first `rejected` candidates that collided.
 
-        `rows` more layouts that are being made follow those of the worlds in `view`.
+        With `every_cause` the record is of all that were rejected where they would have stood. `rows` more layouts that
+        are being made follow those of the worlds in `view`.
         """
         device = compiled.device
         mjm = compiled.mjm
@@ -168,7 +173,9 @@ class Layouts:
             view.pregrasp_qpos = wp.full((nworld, nreach, MAX_JOINTS), wp.nan, dtype=float)
             view.body_pos = wp.array(np.tile(compiled.home_xpos, (nrow, 1, 1)), dtype=wp.vec3)
             view.body_quat = wp.array(np.tile(compiled.home_xquat, (nrow, 1, 1)), dtype=wp.vec4)
+            view.record_all = int(every_cause)
             view.rejected_count = wp.zeros(1, dtype=int)
+            view.rejected_cause = wp.zeros(rejected, dtype=int)
             view.rejected_object = wp.zeros(rejected, dtype=int)
             view.rejected_qpos = wp.zeros((rejected, mjm.nq), dtype=float)
             view.rejected_mocap_pos = wp.zeros((rejected, nmocap), dtype=wp.vec3)

@@ -25,21 +25,24 @@ from sceniris_gym.layout import (
 from sceniris_gym.layout.kernel_log import tell_of_compiling
 
 
-def kernel_modules(*, related: bool, faces: bool, staged: bool) -> tuple[list[wp.Module], list[wp.Module]]:
-    """Warp's modules of what a generator launches on a GPU by lanes, and of what it launches by blocks.
+def kernel_modules(
+    *, related: bool, faces: bool, staged: bool, together: bool = True
+) -> tuple[list[wp.Module], list[wp.Module]]:
+    """Warp's modules of what a generator launches by lanes, and of what it launches by blocks.
 
     Args:
         related: Whether there are regions that differ between worlds.
         faces: Whether triangles are tested.
         staged: Whether there is a stage after placing.
+        together: Whether blocks have more than one lane, as on a GPU.
     """
     by_lane = [draw, screen, rounds, *([sides, region_pieces] if related else [])]
     by_lane += [reach_waves, reach_poses, reach_ik] if staged else []
     by_block = [accept, *([points] if related else []), *([reach_hits] if staged else [])]
     lanes = [wp.get_module(m.__name__) for m in by_lane]
-    lanes += [k.module for k in collision.lane_kernels(faces) + (containment.LANE_KERNELS if faces else ())]
+    lanes += [k.module for k in collision.lane_kernels(faces, together) + (containment.LANE_KERNELS if faces else ())]
     blocks = [wp.get_module(m.__name__) for m in by_block]
-    return lanes, blocks + [k.module for k in collision.block_kernels(faces)]
+    return lanes, blocks + [k.module for k in collision.block_kernels(faces, together)]
 
 
 def _is_kept(module: wp.Module, block_dim: int | None) -> bool:
@@ -57,7 +60,7 @@ def load_kernels(device: str, *, block_dim: int, related: bool, faces: bool, sta
         faces: Whether triangles are tested.
         staged: Whether there is a stage after placing.
     """
-    lanes, blocks = kernel_modules(related=related, faces=faces, staged=staged)
+    lanes, blocks = kernel_modules(related=related, faces=faces, staged=staged, together=block_dim > 1)
     on_gpu = wp.get_device(device).is_cuda
     missing = sum(not _is_kept(module, None if on_gpu else 1) for module in lanes)
     missing += sum(not _is_kept(module, block_dim) for module in blocks)

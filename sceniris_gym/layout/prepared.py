@@ -7,6 +7,7 @@ because the world was reseeded, is made in place. Either way it is the same layo
 
 from __future__ import annotations
 
+import sys
 import weakref
 from collections.abc import Callable
 from typing import Any
@@ -19,6 +20,12 @@ from sceniris_gym.layout.seeds import launch_reseed
 from sceniris_gym.layout.sequence import LaunchSequence
 
 wp.set_module_options({"enable_backward": False})
+
+_FIRST = -1
+"""Priority of what is made ahead: its many short kernels go before the long ones of physics, not after each of them."""
+
+_kept_longer: list[tuple[wp.Event | None, tuple[Any, ...]]] = []
+"""Memory of sources that were collected while something was captured, and the events that it is kept for."""
 
 
 @wp.kernel
@@ -84,8 +91,7 @@ class PreparedLayouts:
 
     Args:
         generator: Makes the layouts; nobody else may use it from now on.
-        stream: Where they are made ahead on a GPU; None: a new one. CUDA runs nothing beside its default stream, which
-            is torch's too, but what is on streams that were made non-blocking, as torch makes its own.
+        stream: Where they are made ahead on a GPU; None takes `side_stream`.
         graph: Capture what is made ahead into a graph and replay it.
 
     Attributes:
@@ -100,11 +106,13 @@ class PreparedLayouts:
         wanted, self._missing = (wp.zeros(nworld, dtype=wp.bool, device=self._device) for _ in range(2))
         self._wanted = wanted
         wp.copy(self.layouts.seed, generator.layouts.seed)
-        self._make_ahead = LaunchSequence(lambda: generator.launch_generate(wanted), self._device, graph=graph)
-        self._stream = self._ready = None
+        self._make_ahead = LaunchSequence(
+            lambda: generator.launch_generate(wanted), self._device, graph=graph, priority=_FIRST
+        )
+        self._stream = self._ready = self._served = None
         if self._device.is_cuda:
-            self._stream = wp.Stream(self._device) if stream is None else stream
-            self._ready = wp.Event(self._device)
+            self._stream = side_stream(self._device) if stream is None else stream
+            self._ready, self._served = wp.Event(self._device), wp.Event(self._device)
             with wp.ScopedStream(self._stream):
                 wp.record_event(self._ready)
         # Memory that is still written to must not be given to anybody else: what is passed here lives until then.
@@ -121,15 +129,20 @@ class PreparedLayouts:
                 wp.wait_event(self._ready, external=True)
             reset()
             return
-        if self._ready is not None:
-            wp.wait_event(self._ready)
+        if self._ready is None:
+            reset()
+            self._make_ahead()
+            return
+        wp.wait_event(self._ready)
         reset()
-        with wp.ScopedStream(self._stream):  # which waits for the current one
+        # An event, as Warp does not order streams for us where the current one is CUDA's default stream.
+        wp.record_event(self._served)
+        with wp.ScopedStream(self._stream, sync_enter=False):
             try:
+                wp.wait_event(self._served)
                 self._make_ahead()
             finally:
-                if self._ready is not None:
-                    wp.record_event(self._ready)
+                wp.record_event(self._ready)
 
     def launch_reseed(self, seeds: wp.array, mask: wp.array | None) -> None:
         """See `LayoutSource`."""
@@ -152,7 +165,25 @@ class PreparedLayouts:
         return self._generator.rejection_counts()
 
 
-def _wait(ready: wp.Event | None, *_kept: Any) -> None:
-    """Wait until what was made ahead last is done."""
-    if ready is not None:
-        wp.synchronize_event(ready)
+def side_stream(device: wp.Device) -> wp.Stream:
+    """Return a new stream that runs beside the one that steps are launched on.
+
+    CUDA runs nothing beside its default stream but what is on streams that were made non-blocking. Torch launches on
+    the default stream and makes its own ones non-blocking, so where it is in use the stream is one of torch's; Warp
+    launches on a stream of its own.
+    """
+    if (torch := sys.modules.get("torch")) is not None and torch.cuda.is_available():
+        return wp.stream_from_torch(torch.cuda.Stream(str(device), priority=_FIRST))
+    return wp.Stream(device, priority=_FIRST)
+
+
+def _wait(ready: wp.Event | None, *kept: Any) -> None:
+    """Wait until what was made ahead last is done; in a capture nobody may wait, so what is kept is kept for longer."""
+    _kept_longer.append((ready, kept))
+    if ready is not None and ready.device.is_capturing:
+        return
+    while _kept_longer:
+        done, _ = _kept_longer[-1]
+        if done is not None:
+            wp.synchronize_event(done)
+        _kept_longer.pop()

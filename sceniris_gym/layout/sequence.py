@@ -32,10 +32,14 @@ class LaunchSequence:
             arrays that it reads and writes are never reallocated.
         device: The device of those arrays.
         graph: Capture and replay; if false, every call launches directly.
+        priority: Of the kernels in the graph on a GPU, -1 before those of other streams; a stream that replays a graph
+            does not lend it its own.
     """
 
-    def __init__(self, launches: Callable[[], None], device: wp.Device, *, graph: bool = True) -> None:
-        self.launches, self.device, self.graph = launches, device, graph
+    def __init__(
+        self, launches: Callable[[], None], device: wp.Device, *, graph: bool = True, priority: int = 0
+    ) -> None:
+        self.launches, self.device, self.graph, self.priority = launches, device, graph, priority
         self._recorded: wp.Graph | None = None
 
     def __call__(self) -> None:
@@ -50,7 +54,7 @@ class LaunchSequence:
 
     def _record(self) -> wp.Graph:
         # a stream of its own: CUDA cannot capture the null stream, which is torch's current one by default
-        stream = wp.Stream(self.device) if self.device.is_cuda else None
+        stream = wp.Stream(self.device, priority=self.priority) if self.device.is_cuda else None
         with wp.ScopedDevice(self.device), wp.ScopedStream(stream), wp.ScopedCapture(self.device) as capture:
             self.launches()
         if capture.graph is None:

@@ -72,7 +72,7 @@ def from_arrays(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray]
 def _reaching(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray], words: dict) -> Reaching:
     assert scene.config.robot is not None
     arm = robot_arm(scene)
-    reach_map = load_map(arm, scene.config.robot.asset, scene.config.where)
+    reach_map = load_map(arm, scene.config.robot, scene.config.where)
     view = empty_view(arm, reach_map, device)
     _fill(Reach, view, arrays, "reach.", device)
     targets = _typed(tuple[ReachTarget, ...], words["targets"])

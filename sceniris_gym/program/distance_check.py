@@ -42,7 +42,9 @@ def check_distances(scene: SceneModel, plan: Plan) -> None:
 
 def _check_start(scene: SceneModel, plan: Plan, name: str) -> None:
     """Check that what is not placed stands near enough."""
-    key = "robot.base" if name == ROBOT else f"objects.{name}"
+    key = f"objects.{name}"
+    if name == ROBOT and scene.config.robot is not None:
+        key = "robot.base" if scene.config.robot.in_model is None else scene.config.robot.key
     if name != ROBOT and scene.config.objects[name].is_placed:
         return
     at = plan.home.xpos[scene.bodies[name]]

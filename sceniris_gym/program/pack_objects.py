@@ -35,7 +35,7 @@ ARM_LISTS = ("arm_pairadr", "arm_pairnum", "arm_startadr", "arm_startnum", "arm_
 
 def pack_objects(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int) -> dict[str, np.ndarray]:
     """Fields `obj_*`, and the lists that they address; `lanes` share the collision test of a world."""
-    objects = plan.objects
+    objects, rules = plan.objects, PairRules(scene, colliders)
     boxes = [_box(o.config) for o in objects]
     return {
         "obj_stream": np.array([o.stream for o in objects], int),
@@ -45,7 +45,7 @@ def pack_objects(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int
         "obj_slot": np.array([plan.slots.index(o.name) for o in objects], int),
         "obj_measured": np.array([_measured(plan, o) for o in objects], int),
         "obj_ground": np.array([-1 if o.ground is None else o.ground for o in objects], int),
-        "obj_gap": np.array([_gap(scene, colliders, o) for o in objects]),
+        "obj_gap": np.array([_gap(rules, o) for o in objects]),
         "obj_box_lower": np.reshape([b[0] for b in boxes], (-1, 3)),
         "obj_box_upper": np.reshape([b[1] for b in boxes], (-1, 3)),
         "obj_roof": np.array([o.roof for o in objects], int),
@@ -55,7 +55,7 @@ def pack_objects(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int
         **_orientations(plan),
         **_bodies_and_pieces(scene, plan, colliders),
         "obj_effort": np.ones(len(plan.objects)),
-        **_pairs(scene, plan, colliders, lanes),
+        **_pairs(scene, plan, rules, lanes),
     }
 
 
@@ -107,7 +107,10 @@ def _orientations(plan: Plan) -> dict[str, np.ndarray]:
 def _bodies_and_pieces(scene: SceneModel, plan: Plan, colliders: Colliders) -> dict[str, np.ndarray]:
     """Which bodies and pieces an object has, which of them are its footprint, and what may be a roof over it."""
     objects = plan.objects
-    own = [[i for i, p in enumerate(plan.pieces) if p.body in o.bodies] for o in objects]
+    of_body: dict[int, list[int]] = {}
+    for i, p in enumerate(plan.pieces):
+        of_body.setdefault(p.body, []).append(i)
+    own = [sorted(i for body in o.bodies for i in of_body.get(body, ())) for o in objects]
     hulls = iter(range(len(plan.pieces), len(plan.pieces) + len(footprint_hulls(plan))))
     shadows = [[next(hulls)] if o.footprint is not None else mine for o, mine in zip(objects, own, strict=True)]
     lists = {
@@ -123,12 +126,12 @@ def _bodies_and_pieces(scene: SceneModel, plan: Plan, colliders: Colliders) -> d
     return fields
 
 
-def _pairs(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int) -> dict[str, np.ndarray]:
+def _pairs(scene: SceneModel, plan: Plan, rules: PairRules, lanes: int) -> dict[str, np.ndarray]:
     """Pairs of colliders that are kept apart, with their margins: in lists of objects, then in those of the arm."""
+    colliders = rules.colliders
     arm_lists, arm_fields = _arm_lists(arm_pairs(scene, plan, colliders))
     number = len(plan.objects)
     lists = [*collider_pairs(scene, plan, colliders), *arm_lists]
-    rules = PairRules(scene, colliders)
     pairs, pairadr, pairnum = ranges(lists)
     start, startadr, startnum = ranges(
         first_nodes(colliders, [(int(first) + i, *nodes) for i, p in enumerate(part) for nodes in p.starts], lanes)
@@ -137,7 +140,7 @@ def _pairs(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int) -> d
     robot = scene.subtree(ROBOT) if ROBOT in scene.bodies else []
     owners = [o.bodies for o in plan.objects] + [robot] * len(arm_lists)
     own = [[int(colliders.body[c] in owners[i]) for c in (p.a, p.b)] for i, part in enumerate(lists) for p in part]
-    way, wayadr, waynum = ranges([*p.ways[0], *p.ways[1]] for p in pairs)
+    way, wayadr, waynum = ranges(() if p.geoms is None else (*p.ways[0], *p.ways[1]) for p in pairs)
     return {
         "pair_bodies": np.reshape(
             [
@@ -184,12 +187,13 @@ def footprint_hulls(plan: Plan) -> list[Piece]:
     return [o.footprint for o in plan.objects if o.footprint is not None]
 
 
-def _gap(scene: SceneModel, colliders: Colliders, o: PlacedObject) -> float:
+def _gap(rules: PairRules, o: PlacedObject) -> float:
     """Height [m] over the support: the scene's, or more where MuJoCo acts from further away."""
     if o.config is None:
         return 0.0
-    rules = PairRules(scene, colliders)
-    own, under = ([c for c, body in enumerate(colliders.body) if body in bodies] for bodies in (o.bodies, [o.ground]))
+    own, under = (
+        [c for c, body in enumerate(rules.colliders.body) if body in bodies] for bodies in (o.bodies, [o.ground])
+    )
     touch = max((rules.touch(a, b) for a, b in product(own, under) if rules.meet(a, b)), default=0.0)
     return max(o.config.gap, touch + LEAST_GAP if touch > 0.0 else 0.0)
 

@@ -23,14 +23,18 @@ from sceniris_gym.grasping.gripper import carried
 from sceniris_gym.program.descent import leaf_nodes, nodes_without
 from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.home_touch import HomeTouch
+from sceniris_gym.program.memory import check_memory
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.reach import robot_arm
+from sceniris_gym.progress import tell
 from sceniris_gym.scene.model import SceneModel
 
 # What is nearer at home than this [m] touches: distances are compared with a skin of half as much.
 _NEAR = 1.0e-5
 # How much nearer than at home [m] geoms may come that touch there, the skin included: half of it is left for rounding.
 _DEEPER = 1.0e-5
+# Memory that a pair takes while a scene is compiled, measured with 500,000 of them.
+_PAIR_BYTES = 600
 _NO_WAYS = np.zeros((0, 3))
 
 
@@ -86,6 +90,7 @@ class PairRules:
         self.contacts = ContactRules(scene.mjm, scene.config.geometry)
         self.is_physics = scene.config.geometry == "physics"
         self._simulated = self.contacts if self.is_physics else ContactRules(scene.mjm, "physics")
+        self._fixed = ((self.mjm.body_weldid == 0) & (self.mjm.body_mocapid[self.mjm.body_rootid] < 0)).tolist()
         self._filters_parents = not scene.mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
 
     def touch(self, a: int, b: int) -> float:
@@ -106,7 +111,7 @@ class PairRules:
         first, second = self.colliders.body[a], self.colliders.body[b]
         if min(self.colliders.plane[a], self.colliders.plane[b]) >= 0:
             return False
-        if self._is_fixed(first) and self._is_fixed(second):
+        if self._fixed[first] and self._fixed[second]:
             return False
         if self._is_explicit(a, b):
             return True
@@ -136,9 +141,6 @@ class PairRules:
         classes = self.colliders.contact_class
         return self.contacts.is_explicit(classes[a], classes[b])
 
-    def _is_fixed(self, body: int) -> bool:
-        return bool(self.mjm.body_weldid[body] == 0 and self.mjm.body_mocapid[self.mjm.body_rootid[body]] < 0)
-
 
 def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[list[Pair]]:
     """For each object of the plan, which colliders to keep apart when it is placed, and the least gap [m].
@@ -155,6 +157,10 @@ def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[
     rules = PairRules(scene, colliders)
     ordered = {body for o in plan.objects for body in o.bodies}
     standing = {body: 0.0 for body in range(mjm.nbody) if body not in ordered}
+    robot = scene.config.robot
+    from_robot = robot.clearance if robot is not None else 0.0
+    if robot is not None:
+        standing.update({body: from_robot for body in scene.subtree(ROBOT) if body in standing})
     for name, part in scene.config.objects.items():
         for body in scene.subtree(name):
             if part.kind == "marker":
@@ -162,9 +168,11 @@ def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[
             elif body in standing:
                 standing[body] = part.clearance
 
+    _check_room(scene, plan, colliders)
     result = []
-    for o in plan.objects:
-        clearance, is_static = o.config.clearance if o.config is not None else 0.0, o.kind == ObjectKind.STATIC
+    for i, o in enumerate(plan.objects):
+        tell("pairs", i + 1, len(plan.objects))
+        clearance, is_static = o.config.clearance if o.config is not None else from_robot, o.kind == ObjectKind.STATIC
         own = [c for c, body in enumerate(bodies) if body in o.bodies]
         others = [c for c, body in enumerate(bodies) if body in standing]
         pairs = []
@@ -179,6 +187,15 @@ def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[
             standing.update(dict.fromkeys(o.bodies, clearance))
         result.append(pairs)
     return result
+
+
+def _check_room(scene: SceneModel, plan: Plan, colliders: Colliders) -> None:
+    """Refuse scenes of so many things that their pairs do not fit into memory."""
+    number = len(colliders.body)
+    own = sum(len(o.bodies) for o in plan.objects)
+    pairs = own * (number - own) + own * own // 2
+    cure = "Use fewer objects, or geoms of one body in place of many bodies."
+    check_memory(f"{scene.config.where}: the pairs of {number} colliders", pairs * _PAIR_BYTES, "cpu", cure)
 
 
 def arm_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> ArmPairs | None:

@@ -199,9 +199,11 @@ def _pieces(scene: SceneModel) -> list[Piece]:
     """All pieces; errors name the key of the asset that they come from."""
     where = dict.fromkeys(range(scene.mjm.nbody), scene.config.where)
     for name in scene.bodies:
-        key = ROBOT if name == ROBOT else f"objects.{name}"
-        is_own = name != ROBOT and scene.config.objects[name].asset is None
-        where |= dict.fromkeys(scene.subtree(name), f"{where[0]}: {key}{'' if is_own else '.asset'}")
+        if name == ROBOT and scene.config.robot is not None:
+            key = scene.config.robot.key
+        else:
+            key = f"objects.{name}{'' if scene.config.objects[name].asset is None else '.asset'}"
+        where |= dict.fromkeys(scene.subtree(name), f"{where[0]}: {key}")
     return extract_pieces(scene.mjm, scene.config.geometry, where=where)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, field
 
 import mujoco
@@ -9,6 +10,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.fields import ROBOT
+from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.errors import ArmError, MapError, ReachWarning, UnknownNameError
 from sceniris_gym.geometry.ragged import ranges
 from sceniris_gym.grasping.grasps import Graspable, GraspSet
@@ -18,12 +20,12 @@ from sceniris_gym.program.device import fill_struct
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.notices import warn
 from sceniris_gym.program.plan import PlacedObject, Plan
-from sceniris_gym.reach.arm import MAX_JOINTS, TCP, SerialArm
+from sceniris_gym.reach.arm import MAX_JOINTS, SerialArm
 from sceniris_gym.reach.lookup import MapView
-from sceniris_gym.reach.map import ReachMap, build_command, default_tier, map_file, why_not_map
+from sceniris_gym.reach.map import ReachMap, build_command, default_tier, why_not_map
 from sceniris_gym.reach.solve import arm_view
 from sceniris_gym.reach.tier import Tier
-from sceniris_gym.scene.assemble import asset_name
+from sceniris_gym.scene.identity import map_of
 from sceniris_gym.scene.model import SceneModel
 
 
@@ -89,7 +91,7 @@ def build_reaching(scene: SceneModel, plan: Plan, device: str) -> Reaching | Non
     assert robot is not None
     arm = robot_arm(scene)
     gripper = Gripper.from_model(scene.mjm, arm, scene.home_qpos, plan.pieces)
-    reach_map = load_map(arm, robot.asset, scene.config.where)
+    reach_map = load_map(arm, robot, scene.config.where)
     targets = []
     for i, tier in zip(wanted, _tiers(scene, [plan.objects[i].name for i in wanted], arm, reach_map), strict=True):
         o = plan.objects[i]
@@ -122,36 +124,36 @@ def empty_view(arm: SerialArm, reach_map: ReachMap | None, device: str) -> Reach
 
 
 def robot_arm(scene: SceneModel) -> SerialArm:
-    """The arm of a scene's robot: from its root body to its site `tcp`.
+    """The arm of a scene's robot: from its root body to its tool centre point.
 
     Raises:
         ArmError: It is not a serial arm.
-        UnknownNameError: The robot has no site `tcp`.
+        UnknownNameError: The robot has no site `tcp`, and the scene names no other.
     """
     robot = scene.config.robot
     assert robot is not None
-    name, where = asset_name(robot.asset), f"{scene.config.where}: robot.asset"
+    where = f"{scene.config.where}: {robot.key}"
     try:
-        return SerialArm.from_model(scene.mjm, name, f"{name}/{TCP}")
+        return SerialArm.from_model(scene.mjm, robot.name, scene.tcp)
     except ArmError as error:
         raise ArmError(f"{where}: {error}") from None
     except UnknownNameError as error:
         raise UnknownNameError(error.kind, error.name, f"{where}: {error.where}", error.valid) from None
 
 
-def load_map(arm: SerialArm, asset: str, where: str) -> ReachMap | None:
-    """The map of an arm; None if there is none.
+def load_map(arm: SerialArm, robot: RobotConfig, where: str) -> ReachMap | None:
+    """The map of an arm: the one that the scene names, or that of a shipped asset; None if there is none.
 
     Raises:
         MapError: It is not a map of this arm, or a damaged one; begins with `where`.
     """
-    path = map_file(asset)
+    path = map_of(robot)
     if path is None:
         return None
     try:
-        return ReachMap.load(path, arm, f"Build it again: {build_command(asset)}.")
+        return ReachMap.load(path, arm, f"Build it again: {build_command(robot.file or robot.name, _said(robot))}.")
     except MapError as error:
-        raise MapError(f"{where}: robot.asset: {error}") from None
+        raise MapError(f"{where}: {robot.key if robot.map is None else 'robot.map'}: {error}") from None
 
 
 def _tiers(scene: SceneModel, names: list[str], arm: SerialArm, reach_map: ReachMap | None) -> list[Tier]:
@@ -160,17 +162,27 @@ def _tiers(scene: SceneModel, names: list[str], arm: SerialArm, reach_map: Reach
     assert robot is not None
     words = {name: scene.config.objects[name].reachable for name in names}
     by_map = [name for name, word in words.items() if word is True or Tier.of(str(word)).needs_map]
-    why = why_not_map(arm, reach_map, robot.asset)
-    if by_map and reach_map is None and arm.no_map is None:
-        raise MapError(
-            f"{where}: objects.{by_map[0]}.reachable: there is no map of the arm '{robot.asset}'. Build it with "
-            f"'{build_command(robot.asset)}', or ask for 'ik', which needs none."
-        )
+    file, said = robot.file or robot.name, _said(robot)
+    why = why_not_map(arm, reach_map, file, said)
     asked = [f"objects.{name}.reachable" for name in by_map if words[name] is not True]
+    if asked and reach_map is None and arm.no_map is None:
+        raise MapError(
+            f"{where}: {asked[0]}: there is no map of the arm '{file}'. Build it with "
+            f"'{build_command(file, said)}' and name "
+            "it as the robot's 'map', or ask for 'ik', which needs none."
+        )
     if why is not None and asked:
         warn(ReachWarning(f"{where}: {', '.join(asked)}: {why}, so 'ik' decides."), stacklevel=2)
     default = default_tier(arm, reach_map)
     return [default if word is True or (name in by_map and why) else Tier.of(str(word)) for name, word in words.items()]
+
+
+def _said(robot: RobotConfig) -> str:
+    """What `sceniris-gym reach` is to be told of an arm beside its file."""
+    words = robot.model_dump(mode="json", exclude_unset=True).get("tcp")
+    if words is None:
+        return ""
+    return f"--set 'robot.tcp={words['site'] if words.get('site') == words.get('body') else json.dumps(words)}'"
 
 
 def _in_tcp(home: mujoco.MjData, arm: SerialArm, body: int) -> tuple[wp.vec3, wp.vec4]:

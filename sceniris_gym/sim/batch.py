@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import copy
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 import mujoco
 import mujoco_warp as mjw
@@ -12,7 +14,7 @@ import warp as wp
 from sceniris_gym.errors import ContactBudgetError, UnknownNameError
 from sceniris_gym.layout.sequence import LaunchSequence
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.sim.versions import OverflowType, silence_iterations
+from sceniris_gym.sim.versions import OverflowType, room_for_dofs, silence_iterations
 
 NEEDS: dict[str, tuple[Callable[[mjw.Model, mjw.Data], None], ...]] = {
     "kinematics": (mjw.kinematics,),
@@ -25,6 +27,9 @@ NEEDS: dict[str, tuple[Callable[[mjw.Model, mjw.Data], None], ...]] = {
 
 LINE_SEARCH = 20
 """Limit of line-search iterations in a batch, where one slow world stalls all others: below MuJoCo's default."""
+
+# Geoms whose bottoms are as level as this [m] carry a thing together.
+_LEVEL = 0.002
 
 
 def update_stages(needs: Iterable[str]) -> list[Callable[[mjw.Model, mjw.Data], None]]:
@@ -41,21 +46,54 @@ def update_stages(needs: Iterable[str]) -> list[Callable[[mjw.Model, mjw.Data], 
     return [mjw.forward] if mjw.forward in stages else stages  # a forward pass contains all the others
 
 
+def with_options(mjm: mujoco.MjModel, options: Mapping[str, Any]) -> mujoco.MjModel:
+    """Return a model that differs in these fields of MjOption: the same one if there are none, else a copy.
+
+    Raises:
+        UnknownNameError: MjOption has no such field.
+    """
+    if not options:
+        return mjm
+    mjm = copy.copy(mjm)
+    for name, value in options.items():
+        if not hasattr(mjm.opt, name):
+            fields = [field for field in dir(mjm.opt) if not field.startswith("_")]
+            raise UnknownNameError("option", name, "options", fields)
+        setattr(mjm.opt, name, value)
+    return mjm
+
+
 def default_budget(mjm: mujoco.MjModel) -> tuple[int, int]:
     """Return contacts and constraint rows per world (nconmax, njmax) that leave room for a busy scene.
 
-    Four contacts for every body that can move and collide, plus 16; a row for every edge of their friction pyramids,
+    Four contacts for every body that can move and collide, against its neighbours; four for every geom that it stands
+    on as the model has it, of which a plate may have a dozen; and 16. A row for every edge of their friction pyramids,
     every limit and every friction loss, and six for every equality.
     """
     moving = np.unique(mjm.geom_bodyid[(mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)])
     moving = [b for b in moving if mjm.body_weldid[b] != 0 or mjm.body_mocapid[b] >= 0]
-    nconmax = 16 + 4 * len(moving)
+    nconmax = 16 + 4 * (len(moving) + _geoms_stood_on(mjm))
     condim = int(max(mjm.geom_condim, default=1))
     pyramidal = mjm.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
     rows_per_contact = max(1, 2 * (condim - 1)) if pyramidal else condim
     limits = int(mjm.jnt_limited.sum() + mjm.tendon_limited.sum())
     friction = int((mjm.dof_frictionloss > 0).sum() + (mjm.tendon_frictionloss > 0).sum())
     return nconmax, rows_per_contact * nconmax + limits + friction + 6 * mjm.neq
+
+
+def _geoms_stood_on(mjm: mujoco.MjModel) -> int:
+    """How many geoms of things that move are lowest of their thing, in the model's own pose."""
+    data = mujoco.MjData(mjm)
+    mujoco.mj_kinematics(mjm, data)
+    collides = (mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)
+    geoms = np.flatnonzero(collides & (mjm.body_weldid[mjm.geom_bodyid] != 0))
+    down = data.geom_xmat[geoms, 6:]  # the world's z axis, as each geom sees it
+    center, half = mjm.geom_aabb[geoms, :3], mjm.geom_aabb[geoms, 3:]
+    bottom = data.geom_xpos[geoms, 2] + (down * center).sum(axis=1) - (np.abs(down) * half).sum(axis=1)
+    things = mjm.body_rootid[mjm.geom_bodyid[geoms]]
+    lowest = np.full(mjm.nbody, np.inf)
+    np.minimum.at(lowest, things, bottom)
+    return int((bottom < lowest[things] + _LEVEL).sum())
 
 
 def check_budget(m: mjw.Model, d: mjw.Data) -> None:
@@ -88,13 +126,18 @@ class Batch:
         device: Warp device; None is Warp's current one.
         nconmax: Contacts per world; all worlds share nworld times as many. None takes default_budget.
         njmax: Constraint rows per world. None takes default_budget.
+        nvmax: Degrees of freedom of a world that are awake at most, where bodies sleep. None is all.
         needs: What to bring up to date after every control step, keys of NEEDS.
         substeps: Physics steps in a control step.
+        options: Fields of MjOption that are other than the scene's.
         graph: Capture the control step into a graph and replay it.
 
     Attributes:
         model: mujoco_warp Model.
         data: mujoco_warp Data.
+
+    Raises:
+        UnknownNameError: MjOption has no such field.
     """
 
     def __init__(
@@ -105,23 +148,27 @@ class Batch:
         *,
         nconmax: int | None = None,
         njmax: int | None = None,
+        nvmax: int | None = None,
         needs: Iterable[str] = (),
         substeps: int = 1,
+        options: Mapping[str, Any] | None = None,
         graph: bool = True,
     ) -> None:
         self.scene, self.nworld, self.device = scene, nworld, wp.get_device(device)
-        contacts, rows = default_budget(scene.mjm)
+        mjm = with_options(scene.mjm, options or {})
+        contacts, rows = default_budget(mjm)
         nconmax, njmax = nconmax or contacts, njmax or rows
         naconmax = nworld * nconmax
         # a pair of convex geoms takes 5 kB of scratch: many worlds share room for a quarter, few may need it all
         naccdmax = min(naconmax, max(naconmax // 4, 16 * nconmax))
         with wp.ScopedDevice(self.device):
-            self.model = mjw.put_model(scene.mjm)
+            self.model = mjw.put_model(mjm)
             if scene.config.model is None:  # a user's own model keeps its options
                 self.model.opt.ls_iterations = LINE_SEARCH
             # reaching the solver's iteration limits is normal; warnings about it would flood stdout at every step
             silence_iterations(self.model)
-            self.data = mjw.make_data(scene.mjm, nworld, nconmax=nconmax, naccdmax=naccdmax, njmax=njmax)
+            room = {"nconmax": nconmax, "naccdmax": naccdmax, "njmax": njmax} | room_for_dofs(nvmax)
+            self.data = mjw.make_data(mjm, nworld, **room)
         self.stages = update_stages(needs)
         self.substeps = substeps
         self._update = LaunchSequence(self._launch_update, self.device, graph=graph)

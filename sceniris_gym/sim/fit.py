@@ -29,7 +29,14 @@ _CURE = "Make Model and Data from it: mjw.put_model(compiled.mjm), mjw.make_data
 
 
 def check_fit(
-    compiled: CompiledScene, m: mjw.Model, d: mjw.Data, layouts: Layouts, mjm: mujoco.MjModel | None = None
+    compiled: CompiledScene,
+    m: mjw.Model,
+    d: mjw.Data,
+    layouts: Layouts,
+    mjm: mujoco.MjModel | None = None,
+    *,
+    where: str = "ResetRandomizer",
+    cure: str = _CURE,
 ) -> None:
     """Check that a Model and Data are those of a compiled scene, and that layouts are made for them.
 
@@ -38,8 +45,20 @@ def check_fit(
     differ. A mujoco_warp Model has no names: they are compared with those of the MjModel it was made from, if given.
 
     Raises:
-        SceneMismatchError: Something differs; the message names it.
+        SceneMismatchError: Something differs; the message begins with `where`, names it, and ends with the cure.
     """
+    try:
+        _check_model(compiled, m, d, mjm)
+    except _MisfitError as misfit:
+        raise SceneMismatchError(f"{where}: {misfit} {cure}") from None
+    _check_layouts(compiled, m, d, layouts)
+
+
+class _MisfitError(Exception):
+    """What differs, as the middle of a message."""
+
+
+def _check_model(compiled: CompiledScene, m: mjw.Model, d: mjw.Data, mjm: mujoco.MjModel | None) -> None:
     ours = compiled.mjm
     for size in _SIZES:
         _same(f"model.{size}", getattr(m, size), getattr(ours, size))
@@ -54,14 +73,11 @@ def check_fit(
     arrays = {"nq": d.qpos, "nv": d.qvel, "nmocap": d.mocap_pos, "nbody": d.xpos, "ngeom": d.geom_xpos}
     for size, array in arrays.items():
         _same(f"data's {size}", array.shape[1], getattr(ours, size))
-    _check_layouts(compiled, m, d, layouts)
 
 
 def _same(what: str, found: object, wanted: object) -> None:
     if found != wanted:
-        raise SceneMismatchError(
-            f"ResetRandomizer: {what} is {found} and should be {wanted}, as in the compiled scene. {_CURE}"
-        )
+        raise _MisfitError(f"{what} is {found} and should be {wanted}, as in the compiled scene.")
 
 
 def _check_names(ours: mujoco.MjModel, theirs: mujoco.MjModel) -> None:

@@ -9,6 +9,7 @@ import warp as wp
 
 from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.scene.assemble import MARK_GROUP
+from sceniris_gym.sim.versions import render_context
 
 VISIBLE_GROUPS = (0, 1, 2, MARK_GROUP)
 """Geom groups that pictures show: those that MuJoCo's viewer shows, and markers."""
@@ -41,14 +42,14 @@ class FrameCamera:
         self.device: wp.Device = model.qpos0.device
         with wp.ScopedDevice(self.device):
             self.data = mjw.make_data(mjm, nworld, nconmax=1, njmax=1)
-            self.context = mjw.create_render_context(
+            self.context = render_context(
                 mjm,
                 nworld,
+                camera,
                 cam_res=(width, height),
                 render_rgb=True,
                 render_depth=False,
                 render_seg=False,
-                cam_active=[camera],
                 enabled_geom_groups=list(VISIBLE_GROUPS),
                 use_shadows=True,
                 background_color=BACKGROUND,

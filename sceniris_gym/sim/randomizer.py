@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import ArgumentError, MaskTypeError, SceneMismatchError, UnknownNameError
+from sceniris_gym.layout.fixed import Fixed
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.pickling import StaysHere
@@ -51,7 +52,7 @@ A need of "sensors" or "dynamics" adds what delayed sensors measure now to `hist
 _WRITES = ("all", "placed")
 
 
-class ResetRandomizer(StaysHere):
+class ResetRandomizer(Fixed, StaysHere):
     """Resets chosen worlds to fresh layouts; the other worlds keep their state bit for bit.
 
     A reset clears the data of the chosen worlds (`mjw.reset_data`: velocities, warm starts, clocks and NaNs too) and
@@ -76,9 +77,9 @@ class ResetRandomizer(StaysHere):
             and an njmax with room for contacts; `check_budget` tells whether those of `data` are large enough.
         layout_source: The LayoutSource; None makes a LayoutGenerator with `seed` and `split`.
         prefetch: Make the next layout of every world ahead, on a GPU beside the steps that follow, so that a reset only
-            copies: the same layouts, for the memory of a second batch of them. Where steps run on CUDA's default
-            stream, as torch's do, give a non-blocking Stream to make them on instead of true; see PreparedLayouts. In a
-            graph of your own that resets are captured into they are made in place. Not with a layout_source.
+            copies: the same layouts, for the memory of a second batch of them. None does so on a GPU where no
+            layout_source is given. In a graph of your own that resets are captured into, they are made in place. A
+            wp.Stream is used instead of `side_stream`; see PreparedLayouts.
         seed: Seed of world 0, world i has seed + i; or one seed per world. Not used with a layout_source.
         split: "train" or "eval", which share no random numbers. Not used with a layout_source.
         write: "all" resets worlds as a whole. "placed" writes the scene's objects and its robot alone, with their
@@ -98,7 +99,11 @@ class ResetRandomizer(StaysHere):
         ArgumentError: Both `layout_source` and `prefetch`.
         MaskTypeError, MaskError: `origins` are no floats, or not one for each world.
         UnknownNameError: `write` is neither "all" nor "placed".
+        FixedError: An attribute that is assigned to: launches are captured with what they were.
     """
+
+    FIXED = ("compiled", "model", "data", "device", "layout_source", "mask")
+    ARGUMENTS = ("layouts", "seed", "split", "prefetch", "origins", "mjm", "needs", "graph")
 
     @launching
     def __init__(
@@ -110,7 +115,7 @@ class ResetRandomizer(StaysHere):
         layout_source: LayoutSource | None = None,
         seed: int | Sequence[int] = 0,
         split: str = "train",
-        prefetch: bool | wp.Stream = False,
+        prefetch: bool | wp.Stream | None = None,
         write: Literal["all", "placed"] = "all",
         origins: Any = None,
         mjm: mujoco.MjModel | None = None,
@@ -119,6 +124,8 @@ class ResetRandomizer(StaysHere):
     ) -> None:
         self.compiled, self.model, self.data = compiled, model, data
         self.device: wp.Device = data.qpos.device
+        if prefetch is None:
+            prefetch = self.device.is_cuda and layout_source is None
         if layout_source is None:
             layout_source = LayoutGenerator(compiled, data.nworld, seed=seed, split=split)
             if prefetch:

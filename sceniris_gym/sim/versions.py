@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import inspect
 from typing import Any
 
 import mujoco
@@ -13,6 +14,22 @@ import numpy as np
 _WITH_OVERFLOWS = mjw if hasattr(mjw, "OverflowType") else importlib.import_module("mujoco_warp._src.types")
 OverflowType: Any = _WITH_OVERFLOWS.OverflowType
 """Bits of `Data.overflow`; 3.11 does not export it, and has no bits for limits of iterations."""
+
+
+_SLEEPS = "nvmax" in inspect.signature(mjw.make_data).parameters
+
+SLEEPING: dict[str, Any] = {"enableflags": int(mujoco.mjtEnableBit.mjENBL_SLEEP)} if _SLEEPS else {}
+"""Options with which bodies at rest sleep, so that steps take less time. None before 4.0, where batches cannot."""
+
+
+def sleeps(m: mjw.Model) -> bool:
+    """Whether bodies of a batch can sleep."""
+    return bool(SLEEPING) and bool(m.opt.enableflags & SLEEPING["enableflags"])
+
+
+def room_for_dofs(nvmax: int | None) -> dict[str, int]:
+    """Return the argument of make_data that says how many degrees of freedom of a world may be awake: since 4.0."""
+    return {} if nvmax is None or not _SLEEPS else {"nvmax": nvmax}
 
 
 def silence_iterations(m: mjw.Model) -> None:
@@ -45,3 +62,16 @@ def actuator_outputs(mjm: mujoco.MjModel) -> np.ndarray:
 def keyframe_plastic(mjm: mujoco.MjModel, key: int) -> np.ndarray:
     """Return the plastic references of springs in a keyframe, of which there are none before 4.0."""
     return mjm.key_plastic[key] if hasattr(mjm, "key_plastic") else np.empty(0)
+
+
+def render_context(mjm: mujoco.MjModel, nworld: int, camera: str, **options: Any) -> Any:
+    """Return mujoco_warp's context for pictures of one camera, by its name.
+
+    Before 4.0 it takes a flag for each camera, and no `samples_per_pixel`: edges in pictures are rough there.
+    """
+    known = inspect.signature(mjw.create_render_context).parameters
+    if "samples_per_pixel" in known:
+        return mjw.create_render_context(mjm, nworld, cam_active=[camera], **options)
+    active = [mjm.camera(i).name == camera for i in range(mjm.ncam)]
+    options = {name: value for name, value in options.items() if name in known}
+    return mjw.create_render_context(mjm, nworld, cam_active=active, **options)

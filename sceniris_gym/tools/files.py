@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from sceniris_gym.errors import NotSupportedError, OutputError
+from sceniris_gym.tools.stopping import undone_at_stop
 
 UNWRITABLE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO})
 """What the operating system says where nothing can be written."""
@@ -21,25 +22,26 @@ UNWRITABLE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, er
 def replacing(path: Path) -> Iterator[Path]:
     """Yield the path of a temporary file beside `path`, which replaces `path` if the block succeeds.
 
-    If it fails, or the user presses Ctrl-C, the temporary file is removed and `path` stays as it was. What a process
-    left behind that was killed is removed by the next one on the same machine.
+    If it fails, or the program is stopped by a signal, the temporary file is removed and `path` stays as it was. What a
+    process left behind that was killed is removed by the next one on the same machine.
 
     Raises:
         OutputError: The file cannot be written.
     """
-    temporary = _temporary(path)
-    try:
+    with undone_at_stop(lambda: _remove_own(path)):
+        temporary = _temporary(path)
         try:
-            yield temporary
-        except OSError as error:
-            if error.errno not in UNWRITABLE or isinstance(error, OutputError):
-                raise
-            raise OutputError(str(path), str(error.strerror).lower()) from error
-        temporary.chmod(0o644)
-        with _in_words(path):
-            os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+            try:
+                yield temporary
+            except OSError as error:
+                if error.errno not in UNWRITABLE or isinstance(error, OutputError):
+                    raise
+                raise OutputError(str(path), str(error.strerror).lower()) from error
+            temporary.chmod(0o644)
+            with _in_words(path):
+                os.replace(temporary, path)
+        finally:
+            temporary.unlink(missing_ok=True)
 
 
 def check_writable(path: Path) -> None:
@@ -70,10 +72,21 @@ def _temporary(path: Path) -> Path:
     with _in_words(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         _remove_orphans(path)
-        prefix = f".{path.name}.{socket.gethostname()}-{os.getpid()}."
-        handle, name = tempfile.mkstemp(prefix=prefix, suffix=".tmp", dir=path.parent)
+        handle, name = tempfile.mkstemp(prefix=_prefix(path), suffix=".tmp", dir=path.parent)
     os.close(handle)
     return Path(name)
+
+
+def _prefix(path: Path) -> str:
+    return f".{path.name}.{socket.gethostname()}-{os.getpid()}."
+
+
+def _remove_own(path: Path) -> None:
+    """Remove temporary files of this path and process, also one that is being created just now."""
+    if path.parent.is_dir():
+        for own in path.parent.iterdir():
+            if own.name.startswith(_prefix(path)):
+                own.unlink(missing_ok=True)
 
 
 def _remove_orphans(path: Path) -> None:

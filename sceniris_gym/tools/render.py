@@ -18,8 +18,10 @@ from PIL import Image, ImageDraw, ImageFont
 
 from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.geometry.framing import box_corners, frame
 from sceniris_gym.scene.assemble import MARK_GROUP
 from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.sim.versions import render_context
 from sceniris_gym.tools.files import replacing
 
 CAMERA = "overview"
@@ -27,7 +29,6 @@ SIZE = (480, 360)  # pixels
 VIEW = (0.4, -1.0, 2.0)  # from the scene to the eye: in front, a little to the right, and well above
 _VISIBLE_GROUPS = (0, 1, 2)
 _SAMPLES = 2  # rays for each pixel, along each axis
-_MARGIN = 1.04
 _APRON = 1.6  # m of ground drawn around the floor, whose plane is infinite in physics but drawn as a workspace
 _GAP, _STRIP = 6, 22  # pixels between tiles, and below each for its caption
 _INK, _PAPER = (40, 44, 50), (255, 255, 255)
@@ -63,16 +64,16 @@ def render(
         for name, values in poses.items():
             field = getattr(d, name)
             field.assign(values.reshape(field.shape + tuple(getattr(field.dtype, "_shape_", ()))))
-        context = mjw.create_render_context(
+        context = render_context(
             mjm,
-            nworld=len(table),
+            len(table),
+            CAMERA,
             cam_res=size,
             render_rgb=True,
             render_depth=False,
             render_seg=False,
             use_shadows=True,
             enabled_geom_groups=[*_VISIBLE_GROUPS, MARK_GROUP],
-            cam_active=[camera],
             render_skybox=True,
             enable_backface_culling=False,
             samples_per_pixel=_SAMPLES,
@@ -112,34 +113,6 @@ def save(image: Image.Image, path: Path) -> None:
         image.save(temporary, format="PNG", optimize=True)
 
 
-def frame(points: np.ndarray, backward: np.ndarray, fovy: float, aspect: float) -> tuple[np.ndarray, np.ndarray]:
-    """Place a camera so that it just sees all points.
-
-    With the eye at height t along the viewing direction, a point (x, y, z) in the camera's axes is seen if
-    |x - u| <= (t - z) tan(fovx / 2), and the same for y: the least t and the middle of the interval left for u are the
-    answer.
-
-    Args:
-        points: The points to be seen [m], world frame, shape (n, 3).
-        backward: Direction from the points to the eye, shape (3,).
-        fovy: Vertical field of view [degrees].
-        aspect: Width of the picture over its height.
-
-    Returns:
-        Position (3,) [m] and axes (3, 3) of the camera; the columns are right, up and backward.
-    """
-    backward = backward / np.linalg.norm(backward)
-    right = np.cross([0.0, 0.0, 1.0], backward)
-    right /= np.linalg.norm(right)
-    axes = np.stack([right, np.cross(backward, right), backward], axis=1)
-    local = points @ axes
-    slope = np.tan(np.radians(fovy) / 2) * np.array([aspect, 1.0]) / _MARGIN
-    near = (local[:, :2] + slope * local[:, 2:]).max(0)
-    far = (local[:, :2] - slope * local[:, 2:]).min(0)
-    away = float(((near - far) / (2 * slope)).max())
-    return axes @ np.array([*(near + far) / 2, away]), axes
-
-
 def _with_apron(mjm: mujoco.MjModel) -> mujoco.MjModel:
     """Return the model with a larger floor, so that nothing at the edge of the workspace seems to float."""
     floor = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_GEOM, FLOOR)
@@ -167,13 +140,12 @@ def _poses(mjm: mujoco.MjModel, table: LayoutTable) -> dict[str, np.ndarray]:
 
 def _corners(mjm: mujoco.MjModel, poses: dict[str, np.ndarray]) -> np.ndarray:
     """Return the corners of the boxes of all visible geoms in all layouts [m], world frame, shape (n, 3)."""
-    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     corners = []
     for geom in np.flatnonzero(np.isin(mjm.geom_group, _VISIBLE_GROUPS)):
         center, half = mjm.geom_aabb[geom, :3], mjm.geom_aabb[geom, 3:]
         if mjm.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
             center, half = np.zeros(3), mjm.geom_size[geom] * [1, 1, 0]
-        box = center + signs * half
+        box = box_corners(center, half)
         corners.append(box @ poses["geom_xmat"][:, geom].reshape(-1, 3, 3).transpose(0, 2, 1))
         corners[-1] += poses["geom_xpos"][:, None, geom]
     return np.concatenate(corners).reshape(-1, 3)

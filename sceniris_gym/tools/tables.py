@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import warp as wp
 
@@ -13,6 +12,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.body_poses import body_poses, product, rotated
 from sceniris_gym.scene.layout_table import LayoutTable
 
 CHUNK = 4096  # worlds that are made at once
@@ -61,16 +61,16 @@ def grasp_poses(compiled: CompiledScene, table: LayoutTable, grasp: np.ndarray) 
     poses = np.full((*grasp.shape, 7), np.nan, np.float32)
     if compiled.reaching is None:
         return poses
-    data = mujoco.MjData(compiled.mjm)
-    for i in range(len(table)):
-        table.put(data, i)
-        mujoco.mj_kinematics(compiled.mjm, data)
-        for k, target in enumerate(compiled.reaching.targets):
-            if grasp[i, k] >= 0:
-                g = target.grasp_set.grasps[grasp[i, k]]
-                pos, quat = np.empty(3), np.empty(4)
-                mujoco.mju_mulPose(pos, quat, data.xpos[g.body], data.xquat[g.body], g.pos, g.quat)
-                poses[i, k] = *pos, *quat
+    for k, target in enumerate(compiled.reaching.targets):
+        grasps, chosen = target.grasp_set.grasps, grasp[:, k]
+        bodies, places = np.array([g.body for g in grasps]), np.array([g.pos for g in grasps])
+        turns = np.array([g.quat for g in grasps])
+        for body in np.unique(bodies):
+            rows = np.flatnonzero((chosen >= 0) & (bodies[chosen] == body))
+            states = (column[rows] for column in (table.qpos, table.mocap_pos, table.mocap_quat))
+            pos, quat = body_poses(compiled.mjm, int(body), *states)
+            poses[rows, k, :3] = pos + rotated(places[chosen[rows]], quat)
+            poses[rows, k, 3:] = product(quat, turns[chosen[rows]])
     return poses
 
 

@@ -338,11 +338,11 @@ def one_thread() -> Iterator[None]:
 
 @pytest.mark.slow
 def test_ppo_gets_better_at_reaching_on_a_cpu(one_thread):
-    """Half a minute of PPO on 64 worlds of TabletopReach-v0: the return rises on layouts of the other split."""
+    """Half a minute of PPO on 64 worlds of TabletopReachEasy-v0: the return rises on layouts of the other split."""
 
     def made(split: str) -> SB3VecEnv:
         arguments = {"num_envs": 64, "device": "cpu", "max_episode_steps": 50, "split": split}
-        return SB3VecEnv(gymnasium.make_vec("sceniris_gym:sceniris_gym/TabletopReach-v0", **arguments))
+        return SB3VecEnv(gymnasium.make_vec("sceniris_gym:sceniris_gym/TabletopReachEasy-v0", **arguments))
 
     envs, judged = VecNormalize(made("train"), gamma=0.9), made("eval")
     # noise that depends on the state and stays for ten steps gets an arm somewhere, fresh noise in each step does not

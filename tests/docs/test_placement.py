@@ -19,7 +19,8 @@ from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.objects import JointConfig, ObjectConfig, RegionConfig
 from sceniris_gym.config.orientation import Orientation, Stable
 from sceniris_gym.config.relations import Distance, Relation
-from sceniris_gym.config.scene import Floor, RobotConfig, SceneConfig
+from sceniris_gym.config.robot import RobotConfig, TcpConfig
+from sceniris_gym.config.scene import Floor, SceneConfig
 from sceniris_gym.program import oddities
 from sceniris_gym.program.device import Cause
 from tests.oracle.hostile_judge import KICK
@@ -27,7 +28,7 @@ from tests.oracle.hostile_judge import KICK
 PAGE = FOLDER / "placement.md"
 EXAMPLES = read_examples(PAGE)
 PARTS = (
-    *(SceneConfig, Floor, RobotConfig, ObjectConfig, RegionConfig, JointConfig, GroupConfig),
+    *(SceneConfig, Floor, RobotConfig, TcpConfig, ObjectConfig, RegionConfig, JointConfig, GroupConfig),
     *(Relation, Distance, Orientation, Stable),
 )
 NOT_EXPLAINED = {"name", "objects", "asset"}  # what is no matter of placement
@@ -123,13 +124,22 @@ LIMITS = {"distance_check.py", "parking_check.py", "pack_regions.py", "pack_rela
 
 def _about_models() -> Iterator[str]:
     """The words of what a valid model in a valid scene file may meet, but for what the section on limits has."""
-    others = ("separate commands", "bench: ", "should be a PNG", "--tier clear", "the audit cannot judge")
+    others = (
+        "separate commands",
+        "bench: ",
+        "generate: ",
+        "view: ",
+        "should be a PNG",
+        "--tier clear",
+        "the audit cannot judge",
+    )
     others += ("no geom that collides", "holds memory of a device")
     for file, name, words in _raised():
         is_ours = name in OF_MODELS and not any(other in words for other in others) and file.name != "errors.py"
         is_ours = is_ours or (name in OWN_WORDS and file.name == "errors.py")
         is_ours = is_ours or (name == "SceneKeyError" and file.parts[0] in ("scene", "geometry", "program"))
-        if is_ours and file.name not in LIMITS and file.parts[0] != "tools" and words.strip(": ."):
+        elsewhere = file.name in LIMITS or file.parts[0] in ("tools", "importers")
+        if is_ours and not elsewhere and words.strip(": ."):
             yield words
 
 

@@ -1,4 +1,4 @@
-"""Calls and files gone wrong: arguments of every kind, YAML and maps with bytes that were changed."""
+"""Calls and files gone wrong: arguments of every kind, YAML, maps and data sets with bytes that were changed."""
 
 from __future__ import annotations
 
@@ -24,6 +24,8 @@ from sceniris_gym.reach.map import ReachMap
 from sceniris_gym.sim.masks import as_mask, as_rows
 from sceniris_gym.tools.commands.reach import read_poses
 from sceniris_gym.tools.commands.replay import LayoutId
+from sceniris_gym.tools.dataset.manifest import MANIFEST, part_name, row_of
+from sceniris_gym.tools.dataset.reader import LayoutDataset, verify
 from sceniris_gym.vector.arguments import as_action, as_autoreset_mode, as_reset_mask, as_reset_seeds, as_size
 from tests.fuzz.scenes import base_scene, write_assets
 from tests.fuzz.values import value
@@ -112,9 +114,9 @@ def wrong_call(draws: np.random.Generator) -> None:
 
 
 def wrong_file(draws: np.random.Generator, folder: Path) -> None:
-    """Read a scene, a map or poses from a file in which bytes were changed, or that is no such file."""
+    """Read a scene, a map, poses or a data set from a file in which bytes were changed, or that is no such file."""
     path = folder / "file"
-    match int(draws.integers(4)):
+    match int(draws.integers(5)):
         case 0:
             text = json.dumps(base_scene(folder), indent=1).encode()
             path.write_bytes(_changed(text, draws))
@@ -125,11 +127,41 @@ def wrong_file(draws: np.random.Generator, folder: Path) -> None:
         case 2:
             path.write_bytes(_map_bytes(draws))
             ReachMap.load(path, _arm())
+        case 3:
+            _wrong_dataset(draws, folder)
         case _:
             file = io.BytesIO()
             np.save(file, np.tile(np.eye(4), (3, 1, 1)))
             path.write_bytes(_changed(file.getvalue(), draws))
             read_poses(path)
+
+
+def _wrong_dataset(draws: np.random.Generator, folder: Path) -> None:
+    """Read a data set of two parts in which a word of the manifest is anything, or bytes of a file were changed."""
+    columns = {"seed": ("uint64", []), "qpos": ("float32", [3]), "mocap_pos": ("float32", [0, 3])}
+    columns |= {"mocap_quat": ("float32", [0, 4]), "present": ("bool", [2])}
+    held: dict[str, Any] = {
+        **{"format": 1, "scene": "mid", "hash": "0", "split": "train", "seed": 0, "layouts": 7, "rows_of_a_part": 4},
+        "columns": {name: {"dtype": kind, "shape": shape} for name, (kind, shape) in columns.items()},
+        **{"object_names": ["a"], "reachable_names": [], "versions": {}, "scene_sha256": "0"},
+        "parts": [{"rows": n, "sha256": "0", "valid": n, "first_pass_valid": n} for n in (4, 3)],
+    }
+    for part, n in enumerate((4, 3)):
+        np.save(folder / part_name(part), np.zeros(n, row_of(held["columns"])))
+    path = folder / (MANIFEST, part_name(0), part_name(1))[int(draws.integers(3))]
+    if path.name == MANIFEST and draws.random() < 0.5:
+        inside = (held, held["columns"]["qpos"], held["parts"][1])[int(draws.integers(3))]
+        inside[list(inside)[int(draws.integers(len(inside)))]] = value(draws)
+    try:
+        (folder / MANIFEST).write_text(json.dumps(held))
+    except (TypeError, ValueError, RecursionError):  # JSON has no such value
+        return
+    if draws.random() < 0.7:
+        path.write_bytes(_changed(path.read_bytes(), draws))
+    dataset = LayoutDataset(folder)
+    dataset.rows(range(len(dataset)))
+    dataset.table()
+    verify(folder)
 
 
 def _changed(text: bytes, draws: np.random.Generator) -> bytes:

@@ -119,9 +119,11 @@ def _level(steps: np.ndarray) -> np.ndarray:
 
 
 def crane_scene(asset: str, thing: str, **words: Any) -> dict[str, Any]:
-    """A crane off the middle of a floor, turned, and one thing to reach."""
+    """A crane off the middle of a floor, turned, with its map if there is one, and one thing to reach."""
+    beside = Path(asset).with_suffix(".reach")
+    known = {"map": str(beside)} if beside.is_file() else {}
     return {
         "floor": {"size": [2.0, 2.0]},
-        "robot": {"asset": asset, "base": [0.2, -0.1, 0.0], "yaw": 70.0},
+        "robot": {"asset": asset, "base": [0.2, -0.1, 0.0], "yaw": 70.0, **known},
         "objects": {"thing": {"asset": thing, "on": "floor", "reachable": "map", **words}},
     }

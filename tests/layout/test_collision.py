@@ -16,6 +16,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.model import build_model
 from tests.layout.scenes import FLOOR, Rows, box_mjcf, collisions, compile_on_cpu, make, posed, read, valid, write_mjcf
 from tests.oracle.solids import Solids
+from tests.versions import since_4
 
 ROUND = {
     "ball": '<geom type="sphere" size=".04"/>',
@@ -301,6 +302,7 @@ def test_a_model_s_own_walls_and_loose_bodies_are_obstacles(tmp_path: Path):
     np.testing.assert_allclose(rows.qpos[:, 0], -0.3, atol=1e-7)
 
 
+@since_4("a fixture's own parts collide with it")
 def test_a_door_hinged_inside_its_frame_is_no_collision_of_its_own(tmp_path: Path):
     """A child that overlaps its parent at the hinge, as MuJoCo allows; but a sibling in its way is respected."""
     body = """<geom type="box" size=".1 .1 .1" pos="0 0 .1"/>

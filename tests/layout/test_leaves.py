@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from sceniris_gym.errors import ModelWarning
 from sceniris_gym.layout.generate import LayoutGenerator
 from tests.layout.scenes import Rows, box_mjcf, collisions, compile_on_cpu, make, posed, read, valid, write_mjcf
+from tests.versions import OLD
 
 
 def test_faces_without_area_are_no_obstacles(tmp_path: Path):
@@ -46,6 +47,8 @@ def test_round_primitives_are_exact_as_they_are_seen(tmp_path: Path, wall: str, 
 
     Its distances are good to 0.1 mm where both are curved; as inscribed meshes they would be off by up to 2 mm.
     """
+    if OLD and wall in ("drum", "egg"):
+        pytest.skip("MuJoCo before 4.0: mj_geomDistance finds no distance of some round shapes")
     shapes = {
         "ball": '<geom type="sphere" size=".5"/>',
         "pill": '<geom type="capsule" size=".4 .3"/>',

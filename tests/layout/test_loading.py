@@ -53,6 +53,6 @@ def test_it_is_said_before_kernels_are_compiled(
     assert capsys.readouterr().err == ""
     monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
     load_kernels("cpu", **words)
-    lanes, blocks = kernel_modules(related=False, faces=False, staged=False)
+    lanes, blocks = kernel_modules(related=False, faces=False, staged=False, together=False)
     assert f"({len(lanes + blocks)} modules of this package" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

@@ -98,7 +98,7 @@ def test_an_asset_that_is_turned_is_drawn_by_its_own_axes(orientation: Any, righ
 
 def test_a_robot_is_where_its_base_is(tmp_path: Path):
     """An arm that reaches far to its right does not move what is seen from it; its bounds are those of the arm."""
-    post = '<geom type="box" size=".05 .05 .1" pos="0 0 .1"/><geom type="box" size=".3 .02 .02" pos=".35 0 .2"/>'
+    post = '<geom type="box" size=".05 .05 .1" pos="0 0 .1"/><geom type="box" size=".02 .3 .02" pos="0 -.35 .2"/>'
     home = '<keyframe><key name="home"/></keyframe>'
     robot = {"asset": write_mjcf(tmp_path, "post", post, home), "base": [0.1, -0.2, 0.0], "yaw": 90}
     near = [{"front_of": "robot", "angle": 1, "distance": {"equal": 0.5, "tolerance": 0.001}}]
@@ -108,6 +108,6 @@ def test_a_robot_is_where_its_base_is(tmp_path: Path):
     compiled = compile_on_cpu({"floor": {"size": [3.0, 3.0]}, "robot": robot, "objects": objects}, bank=4)
     table = table_of(compiled, 8)
     for data in posed(compiled, valid(make(compiled, 8))):
-        assert data.body("mark").xpos[:2] == pytest.approx((0.6, -0.2), abs=0.02)
-        assert data.body("block").xpos[:2] == pytest.approx((0.1, -0.2 + 0.65 + 0.05 + 0.05), abs=2e-4)
+        assert data.body("mark").xpos[:2] == pytest.approx((0.1, 0.3), abs=0.02)
+        assert data.body("block").xpos[:2] == pytest.approx((0.1 + 0.65 + 0.05 + 0.05, -0.2), abs=2e-4)
     assert [k for k in judged(compiled, table) if k.broken] == []

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import gc
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 import warp as wp
 
 from sceniris_gym.layout import prepared
@@ -146,3 +148,40 @@ def test_a_captured_reset_waits_for_what_is_made_beside_it():
         source.serve(reset)
         plain.generate(mask)
         assert _bits(plain) == _bits(source)
+
+
+@pytest.mark.cuda
+def test_nothing_is_made_ahead_before_the_reset_is_done_on_the_default_stream():
+    """Which is torch's; Warp alone would not order the two streams."""
+    device = wp.get_device("cuda:0")
+    source = PreparedLayouts(LayoutGenerator(compile_scene("mid", "cuda:0"), NWORLD))
+    mask = wp.ones(NWORLD, dtype=wp.bool, device=device)
+    reset = LaunchSequence(lambda: source.launch_generate(mask), device)
+    with wp.ScopedStream(wp.stream_from_torch(torch.cuda.default_stream()), sync_enter=False):
+        source.serve(reset)
+        wp.synchronize_device(device)
+        torch.cuda._sleep(2_000_000_000)  # cycles: about a second
+        source.serve(reset)
+        ready = source._ready
+        assert ready is not None
+        time.sleep(0.2)
+        assert not ready.is_complete
+        wp.synchronize_device(device)
+        assert ready.is_complete
+
+
+@pytest.mark.cuda
+def test_memory_is_kept_where_a_source_goes_while_something_is_captured():
+    """Nobody may wait for an event then, and memory that is still written to must not be freed."""
+    compiled = compile_scene("mid", "cuda:0")
+    sources = [PreparedLayouts(LayoutGenerator(compiled, NWORLD)) for _ in range(2)]
+    for source in sources:
+        source.serve(lambda source=source: source.launch_generate(None))
+    del source
+    with wp.ScopedStream(wp.Stream("cuda:0")), wp.ScopedCapture("cuda:0"):
+        sources.pop()
+        gc.collect()
+        assert len(prepared._kept_longer) == 1
+    sources.pop()
+    gc.collect()
+    assert not prepared._kept_longer

@@ -210,9 +210,9 @@ def test_absent_objects_have_no_grasp_and_the_bank_has_one(crane: str, cube: str
 def test_the_map_is_part_of_the_scenes_name(folder: Path, cube: str):
     """Another map of the same arm is another hash, so a layout id never names two layouts; without reach it is not."""
     asset = crane_mjcf(folder, "renamed")
+    crane_map(asset)
     config = SceneConfig.load(crane_scene(asset, cube))
     plain = SceneConfig.load(config, {"objects.thing.reachable": False})
-    crane_map(asset)
     hashes = [build_model(c).hash for c in (config, plain)]
     crane_map(asset, step=0.02)
     again = [build_model(c).hash for c in (config, plain)]

@@ -155,6 +155,19 @@ def test_what_stays_at_home_without_drawn_joints_is_there_from_the_start(folder:
     assert {a for a, _ in pairs} == {"a"}
 
 
+@pytest.mark.parametrize("joints", [{}, {"*": {"noise": 0.1}}], ids=["at rest", "drawn"])
+def test_what_is_placed_keeps_the_clearance_of_the_robot(folder: Path, joints: dict):
+    """Or its own, where that is larger; the robot itself keeps none from what stays."""
+    box = {"asset": str(folder / "box.xml"), "on": "floor"}
+    objects = {"a": {**box, "clearance": 0.01}, "b": {**box, "clearance": 0.05}, "wall": {**box, "kind": "static"}}
+    del objects["wall"]["on"]
+    pairs = _meetings(scene_of(objects, robot={"asset": "panda", "clearance": 0.03, "joints": joints}))
+    for name, expected in (("a", 0.03), ("b", 0.05)):
+        assert {m for (a, b), m in pairs.items() if a == name and b.startswith("panda/")} == {expected}
+        assert pairs[name, "wall"] == max(0.001, objects[name]["clearance"])
+    assert {m for (a, b), m in pairs.items() if a.startswith("panda/") and b in ("wall", "world")} <= {0.0}
+
+
 BESIDE = """<mujoco><worldbody><body name="thing">
   <body name="left"><joint name="left" axis="0 0 1" range="-90 90"/>
     <geom name="l0" type="box" size=".05 .05 .05" {margin}/><geom name="l1" size=".02" pos="0 0 .5" {margin}/>

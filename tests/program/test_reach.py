@@ -41,14 +41,36 @@ def reaching(scene: dict[str, Any]) -> Any:
 
 
 def test_an_arm_without_a_map_is_told_how_to_build_one(folder: Path, cube: str):
-    """For a map tier and for the default; `ik` needs none."""
+    """For a map tier; `ik` needs none, and decides by default."""
     asset = crane_mjcf(folder, "unmapped")
-    for tier in ("map", "map_strict", True):
+    for tier in ("map", "map_strict"):
         with pytest.raises(
             MapError, match=r"objects\.thing\.reachable: .*'sceniris-gym reach .*--build -o .*unmapped\.reach'"
         ):
             reaching(crane_scene(asset, cube, reachable=tier))
-    assert reaching(crane_scene(asset, cube, reachable="ik")).targets[0].tier == Tier.IK
+    for word in ("ik", True):
+        assert reaching(crane_scene(asset, cube, reachable=word)).targets[0].tier == Tier.IK
+
+
+def test_a_map_that_is_built_later_decides_nothing_until_the_scene_names_it(folder: Path, cube: str):
+    """It lies where the command writes it: the tier and the hash stay, and both change with the word."""
+    asset = crane_mjcf(folder, "later")
+    scene = crane_scene(asset, cube, reachable=True)
+    before = build_model(SceneConfig.load(scene)).hash
+    path = crane_map(asset)
+    assert reaching(scene).targets[0].tier == Tier.IK
+    assert build_model(SceneConfig.load(scene)).hash == before
+    scene["robot"]["map"] = str(path)
+    assert reaching(scene).targets[0].tier == Tier.MAP
+    assert build_model(SceneConfig.load(scene)).hash != before
+
+
+def test_a_map_that_is_not_there_is_refused(folder: Path, cube: str):
+    """By the key that names it, whatever the tier."""
+    scene = crane_scene(crane_mjcf(folder, "lost"), cube, reachable="ik")
+    scene["robot"]["map"] = str(folder / "nowhere.reach")
+    with pytest.raises(MapError, match=r"robot\.map: .*nowhere\.reach: there is no such reachability map"):
+        reaching(scene)
 
 
 def test_a_map_of_another_arm_is_refused(folder: Path, cube: str):
@@ -56,7 +78,7 @@ def test_a_map_of_another_arm_is_refused(folder: Path, cube: str):
     asset = crane_mjcf(folder, "changed")
     crane_map(asset)
     crane_mjcf(folder, "changed", turn=3.1)
-    with pytest.raises(MapError, match=r"robot\.asset: .*changed\.reach"):
+    with pytest.raises(MapError, match=r"robot\.map: .*changed\.reach"):
         reaching(crane_scene(asset, cube))
 
 

@@ -1,12 +1,20 @@
 """Batches: the control step, graphs and the contact budget."""
 
+import mujoco
 import numpy as np
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ContactBudgetError, UnknownNameError
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.scene.model import build_model
-from sceniris_gym.sim.batch import LINE_SEARCH, Batch, default_budget
+from sceniris_gym.sim.batch import LINE_SEARCH, Batch, default_budget, with_options
+from sceniris_gym.tools.tables import make_table, read_table
+from sceniris_gym.vector.task import FRICTION_PYRAMIDS
+from tests.layout.scenes import compile_on_cpu
 from tests.versions import since_4
 
 
@@ -43,7 +51,24 @@ def test_a_budget_that_is_too_small_is_reported(small_scene):
 
 def test_the_default_budget_counts_what_can_touch(small_scene):
     """Cabinet, drawer, block, two links and two fingers: seven bodies; four rows a contact and five limits."""
-    assert default_budget(small_scene.mjm) == (16 + 4 * 7, 4 * (16 + 4 * 7) + 5)
+    contacts, rows = default_budget(small_scene.mjm)
+    assert rows == 4 * contacts + 5
+    assert contacts == 16 + 4 * (7 + 3)
+
+
+@pytest.mark.parametrize("scene", ["mid", "kitchen", "clutter"])
+def test_things_that_come_to_rest_fit_into_the_default_budget(scene: str):
+    """Plates and pans stand on a dozen geoms each: contacts and rows of MuJoCo C while fresh layouts settle."""
+    compiled = compile_on_cpu(scene)
+    contacts, rows = default_budget(compiled.mjm)
+    data, table = mujoco.MjData(compiled.mjm), make_table(compiled, 3, 0)
+    for i in range(3):
+        mujoco.mj_resetData(compiled.mjm, data)
+        table.put(data, i)
+        for _ in range(25):
+            mujoco.mj_step(compiled.mjm, data)
+            assert data.ncon <= contacts
+            assert data.nefc <= rows
 
 
 def test_an_unknown_need_names_the_valid_ones(small_scene):
@@ -57,3 +82,41 @@ def test_a_line_search_is_shorter_in_a_batch_than_in_mujoco(small_scene):
     scene = build_model(SceneConfig.load({"floor": {"size": [1.0, 1.0]}, "objects": {}}))
     assert Batch(scene, 1, "cpu").model.opt.ls_iterations == LINE_SEARCH < scene.mjm.opt.ls_iterations
     assert Batch(small_scene.scene, 1, "cpu").model.opt.ls_iterations == small_scene.mjm.opt.ls_iterations
+
+
+def test_options_change_the_physics_of_a_batch_alone(small_scene):
+    """The scene's model keeps its own, and there are as many rows as these options need; a misspelt one is refused."""
+    batch = Batch(small_scene.scene, 2, "cpu", options={"cone": mujoco.mjtCone.mjCONE_ELLIPTIC})
+    assert batch.model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
+    assert small_scene.mjm.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
+    assert batch.data.njmax < Batch(small_scene.scene, 2, "cpu").data.njmax
+    with pytest.raises(UnknownNameError, match="Did you mean 'cone'"):
+        Batch(small_scene.scene, 1, "cpu", options={"cones": 0})
+
+
+def test_objects_stand_as_still_on_friction_pyramids():
+    """In 0.5 s of MuJoCo C no object of the tasks that use them gets a millimetre further than on elliptic cones."""
+    for name in ("tabletop_reach", "kitchen_reset"):
+        compiled = compile_scene(name, "cpu")
+        generator = LayoutGenerator(compiled, 4, seed=1)
+        generator.generate()
+        table = read_table(generator)
+        far = [_moved(with_options(compiled.mjm, change), compiled, table) for change in ({}, FRICTION_PYRAMIDS)]
+        assert far[1] < far[0] + 1e-3
+        assert far[0] < 2e-3
+
+
+def _moved(mjm: mujoco.MjModel, compiled: CompiledScene, table: LayoutTable) -> float:
+    """Return how far free bodies get at most in 0.5 s from where layouts put them [m]."""
+    data, worst = mujoco.MjData(mjm), 0.0
+    free = [adr for kind, adr in zip(mjm.jnt_type, mjm.jnt_qposadr, strict=True) if kind == mujoco.mjtJoint.mjJNT_FREE]
+    for row in range(len(table)):
+        mujoco.mj_resetData(mjm, data)
+        data.qpos[:], data.ctrl[:] = table.qpos[row], compiled.scene.home_ctrl
+        if mjm.nmocap:
+            data.mocap_pos[:], data.mocap_quat[:] = table.mocap_pos[row], table.mocap_quat[row]
+        for _ in range(100):
+            mujoco.mj_step(mjm, data)
+        present = [adr for adr in free if table.qpos[row, adr + 2] > -1.0]
+        worst = max(worst, *(float(np.linalg.norm(data.qpos[a : a + 3] - table.qpos[row, a : a + 3])) for a in present))
+    return worst

@@ -14,6 +14,7 @@ from sceniris_gym.sim.versions import (
     actuator_outputs,
     fields_of_data,
     keyframe_plastic,
+    render_context,
     silence_iterations,
 )
 
@@ -49,3 +50,22 @@ def test_overflows_have_names_and_warnings_of_iterations_can_be_silenced():
 def test_fields_of_data_are_those_that_there_are():
     """In the order in which they were asked for."""
     assert fields_of_data("qvel", "nothing", "qpos") == ("qvel", "qpos")
+
+
+@pytest.mark.oldest
+def test_a_camera_is_rendered_by_its_name():
+    """Of two cameras the second, which sees a sphere, where the other one looks away from it."""
+    eyes = '<camera name="away" pos="0 0 2" zaxis="0 0 -1"/><camera name="at" pos="0 0 2"/>'
+    mjm = mujoco.MjModel.from_xml_string(f'<mujoco><worldbody>{eyes}<geom size=".5"/></worldbody></mujoco>')
+    with wp.ScopedDevice("cpu"):
+        m, d = mjw.put_model(mjm), mjw.make_data(mjm)
+        found = {}
+        for name in ("at", "away"):
+            context = render_context(mjm, 1, name, cam_res=(8, 8), render_rgb=True, samples_per_pixel=1)
+            for stage in (mjw.kinematics, mjw.com_pos, mjw.camlight):
+                stage(m, d)
+            mjw.refit_bvh(m, d, context)
+            mjw.render(m, d, context)
+            found[name] = context.rgb_data.numpy().reshape(8, 8).copy()
+    assert found["at"][4, 4] != found["at"][0, 0]
+    assert (found["away"] == found["away"][0, 0]).all()

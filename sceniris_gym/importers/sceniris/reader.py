@@ -13,7 +13,8 @@ import numpy as np
 
 from sceniris_gym.config.loader import SHIPPED_NAME
 from sceniris_gym.config.messages import reading
-from sceniris_gym.config.scene import RobotConfig, SceneConfig
+from sceniris_gym.config.robot import RobotConfig
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import KeysLeftOutWarning, ScenirisError, UnknownNameError
 from sceniris_gym.importers.sceniris.errors import in_its_keys, origin
 from sceniris_gym.importers.sceniris.keys import CONFIGURATION, KeyReader, Notes

@@ -14,6 +14,7 @@ from sceniris_gym.errors import SceneFileError, SceneMismatchError, UnknownNameE
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.reach_poses import OPENING_MARGIN
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.progress import tell
 from sceniris_gym.reach.stored_arrays import UNREADABLE, read_arrays
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.auditor import Auditor
@@ -79,7 +80,7 @@ def judge_reach(compiled: CompiledScene, table: LayoutTable, claims: list[Claim]
     """Return the claims of a table about reach that the audit finds to be wrong."""
     if not claims:
         return []
-    audit = ReachAudit(compiled.mjm, compiled.scene.bodies[ROBOT], compiled.scene.bodies)
+    audit = ReachAudit(compiled.mjm, compiled.scene.bodies[ROBOT], compiled.scene.bodies, compiled.scene.tcp)
     present = {claim.name: table.present[:, compiled.slots.index(claim.name)] for claim in claims}
     return audit.judge(table, claims, present)
 
@@ -232,7 +233,7 @@ def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) 
     table, candidates = rows.table[finite], rows.rejected[finite_candidates]
     names = np.array(rows.names, str)[finite_candidates].tolist()
     settled = len(rows.table) if settled is None else settled
-    auditor = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies)
+    auditor = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies, tell)
     ties = equalities(compiled.mjm, table)
     report = auditor.judge(table, settled=int(finite[:settled].sum()))
     claims = reach_claims(compiled, table)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,6 @@ import numpy as np
 from sceniris_gym.config.loader import SHIPPED_NAME, shipped
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import (
-    ArmError,
     MapError,
     NotSupportedError,
     PosesError,
@@ -24,37 +22,41 @@ from sceniris_gym.errors import (
     UnknownNameError,
 )
 from sceniris_gym.layout.compile import compile_scene, device_name
+from sceniris_gym.program.reach import robot_arm
+from sceniris_gym.progress import tell
 from sceniris_gym.reach.arm import TCP, SerialArm
 from sceniris_gym.reach.build import TILT_STEP, build_map
+from sceniris_gym.reach.checkpoint import remove_state
 from sceniris_gym.reach.map import SUFFIX, ReachMap, build_command, default_tier, map_file, map_path, why_not_map
 from sceniris_gym.reach.solve import solve
 from sceniris_gym.reach.stored_arrays import UNREADABLE, read_array
 from sceniris_gym.reach.tier import Tier
-from sceniris_gym.scene.assemble import compile_spec, load_mjcf
+from sceniris_gym.scene.model import build_model
 from sceniris_gym.tools.files import check_picture, check_writable, replacing
 from sceniris_gym.tools.narrowing import narrow
 from sceniris_gym.tools.reach_picture import draw
 from sceniris_gym.tools.render import save
 
-_ROUNDS = 8  # attempts at poses for which the joints found so far make the arm hit itself
+_ROUNDING = 1e-5  # m; how much deeper than at home parts of an arm may be in each other
+_ROUNDS = 32  # attempts at poses for which the joints found so far make the arm hit itself
 
 
-def read_arm(name: str) -> tuple[mujoco.MjModel, SerialArm]:
-    """Read an arm: a shipped asset, or the path of an MJCF file with one root body and a site 'tcp'.
+def read_arm(name: str, changes: Mapping[str, Any] | None = None) -> tuple[mujoco.MjModel, SerialArm]:
+    """Read an arm: a shipped asset, or the path of an MJCF or URDF file.
+
+    Args:
+        name: The asset or the path.
+        changes: Words of a scene, such as `robot.tcp` for an arm without a site 'tcp'.
 
     Raises:
-        UnknownNameError: There is no such asset, or it has no site 'tcp'.
-        SceneFileError: The file is missing, or is not MJCF.
-        ArmError: It is not a serial arm, or its first body has no name.
+        UnknownNameError: There is no such asset, or it has no such TCP.
+        SceneFileError: The file is missing, or cannot be read.
+        ArmError: It is not a serial arm.
     """
-    assets = shipped("assets", ".xml")
-    if SHIPPED_NAME.fullmatch(name) and name not in assets:
+    if SHIPPED_NAME.fullmatch(name) and name not in shipped("assets", ".xml"):
         raise UnknownNameError("arm", name, "reach", _shipped_arms())
-    mjm = compile_spec(load_mjcf(assets.get(name, Path(name)), "reach"), "reach")
-    if mjm.nbody < 2 or not mjm.body(1).name:
-        has = "no body" if mjm.nbody < 2 else "a first body without a name"
-        raise ArmError(f"reach: '{name}' has {has}. Give it a named body as the arm's base, first in <worldbody>.")
-    return mjm, SerialArm.from_model(mjm, mjm.body(1).name, TCP)
+    scene = build_model(SceneConfig.load({"robot": {"asset": name}}, changes))
+    return scene.mjm, robot_arm(scene)
 
 
 def _shipped_arms() -> list[str]:
@@ -70,20 +72,21 @@ def build(
     step: float | None = None,
     tilt_step: float = TILT_STEP,
     seed: int = 0,
+    changes: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Build the map of an arm into a file, with progress bars on stderr, and describe it.
+    """Build the map of an arm into a file, tell how far it is, and describe it.
 
     Until the map is written, progress is saved in a file beside `out`, from which a later build resumes.
     """
     check_writable(out)
-    _, arm = read_arm(name)
+    _, arm = read_arm(name, changes)
     state = out.with_name(f".{out.name}.state")
     start = time.perf_counter()
     chosen = device_name(device, "reach")
-    built = build_map(arm, chosen, step=step, tilt_step=tilt_step, seed=seed, state=state, progress=_bars())
+    built = build_map(arm, chosen, step=step, tilt_step=tilt_step, seed=seed, state=state, progress=tell)
     with replacing(out) as temporary:
         built.save(temporary)
-    state.unlink(missing_ok=True)
+    remove_state(state)
     figures = {"seconds": round(time.perf_counter() - start, 1), "file": str(out), "file_bytes": out.stat().st_size}
     if out.resolve() != map_path(name).resolve():
         figures["used_with"] = f"--map {out}"
@@ -91,19 +94,25 @@ def build(
 
 
 def default_map(name: str) -> Path:
-    """Return where a map is written by default: beside your own MJCF, but in the working folder for a shipped arm."""
-    return map_path(name) if name.endswith(".xml") else Path(f"{name}{SUFFIX}")
+    """Return where a map is written by default: beside your own file, but in the working folder for a shipped arm."""
+    return Path(f"{name}{SUFFIX}") if SHIPPED_NAME.fullmatch(name) else map_path(name)
 
 
 def judge(
-    name: str, path: Path | None, poses: Path, out: Path, tier: Tier | None = None, device: str | None = None
+    name: str,
+    path: Path | None,
+    poses: Path,
+    out: Path,
+    tier: Tier | None = None,
+    device: str | None = None,
+    changes: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Judge the TCP poses of a file, shape (N, 4, 4), write verdicts, shape (N,), bool, and count the reached ones.
 
     Without `tier`, the arm's default tier decides.
     """
     check_writable(out)
-    mjm, arm = read_arm(name)
+    mjm, arm = read_arm(name, changes)
     asked = read_poses(poses)
     by_map = tier is not None and tier.needs_map
     needed = path is not None or by_map
@@ -119,13 +128,20 @@ def judge(
     return found if why is None or tier is not None else found | {"why_ik": why}
 
 
-def show(name: str, path: Path | None, out: Path, height: float, device: str | None = None) -> dict[str, Any]:
+def show(
+    name: str,
+    path: Path | None,
+    out: Path,
+    height: float,
+    device: str | None = None,
+    changes: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
     """Describe an arm and its map, and draw the map. An arm without a map is described without a picture.
 
     Raises:
         MapError: There is no map at `path`, or `height` is above or below the map.
     """
-    _, arm = read_arm(name)
+    _, arm = read_arm(name, changes)
     if path is None and not _has_map(name, arm):
         return describe(name, arm, None)
     check_picture(out)
@@ -145,8 +161,9 @@ def narrowed(
     Raises:
         SceneKeyError: The scene has another robot or none, or no object of it has `reachable`.
     """
-    if config.robot is None or not _same(name, config.robot.asset):
-        has = "no robot" if config.robot is None else f"the robot '{config.robot.asset}'"
+    robot = None if config.robot is None else config.robot.file or config.robot.name
+    if robot is None or not _same(name, robot):
+        has = "no robot" if robot is None else f"the robot '{robot}'"
         raise SceneKeyError(f"reach {name} --scene {config.where}: this scene has {has}. Name a scene with '{name}'.")
     check_picture(out)
     compiled = compile_scene(config, device)
@@ -160,7 +177,7 @@ def narrowed(
 
 def _same(name: str, asset: str) -> bool:
     """Return whether both name the same shipped arm or the same file."""
-    return name == asset or (name.endswith(".xml") and Path(name).resolve() == Path(asset).resolve())
+    return name == asset or (not SHIPPED_NAME.fullmatch(name) and Path(name).resolve() == Path(asset).resolve())
 
 
 def _has_map(name: str, arm: SerialArm) -> bool:
@@ -279,34 +296,31 @@ def _solvable(mjm: mujoco.MjModel, arm: SerialArm, poses: np.ndarray, device: st
 
 
 def hits_itself(mjm: mujoco.MjModel, arm: SerialArm, joints: np.ndarray) -> np.ndarray:
-    """Return for which joints of shape (N, njoint) the arm touches itself according to MuJoCo, shape (N,), bool."""
+    """Return for which joints of shape (N, njoint) the arm touches itself according to MuJoCo, shape (N,), bool.
+
+    Parts that are in each other at home already may be as deep as there.
+    """
     data = mujoco.MjData(mjm)
     if mjm.nkey:
         mujoco.mj_resetDataKeyframe(mjm, data, 0)
+    home = _depths(mjm, data)
     hits = np.zeros(len(joints), bool)
     for i, q in enumerate(joints):
         data.qpos[arm.qposadr] = q
-        mujoco.mj_kinematics(mjm, data)
-        mujoco.mj_comPos(mjm, data)
-        mujoco.mj_collision(mjm, data)
-        hits[i] = bool((data.contact.dist[: data.ncon] < 0.0).any())
+        hits[i] = any(depth > home.get(geoms, 0.0) + _ROUNDING for geoms, depth in _depths(mjm, data).items())
     return hits
 
 
-def _bars() -> Callable[[str, int, int], None]:
-    """Return a progress callback that shows one bar after another."""
-    from tqdm import tqdm
-
-    bars: dict[str, Any] = {}
-
-    def show(what: str, done: int, total: int) -> None:
-        if what not in bars:
-            for bar in bars.values():
-                bar.close()
-            bars.clear()
-            bars[what] = tqdm(total=total, desc=what, file=sys.stderr, unit_scale=True)
-        bars[what].update(done - bars[what].n)
-        if done == total:
-            bars[what].close()
-
-    return show
+def _depths(mjm: mujoco.MjModel, data: mujoco.MjData) -> dict[tuple[int, int], float]:
+    """Return pairs of geoms that are in each other in a state, and how deep [m]."""
+    mujoco.mj_kinematics(mjm, data)
+    mujoco.mj_comPos(mjm, data)
+    mujoco.mj_collision(mjm, data)
+    found: dict[tuple[int, int], float] = {}
+    for geoms, dist in zip(
+        data.contact.geom[: data.ncon].tolist(), data.contact.dist[: data.ncon].tolist(), strict=True
+    ):
+        pair = (geoms[0], geoms[1])
+        if dist < 0.0:
+            found[pair] = max(found.get(pair, 0.0), -dist)
+    return found

@@ -145,7 +145,11 @@ def test_what_is_reachable_without_a_robot_is_told_with_what_would_help():
 @pytest.mark.parametrize(
     ("others", "error", "says"),
     [
-        ({"robot": {"base": [0, 0, 0]}}, SceneKeyError, r"read_sceniris: robot: asset: is missing"),
+        (
+            {"robot": {"base": [0, 0, 0]}},
+            SceneKeyError,
+            r"read_sceniris: robot: .* exactly one of asset, model, in_model",
+        ),
         ({"robot": {"asset": "panda", "bsae": [0, 0, 0]}}, SceneKeyError, r"read_sceniris: robot: bsae: .*mean 'base'"),
         ({"robot": 3}, SceneKeyError, r"read_sceniris: robot: .*mapping"),
         ({"robot": "panda", "tier": "maps"}, UnknownNameError, r"read_sceniris: tier: .*mean 'map'"),

@@ -94,7 +94,7 @@ def test_poses_get_verdicts(arm: Path, tmp_path: Path, capfd: pytest.CaptureFixt
         assert verdicts[tier].dtype == bool
         assert verdicts[tier].shape == (400,)
         assert found == {
-            "arm": "base",
+            "arm": "gantry",
             "tier": tier,
             "poses": 400,
             "reached": int(verdicts[tier].sum()),
@@ -187,14 +187,22 @@ def test_what_is_no_arm_is_refused():
 
 
 def test_an_mjcf_that_has_no_arm_is_refused(tmp_path: Path):
-    """No body at all, and a first one that nobody can name."""
+    """No body at all, and one that no joint moves."""
     path = tmp_path / "none.xml"
-    path.write_text("<mujoco><worldbody><geom size='0.1'/></worldbody></mujoco>")
-    with pytest.raises(ArmError, match=r"none\.xml' has no body\. Give it a named body"):
+    path.write_text("<mujoco/>")
+    with pytest.raises(SceneKeyError, match=r"robot\.asset: an asset should have a body"):
         reach.read_arm(str(path))
     path.write_text("<mujoco><worldbody><body><geom size='0.1'/><site name='tcp'/></body></worldbody></mujoco>")
-    with pytest.raises(ArmError, match=r"has a first body without a name\. Give it"):
+    with pytest.raises(ArmError, match=r"arm 'none': no joint is between it and the site"):
         reach.read_arm(str(path))
+
+
+def test_an_arm_without_a_site_is_told_its_tcp(tmp_path: Path):
+    """By a word of the scene, as `--set` has it."""
+    link = "<body name='hand'><joint axis='0 0 1'/><geom size='0.1'/></body>"
+    (tmp_path / "own.xml").write_text(f"<mujoco><worldbody><body name='b'>{link}</body></worldbody></mujoco>")
+    _, arm = reach.read_arm(str(tmp_path / "own.xml"), {"robot.tcp": "hand"})
+    assert (arm.name, len(arm.joints)) == ("own", 1)
 
 
 @pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])

@@ -1,0 +1,91 @@
+"""What a reset adds to a step: control steps that reset 2% of the worlds, less the same steps with an empty mask.
+
+python -m benchmarks.reset_step mid --arm --num-envs 4096 --device cuda:0
+
+Prints a line of JSON for layouts made ahead, made in place, and replayed from a bank: microseconds a control step of
+four substeps, medians of alternating rounds. All steps begin in the same state, so that physics has the same to do.
+With --settle they follow each other, and physics has more to do where worlds start anew.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from benchmarks import layout_sources
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.sim.batch import Batch
+from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
+
+_ARM = {"asset": "panda", "base": [-0.6, 0.0, 0.0]}
+_STEPS = 60
+_BANK = 16
+"""Episodes of each world that are replayed."""
+
+
+def main() -> None:
+    """Measure the three in turns."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scene")
+    parser.add_argument("--arm", action="store_true", help="put a Panda beside it")
+    parser.add_argument("--num-envs", type=int, default=4096)
+    parser.add_argument("--settle", action="store_true", help="let steps follow each other")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--device", default=None)
+    words = parser.parse_args()
+    wp.config.quiet = True
+    overlay = {"robot": _ARM} if words.arm else {}
+    compiled = compile_scene(SceneConfig.load({"base": words.scene, **overlay}), words.device)
+    n = words.num_envs
+    table = layout_sources.episodes(compiled, list(range(0, n * _BANK, _BANK)), _BANK)
+    device = wp.get_device(compiled.device)
+    masks = {
+        "with": wp.array(np.arange(n) % 50 == 0, dtype=wp.bool, device=device),
+        "without": wp.zeros(n, dtype=wp.bool, device=device),
+    }
+    ways: dict[str, dict[str, Any]] = {
+        "ahead": {"prefetch": True},
+        "in_place": {"prefetch": False},
+        "replayed": {"layout_source": layout_sources.replayed(table)(compiled, n)},
+    }
+    worlds, starts = {}, {}
+    for name, arguments in ways.items():
+        batch = Batch(compiled.scene, n, compiled.device, substeps=4)
+        worlds[name] = batch, ResetRandomizer(compiled, batch.model, batch.data, **arguments)
+        worlds[name][1].reset()
+        for _ in range(20):
+            batch.step()
+        starts[name] = {field: wp.clone(getattr(batch.data, field)) for field in PROMISED}
+    times: dict[tuple[str, str], list[float]] = {}
+    for _ in range(words.rounds + 1):
+        for name, (batch, randomizer) in worlds.items():
+            for which, mask in masks.items():
+                start = None if words.settle else starts[name]
+                times.setdefault((name, which), []).append(_time(batch, randomizer, mask, start))
+    for name in ways:
+        both = {which: float(np.median(times[name, which][1:])) for which in masks}
+        answer = {"way": name, "num_envs": n, **{k: round(v, 1) for k, v in both.items()}}
+        print(json.dumps(answer | {"adds": round(both["with"] - both["without"], 1)}), flush=True)
+
+
+def _time(batch: Batch, randomizer: ResetRandomizer, mask: wp.array, state: dict[str, wp.array] | None) -> float:
+    """Return the mean time of a step and a reset [us], each from this state if there is one."""
+    wp.synchronize_device(batch.device)
+    start = time.perf_counter()
+    for _ in range(_STEPS):
+        for field, values in (state or {}).items():
+            wp.copy(getattr(batch.data, field), values)
+        batch.step()
+        randomizer.reset(mask)
+    wp.synchronize_device(batch.device)
+    return 1e6 * (time.perf_counter() - start) / _STEPS
+
+
+if __name__ == "__main__":
+    main()
