@@ -404,6 +404,8 @@ def view(
     overrides = _overrides(changes)
     with opened_page(host, port) as server:
         print(address(server), flush=True)  # before anything that takes a while
+        if server.get_port() != port:
+            print(f"Port {port} is in use, so the page is at port {server.get_port()}.", file=sys.stderr, flush=True)
         with _stdout_to_stderr():
             if env is not None:
                 ids = command.read_ids(layouts)

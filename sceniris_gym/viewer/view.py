@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -24,13 +24,14 @@ from sceniris_gym.viewer.requests import Requests
 from sceniris_gym.viewer.scene_file import LoadedScene, SceneFile
 from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.sketch import erase
-from sceniris_gym.viewer.worlds import Worlds
+from sceniris_gym.viewer.worlds import Worlds, view_direction
 
 if TYPE_CHECKING:
     import viser
 
 _FRAME = 1.0 / 60.0  # s between pictures of physics
 _IDLE = 0.25  # s between looks at the scene's files
+_TRIED = "The tab 'Why' shows what was tried, in red."
 _CANDIDATE, _SLICE, _PIECES = "candidate", "slice", "pieces"  # names of sketches on the page
 
 
@@ -225,16 +226,17 @@ class SceneView:
             return
         compiled, worlds = self.deck.compiled, self._worlds
         first, candidate = self._first_world()
+        before = [] if candidate is None else why.bodies_before(first, candidate, view_direction(compiled.mjm))
         for i in range(self.num):
             world = first if i == 0 else ShownWorld(compiled, self.table[i : i + 1])
             parked = PARKED in self._layers
             hidden = world.hidden_bodies(with_absent=not parked)
             if candidate is not None and i == 0:
-                hidden += compiled.scene.subtree(candidate.name)
+                hidden += [*compiled.scene.subtree(candidate.name), *before]
             worlds.put(i, world.data, hidden, world.parked_offsets(worlds.low) if parked else None)
         worlds.send()
         self._show_layers(first)
-        self._show_candidate(first, candidate)
+        self._show_candidate(first, candidate, before)
         self._show_slice()
         self._show_player()
 
@@ -267,7 +269,7 @@ class SceneView:
             opacity = 1.0 if self._geometry == COLLIDED else 0.5
             sketch_pieces(world, opacity).draw(self.server, _PIECES, self._worlds.origins[0])
 
-    def _show_candidate(self, world: ShownWorld, candidate: Candidate | None) -> None:
+    def _show_candidate(self, world: ShownWorld, candidate: Candidate | None, before: Sequence[int]) -> None:
         assert self.deck is not None
         assert self._worlds is not None
         if candidate is None:
@@ -276,7 +278,7 @@ class SceneView:
             self.panel.set_candidates(0, 0, text)
             return
         hits = self.deck.hits(candidate) if candidate.cause == "collision" else []
-        why.sketch_candidate(world, candidate, hits).draw(self.server, _CANDIDATE, self._worlds.origins[0])
+        why.sketch_candidate(world, candidate, hits, before).draw(self.server, _CANDIDATE, self._worlds.origins[0])
         text = why.explain(self.deck.compiled, candidate, hits)
         self.panel.set_candidates(len(self._candidates or ()), self._candidate, text)
 
@@ -337,7 +339,7 @@ class SceneView:
         self.panel.set_where(self.where, self._layout_id(), poses)
         self._tell_counts()
         if self.loaded.error is not None:
-            return self.panel.say(str(self.loaded.error), bad=True)
+            return self.panel.say(f"{self.loaded.error}\n\n{_TRIED}", bad=True)
         name, row = self.deck.compiled.config.name, self.table[:1]
         words = {
             Status.VALID: "a fresh layout",

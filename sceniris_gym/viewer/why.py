@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 
 import mujoco
@@ -11,11 +12,13 @@ from sceniris_gym.layout.blame import Hit
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.viewer.deck import Candidate
 from sceniris_gym.viewer.shown import ShownWorld
-from sceniris_gym.viewer.sketch import ORANGE, RED, Sketch
-from sceniris_gym.viewer.worlds import body_mesh
+from sceniris_gym.viewer.sketch import GREY, ORANGE, RED, Colour, Sketch
+from sceniris_gym.viewer.worlds import SEEN_GROUPS, body_mesh
 
 _MOST_HITS = 3
 _ABOVE = 0.15  # m from a candidate to its words
+_MOST_BEFORE = 20  # surfaces that a look passes through
+_BEYOND = 1e-4  # m behind a surface from where a look goes on
 CAUSES = {
     "roof": "what is above it is not what 'on' (open space) or 'inside' (a cover of the same object) asks for",
     "footprint": "part of it hangs over the edge of its support",
@@ -37,11 +40,38 @@ def world_of(compiled: CompiledScene, candidate: Candidate) -> ShownWorld:
     return ShownWorld(compiled, candidate.state, frozenset(drawn))
 
 
-def sketch_candidate(world: ShownWorld, candidate: Candidate, hits: Sequence[Hit]) -> Sketch:
-    """Draw a candidate in red, and what it hits in orange."""
+def bodies_before(world: ShownWorld, candidate: Candidate, direction: np.ndarray) -> list[int]:
+    """Return the bodies that hide a candidate, such as the front of the drawer that it is in.
+
+    Args:
+        world: The world as it was when it was tried.
+        candidate: The candidate.
+        direction: From the scene to the eye, shape (3,).
+    """
+    mjm, own = world.compiled.mjm, {0, *world.compiled.scene.subtree(candidate.name)}
+    groups = np.isin(np.arange(mujoco.mjNGROUP), SEEN_GROUPS).astype(np.uint8)
+    low, high = world.box(candidate.name)
+    corners = np.array(list(itertools.product(*zip(low, high, strict=True))))
+    found, geom = set(), np.zeros(1, np.int32)
+    for at in [(low + high) / 2.0, *corners]:
+        for _ in range(_MOST_BEFORE):
+            far = mujoco.mj_ray(mjm, world.data, at, direction, groups, 1, -1, geom)
+            if far < 0.0:
+                break
+            found.add(int(mjm.geom_bodyid[geom[0]]))
+            at = at + (far + _BEYOND) * direction
+    return sorted(found - own)
+
+
+def sketch_candidate(
+    world: ShownWorld, candidate: Candidate, hits: Sequence[Hit], before: Sequence[int] = ()
+) -> Sketch:
+    """Draw a candidate in red, what it hits in orange, and bodies `before` it as if they were of glass."""
     sketch, mjm = Sketch(), world.compiled.mjm
     for body in world.compiled.scene.subtree(candidate.name):
-        _add_body(sketch, world, body, np.flatnonzero(mjm.geom_bodyid == body))
+        _add_body(sketch, world, body, RED, 0.8)
+    for body in before:
+        _add_body(sketch, world, body, GREY, 0.25)
     for hit in worst_by_body(mjm, hits):
         ends = np.zeros(6)
         mujoco.mj_geomDistance(mjm, world.data, *hit.geoms, 1.0, ends)
@@ -84,12 +114,13 @@ def table_in_html(counts: Mapping[str, Mapping[str, int]], layouts: int, valid: 
     return f"{head}<table width='100%'><tr><th align=left>object</th>{titles}</tr>{rows}</table>"
 
 
-def _add_body(sketch: Sketch, world: ShownWorld, body: int, geoms: np.ndarray) -> None:
-    mesh = body_mesh(world.compiled.mjm, geoms)
+def _add_body(sketch: Sketch, world: ShownWorld, body: int, colour: Colour, opacity: float) -> None:
+    mjm = world.compiled.mjm
+    mesh = body_mesh(mjm, np.flatnonzero(mjm.geom_bodyid == body))
     if mesh is not None:
         vertices, faces = mesh
         mat, pos = world.data.xmat[body].reshape(3, 3), world.data.xpos[body]
-        sketch.surfaces.append((vertices @ mat.T + pos, faces, RED, 0.8))
+        sketch.surfaces.append((vertices @ mat.T + pos, faces, colour, opacity))
 
 
 def _edges_of_box(world: ShownWorld, geom: int) -> np.ndarray:

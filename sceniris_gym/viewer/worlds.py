@@ -23,7 +23,8 @@ _GAP = 0.12  # between worlds, as a share of their size
 _FLOOR = (0.80, 0.83, 0.86, 1.0)
 _BACKGROUND = (238, 241, 245)
 _ENDLESS = 4.0  # m; a plane without sizes is drawn so wide
-_SEEN = (0, 1, 2, MARK_GROUP)
+SEEN_GROUPS = (0, 1, 2, MARK_GROUP)
+"""The groups of geoms that are drawn."""
 _ASPECT = 1.2
 # Where bodies go that are not on show [m]: beyond what a camera sees.
 _AWAY = np.array([0.0, 0.0, -1.0e5])
@@ -100,7 +101,7 @@ class Worlds:
 
     def show_visuals(self, visible: bool) -> None:
         """Show or hide the worlds themselves, for layers that stand in their place."""
-        for group in _SEEN:
+        for group in SEEN_GROUPS:
             self._scene.geom_groups_visible[group if group < 3 else 2] = visible
         self._scene._sync_visibilities()
 
@@ -167,7 +168,7 @@ def body_mesh(mjm: mujoco.MjModel, geoms: np.ndarray) -> tuple[np.ndarray, np.nd
     """Vertices (n, 3) [m] in the body's frame and faces (m, 3) of what is seen of a body's geoms; None for nothing."""
     from mjviser.conversions import merge_geoms
 
-    seen = [int(g) for g in geoms if mjm.geom_group[g] in _SEEN and mjm.geom_rgba[g, 3] > 0.0]
+    seen = [int(g) for g in geoms if mjm.geom_group[g] in SEEN_GROUPS and mjm.geom_rgba[g, 3] > 0.0]
     seen = [g for g in seen if mjm.geom_type[g] != mujoco.mjtGeom.mjGEOM_PLANE]
     if not seen:
         return None

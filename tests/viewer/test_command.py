@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import signal
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -34,6 +35,24 @@ def test_the_address_comes_first_and_ctrl_c_ends_it():
     assert process.returncode == 130
     assert out == ""
     assert "Traceback" not in err
+
+
+@pytest.mark.skipif(importlib.util.find_spec("mjviser") is None, reason="needs the extra 'viewer'")
+def test_a_port_in_use_is_said():
+    """The page takes the next free one, which would else be overlooked."""
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        command = [sys.executable, "-m", "sceniris_gym", "view", "mid", "--port", str(port)]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        try:
+            assert process.stdout is not None
+            assert process.stderr is not None
+            found = process.stdout.readline().strip().rpartition(":")[2]
+            assert found != str(port)
+            assert process.stderr.readline() == f"Port {port} is in use, so the page is at port {found}.\n"
+        finally:
+            process.kill()
+            process.communicate()
 
 
 @pytest.mark.parametrize(

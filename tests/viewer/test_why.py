@@ -5,10 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.program.compiled import upload_scene
 from sceniris_gym.program.device import Cause
+from sceniris_gym.scene.model import build_model
 from sceniris_gym.viewer.deck import LayoutDeck, Where
-from sceniris_gym.viewer.sketch import RED
-from sceniris_gym.viewer.why import CAUSES, explain, sketch_candidate, table_in_html, world_of, worst_by_body
+from sceniris_gym.viewer.sketch import GREY, RED
+from sceniris_gym.viewer.why import (
+    CAUSES,
+    bodies_before,
+    explain,
+    sketch_candidate,
+    table_in_html,
+    world_of,
+    worst_by_body,
+)
 from tests.viewer.worlds_on_show import compiled_scene
 
 
@@ -38,6 +49,29 @@ def test_a_candidate_is_red_and_later_objects_are_not_there(deck: LayoutDeck):
         later = set(deck.compiled.placed[candidate.number + 1 :])
         assert world.unplaced == later
         assert [text for text, _ in sketch.words] == [f"{candidate.name}: {candidate.cause}"]
+
+
+def test_what_hides_a_candidate_is_found_and_drawn_as_glass():
+    """A block behind a wall: the wall stands before it for an eye in front, and nothing does for one above."""
+    pytest.importorskip("mjviser", reason="needs the extra 'viewer'")
+    spot = {"region": {"box": [[-0.001, 0.2], [0.001, 0.202]]}, "orientation": "fixed"}
+    scene = {
+        "floor": {"size": [1.0, 1.0]},
+        "objects": {
+            "chest": {"asset": "chest", "kind": "static"},
+            "block": {"asset": "block", "on": "floor", **spot, "clearance": 0.001},
+            "other": {"asset": "block", "on": "floor", **spot},
+        },
+    }
+    compiled = upload_scene(build_model(SceneConfig.load(scene)), "cpu")
+    deck = LayoutDeck(compiled, 1)
+    candidate = next(c for c in deck.rejected(Where()) if c.name == "other")
+    world = world_of(compiled, candidate)
+    assert bodies_before(world, candidate, np.array([0.0, 0.0, 1.0])) == compiled.scene.subtree("block")
+    before = bodies_before(world, candidate, np.array([0.0, -1.0, 0.0]))
+    assert set(before) >= set(compiled.scene.subtree("chest")[:1])
+    sketch = sketch_candidate(world, candidate, [], before)
+    assert {colour for _, _, colour, _ in sketch.surfaces} == {RED, GREY}
 
 
 def test_words_name_object_cause_count_and_what_is_in_the_way(deck: LayoutDeck):
