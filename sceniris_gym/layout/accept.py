@@ -10,7 +10,7 @@ from sceniris_gym.layout.search import Search, SearchSize, queue_row
 from sceniris_gym.program.device import Cause, ObjectKind, Program
 from sceniris_gym.program.device_reach import Reach
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _STATIC = wp.constant(int(ObjectKind.STATIC))
 _NONE = wp.constant(int(Cause.NONE))

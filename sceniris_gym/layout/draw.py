@@ -15,8 +15,9 @@ from sceniris_gym.layout.random import uniforms
 from sceniris_gym.layout.search import Search, begin_wave, candidate_num, stream_of, trial_of
 from sceniris_gym.layout.transforms import apply, pose_of
 from sceniris_gym.program.device import Cause, Measure, ObjectKind, OrientationType, Program
+from sceniris_gym.reach.angles import angle_of
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _STATIC = wp.constant(int(ObjectKind.STATIC))
 _ANY = wp.constant(int(OrientationType.ANY))
@@ -46,7 +47,7 @@ def _draw_point(program: Program, layouts: LayoutsView, search: Search, c: int, 
         return
     frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])
     if program.obj_orientation[obj] != _ANY:
-        search.heading[c] = turn.yaw + wp.atan2(frame.rot[1, 0], frame.rot[0, 0])
+        search.heading[c] = turn.yaw + angle_of(frame.rot[0, 0], frame.rot[1, 0])
     if program.obj_cutnum[obj] > 0:
         return
     if program.variant_trinum[turn.variant] == 0:

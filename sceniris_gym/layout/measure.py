@@ -5,8 +5,9 @@ import warp as wp
 from sceniris_gym.layout.kinematics import pose_bodies
 from sceniris_gym.layout.leaves import lowest
 from sceniris_gym.layout.orientations import DrawnVariant
-from sceniris_gym.layout.transforms import quat_mat, unit_circle
+from sceniris_gym.layout.transforms import quat_mat
 from sceniris_gym.program.device import Measure, OrientationType, Program
+from sceniris_gym.reach.angles import unit_circle
 
 _ANY = wp.constant(int(OrientationType.ANY))
 _WHOLE = wp.constant(int(Measure.WHOLE))

@@ -10,8 +10,9 @@ import math
 import warp as wp
 
 from sceniris_gym.layout.placed import turned
-from sceniris_gym.layout.transforms import quat_mat, quat_z, unit_circle
+from sceniris_gym.layout.transforms import quat_mat, quat_z
 from sceniris_gym.program.device import OrientationType, Program
+from sceniris_gym.reach.angles import angle_of, unit_circle
 from sceniris_gym.reach.quaternions import mul_quat
 
 _ANY = wp.constant(int(OrientationType.ANY))
@@ -40,8 +41,8 @@ def heading_of(quat: wp.vec4) -> float:
     """The heading [rad] of a root with orientation `quat`."""
     mat = quat_mat(quat)
     if wp.abs(mat[0, 0]) + wp.abs(mat[1, 0]) < _UPRIGHT:
-        return wp.atan2(-mat[0, 1], mat[1, 1])
-    return wp.atan2(mat[1, 0], mat[0, 0])
+        return angle_of(mat[1, 1], -mat[0, 1])
+    return angle_of(mat[0, 0], mat[1, 0])
 
 
 @wp.func
@@ -78,4 +79,4 @@ def draw_turn(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> DrawnVarian
 def facing(at: wp.vec2, target: wp.vec2) -> float:
     """The heading [rad] that points an object's front (-y) from `at` to `target`."""
     d = turned(target - at, 0.5 * wp.static(math.pi))
-    return wp.atan2(d[1], d[0])
+    return angle_of(d[0], d[1])

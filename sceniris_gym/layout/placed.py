@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from sceniris_gym.layout.transforms import unit_circle
+from sceniris_gym.reach.angles import unit_circle
 
 
 @wp.struct

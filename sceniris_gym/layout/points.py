@@ -23,7 +23,7 @@ from sceniris_gym.layout.sides import support_pose
 from sceniris_gym.layout.transforms import Pose, apply
 from sceniris_gym.program.device import Cause, OrientationType, Program
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _MAX_CORNERS = wp.constant(MAX_CORNERS)
 _EMPTY = wp.constant(int(Cause.EMPTY))

@@ -16,7 +16,7 @@ from sceniris_gym.layout.sides import support_pose
 from sceniris_gym.layout.transforms import Pose, apply
 from sceniris_gym.program.device import Program
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _MAX_CORNERS = wp.constant(MAX_CORNERS)
 # Pieces below this area [m^2] are rounding: a line of 1 mm, drawn 40 um wide, has 4e-8.

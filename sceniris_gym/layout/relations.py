@@ -20,8 +20,8 @@ from sceniris_gym.layout.placed import (
     turned,
 )
 from sceniris_gym.layout.polygons import HalfPlane, convex_hull, cross2, half_plane
-from sceniris_gym.layout.transforms import unit_circle
 from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, Program, RelationType
+from sceniris_gym.reach.angles import angle_of, unit_circle
 
 _SECTOR = wp.constant(int(RelationType.SECTOR))
 _BETWEEN = wp.constant(int(RelationType.BETWEEN))
@@ -267,4 +267,4 @@ def relation_holds(
     if distance < program.rel_low[rel] or distance > program.rel_high[rel]:
         return False
     axis = turned(wp.vec2(1.0, 0.0), s.axis)
-    return s.half_angle >= _PI or wp.abs(wp.atan2(cross2(axis, v), wp.dot(axis, v))) <= s.half_angle
+    return s.half_angle >= _PI or wp.abs(angle_of(wp.dot(axis, v), cross2(axis, v))) <= s.half_angle

@@ -10,7 +10,7 @@ from sceniris_gym.layout.transforms import pose_of
 from sceniris_gym.program.device import Cause, ObjectKind, Program, Roof
 from sceniris_gym.program.device_reach import Reach
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _STATIC = wp.constant(int(ObjectKind.STATIC))
 _EITHER = wp.constant(int(Roof.EITHER))

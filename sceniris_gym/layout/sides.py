@@ -13,8 +13,9 @@ from sceniris_gym.layout.relations import resolve, side_num, write_sides
 from sceniris_gym.layout.search import Search, candidate_num
 from sceniris_gym.layout.transforms import Pose, pose_of
 from sceniris_gym.program.device import Cause, ObjectKind, Program
+from sceniris_gym.reach.angles import angle_of
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _MAX_ANCHORS = wp.constant(MAX_ANCHORS)
 _MAX_RELATIONS = wp.constant(MAX_RELATIONS)
@@ -44,7 +45,7 @@ def _resolve(program: Program, layouts: LayoutsView, search: Search, c: int, i: 
         program,
         rel,
         placed(wp.vec2(0.0), search.heading[c], search.turn[c].bounds),
-        wp.atan2(frame.rot[1, 0], frame.rot[0, 0]),
+        angle_of(frame.rot[0, 0], frame.rot[1, 0]),
         layouts.place[row],
         layouts.bounds[row],
         layouts.present[row],

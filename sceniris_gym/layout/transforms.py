@@ -2,6 +2,8 @@
 
 import warp as wp
 
+from sceniris_gym.reach.angles import unit_circle
+
 
 @wp.struct
 class Pose:
@@ -9,13 +11,6 @@ class Pose:
 
     pos: wp.vec3
     rot: wp.mat33
-
-
-# One copy, as sine and cosine of any angle at all are 500 instructions, wherever they stand.
-@wp.func(inline=False)
-def unit_circle(angle: float) -> wp.vec2:
-    """Cosine and sine of an angle [rad]."""
-    return wp.vec2(wp.cos(angle), wp.sin(angle))
 
 
 @wp.func

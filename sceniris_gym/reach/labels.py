@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
+from sceniris_gym.reach.angles import unit_circle
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.lookup import JointTurn, turned
 from sceniris_gym.reach.solve import ITERATIONS, ArmView, arm_view, as_vec8, refine, vec8
@@ -90,7 +91,8 @@ def _label(
     poseid = wp.tid()
     c = coords[poseid]  # z, tilt, u, v
     pos = wp.vec3(axis_xy[0] + c[2], axis_xy[1] + c[3], c[0])
-    quat = wp.vec4(wp.cos(0.5 * c[1]), 0.0, wp.sin(0.5 * c[1]), 0.0)
+    lean = unit_circle(0.5 * c[1])
+    quat = wp.vec4(lean[0], 0.0, lean[1], 0.0)
     marks = _vec4l()
     total = int(0)
     found = vec8()

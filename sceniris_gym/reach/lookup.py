@@ -11,6 +11,7 @@ import math
 
 import warp as wp
 
+from sceniris_gym.reach.angles import angle_of, unit_circle
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.reach.quaternions import mul_quat, neg_quat, z_axis
 from sceniris_gym.reach.solve import vec8
@@ -198,7 +199,7 @@ def map_verdict(view: MapView, pos: wp.vec3, approach: wp.vec3) -> int:
     else:
         c = approach[0] / side
         s = approach[1] / side
-        tilt = wp.atan2(side, approach[2])  # exact near the poles, where acos is not
+        tilt = angle_of(approach[2], side)  # exact near the poles, where acos is not
         verdict = _cell_verdict(view, pos[2], tilt, c * x + s * y, c * y - s * x)
     return verdict
 
@@ -216,10 +217,11 @@ def witness(view: MapView, pos: wp.vec3, quat: wp.vec4, k: int) -> vec8:
     side = wp.sqrt(approach[0] * approach[0] + approach[1] * approach[1])
     azimuth = float(0.0)
     if side > 1.0e-6:
-        azimuth = wp.atan2(approach[1], approach[0])
-    tilt = wp.atan2(side, approach[2])
-    c = wp.cos(azimuth)
-    s = wp.sin(azimuth)
+        azimuth = angle_of(approach[0], approach[1])
+    tilt = angle_of(approach[2], side)
+    ahead = unit_circle(azimuth)
+    c = ahead[0]
+    s = ahead[1]
     iz = int(wp.floor((pos[2] - view.z_low) * view.wit_per_meter))
     it = wp.clamp(int(wp.floor(tilt * view.wit_per_radian)), 0, view.wit_ntilt - 1)
     iu = int(wp.floor((c * x + s * y - view.u_low) * view.wit_per_meter))
@@ -234,13 +236,15 @@ def witness(view: MapView, pos: wp.vec3, quat: wp.vec4, k: int) -> vec8:
             for i in range(MAX_JOINTS):
                 q[i] = float(half[i])
     if found == 0:
-        q[0] = turned(view.base, view.base.sign * wp.atan2(y, x))
+        q[0] = turned(view.base, view.base.sign * angle_of(x, y))
     else:
+        lean = unit_circle(0.5 * tilt)
+        half_way = unit_circle(0.5 * azimuth)
         back = mul_quat(
-            wp.vec4(wp.cos(0.5 * tilt), 0.0, -wp.sin(0.5 * tilt), 0.0),
-            mul_quat(neg_quat(wp.vec4(wp.cos(0.5 * azimuth), 0.0, 0.0, wp.sin(0.5 * azimuth))), quat),
+            wp.vec4(lean[0], 0.0, -lean[1], 0.0),
+            mul_quat(neg_quat(wp.vec4(half_way[0], 0.0, 0.0, half_way[1])), quat),
         )
-        roll = 2.0 * wp.atan2(back[3], back[0])
+        roll = 2.0 * angle_of(back[0], back[3])
         q[0] = turned(view.base, q[0] + view.base.sign * azimuth)
         for i in range(1, MAX_JOINTS):
             if i == view.njoint - 1:

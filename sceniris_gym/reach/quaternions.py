@@ -5,6 +5,8 @@ Warp's own `wp.quat` is (x, y, z, w). It is not used in device code here, so the
 
 import warp as wp
 
+from sceniris_gym.reach.angles import angle_of, unit_circle
+
 wp.set_module_options({"enable_backward": False})
 
 
@@ -46,8 +48,9 @@ def z_axis(q: wp.vec4) -> wp.vec3:
 @wp.func
 def turn_z(q: wp.vec4, angle: float) -> wp.vec4:
     """`q` followed by a turn by `angle` [rad] about the z axis of its frame."""
-    c = wp.cos(0.5 * angle)
-    s = wp.sin(0.5 * angle)
+    to = unit_circle(0.5 * angle)
+    c = to[0]
+    s = to[1]
     return wp.vec4(q[0] * c - q[3] * s, q[1] * c + q[2] * s, q[2] * c - q[1] * s, q[3] * c + q[0] * s)
 
 
@@ -62,5 +65,5 @@ def rotation_vector(q: wp.vec4) -> wp.vec3:
     s = wp.length(v)
     scale = float(2.0)
     if s > 1.0e-6:
-        scale = 2.0 * wp.atan2(s, w) / s
+        scale = 2.0 * angle_of(w, s) / s
     return scale * v
