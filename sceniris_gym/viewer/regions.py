@@ -19,6 +19,9 @@ from sceniris_gym.viewer.sketch import GREY, PALETTE, Sketch
 _FAR = 20.0  # m; a relation without a greatest distance is drawn so far
 _ARC = 64  # segments of a half circle
 _LINE = 0.002  # m; a line is drawn so wide to both sides
+_ALIKE = 0.75  # of the larger of two regions that share their words, and their surface
+_MOST_NAMED = 5
+_CROWDED = 0.2  # m between words
 _LIFT = 0.002  # m that a region is drawn above its surface, and above the one before it
 
 
@@ -41,18 +44,35 @@ def sketch_regions(world: ShownWorld, only: str | None = None) -> Sketch:
                 sketch.words.append((f"nothing is left for {name}", np.array([at.x, at.y, height])))
             else:
                 found.setdefault((left.normalize().wkb, height), ([], left))[0].append(name)
-    # However many there are, together they are as thin, and as clear, as a few; their words stand along their edges.
+    # However many there are, together they are as thin, and as clear, as a few.
     lift, opacity = 2.0 * _LIFT / max(len(found), 2), 0.45 / math.sqrt(max(len(found) / 3.0, 1.0))
-    for i, ((_, height), (names, left)) in enumerate(found.items()):
+    for i, ((_, height), (_, left)) in enumerate(found.items()):
         triangles = triangulate(left)
         points = np.c_[triangles.reshape(-1, 2), np.full(3 * len(triangles), height + (i + 1) * lift)]
         sketch.surfaces.append((points, np.arange(len(points)).reshape(-1, 3), PALETTE[i % len(PALETTE)], opacity))
-        at = left.representative_point()
-        if len(found) > 3:
-            edge = max(shapely.get_parts(left), key=lambda part: part.area).exterior
-            at = edge.interpolate((i + 0.5) / len(found), normalized=True)
-        sketch.words.append((f"{', '.join(names)} here", np.array([at.x, at.y, height])))
+    sketch.words += _words([(names, left, height) for (_, height), (names, left) in found.items()])
     return sketch
+
+
+def _words(regions: list[tuple[list[str], MultiPolygon, float]]) -> list[tuple[str, np.ndarray]]:
+    """Who may be where: regions that are nearly the same share their words; crowded ones stand at edges."""
+    shared: list[tuple[list[str], MultiPolygon, float]] = []
+    for names, left, height in regions:
+        for others, area, at_height in shared:
+            if at_height == height and area.intersection(left).area > _ALIKE * max(area.area, left.area):
+                others += names
+                break
+        else:
+            shared.append((list(names), left, height))
+    words: list[tuple[str, np.ndarray]] = []
+    for i, (names, left, height) in enumerate(shared):
+        at = left.representative_point()
+        if any(math.dist((at.x, at.y), other[:2]) < _CROWDED for _, other in words):
+            edge = max(shapely.get_parts(left), key=lambda part: part.area).exterior
+            at = edge.interpolate((i + 0.5) / len(shared), normalized=True)
+        more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
+        words.append((f"{', '.join(names[:_MOST_NAMED])}{more} here", np.array([at.x, at.y, height])))
+    return words
 
 
 def region_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, float]]:

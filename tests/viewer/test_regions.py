@@ -56,6 +56,14 @@ def test_objects_of_one_region_share_its_words():
     assert sketch.lines
 
 
+def test_many_regions_that_are_nearly_the_same_share_their_words():
+    """Twenty things on one table, each a little farther from its edge than another."""
+    sketch = sketch_regions(world_of("clutter"))
+    assert len(sketch.surfaces) > 10
+    assert len(sketch.words) <= 3
+    assert " more here" in sketch.words[0][0]
+
+
 def test_where_nothing_is_left_it_says_so():
     """A relation that no point of the support fulfils leaves no surface, but words."""
     objects = {
