@@ -148,7 +148,7 @@ def poses_around(scene: SceneModel, num: int, seed: int) -> np.ndarray:
 def judged(scene: SceneModel, poses: np.ndarray) -> np.ndarray:
     """Return which poses have joints within limits in which no part of the robot is in another, shape (N,), bool."""
     mjm, data = scene.mjm, mujoco.MjData(scene.mjm)
-    chain = Chain(mjm, scene.bodies["robot"], mjm.site(scene.tcp).id)
+    chain = Chain(mjm, scene.bodies["robot"], mjm.site(scene.tcps["robot"]).id)
     adr, own = mjm.jnt_qposadr[chain.joints], set(scene.subtree("robot"))
     allowed = _own_depths(mjm, data, own, scene.home_qpos)
     reached, left = np.zeros(len(poses), bool), np.arange(len(poses))
@@ -196,7 +196,10 @@ def measure(name: str, packages: Path, mount: str, *, poses: int, layouts: int, 
     start = time.perf_counter()
     compiled = compile_scene(config, device)
     assert compiled.reaching is not None
-    row |= {"tier": compiled.reaching.targets[0].tier.word, "opening_m": round(compiled.reaching.gripper.opening, 4)}
+    row |= {
+        "tier": compiled.reaching.targets[0].tier.word,
+        "opening_m": round(compiled.reaching.arms[0].gripper.opening, 4),
+    }
     row["compile_s"] = round(time.perf_counter() - start, 1)
     start = time.perf_counter()
     table = make_table(compiled, layouts, 0)

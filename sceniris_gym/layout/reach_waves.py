@@ -39,9 +39,10 @@ _PASSED = wp.constant(int(Step.PASSED))
 
 @wp.func
 def _go_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, worldid: int, column: int):
-    """Let a world go on with the first target from `column` on that is there and that this stage decides.
+    """Let a world go on with the first target of the arm from `column` on that is there and that this stage decides.
 
-    Absent ones on the way have no grasp. After the last one the world waits no longer.
+    Absent ones on the way have no grasp. After the last one it is the next arm's turn; after that of the last arm the
+    world waits no longer.
     """
     found = int(column)
     columns = layouts.grasp.shape[1]
@@ -51,11 +52,13 @@ def _go_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: Rea
             for i in range(MAX_JOINTS):
                 layouts.grasp_qpos[worldid, found, i] = wp.nan
                 layouts.pregrasp_qpos[worldid, found, i] = wp.nan
-        elif reach.reach_tier[found] >= _TIER_IK:
+        elif reach.reach_arm[found] == reach.number and reach.reach_tier[found] >= _TIER_IK:
             break
         found += 1
     if found == columns:
-        search.waiting[worldid] = False
+        reach_search.arm[worldid] = reach.number + 1
+        if reach.number == reach.last:
+            search.waiting[worldid] = False
         return
     reach_search.column[worldid] = found
     reach_search.number[worldid] = 0
@@ -74,14 +77,16 @@ def _open_worlds(
     reach_search: ReachSearch,
 ):
     worldid = wp.tid()
-    if search.waiting[worldid]:
+    if reach.number == 0:
+        reach_search.arm[worldid] = 0
+    if search.waiting[worldid] and reach_search.arm[worldid] == reach.number:
         _go_to(reach, layouts, search, reach_search, worldid, 0)
 
 
 def launch_open_worlds(
     reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, device: str
 ) -> None:
-    """Let worlds that wait take part in waves."""
+    """Let worlds that wait, and in which it is the arm's turn, take part in waves."""
     dim = search.waiting.shape[0]
     wp.launch(_open_worlds, dim=dim, inputs=[reach], outputs=[layouts, search, reach_search], device=device)
 

@@ -1,5 +1,7 @@
 """Posed candidates are screened, the cheap tests first: the arm's map, roofs, and the footprint."""
 
+from collections.abc import Sequence
+
 import warp as wp
 
 from sceniris_gym.layout.grasps import passes_map
@@ -79,7 +81,8 @@ def _look(
         if search.cause[c] == _NONE and program.obj_kind[obj] != _STATIC:
             if reach.obj_reach.shape[0] > 0:
                 if reach.obj_reach[obj] >= 0:
-                    _look_up(reach, layouts, search, c, row, obj, i % parts, parts)
+                    if reach.reach_arm[reach.obj_reach[obj]] == reach.number:  # else another one has looked it up
+                        _look_up(reach, layouts, search, c, row, obj, i % parts, parts)
                     if parts == 1 and search.grasp[c] == _NO_GRASP:
                         continue
             if program.obj_roof[obj] != _EITHER:
@@ -88,6 +91,23 @@ def _look(
                     continue
             if program.obj_footprint[obj] != 0 and search.surface[c] >= 0:
                 _look_at_footprint(program, layouts, search, c, row, obj, i % parts, parts)
+
+
+@wp.kernel(grid_stride=False)
+def _look_at_map(
+    reach: Reach,
+    lanes: int,
+    parts: int,
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+):
+    for i in range(wp.tid(), parts * candidate_num(search), lanes):
+        c = i // parts
+        obj = search.obj[c]
+        if search.cause[c] == _NONE and reach.obj_reach[obj] >= 0:
+            if reach.reach_arm[reach.obj_reach[obj]] == reach.number:
+                _look_up(reach, layouts, search, c, search.row[c], obj, i % parts, parts)
 
 
 @wp.func
@@ -108,8 +128,10 @@ def why_not(program: Program, reach: Reach, search: Search, c: int, obj: int) ->
 
 
 def launch_screen(
-    program: Program, reach: Reach, size: SearchSize, layouts: LayoutsView, search: Search, device: str
+    program: Program, reaches: Sequence[Reach], size: SearchSize, layouts: LayoutsView, search: Search, device: str
 ) -> None:
-    """Look at maps, roofs and footprints for the candidates of this wave; `why_not` says what follows."""
-    inputs = [program, reach, size.lanes, size.parts, layouts, search]
-    wp.launch(_look, dim=size.lanes, inputs=inputs, device=device)
+    """Look at the maps of all arms, roofs and footprints for the candidates of this wave; `why_not` has the outcome."""
+    sizes = [size.lanes, size.parts, layouts, search]
+    for reach in reaches[1:]:
+        wp.launch(_look_at_map, dim=size.lanes, inputs=[reach, *sizes], device=device)
+    wp.launch(_look, dim=size.lanes, inputs=[program, reaches[0], *sizes], device=device)

@@ -74,8 +74,7 @@ class State:
         self._grasp_tables: dict[int, tuple[Tensor, Tensor, Tensor]] = {}
         if layouts.reaching is not None:
             self._layout_grasp = wp.to_torch(layouts.grasp)
-            solved = {name: wp.to_torch(getattr(layouts, name)) for name in ("grasp_qpos", "pregrasp_qpos")}
-            self._layout_joints = {name: q[:, :, : len(layouts.reaching.arm.joints)] for name, q in solved.items()}
+            self._layout_joints = {q: wp.to_torch(getattr(layouts, q)) for q in ("grasp_qpos", "pregrasp_qpos")}
         self._columns: dict[tuple[str, ...], Tensor] = {}
 
     @property
@@ -259,8 +258,10 @@ class State:
         raise self._unknown("reachable object", name, method, [target.name for target in targets])
 
     def _solved(self, array: str, name: str) -> Tensor:
-        column, _ = self._target(name, array)
-        return self._layout_joints[array][:, column].clone()
+        column, target = self._target(name, array)
+        assert self._layouts.reaching is not None
+        joints = len(self._layouts.reaching.arm_of(target).arm.joints)
+        return self._layout_joints[array][:, column, :joints].clone()
 
     def _grasps(self, target: ReachTarget) -> tuple[Tensor, Tensor, Tensor]:
         """Return body ids, positions and orientations (wxyz) of the grasps of a reachable object."""

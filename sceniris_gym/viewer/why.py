@@ -33,7 +33,7 @@ CAUSES = {
 def world_of(compiled: CompiledScene, candidate: Candidate) -> ShownWorld:
     """The world as it was when a candidate was tried: what comes later has no place yet."""
     later = compiled.placed[candidate.number + 1 :]
-    drawn = {name for name in later if name in compiled.object_names and compiled.config.objects[name].is_placed}
+    drawn = {name for name in later if name in compiled.config.parts and compiled.config.parts[name].is_placed}
     return ShownWorld(compiled, candidate.state, frozenset(drawn))
 
 

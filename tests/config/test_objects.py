@@ -87,7 +87,7 @@ WRONG: dict[str, tuple] = {
     "by another": (
         {"objects.apple.reachable": True, "objects.apple.by": "shelf"},
         SceneKeyError,
-        ["objects.apple.by", "should be 'robot'"],
+        ["objects.apple.reachable", "there is no robot"],
     ),
 }
 

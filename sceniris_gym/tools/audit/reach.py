@@ -34,6 +34,7 @@ class Claim:
 
     Attributes:
         name: The object.
+        robot: The robot that is claimed to reach it.
         tier: How thoroughly it was checked.
         pose: TCP in the world frame, position [m] and orientation (w, x, y, z), shape (nrow, 7).
         qpos: Joints of the arm in the grasp [rad or m], from its base on, shape (nrow, njoint).
@@ -43,6 +44,7 @@ class Claim:
     """
 
     name: str
+    robot: str
     tier: Tier
     pose: np.ndarray
     qpos: np.ndarray
@@ -86,7 +88,7 @@ class ReachAudit:
 
         Args:
             table: The layouts.
-            claims: One for each object with `reachable`.
+            claims: One for each object with `reachable` by this robot.
             present: Object name -> rows in which it is present, shape (nrow,).
         """
         found, asked = [], []
