@@ -117,10 +117,21 @@ class SceneConfig(Section):
         return {**self.objects, **{name: part for name, part in drawn.items() if part is not None}}
 
     def needs(self, name: str) -> tuple[str, ...]:
-        """Return what is placed before an object or a robot: what it refers to, and the drawn base of its own robot."""
-        part = self.parts[name]
-        drawn = self.robot_for(name) if part.reachable else None
-        return part.needs if drawn not in self.parts else tuple(dict.fromkeys([*part.needs, str(drawn)]))
+        """Return what is placed before an object or a robot: what it refers to, and the drawn base of its own robot.
+
+        A base that refers to a target, if only by way of others, is placed after it instead.
+        """
+        parts = self.parts
+        part = parts[name]
+        if not part.reachable or self.robot_for(name) not in parts:
+            return part.needs
+        robot = self.robot_for(name)
+        before, queue = {robot}, [robot]
+        while queue:
+            found = [other for other in parts[queue.pop()].needs if other in parts and other not in before]
+            before.update(found)
+            queue += found
+        return part.needs if name in before else tuple(dict.fromkeys([*part.needs, robot]))
 
     def robot_for(self, name: str) -> str:
         """Return the robot that is to reach an object: the one that it names, by default the only one."""

@@ -7,7 +7,7 @@ nothing depends on how many are tried at once.
 import warp as wp
 
 from sceniris_gym.layout.bank import fall_back
-from sceniris_gym.layout.grasps import passes_map
+from sceniris_gym.layout.grasps import first_through, passes_map
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reach_search import (
     MOST_AT_ONCE,
@@ -38,6 +38,16 @@ _PASSED = wp.constant(int(Step.PASSED))
 
 
 @wp.func
+def _take_first_through(reach: Reach, layouts: LayoutsView, worldid: int, column: int):
+    """Take the grasp that the base of its arm was accepted for, which was placed after the target."""
+    body_pos = layouts.body_pos[worldid]
+    body_quat = layouts.body_quat[worldid]
+    base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
+    grasp = first_through(reach, column, layouts.variant[worldid, column], base, body_pos, body_quat)
+    layouts.grasp[worldid, column] = wp.max(grasp, layouts.grasp[worldid, column])
+
+
+@wp.func
 def _go_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, worldid: int, column: int):
     """Let a world go on with the first target of the arm from `column` on that is there and that this stage decides.
 
@@ -52,8 +62,11 @@ def _go_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: Rea
             for i in range(MAX_JOINTS):
                 layouts.grasp_qpos[worldid, found, i] = wp.nan
                 layouts.pregrasp_qpos[worldid, found, i] = wp.nan
-        elif reach.reach_arm[found] == reach.number and reach.reach_tier[found] >= _TIER_IK:
-            break
+        elif reach.reach_arm[found] == reach.number:
+            if reach.reach_tier[found] >= _TIER_IK:
+                break
+            if reach.reach_late[found] != 0:
+                _take_first_through(reach, layouts, worldid, found)
         found += 1
     if found == columns:
         reach_search.arm[worldid] = reach.number + 1

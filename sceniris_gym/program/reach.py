@@ -17,7 +17,7 @@ from sceniris_gym.grasping.grasps import Graspable, GraspSet
 from sceniris_gym.grasping.gripper import Gripper, carried
 from sceniris_gym.program.couplings import coupling_arrays
 from sceniris_gym.program.device import fill_struct
-from sceniris_gym.program.device_reach import Reach
+from sceniris_gym.program.device_reach import BASE, UNASKED, Reach
 from sceniris_gym.program.notices import warn
 from sceniris_gym.program.plan import PlacedObject, Plan
 from sceniris_gym.reach.arm import MAX_JOINTS, SerialArm
@@ -37,6 +37,7 @@ class ReachTarget:
         name: The object.
         number: Its index in placement order.
         arm: Which of `Reaching.arms` is to reach it.
+        late: Whether it is placed before the base of that arm.
         tier: How thoroughly that is proven.
         grasp_set: Its grasps.
     """
@@ -44,6 +45,7 @@ class ReachTarget:
     name: str
     number: int
     arm: int
+    late: bool
     tier: Tier
     grasp_set: GraspSet
 
@@ -90,8 +92,8 @@ class Reaching:
 
     @property
     def staged(self) -> bool:
-        """Whether the tier of any target is decided after placing."""
-        return not all(target.tier.needs_map for target in self.targets)
+        """Whether anything about a target is decided after placing: its tier, or its grasp from a base placed later."""
+        return not all(target.tier.needs_map and not target.late for target in self.targets)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -121,14 +123,18 @@ def build_reaching(scene: SceneModel, plan: Plan, device: str) -> Reaching | Non
         gripper = Gripper.from_model(scene.mjm, arm, scene.home_qpos, plan.pieces)
         reach_map = load_map(arm, config.all_robots[name], config.where)
         own = [i for i in wanted if by[i] == name]
+        base = next((i for i, o in enumerate(plan.objects) if o.name == name and o.config is not None), -1)
         tiers = _tiers(scene, config.all_robots[name], [plan.objects[i].name for i in own], arm, reach_map)
         targets += [
-            ReachTarget(plan.objects[i].name, i, number, tier, _grasp_set(scene, plan, plan.objects[i], gripper))
+            ReachTarget(
+                plan.objects[i].name, i, number, i < base, tier, _grasp_set(scene, plan, plan.objects[i], gripper)
+            )
             for i, tier in zip(own, tiers, strict=True)
         ]
         arms.append(ReachingArm(name, arm, gripper, reach_map, empty_view(arm, reach_map, device)))
+        arms[-1].view.base_obj = base if any(i < base for i in own) else UNASKED
     targets.sort(key=lambda target: target.number)
-    shared = _arrays(plan, targets)
+    shared = _arrays(plan, targets, [one.view.base_obj for one in arms if one.view.base_obj >= 0])
     for number, one in enumerate(arms):
         one.view.number, one.view.last = number, len(arms) - 1
         fill_struct(Reach, one.view, shared | _set_arm(scene, plan, one), device)
@@ -242,11 +248,12 @@ def _in_tcp(home: mujoco.MjData, arm: SerialArm, body: int) -> tuple[wp.vec3, wp
     return wp.vec3(*pos), wp.vec4(*quat)
 
 
-def _arrays(plan: Plan, targets: list[ReachTarget]) -> dict[str, np.ndarray]:
+def _arrays(plan: Plan, targets: list[ReachTarget], bases: list[int]) -> dict[str, np.ndarray]:
     grasps, adr, num = ranges(t.grasp_set.grasps for t in targets)
     objects = [plan.objects[t.number] for t in targets]
-    numbers = np.full(len(plan.objects), -1)
+    numbers = np.full(len(plan.objects), UNASKED)
     numbers[[t.number for t in targets]] = np.arange(len(targets))
+    numbers[bases] = BASE
     spans = np.concatenate([np.zeros((0, 2), int), *_spans(plan.objects, targets, adr)])
     rows = len(targets)
     return {
@@ -256,6 +263,7 @@ def _arrays(plan: Plan, targets: list[ReachTarget]) -> dict[str, np.ndarray]:
         "reach_obj": np.array([t.number for t in targets], int),
         "reach_slot": np.array([plan.slots.index(t.name) for t in targets], int),
         "reach_arm": np.array([t.arm for t in targets], int),
+        "reach_late": np.array([t.late for t in targets], int),
         "reach_tier": np.array([t.tier for t in targets], int),
         "reach_least": np.array([t.tier.least_verdict for t in targets], int),
         "reach_below": np.array([o.ground is not None for o in objects], int),
