@@ -125,12 +125,9 @@ def build_reaching(scene: SceneModel, plan: Plan, device: str) -> Reaching | Non
         own = [i for i in wanted if by[i] == name]
         base = next((i for i, o in enumerate(plan.objects) if o.name == name and o.config is not None), -1)
         tiers = _tiers(scene, config.all_robots[name], [plan.objects[i].name for i in own], arm, reach_map)
-        targets += [
-            ReachTarget(
-                plan.objects[i].name, i, number, i < base, tier, _grasp_set(scene, plan, plan.objects[i], gripper)
-            )
-            for i, tier in zip(own, tiers, strict=True)
-        ]
+        for i, tier in zip(own, tiers, strict=True):
+            grasps = _grasp_set(scene, plan, plan.objects[i], gripper)
+            targets.append(ReachTarget(plan.objects[i].name, i, number, i < base, tier, grasps))
         arms.append(ReachingArm(name, arm, gripper, reach_map, empty_view(arm, reach_map, device)))
         arms[-1].view.base_obj = base if any(i < base for i in own) else UNASKED
     targets.sort(key=lambda target: target.number)
