@@ -62,7 +62,7 @@ class RobotConfig(Section):
     the model stands as the model has it. With `on`, `inside`, `in` or a `region` its base is drawn in every world as
     the pose of a fixture is, by the words of an object. `tcp` is its tool centre point, by default the site 'tcp';
     `map` is the file of its reachability map, which a shipped asset has already. Whatever is placed keeps `clearance`
-    [m] from it.
+    [m] from it. With `in_scene: false` there is only a frame where its base would be, from which its map judges reach.
     """
 
     model_config = ConfigDict(populate_by_name=True)
@@ -78,6 +78,7 @@ class RobotConfig(Section):
     keyframe: str = "home"
     clearance: Clearance = 0.0
     joints: dict[str, JointConfig] = Field(default_factory=dict)
+    in_scene: bool = True
     on: str | None = None
     inside: str | None = None
     in_: str | None = Field(default=None, alias="in")
@@ -131,6 +132,8 @@ class RobotConfig(Section):
         start = [word for word in (*given, "keyframe") if word in self.model_fields_set]
         if self.in_model is not None and start:
             raise wrong(f"should have no '{start[0]}': a robot that is in the model stands as the model has it")
+        if not self.in_scene and (self.in_model is not None or self.joints or self.clearance):
+            raise wrong("should be an 'asset' or a 'model' without 'joints' and 'clearance' if 'in_scene' is false")
         try:
             placing = self.placing
         except ValidationError as error:  # what holds between the words of any object

@@ -214,7 +214,8 @@ def arm_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> ArmPairs |
     by = [scene.config.robot_for(name) for name in targets]
     markers = {body for n, part in scene.config.objects.items() if part.kind == "marker" for body in scene.subtree(n)}
     rules = PairRules(scene, colliders)
-    carries = {name: carried(mjm, robot_arm(scene, name)) for name in dict.fromkeys(by)}
+    present = [name for name in dict.fromkeys(by) if name not in scene.apart]
+    carries = {name: carried(mjm, robot_arm(scene, name)) for name in present}
 
     def apart(own: list[int], others: Iterable[int]) -> list[Pair]:
         return [rules.apart(a, b, rules.touch(a, b)) for a, b in product(own, others) if rules.meet(a, b)]
@@ -223,7 +224,7 @@ def arm_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> ArmPairs |
     for name, owner in zip(targets, by, strict=True):
         robot = scene.subtree(owner)
         moving = [c for c, body in enumerate(bodies) if body in robot and body != robot[0]]
-        hand = [c for c in moving if bodies[c] in carries[owner]]
+        hand = [c for c in moving if bodies[c] in carries.get(owner, ())]
         arm = [c for c in moving if c not in hand]
         target = [c for c, body in enumerate(bodies) if body in scene.subtree(name)]
         others = [c for c, body in enumerate(bodies) if body not in markers.union(robot) and c not in target]

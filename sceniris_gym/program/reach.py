@@ -11,7 +11,7 @@ import warp as wp
 
 from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.robot import RobotConfig
-from sceniris_gym.errors import ArmError, MapError, ReachWarning, UnknownNameError
+from sceniris_gym.errors import ArmError, MapError, ReachWarning, SceneKeyError, UnknownNameError
 from sceniris_gym.geometry.ragged import ranges
 from sceniris_gym.grasping.grasps import Graspable, GraspSet
 from sceniris_gym.grasping.gripper import Gripper, carried
@@ -19,7 +19,7 @@ from sceniris_gym.program.couplings import coupling_arrays
 from sceniris_gym.program.device import fill_struct
 from sceniris_gym.program.device_reach import BASE, UNASKED, Reach
 from sceniris_gym.program.notices import warn
-from sceniris_gym.program.plan import PlacedObject, Plan
+from sceniris_gym.program.plan import PlacedObject, Plan, build_plan
 from sceniris_gym.reach.arm import MAX_JOINTS, SerialArm
 from sceniris_gym.reach.lookup import MapView
 from sceniris_gym.reach.map import ReachMap, build_command, default_tier, why_not_map
@@ -120,7 +120,9 @@ def build_reaching(scene: SceneModel, plan: Plan, device: str) -> Reaching | Non
     arms, targets = [], []
     for number, name in enumerate(robots):
         arm = robot_arm(scene, name)
-        gripper = Gripper.from_model(scene.mjm, arm, scene.home_qpos, plan.pieces)
+        home, _ = scene.home_of(name)
+        pieces = plan.pieces if home is scene else build_plan(home).pieces
+        gripper = Gripper.from_model(home.mjm, arm, home.home_qpos, pieces)
         reach_map = load_map(arm, config.all_robots[name], config.where)
         own = [i for i in wanted if by[i] == name]
         base = next((i for i, o in enumerate(plan.objects) if o.name == name and o.config is not None), -1)
@@ -146,14 +148,16 @@ def _grasp_set(scene: SceneModel, plan: Plan, o: PlacedObject, gripper: Gripper)
 
 def _set_arm(scene: SceneModel, plan: Plan, one: ReachingArm) -> dict[str, np.ndarray]:
     """Set the plain fields of an arm's view, and return those of its arrays that differ between arms."""
-    view, gripper, hand = one.view, one.gripper, sorted(carried(scene.mjm, one.arm))
+    view, gripper, present = one.view, one.gripper, one.robot not in scene.apart
+    hand = sorted(carried(scene.mjm, one.arm)) if present else []
     view.base_body = scene.bodies[one.robot]
     view.mapped = int(one.map is not None)
     view.gap_closed, view.gap_open = gripper.closed, gripper.opening
-    view.hand_pos, view.hand_quat = _in_tcp(plan.home, one.arm, hand[0])
+    if present:
+        view.hand_pos, view.hand_quat = _in_tcp(plan.home, one.arm, hand[0])
     driver, follower, coef = coupling_arrays(gripper.couplings)
     return {
-        "arm_qposadr": one.arm.qposadr,
+        "arm_qposadr": one.arm.qposadr if present else np.zeros(0, int),
         "arm_body": np.array(scene.subtree(one.robot)[1:], int),
         "hand_body": np.array(hand, int),
         "grip_qposadr": gripper.qposadr,
@@ -183,7 +187,8 @@ def robot_arm(scene: SceneModel, name: str = ROBOT) -> SerialArm:
     robot = scene.config.all_robots[name]
     where = f"{scene.config.where}: {robot.key}"
     try:
-        return SerialArm.from_model(scene.mjm, robot.name, scene.tcps[name])
+        home, name = scene.home_of(name)
+        return SerialArm.from_model(home.mjm, home.config.all_robots[name].name, home.tcps[name])
     except ArmError as error:
         raise ArmError(f"{where}: {error}") from None
     except UnknownNameError as error:
@@ -224,7 +229,16 @@ def _tiers(
     if why is not None and asked:
         warn(ReachWarning(f"{where}: {', '.join(asked)}: {why}, so 'ik' decides."), stacklevel=2)
     default = default_tier(arm, reach_map)
-    return [default if word is True or (name in by_map and why) else Tier.of(str(word)) for name, word in words.items()]
+    tiers = [
+        default if word is True or (name in by_map and why) else Tier.of(str(word)) for name, word in words.items()
+    ]
+    solved = [name for name, tier in zip(names, tiers, strict=True) if not tier.needs_map]
+    if solved and not robot.in_scene:
+        raise SceneKeyError(
+            f"{where}: objects.{solved[0]}.reachable: 'ik' and 'clear' pose the arm, which has 'in_scene: false'"
+            f"{'' if why is None else f', and {why}'}. Ask for 'map', or put the robot into the scene."
+        )
+    return tiers
 
 
 def _said(robot: RobotConfig) -> str:

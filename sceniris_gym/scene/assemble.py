@@ -188,6 +188,12 @@ def _take_home(child: mujoco.MjSpec, name: str, keyframe: str | None, where: str
     return home
 
 
+def attach_frame(spec: mujoco.MjSpec, config: RobotConfig) -> None:
+    """Attach a body without geoms where the base of a robot would be that is not in the scene."""
+    quat = turn_of(config.roll, config.pitch, config.yaw)
+    spec.worldbody.add_body(name=config.name, pos=config.base, quat=quat, mocap=config.placing is not None)
+
+
 def _attach(
     spec: mujoco.MjSpec,
     child: mujoco.MjSpec,

@@ -10,8 +10,10 @@ from dataclasses import dataclass, field, replace
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.fields import FLOOR
+from sceniris_gym.config.fields import FLOOR, ROBOT
+from sceniris_gym.config.messages import reading
 from sceniris_gym.config.objects import JointConfig
+from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import MeshError, NotSupportedError, SceneFileError, SceneKeyError, UnknownNameError
 from sceniris_gym.progress import tell
@@ -43,6 +45,7 @@ class SceneModel:
         home_ctrl: Controls of the start pose, shape (nu,).
         hash: Identifies the scene: equal for equal scenes, in every process; 16 hexadecimal digits.
         tcps: Name of the site that is each robot's tool centre point, whether there is one or not.
+        apart: The robots that are not in the scene, each as a model of its own in which it is 'robot'.
         couplings: Joints that follow others, drivers before what follows them; a joint that is drawn by its name drives
             the one that it would follow, where that one is not drawn and the coupling is a straight line.
     """
@@ -57,6 +60,11 @@ class SceneModel:
     hash: str
     tcps: Mapping[str, str] = field(default_factory=dict)
     couplings: tuple[Coupling, ...] = ()
+    apart: Mapping[str, SceneModel] = field(default_factory=dict)
+
+    def home_of(self, robot: str) -> tuple[SceneModel, str]:
+        """Return the model that a robot stands in, and its name there: this one, or one of its own."""
+        return (self.apart[robot], ROBOT) if robot in self.apart else (self, robot)
 
     def support(self, parent: str, where: str) -> Support:
         """Return what a scene file calls 'floor', 'object' or 'object/body', or a static geom or body of the model.
@@ -263,7 +271,8 @@ def _scene(
     bodies |= {name: mjm.body(robot.name).id for name, robot in config.all_robots.items()}
     keyframe = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, config.home or HOME)
     identity = scene_hash(config, mjm, home.qpos)
-    scene = SceneModel(config, spec, mjm, bodies, keyframe, home.qpos, home.ctrl, identity, tcps, couplings)
+    apart = {name: _apart(robot, config) for name, robot in config.all_robots.items() if not robot.in_scene}
+    scene = SceneModel(config, spec, mjm, bodies, keyframe, home.qpos, home.ctrl, identity, tcps, couplings, apart)
     scene = replace(scene, couplings=turned_round(mjm, couplings, scene.named_joints()))
     for name, part in config.parts.items():
         if part.support is not None:
@@ -273,10 +282,20 @@ def _scene(
     return scene
 
 
+def _apart(robot: RobotConfig, config: SceneConfig) -> SceneModel:
+    """A robot that is not in the scene as a model of its own."""
+    words = {word: getattr(robot, word) for word in ("asset", "model", "tcp", "map", "keyframe")}
+    given = {word: value for word, value in words.items() if word in robot.model_fields_set}
+    with reading(f"{config.where}: {robot.section}"):
+        return build_model(SceneConfig(robot=RobotConfig(**given)))
+
+
 def _tcps(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, config: SceneConfig) -> dict[str, str]:
     """The names of the robots' tool centre points; a robot in the model must be there."""
     bodies, found = [mjm.body(i).name for i in range(1, mjm.nbody)], {}
     for name, robot in config.all_robots.items():
+        if not robot.in_scene:
+            continue
         if robot.name not in bodies:
             where = f"{config.where}: {robot.key}"
             raise UnknownNameError("body of the model", robot.name, where, filter(None, bodies))
@@ -305,7 +324,9 @@ def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, list[assemble.Home]]:
                 f"{config.where}: objects.{robot.name}: the name of the robot's asset is taken by the robot. "
                 "Give the object another name."
             )
-        if robot.in_model is None:
+        if not robot.in_scene:
+            assemble.attach_frame(spec, robot)
+        elif robot.in_model is None:
             homes.append(assemble.attach_robot(spec, robot, config.where))
         elif robot.placing is not None and not config.has_model_in_memory:
             adopt_body(spec, robot.name, robot.placing, f"{config.where}: {robot.section}")

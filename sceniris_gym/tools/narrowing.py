@@ -184,7 +184,7 @@ def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, n
         mujoco.mj_kinematics(plain.mjm, data)
         root = _frame_of(data, plain.scene.bodies[name])
         first, number = target.grasp_set.spans[int((ups @ root[2, :3]).argmax())]
-        base = np.linalg.inv(_frame_of(data, one.arm.base_body))
+        base = np.linalg.inv(_frame_of(data, plain.scene.bodies[one.robot]))
         for k in range(first, first + number):
             tcp = _frame_of(data, target.grasp_set.grasps[k].body) @ pose_matrix(grasps[k][:3], grasps[k][3:])
             if placed.ground is None or not comes_from_below(tcp[2, 2]):

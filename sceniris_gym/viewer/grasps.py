@@ -44,7 +44,7 @@ def grasp_pose(world: ShownWorld, k: int) -> tuple[np.ndarray, np.ndarray] | Non
 
 def poses_of_arm(world: ShownWorld) -> list[str]:
     """Return what the arm can jump into, as `with_arm` takes it: the start, and grasp and pre-grasp of each target."""
-    names = [t.name for k, t in enumerate(_targets(world)) if grasp_pose(world, k) is not None]
+    names = [t.name for k, t in enumerate(_targets(world)) if grasp_pose(world, k) is not None and _is_there(world, k)]
     return [START, *(f"{step} of {name}" for name in names for step in (PREGRASP, GRASP))]
 
 
@@ -83,6 +83,12 @@ def _solved(world: ShownWorld, k: int, step: str) -> np.ndarray | None:
     starts = np.concatenate([world.data.qpos[None, arm.qposadr], random_joints(arm, _RESTARTS)])
     joints, solved = solve(arm, np.concatenate(local)[None], starts=starts)
     return joints[0] if solved[0] else None
+
+
+def _is_there(world: ShownWorld, k: int) -> bool:
+    """Whether the arm that is to reach a target is in the scene."""
+    reaching = world.compiled.reaching
+    return reaching is not None and reaching.arm_of(reaching.targets[k]).robot not in world.compiled.scene.apart
 
 
 def _targets(world: ShownWorld) -> tuple[ReachTarget, ...]:

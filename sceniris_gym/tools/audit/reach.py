@@ -70,17 +70,22 @@ class ReachAudit:
         root: Id of the robot's root body.
         bodies: Object name -> root body id.
         tcp: Name of the site that is the robot's tool centre point.
+        chain: The chain of a robot that is not in the model, where there is a body at its base alone; no joints are
+            judged then.
     """
 
-    def __init__(self, mjm: mujoco.MjModel, root: int, bodies: dict[str, int], tcp: str) -> None:
+    def __init__(
+        self, mjm: mujoco.MjModel, root: int, bodies: dict[str, int], tcp: str, chain: Chain | None = None
+    ) -> None:
         self.mjm, self.root, self.data = mjm, root, mujoco.MjData(mjm)
-        self.site = mjm.site(tcp).id
-        self.chain = Chain(mjm, root, self.site)
-        self.joints, self.adr = self.chain.joints, mjm.jnt_qposadr[self.chain.joints]
+        self.site = mjm.site(tcp).id if chain is None else -1
+        self.chain = Chain(mjm, root, self.site) if chain is None else chain
+        self.joints = self.chain.joints if chain is None else []
+        self.adr = mjm.jnt_qposadr[self.joints].astype(int)
         self.lower, self.upper = self.chain.lower.numpy(), self.chain.upper.numpy()
         self._of = {name: _inside(mjm, body) for name, body in bodies.items()}
         self._robot = _inside(mjm, root)
-        self._hand = _inside(mjm, int(mjm.jnt_bodyid[self.joints[-1]]))
+        self._hand = _inside(mjm, int(mjm.jnt_bodyid[self.joints[-1]])) if chain is None else set()
         self._at_home = self._touching_at_home()
 
     def judge(self, table: LayoutTable, claims: Sequence[Claim], present: dict[str, np.ndarray]) -> list[Unreached]:

@@ -17,6 +17,7 @@ from sceniris_gym.progress import tell
 from sceniris_gym.reach.stored_arrays import UNREADABLE, read_arrays
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.auditor import Auditor
+from sceniris_gym.tools.audit.chain import Chain
 from sceniris_gym.tools.audit.contacts import Allowed
 from sceniris_gym.tools.audit.equalities import equalities
 from sceniris_gym.tools.audit.physics import without_log
@@ -85,7 +86,11 @@ def judge_reach(compiled: CompiledScene, table: LayoutTable, claims: list[Claim]
     scene, found = compiled.scene, []
     present = {claim.name: table.present[:, compiled.slots.index(claim.name)] for claim in claims}
     for robot in dict.fromkeys(claim.robot for claim in claims):
-        audit = ReachAudit(compiled.mjm, scene.bodies[robot], scene.bodies, scene.tcps[robot])
+        home, name = scene.home_of(robot)
+        tcp, chain = home.tcps[name], None
+        if home is not scene:
+            chain = Chain(home.mjm, home.bodies[name], home.mjm.site(tcp).id)
+        audit = ReachAudit(compiled.mjm, scene.bodies[robot], scene.bodies, tcp, chain)
         found += audit.judge(table, [claim for claim in claims if claim.robot == robot], present)
     return found
 
