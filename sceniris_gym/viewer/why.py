@@ -60,7 +60,10 @@ def explain(compiled: CompiledScene, candidate: Candidate, hits: Sequence[Hit]) 
     """Say in sentences why a candidate was rejected."""
     times = f"{candidate.count} of its candidates" if candidate.count > 1 else "one candidate"
     lines = [f"{candidate.name}: {candidate.cause} ({times} in this layout)."]
-    lines.append(f"Rejected because {CAUSES[candidate.cause]}.")
+    because = CAUSES[candidate.cause]
+    if candidate.cause == "unreachable" and candidate.name in compiled.config.all_robots:
+        because = "no grasp of something that it must reach is within the arm's reach from there"
+    lines.append(f"Rejected because {because}.")
     lines += [f"In the way: {hit}." for hit in worst_by_body(compiled.mjm, hits)]
     return "\n".join(lines)
 
