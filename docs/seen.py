@@ -195,7 +195,7 @@ class View:
             frame = self.bounds(turned_by, i).heading
         else:
             frame = {"anchor": anchors[0].heading, "world": 0.0, "support": self._heading(ground, i)}[relation.frame]
-        middle, half = relation.heading + frame, relation.half_angle
+        middle, half = relation.heading({"robot"}) + frame, relation.half_angle
         angles = np.linspace(middle - half, middle + half, 361)
         rim = np.stack([np.cos(angles), np.sin(angles)], axis=1)
         # a full disc is cut open along one radius, which a buffer of 0 closes

@@ -36,6 +36,7 @@ REGION_FORMS = ("box", "fraction", "polygon")
 JOINT_FORMS = ("fraction", "range", "choice", "value", "noise")
 ORIENTATION_FORMS = ("yaw", "any", "stable", "face_to")
 ROBOT_FORMS = ("asset", "model", "in_model")
+ROBOT_FILES = ("asset", "model", "map")
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,7 @@ def override(scene: Mapping, overrides: Mapping[str, Any], where: str) -> dict:
         keys = dotted.split(".") if isinstance(dotted, str) else []
         if not (keys and all(keys)):
             raise SceneKeyError(f"overrides: {dotted!r} should be a dotted key such as 'objects.apple.clearance'.")
-        if len(keys) > 2 and keys[0] in ("objects", "groups"):
+        if len(keys) > 2 and keys[0] in ("objects", "groups", "robots"):
             _check_there(changed.get(keys[0]) or {}, keys, where)
         if len(keys) > _MOST_KEYS:
             raise SceneKeyError(f"overrides: {short(dotted)}: should have {_MOST_KEYS} keys at most, has {len(keys)}.")
@@ -137,9 +138,9 @@ def _one_of(path: tuple[str, ...]) -> tuple[str, ...]:
             return REGION_FORMS
         case ("objects", _, "orientation"):
             return ORIENTATION_FORMS
-        case ("robot",):
+        case ("robot",) | ("robots", _):
             return ROBOT_FORMS
-        case ("objects", _, "joints", _) | ("robot", "joints", _):
+        case ("objects", _, "joints", _) | ("robot", "joints", _) | ("robots", _, "joints", _):
             return JOINT_FORMS
     return ()
 
@@ -218,10 +219,16 @@ def _resolve_paths(data: dict, folder: Path, where: str) -> dict:
         return {**part, key: str(user_path(value, folder, f"{where}: {key}"))}
 
     data = dict(resolved(data, "model", names=False))
+
+    def robot(part: Any) -> Any:
+        for key in ROBOT_FILES:
+            part = resolved(part, key, names=key == "asset")
+        return part
+
     if isinstance(data.get("robot"), Mapping):
-        data["robot"] = resolved(data["robot"], "asset", names=True)
-        for key in ("model", "map"):
-            data["robot"] = resolved(data["robot"], key, names=False)
+        data["robot"] = robot(data["robot"])
+    if isinstance(data.get("robots"), Mapping):
+        data["robots"] = {name: robot(part) for name, part in data["robots"].items()}
     if isinstance(data.get("objects"), Mapping):
         data["objects"] = {name: resolved(part, "asset", names=True) for name, part in data["objects"].items()}
     return data

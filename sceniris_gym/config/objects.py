@@ -7,13 +7,15 @@ the attributes of relations are radians.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
 from sceniris_gym.config.fields import (
     FLOOR,
+    ROBOT,
     Box,
     Choice,
     Clearance,
@@ -33,6 +35,8 @@ from sceniris_gym.config.loader import JOINT_FORMS, REGION_FORMS, SUPPORT_WORDS
 from sceniris_gym.config.orientation import DrawnOrientation, Orientation
 from sceniris_gym.config.relations import RELATION_WORDS, Relation
 from sceniris_gym.config.section import Section, check_one_of
+
+_REACH_WORDS = ("tier", "by", "grasp")
 
 
 class JointConfig(Section):
@@ -104,7 +108,8 @@ class ObjectConfig(Section):
     clearance: Clearance = 0.001
     gap: Gap = 0.0005
     reachable: Reachable = False
-    by: Literal["robot"] = "robot"
+    by: str = ROBOT
+    grasp: str | None = None
 
     @property
     def support(self) -> SupportConfig | None:
@@ -146,6 +151,22 @@ class ObjectConfig(Section):
         names = [*owner, *(name for _, name in self.references)]
         return tuple(dict.fromkeys(name for name in names if name != FLOOR))
 
+    @model_validator(mode="before")
+    @classmethod
+    def _reachable_in_words(cls, data: Any) -> Any:
+        """Write `reachable: {tier: ik, by: left, grasp: ...}` as the three words that it stands for."""
+        words = data.get("reachable") if isinstance(data, Mapping) else None
+        if not isinstance(words, Mapping):
+            return data
+        unknown = next((key for key in words if key not in _REACH_WORDS), None)
+        if unknown is not None:
+            raise wrong(f"should have only {', '.join(_REACH_WORDS)} in 'reachable'", str(unknown), _REACH_WORDS)
+        twice = next((key for key in words if key in data), None)
+        if twice is not None:
+            raise wrong(f"should have '{twice}' once: in 'reachable' or beside it")
+        named = {key: value for key, value in words.items() if key != "tier"}
+        return {**data, "reachable": words.get("tier", True), **named}
+
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> ObjectConfig:
         if self.asset is not None and self.body is not None:
@@ -175,8 +196,9 @@ class ObjectConfig(Section):
                 )
         if self.reachable and not self.is_placed:
             raise wrong("should be placed ('on', 'inside', 'in' or a 3D region) to be 'reachable'")
-        if "by" in self.model_fields_set and not self.reachable:
-            raise wrong("should have 'by' only together with 'reachable'")
+        for word in ("by", "grasp"):
+            if word in self.model_fields_set and getattr(self, word) is not None and not self.reachable:
+                raise wrong(f"should have '{word}' only together with 'reachable'")
         if not words and any(relation.frame == "support" for relation in self.relations):
             raise wrong("should name its support ('on', 'inside' or 'in'), which is the frame of one of its relations")
         return self

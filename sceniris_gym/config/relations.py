@@ -6,18 +6,19 @@ Directions are seen from above, x to the right and y to the back, so that the fr
 from __future__ import annotations
 
 import math
+from collections.abc import Container
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from sceniris_gym.config.fields import ROBOT, Direction2, Length, Number, Width, wrong
+from sceniris_gym.config.fields import Direction2, Length, Number, Width, wrong
 from sceniris_gym.config.limits import MAX_ANCHORS
 from sceniris_gym.config.section import Section, check_one_of
 
 HEADINGS = {"right": 0.0, "back": 0.5 * math.pi, "left": math.pi, "front": -0.5 * math.pi}
 """Heading [rad] of each side, from x towards y."""
 ROBOT_HEADINGS = {"front": 0.0, "left": 0.5 * math.pi, "back": math.pi, "right": -0.5 * math.pi}
-"""The same in the frame of the robot, which looks along the x axis of its base and has its left hand along y."""
+"""The same in the frame of a robot, which looks along the x axis of its base and has its left hand along y."""
 SIDES = {f"{side}_of": side for side in ("front", "back", "left", "right")}
 """The words that name a direction by themselves, and their sides."""
 FRAMES = ("anchor", "support", "world")
@@ -148,16 +149,19 @@ class Relation(Section):
             return self.between
         return (getattr(self, "of" if self.direction is not None else self.word),)
 
-    @property
-    def heading(self) -> float:
-        """Heading of the direction in its frame [rad], from x towards y; 0 without a direction."""
+    def heading(self, robots: Container[str]) -> float:
+        """Heading of the direction in its frame [rad], from x towards y; 0 without a direction.
+
+        Args:
+            robots: Names of the scene's robots, which look along their +x.
+        """
         if self.direction is not None:
             return math.atan2(self.direction[1], self.direction[0])
         side = self.side or SIDES.get(self.word)
         if side is None:
             return 0.0
         frame = self.anchors[0] if self.frame == "anchor" else self.frame
-        return (ROBOT_HEADINGS if frame == ROBOT else HEADINGS)[side]
+        return (ROBOT_HEADINGS if frame in robots else HEADINGS)[side]
 
     @property
     def half_angle(self) -> float:
@@ -190,7 +194,7 @@ class Relation(Section):
         """Whether two directions from one anchor, in one frame, have a line in common at most."""
         if {self.kind, other.kind} != {"direction"} or (self.anchors, self.frame) != (other.anchors, other.frame):
             return False
-        apart = abs(math.remainder(self.heading - other.heading, 2.0 * math.pi))
+        apart = abs(math.remainder(self.heading(()) - other.heading(()), 2.0 * math.pi))
         return apart > self.half_angle + other.half_angle - _LEAST_ANGLE
 
     @model_validator(mode="after")

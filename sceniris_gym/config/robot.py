@@ -1,19 +1,24 @@
-"""The robot of a scene: `RobotConfig`, where it comes from and how it stands, and `TcpConfig`, where its tool is."""
+"""A robot of a scene: `RobotConfig`, where it comes from and how it stands, and `TcpConfig`, where its tool is."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
-from sceniris_gym.config.fields import Clearance, Point3, Turn, wrong
+from sceniris_gym.config.fields import ROBOT, Clearance, Gap, Point3, Turn, wrong
+from sceniris_gym.config.limits import MAX_RELATIONS
 from sceniris_gym.config.loader import ROBOT_FORMS
-from sceniris_gym.config.objects import JointConfig
+from sceniris_gym.config.objects import JointConfig, ObjectConfig, RegionConfig
+from sceniris_gym.config.orientation import Orientation
+from sceniris_gym.config.relations import Relation
 from sceniris_gym.config.section import Section, check_one_of
 
-_STANDS = ("base", "roll", "pitch", "yaw", "keyframe")
-"""Words that say how a robot that is added to a scene stands in it."""
+_BASE = ("base", "roll", "pitch", "yaw")
+"""Words that say where a robot that is added to a scene stands in it."""
+_DRAWS = ("on", "inside", "in_", "region", "relations", "orientation", "gap")
+"""Words by which its base is drawn instead."""
 
 
 class TcpConfig(Section):
@@ -50,14 +55,17 @@ class TcpConfig(Section):
 
 
 class RobotConfig(Section):
-    """The robot: an `asset`, any MJCF or URDF file as `model`, or a body of the scene's own model as `in_model`.
+    """A robot: an `asset`, any MJCF or URDF file as `model`, or a body of the scene's own model as `in_model`.
 
     It stands at `base` (x, y, z) [m], turned by `roll`, `pitch` and `yaw` [degrees] about x, then y, then z of the
     world, and starts from `keyframe`, by default from 'home' or, without such a keyframe, from `qpos0`. One that is in
-    the model stands as the model has it. `tcp` is its tool centre point, by default the site 'tcp'; `map` is the file
-    of its reachability map, which a shipped asset has already. Whatever is placed keeps `clearance` [m] from it.
+    the model stands as the model has it. With `on`, `inside`, `in` or a `region` its base is drawn in every world as
+    the pose of a fixture is, by the words of an object. `tcp` is its tool centre point, by default the site 'tcp';
+    `map` is the file of its reachability map, which a shipped asset has already. Whatever is placed keeps `clearance`
+    [m] from it. With `in_scene: false` there is only a frame where its base would be, from which its map judges reach.
     """
 
+    model_config = ConfigDict(populate_by_name=True)
     asset: str | None = None
     model: str | None = None
     in_model: str | None = None
@@ -70,6 +78,30 @@ class RobotConfig(Section):
     keyframe: str = "home"
     clearance: Clearance = 0.0
     joints: dict[str, JointConfig] = Field(default_factory=dict)
+    in_scene: bool = True
+    on: str | None = None
+    inside: str | None = None
+    in_: str | None = Field(default=None, alias="in")
+    region: RegionConfig | None = None
+    relations: Annotated[tuple[Relation, ...], Field(max_length=MAX_RELATIONS)] = ()
+    orientation: Orientation | None = None
+    gap: Gap = 0.0005
+    _called: str | None = PrivateAttr(None)
+
+    def called(self, name: str) -> RobotConfig:
+        """Return the same robot with the name that `robots` gives it."""
+        named = self.model_copy()
+        named._called = name
+        return named
+
+    @property
+    def placing(self) -> ObjectConfig | None:
+        """How its base is drawn, in the words of an object; None for one that stands where it is."""
+        given = [word for word in _DRAWS if word in self.model_fields_set]
+        if not given:
+            return None
+        words = {word: getattr(self, word) for word in given}
+        return ObjectConfig(body=self.name, kind="fixture", clearance=self.clearance, joints=self.joints, **words)
 
     @property
     def file(self) -> str | None:
@@ -79,17 +111,35 @@ class RobotConfig(Section):
     @property
     def key(self) -> str:
         """The word that says where the robot comes from, for messages."""
-        return f"robot.{self.given(ROBOT_FORMS)[0]}"
+        return f"{self.section}.{self.given(ROBOT_FORMS)[0]}"
+
+    @property
+    def section(self) -> str:
+        """The key that it is written under: 'robot', or 'robots.left'."""
+        return ROBOT if self._called is None else f"robots.{self._called}"
 
     @property
     def name(self) -> str:
-        """Its name, which is that of its root body: 'panda' for the asset 'panda' and for 'my/panda.xml'."""
-        return Path(self.file).stem if self.file is not None else str(self.in_model)
+        """The name of its root body: that in the model or in `robots`, else 'panda' for 'panda' and 'my/panda.xml'."""
+        if self.file is None:
+            return str(self.in_model)
+        return Path(self.file).stem if self._called is None else self._called
 
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> RobotConfig:
         check_one_of(self, ROBOT_FORMS)
-        given = [word for word in _STANDS if word in self.model_fields_set]
-        if self.in_model is not None and given:
-            raise wrong(f"should have no '{given[0]}': a robot that is in the model stands as the model has it")
+        given = [word for word in _BASE if word in self.model_fields_set]
+        start = [word for word in (*given, "keyframe") if word in self.model_fields_set]
+        if self.in_model is not None and start:
+            raise wrong(f"should have no '{start[0]}': a robot that is in the model stands as the model has it")
+        if not self.in_scene and (self.in_model is not None or self.joints or self.clearance):
+            raise wrong("should be an 'asset' or a 'model' without 'joints' and 'clearance' if 'in_scene' is false")
+        try:
+            placing = self.placing
+        except ValidationError as error:  # what holds between the words of any object
+            raise wrong(error.errors()[0]["msg"]) from None
+        if placing is not None and given:
+            raise wrong(f"should have no '{given[0]}': its base is drawn. Say where by 'region' and 'orientation'")
+        if placing is not None and not placing.is_placed:
+            raise wrong("should name its support ('on', 'inside' or 'in'), or have a 3D box as its region")
         return self

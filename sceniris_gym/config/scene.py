@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, PrivateAttr, Strict, model_validator
+from pydantic import BeforeValidator, Field, PrivateAttr, Strict, field_validator, model_validator
 
-from sceniris_gym.config.fields import Extents2, Model, ObjectName, in_memory, wrong
+from sceniris_gym.config.fields import ROBOT, Extents2, Model, ObjectName, in_memory, wrong
 from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.limits import MOST_ATTEMPTS
 from sceniris_gym.config.loader import override, read_scene
@@ -24,7 +24,7 @@ AUTO = "auto"
 DEFAULT_BANK = 64
 """Valid layouts that are kept for each split, for worlds that run out of restarts."""
 _FILES = ("asset", "model", "map")
-"""Words of objects and of the robot that name files."""
+"""Words of objects and of robots that name files."""
 
 
 def _count_or_auto(value: Any) -> Any:
@@ -60,6 +60,7 @@ class SceneConfig(Section):
     name: str = "scene"
     floor: Floor | None = None
     robot: RobotConfig | None = None
+    robots: dict[ObjectName, RobotConfig] = Field(default_factory=dict)
     objects: dict[ObjectName, ObjectConfig] = Field(default_factory=dict)
     groups: dict[ObjectName, GroupConfig] = Field(default_factory=dict)
     geometry: Literal["physics", "visual"] = "physics"
@@ -105,6 +106,44 @@ class SceneConfig(Section):
         return self._where
 
     @property
+    def all_robots(self) -> dict[str, RobotConfig]:
+        """The robots by the names that objects refer to: those of `robots`, or the one of `robot` as 'robot'."""
+        return self.robots if self.robot is None else {ROBOT: self.robot}
+
+    @property
+    def parts(self) -> dict[str, ObjectConfig]:
+        """The objects, followed by the robots whose base is drawn, as what they are placed as."""
+        drawn = {name: robot.placing for name, robot in self.all_robots.items()}
+        return {**self.objects, **{name: part for name, part in drawn.items() if part is not None}}
+
+    def needs(self, name: str) -> tuple[str, ...]:
+        """Return what is placed before an object or a robot: what it refers to, and the drawn base of its own robot.
+
+        A base that refers to a target, if only by way of others, is placed after it instead.
+        """
+        parts = self.parts
+        part = parts[name]
+        if not part.reachable or self.robot_for(name) not in parts:
+            return part.needs
+        robot = self.robot_for(name)
+        before, queue = {robot}, [robot]
+        while queue:
+            found = [other for other in parts[queue.pop()].needs if other in parts and other not in before]
+            before.update(found)
+            queue += found
+        return part.needs if name in before else tuple(dict.fromkeys([*part.needs, robot]))
+
+    def robot_for(self, name: str) -> str:
+        """Return the robot that is to reach an object: the one that it names, by default the only one."""
+        by = self.objects[name].by
+        return by if by in self.all_robots else next(iter(self.all_robots))
+
+    def key(self, name: str) -> str:
+        """Return the key of an object or a robot, for messages: 'objects.can', 'robot' or 'robots.left'."""
+        robot = self.all_robots.get(name)
+        return f"objects.{name}" if robot is None else robot.section
+
+    @property
     def has_model_in_memory(self) -> bool:
         """Whether `model` is a MjSpec or a MjModel rather than a file."""
         return in_memory(self.model)
@@ -115,10 +154,28 @@ class SceneConfig(Section):
         File names are left out: only the contents of the files matter, and they are no words.
         """
         data = self.model_dump(mode="json", by_alias=True, exclude={"name", "model"}, exclude_defaults=True)
-        for part in (*data.get("objects", {}).values(), *filter(None, [data.get("robot")])):
+        parts = [*data.get("objects", {}).values(), *data.get("robots", {}).values(), data.get("robot", {})]
+        for part in parts:
             for word in _FILES:
                 part.pop(word, None)
         return json.dumps(data, separators=(",", ":"))
+
+    @field_validator("robots")
+    @classmethod
+    def _know_their_names(cls, robots: dict[str, RobotConfig]) -> dict[str, RobotConfig]:
+        return {name: robot.called(name) for name, robot in robots.items()}
+
+    @model_validator(mode="after")
+    def _has_each_robot_once(self) -> SceneConfig:
+        if self.robot is not None and self.robots:
+            raise wrong("should have 'robot', which is the only one, or 'robots' by name, not both")
+        owners: dict[str, str] = {}
+        for name, robot in self.all_robots.items():
+            if name in self.objects:
+                raise wrong(f"should have a robot and an object of different names, but has two of the name '{name}'")
+            if (other := owners.setdefault(robot.name, name)) != name:
+                raise wrong(f"should have robots of different names: '{other}' and '{name}' are both '{robot.name}'")
+        return self
 
     @model_validator(mode="after")
     def _home_is_of_a_model(self) -> SceneConfig:
@@ -128,7 +185,7 @@ class SceneConfig(Section):
 
     @model_validator(mode="after")
     def _robot_is_of_a_model(self) -> SceneConfig:
-        if self.robot is not None and self.robot.in_model is not None and self.model is None:
+        if self.model is None and any(robot.in_model is not None for robot in self.all_robots.values()):
             raise wrong("should have a robot that is 'in_model' only together with 'model'")
         return self
 
@@ -138,7 +195,7 @@ class SceneConfig(Section):
             self.objects,
             self.groups,
             has_floor=self.floor is not None,
-            has_robot=self.robot is not None,
+            robots={name: robot.placing for name, robot in self.all_robots.items()},
             has_model=self.model is not None,
         )
         check_names(names, where_now.get() or type(self).__name__)

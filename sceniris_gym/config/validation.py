@@ -19,14 +19,21 @@ class SceneNames:
     Attributes:
         objects: The objects by name.
         groups: The groups by name.
-        has_floor, has_robot, has_model: Whether the scene has a floor, a robot, a model of its own.
+        robots: Names of the robots, 'robot' for the only one, and what each is placed as if its base is drawn.
+        has_floor, has_model: Whether the scene has a floor, a model of its own.
     """
 
     objects: Mapping[str, ObjectConfig]
     groups: Mapping[str, GroupConfig]
+    robots: Mapping[str, ObjectConfig | None]
     has_floor: bool
-    has_robot: bool
     has_model: bool
+
+    @property
+    def placed(self) -> list[tuple[str, str, ObjectConfig]]:
+        """The objects, and the robots whose base is drawn: key, name and words of each."""
+        drawn = [(ROBOT if n == ROBOT else f"robots.{n}", n, part) for n, part in self.robots.items() if part]
+        return [*((f"objects.{name}", name, part) for name, part in self.objects.items()), *drawn]
 
 
 def check_names(scene: SceneNames, where: str) -> None:
@@ -41,17 +48,33 @@ def check_names(scene: SceneNames, where: str) -> None:
     _check_bodies(scene, where)
     for name, part in scene.objects.items():
         _check_body(scene, name, part, where)
+        if part.reachable:
+            _check_robot(scene, name, part, where)
+    for key, name, part in scene.placed:
         if part.support is not None:
-            _check_parent(scene, f"{where}: objects.{name}.{part.support.word}", name, part.support.parent)
-        if part.reachable and not scene.has_robot:
-            raise SceneKeyError(
-                f"{where}: objects.{name}.reachable: there is no robot that could reach it. Add a robot, as "
-                "in 'robot: {asset: panda}', or leave 'reachable' out."
-            )
+            _check_parent(scene, f"{where}: {key}.{part.support.word}", name, part.support.parent)
         for path, other in part.references:
-            _check_reference(scene, f"{where}: objects.{name}.{path}", name, other)
+            _check_reference(scene, f"{where}: {key}.{path}", name, other)
     _check_groups(scene, where)
     _check_cycles(scene, where)
+
+
+def _check_robot(scene: SceneNames, name: str, part: ObjectConfig, where: str) -> None:
+    """Check that it is known which robot is to reach an object."""
+    if not scene.robots:
+        raise SceneKeyError(
+            f"{where}: objects.{name}.reachable: there is no robot that could reach it. Add a robot, as "
+            "in 'robot: {asset: panda}', or leave 'reachable' out."
+        )
+    if part.by in scene.robots:
+        return
+    if "by" not in part.model_fields_set and len(scene.robots) > 1:
+        raise SceneKeyError(
+            f"{where}: objects.{name}.reachable: should say which robot is to reach it, as in 'reachable: {{by: "
+            f"{next(iter(scene.robots))}}}'. Robots: {', '.join(scene.robots)}."
+        )
+    if "by" in part.model_fields_set:
+        raise UnknownNameError("robot", part.by, f"{where}: objects.{name}.by", scene.robots)
 
 
 def _check_bodies(scene: SceneNames, where: str) -> None:
@@ -110,7 +133,7 @@ def _check_parent(scene: SceneNames, where: str, name: str, parent: str) -> None
 
 
 def _check_reference(scene: SceneNames, where: str, name: str, other: str) -> None:
-    known = [*scene.objects, *([ROBOT] if scene.has_robot else [])]
+    known = [*scene.objects, *scene.robots]
     if other not in known:
         is_frame = where.endswith(".frame")
         valid = [*(FRAMES if is_frame else ()), *(n for n in known if n != name)]
@@ -137,30 +160,30 @@ def _check_groups(scene: SceneNames, where: str) -> None:
                 )
             group_of[name] = group
     absent = {name: group for name, group in group_of.items() if not scene.groups[group].always_whole}
-    for name, part in scene.objects.items():
-        _check_absent(scene, name, part, absent, where)
+    for key, _, part in scene.placed:
+        _check_absent(scene, key, part, absent, where)
 
 
-def _check_absent(scene: SceneNames, name: str, part: ObjectConfig, absent: dict[str, str], where: str) -> None:
+def _check_absent(scene: SceneNames, key: str, part: ObjectConfig, absent: dict[str, str], where: str) -> None:
     """Check that an object can be placed whichever members of groups are absent."""
     support = part.support
     owner = support.parent.split("/")[0] if support is not None else FLOOR
     if support is not None and owner in absent:
         raise SceneKeyError(
-            f"{where}: objects.{name}.{support.word}: '{owner}' may be absent, as it is in the group "
+            f"{where}: {key}.{support.word}: '{owner}' may be absent, as it is in the group "
             f"'{absent[owner]}'. Nothing can be placed on such an object: name another support."
         )
     for path, other in part.references:
         if other in absent and scene.groups[absent[other]].missing == "refuse":
             raise SceneKeyError(
-                f"{where}: objects.{name}.{path}: '{other}' may be absent, as it is in the group '{absent[other]}'. "
+                f"{where}: {key}.{path}: '{other}' may be absent, as it is in the group '{absent[other]}'. "
                 "Name another object, or write 'missing: drop' in the group: the reference is then left out where "
                 "the object is absent."
             )
 
 
 def _check_cycles(scene: SceneNames, where: str) -> None:
-    needs: dict[str, tuple[str, ...]] = {name: part.needs for name, part in scene.objects.items()}
+    needs: dict[str, tuple[str, ...]] = {name: part.needs for _, name, part in scene.placed}
     ends: set[str] = set()  # objects from which no chain leads into a cycle
     for name in needs:
         if (cycle := _cycle(name, needs, ends)) is not None:

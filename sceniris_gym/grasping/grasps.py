@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 
 import mujoco
 import numpy as np
 
-from sceniris_gym.errors import GraspError
+from sceniris_gym.errors import GraspError, UnknownNameError
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.resting_poses import Variant
 from sceniris_gym.geometry.rotations import matrix
@@ -23,6 +24,7 @@ from sceniris_gym.grasping.gripper import Gripper
 from sceniris_gym.scene.model import SceneModel
 
 PREFIX = "grasp_"
+_ROLLED = " rolled"
 YAWS = 8
 TILTS = (0.0, 15.0, 30.0, 45.0)  # degrees from the vertical
 _SIDE = 90.0
@@ -96,21 +98,27 @@ class Graspable:
         self.triangles = np.concatenate([np.zeros((0, 3, 3)), *meshes])
         self.center = self._to_root(-1, home.subtree_com[self.root][None])[0]
 
-    def grasp_set(self, variants: list[Variant], any_turn: bool, gripper: Gripper) -> GraspSet:
+    def grasp_set(
+        self, variants: list[Variant], any_turn: bool, gripper: Gripper, pattern: str | None = None
+    ) -> GraspSet:
         """The grasps that fit the gripper: the asset's own, or those made from its geometry.
 
         Args:
             variants: Poses that the object's orientation is drawn from.
             any_turn: Whether any orientation may be drawn, so that any side may be up.
             gripper: The gripper.
+            pattern: Which of them count, by their names as a glob: sites with or without 'grasp_'. All if None.
 
         A stable pose in which the gripper cannot grasp the object has none, and is never accepted.
 
         Raises:
+            UnknownNameError: None of them has such a name.
             GraspError: None of them fits the gripper.
         """
         own = self._sites(gripper)
         groups = [own] if own else [self._made(v, any_turn, gripper) for v in variants]
+        if pattern is not None:
+            groups = self._named(groups, pattern)
         kept = [[g for g in group if g.opening <= gripper.opening] for group in groups]
         if not any(kept):
             every = [g.opening for group in groups for g in group]
@@ -122,6 +130,15 @@ class Graspable:
         first = np.cumsum([0, *(len(group) for group in kept)])
         spans = tuple((int(a), len(group)) for a, group in zip(first, kept, strict=False))
         return GraspSet(tuple(g for group in kept for g in group), spans)
+
+    def _named(self, groups: list[list[Grasp]], pattern: str) -> list[list[Grasp]]:
+        """Those of grasps whose names match a glob; the half turn of a site counts with it."""
+        known = {g.name: g.name.removesuffix(_ROLLED) for group in groups for g in group}
+        found = {name for name, site in known.items() if _matches(site, pattern)}
+        if known and not found:
+            where = f"{self.scene.config.where}: objects.{self.name}.grasp"
+            raise UnknownNameError("grasp", pattern, where, {site.removeprefix(PREFIX) for site in known.values()})
+        return [[g for g in group if g.name in found] for group in groups]
 
     def _sites(self, gripper: Gripper) -> list[Grasp]:
         mjm, found = self.scene.mjm, []
@@ -194,10 +211,14 @@ class Graspable:
         return points @ self._turn(body).T + back @ (at - self._home.xpos[self.root])
 
 
+def _matches(name: str, pattern: str) -> bool:
+    return fnmatchcase(name, pattern) or fnmatchcase(name.removeprefix(PREFIX), pattern)
+
+
 def _rolled(grasp: Grasp) -> Grasp:
     quat = np.empty(4)
     mujoco.mju_mulQuat(quat, grasp.quat, np.array([0.0, 0.0, 0.0, 1.0]))
-    return replace(grasp, name=f"{grasp.name} rolled", quat=quat)
+    return replace(grasp, name=f"{grasp.name}{_ROLLED}", quat=quat)
 
 
 def tcp_axes(yaw: float, tilt: float) -> np.ndarray:

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.scene import AUTO, SceneConfig
 from sceniris_gym.errors import FallbackWarning, InfeasibleSceneError, UnknownNameError
@@ -149,8 +148,11 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
     program.obj_effort = wp.array(_effort(train, evaluation), dtype=float, device=compiled.device)
     if compiled.reaching is None:
         return replace(compiled, program=program)
-    view = _with_rows(Reach, compiled.reaching.view, bank, _REACH_BANK, compiled.device)
-    return replace(compiled, program=program, reaching=replace(compiled.reaching, view=view))
+    arms = tuple(
+        replace(one, view=_with_rows(Reach, one.view, bank, _REACH_BANK, compiled.device))
+        for one in compiled.reaching.arms
+    )
+    return replace(compiled, program=program, reaching=replace(compiled.reaching, arms=arms))
 
 
 def _within_budget(compiled: CompiledScene) -> CompiledScene:
@@ -271,9 +273,9 @@ def _infeasible(compiled: CompiledScene, probe: LayoutGenerator) -> InfeasibleSc
 def _leaning_support(compiled: CompiledScene, probe: LayoutGenerator, name: str) -> str | None:
     """What carries an object, if that leans in most worlds as they were left."""
     ground = next(o.ground for o in compiled.plan.objects if o.name == name)
-    support = None if name == ROBOT else compiled.config.objects[name].support
-    if ground is None or support is None:
+    part = compiled.config.parts.get(name)
+    if ground is None or part is None or part.support is None:
         return None
     x, y = probe.layouts.view.body_quat.numpy()[:, ground, 1:3].T
     leans = 1.0 - 2.0 * (x * x + y * y) < UPRIGHT  # the z component of the body's z axis
-    return support.parent if leans.mean() > 0.5 else None
+    return part.support.parent if leans.mean() > 0.5 else None

@@ -97,7 +97,8 @@ class LayoutGenerator(Fixed, StaysHere):
         self.layouts = Layouts.create(compiled, nworld, rejected=rejected, every_cause=every_cause, rows=size.rows)
         self._search = create_search(compiled, nworld, size)
         reaching = compiled.reaching
-        self._reach = Reach() if reaching is None else reaching.view
+        self._reaches = [Reach()] if reaching is None else [one.view for one in reaching.arms]
+        self._reach = self._reaches[0]  # what all of them have in common
         self._stage = None
         if reaching is not None and reaching.staged:
             self._stage = ReachStage(compiled, reaching, nworld, SPLITS[split], size)
@@ -203,7 +204,7 @@ class LayoutGenerator(Fixed, StaysHere):
             launch_find_pieces(program, size, view, search, device)
             launch_measure_pieces(program, split, size, view, search, device)
             launch_draw_points(program, split, size, view, search, device)
-        launch_screen(program, reach, size, view, search, device)
+        launch_screen(program, self._reaches, size, view, search, device)
         launch_test_collisions(program, reach, size, self._faces, view, search, device)
         if self._faces:
             launch_test_containment(program, size, view, search, device)

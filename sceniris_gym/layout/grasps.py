@@ -39,6 +39,31 @@ def from_below(reach: Reach, grasp: int, body_quat: wp.array(dtype=wp.vec4)) -> 
 
 
 @wp.func
+def approaches(reach: Reach, column: int, grasp: int, body_quat: wp.array(dtype=wp.vec4)) -> bool:
+    """Whether a grasp does not come through what its object stands on."""
+    if reach.reach_below[column] == 0:
+        return True
+    return not from_below(reach, grasp, body_quat)
+
+
+@wp.func
+def first_through(
+    reach: Reach,
+    column: int,
+    variant: int,
+    base: Pose,
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+) -> int:
+    """The first grasp of a placed target, counted from its own first one, that the map lets through; -1 for none."""
+    adr = reach.variant_graspadr[variant]
+    for grasp in range(adr, adr + reach.variant_graspnum[variant]):
+        if passes_map(reach, column, grasp, base, body_pos, body_quat):
+            return grasp - reach.reach_graspadr[column]
+    return -1
+
+
+@wp.func
 def passes_map(
     reach: Reach,
     column: int,

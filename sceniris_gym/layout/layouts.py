@@ -86,8 +86,8 @@ class Layouts:
             of `CompiledScene.slots`.
         grasp: The accepted grasp of each ReachTarget, as an index into its GraspSet in `CompiledScene.reaching`; -1
             where the object is absent; shape (nworld, nreach), targets in placement order.
-        grasp_qpos: The arm's joints [rad, m] in that grasp, shape (nworld, nreach, MAX_JOINTS); nan beyond the arm's
-            joints, and everywhere if the arm's map alone decided.
+        grasp_qpos: The joints [rad, m] of the target's arm in that grasp, shape (nworld, nreach, MAX_JOINTS); nan
+            beyond the arm's joints, and everywhere if the arm's map alone decided.
         pregrasp_qpos: The same for the pre-grasp, shape (nworld, nreach, MAX_JOINTS); nan for tiers below `clear`.
         rejections: Running count of rejected candidates, shape (nobject, ncause), objects in placement order.
     """
@@ -195,7 +195,7 @@ class Layouts:
 
     @property
     def reaching(self) -> Reaching | None:
-        """The arm, and its reach targets with their grasps; None if there are none."""
+        """The arms, and their reach targets with their grasps; None if there are none."""
         return self.compiled.reaching
 
     @property

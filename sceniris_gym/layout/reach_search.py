@@ -1,8 +1,9 @@
 """`ReachSearch`: what is kept while joints for grasps are looked for: worlds in a queue, and their candidates.
 
-A world that waits goes through its reach targets in order, and through the grasps of each. A *candidate* is one start
-of the inverse kinematics for one grasp. It goes through the steps of `Step`; the lowest (grasp, start) that passes all
-of them is kept. What is found of a grasp whatever the arm's joints are, is found once, for its first start.
+A world that waits goes through its arms in order, through the reach targets of each, and through the grasps of each
+target. A *candidate* is one start of the inverse kinematics for one grasp. It goes through the steps of `Step`; the
+lowest (grasp, start) that passes all of them is kept. What is found of a grasp whatever the arm's joints are, is found
+once, for its first start.
 """
 
 from enum import IntEnum
@@ -60,6 +61,7 @@ class ReachSearch:
     """The arrays of a search for joints as device code takes them."""
 
     # Worlds
+    arm: wp.array(dtype=int)  # the arm whose turn it is
     column: wp.array(dtype=int)  # the reach target that it is at
     number: wp.array(dtype=int)  # the next start to try, those of all grasps that are left by the map one by one
     tried: wp.array(dtype=int)  # how many starts of this target have been tried in vain
@@ -128,7 +130,7 @@ def create_reach_search(compiled: CompiledScene, nworld: int, size: SearchSize) 
     ncand = min(size.grasps, nworld * MOST_AT_ONCE)
     s = ReachSearch()
     with wp.ScopedDevice(compiled.device):
-        for name in ("column", "number", "tried", "furthest", "first", "trials"):
+        for name in ("arm", "column", "number", "tried", "furthest", "first", "trials"):
             setattr(s, name, wp.zeros(nworld, dtype=int))
         s.queue = wp.zeros((2, nworld), dtype=int)
         for name in ("worlds_left", "source", "worlds", "at_once", "candidates"):

@@ -7,7 +7,7 @@ nothing depends on how many are tried at once.
 import warp as wp
 
 from sceniris_gym.layout.bank import fall_back
-from sceniris_gym.layout.grasps import passes_map
+from sceniris_gym.layout.grasps import first_through, passes_map
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reach_search import (
     MOST_AT_ONCE,
@@ -38,10 +38,21 @@ _PASSED = wp.constant(int(Step.PASSED))
 
 
 @wp.func
-def _go_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, worldid: int, column: int):
-    """Let a world go on with the first target from `column` on that is there and that this stage decides.
+def _take_first_through(reach: Reach, layouts: LayoutsView, worldid: int, column: int):
+    """Take the grasp that the base of its arm was accepted for, which was placed after the target."""
+    body_pos = layouts.body_pos[worldid]
+    body_quat = layouts.body_quat[worldid]
+    base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
+    grasp = first_through(reach, column, layouts.variant[worldid, column], base, body_pos, body_quat)
+    layouts.grasp[worldid, column] = wp.max(grasp, layouts.grasp[worldid, column])
 
-    Absent ones on the way have no grasp. After the last one the world waits no longer.
+
+@wp.func
+def _go_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, worldid: int, column: int):
+    """Let a world go on with the first target of the arm from `column` on that is there and that this stage decides.
+
+    Absent ones on the way have no grasp. After the last one it is the next arm's turn; after that of the last arm the
+    world waits no longer.
     """
     found = int(column)
     columns = layouts.grasp.shape[1]
@@ -51,11 +62,16 @@ def _go_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: Rea
             for i in range(MAX_JOINTS):
                 layouts.grasp_qpos[worldid, found, i] = wp.nan
                 layouts.pregrasp_qpos[worldid, found, i] = wp.nan
-        elif reach.reach_tier[found] >= _TIER_IK:
-            break
+        elif reach.reach_arm[found] == reach.number:
+            if reach.reach_tier[found] >= _TIER_IK:
+                break
+            if reach.reach_late[found] != 0:
+                _take_first_through(reach, layouts, worldid, found)
         found += 1
     if found == columns:
-        search.waiting[worldid] = False
+        reach_search.arm[worldid] = reach.number + 1
+        if reach.number == reach.last:
+            search.waiting[worldid] = False
         return
     reach_search.column[worldid] = found
     reach_search.number[worldid] = 0
@@ -74,14 +90,16 @@ def _open_worlds(
     reach_search: ReachSearch,
 ):
     worldid = wp.tid()
-    if search.waiting[worldid]:
+    if reach.number == 0:
+        reach_search.arm[worldid] = 0
+    if search.waiting[worldid] and reach_search.arm[worldid] == reach.number:
         _go_to(reach, layouts, search, reach_search, worldid, 0)
 
 
 def launch_open_worlds(
     reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, device: str
 ) -> None:
-    """Let worlds that wait take part in waves."""
+    """Let worlds that wait, and in which it is the arm's turn, take part in waves."""
     dim = search.waiting.shape[0]
     wp.launch(_open_worlds, dim=dim, inputs=[reach], outputs=[layouts, search, reach_search], device=device)
 

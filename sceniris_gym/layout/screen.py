@@ -1,14 +1,16 @@
 """Posed candidates are screened, the cheap tests first: the arm's map, roofs, and the footprint."""
 
+from collections.abc import Sequence
+
 import warp as wp
 
-from sceniris_gym.layout.grasps import passes_map
+from sceniris_gym.layout.grasps import approaches, first_through, passes_map
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.regions import is_under_roof, overhangs
 from sceniris_gym.layout.search import NO_GRASP, Search, SearchSize, candidate_num
 from sceniris_gym.layout.transforms import pose_of
 from sceniris_gym.program.device import Cause, ObjectKind, Program, Roof
-from sceniris_gym.program.device_reach import Reach
+from sceniris_gym.program.device_reach import UNASKED, Reach
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -16,6 +18,7 @@ _STATIC = wp.constant(int(ObjectKind.STATIC))
 _EITHER = wp.constant(int(Roof.EITHER))
 _COVERED = wp.constant(int(Roof.COVERED))
 _NO_GRASP = wp.constant(NO_GRASP)
+_UNASKED = wp.constant(UNASKED)
 _NONE = wp.constant(int(Cause.NONE))
 _ROOF = wp.constant(int(Cause.ROOF))
 _FOOTPRINT = wp.constant(int(Cause.FOOTPRINT))
@@ -24,15 +27,45 @@ _UNREACHABLE = wp.constant(int(Cause.UNREACHABLE))
 
 @wp.func
 def _look_up(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int):
-    """Find the first of a candidate's grasps that the map lets through."""
+    """Find the first of a candidate's grasps that the map lets through, if the base is where it will be."""
     column = reach.obj_reach[obj]
+    late = reach.reach_late[column]
     base = pose_of(layouts.body_pos[row, reach.base_body], layouts.body_quat[row, reach.base_body])
     variant = search.turn[c].variant
     adr = reach.variant_graspadr[variant]
     for grasp in range(adr + part, adr + reach.variant_graspnum[variant], parts):
         if search.grasp[c] > grasp - reach.reach_graspadr[column]:
-            if passes_map(reach, column, grasp, base, search.body_pos[c], search.body_quat[c]):
+            through = bool(False)
+            if late != 0:
+                through = approaches(reach, column, grasp, search.body_quat[c])
+            else:
+                through = passes_map(reach, column, grasp, base, search.body_pos[c], search.body_quat[c])
+            if through:
                 wp.atomic_min(search.grasp, c, grasp - reach.reach_graspadr[column])
+
+
+@wp.func
+def _look_up_from_base(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int):
+    """Find whether the map lets a grasp through of each target that was placed before a candidate base."""
+    base = pose_of(search.body_pos[c, reach.base_body], search.body_quat[c, reach.base_body])
+    for column in range(reach.reach_arm.shape[0]):
+        if reach.reach_arm[column] == reach.number and reach.reach_late[column] != 0:
+            if layouts.present[row, reach.reach_slot[column]] != 0:
+                variant = layouts.variant[row, column]
+                if first_through(reach, column, variant, base, layouts.body_pos[row], layouts.body_quat[row]) < 0:
+                    return
+    search.grasp[c] = 0
+
+
+@wp.func
+def _look_at_map(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int):
+    """Look up what the arm is to reach; for a base one lane does it."""
+    column = reach.obj_reach[obj]
+    if column >= 0:
+        if reach.reach_arm[column] == reach.number:
+            _look_up(reach, layouts, search, c, row, obj, part, parts)
+    elif obj == reach.base_obj and part == 0:
+        _look_up_from_base(reach, layouts, search, c, row)
 
 
 @wp.func
@@ -78,8 +111,8 @@ def _look(
         obj = search.obj[c]
         if search.cause[c] == _NONE and program.obj_kind[obj] != _STATIC:
             if reach.obj_reach.shape[0] > 0:
-                if reach.obj_reach[obj] >= 0:
-                    _look_up(reach, layouts, search, c, row, obj, i % parts, parts)
+                if reach.obj_reach[obj] != _UNASKED:
+                    _look_at_map(reach, layouts, search, c, row, obj, i % parts, parts)
                     if parts == 1 and search.grasp[c] == _NO_GRASP:
                         continue
             if program.obj_roof[obj] != _EITHER:
@@ -90,13 +123,29 @@ def _look(
                 _look_at_footprint(program, layouts, search, c, row, obj, i % parts, parts)
 
 
+@wp.kernel(grid_stride=False)
+def _look_at_map_of(
+    reach: Reach,
+    lanes: int,
+    parts: int,
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+):
+    for i in range(wp.tid(), parts * candidate_num(search), lanes):
+        c = i // parts
+        obj = search.obj[c]
+        if search.cause[c] == _NONE and reach.obj_reach[obj] != _UNASKED:
+            _look_at_map(reach, layouts, search, c, search.row[c], obj, i % parts, parts)
+
+
 @wp.func
 def why_not(program: Program, reach: Reach, search: Search, c: int, obj: int) -> int:
     """Why a candidate does not pass the screen, or NONE."""
     if program.obj_kind[obj] == _STATIC:
         return _NONE
     if reach.obj_reach.shape[0] > 0:
-        if reach.obj_reach[obj] >= 0 and search.grasp[c] == _NO_GRASP:
+        if reach.obj_reach[obj] != _UNASKED and search.grasp[c] == _NO_GRASP:
             return _UNREACHABLE
     rule = program.obj_roof[obj]
     if rule != _EITHER:
@@ -108,8 +157,10 @@ def why_not(program: Program, reach: Reach, search: Search, c: int, obj: int) ->
 
 
 def launch_screen(
-    program: Program, reach: Reach, size: SearchSize, layouts: LayoutsView, search: Search, device: str
+    program: Program, reaches: Sequence[Reach], size: SearchSize, layouts: LayoutsView, search: Search, device: str
 ) -> None:
-    """Look at maps, roofs and footprints for the candidates of this wave; `why_not` says what follows."""
-    inputs = [program, reach, size.lanes, size.parts, layouts, search]
-    wp.launch(_look, dim=size.lanes, inputs=inputs, device=device)
+    """Look at the maps of all arms, roofs and footprints for the candidates of this wave; `why_not` has the outcome."""
+    sizes = [size.lanes, size.parts, layouts, search]
+    for reach in reaches[1:]:
+        wp.launch(_look_at_map_of, dim=size.lanes, inputs=[reach, *sizes], device=device)
+    wp.launch(_look, dim=size.lanes, inputs=[program, reaches[0], *sizes], device=device)

@@ -18,7 +18,7 @@ from sceniris_gym.grasping.gripper import Gripper
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program, fill_struct
 from sceniris_gym.program.device_reach import Reach
-from sceniris_gym.program.reach import Reaching, ReachTarget, empty_view, load_map, robot_arm
+from sceniris_gym.program.reach import Reaching, ReachingArm, ReachTarget, empty_view, load_map, robot_arm
 from sceniris_gym.scene.model import SceneModel
 
 _HOME = ("home_qpos", "home_place", "home_bounds", "home_xpos", "home_xquat")
@@ -34,8 +34,10 @@ def to_arrays(compiled: CompiledScene) -> dict[str, np.ndarray]:
         arrays[f"mesh.{i}"] = mesh.points.numpy()
     words: dict[str, Any] = {"sides": compiled.sides}
     if compiled.reaching is not None:
-        arrays |= {f"reach.{name}": value for name, value in _fields(Reach, compiled.reaching.view).items()}
-        words["gripper"], words["targets"] = _plain(compiled.reaching.gripper), _plain(compiled.reaching.targets)
+        for one in compiled.reaching.arms:
+            arrays |= {f"reach.{one.robot}.{name}": value for name, value in _fields(Reach, one.view).items()}
+        words["grippers"] = {one.robot: _plain(one.gripper) for one in compiled.reaching.arms}
+        words["targets"] = _plain(compiled.reaching.targets)
     return arrays | {"words": np.array(json.dumps(words))}
 
 
@@ -70,13 +72,14 @@ def from_arrays(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray]
 
 
 def _reaching(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray], words: dict) -> Reaching:
-    assert scene.config.robot is not None
-    arm = robot_arm(scene)
-    reach_map = load_map(arm, scene.config.robot, scene.config.where)
-    view = empty_view(arm, reach_map, device)
-    _fill(Reach, view, arrays, "reach.", device)
-    targets = _typed(tuple[ReachTarget, ...], words["targets"])
-    return Reaching(arm, _typed(Gripper, words["gripper"]), reach_map, targets, view)
+    arms = []
+    for name, gripper in words["grippers"].items():
+        arm = robot_arm(scene, name)
+        reach_map = load_map(arm, scene.config.all_robots[name], scene.config.where)
+        view = empty_view(arm, reach_map, device)
+        _fill(Reach, view, arrays, f"reach.{name}.", device)
+        arms.append(ReachingArm(name, arm, _typed(Gripper, gripper), reach_map, view))
+    return Reaching(tuple(arms), _typed(tuple[ReachTarget, ...], words["targets"]))
 
 
 def _fields(declared: Any, instance: Any) -> dict[str, np.ndarray]:

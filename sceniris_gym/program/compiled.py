@@ -38,7 +38,7 @@ class CompiledScene:
         scene: The model and its names.
         device: Warp's name of the device, e.g. "cuda:0".
         program: The placement program on the device.
-        reaching: The arm and its reach targets, None if there are none.
+        reaching: The arms and their reach targets, None if there are none.
         home_qpos: Start pose, shape (nq,).
         home_place, home_bounds: Where each of `slots` is at the start, as relations see it; see `Plan`.
         home_xpos, home_xquat: Poses of all bodies at the start, shapes (nbody, 3) and (nbody, 4) wxyz.
@@ -95,12 +95,12 @@ class CompiledScene:
 
     @cached_property
     def placed(self) -> tuple[str, ...]:
-        """Names in placement order: objects whose pose or joints are drawn, and "robot" if its joints are."""
+        """Names in placement order: objects whose pose or joints are drawn, and robots whose base or joints are."""
         return tuple(placement_order(self.scene))
 
     @property
     def slots(self) -> tuple[str, ...]:
-        """Columns of `Layouts.present`: all objects in the order of the scene file, then "robot" if there is one."""
+        """Columns of `Layouts.present`: all objects in the order of the scene file, then the robots."""
         return slot_names(self.config)
 
     @property
@@ -149,7 +149,8 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
     arm_lists = {name: arrays.pop(name) for name in ARM_LISTS}
     reaching = build_reaching(scene, plan, device)
     if reaching is not None:
-        fill_struct(Reach, reaching.view, arm_lists, device)
+        for one in reaching.arms:
+            fill_struct(Reach, one.view, arm_lists, device)
     arrays |= {
         "bank_present": np.zeros((0, len(plan.slots))),
         "bank_qpos": np.zeros((0, scene.mjm.nq)),

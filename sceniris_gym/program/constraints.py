@@ -8,7 +8,6 @@ from collections.abc import Iterable
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.errors import NotSupportedError
 from sceniris_gym.program.tendon_limits import has_active_limits, tendon_joints
 from sceniris_gym.scene.couplings import active_equalities, equality_label
@@ -75,8 +74,8 @@ class _Drawn:
         self.above: list[frozenset[int | str]] = [frozenset()]
         for body in range(1, mjm.nbody):
             own: set[int | str] = {joint for joint in _joints_of(mjm, body) if joint in self.joints}
-            name = roots.get(body, ROBOT)
-            if name != ROBOT and scene.config.objects[name].is_placed:
+            name = roots.get(body)
+            if name in scene.config.parts and scene.config.parts[name].is_placed:
                 own.add(name)
             self.above.append(self.above[mjm.body_parentid[body]] | own)
 

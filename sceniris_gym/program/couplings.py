@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.errors import NotSupportedError, SceneKeyError
 from sceniris_gym.scene.couplings import Coupling, driven_by
 from sceniris_gym.scene.model import SceneModel
@@ -44,7 +43,7 @@ def followers_of(
 
     Args:
         scene: The scene.
-        name: The object, or "robot".
+        name: The object, or the robot.
         drawn: The intervals that each drawn joint is in, by its address in qpos.
 
     Raises:
@@ -52,7 +51,7 @@ def followers_of(
         SceneKeyError: A joint that would leave its limits.
     """
     mjm = scene.mjm
-    where = f"{scene.config.where}: {ROBOT if name == ROBOT else f'objects.{name}'}.joints"
+    where = f"{scene.config.where}: {scene.config.key(name)}.joints"
     inside, own = {adr: list(parts) for adr, parts in drawn.items()}, set(scene.joints(name).values())
     found = []
     for c in driven_by(scene.couplings, scene.joint_configs(name)):

@@ -1,6 +1,7 @@
-"""What device code sees of `reachable`: the arm, its map, and the grasps of its reach targets.
+"""What device code sees of `reachable`: an arm, its map, and the grasps of all reach targets.
 
-Reach targets are in placement order; each has its column in `Layouts.grasp`. Grasps are frames of the TCP, +z the
+Every arm has a `Reach` of its own; they differ in what is above the lists of reach targets, and in the gripper. Reach
+targets are in placement order; each has its column in `Layouts.grasp`. Grasps are frames of the TCP, +z the
 approach axis and +y the closing axis, in the frame of one of the object's bodies.
 """
 
@@ -9,12 +10,18 @@ import warp as wp
 from sceniris_gym.reach.lookup import MapView
 from sceniris_gym.reach.solve import ArmView
 
+UNASKED, BASE = -1, -2
+"""What stands for the reach target of an object that is none."""
+
 
 @wp.struct
 class Reach:
-    """The arm of a scene and its reach targets; never written after `compile_scene`."""
+    """An arm of a scene, and the reach targets of all arms; never written after `compile_scene`."""
 
+    number: int  # of this arm, the first one is 0
+    last: int  # number of the last arm
     base_body: int
+    base_obj: int  # the placed object that is its base, if it is placed after some of its targets; else -1
     arm_qposadr: wp.array(dtype=int)  # of the joints of `arm`
     arm_body: wp.array(dtype=int)  # all bodies of the robot but its root, parents before children
     hand_body: wp.array(dtype=int)  # those that the arm's last joint carries, the joint's own body first
@@ -24,12 +31,14 @@ class Reach:
     map: MapView
     arm: ArmView
     # For objects in placement order, and for the variants of `Program`:
-    obj_reach: wp.array(dtype=int)  # its reach target, or -1
+    obj_reach: wp.array(dtype=int)  # its reach target, UNASKED, or BASE for the base of an arm as in `base_obj`
     variant_graspadr: wp.array(dtype=int)
     variant_graspnum: wp.array(dtype=int)
     # For reach targets:
     reach_obj: wp.array(dtype=int)
     reach_slot: wp.array(dtype=int)
+    reach_arm: wp.array(dtype=int)  # number of the arm that is to reach it
+    reach_late: wp.array(dtype=int)  # 1: it is placed before the base of that arm
     reach_tier: wp.array(dtype=int)
     reach_least: wp.array(dtype=int)  # the lowest Verdict of the map that placing accepts
     reach_below: wp.array(dtype=int)  # 1: it stands on something, so grasps from below are not tried

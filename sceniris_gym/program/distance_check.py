@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from sceniris_gym.config.bounds import BOUNDS, MOST_FAR, MOST_WIDE
-from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry.pieces import PieceType, geom_name
 from sceniris_gym.program.plan import PlacedObject, Plan
@@ -42,10 +41,10 @@ def check_distances(scene: SceneModel, plan: Plan) -> None:
 
 def _check_start(scene: SceneModel, plan: Plan, name: str) -> None:
     """Check that what is not placed stands near enough."""
-    key = f"objects.{name}"
-    if name == ROBOT and scene.config.robot is not None:
-        key = "robot.base" if scene.config.robot.in_model is None else scene.config.robot.key
-    if name != ROBOT and scene.config.objects[name].is_placed:
+    key, robot = scene.config.key(name), scene.config.all_robots.get(name)
+    if robot is not None:
+        key = f"{robot.section}.base" if robot.in_model is None else robot.key
+    if name in scene.config.parts and scene.config.parts[name].is_placed:
         return
     at = plan.home.xpos[scene.bodies[name]]
     if np.abs(at).max() > MOST_FAR:
@@ -66,9 +65,9 @@ def _check_size(scene: SceneModel, plan: Plan, o: PlacedObject) -> None:
         )
         if reach > MOST_FAR:
             raise SceneKeyError(
-                f"{scene.config.where}: objects.{o.name}: geom '{geom_name(scene.mjm, p.geom)}' reaches {reach:.4g} m "
-                f"from the object's origin, and should end within {MOST_FAR:g} m of it: rounding grows with distance. "
-                "Correct its position, or give its mesh a smaller `scale`."
+                f"{scene.config.where}: {scene.config.key(o.name)}: geom '{geom_name(scene.mjm, p.geom)}' reaches "
+                f"{reach:.4g} m from the object's origin, and should end within {MOST_FAR:g} m of it: rounding grows "
+                "with distance. Correct its position, or give its mesh a smaller `scale`."
             )
 
 
@@ -79,7 +78,7 @@ def _check_draws(scene: SceneModel, o: PlacedObject) -> None:
         ends = drawn.choice or (drawn.low, drawn.high)
         if not all(map(bound.holds, ends)):
             joint = scene.mjm.joint(int(np.flatnonzero(scene.mjm.jnt_qposadr == drawn.qposadr)[0])).name
-            key = "robot" if o.name == ROBOT else f"objects.{o.name}"
+            key = scene.config.key(o.name)
             raise SceneKeyError(
                 f"{scene.config.where}: {key}.joints: '{joint}' is drawn between {min(ends):g} and {max(ends):g}, and "
                 f"{bound.advice}. Correct its limits in the model, or give a 'range'."
@@ -94,7 +93,7 @@ def _check_region(scene: SceneModel, plan: Plan, o: PlacedObject) -> None:
     if o.ground is None or o.config is None or o.config.support is None:
         return
     owner = None if o.support is None else o.support.owner
-    moves = owner is not None and scene.config.objects[owner].is_placed
+    moves = owner is not None and scene.config.parts[owner].is_placed
     pos = np.zeros(3) if moves else plan.home.xpos[o.ground]
     mat = np.eye(3) if moves else plan.home.xmat[o.ground].reshape(3, 3)
     for surface in {id(s): s for surfaces in o.surfaces for s in surfaces}.values():
@@ -102,8 +101,9 @@ def _check_region(scene: SceneModel, plan: Plan, o: PlacedObject) -> None:
         corners = np.array([[x, y, surface.height] for x in (x0, x1) for y in (y0, y1)]) @ mat.T + pos
         reach = float(np.abs(corners).max())
         if reach > MOST_FAR + 1e-6:
+            where = f"{scene.config.where}: {scene.config.key(o.name)}.{o.config.support.word}"
             raise SceneKeyError(
-                f"{scene.config.where}: objects.{o.name}.{o.config.support.word}: '{o.config.support.parent}' reaches "
-                f"{reach:.4g} m from the world's origin, and objects should be placed within {MOST_FAR:g} m of it "
-                "along each axis: rounding grows with distance. Give it a 'region' nearer to the origin."
+                f"{where}: '{o.config.support.parent}' reaches {reach:.4g} m from the world's origin, and objects "
+                f"should be placed within {MOST_FAR:g} m of it along each axis: rounding grows with distance. Give it "
+                "a 'region' nearer to the origin."
             )

@@ -10,7 +10,6 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.bounds import MOST_FAR
-from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.errors import ModelWarning
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.pieces import Piece, PieceType, flat_faces, geom_name
@@ -109,7 +108,7 @@ def _sunk(scene: SceneModel, plan: Plan) -> Iterator[str]:
     still: list[str] = []
     pushed: list[str] = []
     cures: dict[str, None] = {}
-    placed = {b for name, o in scene.config.objects.items() if o.is_placed for b in scene.subtree(name)}
+    placed = {b for name, o in scene.config.parts.items() if o.is_placed for b in scene.subtree(name)}
     for depth, geoms in _overlaps(mjm, plan.home, [p for p in plan.pieces if p.body not in placed]):
         free = [geom for geom in geoms if _can_move(mjm, geom)]
         one, other = geoms if not free or geoms[0] in free else reversed(geoms)
@@ -170,8 +169,9 @@ def _cure(scene: SceneModel, geom: int) -> str:
     """What brings a geom that can move to another place at the start."""
     name, mjm = _owner(scene, geom), scene.mjm
     root = int(mjm.body_rootid[mjm.geom_bodyid[geom]])
-    if root == scene.bodies.get(ROBOT):
-        return "Correct the robot's keyframe or `robot.base`"
+    robot = scene.config.all_robots.get(name)
+    if robot is not None and root == scene.bodies[name]:
+        return f"Correct the robot's keyframe or `{robot.section}.base`"
     if mjm.body_dofnum[root] != 6:
         return f"Correct the position of '{name}' or the start pose of its joints"
     if name in scene.bodies:

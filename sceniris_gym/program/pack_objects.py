@@ -8,7 +8,6 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.bounds import LEAST_GAP
-from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.orientation import DrawnOrientation
 from sceniris_gym.geometry.colliders import Colliders
@@ -129,7 +128,7 @@ def _bodies_and_pieces(scene: SceneModel, plan: Plan, colliders: Colliders) -> d
 def _pairs(scene: SceneModel, plan: Plan, rules: PairRules, lanes: int) -> dict[str, np.ndarray]:
     """Pairs of colliders that are kept apart, with their margins: in lists of objects, then in those of the arm."""
     colliders = rules.colliders
-    arm_lists, arm_fields = _arm_lists(arm_pairs(scene, plan, colliders))
+    arm_lists, arm_owners, arm_fields = _arm_lists(scene, arm_pairs(scene, plan, colliders))
     number = len(plan.objects)
     lists = [*collider_pairs(scene, plan, colliders), *arm_lists]
     pairs, pairadr, pairnum = ranges(lists)
@@ -137,8 +136,7 @@ def _pairs(scene: SceneModel, plan: Plan, rules: PairRules, lanes: int) -> dict[
         first_nodes(colliders, [(int(first) + i, *nodes) for i, p in enumerate(part) for nodes in p.starts], lanes)
         for part, first in zip(lists, pairadr, strict=True)
     )
-    robot = scene.subtree(ROBOT) if ROBOT in scene.bodies else []
-    owners = [o.bodies for o in plan.objects] + [robot] * len(arm_lists)
+    owners = [o.bodies for o in plan.objects] + arm_owners
     own = [[int(colliders.body[c] in owners[i]) for c in (p.a, p.b)] for i, part in enumerate(lists) for p in part]
     way, wayadr, waynum = ranges(() if p.geoms is None else (*p.ways[0], *p.ways[1]) for p in pairs)
     return {
@@ -169,17 +167,21 @@ def _pairs(scene: SceneModel, plan: Plan, rules: PairRules, lanes: int) -> dict[
     }
 
 
-def _arm_lists(arm: ArmPairs | None) -> tuple[list[list[Pair]], dict[str, np.ndarray]]:
-    """The lists of an arm in a grasp, and for each reach target which of them is what."""
+def _arm_lists(
+    scene: SceneModel, arm: ArmPairs | None
+) -> tuple[list[list[Pair]], list[list[int]], dict[str, np.ndarray]]:
+    """The lists of arms in a grasp, the bodies of the robot of each, and for each reach target which list is what."""
     if arm is None:
-        return [], dict.fromkeys(("arm_self", *_ARM_LISTS), np.zeros(0, int))
-    column = np.arange(len(arm.scene))
-    fields = {"arm_self": np.zeros_like(column)}
-    lists = [arm.itself]
-    for name, part in zip(_ARM_LISTS, (arm.scene, arm.hand, arm.target), strict=True):
-        fields[name] = len(lists) + column
+        return [], [], dict.fromkeys(("arm_self", *_ARM_LISTS), np.zeros(0, int))
+    names = list(arm.itself)
+    column = np.arange(len(arm.robots))
+    fields = {"arm_self": np.array([names.index(name) for name in arm.robots], int)}
+    lists, robots = list(arm.itself.values()), list(names)
+    for field, part in zip(_ARM_LISTS, (arm.scene, arm.hand, arm.target), strict=True):
+        fields[field] = len(lists) + column
         lists += part
-    return lists, fields
+        robots += arm.robots
+    return lists, [scene.subtree(name) for name in robots], fields
 
 
 def footprint_hulls(plan: Plan) -> list[Piece]:

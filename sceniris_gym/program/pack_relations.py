@@ -48,7 +48,7 @@ def pack_relations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
         "rel_anchornum": anchornum,
         "rel_anchor": np.array(anchors, int),
         "rel_frame": np.array([_frame(r, plan.slots) for r in relations], int),
-        "rel_heading": np.array([r.heading for r in relations], float),
+        "rel_heading": np.array([r.heading(scene.config.all_robots) for r in relations], float),
         "rel_half_angle": np.array([r.half_angle for r in relations], float),
         "rel_low": np.array([r.low for r in relations], float),
         "rel_high": np.array([min(r.high, _NO_LIMIT) for r in relations], float),

@@ -14,7 +14,6 @@ from itertools import product
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.geometry.colliders import Colliders
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.pieces import Piece
@@ -64,14 +63,16 @@ class ArmPairs:
     """What an arm in a grasp is kept apart from, in lists like those of `collider_pairs`.
 
     Attributes:
-        itself: The robot with itself, as MuJoCo would report it.
-        scene: For each reach target, in placement order, the robot with all but markers, where the hand (what the
-            robot's last joint carries) may touch the target.
+        robots: For each reach target, in placement order, the robot that is to reach it.
+        itself: Each of these robots with itself, as MuJoCo would report it.
+        scene: For each reach target the robot with all but markers, where the hand (what the robot's last joint
+            carries) may touch the target.
         hand: The same for the hand alone, without the target.
         target: The hand with the target.
     """
 
-    itself: list[Pair]
+    robots: list[str]
+    itself: dict[str, list[Pair]]
     scene: list[list[Pair]]
     hand: list[list[Pair]]
     target: list[list[Pair]]
@@ -157,10 +158,9 @@ def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[
     rules = PairRules(scene, colliders)
     ordered = {body for o in plan.objects for body in o.bodies}
     standing = {body: 0.0 for body in range(mjm.nbody) if body not in ordered}
-    robot = scene.config.robot
-    from_robot = robot.clearance if robot is not None else 0.0
-    if robot is not None:
-        standing.update({body: from_robot for body in scene.subtree(ROBOT) if body in standing})
+    robots = scene.config.all_robots
+    for name, robot in robots.items():
+        standing.update({body: robot.clearance for body in scene.subtree(name) if body in standing})
     for name, part in scene.config.objects.items():
         for body in scene.subtree(name):
             if part.kind == "marker":
@@ -172,7 +172,8 @@ def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[
     result = []
     for i, o in enumerate(plan.objects):
         tell("pairs", i + 1, len(plan.objects))
-        clearance, is_static = o.config.clearance if o.config is not None else from_robot, o.kind == ObjectKind.STATIC
+        clearance = o.config.clearance if o.config is not None else robots[o.name].clearance
+        is_static = o.kind == ObjectKind.STATIC
         own = [c for c, body in enumerate(bodies) if body in o.bodies]
         others = [c for c, body in enumerate(bodies) if body in standing]
         pairs = []
@@ -210,25 +211,28 @@ def arm_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> ArmPairs |
     if not targets:
         return None
     mjm, bodies = scene.mjm, colliders.body
-    robot = scene.subtree(ROBOT)
+    by = [scene.config.robot_for(name) for name in targets]
     markers = {body for n, part in scene.config.objects.items() if part.kind == "marker" for body in scene.subtree(n)}
-    moving = [c for c, body in enumerate(bodies) if body in robot and body != robot[0]]
     rules = PairRules(scene, colliders)
-    carries = carried(mjm, robot_arm(scene))
-    hand = [c for c in moving if bodies[c] in carries]
-    arm = [c for c in moving if c not in hand]
+    present = [name for name in dict.fromkeys(by) if name not in scene.apart]
+    carries = {name: carried(mjm, robot_arm(scene, name)) for name in present}
 
     def apart(own: list[int], others: Iterable[int]) -> list[Pair]:
         return [rules.apart(a, b, rules.touch(a, b)) for a, b in product(own, others) if rules.meet(a, b)]
 
     whole, alone, touched = [], [], []
-    for name in targets:
+    for name, owner in zip(targets, by, strict=True):
+        robot = scene.subtree(owner)
+        moving = [c for c, body in enumerate(bodies) if body in robot and body != robot[0]]
+        hand = [c for c in moving if bodies[c] in carries.get(owner, ())]
+        arm = [c for c in moving if c not in hand]
         target = [c for c, body in enumerate(bodies) if body in scene.subtree(name)]
         others = [c for c, body in enumerate(bodies) if body not in markers.union(robot) and c not in target]
         whole.append(apart(moving, others) + apart(arm, target))
         alone.append(apart(hand, others))
         touched.append(apart(hand, target))
-    return ArmPairs(_among(rules, plan, robot), whole, alone, touched)
+    itself = {name: _among(rules, plan, scene.subtree(name)) for name in dict.fromkeys(by)}
+    return ArmPairs(by, itself, whole, alone, touched)
 
 
 def _among(rules: PairRules, plan: Plan, bodies: list[int]) -> list[Pair]:

@@ -6,12 +6,12 @@ The result is plain numpy; `pack.py` flattens it into the fields of `device.Prog
 from __future__ import annotations
 
 import heapq
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.fields import FLOOR, ROBOT
+from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.config.objects import JointConfig, ObjectConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import CycleError, NoSupportError, NotSupportedError, SceneKeyError
@@ -55,7 +55,7 @@ class PlacedObject:
     """One step of the program.
 
     Attributes:
-        name: The object's name ("robot" for the robot).
+        name: The object's name, or the robot's.
         stream: Its random stream, from its place in the scene file.
         kind: How its pose is written; STATIC for what only draws joint positions.
         bodies: Its bodies, the root first, parents before children.
@@ -69,7 +69,7 @@ class PlacedObject:
             seen from above. Variants with the same regions share one list.
         erosion: How far its pivot keeps from their outlines, in shares of the shorter edge of the drawn bounds, where
             that is not the same in all draws of a variant; else 0, as the regions are eroded already.
-        config: Its entry in the scene file; None for the robot.
+        config: Its entry in the scene file; None for a robot whose base is not drawn.
         followers: Joints that follow drawn ones, drivers before what follows them.
     """
 
@@ -114,8 +114,8 @@ class Plan:
     Attributes:
         objects: In placement order.
         pieces: All obstacles, sorted by body, planes before solid pieces.
-        slots: Names as relations and groups find them: all objects in the order of the scene file, then the robot.
-        place: Where each of them is at home: pivot [m] (for the robot its base) and heading [rad], shape (nslot, 4).
+        slots: Names as relations and groups find them: all objects in the order of the scene file, then the robots.
+        place: Where each of them is at home: pivot [m] (for a robot its base) and heading [rad], shape (nslot, 4).
         bounds: Their bounds around the pivot [m] in that heading: low x, low y, high x, high y, shape (nslot, 4).
         home: MjData at the start pose.
     """
@@ -134,18 +134,17 @@ class Plan:
 
 
 def placement_order(scene: SceneModel) -> list[str]:
-    """Names in the order of placement: what only draws joints, then the rest as in the file, references first.
+    """Names in the order of placement: what only draws joints, robots, then objects as in the file; references first.
 
     Raises:
         CycleError: Objects that refer to each other.
     """
     config = scene.config
-    moving = [n for n, part in config.objects.items() if part.is_placed]
-    still = [ROBOT] if config.robot is not None else []
-    still += [n for n in config.objects if n not in moving]
+    moving = [n for n in (*config.all_robots, *config.objects) if n in config.parts and config.parts[n].is_placed]
+    still = [n for n in (*config.all_robots, *config.objects) if n not in moving]
     order = [n for n in still if scene.joint_configs(n)]
     number = {name: i for i, name in enumerate(moving)}
-    waits = {n: {other for other in config.objects[n].needs if other in number} for n in moving}
+    waits = {n: {other for other in config.needs(n) if other in number} for n in moving}
     followers: dict[str, list[str]] = {}
     for name, others in waits.items():
         for other in others:
@@ -166,8 +165,8 @@ def placement_order(scene: SceneModel) -> list[str]:
 
 
 def slot_names(config: SceneConfig) -> tuple[str, ...]:
-    """Names as relations and groups find them: all objects in the order of the scene file, then the robot."""
-    return (*config.objects, *([ROBOT] if config.robot is not None else []))
+    """Names as relations and groups find them: all objects in the order of the scene file, then the robots."""
+    return (*config.objects, *config.all_robots)
 
 
 def build_plan(scene: SceneModel) -> Plan:
@@ -199,8 +198,8 @@ def _pieces(scene: SceneModel) -> list[Piece]:
     """All pieces; errors name the key of the asset that they come from."""
     where = dict.fromkeys(range(scene.mjm.nbody), scene.config.where)
     for name in scene.bodies:
-        if name == ROBOT and scene.config.robot is not None:
-            key = scene.config.robot.key
+        if name in scene.config.all_robots:
+            key = scene.config.all_robots[name].key
         else:
             key = f"objects.{name}{'' if scene.config.objects[name].asset is None else '.asset'}"
         where |= dict.fromkeys(scene.subtree(name), f"{where[0]}: {key}")
@@ -214,17 +213,29 @@ def _standing(scene: SceneModel, name: str, pieces: list[Piece], home: mujoco.Mj
     shape = HomeShape(home, root, [p for p in pieces if p.body in bodies and p.type != PieceType.PLANE])
     mat = home.xmat[root].reshape(3, 3)
     variant, heading = shape.variant(of_heading_zero(mat)), heading_of(mat)
-    if name == ROBOT:  # is where its base is, wherever its arm reaches
-        to_middle = (matrix(variant.quat) @ variant.pivot)[:2]
-        return np.array([*home.xpos[root], heading]), variant.bounds + np.tile(to_middle, 2)
+    if name in scene.config.all_robots:
+        return np.array([*home.xpos[root], heading]), _around_base(variant).bounds
     return np.array([*home.xpos[root] + mat @ variant.pivot, heading]), variant.bounds
 
 
+def _around_base(variant: Variant) -> Variant:
+    """A pose of a robot, which is where its base is, wherever its arm reaches; it stands on its lowest point."""
+    turn = matrix(variant.quat)
+    at = turn @ variant.pivot
+    return replace(variant, pivot=turn.T @ np.array([0.0, 0.0, at[2]]), bounds=variant.bounds + np.tile(at[:2], 2))
+
+
+def _stream(config: SceneConfig, name: str) -> int:
+    """The random stream of an object or a robot: 0 for the first robot, then the objects, then other robots."""
+    robots = list(config.all_robots)
+    return 0 if robots[:1] == [name] else 1 + [*config.objects, *robots[1:]].index(name)
+
+
 def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujoco.MjData) -> PlacedObject:
-    config = None if name == ROBOT else scene.config.objects[name]
+    config = scene.config.parts.get(name)
     bodies = scene.subtree(name)
     quat = of_heading_zero(matrix(scene.mjm.body_quat[bodies[0]]))
-    stream = 0 if config is None else 1 + list(scene.config.objects).index(name)
+    stream = _stream(scene.config, name)
     drawn = _joint_ranges(scene, name)
     intervals = {d.qposadr: d.intervals for d in drawn}
     followers = followers_of(scene, name, intervals)
@@ -235,13 +246,16 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
     own = [p for p in pieces if p.body in bodies]
     if any(p.type == PieceType.PLANE for p in own):
         raise NotSupportedError(
-            f"{scene.config.where}: objects.{name}: a plane is endless and cannot be part of what is placed. Use a box."
+            f"{scene.config.where}: {scene.config.key(name)}: a plane is endless and cannot be part of what is placed. "
+            "Use a box."
         )
     shape = HomeShape(home, bodies[0], own)
     poses = [(quat, 1.0)]
     if config.drawn_orientation.kind == "stable":
         poses = stable_poses(scene, name, own, home, intervals, followers)
     variants = [shape.variant(*pose) for pose in poses]
+    if name in scene.config.all_robots:
+        variants = [_around_base(variant) for variant in variants]
     moves = any(d.choice or not d.low == d.high == home.qpos[d.qposadr] for d in drawn)
     varies = config.ratio_on_support > 0.0 and bool(own) and (moves or config.drawn_orientation.kind == "any")
     rigid = HomeShape(home, bodies[0], [p for p in own if p.body == bodies[0]]) if varies else shape
@@ -298,7 +312,7 @@ def _surfaces(
         assert config.region is not None
         return None, [[supports.shadow_of_box(config.region)] if config.relations else []] * len(edges)
     word, parent = config.support.word, config.support.parent
-    where = f"{scene.config.where}: objects.{name}.{word}"
+    where = f"{scene.config.where}: {scene.config.key(name)}.{word}"
     support = scene.support(parent, where)
     if support.is_floor:
         assert scene.config.floor is not None
@@ -316,7 +330,7 @@ def _surfaces(
     if any(s.is_endless for s in found) and (config.region is None or config.region.fraction is not None):
         raise SceneKeyError(
             f"{where}: the plane '{parent}' is endless. Say where on it objects are placed, as in "
-            f"objects.{name}.region: {{box: [[-0.3, -0.3], [0.3, 0.3]]}}."
+            f"{scene.config.key(name)}.region: {{box: [[-0.3, -0.3], [0.3, 0.3]]}}."
         )
     half = 0.5 * config.ratio_on_support
     return support, supports.crop(found, config.region, [half * edge for edge in edges], where)
@@ -357,7 +371,8 @@ def _tilts(scene: SceneModel, support: Support) -> bool:
     """Whether a support may lean: a joint above it turns about an axis that is not vertical, or its object may lie."""
     if support.owner is None:
         return False
-    if scene.config.objects[support.owner].drawn_orientation.kind in ("stable", "any"):
+    owner = scene.config.parts.get(support.owner)
+    if owner is not None and owner.drawn_orientation.kind in ("stable", "any"):
         return True
     mjm, chain = scene.mjm, [support.body]
     while chain[-1] not in (0, scene.bodies[support.owner]):

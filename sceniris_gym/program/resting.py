@@ -52,7 +52,7 @@ def stable_poses(
     """
     where, bodies = f"{scene.config.where}: objects.{name}.orientation", scene.subtree(name)
     pieces = extract_pieces(scene.mjm, "physics", set(bodies))
-    config, ground = scene.config.objects[name], _carrier(scene, name)
+    config, ground = scene.config.parts[name], _carrier(scene, name)
     if not (pieces or own):
         raise SceneKeyError(
             f"{where}: it has no collision geometry and so no stable pose. Give it geoms that collide, or another "
@@ -87,7 +87,7 @@ def stable_poses(
 
 def _carrier(scene: SceneModel, name: str) -> int | None:
     """The body that an object is put on, None in a box in space."""
-    support = scene.config.objects[name].support
+    support = scene.config.parts[name].support
     return None if support is None else scene.support(support.parent, f"{scene.config.where}: objects.{name}").body
 
 

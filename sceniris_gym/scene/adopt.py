@@ -49,17 +49,23 @@ class _Root:
 def adopt_body(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str) -> None:
     """Use a body of a specification as an object; a fixture or a marker becomes a mocap body.
 
+    Args:
+        spec: The specification.
+        name: The object, or the robot.
+        config: Its words.
+        where: The file and the key that they are in, which begin errors.
+
     Raises:
         UnknownNameError: The model has no such body.
         SceneKeyError: The body cannot be of the object's kind.
     """
     body = spec.body(config.body or name)
     if body is None or body.name == "world":
-        raise _unknown(config.body or name, [b.name for b in spec.bodies], f"{where}: objects.{name}")
+        raise _unknown(config.body or name, [b.name for b in spec.bodies], where)
     geoms, pairs = body.find_all("geom"), {g for pair in spec.pairs for g in (pair.geomname1, pair.geomname2)}
     touches = any(g.contype or g.conaffinity or g.name in pairs for g in geoms)
     root = _Root(body.name, body.parent.name, tuple(int(j.type) for j in body.joints), bool(body.mocap), touches)
-    where = f"{where}: objects.{name}.kind"
+    where = f"{where}.kind"
     _check_kind(root, config.kind, where)
     if _needs_change(root, config.kind):
         assemble.make_kind(spec, body, root.name, config.kind, where)
@@ -72,11 +78,11 @@ def check_bodies(mjm: mujoco.MjModel, config: SceneConfig) -> None:
         UnknownNameError: The model has no such body.
         SceneKeyError: The body cannot be of the object's kind, or would have to be changed for it.
     """
-    for name, part in config.objects.items():
+    for name, part in config.parts.items():
         if part.asset is not None:
             continue
-        root = _root(mjm, part.body or name, f"{config.where}: objects.{name}")
-        where = f"{config.where}: objects.{name}.kind"
+        root = _root(mjm, part.body or name, f"{config.where}: {config.key(name)}")
+        where = f"{config.where}: {config.key(name)}.kind"
         _check_kind(root, part.kind, where)
         if part.is_placed and _needs_change(root, part.kind):
             lacks = "a mocap body" if not root.mocap else "without collisions"
@@ -99,7 +105,7 @@ def check_additions(config: SceneConfig) -> None:
     """
     names = {config.model.body(i).name for i in range(config.model.nbody)}
     wanted = [f"objects.{name}.asset" for name, part in config.objects.items() if part.asset is not None]
-    wanted += ["robot"] if config.robot is not None and config.robot.in_model is None else []
+    wanted += [robot.section for robot in config.all_robots.values() if robot.in_model is None]
     if config.floor is not None and mujoco.mj_name2id(config.model, mujoco.mjtObj.mjOBJ_GEOM, FLOOR) < 0:
         wanted.append("floor")
     wanted += [
@@ -131,8 +137,7 @@ def place_on(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) -> 
     """
     config = SceneConfig.load(scene, {"model": spec})
     named = {f"objects.{n}.asset": p.asset for n, p in config.objects.items()}
-    if config.robot is not None:
-        named = {config.robot.key: config.robot.file, **named}
+    named = {**{robot.key: robot.file for robot in config.all_robots.values()}, **named}
     if key := next((key for key, value in named.items() if value is not None), None):
         raise SceneKeyError(
             f"{config.where}: {key}: place_on changes bodies of the model, and attaches nothing to it. Let "
@@ -145,10 +150,12 @@ def place_on(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) -> 
         if part.kind == "marker" and part.body is None and spec.body(name) is None:
             assemble.attach_object(spec, name, part, config.where)
         else:
-            adopt_body(spec, name, part, config.where)
-    if config.robot is not None:
+            adopt_body(spec, name, part, f"{config.where}: objects.{name}")
+    for robot in config.all_robots.values():
+        if robot.placing is not None:
+            adopt_body(spec, robot.name, robot.placing, f"{config.where}: {robot.section}")
         mjm = assemble.compile_spec(spec, "place_on: spec")
-        tcp_site(spec, mjm, mjm.qpos0, config.robot, assemble.prefix_of(config.robot), config.where)
+        tcp_site(spec, mjm, mjm.qpos0, robot, assemble.prefix_of(robot), config.where)
     nslot = len(config.objects)
     if config.groups and not has_parking_ground(assemble.compile_spec(spec, "place_on: spec"), nslot, config.where):
         add_parking_ground(spec, nslot)

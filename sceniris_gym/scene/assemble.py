@@ -55,14 +55,20 @@ def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: s
 
 
 def attach_robot(spec: mujoco.MjSpec, config: RobotConfig, where: str) -> Home:
-    """Attach the robot at its base and return the start pose of its keyframe."""
+    """Attach a robot at its base, as a mocap body if its base is drawn, and return the start pose of its keyframe."""
     assert config.file is not None
     where = f"{where}: {config.key}"
     named = "keyframe" in config.model_fields_set
     child = _load_asset(config.file, where)
     home = _take_home(child, config.name, config.keyframe if named else None, where)
     frame = spec.worldbody.add_frame(pos=config.base, quat=turn_of(config.roll, config.pitch, config.yaw))
-    _attach(spec, child, config.name, frame, where)
+    if config.placing is None:
+        _attach(spec, child, config.name, frame, where)
+        return home
+    tops = child.worldbody.bodies
+    moves = [joint for body in tops if body.parent.name == "world" for joint in body.joints if joint.type != FREE]
+    root = _attach(spec, child, config.name, frame, where, around=bool(moves))  # a mocap body has no joint of its own
+    make_kind(spec, root, config.name, "fixture", where)
     return home
 
 
@@ -90,10 +96,11 @@ def check_assets(config: SceneConfig) -> None:
     Raises:
         MeshError, SceneFileError: The first asset that cannot be compiled; the message names its key.
     """
-    if config.robot is not None and config.robot.file is not None:
-        alone = mujoco.MjSpec()
-        attach_robot(alone, config.robot, config.where)
-        compile_spec(alone, f"{config.where}: {config.robot.key}")
+    for robot in config.all_robots.values():
+        if robot.file is not None:
+            alone = mujoco.MjSpec()
+            attach_robot(alone, robot, config.where)
+            compile_spec(alone, f"{config.where}: {robot.key}")
     for name, part in config.objects.items():
         if part.asset is not None:
             alone = mujoco.MjSpec()
@@ -181,7 +188,21 @@ def _take_home(child: mujoco.MjSpec, name: str, keyframe: str | None, where: str
     return home
 
 
-def _attach(spec: mujoco.MjSpec, child: mujoco.MjSpec, name: str, frame: mujoco.MjsFrame, where: str) -> mujoco.MjsBody:
+def attach_frame(spec: mujoco.MjSpec, config: RobotConfig) -> None:
+    """Attach a body without geoms where the base of a robot would be that is not in the scene."""
+    quat = turn_of(config.roll, config.pitch, config.yaw)
+    spec.worldbody.add_body(name=config.name, pos=config.base, quat=quat, mocap=config.placing is not None)
+
+
+def _attach(
+    spec: mujoco.MjSpec,
+    child: mujoco.MjSpec,
+    name: str,
+    frame: mujoco.MjsFrame,
+    where: str,
+    *,
+    around: bool = False,
+) -> mujoco.MjsBody:
     """Attach an asset as one body of that name: its only body, or a new one around all that it has."""
     world = child.worldbody
     tops = [body for body in world.bodies if body.parent.name == "world"]
@@ -194,7 +215,7 @@ def _attach(spec: mujoco.MjSpec, child: mujoco.MjSpec, name: str, frame: mujoco.
         child.delete(element)  # a floor or a light for viewing the asset on its own
     child.option, child.visual = spec.option, spec.visual  # the scene's apply; equal ones raise no warning
     _keep_files_apart(spec, child, name)
-    if len(tops) == 1:
+    if len(tops) == 1 and not around:
         tops[0].name = tops[0].name or name
         old = tops[0].name
         spec.attach(child, prefix=f"{name}/", frame=frame)

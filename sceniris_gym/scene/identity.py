@@ -60,15 +60,16 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
         _update_from_arrays(digest.update, mjm, home_qpos)
     elif config.model is not None:
         _update_from_file(digest.update, config.model)
-    parts = {**({"robot": config.robot} if config.robot is not None else {}), **config.objects}
+    parts = {**config.all_robots, **config.objects}
     for name, part in parts.items():
         file = part.file if isinstance(part, RobotConfig) else part.asset
         if file is not None:
             digest.update(f"{name}:".encode())
             _update_from_file(digest.update, _path_of(file))
-    if config.robot is not None and any(part.reachable for part in config.objects.values()):
-        path = map_of(config.robot)  # what the arm reaches shapes the layouts, too
-        digest.update(path.read_bytes() if path is not None and path.is_file() else b"")
+    if any(part.reachable for part in config.objects.values()):
+        for robot in config.all_robots.values():
+            path = map_of(robot)  # what the arm reaches shapes the layouts, too
+            digest.update(path.read_bytes() if path is not None and path.is_file() else b"")
     return digest.hexdigest()[:16]
 
 

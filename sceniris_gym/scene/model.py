@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import copy
 import fnmatch
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
 
 from sceniris_gym.config.fields import FLOOR, ROBOT
+from sceniris_gym.config.messages import reading
 from sceniris_gym.config.objects import JointConfig
+from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import MeshError, NotSupportedError, SceneFileError, SceneKeyError, UnknownNameError
 from sceniris_gym.progress import tell
@@ -35,13 +38,14 @@ class SceneModel:
         spec: The editable model; `spec.to_zip` writes it so that stock MuJoCo opens it. None where the scene is made of
             a MjModel, which cannot be edited.
         mjm: The compiled model.
-        bodies: Root body id of every object by its name, and of the robot as 'robot'.
+        bodies: Root body id of every object by its name, and of every robot: the only one is 'robot'.
         keyframe: The keyframe of `mjm` that is the start pose, -1 if it has none: then `qpos0` is.
         home_qpos: Start pose, shape (nq,), with free objects where the model has them, and joints that an equality ties
             to others where it has them.
         home_ctrl: Controls of the start pose, shape (nu,).
         hash: Identifies the scene: equal for equal scenes, in every process; 16 hexadecimal digits.
-        tcp: Name of the site that is the robot's tool centre point, whether there is one or not; "" without a robot.
+        tcps: Name of the site that is each robot's tool centre point, whether there is one or not.
+        apart: The robots that are not in the scene, each as a model of its own in which it is 'robot'.
         couplings: Joints that follow others, drivers before what follows them; a joint that is drawn by its name drives
             the one that it would follow, where that one is not drawn and the coupling is a straight line.
     """
@@ -54,8 +58,13 @@ class SceneModel:
     home_qpos: np.ndarray
     home_ctrl: np.ndarray
     hash: str
-    tcp: str = ""
+    tcps: Mapping[str, str] = field(default_factory=dict)
     couplings: tuple[Coupling, ...] = ()
+    apart: Mapping[str, SceneModel] = field(default_factory=dict)
+
+    def home_of(self, robot: str) -> tuple[SceneModel, str]:
+        """Return the model that a robot stands in, and its name there: this one, or one of its own."""
+        return (self.apart[robot], ROBOT) if robot in self.apart else (self, robot)
 
     def support(self, parent: str, where: str) -> Support:
         """Return what a scene file calls 'floor', 'object' or 'object/body', or a static geom or body of the model.
@@ -108,11 +117,10 @@ class SceneModel:
                 or a joint that follows another one.
             NotSupportedError: A ball joint.
         """
-        part = self.config.robot if name == ROBOT else self.config.objects[name]
-        where = f"{self.config.where}: {ROBOT if name == ROBOT else f'objects.{name}'}.joints"
+        where = f"{self.config.where}: {self.config.key(name)}.joints"
         joints = self.joints(name)
         found: dict[int, JointConfig] = {}
-        words = part.joints if part is not None else {}
+        words = self._joint_words(name)
         for word in sorted(words, key=lambda word: word not in joints):  # a stable sort: names first
             matching = [word] if word in joints else fnmatch.filter(joints, word)
             if not matching:
@@ -130,9 +138,8 @@ class SceneModel:
         """Return the joints that the scene draws by their names, not by a pattern."""
         found = []
         for name in self.bodies:
-            part = self.config.robot if name == ROBOT else self.config.objects[name]
             joints = self.joints(name)
-            found += [joints[word] for word in (part.joints if part is not None else {}) if word in joints]
+            found += [joints[word] for word in self._joint_words(name) if word in joints]
         return found
 
     def moving_joints(self, name: str) -> set[int]:
@@ -143,10 +150,14 @@ class SceneModel:
         drawn = self.joint_configs(name)
         return {*drawn, *(c.follower for c in driven_by(self.couplings, drawn))}
 
+    def _joint_words(self, name: str) -> dict[str, JointConfig]:
+        robot = self.config.all_robots.get(name)
+        return self.config.objects[name].joints if robot is None else robot.joints
+
     def _prefix(self, name: str) -> str:
         """What names inside an object begin with: its own, or that of the model which its body was attached from."""
-        robot = self.config.robot
-        if name == ROBOT and robot is not None:
+        robot = self.config.all_robots.get(name)
+        if robot is not None:
             return assemble.prefix_of(robot).removesuffix("/")
         body = self.config.objects[name].body
         return name if body is None else body.rpartition("/")[0]
@@ -190,10 +201,10 @@ class SceneModel:
 def build_model(config: SceneConfig) -> SceneModel:
     """Compose the model of a scene and compile it.
 
-    The root body of an object has the object's name, everything inside it is `name/...`; inside the robot the
-    prefix is the name of the robot's asset. A free object's joint is `name/free`. Fixtures and markers are mocap
-    bodies. The user's own `model` keeps its names and options; objects without an asset are bodies of it. A model in
-    memory is copied, and its bodies stay what they are.
+    The root body of an object has the object's name, everything inside it is `name/...`; inside `robot` the prefix is
+    the name of the robot's asset, inside one of `robots` its name there. A free object's joint is `name/free`. Fixtures
+    and markers are mocap bodies. The user's own `model` keeps its names and options; objects without an asset are
+    bodies of it. A model in memory is copied, and its bodies stay what they are.
 
     Raises:
         SceneFileError: A file is missing, or MuJoCo cannot read or compile it.
@@ -227,8 +238,8 @@ def build_model(config: SceneConfig) -> SceneModel:
         spec.add_key(name=keyframe, qpos=home.qpos, ctrl=home.ctrl)
     elif not np.array_equal(home.qpos, given_qpos):
         spec.key(keyframe).qpos = home.qpos
-    tcp = _tcp(spec, mjm, home.qpos, config)
-    return _scene(config, spec, assemble.compile_spec(spec, config.where), home, couplings, tcp)
+    tcps = _tcps(spec, mjm, home.qpos, config)
+    return _scene(config, spec, assemble.compile_spec(spec, config.where), home, couplings, tcps)
 
 
 def _taken(config: SceneConfig, model: mujoco.MjModel) -> SceneModel:
@@ -243,7 +254,7 @@ def _taken(config: SceneConfig, model: mujoco.MjModel) -> SceneModel:
         mjm.body_quat[mocap] = mjm.key_mquat[home.keyframe].reshape(-1, 4)[mjm.body_mocapid[mocap]]
     couplings = joint_couplings(mjm, config.where)
     follow(couplings, home.qpos)
-    return _scene(config, None, mjm, home, couplings, _tcp(None, mjm, home.qpos, config))
+    return _scene(config, None, mjm, home, couplings, _tcps(None, mjm, home.qpos, config))
 
 
 def _scene(
@@ -252,34 +263,44 @@ def _scene(
     mjm: mujoco.MjModel,
     home: _Home,
     couplings: tuple[Coupling, ...],
-    tcp: str,
+    tcps: Mapping[str, str],
 ) -> SceneModel:
     """The scene of a compiled model, in which all names that the scene refers to are looked up once."""
     check_numbers(mjm, config.where)
     bodies = {name: mjm.body(part.body or name).id for name, part in config.objects.items()}
-    if config.robot is not None:
-        bodies[ROBOT] = mjm.body(config.robot.name).id
+    bodies |= {name: mjm.body(robot.name).id for name, robot in config.all_robots.items()}
     keyframe = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, config.home or HOME)
     identity = scene_hash(config, mjm, home.qpos)
-    scene = SceneModel(config, spec, mjm, bodies, keyframe, home.qpos, home.ctrl, identity, tcp, couplings)
+    apart = {name: _apart(robot, config) for name, robot in config.all_robots.items() if not robot.in_scene}
+    scene = SceneModel(config, spec, mjm, bodies, keyframe, home.qpos, home.ctrl, identity, tcps, couplings, apart)
     scene = replace(scene, couplings=turned_round(mjm, couplings, scene.named_joints()))
-    for name, part in config.objects.items():
+    for name, part in config.parts.items():
         if part.support is not None:
-            scene.support(part.support.parent, f"{config.where}: objects.{name}.{part.support.word}")
+            scene.support(part.support.parent, f"{config.where}: {config.key(name)}.{part.support.word}")
     for name in bodies:
         scene.joint_configs(name)
     return scene
 
 
-def _tcp(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, config: SceneConfig) -> str:
-    """The name of the robot's tool centre point, "" without a robot; a robot in the model must be there."""
-    robot = config.robot
-    if robot is None:
-        return ""
-    bodies = [mjm.body(i).name for i in range(1, mjm.nbody)]
-    if robot.name not in bodies:
-        raise UnknownNameError("body of the model", robot.name, f"{config.where}: {robot.key}", filter(None, bodies))
-    return tcp_site(spec, mjm, qpos, robot, assemble.prefix_of(robot), config.where)
+def _apart(robot: RobotConfig, config: SceneConfig) -> SceneModel:
+    """A robot that is not in the scene as a model of its own."""
+    words = {word: getattr(robot, word) for word in ("asset", "model", "tcp", "map", "keyframe")}
+    given = {word: value for word, value in words.items() if word in robot.model_fields_set}
+    with reading(f"{config.where}: {robot.section}"):
+        return build_model(SceneConfig(robot=RobotConfig(**given)))
+
+
+def _tcps(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, config: SceneConfig) -> dict[str, str]:
+    """The names of the robots' tool centre points; a robot in the model must be there."""
+    bodies, found = [mjm.body(i).name for i in range(1, mjm.nbody)], {}
+    for name, robot in config.all_robots.items():
+        if not robot.in_scene:
+            continue
+        if robot.name not in bodies:
+            where = f"{config.where}: {robot.key}"
+            raise UnknownNameError("body of the model", robot.name, where, filter(None, bodies))
+        found[name] = tcp_site(spec, mjm, qpos, robot, assemble.prefix_of(robot), config.where)
+    return found
 
 
 def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, list[assemble.Home]]:
@@ -297,19 +318,23 @@ def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, list[assemble.Home]]:
         backdrop.add_floor(spec, config.floor)
     if not spec.lights:
         backdrop.add_light(spec)
-    if config.robot is not None:
-        if config.robot.name in config.objects:
+    for robot in config.all_robots.values():
+        if robot.name in config.objects:
             raise SceneKeyError(
-                f"{config.where}: objects.{config.robot.name}: the name of the robot's asset is taken by the robot. "
+                f"{config.where}: objects.{robot.name}: the name of the robot's asset is taken by the robot. "
                 "Give the object another name."
             )
-        if config.robot.in_model is None:
-            homes.append(assemble.attach_robot(spec, config.robot, config.where))
+        if not robot.in_scene:
+            assemble.attach_frame(spec, robot)
+        elif robot.in_model is None:
+            homes.append(assemble.attach_robot(spec, robot, config.where))
+        elif robot.placing is not None and not config.has_model_in_memory:
+            adopt_body(spec, robot.name, robot.placing, f"{config.where}: {robot.section}")
     for i, (name, part) in enumerate(config.objects.items()):
         tell("objects", i + 1, len(config.objects))
         if part.asset is None and (part.kind != "marker" or part.body is not None or spec.body(name) is not None):
             if not config.has_model_in_memory:  # whose bodies are checked once it is compiled
-                adopt_body(spec, name, part, config.where)
+                adopt_body(spec, name, part, f"{config.where}: objects.{name}")
         elif spec.body(name) is not None:
             raise SceneKeyError(f"{config.where}: objects.{name}: the model has a body of this name already.")
         else:

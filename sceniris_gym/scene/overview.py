@@ -59,7 +59,7 @@ class _Overview:
         self.boxes: dict[str, _Box | None] = {}
         planes = mjm.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
         self.shown = np.isin(mjm.geom_group, _SHOWN) & ~planes
-        placed = [self._body(part.body or name) for name, part in config.objects.items() if part.is_placed]
+        placed = [self._body(part.body or name) for name, part in config.parts.items() if part.is_placed]
         self.of_placed = np.isin(mjm.geom_bodyid, [body for root in placed for body in subtree(mjm, root)])
 
     def camera(self) -> tuple[np.ndarray, np.ndarray]:
@@ -68,7 +68,7 @@ class _Overview:
         backward = [np.array([x, y, steep * np.hypot(x, y)]) for x, y in _HEADINGS]
         points = self.seen()
         cameras = [frame(points, direction, FOVY, _ASPECT) for direction in backward]
-        if self.config.robot is None:
+        if not self.config.all_robots:
             return cameras[0]
         shares = self._shares_seen([eye for eye, _ in cameras])
         return cameras[int(np.flatnonzero(shares >= shares.max() - _NEARLY)[0])]
@@ -83,7 +83,7 @@ class _Overview:
         return np.concatenate(corners)
 
     def _places(self) -> list[_Box]:
-        boxes = (self._box(name) for name in self.config.objects)
+        boxes = (self._box(name) for name in self.config.parts)
         return [box for box in boxes if box is not None]
 
     def _shares_seen(self, eyes: list[np.ndarray]) -> np.ndarray:
@@ -104,7 +104,7 @@ class _Overview:
         if name in self.boxes:
             return self.boxes[name]
         self.boxes[name] = None  # objects on each other in a circle
-        part = self.config.objects[name]
+        part = self.config.parts[name]
         if not part.is_placed:
             return None
         if part.support is None:
@@ -134,7 +134,7 @@ class _Overview:
         body = self._body(parent)
         if body < 0:
             return None
-        if owner in self.config.objects and self.config.objects[owner].is_placed:
+        if owner in self.config.parts and self.config.parts[owner].is_placed:
             box = self._box(owner)
             return None if box is None else (np.array([*box[0][:2], box[0][2]]), np.array([*box[1][:2], box[0][2]]))
         geoms = np.flatnonzero((self.mjm.geom_bodyid == body) & self.shown)

@@ -1,4 +1,4 @@
-"""The tool centre point of a scene's robot: a site of its model, or one that is added where the scene says."""
+"""The tool centre point of a robot: a site of its model, or one that is added where the scene says."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def tcp_site(
         UnknownNameError: The robot has no such site or body.
         SceneKeyError: A site would have to be added, and the model cannot be edited.
     """
-    words, where = config.tcp, f"{where}: robot.tcp"
+    words, where = config.tcp, f"{where}: {config.section}.tcp"
     if words is None:
         return f"{prefix}{SITE}"
     root = mjm.body(config.name).id

@@ -15,7 +15,6 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry.rotations import matrix, pose_matrix
@@ -44,7 +43,7 @@ class Narrowing:
         after: The same with `reachable`.
         kept: Object name -> share of its candidates that `reachable` accepts.
         rejections: Rejections per object and cause, with `reachable`.
-        base: Position [m] and heading [rad] of the robot's base, shape (3,).
+        bases: Position [m] and heading [rad] of the bases of robots that stand where they are, shape (n, 3).
         lower: Corner of all that is drawn [m], shape (2,).
         upper: The opposite corner [m], shape (2,).
     """
@@ -53,7 +52,7 @@ class Narrowing:
     after: Mapping[str, np.ndarray]
     kept: Mapping[str, float]
     rejections: Mapping[str, Mapping[str, int]]
-    base: np.ndarray
+    bases: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
 
@@ -113,11 +112,12 @@ def narrowing(compiled: CompiledScene, layouts: int, seed: int) -> Narrowing:
         tables.append(read_table(generator))
         counts.append(generator.rejection_counts())
     before, after = ({name: _positions(compiled, table, name) for name in names} for table in tables)
-    base = compiled.plan.place[compiled.slots.index(ROBOT)][[0, 1, 3]] if ROBOT in compiled.slots else np.zeros(3)
-    lower, upper = _frame(compiled, [*before.values(), *after.values(), base[None, :2]])
+    still = [compiled.slots.index(name) for name in compiled.config.all_robots if name not in compiled.config.parts]
+    bases = compiled.plan.place[still][:, [0, 1, 3]]
+    lower, upper = _frame(compiled, [*before.values(), *after.values(), bases[:, :2]])
     passed = _staged(compiled, tables[1], counts[1])
     kept = {name: passed[name] * _on_map(compiled, plain, tables[0], name) for name in names}
-    return Narrowing(before, after, kept, counts[1], base, lower, upper)
+    return Narrowing(before, after, kept, counts[1], bases, lower, upper)
 
 
 def picture(found: Narrowing, title: str) -> Image.Image:
@@ -136,7 +136,8 @@ def picture(found: Narrowing, title: str) -> Image.Image:
             for x, y in positions[name]:
                 px, py = origin[0] + scale * x, origin[1] - scale * y
                 draw.ellipse((px - 1.5, py - 1.5, px + 1.5, py + 1.5), fill=_COLOURS[k % len(_COLOURS)])
-        _draw_base(draw, origin, scale, found.base)
+        for base in found.bases:
+            _draw_base(draw, origin, scale, base)
     x = float(_GAP)
     for k, (name, part) in enumerate(found.figures().items()):
         text = f"{name}: {part['kept']:.0%} of {part['candidates']} are within reach"
@@ -171,6 +172,7 @@ def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, n
     reaching = compiled.reaching
     assert reaching is not None
     target = reaching.targets[reaching.names.index(name)]
+    one = reaching.arm_of(target)
     placed = compiled.plan.objects[target.number]
     grasps = [np.concatenate([g.pos, g.quat]) for g in target.grasp_set.grasps]
     ups = np.array([matrix(v.quat)[2] for v in placed.variants])  # world's z in the root's frame
@@ -182,15 +184,15 @@ def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, n
         mujoco.mj_kinematics(plain.mjm, data)
         root = _frame_of(data, plain.scene.bodies[name])
         first, number = target.grasp_set.spans[int((ups @ root[2, :3]).argmax())]
-        base = np.linalg.inv(_frame_of(data, reaching.arm.base_body))
+        base = np.linalg.inv(_frame_of(data, plain.scene.bodies[one.robot]))
         for k in range(first, first + number):
             tcp = _frame_of(data, target.grasp_set.grasps[k].body) @ pose_matrix(grasps[k][:3], grasps[k][3:])
             if placed.ground is None or not comes_from_below(tcp[2, 2]):
                 poses.append(base @ tcp)
                 of.append(row)
     through = np.array(of, int)
-    if reaching.map is not None and poses:
-        through = through[reaching.map.verdict(np.stack(poses), compiled.device) >= target.tier.least_verdict]
+    if one.map is not None and poses:
+        through = through[one.map.verdict(np.stack(poses), compiled.device) >= target.tier.least_verdict]
     return len(np.unique(through)) / max(len(rows), 1)
 
 

@@ -26,7 +26,7 @@ def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTab
         return array.numpy()[:nrow].copy()  # on a CPU `numpy()` is a view of what the next reset overwrites
 
     status, grasp = read(layouts.status), read(layouts.grasp)
-    njoint = 0 if layouts.reaching is None else len(layouts.reaching.arm.joints)
+    njoint = 0 if layouts.reaching is None else layouts.reaching.njoint
     states = LayoutTable.from_states(
         read(layouts.qpos),
         read(layouts.mocap_pos)[:, :nmocap],

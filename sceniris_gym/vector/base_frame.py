@@ -1,4 +1,4 @@
-"""`BaseFrame`: poses and velocities in the frame of the robot's base, which does not move."""
+"""Poses and velocities as the robot's base sees them: `BaseFrame`, or `DrawnBaseFrame` where layouts move the base."""
 
 from __future__ import annotations
 
@@ -8,26 +8,29 @@ import torch
 from torch import Tensor
 
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.vector.rotations import transform
+from sceniris_gym.vector.rotations import conjugate, multiply, rotate, transform
 
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 class BaseFrame:
-    """The frame of the robot's base; the world frame in a scene without a robot.
+    """The frame of the robot's base; the world frame in a scene without a robot or with several.
 
     A change of frame is linear in position and quaternion, and so is a constant rotation relative to the body. A pose
     therefore takes one product with a 7 x 7 matrix, and a pair of vectors one with a 6 x 6 matrix. The matrices are
     computed once.
 
     Args:
-        scene: The scene; its robot's base does not move.
+        mjm: The model.
+        body: Id of the base, which does not move; 0 for the world frame.
         device: Torch device.
     """
 
-    def __init__(self, scene: SceneModel, device: torch.device) -> None:
+    def __init__(self, mjm: mujoco.MjModel, body: int, device: torch.device) -> None:
         self._device = device
-        position, quat = _base_pose(scene)
+        data = mujoco.MjData(mjm)
+        mujoco.mj_kinematics(mjm, data)
+        position, quat = data.xpos[body].copy(), data.xquat[body].copy()
         self._to_base = quat * [1.0, -1.0, -1.0, -1.0]
         matrix = np.zeros(9)
         mujoco.mju_quat2Mat(matrix, self._to_base)
@@ -62,18 +65,58 @@ class BaseFrame:
         return torch.tensor(array, dtype=torch.float32, device=self._device)
 
 
+class DrawnBaseFrame(BaseFrame):
+    """The frame of a base that stands elsewhere in every world.
+
+    Args:
+        position: Position of the base in every world [m], shape (num_envs, 3), in the memory of the simulation.
+        quat: Its orientation (wxyz), shape (num_envs, 4).
+    """
+
+    def __init__(self, position: Tensor, quat: Tensor) -> None:
+        self._device, self._at, self._turned = position.device, position, quat
+        self.body = self.seen(UPRIGHT)
+
+    def seen(self, quat: np.ndarray) -> Tensor:
+        """Return what `pose` takes for a frame turned by `quat` (wxyz) relative to its body, shape (4,)."""
+        return self._tensor(quat)
+
+    def pose(self, position: Tensor, quat: Tensor, seen: Tensor | None = None) -> Tensor:
+        """Return poses in the base frame; see `BaseFrame`. The first axis is that of the worlds."""
+        at, back = self._over(self._at, position), conjugate(self._over(self._turned, quat))
+        turned = multiply(multiply(back, quat), self.body if seen is None else seen)
+        return torch.cat([rotate(back, position - at), turned], dim=-1)
+
+    def vectors(self, first: Tensor, second: Tensor) -> Tensor:
+        """Return two vectors of the world frame in the base frame; see `BaseFrame`."""
+        back = conjugate(self._over(self._turned, first))
+        return torch.cat([rotate(back, first), rotate(back, second)], dim=-1)
+
+    def _over(self, base: Tensor, values: Tensor) -> Tensor:
+        """A part of the base's pose with the axes of values (num_envs, ..., n)."""
+        return base.reshape(len(base), *[1] * (values.ndim - 2), base.shape[-1])
+
+
+def base_frame(scene: SceneModel, device: torch.device, xpos: Tensor, xquat: Tensor) -> BaseFrame:
+    """Return the frame of a scene's robot.
+
+    Args:
+        scene: The scene.
+        device: Torch device.
+        xpos: Positions of all bodies [m] in the memory of the simulation, shape (num_envs, nbody, 3).
+        xquat: Their orientations (wxyz), shape (num_envs, nbody, 4).
+    """
+    robots = list(scene.config.all_robots)
+    if len(robots) != 1:
+        return BaseFrame(scene.mjm, 0, device)
+    body = scene.bodies[robots[0]]
+    if robots[0] in scene.config.parts:
+        return DrawnBaseFrame(xpos[:, body], xquat[:, body])
+    return BaseFrame(scene.mjm, body, device)
+
+
 def _block(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     size = len(first) + len(second)
     matrix = np.zeros((size, size))
     matrix[: len(first), : len(first)], matrix[len(first) :, len(first) :] = first, second
     return matrix
-
-
-def _base_pose(scene: SceneModel) -> tuple[np.ndarray, np.ndarray]:
-    """Return position and orientation (wxyz) of the robot's base in the world frame; the identity without a robot."""
-    body = scene.bodies.get("robot")
-    if body is None:
-        return np.zeros(3), UPRIGHT
-    data = mujoco.MjData(scene.mjm)
-    mujoco.mj_kinematics(scene.mjm, data)
-    return data.xpos[body].copy(), data.xquat[body].copy()

@@ -17,7 +17,7 @@ from sceniris_gym.scene.support import subtree
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.versions import sleeps
 from sceniris_gym.vector import rotations
-from sceniris_gym.vector.base_frame import BaseFrame
+from sceniris_gym.vector.base_frame import base_frame
 from sceniris_gym.vector.joint_writer import JointWriter
 from sceniris_gym.vector.task_random import draw_uniform, task_stream
 
@@ -30,7 +30,7 @@ class State:
 
     Names are those of the scene: an object, the robot (by its asset's name), or `object/part` for the bodies, sites,
     joints and actuators inside. A name that the scene does not have raises UnknownNameError. Poses and velocities are
-    in the robot's base frame, or in the world frame if the scene has no robot.
+    in the robot's base frame, or in the world frame if the scene has no robot or several.
 
     Args:
         batch: The worlds.
@@ -67,15 +67,14 @@ class State:
         self._xpos, self._xquat = wp.to_torch(d.xpos), wp.to_torch(d.xquat)
         self._site_xpos = wp.to_torch(d.site_xpos)
         self._xanchor, self._xaxis = wp.to_torch(d.xanchor), wp.to_torch(d.xaxis)
-        self._base = BaseFrame(self.scene, self.device)
+        self._base = base_frame(self.scene, self.device, self._xpos, self._xquat)
         self._sites: dict[str, tuple[int, int, Tensor]] = {}
         self._spans: dict[tuple[str, str], slice | Tensor] = {}
         self._writers: dict[tuple[str, int], JointWriter] = {}
         self._grasp_tables: dict[int, tuple[Tensor, Tensor, Tensor]] = {}
         if layouts.reaching is not None:
             self._layout_grasp = wp.to_torch(layouts.grasp)
-            solved = {name: wp.to_torch(getattr(layouts, name)) for name in ("grasp_qpos", "pregrasp_qpos")}
-            self._layout_joints = {name: q[:, :, : len(layouts.reaching.arm.joints)] for name, q in solved.items()}
+            self._layout_joints = {q: wp.to_torch(getattr(layouts, q)) for q in ("grasp_qpos", "pregrasp_qpos")}
         self._columns: dict[tuple[str, ...], Tensor] = {}
 
     @property
@@ -259,8 +258,10 @@ class State:
         raise self._unknown("reachable object", name, method, [target.name for target in targets])
 
     def _solved(self, array: str, name: str) -> Tensor:
-        column, _ = self._target(name, array)
-        return self._layout_joints[array][:, column].clone()
+        column, target = self._target(name, array)
+        assert self._layouts.reaching is not None
+        joints = len(self._layouts.reaching.arm_of(target).arm.joints)
+        return self._layout_joints[array][:, column, :joints].clone()
 
     def _grasps(self, target: ReachTarget) -> tuple[Tensor, Tensor, Tensor]:
         """Return body ids, positions and orientations (wxyz) of the grasps of a reachable object."""

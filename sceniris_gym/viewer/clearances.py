@@ -23,7 +23,7 @@ def sketch_clearances(world: ShownWorld, only: str | None = None) -> Sketch:
         if nearest is None or (nearest.other, name) in drawn:
             continue
         drawn.add((name, nearest.other))
-        asked = world.compiled.config.objects[name].clearance
+        asked = world.compiled.config.parts[name].clearance
         sketch.lines.append((nearest.ends, GREEN if nearest.distance >= asked - _ROUNDING else RED))
         words = f"{name} to {nearest.other}: {1e3 * nearest.distance:.0f} mm, at least {1e3 * asked:g}"
         sketch.words.append((words, nearest.ends.mean(axis=0) + [0.0, 0.0, _ABOVE]))

@@ -44,7 +44,7 @@ def grasp_pose(world: ShownWorld, k: int) -> tuple[np.ndarray, np.ndarray] | Non
 
 def poses_of_arm(world: ShownWorld) -> list[str]:
     """Return what the arm can jump into, as `with_arm` takes it: the start, and grasp and pre-grasp of each target."""
-    names = [t.name for k, t in enumerate(_targets(world)) if grasp_pose(world, k) is not None]
+    names = [t.name for k, t in enumerate(_targets(world)) if grasp_pose(world, k) is not None and _is_there(world, k)]
     return [START, *(f"{step} of {name}" for name in names for step in (PREGRASP, GRASP))]
 
 
@@ -62,9 +62,9 @@ def with_arm(world: ShownWorld, pose: str) -> LayoutTable | None:
     if joints is None:
         return None
     qpos = world.table.qpos.copy()
-    reaching = world.compiled.reaching
-    qpos[0, reaching.arm.qposadr] = joints
-    fingers, values = reaching.gripper.poses(np.array([1.0]))
+    one = world.compiled.reaching.arm_of(_targets(world)[k])
+    qpos[0, one.arm.qposadr] = joints[: len(one.arm.joints)]
+    fingers, values = one.gripper.poses(np.array([1.0]))
     qpos[0, fingers] = values[0]
     table = world.table
     return LayoutTable.from_states(qpos, table.mocap_pos, table.mocap_quat, table.present)
@@ -74,7 +74,7 @@ def _solved(world: ShownWorld, k: int, step: str) -> np.ndarray | None:
     reaching, pose = world.compiled.reaching, grasp_pose(world, k)
     assert reaching is not None
     assert pose is not None
-    arm, (pos, quat) = reaching.arm, pose
+    arm, (pos, quat) = reaching.arm_of(reaching.targets[k]).arm, pose
     back = 0.0 if step == GRASP else PREGRASP_DISTANCE
     base = world.data.xpos[arm.base_body], world.data.xquat[arm.base_body]
     inverse, local = (np.empty(3), np.empty(4)), (np.empty(3), np.empty(4))
@@ -83,6 +83,12 @@ def _solved(world: ShownWorld, k: int, step: str) -> np.ndarray | None:
     starts = np.concatenate([world.data.qpos[None, arm.qposadr], random_joints(arm, _RESTARTS)])
     joints, solved = solve(arm, np.concatenate(local)[None], starts=starts)
     return joints[0] if solved[0] else None
+
+
+def _is_there(world: ShownWorld, k: int) -> bool:
+    """Whether the arm that is to reach a target is in the scene."""
+    reaching = world.compiled.reaching
+    return reaching is not None and reaching.arm_of(reaching.targets[k]).robot not in world.compiled.scene.apart
 
 
 def _targets(world: ShownWorld) -> tuple[ReachTarget, ...]:

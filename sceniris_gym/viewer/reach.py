@@ -1,11 +1,10 @@
-"""The layer of reach: a slice of the arm's map, as a picture that lies at some height in the scene."""
+"""The layer of reach: slices of the arms' maps, as pictures that lie at some height in the scene."""
 
 from __future__ import annotations
 
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.errors import ScenirisError
 from sceniris_gym.program.reach import load_map, robot_arm
 from sceniris_gym.reach.map import ReachMap
@@ -19,32 +18,37 @@ _OPACITY = 170.0  # of 255, where every direction is reached
 
 
 class ReachSlice:
-    """Slices of the map of a scene's arm.
+    """Slices of the map of an arm.
 
     Args:
         reach_map: The arm's map.
+        body: Id of the arm's base.
         base: Position [m] and orientation of the arm's base.
     """
 
-    def __init__(self, reach_map: ReachMap, base: tuple[np.ndarray, np.ndarray]) -> None:
-        self.map, self.base = reach_map, base
+    def __init__(self, reach_map: ReachMap, body: int, base: tuple[np.ndarray, np.ndarray]) -> None:
+        self.map, self.body, self.base = reach_map, body, base
         self.span = -reach_map.u_low
 
     @classmethod
-    def of(cls, scene: SceneModel) -> ReachSlice | None:
-        """The slices of a scene; None if it has no robot, or its robot has no map."""
-        robot = scene.config.robot
-        if robot is None:
-            return None
-        try:
-            reach_map = load_map(robot_arm(scene), robot, scene.config.where)
-        except ScenirisError:
-            return None
-        data = mujoco.MjData(scene.mjm)
+    def of(cls, scene: SceneModel) -> list[ReachSlice]:
+        """The slices of a scene, for each robot that has a map, with the bases where they are at home."""
+        data, found = mujoco.MjData(scene.mjm), []
         data.qpos[:] = scene.home_qpos
         mujoco.mj_kinematics(scene.mjm, data)
-        body = scene.bodies[ROBOT]
-        return None if reach_map is None else cls(reach_map, (data.xpos[body].copy(), data.xquat[body].copy()))
+        for name, robot in scene.config.all_robots.items():
+            try:
+                reach_map = load_map(robot_arm(scene, name), robot, scene.config.where)
+            except ScenirisError:
+                continue
+            body = scene.bodies[name]
+            if reach_map is not None:
+                found.append(cls(reach_map, body, (data.xpos[body].copy(), data.xquat[body].copy())))
+        return found
+
+    def at(self, data: mujoco.MjData) -> ReachSlice:
+        """The same slices in the state of a layout, in which the base may have been drawn elsewhere."""
+        return ReachSlice(self.map, self.body, (data.xpos[self.body].copy(), data.xquat[self.body].copy()))
 
     def picture(self, height: float) -> np.ndarray:
         """Return a slice at a height [m] of the world, (n, n, 4) uint8: the more opaque, the more approaches reach.

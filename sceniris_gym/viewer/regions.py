@@ -119,7 +119,7 @@ def relation_area(world: ShownWorld, name: str, relation: Relation) -> BaseGeome
             return hull
         return hull.buffer(width / 2.0, cap_style="flat" if isinstance(hull, LineString) else "square")
     (x, y, _, _), bounds = places[anchors[0]]
-    axis = relation.heading + frame_heading(world, name, relation)
+    axis = relation.heading(world.compiled.config.all_robots) + frame_heading(world, name, relation)
     if relation.kind == "beside":
         return _beside(world, name, relation, axis)
     low, high = relation.low, min(relation.high, _FAR)

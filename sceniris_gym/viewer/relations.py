@@ -23,7 +23,7 @@ def sketch_relations(world: ShownWorld, only: str | None = None) -> Sketch:
     sketch = Sketch()
     number = 0
     for name in [only] if only is not None else world.placed_names:
-        config = world.compiled.config.objects[name]
+        config = world.compiled.config.parts[name]
         for relation in config.relations:
             area = relation_area(world, name, relation)
             if area is None:

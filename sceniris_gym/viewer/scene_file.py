@@ -101,7 +101,7 @@ class SceneFile:
 
 def _files_of(config: SceneConfig) -> list[Path]:
     """The MJCF files that a scene names."""
-    parts = [*config.objects.values(), *([] if config.robot is None else [config.robot])]
+    parts = [*config.objects.values(), *config.all_robots.values()]
     assets = {part.asset for part in parts if part.asset is not None}
     of_package = shipped("assets", ".xml")
     files = [of_package[a] if SHIPPED_NAME.fullmatch(a) else Path(a) for a in sorted(assets)]

@@ -88,9 +88,9 @@ class ShownWorld:
 
     @property
     def placed_names(self) -> list[str]:
-        """Objects that were placed in this world, in the order of the scene file."""
-        objects = self.compiled.config.objects
-        return [name for name in objects if objects[name].is_placed and self.is_shown(name)]
+        """Objects, and robots whose base is drawn, that were placed in this world, in the order of the scene file."""
+        parts = self.compiled.config.parts
+        return [name for name in parts if parts[name].is_placed and self.is_shown(name)]
 
     def hidden_bodies(self, with_absent: bool = True) -> list[int]:
         """Bodies of objects that are not to be seen."""

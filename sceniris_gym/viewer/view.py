@@ -55,7 +55,7 @@ class SceneView:
         self.table: LayoutTable | None = None
         self._worlds: Worlds | None = None
         self._player: Player | None = None
-        self._slice: ReachSlice | None = None
+        self._slices: list[ReachSlice] = []
         self._layers: set[str] = set()
         self._geometry = SEEN
         self._only: str | None = None
@@ -93,11 +93,12 @@ class SceneView:
         self.loaded = loaded
         self.deck = LayoutDeck(loaded.compiled, self.num)
         self._only, self._counted = None, False
-        self._slice = ReachSlice.of(loaded.compiled.scene)
+        self._erase_slices()
+        self._slices = ReachSlice.of(loaded.compiled.scene)
         ranges = Player(loaded.compiled.mjm, self.deck.make(self.where)[:1]).target_ranges()
         shown = self._candidates is not None
         self._candidates = None
-        self.panel.set_scene(list(loaded.compiled.object_names), ranges, self._slice is not None)
+        self.panel.set_scene(list(loaded.compiled.object_names), ranges, bool(self._slices))
         self._draw_worlds()
         if loaded.stuck or shown:
             self.panel.set_rejected(True)
@@ -149,7 +150,8 @@ class SceneView:
     def move_slice(self, height: float) -> None:
         """Move the slice of the reach map to a height [m]."""
         self._height = height
-        self._show_slice()
+        if self.deck is not None and self.table is not None:
+            self._show_slices(self._first_world()[0])
 
     def move_arm(self, pose: str) -> None:
         """Let the arm of the first world jump into a pose of `poses_of_arm`; physics ends."""
@@ -237,7 +239,7 @@ class SceneView:
         worlds.send()
         self._show_layers(first)
         self._show_candidate(first, candidate, before)
-        self._show_slice()
+        self._show_slices(first)
         self._show_player()
 
     def _first_world(self) -> tuple[ShownWorld, Candidate | None]:
@@ -282,14 +284,19 @@ class SceneView:
         text = why.explain(self.deck.compiled, candidate, hits)
         self.panel.set_candidates(len(self._candidates or ()), self._candidate, text)
 
-    def _show_slice(self) -> None:
-        if REACH not in self._layers or self._slice is None or self._worlds is None:
-            erase(self.server, _SLICE)
+    def _show_slices(self, world: ShownWorld) -> None:
+        self._erase_slices()
+        if REACH not in self._layers or self._worlds is None:
             return
-        at, turn = self._slice.pose(self._height)
-        size = 2.0 * self._slice.span
-        words = {"position": at + self._worlds.origins[0], "wxyz": turn, "cast_shadow": False, "receive_shadow": False}
-        self.server.scene.add_image(f"/{_SLICE}", self._slice.picture(self._height), size, size, format="png", **words)
+        for i, piece in enumerate(piece.at(world.data) for piece in self._slices):
+            (at, turn), size = piece.pose(self._height), 2.0 * piece.span
+            flat = {"cast_shadow": False, "receive_shadow": False, "format": "png"}
+            words = {"position": at + self._worlds.origins[0], "wxyz": turn, **flat}
+            self.server.scene.add_image(f"/{_SLICE}{i}", piece.picture(self._height), size, size, **words)
+
+    def _erase_slices(self) -> None:
+        for i in range(len(self._slices)):
+            erase(self.server, f"{_SLICE}{i}")
 
     def _show_player(self) -> None:
         assert self.table is not None

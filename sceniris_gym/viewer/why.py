@@ -36,7 +36,7 @@ CAUSES = {
 def world_of(compiled: CompiledScene, candidate: Candidate) -> ShownWorld:
     """The world as it was when a candidate was tried: what comes later has no place yet."""
     later = compiled.placed[candidate.number + 1 :]
-    drawn = {name for name in later if name in compiled.object_names and compiled.config.objects[name].is_placed}
+    drawn = {name for name in later if name in compiled.config.parts and compiled.config.parts[name].is_placed}
     return ShownWorld(compiled, candidate.state, frozenset(drawn))
 
 
@@ -90,7 +90,10 @@ def explain(compiled: CompiledScene, candidate: Candidate, hits: Sequence[Hit]) 
     """Say in sentences why a candidate was rejected."""
     times = f"{candidate.count} of its candidates" if candidate.count > 1 else "one candidate"
     lines = [f"{candidate.name}: {candidate.cause} ({times} in this layout)."]
-    lines.append(f"Rejected because {CAUSES[candidate.cause]}.")
+    because = CAUSES[candidate.cause]
+    if candidate.cause == "unreachable" and candidate.name in compiled.config.all_robots:
+        because = "no grasp of something that it must reach is within the arm's reach from there"
+    lines.append(f"Rejected because {because}.")
     lines += [f"In the way: {hit}." for hit in worst_by_body(compiled.mjm, hits)]
     return "\n".join(lines)
 

@@ -84,10 +84,25 @@ WRONG: dict[str, tuple] = {
         SceneKeyError,
         ["objects.apple", "'by' only together with 'reachable'"],
     ),
+    "reachable with an unknown word": (
+        {"objects.apple.reachable": {"teir": "ik"}},
+        SceneKeyError,
+        ["objects.apple", "should have only tier, by, grasp in 'reachable'", "Did you mean 'tier'"],
+    ),
+    "by twice": (
+        {"objects.apple.reachable": {"by": "robot"}, "objects.apple.by": "robot"},
+        SceneKeyError,
+        ["objects.apple", "should have 'by' once"],
+    ),
+    "grasp without reachable": (
+        {"objects.apple.grasp": "top*"},
+        SceneKeyError,
+        ["objects.apple", "'grasp' only together with 'reachable'"],
+    ),
     "by another": (
         {"objects.apple.reachable": True, "objects.apple.by": "shelf"},
         SceneKeyError,
-        ["objects.apple.by", "should be 'robot'"],
+        ["objects.apple.reachable", "there is no robot"],
     ),
 }
 
@@ -188,3 +203,11 @@ def test_a_box_in_space_is_as_large_as_single_precision_allows():
     crop = SceneConfig.load(SMALL, {"objects.apple.region.box": [[0, 0], [1, 1]]}).objects["apple"].region
     assert crop is not None
     assert not crop.is_3d
+
+
+def test_reachable_may_hold_the_words_beside_it():
+    """A mapping of tier, robot and grasps is the same object as the three words."""
+    words = {"asset": "can", "on": "floor"}
+    short = ObjectConfig.model_validate({**words, "reachable": {"by": "left", "grasp": "rim*"}})
+    assert short == ObjectConfig.model_validate({**words, "reachable": True, "by": "left", "grasp": "rim*"})
+    assert ObjectConfig.model_validate({**words, "reachable": {"tier": "ik"}}).reachable == "ik"

@@ -31,7 +31,7 @@ def test_a_directional_word_is_a_heading_in_the_anchor_s_frame(words: dict, head
     """The half-plane on that side, at any distance between origins."""
     relation = only(words)
     assert (relation.kind, relation.anchors, relation.frame) == ("direction", ("cabinet",), "anchor")
-    assert (relation.heading, relation.half_angle) == pytest.approx((heading, math.pi / 2))
+    assert (relation.heading(()), relation.half_angle) == pytest.approx((heading, math.pi / 2))
     assert (relation.low, relation.high, relation.bounds) == (0.0, math.inf, False)
 
 
@@ -43,7 +43,7 @@ def test_a_side_is_an_axis(side: str, axis: list[int], degrees: float):
     """The front is -y, the right x; generator and audit both take their directions from here."""
     words = [{f"{side}_of": "mug"}, {"direction": axis, "of": "mug"}, {"beside": "mug", "side": side}]
     for relation in map(only, words):
-        assert math.degrees(relation.heading) == pytest.approx(degrees, abs=1e-12)
+        assert math.degrees(relation.heading(())) == pytest.approx(degrees, abs=1e-12)
 
 
 def test_options_of_a_direction_are_carried():
@@ -100,7 +100,7 @@ def test_beside_has_a_side_and_a_gap(side: str, heading: float):
     """The gap is 1 cm by default; the frame turns the side."""
     relation = only({"beside": "cabinet", "side": side})
     assert (relation.kind, relation.anchors, relation.gap) == ("beside", ("cabinet",), 0.01)
-    assert relation.heading == pytest.approx(heading)
+    assert relation.heading(()) == pytest.approx(heading)
     assert only({"beside": "cabinet", "side": side, "gap": 0, "frame": "world"}).gap == 0.0
 
 

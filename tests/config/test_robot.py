@@ -9,7 +9,9 @@ import pytest
 
 from sceniris_gym.config.robot import RobotConfig, TcpConfig
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import SceneKeyError
+from sceniris_gym.errors import SceneKeyError, UnknownNameError
+
+REACHED = {"asset": "can", "on": "floor", "reachable": True}
 
 
 def scene(robot: dict[str, Any], **words: Any) -> SceneConfig:
@@ -56,11 +58,68 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "a TCP nowhere": ({"asset": "panda", "tcp": {"offset": [0, 0, 0.1]}}, "robot.tcp: .* the 'site' or the 'body'"),
     "an unknown word": ({"asset": "panda", "tcp": {"bodi": "hand"}}, "robot.tcp.bodi: unknown key. Did you mean"),
     "a clearance below 0": ({"asset": "panda", "clearance": -0.1}, "robot.clearance"),
+    "drawn nowhere": ({"asset": "panda", "gap": 0.1}, r"should name its support \('on', 'inside' or 'in'\)"),
+    "drawn and fixed": ({"asset": "panda", "on": "floor", "yaw": 90.0}, "have no 'yaw': its base is drawn"),
+    "on something unknown": ({"asset": "panda", "on": "shelf"}, "robot.on: unknown support 'shelf'"),
+    "words that exclude each other": ({"asset": "panda", "on": "floor", "in": "floor"}, "should have only one of on"),
+    "not there and in the model": ({"in_model": "panda", "in_scene": False}, "'asset' or a 'model' without"),
 }
 
 
 @pytest.mark.parametrize(("robot", "says"), WRONG.values(), ids=WRONG.keys())
 def test_a_wrong_robot_is_refused(robot: dict[str, Any], says: str):
     """By its key, with what would be right."""
-    with pytest.raises(SceneKeyError, match=says):
+    with pytest.raises((SceneKeyError, UnknownNameError), match=says):
         scene(robot)
+
+
+PANDA = {"asset": "panda"}
+WRONG_TOGETHER: dict[str, tuple[dict[str, Any], str]] = {
+    "both forms": ({"robot": PANDA, "robots": {"left": PANDA}}, "'robot', which is the only one, or 'robots' by name"),
+    "a robot and an object": (
+        {"robots": {"can": PANDA}, "objects": {"can": {"asset": "can"}}},
+        "two of the name 'can'",
+    ),
+    "one body twice": (
+        {"model": "a.xml", "robots": {"a": {"in_model": "arm"}, "b": {"in_model": "arm"}}},
+        "'a' and 'b' are both 'arm'",
+    ),
+    "a reserved name": ({"robots": {"floor": PANDA}}, "this one is reserved"),
+    "a wrong word": ({"robots": {"left": {**PANDA, "clearance": -1.0}}}, r"robots\.left\.clearance"),
+    "nobody": ({"robots": {"a": PANDA, "b": PANDA}, "objects": {"can": REACHED}}, "as in 'reachable: {by: a}'"),
+    "another": (
+        {"robots": {"left": PANDA}, "objects": {"can": {**REACHED, "by": "lefd"}}},
+        r"objects\.can\.by: unknown robot 'lefd'. Did you mean 'left'",
+    ),
+}
+
+
+@pytest.mark.parametrize(("words", "says"), WRONG_TOGETHER.values(), ids=WRONG_TOGETHER.keys())
+def test_robots_that_do_not_go_together_are_refused(words: dict[str, Any], says: str):
+    """Two of one name, two forms, and objects that do not say which robot is to reach them."""
+    with pytest.raises((SceneKeyError, UnknownNameError), match=says):
+        SceneConfig.load({"floor": {"size": [1, 1]}, "objects": {}, **words})
+
+
+def test_robots_have_the_names_that_the_scene_gives_them(tmp_path: Path):
+    """And paths, overrides and the canonical form as one robot has; the only one need not be named by objects."""
+    (tmp_path / "scene.yaml").write_text("robots: {left: {model: arms/a.urdf, map: arms/a.reach}}\nobjects: {}\n")
+    config = SceneConfig.load(tmp_path / "scene.yaml", {"robots.left.base": [0, 0, 1]})
+    robot = config.robots["left"]
+    assert (robot.name, robot.key, config.key("left")) == ("left", "robots.left.model", "robots.left")
+    assert (robot.model, robot.base) == (str(tmp_path / "arms/a.urdf"), (0.0, 0.0, 1.0))
+    assert "arms" not in config.canonical()
+    with pytest.raises(UnknownNameError, match="unknown robot 'right'"):
+        SceneConfig.load(config, {"robots.right.base": [0, 0, 1]})
+    alone = SceneConfig.load({"floor": {"size": [1, 1]}, "robots": {"left": PANDA}, "objects": {"can": REACHED}})
+    assert alone.robot_for("can") == "left"
+
+
+def test_a_drawn_base_is_placed_before_what_it_reaches_unless_it_refers_to_that():
+    """Also where it refers to it by way of another object."""
+    objects = {"can": REACHED, "mug": {"asset": "mug", "on": "floor", "relations": [{"front_of": "can"}]}}
+    for near, needs in ((None, ("robot",)), ("mug", ())):
+        words = {} if near is None else {"relations": [{"near": near, "distance": {"max": 0.5}}]}
+        config = scene({**PANDA, "on": "floor", **words}, objects=objects)
+        assert config.needs("can") == needs
+    assert list(config.parts) == ["can", "mug", "robot"]

@@ -123,7 +123,7 @@ def _grasped(compiled: CompiledScene, layouts: Layouts, which: str) -> Iterator[
     rows = {name: getattr(layouts, name).numpy() for name in names}
     data, reaching = mujoco.MjData(compiled.mjm), compiled.reaching
     assert reaching is not None
-    gripper = reaching.gripper
+    gripper = reaching.arms[0].gripper
     for i in np.flatnonzero(rows["status"] != Status.NONE):
         for c, column in enumerate(reaching.targets):
             if rows["grasp"][i, c] < 0:
@@ -132,7 +132,7 @@ def _grasped(compiled: CompiledScene, layouts: Layouts, which: str) -> Iterator[
             data.qpos[:] = rows["qpos"][i]
             if compiled.mjm.nmocap:
                 data.mocap_pos[:], data.mocap_quat[:] = rows["mocap_pos"][i], rows["mocap_quat"][i]
-            data.qpos[reaching.arm.qposadr] = rows[which][i, c, : len(reaching.arm.joints)]
+            data.qpos[reaching.arms[0].arm.qposadr] = rows[which][i, c, : len(reaching.arms[0].arm.joints)]
             gap = min(grasp.opening + OPENING_MARGIN, gripper.opening)
             share = (gap - gripper.closed) / (gripper.opening - gripper.closed)
             adr, fingers = gripper.poses(np.array([share]))
@@ -144,7 +144,7 @@ def _grasped(compiled: CompiledScene, layouts: Layouts, which: str) -> Iterator[
 def _taken(compiled: CompiledScene, data: mujoco.MjData, name: str, grasp: Grasp, back: float) -> Taken:
     reaching, mjm = compiled.reaching, compiled.mjm
     assert reaching is not None
-    arm = reaching.arm
+    arm = reaching.arms[0].arm
     q = data.qpos[arm.qposadr]
     mujoco.mj_collision(mjm, data)
     frame = np.zeros(9)

@@ -29,7 +29,7 @@ def placed(compiled: CompiledScene, **words: int) -> LayoutGenerator:
     generator.launch_placing(None)
     stage, view = generator._stage, generator.layouts.view
     assert stage is not None
-    reach_waves.launch_open_worlds(stage._reach, view, generator._search, stage.search, "cpu")
+    reach_waves.launch_open_worlds(stage._arms[0][0], view, generator._search, stage.search, "cpu")
     return generator
 
 
@@ -39,7 +39,7 @@ def test_candidates_are_the_next_starts_as_far_as_there_is_room(compiled: Compil
     generator = placed(compiled, busy=busy, grasps=grasps)
     stage, layouts = generator._stage, generator.layouts
     assert stage is not None
-    search, reach = stage.search, stage._reach
+    search, reach = stage.search, stage._arms[0][0]
     number = np.arange(N) % 5
     search.number.assign(number)
     search.tried.assign(4 * number)
@@ -67,11 +67,11 @@ def test_the_lowest_candidate_that_passes_is_kept(compiled: CompiledScene):
     stage, layouts = generator._stage, generator.layouts
     assert stage is not None
     search = stage.search
-    stage._wave(layouts.view, generator._search)
+    stage._wave(*stage._arms[0], layouts.view, generator._search)
     assert (search.trials.numpy() == 24).all()
     order = (search.first.numpy()[:, None] + np.arange(24)).ravel()
     failed, start = (getattr(search, name).numpy()[order].reshape(N, 24) for name in ("failed", "start"))
-    grasp = search.grasp.numpy()[order].reshape(N, 24) - stage._reach.reach_graspadr.numpy()[0]
+    grasp = search.grasp.numpy()[order].reshape(N, 24) - stage._arms[0][0].reach_graspadr.numpy()[0]
     joints = search.grasp_qpos.numpy()[order].reshape(N, 24, -1)
     passed = failed == Step.PASSED
     kept = passed.any(axis=1)
@@ -99,7 +99,7 @@ def test_the_other_starts_of_a_refused_grasp_are_not_tried(compiled: CompiledSce
     stage, layouts = generator._stage, generator.layouts
     assert stage is not None
     search = stage.search
-    stage._wave(layouts.view, generator._search)
+    stage._wave(*stage._arms[0], layouts.view, generator._search)
     failed = search.failed.numpy()[search.first.numpy()]
     number = search.number.numpy()[search.column.numpy() == 0]
     failed = failed[search.column.numpy() == 0]

@@ -85,8 +85,8 @@ def test_grasps_and_gripper_are_the_same(folder: Path, only_read: Any):
     assert first is not None
     assert second is not None
     assert repr(second.targets) == repr(first.targets)
-    assert repr(second.gripper) == repr(first.gripper)
-    assert second.arm.hash == first.arm.hash
+    assert repr(second.arms[0].gripper) == repr(first.arms[0].gripper)
+    assert second.arms[0].arm.hash == first.arms[0].arm.hash
     assert [type(t.tier) for t in second.targets] == [type(t.tier) for t in first.targets]
 
 

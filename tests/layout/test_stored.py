@@ -54,7 +54,7 @@ def columns(layouts: Layouts) -> dict[str, np.ndarray]:
     """Copy what is served to the host, joints of grasps without the room for longer arms."""
     assert layouts.reaching is not None
     found = {name: getattr(layouts, name).numpy().copy() for name in SERVED}
-    njoint = len(layouts.reaching.arm.joints)
+    njoint = len(layouts.reaching.arms[0].arm.joints)
     for name in ("grasp_qpos", "pregrasp_qpos"):
         assert np.isnan(found[name][:, :, njoint:]).all()
         found[name] = found[name][:, :, :njoint]

@@ -28,7 +28,7 @@ def test_every_field_of_the_device_comes_back(name: str):
     again = from_arrays(compiled.scene, "cpu", to_arrays(compiled))
     structs = [(Program, compiled.program, again.program)]
     if compiled.reaching is not None and again.reaching is not None:
-        structs.append((Reach, compiled.reaching.view, again.reaching.view))
+        structs.append((Reach, compiled.reaching.arms[0].view, again.reaching.arms[0].view))
     assert len(structs) == (2 if name == "tabletop_lift" else 1)
     for declared, before, after in structs:
         compared = 0
@@ -60,11 +60,12 @@ def test_a_tool_without_fingers_comes_back():
     assert compiled.reaching is not None
     nothing = np.zeros(0)
     tool = Gripper(1e3, 0.0, 0.0, 0.1, 0.01, 0.0, np.zeros(0, int), nothing, nothing)
-    bare = replace(compiled, reaching=replace(compiled.reaching, gripper=tool))
+    (arm,) = compiled.reaching.arms
+    bare = replace(compiled, reaching=replace(compiled.reaching, arms=(replace(arm, gripper=tool),)))
     again = from_arrays(bare.scene, "cpu", to_arrays(bare)).reaching
     assert again is not None
-    assert again.gripper.qposadr.dtype == int
-    assert [values.size for values in again.gripper.poses(np.linspace(0.0, 1.0, 3))] == [0, 0]
+    assert again.arms[0].gripper.qposadr.dtype == int
+    assert [values.size for values in again.arms[0].gripper.poses(np.linspace(0.0, 1.0, 3))] == [0, 0]
 
 
 @pytest.mark.parametrize("name", ["words", "program.vert", "program.nobject", "home_qpos"])

@@ -65,7 +65,7 @@ def scene(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[SceneModel, R
 
 def test_every_field_is_filled_in_its_declared_type(scene: tuple[SceneModel, Reaching]):
     """Those of the arm and the map too: what nobody filled would be a null pointer in a kernel."""
-    found = list(_arrays(scene[1].view))
+    found = list(_arrays(scene[1].arms[0].view))
     assert len(found) > 30
     for name, declared, value in found:
         assert value is not None, name
@@ -79,12 +79,12 @@ def test_a_kernel_reads_what_the_host_knows(scene: tuple[SceneModel, Reaching]):
     n = len(reaching.targets)
     numbers = wp.zeros(n, dtype=int, device="cpu")
     home, grasp = (wp.zeros(n, dtype=wp.vec3, device="cpu") for _ in range(2))
-    wp.launch(_read, dim=n, inputs=[reaching.view, numbers, home, grasp], device="cpu")
+    wp.launch(_read, dim=n, inputs=[reaching.arms[0].view, numbers, home, grasp], device="cpu")
     data = mujoco.MjData(model.mjm)
     data.qpos[:] = model.home_qpos
     mujoco.mj_kinematics(model.mjm, data)
     base = Rotation.from_matrix(data.xmat[model.bodies["robot"]].reshape(3, 3))
-    tcp = base.inv().apply(data.site_xpos[reaching.arm.tcp_site] - data.xpos[model.bodies["robot"]])
+    tcp = base.inv().apply(data.site_xpos[reaching.arms[0].arm.tcp_site] - data.xpos[model.bodies["robot"]])
     np.testing.assert_allclose(home.numpy(), np.tile(tcp, (n, 1)), atol=1e-5)
     assert numbers.numpy().tolist() == [model.bodies[name] for name in ("one", "three")]
     expected = [target.grasp_set.grasps[0].pos for target in reaching.targets]
@@ -94,7 +94,7 @@ def test_a_kernel_reads_what_the_host_knows(scene: tuple[SceneModel, Reaching]):
 def test_columns_bodies_and_joints_are_those_of_the_model(scene: tuple[SceneModel, Reaching]):
     """Columns in placement order; all of the robot but its base, parents first; the hand's first body first."""
     model, reaching = scene
-    view, mjm = reaching.view, model.mjm
+    view, mjm = reaching.arms[0].view, model.mjm
     assert view.obj_reach.numpy().tolist() == [0, -1, 1]
     assert view.reach_obj.numpy().tolist() == view.reach_slot.numpy().tolist() == [0, 2]
     arm, hand = view.arm_body.numpy(), view.hand_body.numpy()
@@ -106,7 +106,7 @@ def test_columns_bodies_and_joints_are_those_of_the_model(scene: tuple[SceneMode
     assert mjm.body_parentid[hand[0]] not in hand
     assert all(mjm.body_parentid[body] in hand for body in hand[1:])
     assert [mjm.joint(int(np.flatnonzero(mjm.jnt_qposadr == adr)[0])).name for adr in view.arm_qposadr.numpy()] == [
-        *reaching.arm.joints
+        *reaching.arms[0].arm.joints
     ]
     assert view.reach_below.numpy().tolist() == [1, 1]
     assert view.mapped == 1

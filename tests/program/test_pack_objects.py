@@ -159,7 +159,8 @@ def test_pairs_are_those_of_objects_and_then_those_of_the_arm(tmp_path: Path):
         assert len(packed["obj_pairadr"]) == len(packed["obj_startadr"]) == len(expected) == 2
         arm = arm_pairs(packed.scene, packed.plan, packed.colliders)
         assert arm is not None
-        named = {"arm_self": [arm.itself], "arm_scene": arm.scene, "arm_hand": arm.hand, "arm_target": arm.target}
+        itself = [arm.itself["robot"]]
+        named = {"arm_self": itself, "arm_scene": arm.scene, "arm_hand": arm.hand, "arm_target": arm.target}
         expected += [("arm", packed[name][i], p) for name, lists in named.items() for i, p in enumerate(lists)]
         assert len(packed["arm_pairadr"]) == len(packed["arm_startadr"]) == 4
         rows = list(zip(packed["pair_a"], packed["pair_b"], packed["pair_margin"], strict=True))

@@ -52,7 +52,7 @@ def test_self_contacts_are_those_that_mujoco_reports(tmp_path: Path, robot: str)
     mjm, data = scene.model.mjm, mujoco.MjData(scene.model.mjm)
     own = set(scene.model.subtree("robot"))
     joints = [j for j in range(mjm.njnt) if mjm.jnt_bodyid[j] in own]
-    listed, seen = scene.names(scene.arm.itself), set()
+    listed, seen = scene.names(scene.arm.itself["robot"]), set()
     rng = np.random.default_rng(0)
     for _ in range(400):
         data.qpos[mjm.jnt_qposadr[joints]] = rng.uniform(*mjm.jnt_range[joints].T)

@@ -145,15 +145,16 @@ def test_the_hand_moves_with_the_tcp_as_the_device_is_told(robot: str, folder: P
     model = build_model(SceneConfig.load({"floor": {"size": [2, 2]}, "robot": stands, "objects": objects}))
     found = build_reaching(model, build_plan(model), "cpu")
     assert found is not None
-    mjm, data, hand = model.mjm, mujoco.MjData(model.mjm), int(found.view.hand_body.numpy()[0])
-    pos, turn = np.array(found.view.hand_pos), Rotation.from_quat(np.array(found.view.hand_quat), scalar_first=True)
+    view, arm = found.arms[0].view, found.arms[0].arm
+    mjm, data, hand = model.mjm, mujoco.MjData(model.mjm), int(view.hand_body.numpy()[0])
+    pos, turn = np.array(view.hand_pos), Rotation.from_quat(np.array(view.hand_quat), scalar_first=True)
     own = [j for j in range(mjm.njnt) if mjm.jnt_bodyid[j] in model.subtree("robot")]
     draws = np.random.default_rng(0)
     for _ in range(20):
         data.qpos[mjm.jnt_qposadr[own]] = draws.uniform(*mjm.jnt_range[own].T)
         mujoco.mj_kinematics(mjm, data)
-        tcp = Rotation.from_matrix(data.site_xmat[found.arm.tcp_site].reshape(3, 3))
-        np.testing.assert_allclose(data.site_xpos[found.arm.tcp_site] + tcp.apply(pos), data.xpos[hand], atol=1e-6)
+        tcp = Rotation.from_matrix(data.site_xmat[arm.tcp_site].reshape(3, 3))
+        np.testing.assert_allclose(data.site_xpos[arm.tcp_site] + tcp.apply(pos), data.xpos[hand], atol=1e-6)
         np.testing.assert_allclose((tcp * turn).as_matrix(), data.xmat[hand].reshape(3, 3), atol=1e-6)
 
 
@@ -172,7 +173,7 @@ def test_the_device_finds_the_grasps_of_every_variant(folder: Path, cube: str):
     found = build_reaching(model, plan, "cpu")
     assert found is not None
     assert found.names == ("slab", "cube")
-    view, variant, sizes = found.view, 0, []
+    view, variant, sizes = found.arms[0].view, 0, []
     for number, o in enumerate(plan.objects):
         column = int(view.obj_reach.numpy()[number])
         assert column == (found.names.index(o.name) if o.name in found.names else -1)

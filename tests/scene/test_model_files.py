@@ -95,7 +95,7 @@ def test_a_urdf_is_a_robot_as_it_is(tmp_path: Path, uri: str):
     assert list(scene.joints("robot")) == ["j0"]
     data = mujoco.MjData(scene.mjm)
     mujoco.mj_kinematics(scene.mjm, data)
-    np.testing.assert_allclose(data.site(scene.tcp).xpos, [0, 0, 1.1], atol=1e-9)
+    np.testing.assert_allclose(data.site(scene.tcps["robot"]).xpos, [0, 0, 1.1], atol=1e-9)
 
 
 def test_the_meshes_of_a_urdf_are_part_of_the_scenes_name(tmp_path: Path):

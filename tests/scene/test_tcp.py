@@ -47,7 +47,7 @@ def pose(scene: SceneModel) -> tuple[np.ndarray, np.ndarray]:
     data = mujoco.MjData(scene.mjm)
     data.qpos[:] = scene.home_qpos
     mujoco.mj_kinematics(scene.mjm, data)
-    palm, tcp = data.body("arm/palm"), data.site(scene.tcp)
+    palm, tcp = data.body("arm/palm"), data.site(scene.tcps["robot"])
     back = palm.xmat.reshape(3, 3).T
     return back @ (tcp.xpos - palm.xpos), back @ tcp.xmat.reshape(3, 3)
 
@@ -65,7 +65,7 @@ def test_a_site_that_suits_is_taken_as_it_is(tmp_path: Path):
     """Nothing is added to the model: two fingers that close along y, or none."""
     for axes in ([90, -90], []):
         scene = arm(tmp_path, axes, tcp="grip")
-        assert scene.tcp == "arm/grip"
+        assert scene.tcps["robot"] == "arm/grip"
         assert scene.mjm.nsite == 1
 
 
@@ -110,7 +110,7 @@ def test_a_robot_that_is_in_the_model_keeps_its_place_and_gets_its_tcp(tmp_path:
     for model in (str(tmp_path / "arm.xml"), spec):
         scene = build_model(SceneConfig.load({"model": model, "robot": robot, "objects": {}}))
         assert scene.bodies["robot"] == scene.mjm.body("pedestal").id
-        assert (scene.tcp, list(scene.joints("robot"))) == ("tcp", ["turn", "wrist", "f0", "f1"])
+        assert (scene.tcps["robot"], list(scene.joints("robot"))) == ("tcp", ["turn", "wrist", "f0", "f1"])
     with pytest.raises(SceneKeyError, match=r"robot\.tcp: would add a site .* whose \+z is the approach axis"):
         build_model(SceneConfig.load({"model": spec.compile(), "robot": robot, "objects": {}}))
     with pytest.raises(UnknownNameError, match=r"robot\.in_model: unknown body of the model 'pedestel'.*'pedestal'"):
@@ -138,6 +138,6 @@ def test_place_on_adds_the_tcp_that_a_compiled_model_needs(tmp_path: Path):
     robot = {"in_model": "pedestal", "tcp": {"body": "palm", "offset": [0, 0, 0.05]}}
     place_on(spec, {"robot": robot, "objects": {}})
     scene = build_model(SceneConfig.load({"model": spec.compile(), "robot": {"in_model": "pedestal"}, "objects": {}}))
-    site = scene.mjm.site(scene.tcp)
+    site = scene.mjm.site(scene.tcps["robot"])
     np.testing.assert_allclose(site.pos, [0, 0, 0.05], atol=1e-9)
     assert scene.mjm.body(int(site.bodyid[0])).name == "palm"

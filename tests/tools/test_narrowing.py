@@ -54,7 +54,7 @@ def test_the_picture_has_dots_where_objects_lie():
         after={"mug": before[:1]},
         kept={"mug": 0.5},
         rejections={"mug": {"unreachable": 1, "no_ik": 0, "blocked": 0}},
-        base=np.array([0.5, -0.5, np.pi / 2]),
+        bases=np.array([[0.5, -0.5, np.pi / 2]]),
         lower=np.array([-1.0, -1.0]),
         upper=np.array([1.0, 1.0]),
     )

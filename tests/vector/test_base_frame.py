@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import mujoco
 import numpy as np
 import torch
 
-from sceniris_gym.vector.base_frame import BaseFrame
+from sceniris_gym.vector.base_frame import BaseFrame, DrawnBaseFrame
 
 MJCF = """
 <mujoco>
@@ -25,8 +23,7 @@ def frame(robot: str | None) -> tuple[BaseFrame, mujoco.MjData]:
     mjm = mujoco.MjModel.from_xml_string(MJCF)
     data = mujoco.MjData(mjm)
     mujoco.mj_kinematics(mjm, data)
-    scene = SimpleNamespace(mjm=mjm, bodies={} if robot is None else {"robot": mjm.body(robot).id})
-    return BaseFrame(scene, torch.device("cpu")), data  # type: ignore[arg-type]
+    return BaseFrame(mjm, 0 if robot is None else mjm.body(robot).id, torch.device("cpu")), data
 
 
 def drawn(n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -69,3 +66,22 @@ def test_without_a_robot_it_is_the_world():
     base, _ = frame(None)
     position, quat = (torch.tensor(array).float() for array in drawn(5))
     assert torch.equal(base.pose(position, quat), torch.cat([position, quat], dim=1))
+
+
+def test_a_base_that_is_drawn_is_another_frame_in_every_world():
+    """Each world against the frame of a base that stands there for good; with an axis more for several bodies."""
+    at, turn = (torch.tensor(x).float() for x in drawn(5))
+    position, quat = (torch.tensor(x).float().reshape(5, 4, -1) for x in drawn(20))
+    site = drawn(1)[1][0]
+    base = DrawnBaseFrame(at, turn)
+    found, turned = base.pose(position, quat), base.pose(position[:, 0], quat[:, 0], base.seen(site))
+    moved = base.vectors(position, position.flip(1))
+    for i in range(5):
+        spec = mujoco.MjSpec()
+        spec.worldbody.add_body(name="base", pos=at[i].tolist(), quat=turn[i].tolist())
+        still = BaseFrame(spec.compile(), 1, torch.device("cpu"))
+        torch.testing.assert_close(found[i], still.pose(position[i], quat[i]), atol=1e-5, rtol=0.0)
+        torch.testing.assert_close(
+            turned[i], still.pose(position[i, 0], quat[i, 0], still.seen(site)), atol=1e-5, rtol=0
+        )
+        torch.testing.assert_close(moved[i], still.vectors(position[i], position[i].flip(0)), atol=1e-5, rtol=0.0)

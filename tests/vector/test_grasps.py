@@ -76,7 +76,7 @@ def test_the_arm_stands_in_the_grasp_in_the_joints_that_are_given(worlds: dict[s
     for qpos, back in ((s.grasp_qpos("thing"), 0.0), (s.pregrasp_qpos("thing"), 0.08)):
         for i in range(NWORLD):
             data.qpos[:] = batch.data.qpos.numpy()[i]
-            data.qpos[compiled.reaching.arm.qposadr] = qpos[i].numpy()
+            data.qpos[compiled.reaching.arms[0].arm.qposadr] = qpos[i].numpy()
             mujoco.mj_kinematics(mjm, data)
             tcp = pose_of(_quat(data.site("crane/tcp").xmat), data.site("crane/tcp").xpos)
             stands = np.linalg.inv(pose_of(data.xquat[base], data.xpos[base])) @ tcp

@@ -43,7 +43,7 @@ def test_the_arm_jumps_into_every_pose():
             table = with_arm(world, f"{step} of {name}")
             assert table is not None
             moved = type(world)(world.compiled, table)
-            assert moved.data.site_xpos[reaching.arm.tcp_site] == pytest.approx(pos - back * axis, abs=2e-3)
+            assert moved.data.site_xpos[reaching.arms[0].arm.tcp_site] == pytest.approx(pos - back * axis, abs=2e-3)
             body = world.compiled.scene.bodies[name]
             assert moved.data.xpos[body] == pytest.approx(world.data.xpos[body])
 

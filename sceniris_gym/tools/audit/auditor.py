@@ -15,7 +15,6 @@ from dataclasses import dataclass, field, replace
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.collisions import CollisionAudit, Conflict, FalseAlarm
@@ -108,15 +107,13 @@ class Auditor:
             for solid in solids_of(mjm, config.geometry)
             if self.tree.owner[mjm.geom_bodyid[solid.geom]] not in markers
         ]
-        placed = {name: part for name, part in config.objects.items() if part.kind in ("free", "fixture")}
+        placed = {name: part for name, part in config.parts.items() if part.kind in ("free", "fixture")}
         clearances = {name: part.clearance for name, part in placed.items()}
-        if config.robot is not None:
-            clearances[ROBOT] = config.robot.clearance
+        clearances |= {name: robot.clearance for name, robot in config.all_robots.items()}
         drawn = {name: bodies[name] for name, part in placed.items() if part.is_placed}
         self.contacts = ContactAudit(self.tree, drawn, markers)
         jointed = {name for name, part in config.objects.items() if part.joints}
-        if config.robot is not None and config.robot.joints:
-            jointed.add(ROBOT)
+        jointed |= {name for name, robot in config.all_robots.items() if robot.joints}
         self.collisions = CollisionAudit(
             self.tree, solids, config.geometry, clearances, jointed, self.contacts.at_home, {*drawn, *jointed}, drawn
         )
@@ -184,7 +181,7 @@ class Auditor:
         )
 
     def _robots(self) -> set[int]:
-        """Return the bodies of the robot, and of whatever else is no object of the scene but has actuators."""
+        """Return the bodies of the robots, and of whatever else is no object of the scene but has actuators."""
         mjm, owner = self.mjm, self.tree.owner
         joints = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
         names = {
@@ -192,7 +189,7 @@ class Auditor:
             for kind, driven in zip(mjm.actuator_trntype.tolist(), mjm.actuator_trnid.tolist(), strict=True)
             if kind in joints
         }
-        names = {ROBOT} | names - set(self.config.objects)
+        names = set(self.config.all_robots) | names - set(self.config.objects)
         return {body for body, name in enumerate(owner) if name in names}
 
     def judge_language(self, table: LayoutTable) -> list[Kept]:

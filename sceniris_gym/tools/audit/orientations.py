@@ -56,7 +56,7 @@ class OrientationAudit:
             where the object is absent. Shape (nrow,).
         """
         found = {}
-        for name, part in self.config.objects.items():
+        for name, part in self.config.parts.items():
             if not part.is_placed or part.drawn_orientation.kind == "any":
                 continue
             turn, rotation = part.drawn_orientation, self.outlines.turn(name, poses)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.tools.audit.geometry import Form, Poses, Solid
 from sceniris_gym.tools.audit.pairs import Tree
@@ -21,7 +20,7 @@ class Outline:
     """One object seen from above in each row.
 
     Attributes:
-        pivot: Bottom centre of its bounds [m], world frame, shape (nrow, 3); for the robot, the origin of its base.
+        pivot: Bottom centre of its bounds [m], world frame, shape (nrow, 3); for a robot, the origin of its base.
         heading: Direction of its root's x axis [rad], shape (nrow,); where that axis points straight up or down, that
             of its y axis minus a right angle.
         low, high: Its bounds [m] around the pivot, along its heading and across it to the left, shape (nrow, 2).
@@ -77,7 +76,7 @@ class Outlines:
 
         The pivot is the centre of the bounds with the joints at home and the orientation of the row; with
         `orientation: any`, of the bounds with the joints of the row. The bounds, and the height of the pivot, are
-        always those with the joints of the row. The robot's pivot is the origin of its base.
+        always those with the joints of the row. A robot's pivot is the origin of its base.
         """
         heading = _heading(poses.xmat[:, self.bodies[name]])
         at = poses.xpos[:, self.bodies[name]]
@@ -88,10 +87,10 @@ class Outlines:
         up = np.broadcast_to([0.0, 0.0, 1.0], at.shape)
         low = np.stack([self._least(name, poses, axes[:, k]) for k in range(2)], 1)
         high = np.stack([-self._least(name, poses, -axes[:, k]) for k in range(2)], 1)
-        if name == ROBOT:
+        if name in self.config.all_robots:
             return Outline(at, heading, low, high)
         middle = (low + high) / 2
-        part = self.config.objects.get(name)
+        part = self.config.parts.get(name)
         if part is None or part.drawn_orientation.kind != "any":
             ends = [[self._least_at_home(name, poses, sign * axes[:, k]) for k in range(2)] for sign in (1, -1)]
             middle = (np.stack(ends[0], 1) - np.stack(ends[1], 1)) / 2

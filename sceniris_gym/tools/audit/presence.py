@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.outlines import Outline
@@ -15,8 +14,8 @@ FAR = 38.0  # m; beyond this along both axes an object is parked, and present on
 
 
 def presence(config: SceneConfig, table: LayoutTable) -> dict[str, np.ndarray]:
-    """Return object name (and "robot") -> rows in which it is present, shape (nrow,)."""
-    names = [*config.objects, *([ROBOT] if config.robot is not None else [])]
+    """Return object name (and that of robots) -> rows in which it is present, shape (nrow,)."""
+    names = [*config.objects, *config.all_robots]
     return {name: table.present[:, i].astype(bool) for i, name in enumerate(names)}
 
 

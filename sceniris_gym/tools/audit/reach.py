@@ -34,6 +34,7 @@ class Claim:
 
     Attributes:
         name: The object.
+        robot: The robot that is claimed to reach it.
         tier: How thoroughly it was checked.
         pose: TCP in the world frame, position [m] and orientation (w, x, y, z), shape (nrow, 7).
         qpos: Joints of the arm in the grasp [rad or m], from its base on, shape (nrow, njoint).
@@ -43,6 +44,7 @@ class Claim:
     """
 
     name: str
+    robot: str
     tier: Tier
     pose: np.ndarray
     qpos: np.ndarray
@@ -68,17 +70,22 @@ class ReachAudit:
         root: Id of the robot's root body.
         bodies: Object name -> root body id.
         tcp: Name of the site that is the robot's tool centre point.
+        chain: The chain of a robot that is not in the model, where there is a body at its base alone; no joints are
+            judged then.
     """
 
-    def __init__(self, mjm: mujoco.MjModel, root: int, bodies: dict[str, int], tcp: str) -> None:
+    def __init__(
+        self, mjm: mujoco.MjModel, root: int, bodies: dict[str, int], tcp: str, chain: Chain | None = None
+    ) -> None:
         self.mjm, self.root, self.data = mjm, root, mujoco.MjData(mjm)
-        self.site = mjm.site(tcp).id
-        self.chain = Chain(mjm, root, self.site)
-        self.joints, self.adr = self.chain.joints, mjm.jnt_qposadr[self.chain.joints]
+        self.site = mjm.site(tcp).id if chain is None else -1
+        self.chain = Chain(mjm, root, self.site) if chain is None else chain
+        self.joints = self.chain.joints if chain is None else []
+        self.adr = mjm.jnt_qposadr[self.joints].astype(int)
         self.lower, self.upper = self.chain.lower.numpy(), self.chain.upper.numpy()
         self._of = {name: _inside(mjm, body) for name, body in bodies.items()}
         self._robot = _inside(mjm, root)
-        self._hand = _inside(mjm, int(mjm.jnt_bodyid[self.joints[-1]]))
+        self._hand = _inside(mjm, int(mjm.jnt_bodyid[self.joints[-1]])) if chain is None else set()
         self._at_home = self._touching_at_home()
 
     def judge(self, table: LayoutTable, claims: Sequence[Claim], present: dict[str, np.ndarray]) -> list[Unreached]:
@@ -86,7 +93,7 @@ class ReachAudit:
 
         Args:
             table: The layouts.
-            claims: One for each object with `reachable`.
+            claims: One for each object with `reachable` by this robot.
             present: Object name -> rows in which it is present, shape (nrow,).
         """
         found, asked = [], []

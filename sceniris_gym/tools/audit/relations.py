@@ -48,7 +48,7 @@ class RelationAudit:
             where it does not apply because something is absent. Shape (nrow,).
         """
         found = {}
-        for name, part in self.config.objects.items():
+        for name, part in self.config.parts.items():
             for i, relation in enumerate(part.relations):
                 judged = present[name] & _complete(relation, present)
                 missed = self._missed(part, relation, outlines[name], outlines, present, support_heading[name])
@@ -71,18 +71,18 @@ class RelationAudit:
             there = np.stack([present[a] for a in relation.anchors], 1)
             width = (own.high - own.low).min(1) if relation.width is None else np.full(len(there), relation.width)
             return {"m": _off_between(own.pivot[:, :2], anchors, there, width)}
-        anchor = outlines[relation.anchors[0]]
+        anchor, axis = outlines[relation.anchors[0]], relation.heading(self.config.all_robots)
         turned = {"anchor": anchor.heading, "support": support_heading, "world": np.zeros(len(anchor.heading))}
         frame = turned[relation.frame] if relation.frame in turned else outlines[relation.frame].heading
         if relation.kind == "beside":
-            return {"m": _off_beside(own, anchor, relation.heading + frame, relation.gap)}
+            return {"m": _off_beside(own, anchor, axis + frame, relation.gap)}
         missed = {}
         apart = own.pivot[:, :2] - anchor.pivot[:, :2]
         if relation.low > 0 or relation.high < np.inf:
             distance = _between_bounds(own, anchor) if relation.bounds else np.linalg.norm(apart, axis=1)
             missed["m"] = np.maximum(relation.low - distance, distance - relation.high)
         if relation.kind == "direction":
-            off = wrapped(np.arctan2(apart[:, 1], apart[:, 0]) - relation.heading - frame)
+            off = wrapped(np.arctan2(apart[:, 1], apart[:, 0]) - axis - frame)
             rounding = ROUNDING / np.maximum(np.linalg.norm(apart, axis=1), ROUNDING)
             missed["rad"] = np.abs(off) - relation.half_angle - rounding
         return missed
@@ -100,7 +100,7 @@ def support_headings(
         bodies: Object name -> root body id.
     """
     found = {}
-    for name, part in config.objects.items():
+    for name, part in config.parts.items():
         found[name] = np.zeros(len(poses.xpos))
         if part.support is not None:
             x = poses.xmat[:, carrier_of(mjm, bodies, config, part.support.parent).body, :, 0]

@@ -81,7 +81,7 @@ class StandingAudit:
 
     def __init__(self, tree: Tree, solids: list[Solid], config: SceneConfig, outlines: Outlines, home: Poses) -> None:
         self.tree, self.config, self.bodies, self.outlines = tree, config, outlines.bodies, outlines
-        self.placed = {name: part for name, part in config.objects.items() if part.is_placed}
+        self.placed = {name: part for name, part in config.parts.items() if part.is_placed}
         self._planes = [s.geom for s in solids if s.form is Form.HALFSPACE]
         self._surface = {s.geom: surface_of(s) for s in solids if s.form is not Form.HALFSPACE}
         self._home = home

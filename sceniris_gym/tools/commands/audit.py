@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.errors import SceneFileError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.reach_poses import OPENING_MARGIN
@@ -18,6 +17,7 @@ from sceniris_gym.progress import tell
 from sceniris_gym.reach.stored_arrays import UNREADABLE, read_arrays
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.auditor import Auditor
+from sceniris_gym.tools.audit.chain import Chain
 from sceniris_gym.tools.audit.contacts import Allowed
 from sceniris_gym.tools.audit.equalities import equalities
 from sceniris_gym.tools.audit.physics import without_log
@@ -56,8 +56,10 @@ def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
     """Return how a table says its objects are reached, with the gripper opened 1 cm wider than a grasp needs."""
     if compiled.reaching is None:
         return []
-    gripper, claims = compiled.reaching.gripper, []
+    claims = []
     for k, target in enumerate(compiled.reaching.targets):
+        one = compiled.reaching.arm_of(target)
+        gripper, joints = one.gripper, slice(0, len(one.arm.joints))
         needed = np.array([g.opening for g in target.grasp_set.grasps])[np.maximum(table.grasp[:, k], 0)]
         gap = np.minimum(needed + OPENING_MARGIN, gripper.opening)
         share = np.clip((gap - gripper.closed) / max(gripper.opening - gripper.closed, 1e-6), 0.0, 1.0)
@@ -65,10 +67,11 @@ def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
         claims.append(
             Claim(
                 name=target.name,
+                robot=one.robot,
                 tier=target.tier,
                 pose=table.grasp_pose[:, k],
-                qpos=table.grasp_qpos[:, k],
-                pregrasp_qpos=table.pregrasp_qpos[:, k],
+                qpos=table.grasp_qpos[:, k, joints],
+                pregrasp_qpos=table.pregrasp_qpos[:, k, joints],
                 fingers=fingers,
                 finger_adr=finger_adr,
             )
@@ -80,9 +83,16 @@ def judge_reach(compiled: CompiledScene, table: LayoutTable, claims: list[Claim]
     """Return the claims of a table about reach that the audit finds to be wrong."""
     if not claims:
         return []
-    audit = ReachAudit(compiled.mjm, compiled.scene.bodies[ROBOT], compiled.scene.bodies, compiled.scene.tcp)
+    scene, found = compiled.scene, []
     present = {claim.name: table.present[:, compiled.slots.index(claim.name)] for claim in claims}
-    return audit.judge(table, claims, present)
+    for robot in dict.fromkeys(claim.robot for claim in claims):
+        home, name = scene.home_of(robot)
+        tcp, chain = home.tcps[name], None
+        if home is not scene:
+            chain = Chain(home.mjm, home.bodies[name], home.mjm.site(tcp).id)
+        audit = ReachAudit(compiled.mjm, scene.bodies[robot], scene.bodies, tcp, chain)
+        found += audit.judge(table, [claim for claim in claims if claim.robot == robot], present)
+    return found
 
 
 @dataclass(frozen=True)
@@ -161,7 +171,7 @@ def _check_columns(
 ) -> None:
     """Refuse columns that are not those of the scene: shapes, types, and names of rejected objects."""
     mjm, reaching = compiled.mjm, compiled.reaching
-    nreach, njoint = (0, 0) if reaching is None else (len(reaching.targets), len(reaching.arm.joints))
+    nreach, njoint = (0, 0) if reaching is None else (len(reaching.targets), reaching.njoint)
     columns = [("rejected_object", names, (len(np.atleast_1d(rejected.valid)),), "<U1")]
     for part, rows in (("layouts", table), ("rejected", rejected)):
         n = len(np.atleast_1d(rows.valid))

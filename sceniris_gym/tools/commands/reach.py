@@ -161,9 +161,9 @@ def narrowed(
     Raises:
         SceneKeyError: The scene has another robot or none, or no object of it has `reachable`.
     """
-    robot = None if config.robot is None else config.robot.file or config.robot.name
-    if robot is None or not _same(name, robot):
-        has = "no robot" if robot is None else f"the robot '{robot}'"
+    robots = [robot.file or robot.name for robot in config.all_robots.values()]
+    if not any(_same(name, robot) for robot in robots):
+        has = f"the robot {' and '.join(f'{robot!r}' for robot in robots)}" if robots else "no robot"
         raise SceneKeyError(f"reach {name} --scene {config.where}: this scene has {has}. Name a scene with '{name}'.")
     check_picture(out)
     compiled = compile_scene(config, device)

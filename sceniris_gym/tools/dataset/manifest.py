@@ -103,7 +103,7 @@ def _columns(compiled: CompiledScene) -> dict[str, tuple[str, tuple[int, ...]]]:
         "attempts": ("int32", ()),
     }
     if reaching is not None:
-        nreach, njoint = len(reaching.targets), len(reaching.arm.joints)
+        nreach, njoint = len(reaching.targets), reaching.njoint
         columns |= {
             "grasp": ("int32", (nreach,)),
             "grasp_pose": ("float32", (nreach, 7)),

@@ -112,7 +112,7 @@ def test_only_the_hand_may_touch_its_target_and_only_in_the_grasp(tmp_path_facto
         claims = reach_claims(compiled, table)
         return {
             u.cause
-            for u in ReachAudit(changed.compile(), bodies["robot"], bodies, compiled.scene.tcp).judge(
+            for u in ReachAudit(changed.compile(), bodies["robot"], bodies, compiled.scene.tcps["robot"]).judge(
                 table, claims, present
             )
         }
@@ -136,7 +136,7 @@ def test_hits_of_the_arm_with_itself_are_seen(
         (pad,) = spec.body(f"crane/{name}").geoms
         pad.size, pad.contype, pad.conaffinity = [0.01, width, 0.02], 1, 1
     mjm: mujoco.MjModel = spec.compile()
-    audit = ReachAudit(mjm, compiled.scene.bodies["robot"], compiled.scene.bodies, compiled.scene.tcp)
+    audit = ReachAudit(mjm, compiled.scene.bodies["robot"], compiled.scene.bodies, compiled.scene.tcps["robot"])
     claims = reach_claims(compiled, table)[:1]
     present = {"thing": np.ones(N, bool)}
     assert {u.cause for u in audit.judge(table, claims, present)} == cause
