@@ -453,10 +453,33 @@ def import_(
     return dumps(found) if json else tool.report(found)
 
 
+@_command
+def init(
+    model: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="MODEL", help="an MJCF or URDF file")],
+    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], help="scene file to write; by default to stdout")] = None,
+    device: Device = None,
+    json: Json = False,
+) -> str:
+    """Write a first scene file from a model: its free bodies on what they stand on, its robot, and its supports.
+
+    What cannot be placed is commented out, with the reason. The scene is tried before it is written.
+    """
+    from sceniris_gym.tools.commands import init as tool
+
+    target = None if out is None else _target(out)
+    scene = tool.init(model, device)
+    if target is not None:
+        tool.write(scene, target)
+    elif not json:
+        return tool.text(scene, None).rstrip()
+    found = tool.summary(scene, target)
+    return dumps(found) if json else tool.report(found)
+
+
 ABOUT = "Fresh, collision-free scene layouts for every reset of batched MuJoCo-Warp environments."
 COMMANDS = {
     command.__name__.rstrip("_"): command
-    for command in (demo, generate, audit, bench, replay, check, reach, import_, view)
+    for command in (demo, generate, audit, bench, replay, check, reach, import_, init, view)
 }
 
 
