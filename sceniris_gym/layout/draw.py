@@ -41,11 +41,17 @@ def _draw_point(program: Program, layouts: LayoutsView, search: Search, c: int, 
     ground = program.obj_ground[obj]
     box = program.obj_box_upper[obj] - program.obj_box_lower[obj]
     search.point[c] = program.obj_box_lower[obj] + wp.cw_mul(wp.vec3(u[1], u[2], u[3]), box)
+    beside = program.obj_beside[obj]
+    is_joined = False
+    if beside >= 0:
+        is_joined = layouts.present[row, beside] != 0
     search.heading[c] = turn.yaw
+    if is_joined:
+        search.heading[c] = turn.yaw + layouts.place[row, beside][3]
     if ground < 0:
         return
     frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])
-    if program.obj_orientation[obj] != _ANY:
+    if program.obj_orientation[obj] != _ANY and not is_joined:
         search.heading[c] = turn.yaw + wp.atan2(frame.rot[1, 0], frame.rot[0, 0])
     if program.obj_cutnum[obj] > 0:
         return

@@ -54,6 +54,7 @@ class RelationType(IntEnum):
     SECTOR = 0
     BETWEEN = 1
     BESIDE = 2
+    JOINED = 3
 
 
 class OrientationType(IntEnum):
@@ -119,6 +120,7 @@ class Program:
     obj_orientation: wp.array(dtype=int)
     obj_target: wp.array(dtype=int)  # slot of what it faces
     obj_yaw: wp.array(dtype=wp.vec2)
+    obj_beside: wp.array(dtype=int)  # slot whose heading its yaw is added to in place of its support's, or -1
     obj_variantadr: wp.array(dtype=int)
     obj_variantnum: wp.array(dtype=int)
     obj_measured: wp.array(dtype=int)
@@ -174,6 +176,7 @@ class Program:
     rel_bounds: wp.array(dtype=int)
     rel_width: wp.array(dtype=float)  # negative: the shorter edge of the object's own bounds
     rel_gap: wp.array(dtype=float)
+    rel_sites: wp.array(dtype=wp.vec4)  # xy from the pivots, at heading 0: the anchor's site and the gap, own site
     rel_piecenum: wp.array(dtype=int)
     rel_sideadr: wp.array(dtype=int)  # where the sides of its pieces begin among those of its object
     # Groups: their members' slots and how many of them are present.

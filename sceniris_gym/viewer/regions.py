@@ -19,6 +19,7 @@ from sceniris_gym.viewer.sketch import GREY, PALETTE, Sketch
 _FAR = 20.0  # m; a relation without a greatest distance is drawn so far
 _ARC = 64  # segments of a half circle
 _LINE = 0.002  # m; a line is drawn so wide to both sides
+_SITE = 0.005  # m; the point where sites meet is drawn as a disc of this radius
 _LIFT = 0.002  # m that a region is drawn above its surface, and above the one before it
 
 
@@ -99,6 +100,8 @@ def relation_area(world: ShownWorld, name: str, relation: Relation) -> BaseGeome
             return hull
         return hull.buffer(width / 2.0, cap_style="flat" if isinstance(hull, LineString) else "square")
     (x, y, _, _), bounds = places[anchors[0]]
+    if relation.kind == "joined":
+        return Point(*world.standing(name)[0][:2]).buffer(_SITE)
     axis = relation.heading + frame_heading(world, name, relation)
     if relation.kind == "beside":
         return _beside(world, name, relation, axis)
