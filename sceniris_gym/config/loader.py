@@ -222,6 +222,8 @@ def _resolve_paths(data: dict, folder: Path, where: str) -> dict:
         data["robot"] = resolved(data["robot"], "asset", names=True)
         for key in ("model", "map"):
             data["robot"] = resolved(data["robot"], key, names=False)
+    if isinstance(data.get("heaps"), Mapping):
+        data["heaps"] = {name: resolved(part, "rows", names=False) for name, part in data["heaps"].items()}
     if isinstance(data.get("objects"), Mapping):
         data["objects"] = {name: resolved(part, "asset", names=True) for name, part in data["objects"].items()}
     return data

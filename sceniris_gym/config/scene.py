@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, Field, PrivateAttr, Strict, model_validato
 
 from sceniris_gym.config.fields import Extents2, Model, ObjectName, in_memory, wrong
 from sceniris_gym.config.groups import GroupConfig
+from sceniris_gym.config.heaps import HeapConfig, with_places
 from sceniris_gym.config.limits import MOST_ATTEMPTS
 from sceniris_gym.config.loader import override, read_scene
 from sceniris_gym.config.messages import reading, where_now
@@ -23,8 +24,8 @@ AUTO = "auto"
 """`attempts` that `compile_scene` finds."""
 DEFAULT_BANK = 64
 """Valid layouts that are kept for each split, for worlds that run out of restarts."""
-_FILES = ("asset", "model", "map")
-"""Words of objects and of the robot that name files."""
+_FILES = ("asset", "model", "map", "rows")
+"""Words of objects, of the robot and of heaps that name files."""
 
 
 def _count_or_auto(value: Any) -> Any:
@@ -62,6 +63,7 @@ class SceneConfig(Section):
     robot: RobotConfig | None = None
     objects: dict[ObjectName, ObjectConfig] = Field(default_factory=dict)
     groups: dict[ObjectName, GroupConfig] = Field(default_factory=dict)
+    heaps: dict[ObjectName, HeapConfig] = Field(default_factory=dict)
     geometry: Literal["physics", "visual"] = "physics"
     attempts: Attempts = 10
     restarts: Annotated[int, Strict(), Field(ge=0, le=10_000)] = 8
@@ -115,10 +117,16 @@ class SceneConfig(Section):
         File names are left out: only the contents of the files matter, and they are no words.
         """
         data = self.model_dump(mode="json", by_alias=True, exclude={"name", "model"}, exclude_defaults=True)
-        for part in (*data.get("objects", {}).values(), *filter(None, [data.get("robot")])):
+        parts = (*data.get("objects", {}).values(), *data.get("heaps", {}).values())
+        for part in (*parts, *filter(None, [data.get("robot")])):
             for word in _FILES:
                 part.pop(word, None)
         return json.dumps(data, separators=(",", ":"))
+
+    @model_validator(mode="before")
+    @classmethod
+    def _heaps_are_placed(cls, data: Any) -> Any:
+        return with_places(data)
 
     @model_validator(mode="after")
     def _home_is_of_a_model(self) -> SceneConfig:
@@ -137,6 +145,7 @@ class SceneConfig(Section):
         names = SceneNames(
             self.objects,
             self.groups,
+            self.heaps,
             has_floor=self.floor is not None,
             has_robot=self.robot is not None,
             has_model=self.model is not None,

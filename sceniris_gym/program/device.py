@@ -114,6 +114,9 @@ class Program:
     # Objects.
     obj_stream: wp.array(dtype=int)
     obj_kind: wp.array(dtype=int)
+    obj_heapadr: wp.array(dtype=int)  # of its settled poses in what it fills, or -1
+    obj_heapnum: wp.array(dtype=int)
+    obj_heapstream: wp.array(dtype=int)  # from which the row is drawn, the same for all things of a heap
     obj_body: wp.array(dtype=int)
     obj_adr: wp.array(dtype=int)  # of its qpos (free) or its mocap body (fixture, marker)
     obj_slot: wp.array(dtype=int)  # where relations and groups find it: its place in the scene file
@@ -163,6 +166,9 @@ class Program:
     variant_cdf: wp.array(dtype=float)
     variant_triadr: wp.array(dtype=int)  # of its region
     variant_trinum: wp.array(dtype=int)
+    # Settled poses of things of heaps, relative to the body that they fill.
+    heap_pos: wp.array(dtype=wp.vec3)
+    heap_quat: wp.array(dtype=wp.vec4)
     # Relations. Directions and half angles in rad; distances in m, 1e30 for none.
     rel_type: wp.array(dtype=int)
     rel_anchoradr: wp.array(dtype=int)

@@ -50,12 +50,26 @@ def pack_objects(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int
         "obj_box_upper": np.reshape([b[1] for b in boxes], (-1, 3)),
         "obj_roof": np.array([o.roof for o in objects], int),
         "obj_footprint": np.array([bool(o.config and o.config.ratio_on_support == 1.0) for o in objects], int),
+        **_heaps(objects),
         **_joint_ranges(objects),
         **_followers(objects),
         **_orientations(scene, plan),
         **_bodies_and_pieces(scene, plan, colliders),
         "obj_effort": np.ones(len(plan.objects)),
         **_pairs(scene, plan, rules, lanes),
+    }
+
+
+def _heaps(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
+    """The settled poses of things of heaps, one thing after the other."""
+    rows, adr, num = ranges([] if o.heap is None else list(zip(o.heap.pos, o.heap.quat, strict=True)) for o in objects)
+    heaped = np.array([o.heap is not None for o in objects], bool)
+    return {
+        "obj_heapadr": np.where(heaped, adr, -1),
+        "obj_heapnum": num,
+        "obj_heapstream": np.array([0 if o.heap is None else o.heap.stream for o in objects], int),
+        "heap_pos": np.reshape([pos for pos, _ in rows], (-1, 3)),
+        "heap_quat": np.reshape([quat for _, quat in rows], (-1, 4)),
     }
 
 
@@ -195,7 +209,7 @@ def footprint_hulls(plan: Plan) -> list[Piece]:
 
 def _gap(rules: PairRules, o: PlacedObject) -> float:
     """Height [m] over the support: the scene's, or more where MuJoCo acts from further away."""
-    if o.config is None:
+    if o.config is None or o.heap is not None:
         return 0.0
     own, under = (
         [c for c, body in enumerate(rules.colliders.body) if body in bodies] for bodies in (o.bodies, [o.ground])
