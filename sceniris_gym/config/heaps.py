@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from sceniris_gym.config.fields import wrong
 from sceniris_gym.config.section import Section
 
-_PLACING = ("on", "inside", "region", "relations", "joints", "ratio_on_support", "gap")
+PLACING = ("on", "inside", "region", "relations", "joints", "ratio_on_support", "gap")
 """Words of an object that a heap leaves no room for."""
 
 
@@ -48,6 +48,6 @@ def with_places(scene: Any) -> Any:
         things = words.get("of") if isinstance(words, Mapping) else None
         for name in things if isinstance(things, list | tuple) else ():
             part = placed.get(name) if isinstance(name, str) else None
-            if isinstance(part, Mapping) and not any(word in part for word in ("in", "in_", "orientation", *_PLACING)):
+            if isinstance(part, Mapping) and not any(word in part for word in ("in", "in_", "orientation", *PLACING)):
                 placed[name] = {**part, "in": words.get("fill"), "orientation": "any"}
     return {**scene, "objects": placed}

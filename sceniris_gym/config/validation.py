@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from sceniris_gym.config.fields import FLOOR, ROBOT
 from sceniris_gym.config.groups import GroupConfig
-from sceniris_gym.config.heaps import HeapConfig
+from sceniris_gym.config.heaps import PLACING, HeapConfig
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.relations import FRAMES
 from sceniris_gym.errors import CycleError, NoSupportError, SceneKeyError, UnknownNameError
@@ -177,11 +177,11 @@ def _check_heaps(scene: SceneNames, where: str) -> None:
                 raise SceneKeyError(f"{path}.of: '{name}' is also in the {other}. It should be in one of them at most.")
             heap_of[name] = heap
             thing = scene.objects[name]
-            given = sorted(thing.model_fields_set & {"on", "inside", "region", "relations", "joints", "gap"})
+            given = thing.model_fields_set.intersection(PLACING)
             if thing.in_ != part.fill or thing.drawn_orientation.kind != "any" or given:
                 raise SceneKeyError(
                     f"{where}: objects.{name}: should have no place of its own (on, inside, in, region, relations, "
-                    f"orientation, joints, gap), as the heap '{heap}' puts it into '{part.fill}'."
+                    f"ratio_on_support, orientation, joints, gap), as the heap '{heap}' puts it into '{part.fill}'."
                 )
         owner = part.fill.split("/")[0]
         if owner in heap_of:

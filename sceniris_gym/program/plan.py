@@ -7,16 +7,14 @@ from __future__ import annotations
 
 import heapq
 from dataclasses import dataclass
-from pathlib import Path
 
 import mujoco
 import numpy as np
-from shapely.geometry import MultiPolygon, box
 
 from sceniris_gym.config.fields import FLOOR, ROBOT
 from sceniris_gym.config.objects import JointConfig, ObjectConfig
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import CycleError, HeapError, NoSupportError, NotSupportedError, SceneKeyError
+from sceniris_gym.errors import CycleError, NoSupportError, NotSupportedError, SceneKeyError
 from sceniris_gym.geometry import supports
 from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
 from sceniris_gym.geometry.resting_poses import HomeShape, Variant, heading_of, of_heading_zero
@@ -25,10 +23,10 @@ from sceniris_gym.geometry.supports import SupportSurface
 from sceniris_gym.program.constraints import check_constraints
 from sceniris_gym.program.couplings import Follower, followers_of
 from sceniris_gym.program.device import ObjectKind, Roof
+from sceniris_gym.program.heap_poses import HeapPoses, heap_poses
 from sceniris_gym.program.resting import stable_poses
 from sceniris_gym.program.tendon_limits import check_tendon_limits
 from sceniris_gym.scene.couplings import free_range
-from sceniris_gym.scene.heaps import read_rows, rigid_part, rigid_thing, settled_with
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import Support, static_supports
 
@@ -51,23 +49,6 @@ class JointRange:
     def intervals(self) -> list[tuple[float, float]]:
         """The intervals that it is drawn from."""
         return [(value, value) for value in self.choice] or [(self.low, self.high)]
-
-
-@dataclass(frozen=True)
-class HeapPoses:
-    """The settled poses of one thing of a heap, relative to the body that is filled.
-
-    Attributes:
-        pos: Where its root is [m], shape (nrow, 3).
-        quat: Its orientation, wxyz, shape (nrow, 4).
-        stream: The random stream that the row is drawn from, one for all things of the heap.
-        together: All bodies that MuJoCo settled: those of the things, and those fixed to the body that is filled.
-    """
-
-    pos: np.ndarray
-    quat: np.ndarray
-    stream: int
-    together: frozenset[int]
 
 
 @dataclass(frozen=True)
@@ -261,7 +242,9 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
         )
     shape = HomeShape(home, bodies[0], own)
     if any(name in heap.of for heap in scene.config.heaps.values()):
-        return heaped(scene, name, stream, bodies, shape.variant(quat))
+        variants, heap = [shape.variant(quat)], heap_poses(scene, name)
+        placed, surfaces = (name, stream, ObjectKind.FREE, bodies, [], None), [[heap.surface]]
+        return PlacedObject(*placed, variants, heap.support, False, surfaces, 0.0, config, heap=heap)
     poses = [(quat, 1.0)]
     if config.drawn_orientation.kind == "stable":
         poses = stable_poses(scene, name, own, home, intervals, followers)
@@ -288,47 +271,6 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
         erosion=0.5 * config.ratio_on_support if varies else 0.0,
         config=config,
         followers=followers,
-    )
-
-
-def heaped(scene: SceneModel, name: str, stream: int, bodies: list[int], variant: Variant) -> PlacedObject:
-    """The step of a thing of a heap: it is where a settled row has it in what it fills.
-
-    Raises:
-        HeapError: There are no rows, or they were settled with other shapes.
-        NotSupportedError: A thing with joints of its own, or a heap that fills the world.
-    """
-    config = scene.config
-    key, heap = next((key, heap) for key, heap in config.heaps.items() if name in heap.of)
-    where = f"{config.where}: heaps.{key}"
-    if heap.rows is None:
-        raise HeapError(
-            f"{where}.rows: is missing. Make them with `sceniris-gym settle SCENE -o ROWS.npz`, and name it."
-        )
-    rows = read_rows(Path(heap.rows), heap, where)
-    support = scene.support(heap.fill, f"{where}.fill")
-    if support.body == 0:
-        raise NotSupportedError(f"{where}.fill: '{heap.fill}' is part of the world. Name a body with walls around it.")
-    if rows.settled_with != settled_with(scene, heap, where):
-        raise HeapError(
-            f"{where}.rows: '{heap.rows}' was settled with other shapes or masses. Make it anew with "
-            "`sceniris-gym settle SCENE`."
-        )
-    things = [body for other in heap.of for body in rigid_thing(scene, other, where)]
-    at = heap.of.index(name)
-    pos, low, high = rows.pos[:, at], rows.pos.min(axis=(0, 1)) - 1e-3, rows.pos.max(axis=(0, 1)) + 1e-3
-    area = MultiPolygon([box(low[0], low[1], high[0], high[1])])
-    surface = SupportSurface(support.body, float(high[2]), area, area)
-    poses = HeapPoses(
-        pos,
-        rows.quat[:, at],
-        1 + list(config.objects).index(heap.of[0]),
-        frozenset([*things, *rigid_part(scene.mjm, support.body)]),
-    )
-    part = config.objects[name]
-    kind = ObjectKind.FREE
-    return PlacedObject(
-        name, stream, kind, bodies, [], None, [variant], support, False, [[surface]], 0.0, part, heap=poses
     )
 
 

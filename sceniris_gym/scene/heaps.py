@@ -87,18 +87,28 @@ def read_rows(path: Path, heap: HeapConfig, where: str) -> HeapRows:
 
 
 def rigid_part(mjm: mujoco.MjModel, body: int) -> list[int]:
-    """Return the bodies that never move relative to a body, and belong to the same object, ascending.
-
-    What is fixed to the world is not all one container: there it is the body and what is fixed below it.
-    """
+    """Return the bodies below one child of the world that never move relative to a body, ascending."""
     top = body
-    while mjm.body_weldid[body] and mjm.body_parentid[top] and not mjm.body_jntnum[top]:
+    while mjm.body_parentid[top] and not mjm.body_jntnum[top]:
         top = int(mjm.body_parentid[top])
     found = {top}
     for b in range(top + 1, mjm.nbody):
         if int(mjm.body_parentid[b]) in found and not mjm.body_jntnum[b]:
             found.add(b)
     return sorted(found)
+
+
+def filled_body(scene: SceneModel, heap: HeapConfig, where: str) -> int:
+    """Return the body that a heap fills.
+
+    Raises:
+        UnknownNameError: There is nothing of that name.
+        NotSupportedError: It is the world.
+    """
+    body = scene.support(heap.fill, f"{where}.fill").body
+    if body == 0:
+        raise NotSupportedError(f"{where}.fill: '{heap.fill}' is part of the world. Name a body with walls around it.")
+    return body
 
 
 def settled_with(scene: SceneModel, heap: HeapConfig, where: str) -> str:
@@ -108,7 +118,7 @@ def settled_with(scene: SceneModel, heap: HeapConfig, where: str) -> str:
         NotSupportedError: A thing with joints of its own.
     """
     mjm, digest = scene.mjm, hashlib.sha256()
-    container = rigid_part(mjm, scene.support(heap.fill, f"{where}.fill").body)
+    container = rigid_part(mjm, filled_body(scene, heap, where))
     for bodies in (container, *(rigid_thing(scene, name, where) for name in heap.of)):
         for body in bodies:
             _add_body(digest.update, mjm, body, bodies[0])

@@ -11,8 +11,9 @@ import numpy as np
 
 from sceniris_gym.config.heaps import HeapConfig
 from sceniris_gym.errors import HeapError
-from sceniris_gym.scene.heaps import DEEPEST, STILL, HeapRows, rigid_part, rigid_thing, settled_with
+from sceniris_gym.scene.heaps import DEEPEST, STILL, HeapRows, filled_body, rigid_part, rigid_thing, settled_with
 from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.scene.support import subtree
 
 # A thing falls from above those before it; all have as long as this to come to rest [s], and then lie for so long.
 _FALL, _LIE = 8.0, 0.5
@@ -32,9 +33,7 @@ class _Drop:
         mjm: The model, in which only the container and the things of the heap meet.
         home: Its start pose, shape (nq,).
         body: The body that is filled.
-        container: The bodies fixed to it.
         things: Root bodies of the things.
-        own: All bodies of the things.
         low, high: Bounds of the container in the world [m], shape (3,) each.
         sizes: How far each thing reaches from its root [m].
     """
@@ -42,9 +41,7 @@ class _Drop:
     mjm: mujoco.MjModel
     home: np.ndarray
     body: int
-    container: list[int]
     things: list[int]
-    own: list[int]
     low: np.ndarray
     high: np.ndarray
     sizes: np.ndarray
@@ -86,7 +83,7 @@ def settle(
 
 def _prepare(scene: SceneModel, heap: HeapConfig, where: str) -> _Drop:
     mjm = copy.copy(scene.mjm)
-    body = scene.support(heap.fill, f"{where}.fill").body
+    body = filled_body(scene, heap, where)
     container = rigid_part(mjm, body)
     things = [scene.bodies[name] for name in heap.of]
     own = [b for name in heap.of for b in rigid_thing(scene, name, where)]
@@ -98,23 +95,20 @@ def _prepare(scene: SceneModel, heap: HeapConfig, where: str) -> _Drop:
     mujoco.mj_setConst(mjm, data)
     data.qpos[:] = scene.home_qpos
     mujoco.mj_kinematics(mjm, data)
-    geoms = np.flatnonzero(
-        np.isin(mjm.geom_bodyid, container) & ~outside & (mjm.geom_contype + mjm.geom_conaffinity > 0)
-    )
+    walls = [b for b in subtree(mjm, body) if b in container]
+    geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, walls) & ~outside & (mjm.geom_contype + mjm.geom_conaffinity > 0))
     if not len(geoms):
         raise HeapError(f"{where}.fill: '{heap.fill}' has no geoms that collide, so nothing can lie in it.")
-    mats = np.abs(data.geom_xmat[geoms].reshape(-1, 3, 3))
-    middle = data.geom_xpos[geoms] + np.einsum(
-        "nij,nj->ni", data.geom_xmat[geoms].reshape(-1, 3, 3), mjm.geom_aabb[geoms, :3]
-    )
-    half = np.einsum("nij,nj->ni", mats, mjm.geom_aabb[geoms, 3:])
+    mats = data.geom_xmat[geoms].reshape(-1, 3, 3)
+    middle = data.geom_xpos[geoms] + np.einsum("nij,nj->ni", mats, mjm.geom_aabb[geoms, :3])
+    half = np.einsum("nij,nj->ni", np.abs(mats), mjm.geom_aabb[geoms, 3:])
     sizes = []
     for thing in things:
         part = np.flatnonzero(mjm.body_rootid[mjm.geom_bodyid] == thing)
         away = np.linalg.norm(data.geom_xpos[part] - data.xpos[thing], axis=1) + mjm.geom_rbound[part]
         sizes.append(float(away.max(initial=0.01)))
     low, high = (middle - half).min(axis=0), (middle + half).max(axis=0)
-    return _Drop(mjm, scene.home_qpos, body, container, things, own, low, high, np.array(sizes))
+    return _Drop(mjm, scene.home_qpos, body, things, low, high, np.array(sizes))
 
 
 def _row(drop: _Drop, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray] | None:
@@ -181,5 +175,5 @@ def _lost(drop: _Drop, data: mujoco.MjData, *, inside: bool = False) -> bool:
     centers = data.xipos[drop.things]
     if not inside:
         return bool((centers[:, 2] < drop.low[2] - 0.1).any())
-    beyond = (centers < drop.low) | (centers[:, [0, 1, 2]] > np.array([*drop.high[:2], np.inf]))
-    return bool(beyond.any() or (centers[:, 2] > drop.high[2] + drop.sizes).any())
+    top = drop.high + np.array([[0.0, 0.0, size] for size in drop.sizes])  # the upper ones may look out of it
+    return bool(((centers < drop.low) | (centers > top)).any())
