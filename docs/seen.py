@@ -172,7 +172,7 @@ class View:
             return None
         region = shapely.union_all([self._on_body(plan.ground, s.region, i) for s in plan.surfaces[0]])
         for relation in config.relations:
-            if relation.bounds or relation.kind == "beside":
+            if relation.bounds or relation.kind in ("beside", "joined"):
                 return None
             region = region.intersection(self._relation(name, relation, plan.ground, i))
         return region

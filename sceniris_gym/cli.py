@@ -455,10 +455,57 @@ def import_(
     return dumps(found) if json else tool.report(found)
 
 
+@_command
+def init(
+    model: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="MODEL", help="an MJCF or URDF file")],
+    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], help="scene file to write; by default to stdout")] = None,
+    device: Device = None,
+    json: Json = False,
+) -> str:
+    """Write a first scene file from a model: its free bodies on what they stand on, its robot, and its supports.
+
+    What cannot be placed is commented out, with the reason. The scene is tried before it is written.
+    """
+    from sceniris_gym.tools.commands import init as tool
+
+    target = None if out is None else _target(out)
+    scene = tool.init(model, device)
+    if target is not None:
+        tool.write(scene, target)
+    elif not json:
+        return tool.text(scene, None).rstrip()
+    found = tool.summary(scene, target)
+    return dumps(found) if json else tool.report(found)
+
+
+@_command
+def settle(
+    scene: Scene,
+    heap: Annotated[str | None, tyro.conf.arg(help="which of the scene's heaps; by default the only one")] = None,
+    n: Annotated[int, tyro.conf.arg(aliases=["-n"], help="number of rows")] = 64,
+    out: Annotated[
+        Path | None, tyro.conf.arg(aliases=["-o"], help=".npz to write; by default what the heap names")
+    ] = None,
+    seed: Annotated[int, tyro.conf.arg(aliases=["-s"], help="row i depends on it and on i alone")] = 0,
+    changes: Changes = (),
+    json: Json = False,
+) -> str:
+    """Settle things in a container by MuJoCo C, into a file of heaps that layouts are drawn from."""
+    _at_least(1, n=n, most=1_000_000)
+    _seed(seed)
+    from tqdm import tqdm
+
+    from sceniris_gym.tools.commands import settle as tool
+
+    with tqdm(total=n, unit="heap", file=sys.stderr, disable=json or not sys.stderr.isatty()) as bar:
+        found = tool.settle(_config(scene, changes), heap, n, out, seed, lambda done, of: bar.update())
+    return dumps(found) if json else tool.report(found)
+
+
 ABOUT = "Fresh, collision-free scene layouts for every reset of batched MuJoCo-Warp environments."
 COMMANDS = {
     command.__name__.rstrip("_"): command
-    for command in (demo, generate, audit, bench, replay, check, reach, import_, view)
+    for command in (demo, generate, audit, bench, replay, check, reach, import_, init, settle, view)
 }
 
 

@@ -83,6 +83,10 @@ class CycleError(ScenirisError):
         return type(self), (self.where, self.names, self.what)
 
 
+class HeapError(ScenirisError):
+    """A container that does not hold the things of a heap, or rows of settled heaps that do not fit the scene."""
+
+
 class MeshError(ScenirisError):
     """A mesh that cannot be used for collision: it is open, flat, or has no faces."""
 

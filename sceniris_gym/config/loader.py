@@ -229,6 +229,8 @@ def _resolve_paths(data: dict, folder: Path, where: str) -> dict:
         data["robot"] = robot(data["robot"])
     if isinstance(data.get("robots"), Mapping):
         data["robots"] = {name: robot(part) for name, part in data["robots"].items()}
+    if isinstance(data.get("heaps"), Mapping):
+        data["heaps"] = {name: resolved(part, "rows", names=False) for name, part in data["heaps"].items()}
     if isinstance(data.get("objects"), Mapping):
         data["objects"] = {name: resolved(part, "asset", names=True) for name, part in data["objects"].items()}
     return data

@@ -63,7 +63,7 @@ def _as_scene_error(error: ValidationError, where: str) -> SceneKeyError:
 
 
 def _path(error: ErrorDetails) -> str:
-    return ".".join(str(key) for key in error["loc"] if key != "[key]") or "scene"
+    return ".".join(str(key) for key in error["loc"] if not str(key).startswith("[")) or "scene"
 
 
 def _sentence(error: ErrorDetails) -> str:

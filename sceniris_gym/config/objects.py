@@ -139,6 +139,7 @@ class ObjectConfig(Section):
         found = []
         for i, relation in enumerate(self.relations):
             word = "of" if relation.word == "direction" else relation.word
+            word = "beside.of" if relation.kind == "joined" else word
             found += [(f"relations.{i}.{word}", anchor) for anchor in relation.anchors]
             found += [(f"relations.{i}.frame", relation.frame_object)] if relation.frame_object else []
         target = self.drawn_orientation.target
@@ -188,6 +189,11 @@ class ObjectConfig(Section):
             raise wrong(
                 "should name its support ('on', 'inside' or 'in') or have a 3D box as its region: it has relations"
             )
+        joined = [relation for relation in self.relations if relation.kind == "joined"]
+        if joined and self.orientation is not None:
+            raise wrong("should have no 'orientation': the sites that it is joined at say how it is turned")
+        if len(joined) > 1:
+            raise wrong("should be joined to one other object at most: two sites say where it is and how it is turned")
         for one, other in itertools.combinations(self.relations, 2):
             if one.leaves_nothing_of(other):
                 raise wrong(

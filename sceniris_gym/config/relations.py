@@ -6,12 +6,12 @@ Directions are seen from above, x to the right and y to the back, so that the fr
 from __future__ import annotations
 
 import math
-from collections.abc import Container
-from typing import Annotated, Literal
+from collections.abc import Container, Mapping
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
-from sceniris_gym.config.fields import Direction2, Length, Number, Width, wrong
+from sceniris_gym.config.fields import Direction2, Length, Number, Turn, Width, wrong
 from sceniris_gym.config.limits import MAX_ANCHORS
 from sceniris_gym.config.section import Section, check_one_of
 
@@ -93,22 +93,39 @@ class Distance(Section):
         return self
 
 
+class Connection(Section):
+    """How an object is joined to another one at two sites.
+
+    The site `my` of the object is where the site `its` of the object `of` is, seen from above. Its x axis points the
+    other way, or is turned by `turn` [degrees] from that of the other site.
+    """
+
+    of: str
+    my: str
+    its: str
+    turn: Turn = 180.0
+
+
+def _form(value: Any) -> str:
+    return "[sites]" if isinstance(value, Mapping | Connection) else "[name]"
+
+
 class Relation(Section):
     """One relation of an object to others; exactly one of the words is given.
 
     `front_of`, `back_of`, `left_of`, `right_of` an object; `direction` [x, y] `of` an object; `near` an object;
-    `between` objects; `beside` an object. docs/placement.md explains the options.
+    `between` objects; `beside` an object, or joined to it at a site of each. docs/placement.md explains the options.
 
     Attributes of the relation, whatever the word:
-        kind: 'direction', 'near', 'between' or 'beside'.
+        kind: 'direction', 'near', 'between', 'beside' or 'joined'.
         anchors: Names of the objects that it is relative to.
-        heading: Heading of its direction in its frame [rad], from x towards y; 0 for 'near' and 'between'.
+        heading: Heading of its direction in its frame [rad], from x towards y; 0 without a direction.
         half_angle: How far from that heading the object may lie [rad]; pi for all but 'direction'.
         frame: The frame of its direction: 'anchor', 'support', 'world' or the name of an object.
         low, high: Distance interval [m]; (0, inf) without a distance.
         bounds: Whether the distance is measured between bounds rather than between origins.
         width: Width of the strip around a line of anchors [m]; None for the shorter edge of the object's footprint.
-        gap: Gap between the bounds of objects that are beside each other [m].
+        gap: Gap between the bounds of objects that are beside each other [m]; see `site_gap`.
     """
 
     front_of: str | None = None
@@ -118,7 +135,9 @@ class Relation(Section):
     direction: Direction2 | None = None
     near: str | None = None
     between: Annotated[tuple[str, ...], Field(min_length=2, max_length=MAX_ANCHORS)] | None = None
-    beside: str | None = None
+    beside: (
+        Annotated[Annotated[str, Tag("[name]")] | Annotated[Connection, Tag("[sites]")], Discriminator(_form)] | None
+    ) = None
     of: str | None = None
     angle: Annotated[Number, Field(gt=0.0, le=180.0)] | None = None
     frame: str = "anchor"
@@ -134,12 +153,14 @@ class Relation(Section):
         return self.given(RELATION_WORDS)[0]
 
     @property
-    def kind(self) -> Literal["direction", "near", "between", "beside"]:
+    def kind(self) -> Literal["direction", "near", "between", "beside", "joined"]:
         """The kind of region that the relation describes."""
         if self.near is not None:
             return "near"
         if self.between is not None:
             return "between"
+        if isinstance(self.beside, Connection):
+            return "joined"
         return "beside" if self.beside is not None else "direction"
 
     @property
@@ -147,6 +168,8 @@ class Relation(Section):
         """Names of the objects that the relation is relative to."""
         if self.between is not None:
             return self.between
+        if isinstance(self.beside, Connection):
+            return (self.beside.of,)
         return (getattr(self, "of" if self.direction is not None else self.word),)
 
     def heading(self, robots: Container[str]) -> float:
@@ -186,6 +209,11 @@ class Relation(Section):
         return self.measure == "bounds"
 
     @property
+    def site_gap(self) -> float:
+        """How far apart two joined sites are along the x axis of the other object's [m]: 0 unless it is given."""
+        return self.gap if "gap" in self.model_fields_set else 0.0
+
+    @property
     def frame_object(self) -> str | None:
         """The object that is the frame, or None."""
         return None if self.frame in FRAMES else self.frame
@@ -205,7 +233,9 @@ class Relation(Section):
                 raise wrong(f"should have '{option}' only with {_listing(words)}, not with '{word}'")
         if self.direction is not None and self.of is None:
             raise wrong("should name the object that 'direction' is relative to, with 'of'")
-        if self.beside is not None and self.side is None:
+        if self.kind == "joined" and (given := [w for w in ("side", "frame") if w in self.model_fields_set]):
+            raise wrong(f"should have no '{given[0]}' where 'beside' names sites, which say where it is")
+        if self.kind == "beside" and self.side is None:
             raise wrong("should have a 'side' with 'beside': left, right, front or back")
         if self.near is not None and self.high == math.inf:
             raise wrong("should have a 'distance' with 'max' or 'equal' with 'near'")

@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, Field, PrivateAttr, Strict, field_validato
 
 from sceniris_gym.config.fields import ROBOT, Extents2, Model, ObjectName, in_memory, wrong
 from sceniris_gym.config.groups import GroupConfig
+from sceniris_gym.config.heaps import HeapConfig, with_places
 from sceniris_gym.config.limits import MOST_ATTEMPTS
 from sceniris_gym.config.loader import override, read_scene
 from sceniris_gym.config.messages import reading, where_now
@@ -23,8 +24,8 @@ AUTO = "auto"
 """`attempts` that `compile_scene` finds."""
 DEFAULT_BANK = 64
 """Valid layouts that are kept for each split, for worlds that run out of restarts."""
-_FILES = ("asset", "model", "map")
-"""Words of objects and of robots that name files."""
+_FILES = ("asset", "model", "map", "rows")
+"""Words of objects, robots and heaps that name files."""
 
 
 def _count_or_auto(value: Any) -> Any:
@@ -63,6 +64,7 @@ class SceneConfig(Section):
     robots: dict[ObjectName, RobotConfig] = Field(default_factory=dict)
     objects: dict[ObjectName, ObjectConfig] = Field(default_factory=dict)
     groups: dict[ObjectName, GroupConfig] = Field(default_factory=dict)
+    heaps: dict[ObjectName, HeapConfig] = Field(default_factory=dict)
     geometry: Literal["physics", "visual"] = "physics"
     attempts: Attempts = 10
     restarts: Annotated[int, Strict(), Field(ge=0, le=10_000)] = 8
@@ -155,7 +157,7 @@ class SceneConfig(Section):
         """
         data = self.model_dump(mode="json", by_alias=True, exclude={"name", "model"}, exclude_defaults=True)
         parts = [*data.get("objects", {}).values(), *data.get("robots", {}).values(), data.get("robot", {})]
-        for part in parts:
+        for part in (*parts, *data.get("heaps", {}).values()):
             for word in _FILES:
                 part.pop(word, None)
         return json.dumps(data, separators=(",", ":"))
@@ -177,6 +179,11 @@ class SceneConfig(Section):
                 raise wrong(f"should have robots of different names: '{other}' and '{name}' are both '{robot.name}'")
         return self
 
+    @model_validator(mode="before")
+    @classmethod
+    def _heaps_are_placed(cls, data: Any) -> Any:
+        return with_places(data)
+
     @model_validator(mode="after")
     def _home_is_of_a_model(self) -> SceneConfig:
         if self.home is not None and self.model is None:
@@ -194,8 +201,9 @@ class SceneConfig(Section):
         names = SceneNames(
             self.objects,
             self.groups,
+            {name: robot.placing for name, robot in self.all_robots.items()},
+            self.heaps,
             has_floor=self.floor is not None,
-            robots={name: robot.placing for name, robot in self.all_robots.items()},
             has_model=self.model is not None,
         )
         check_names(names, where_now.get() or type(self).__name__)

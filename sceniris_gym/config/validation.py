@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from sceniris_gym.config.fields import FLOOR, ROBOT
 from sceniris_gym.config.groups import GroupConfig
+from sceniris_gym.config.heaps import PLACING, HeapConfig
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.relations import FRAMES
 from sceniris_gym.errors import CycleError, NoSupportError, SceneKeyError, UnknownNameError
@@ -20,12 +21,14 @@ class SceneNames:
         objects: The objects by name.
         groups: The groups by name.
         robots: Names of the robots, 'robot' for the only one, and what each is placed as if its base is drawn.
+        heaps: The heaps by name.
         has_floor, has_model: Whether the scene has a floor, a model of its own.
     """
 
     objects: Mapping[str, ObjectConfig]
     groups: Mapping[str, GroupConfig]
     robots: Mapping[str, ObjectConfig | None]
+    heaps: Mapping[str, HeapConfig]
     has_floor: bool
     has_model: bool
 
@@ -56,6 +59,7 @@ def check_names(scene: SceneNames, where: str) -> None:
         for path, other in part.references:
             _check_reference(scene, f"{where}: {key}.{path}", name, other)
     _check_groups(scene, where)
+    _check_heaps(scene, where)
     _check_cycles(scene, where)
 
 
@@ -179,6 +183,36 @@ def _check_absent(scene: SceneNames, key: str, part: ObjectConfig, absent: dict[
                 f"{where}: {key}.{path}: '{other}' may be absent, as it is in the group '{absent[other]}'. "
                 "Name another object, or write 'missing: drop' in the group: the reference is then left out where "
                 "the object is absent."
+            )
+
+
+def _check_heaps(scene: SceneNames, where: str) -> None:
+    """Check that heaps are of objects that have no other place, and fill what stands upright."""
+    heap_of: dict[str, str] = {}
+    grouped = {name: group for group, part in scene.groups.items() for name in part.of}
+    for heap, part in scene.heaps.items():
+        path = f"{where}: heaps.{heap}"
+        for name in part.of:
+            if name not in scene.objects:
+                raise UnknownNameError("object", name, f"{path}.of", scene.objects)
+            if name in heap_of or name in grouped:
+                other = f"heap '{heap_of[name]}'" if name in heap_of else f"group '{grouped[name]}'"
+                raise SceneKeyError(f"{path}.of: '{name}' is also in the {other}. It should be in one of them at most.")
+            heap_of[name] = heap
+            thing = scene.objects[name]
+            given = thing.model_fields_set.intersection(PLACING)
+            if thing.in_ != part.fill or thing.drawn_orientation.kind != "any" or given:
+                raise SceneKeyError(
+                    f"{where}: objects.{name}: should have no place of its own (on, inside, in, region, relations, "
+                    f"ratio_on_support, orientation, joints, gap), as the heap '{heap}' puts it into '{part.fill}'."
+                )
+        owner = part.fill.split("/")[0]
+        if owner in heap_of:
+            raise SceneKeyError(f"{path}.fill: '{owner}' is a thing of a heap. Fill what nothing else is heaped in.")
+        if owner in scene.objects and scene.objects[owner].drawn_orientation.kind in ("any", "stable"):
+            raise SceneKeyError(
+                f"{where}: objects.{owner}.orientation: should keep it upright, since the heap '{heap}' fills it. Give "
+                "it a yaw, or 'fixed'."
             )
 
 

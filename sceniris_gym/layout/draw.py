@@ -8,14 +8,24 @@ import warp as wp
 from sceniris_gym.layout.kinematics import draw_joints, pose_bodies
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.measure import bounds_of, measure
-from sceniris_gym.layout.orientations import draw_turn
+from sceniris_gym.layout.orientations import draw_turn, heading_of
 from sceniris_gym.layout.points import draw_in_triangle, draw_triangle
 from sceniris_gym.layout.posing import pose_candidate
 from sceniris_gym.layout.random import uniforms
-from sceniris_gym.layout.search import Search, begin_wave, candidate_num, stream_of, trial_of
-from sceniris_gym.layout.transforms import apply, pose_of
+from sceniris_gym.layout.search import (
+    Search,
+    begin_wave,
+    candidate_num,
+    first_trial_of,
+    numbered_stream,
+    stream_of,
+    trial_of,
+)
+from sceniris_gym.layout.sides import LEVEL
+from sceniris_gym.layout.transforms import apply, pose_of, quat_mat, quat_z
 from sceniris_gym.program.device import Cause, Measure, ObjectKind, OrientationType, Program
 from sceniris_gym.reach.angles import angle_of
+from sceniris_gym.reach.quaternions import mul_quat
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -42,11 +52,17 @@ def _draw_point(program: Program, layouts: LayoutsView, search: Search, c: int, 
     ground = program.obj_ground[obj]
     box = program.obj_box_upper[obj] - program.obj_box_lower[obj]
     search.point[c] = program.obj_box_lower[obj] + wp.cw_mul(wp.vec3(u[1], u[2], u[3]), box)
+    beside = program.obj_beside[obj]
+    is_joined = False
+    if beside >= 0:
+        is_joined = layouts.present[row, beside] != 0
     search.heading[c] = turn.yaw
+    if is_joined:
+        search.heading[c] = turn.yaw + layouts.place[row, beside][3]
     if ground < 0:
         return
     frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])
-    if program.obj_orientation[obj] != _ANY:
+    if program.obj_orientation[obj] != _ANY and not is_joined:
         search.heading[c] = turn.yaw + angle_of(frame.rot[0, 0], frame.rot[1, 0])
     if program.obj_cutnum[obj] > 0:
         return
@@ -58,6 +74,40 @@ def _draw_point(program: Program, layouts: LayoutsView, search: Search, c: int, 
     surface = program.tri_surface[tri]
     search.surface[c] = surface
     search.point[c] = apply(frame, wp.vec3(at[0], at[1], program.surface_height[surface]))
+
+
+@wp.func
+def _draw_from_heap(
+    program: Program,
+    layouts: LayoutsView,
+    search: Search,
+    c: int,
+    row: int,
+    obj: int,
+    u: float,
+):
+    """Pose a thing of a heap as a settled row has it in what it fills.
+
+    All things of the heap take the same row, which another restart draws anew and another trial does not.
+    """
+    num = program.obj_heapnum[obj]
+    adr = program.obj_heapadr[obj] + wp.min(int(u * float(num)), num - 1)
+    ground = program.obj_ground[obj]
+    frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])
+    if frame.rot[2, 2] < LEVEL:
+        search.cause[c] = _EMPTY
+        return
+    quat = wp.normalize(mul_quat(layouts.body_quat[row, ground], program.heap_quat[adr]))
+    turn = search.turn[c]
+    turn.yaw = heading_of(quat)
+    turn.quat = mul_quat(quat_z(-turn.yaw), quat)
+    if program.obj_measured[obj] != 0:
+        turn = measure(program, obj, turn, search.qpos[c], search.body_pos[c], search.body_quat[c])
+    search.turn[c] = turn
+    search.heading[c] = turn.yaw
+    search.point[c] = apply(frame, program.heap_pos[adr]) + quat_mat(quat) * turn.pivot
+    search.surface[c] = program.tri_surface[program.variant_triadr[turn.variant]]
+    pose_candidate(program, layouts, search, c, row, obj)
 
 
 @wp.kernel(grid_stride=False)
@@ -90,6 +140,12 @@ def _draw(
         if program.obj_orientation[obj] == _ANY or program.obj_variantnum[obj] > 1:
             w = uniforms(seed, episode, stream, trial, 1)
         turn = draw_turn(program, obj, u, w)
+        if program.obj_heapadr[obj] >= 0:
+            search.turn[c] = turn
+            of_heap = numbered_stream(split, program.obj_heapstream[obj])
+            share = uniforms(seed, episode, of_heap, first_trial_of(program, search, c), 0)[0]
+            _draw_from_heap(program, layouts, search, c, row, obj, share)
+            continue
         if program.obj_measured[obj] != 0:
             turn = measure(program, obj, turn, search.qpos[c], search.body_pos[c], search.body_quat[c])
         search.turn[c] = turn

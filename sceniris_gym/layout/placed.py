@@ -33,6 +33,12 @@ def _turned_to(v: wp.vec2, to: wp.vec2) -> wp.vec2:
 
 
 @wp.func
+def along_axes(p: Placed, v: wp.vec2) -> wp.vec2:
+    """A vector in the axes of an object as one in the world."""
+    return _turned_to(v, p.axis)
+
+
+@wp.func
 def turned(v: wp.vec2, angle: float) -> wp.vec2:
     """A plane vector turned counter-clockwise by `angle` [rad]."""
     return _turned_to(v, unit_circle(angle))

@@ -12,6 +12,7 @@ import warp as wp
 from sceniris_gym.config.limits import MAX_ANCHORS
 from sceniris_gym.layout.placed import (
     Placed,
+    along_axes,
     bounds_distance,
     bounds_extent,
     bounds_offset,
@@ -25,6 +26,7 @@ from sceniris_gym.reach.angles import angle_of, unit_circle
 
 _SECTOR = wp.constant(int(RelationType.SECTOR))
 _BETWEEN = wp.constant(int(RelationType.BETWEEN))
+_JOINED = wp.constant(int(RelationType.JOINED))
 _FRAME_SUPPORT = wp.constant(FRAME_SUPPORT)
 _FRAME_WORLD = wp.constant(FRAME_WORLD)
 _MAX_ANCHORS = wp.constant(MAX_ANCHORS)
@@ -33,7 +35,8 @@ _NO_LIMIT = wp.constant(1.0e29)
 # Anchors whose hull is thinner than this [m] are collinear: a strip takes the hull's place. If they are no further
 # apart than that they are one point: a square along the world's axes takes the strip's.
 _THIN = wp.constant(1.0e-3)
-# Beside is a line; it is drawn as a strip of this half width [m], a fifth of what a violation would be.
+# Beside is a line, and joined a point; both are drawn as strips of this half width [m], a fifth of what a violation
+# would be.
 _LINE = wp.constant(2.0e-5)
 
 
@@ -123,6 +126,21 @@ def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float
 
 
 @wp.func
+def _joined(program: Program, rel: int, own: Placed, anchor: Placed) -> ResolvedRelation:
+    """The point at which the pivot lies where the sites meet."""
+    s = ResolvedRelation()
+    s.active = True
+    sites = program.rel_sites[rel]
+    s.apex = anchor.at + along_axes(anchor, wp.vec2(sites[0], sites[1])) - along_axes(own, wp.vec2(sites[2], sites[3]))
+    s.along = wp.vec2(1.0, 0.0)
+    s.low = -_LINE
+    s.high = _LINE
+    s.half = _LINE
+    s.reach = 2.0 * _LINE
+    return s
+
+
+@wp.func
 def resolve(
     program: Program,
     rel: int,
@@ -167,6 +185,8 @@ def resolve(
     if not s.active:
         return s
     anchor = load_placed(place, bounds, program.rel_anchor[adr])
+    if program.rel_type[rel] == _JOINED:
+        return _joined(program, rel, own, anchor)
     if program.rel_type[rel] != _SECTOR:
         return _beside(program, rel, own, anchor, axis)
     s.apex = anchor.at

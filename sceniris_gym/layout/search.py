@@ -132,15 +132,27 @@ def begin_wave(search: Search):
 
 
 @wp.func
+def first_trial_of(program: Program, search: Search, candidate: int) -> int:
+    """The number of the first trial of a candidate's restart."""
+    return search.row_restart[search.row[candidate]] * program.attempts
+
+
+@wp.func
 def trial_of(program: Program, search: Search, candidate: int) -> int:
     """The number of a candidate's trial, all restarts together."""
-    return search.row_restart[search.row[candidate]] * program.attempts + search.trial[candidate]
+    return first_trial_of(program, search, candidate) + search.trial[candidate]
+
+
+@wp.func
+def numbered_stream(split: wp.uint32, number: int) -> wp.uint32:
+    """The stream of random numbers with a number, in a split."""
+    return (split << _STREAM_BITS) + wp.uint32(number)
 
 
 @wp.func
 def stream_of(program: Program, split: wp.uint32, obj: int) -> wp.uint32:
     """The stream of random numbers that an object's candidates are drawn from."""
-    return (split << _STREAM_BITS) + wp.uint32(program.obj_stream[obj])
+    return numbered_stream(split, program.obj_stream[obj])
 
 
 @dataclass(frozen=True)

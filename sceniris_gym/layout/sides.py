@@ -23,7 +23,7 @@ _NONE = wp.constant(int(Cause.NONE))
 _EMPTY = wp.constant(int(Cause.EMPTY))
 _STATIC = wp.constant(int(ObjectKind.STATIC))
 # A surface carries as long as it is level to 0.1 degree.
-_LEVEL = wp.constant(0.9999985)
+LEVEL = wp.constant(0.9999985)
 
 
 @wp.func
@@ -72,7 +72,7 @@ def _build_sides(
         if search.cause[c] == _NONE and program.obj_kind[obj] != _STATIC and program.obj_cutnum[obj] > 0:
             row = search.row[c]
             frame = support_pose(program, layouts, row, obj)
-            if frame.rot[2, 2] < _LEVEL:
+            if frame.rot[2, 2] < LEVEL:
                 search.cause[c] = _EMPTY
                 continue
             if i == 0:

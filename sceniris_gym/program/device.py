@@ -54,6 +54,7 @@ class RelationType(IntEnum):
     SECTOR = 0
     BETWEEN = 1
     BESIDE = 2
+    JOINED = 3
 
 
 class OrientationType(IntEnum):
@@ -113,12 +114,16 @@ class Program:
     # Objects.
     obj_stream: wp.array(dtype=int)
     obj_kind: wp.array(dtype=int)
+    obj_heapadr: wp.array(dtype=int)  # of its settled poses in what it fills, or -1
+    obj_heapnum: wp.array(dtype=int)
+    obj_heapstream: wp.array(dtype=int)  # from which the row is drawn, the same for all things of a heap
     obj_body: wp.array(dtype=int)
     obj_adr: wp.array(dtype=int)  # of its qpos (free) or its mocap body (fixture, marker)
     obj_slot: wp.array(dtype=int)  # where relations and groups find it: its place in the scene file
     obj_orientation: wp.array(dtype=int)
     obj_target: wp.array(dtype=int)  # slot of what it faces
     obj_yaw: wp.array(dtype=wp.vec2)
+    obj_beside: wp.array(dtype=int)  # slot whose heading its yaw is added to in place of its support's, or -1
     obj_variantadr: wp.array(dtype=int)
     obj_variantnum: wp.array(dtype=int)
     obj_measured: wp.array(dtype=int)
@@ -161,6 +166,9 @@ class Program:
     variant_cdf: wp.array(dtype=float)
     variant_triadr: wp.array(dtype=int)  # of its region
     variant_trinum: wp.array(dtype=int)
+    # Settled poses of things of heaps, relative to the body that they fill.
+    heap_pos: wp.array(dtype=wp.vec3)
+    heap_quat: wp.array(dtype=wp.vec4)
     # Relations. Directions and half angles in rad; distances in m, 1e30 for none.
     rel_type: wp.array(dtype=int)
     rel_anchoradr: wp.array(dtype=int)
@@ -174,6 +182,7 @@ class Program:
     rel_bounds: wp.array(dtype=int)
     rel_width: wp.array(dtype=float)  # negative: the shorter edge of the object's own bounds
     rel_gap: wp.array(dtype=float)
+    rel_sites: wp.array(dtype=wp.vec4)  # xy from the pivots, at heading 0: the anchor's site and the gap, own site
     rel_piecenum: wp.array(dtype=int)
     rel_sideadr: wp.array(dtype=int)  # where the sides of its pieces begin among those of its object
     # Groups: their members' slots and how many of them are present.

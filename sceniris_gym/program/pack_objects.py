@@ -16,7 +16,7 @@ from sceniris_gym.geometry.ragged import ranges
 from sceniris_gym.program.couplings import coupling_arrays
 from sceniris_gym.program.descent import first_nodes
 from sceniris_gym.program.device import Measure, ObjectKind, OrientationType, Roof
-from sceniris_gym.program.pack_relations import has_own_width, relations_of
+from sceniris_gym.program.pack_relations import has_own_width, joints_of, relations_of
 from sceniris_gym.program.pairs import ArmPairs, Pair, PairRules, arm_pairs, collider_pairs
 from sceniris_gym.program.plan import PlacedObject, Plan
 from sceniris_gym.scene.model import SceneModel
@@ -49,12 +49,26 @@ def pack_objects(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int
         "obj_box_upper": np.reshape([b[1] for b in boxes], (-1, 3)),
         "obj_roof": np.array([o.roof for o in objects], int),
         "obj_footprint": np.array([bool(o.config and o.config.ratio_on_support == 1.0) for o in objects], int),
+        **_heaps(objects),
         **_joint_ranges(objects),
         **_followers(objects),
-        **_orientations(plan),
+        **_orientations(scene, plan),
         **_bodies_and_pieces(scene, plan, colliders),
         "obj_effort": np.ones(len(plan.objects)),
         **_pairs(scene, plan, rules, lanes),
+    }
+
+
+def _heaps(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
+    """The settled poses of things of heaps, one thing after the other."""
+    rows, adr, num = ranges([] if o.heap is None else list(zip(o.heap.pos, o.heap.quat, strict=True)) for o in objects)
+    heaped = np.array([o.heap is not None for o in objects], bool)
+    return {
+        "obj_heapadr": np.where(heaped, adr, -1),
+        "obj_heapnum": num,
+        "obj_heapstream": np.array([0 if o.heap is None else o.heap.stream for o in objects], int),
+        "heap_pos": np.reshape([pos for pos, _ in rows], (-1, 3)),
+        "heap_quat": np.reshape([quat for _, quat in rows], (-1, 4)),
     }
 
 
@@ -84,16 +98,22 @@ def _followers(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
     }
 
 
-def _orientations(plan: Plan) -> dict[str, np.ndarray]:
+def _orientations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
     """How orientations are drawn, and from which variants; what has no config only draws joints and keeps its own."""
     upright = DrawnOrientation("yaw", (0.0, 0.0))
     drawn = [o.config.drawn_orientation if o.config is not None else upright for o in plan.objects]
+    joints = joints_of(scene, plan)
+    beside = {o.name: r.anchors[0] for o in plan.objects for r in relations_of(o) if r.kind == "joined"}
+    yaws = [(joints[o.name].turn,) * 2 if o.name in joints else d.yaw for o, d in zip(plan.objects, drawn, strict=True)]
     variants, variantadr, variantnum = ranges(o.variants for o in plan.objects)
     shares = [s for o in plan.objects for s in np.cumsum([v.probability for v in o.variants])]
     return {
         "obj_orientation": np.array([_ORIENTATIONS[d.kind] for d in drawn], int),
         "obj_target": np.array([plan.slots.index(d.target) if d.target else 0 for d in drawn], int),
-        "obj_yaw": np.reshape([d.yaw for d in drawn], (-1, 2)),
+        "obj_yaw": np.reshape(yaws, (-1, 2)),
+        "obj_beside": np.array(
+            [plan.slots.index(beside[o.name]) if o.name in beside else -1 for o in plan.objects], int
+        ),
         "obj_variantadr": variantadr,
         "obj_variantnum": variantnum,
         "variant_quat": np.reshape([v.quat for v in variants], (-1, 4)),
@@ -191,7 +211,7 @@ def footprint_hulls(plan: Plan) -> list[Piece]:
 
 def _gap(rules: PairRules, o: PlacedObject) -> float:
     """Height [m] over the support: the scene's, or more where MuJoCo acts from further away."""
-    if o.config is None:
+    if o.config is None or o.heap is not None:
         return 0.0
     own, under = (
         [c for c, body in enumerate(rules.colliders.body) if body in bodies] for bodies in (o.bodies, [o.ground])

@@ -11,6 +11,7 @@ from sceniris_gym.config.relations import Relation
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry.ragged import ranges
 from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, ObjectKind, RelationType
+from sceniris_gym.program.joining import Joined, joined
 from sceniris_gym.program.plan import PlacedObject, Plan
 from sceniris_gym.scene.model import SceneModel
 
@@ -19,6 +20,7 @@ _TYPES = {
     "near": RelationType.SECTOR,
     "between": RelationType.BETWEEN,
     "beside": RelationType.BESIDE,
+    "joined": RelationType.JOINED,
 }
 _FRAMES = {"support": FRAME_SUPPORT, "world": FRAME_WORLD}
 _NO_LIMIT = 1.0e30
@@ -36,6 +38,7 @@ def pack_relations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
         SceneKeyError: an object with relations that do not fit together, or into the polygons of the device.
     """
     relations, reladr, relnum = ranges(relations_of(o) for o in plan.objects)
+    joints = joints_of(scene, plan)
     anchors, anchoradr, anchornum = ranges([plan.slots.index(a) for a in r.anchors] for r in relations)
     for o in plan.objects:
         _check_size(scene, o)
@@ -55,6 +58,14 @@ def pack_relations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
         "rel_bounds": np.array([r.bounds for r in relations], int),
         "rel_width": np.array([-1.0 if r.width is None else r.width for r in relations], float),
         "rel_gap": np.array([r.gap for r in relations], float),
+        "rel_sites": np.reshape(
+            [
+                np.zeros(4) if r.kind != "joined" else np.hstack([joints[o.name].at, joints[o.name].own])
+                for o in plan.objects
+                for r in relations_of(o)
+            ],
+            (-1, 4),
+        ),
         "rel_sideadr": np.array([a for o in plan.objects for a in _side_addresses(relations_of(o))], int),
         "rel_piecenum": np.array([region_pieces(r) for r in relations], int),
     }
@@ -65,6 +76,21 @@ def relations_of(o: PlacedObject) -> tuple[Relation, ...]:
     return o.config.relations if o.config is not None and o.kind != ObjectKind.STATIC else ()
 
 
+def joints_of(scene: SceneModel, plan: Plan) -> dict[str, Joined]:
+    """How objects are joined to others at sites, by their names.
+
+    Raises:
+        UnknownNameError, SceneKeyError: As `joined`.
+    """
+    found = {}
+    for o in plan.objects:
+        for i, relation in enumerate(relations_of(o)):
+            if relation.kind == "joined":
+                where = f"{scene.config.where}: objects.{o.name}.relations.{i}"
+                found[o.name] = joined(scene, plan, o.name, relation, where)
+    return found
+
+
 def has_own_width(relation: Relation) -> bool:
     """Whether the strip of a `between` is as wide as the object itself."""
     return relation.kind == "between" and relation.width is None
@@ -72,7 +98,7 @@ def has_own_width(relation: Relation) -> bool:
 
 def region_pieces(relation: Relation) -> int:
     """How many convex pieces a relation is cut into."""
-    if relation.kind in ("between", "beside"):
+    if relation.kind in ("between", "beside", "joined"):
         return 1
     angle = math.pi
     if relation.low > 0.0 or relation.high < math.inf:

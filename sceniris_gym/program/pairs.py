@@ -181,7 +181,7 @@ def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[
             pairs = [
                 rules.apart(a, b, max(rules.touch(a, b), 0.0 if is_static else max(clearance, standing[bodies[b]])))
                 for a, b in product(own, others)
-                if rules.meet(a, b)
+                if rules.meet(a, b) and not (o.heap is not None and bodies[b] in o.heap.together)
             ]
             if o.joint_ranges:
                 pairs += _among(rules, plan, o.bodies)

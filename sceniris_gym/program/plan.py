@@ -23,6 +23,7 @@ from sceniris_gym.geometry.supports import SupportSurface
 from sceniris_gym.program.constraints import check_constraints
 from sceniris_gym.program.couplings import Follower, followers_of
 from sceniris_gym.program.device import ObjectKind, Roof
+from sceniris_gym.program.heap_poses import HeapPoses, heap_poses
 from sceniris_gym.program.resting import stable_poses
 from sceniris_gym.program.tendon_limits import check_tendon_limits
 from sceniris_gym.scene.couplings import free_range
@@ -71,6 +72,7 @@ class PlacedObject:
             that is not the same in all draws of a variant; else 0, as the regions are eroded already.
         config: Its entry in the scene file; None for a robot whose base is not drawn.
         followers: Joints that follow drawn ones, drivers before what follows them.
+        heap: The settled poses that it is drawn from, for a thing of a heap.
     """
 
     name: str
@@ -86,6 +88,7 @@ class PlacedObject:
     erosion: float
     config: ObjectConfig | None
     followers: tuple[Follower, ...] = ()
+    heap: HeapPoses | None = None
 
     @property
     def ground(self) -> int | None:
@@ -250,6 +253,10 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
             "Use a box."
         )
     shape = HomeShape(home, bodies[0], own)
+    if any(name in heap.of for heap in scene.config.heaps.values()):
+        variants, heap = [shape.variant(quat)], heap_poses(scene, name)
+        placed, surfaces = (name, stream, ObjectKind.FREE, bodies, [], None), [[heap.surface]]
+        return PlacedObject(*placed, variants, heap.support, False, surfaces, 0.0, config, heap=heap)
     poses = [(quat, 1.0)]
     if config.drawn_orientation.kind == "stable":
         poses = stable_poses(scene, name, own, home, intervals, followers)

@@ -48,7 +48,8 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
     """Return what identifies a scene: equal for equal scenes, in every process and folder; 16 hexadecimal digits.
 
     Covered are the words of the scene that differ from their defaults, the files of its model and its assets, and the
-    map of what its arm reaches where that matters. Names of files, cameras, lights, looks and solver options are not.
+    map of what its arm reaches where that matters, and rows of heaps. Names of files, cameras, lights, looks and solver
+    options are not.
 
     Args:
         config: The scene as written.
@@ -66,6 +67,9 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
         if file is not None:
             digest.update(f"{name}:".encode())
             _update_from_file(digest.update, _path_of(file))
+    for heap in config.heaps.values():
+        rows = Path(heap.rows) if heap.rows is not None else None
+        digest.update(rows.read_bytes() if rows is not None and rows.is_file() else b"")
     if any(part.reachable for part in config.objects.values()):
         for robot in config.all_robots.values():
             path = map_of(robot)  # what the arm reaches shapes the layouts, too

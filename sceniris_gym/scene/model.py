@@ -105,6 +105,12 @@ class SceneModel:
             if self.mjm.jnt_type[i] != mujoco.mjtJoint.mjJNT_FREE
         }
 
+    def sites(self, name: str) -> dict[str, int]:
+        """Return the sites inside an object or the robot: id by the name inside it."""
+        prefix = self._prefix(name)
+        sites = np.flatnonzero(np.isin(self.mjm.site_bodyid, self.subtree(name))).tolist()
+        return {_local(self.mjm.site(i).name, prefix): i for i in sites if self.mjm.site(i).name}
+
     def joint_configs(self, name: str) -> dict[int, JointConfig]:
         """Return how the joints of an object, or of the robot, are drawn: by joint id, in ascending order.
 

@@ -22,6 +22,7 @@ _LINE = 0.002  # m; a line is drawn so wide to both sides
 _ALIKE = 0.75  # of the larger of two regions that share their words, and their surface
 _MOST_NAMED = 5
 _CROWDED = 0.2  # m between words
+_SITE = 0.005  # m; the point where sites meet is drawn as a disc of this radius
 _LIFT = 0.002  # m that a region is drawn above its surface, and above the one before it
 
 
@@ -119,6 +120,8 @@ def relation_area(world: ShownWorld, name: str, relation: Relation) -> BaseGeome
             return hull
         return hull.buffer(width / 2.0, cap_style="flat" if isinstance(hull, LineString) else "square")
     (x, y, _, _), bounds = places[anchors[0]]
+    if relation.kind == "joined":
+        return Point(*world.standing(name)[0][:2]).buffer(_SITE)
     axis = relation.heading(world.compiled.config.all_robots) + frame_heading(world, name, relation)
     if relation.kind == "beside":
         return _beside(world, name, relation, axis)

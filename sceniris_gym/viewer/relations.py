@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from shapely.geometry import MultiPolygon, Point, Polygon
 
-from sceniris_gym.config.relations import Relation
+from sceniris_gym.config.relations import Connection, Relation
 from sceniris_gym.geometry.supports import triangulate
 from sceniris_gym.viewer.regions import relation_area
 from sceniris_gym.viewer.shown import ShownWorld
@@ -52,6 +52,8 @@ def describe(relation: Relation) -> str:
     words = f"{relation.word} {' and '.join(relation.anchors)}"
     if relation.side is not None:
         words = f"beside {relation.anchors[0]}, {relation.side}, gap {relation.gap:g} m"
+    if isinstance(relation.beside, Connection):
+        words = f"{relation.beside.my} at {relation.beside.its} of {relation.anchors[0]}"
     if relation.low > 0.0:
         words += f", at least {relation.low:g} m"
     if relation.high < math.inf:

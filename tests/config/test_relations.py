@@ -10,7 +10,7 @@ import pytest
 
 from sceniris_gym.config.relations import Relation
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import SceneKeyError, ScenirisError
+from sceniris_gym.errors import SceneKeyError, ScenirisError, UnknownNameError
 from tests.config.scenes import NEAR, NEIGHBOURS, SMALL, only, refusal, refused
 
 RIGHT, BACK, LEFT, FRONT = 0.0, math.pi / 2, math.pi, -math.pi / 2
@@ -190,6 +190,23 @@ WRONG: dict[str, tuple] = {
     "an unknown side": ([{"beside": "mug", "side": "lft"}], SceneKeyError, ["0.side: 'lft'", "mean 'left'"]),
     "a side of near": ([{**NEAR, "side": "left"}], SceneKeyError, ["'side' only with 'beside'"]),
     "a negative gap": ([{"beside": "mug", "side": "left", "gap": -1}], SceneKeyError, ["0.gap: -1", "at least 0"]),
+    "no sites": ([{"beside": {"of": "mug", "my": "end"}}], SceneKeyError, ["0.beside.its: is missing"]),
+    "a word of no connection": (
+        [{"beside": {"of": "mug", "my": "end", "its": "end", "trun": 0}}],
+        SceneKeyError,
+        ["beside.trun: unknown key", "'turn'"],
+    ),
+    "beside a number": ([{"beside": 3}], SceneKeyError, ["relations.0.beside: 3 should be a name"]),
+    "a side of sites": (
+        [{"beside": {"of": "mug", "my": "end", "its": "end"}, "side": "left"}],
+        SceneKeyError,
+        ["no 'side' where"],
+    ),
+    "joined to nothing": (
+        [{"beside": {"of": "mgu", "my": "end", "its": "end"}}],
+        UnknownNameError,
+        ["0.beside.of", "mean 'mug'"],
+    ),
     "a gap of near": ([{**NEAR, "gap": 0.1}], SceneKeyError, ["'gap' only with 'beside', not with 'near'"]),
 }
 
@@ -216,3 +233,21 @@ def test_directions_that_leave_only_a_line_are_refused(relations: list[dict], fi
     else:
         said = refusal(SMALL, {"objects.apple.relations": relations}, SceneKeyError)
         assert "have no area in common" in said
+
+
+def test_what_is_joined_has_no_orientation_of_its_own_and_is_joined_once():
+    """Two sites say where it is and how it is turned."""
+    beside = {"of": "shelf", "my": "end", "its": "end"}
+    changed = {"objects.apple.relations": [{"beside": beside}], "objects.apple.orientation": "fixed"}
+    assert "should have no 'orientation'" in refusal(SMALL, changed, SceneKeyError)
+    changed = {"objects.apple.relations": [{"beside": beside}, {"beside": {**beside, "my": "front"}}]}
+    assert "should be joined to one other object at most" in refusal(SMALL, changed, SceneKeyError)
+
+
+def test_joined_sites_are_as_far_apart_as_the_gap_that_is_given():
+    """By default they coincide, while bounds are 1 cm apart."""
+    beside = {"of": "post", "my": "end", "its": "end"}
+    assert only({"beside": beside}).kind == "joined"
+    assert only({"beside": beside}).anchors == ("post",)
+    assert only({"beside": beside}).site_gap == 0.0
+    assert only({"beside": beside, "gap": 0.2}).site_gap == 0.2

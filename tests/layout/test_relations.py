@@ -335,8 +335,8 @@ def test_every_type_of_relation_has_a_case_in_the_kernels():
     """A new one must be named in each function that tells types apart; what these leave to `else` is listed here."""
     left_to_else = {
         relations.resolve: {RelationType.BESIDE},
-        relations.write_sides: {RelationType.BETWEEN, RelationType.BESIDE},
-        relations.relation_holds: {RelationType.BETWEEN, RelationType.BESIDE},
+        relations.write_sides: {RelationType.BETWEEN, RelationType.BESIDE, RelationType.JOINED},
+        relations.relation_holds: {RelationType.BETWEEN, RelationType.BESIDE, RelationType.JOINED},
     }
     for function, rest in left_to_else.items():
         named = {t for t in RelationType if f"_{t.name}" in inspect.getsource(function.func)}

@@ -20,6 +20,7 @@ from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.collisions import CollisionAudit, Conflict, FalseAlarm
 from sceniris_gym.tools.audit.contacts import Allowed, Contact, ContactAudit, ContactTally
 from sceniris_gym.tools.audit.geometry import home_of, pose_of, poses_of, solids_of
+from sceniris_gym.tools.audit.heaps import HeapAudit
 from sceniris_gym.tools.audit.language import Kept, LanguageAudit
 from sceniris_gym.tools.audit.outlines import Outlines
 from sceniris_gym.tools.audit.pairs import Tree
@@ -112,6 +113,9 @@ class Auditor:
         clearances |= {name: robot.clearance for name, robot in config.all_robots.items()}
         drawn = {name: bodies[name] for name, part in placed.items() if part.is_placed}
         self.contacts = ContactAudit(self.tree, drawn, markers)
+        heaps = HeapAudit(config, mjm, bodies)
+        self.heaped = heaps.may_touch()
+        self.contacts.at_home |= self.heaped
         jointed = {name for name, part in config.objects.items() if part.joints}
         jointed |= {name for name, robot in config.all_robots.items() if robot.joints}
         self.collisions = CollisionAudit(
@@ -119,7 +123,7 @@ class Auditor:
         )
         home = home_of(mjm, config.home)
         outlines = Outlines(self.tree, solids, config, bodies, pose_of(home))
-        self.standing = StandingAudit(self.tree, solids, config, outlines, pose_of(home))
+        self.standing = StandingAudit(self.tree, solids, config, outlines, pose_of(home), heaps)
         self.outlines = outlines
         hulls = self.standing.hulls
         if config.geometry != "physics":  # visual geoms keep objects apart, colliding ones carry them
@@ -139,7 +143,7 @@ class Auditor:
         conflicts: list[Conflict] = []
         misplaced: list[Misplaced] = []
         kept: list[Kept] = []
-        tally = ContactTally(self.mjm, self.config.geometry)
+        tally = ContactTally(self.mjm, self.config.geometry, self.heaped)
         for start, some in table.chunks(CHUNK):
             poses = poses_of(self.mjm, some)
             there = presence(self.config, some)

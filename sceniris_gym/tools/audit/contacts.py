@@ -10,7 +10,7 @@ kinds of contact are allowed for:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -83,6 +83,7 @@ class ContactAudit:
 
     Attributes:
         at_home: Pairs of geoms, the lower id first, that touch at home -> how deep they are in each other there [m].
+            Those of heaps, which touch as MuJoCo settled them, are added with how deep they may be.
     """
 
     def __init__(self, tree: Tree, placed: Mapping[str, int], markers: set[str]) -> None:
@@ -146,13 +147,14 @@ class ContactTally:
     Args:
         mjm: The model.
         geometry: "physics" or "visual"; with the latter all contacts are allowed for.
+        heaped: Pairs of geoms, the lower id first, that touch as MuJoCo settled them.
 
     Attributes:
         deepest: The contact that is deepest beyond what it may be, None if there is none.
     """
 
-    def __init__(self, mjm: mujoco.MjModel, geometry: str) -> None:
-        self._mjm, self._visual = mjm, geometry == "visual"
+    def __init__(self, mjm: mujoco.MjModel, geometry: str, heaped: Collection[tuple[int, int]] = ()) -> None:
+        self._mjm, self._visual, self._heaped = mjm, geometry == "visual", heaped
         self._allowed: dict[tuple[int, int], Allowed] = {}
         self.deepest: Contact | None = None
 
@@ -178,6 +180,7 @@ class ContactTally:
         first, second = sorted(int(self._mjm.geom_bodyid[g]) for g in c.geoms)
         names = tuple(self._mjm.body(b).name or f"body {b}" for b in (first, second))
         why = "the scene keeps what is drawn apart" if c.home is None else "they touch at home"
+        why = "they lie in a heap" if c.geoms in self._heaped else why
         other = self._allowed.get((first, second))
         home, depth = c.home or 0.0, c.depth
         if other is not None:

@@ -56,7 +56,7 @@ class LanguageAudit:
         self, config: SceneConfig, outlines: Outlines, hulls: Mapping[str, np.ndarray], home: mujoco.MjData
     ) -> None:
         self.config, self.outlines = config, outlines
-        self._relations = RelationAudit(config)
+        self._relations = RelationAudit(config, outlines.mjm, outlines.bodies)
         self._turns = OrientationAudit(config, outlines, hulls, home)
 
     def add(self, kept: list[Kept], start: int, poses: Poses, present: Mapping[str, np.ndarray]) -> list[Kept]:
@@ -71,7 +71,7 @@ class LanguageAudit:
         seen = {name: self.outlines.outline(name, poses) for name in self.outlines.bodies}
         headings = support_headings(self.config, poses, self.outlines.mjm, self.outlines.bodies)
         found = [
-            *self._relations.excess(seen, present, headings).items(),
+            *self._relations.excess(poses, seen, present, headings).items(),
             *self._turns.excess(poses, seen, present, headings).items(),
             *presence.excess(self.config, seen, present).items(),
         ]

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from sceniris_gym.config.objects import ObjectConfig
-from sceniris_gym.config.relations import Relation
+from sceniris_gym.config.relations import Connection, Relation
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.tools.audit.carriers import carrier_of
 from sceniris_gym.tools.audit.geometry import Poses
@@ -25,13 +25,16 @@ class RelationAudit:
 
     Args:
         config: The scene.
+        mjm: The model.
+        bodies: Object name -> root body id.
     """
 
-    def __init__(self, config: SceneConfig) -> None:
-        self.config = config
+    def __init__(self, config: SceneConfig, mjm: mujoco.MjModel, bodies: Mapping[str, int]) -> None:
+        self.config, self.mjm, self.bodies = config, mjm, bodies
 
     def excess(
         self,
+        poses: Poses,
         outlines: Mapping[str, Outline],
         present: Mapping[str, np.ndarray],
         support_heading: Mapping[str, np.ndarray],
@@ -39,6 +42,7 @@ class RelationAudit:
         """Measure every relation of every object.
 
         Args:
+            poses: Poses in the rows.
             outlines: Object name -> its outline in each row.
             present: Object name -> rows in which it is present, shape (nrow,).
             support_heading: Object name -> heading of what it stands on [rad], shape (nrow,).
@@ -51,7 +55,10 @@ class RelationAudit:
         for name, part in self.config.parts.items():
             for i, relation in enumerate(part.relations):
                 judged = present[name] & _complete(relation, present)
-                missed = self._missed(part, relation, outlines[name], outlines, present, support_heading[name])
+                if isinstance(relation.beside, Connection):
+                    missed = self._off_site(name, relation.beside, relation.site_gap, poses)
+                else:
+                    missed = self._missed(part, relation, outlines[name], outlines, present, support_heading[name])
                 for unit, amount in missed.items():
                     found[name, f"{i} {relation.word}", unit] = np.where(judged, amount, np.nan)
         return found
@@ -86,6 +93,26 @@ class RelationAudit:
             rounding = ROUNDING / np.maximum(np.linalg.norm(apart, axis=1), ROUNDING)
             missed["rad"] = np.abs(off) - relation.half_angle - rounding
         return missed
+
+    def _off_site(self, name: str, joined: Connection, gap: float, poses: Poses) -> dict[str, np.ndarray]:
+        """Return how far [m] sites are from where they should meet, and how far [rad] one is turned from the other."""
+        own, own_x = self._site(name, joined.my, poses)
+        its, its_x = self._site(joined.of, joined.its, poses)
+        level = its_x / np.linalg.norm(its_x, axis=1, keepdims=True)
+        between = np.arctan2(own_x[:, 1], own_x[:, 0]) - np.arctan2(its_x[:, 1], its_x[:, 0])
+        off = wrapped(between - np.radians(joined.turn))
+        return {"m": np.linalg.norm(own - its - gap * level, axis=1), "rad": np.abs(off)}
+
+    def _site(self, name: str, word: str, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
+        """Where a site of an object is seen from above [m], and its x axis, shape (nrow, 2) each."""
+        root = self.bodies[name]
+        inside = self.mjm.body(root).name.rpartition("/")[0] or name
+        sites = {self.mjm.site(i).name: i for i in range(self.mjm.nsite)}
+        site = sites[f"{inside}/{word}" if f"{inside}/{word}" in sites else word]
+        body, turn = int(self.mjm.site_bodyid[site]), np.zeros(9)
+        mujoco.mju_quat2Mat(turn, self.mjm.site_quat[site])
+        at = poses.xpos[:, body] + poses.xmat[:, body] @ self.mjm.site_pos[site]
+        return at[:, :2], (poses.xmat[:, body] @ turn.reshape(3, 3)[:, 0])[:, :2]
 
 
 def support_headings(

@@ -12,6 +12,7 @@ from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.tools.audit.carriers import Carrier, carrier_of, is_ground
 from sceniris_gym.tools.audit.geometry import Form, Poses, Solid
+from sceniris_gym.tools.audit.heaps import HeapAudit
 from sceniris_gym.tools.audit.outlines import Outlines
 from sceniris_gym.tools.audit.pairs import Tree
 from sceniris_gym.tools.audit.supports import (
@@ -38,7 +39,8 @@ class Misplaced:
         row: The layout.
         name: The object.
         cause: "support" (its pivot is on no surface of its parent, or not in its region), "footprint" (part of it
-            overhangs) or "roof" (it is covered although it should be open above, or the other way round).
+            overhangs), "roof" (it is covered although it should be open above, or the other way round) or "heap" (it
+            lies as in no settled row).
     """
 
     row: int
@@ -73,13 +75,23 @@ class StandingAudit:
         config: The scene.
         outlines: Outlines of the objects.
         home: The start pose, one row.
+        heaps: Judges the things of heaps; None if there are none.
 
     Attributes:
         placed: Object name -> its ObjectConfig, for all placed objects.
         hulls: Object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
     """
 
-    def __init__(self, tree: Tree, solids: list[Solid], config: SceneConfig, outlines: Outlines, home: Poses) -> None:
+    def __init__(
+        self,
+        tree: Tree,
+        solids: list[Solid],
+        config: SceneConfig,
+        outlines: Outlines,
+        home: Poses,
+        heaps: HeapAudit | None = None,
+    ) -> None:
+        self._heaps = heaps
         self.tree, self.config, self.bodies, self.outlines = tree, config, outlines.bodies, outlines
         self.placed = {name: part for name, part in config.parts.items() if part.is_placed}
         self._planes = [s.geom for s in solids if s.form is Form.HALFSPACE]
@@ -96,7 +108,12 @@ class StandingAudit:
         """
         found: list[Misplaced] = []
         supporting = {}
+        elsewhere = {} if self._heaps is None else self._heaps.elsewhere(poses)
+        for name, rows in elsewhere.items():
+            found += [Misplaced(int(row), name, "heap") for row in np.flatnonzero(rows)]
         for name, part in self.placed.items():
+            if name in elsewhere:
+                continue
             outline = self.outlines.outline(name, poses)
             pivots, erosion = outline.pivot, part.ratio_on_support / 2 * (outline.high - outline.low).min(1)
             if part.support is None:

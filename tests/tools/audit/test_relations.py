@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.scene.model import build_model
+from sceniris_gym.tools.audit.auditor import Auditor
 from tests.tools.audit.judging import at, missed
 
 
@@ -90,3 +96,30 @@ def test_between_is_a_hull_or_a_strip():
     assert missed(three, **ends, shelf=at(0, -0.5), crate=at(0, 0.49))["m"] == pytest.approx(0.0)
     on_line = at(0, 0.5024)  # its tray makes its bounds reach 5 mm further to the front than to the back
     assert missed(three, **ends, shelf=on_line, crate=at(0, 0.56))["m"] == pytest.approx(0.01, abs=1e-4)
+
+
+def test_sites_that_should_meet_are_found_where_they_are(tmp_path: Path):
+    """In rows written by hand: as they should be, moved by 3 mm, and turned by 2 degrees about the site."""
+    (tmp_path / "block.xml").write_text(
+        '<mujoco><worldbody><body name="block"><geom type="box" size=".1 .1 .1"/><site name="end" pos=".1 .02 0"/>'
+        "</body></worldbody></mujoco>"
+    )
+    words = {"asset": str(tmp_path / "block.xml"), "kind": "fixture", "on": "floor"}
+    relation = {"beside": {"of": "a", "my": "end", "its": "end"}, "gap": 0.05}
+    scene = build_model(
+        SceneConfig.load({"floor": {"size": [2, 2]}, "objects": {"a": words, "b": {**words, "relations": [relation]}}})
+    )
+    yaw = np.radians([180.0, 180.0, 182.0])
+    turned = np.stack([np.cos(yaw) * 0.1 - np.sin(yaw) * 0.02, np.sin(yaw) * 0.1 + np.cos(yaw) * 0.02], 1)
+    at_site = np.array([[0.15, 0.02], [0.15, 0.023], [0.15, 0.02]])
+    places = np.zeros((3, 2, 3))
+    places[:, 1, :2] = at_site - turned
+    quats = np.zeros((3, 2, 4))
+    quats[:, 0, 0], quats[:, 1, 0], quats[:, 1, 3] = 1.0, np.cos(yaw / 2), np.sin(yaw / 2)
+    table = LayoutTable.from_states(np.zeros((3, 0)), places, quats, np.ones((3, 2), bool))
+    auditor = Auditor(scene.mjm, scene.config, scene.bodies)
+    for row, (metres, radians) in enumerate([(0.0, 0.0), (0.003, 0.0), (0.0, np.radians(2.0))]):
+        found = {k.unit: k for k in auditor.judge_language(table[slice(row, row + 1)]) if k.word.startswith("0")}
+        assert found["m"].worst == pytest.approx(metres, abs=1e-6)
+        assert found["rad"].worst == pytest.approx(radians, abs=1e-6)
+        assert (found["m"].broken, found["rad"].broken) == (metres > 0.0, radians > 0.0)

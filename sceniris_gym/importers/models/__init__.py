@@ -1,0 +1,1 @@
+"""First scene files, written from MuJoCo models: `sceniris-gym init`."""

@@ -1,0 +1,125 @@
+"""What a body of a model stands on in the start pose, and what it could stand on."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import shapely
+
+from sceniris_gym.geometry.pieces import Piece
+from sceniris_gym.geometry.supports import SupportSurface, level_surfaces
+from sceniris_gym.scene.support import Support, is_static, static_supports, subtree
+
+_GEOM = mujoco.mjtObj.mjOBJ_GEOM
+
+
+@dataclass(frozen=True)
+class FoundSupport:
+    """A support by its name in a scene file, with its level surfaces.
+
+    Attributes:
+        name: As a scene file names it.
+        body: Id of the body that carries.
+        surfaces: Its level surfaces, lowest first; empty if it has none.
+        open_above: Whether they are open above, so that the word is 'on' and not 'in'.
+    """
+
+    name: str
+    body: int
+    surfaces: tuple[SupportSurface, ...]
+    open_above: bool
+
+    @property
+    def area(self) -> float:
+        """The area of its surfaces [m^2]."""
+        return sum(s.outline.area for s in self.surfaces)
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """The edges of the box around its surfaces along its body's axes [m]."""
+        x0, y0, x1, y1 = shapely.union_all([s.outline for s in self.surfaces]).bounds
+        return x1 - x0, y1 - y0
+
+    @property
+    def is_endless(self) -> bool:
+        """Whether one of its surfaces is a plane without sizes."""
+        return any(s.is_endless for s in self.surfaces)
+
+
+def geom_beneath(mjm: mujoco.MjModel, data: mujoco.MjData, root: int) -> int | None:
+    """Return the first geom that collides, straight below the middle of a body and of what is fixed to it; or None.
+
+    The ray begins at the top of the body, so that what it is sunk into counts.
+
+    Args:
+        mjm: The model.
+        data: The model in its start pose, after `mj_kinematics`.
+        root: The body.
+    """
+    own = subtree(mjm, root)
+    low, high = _bounds(mjm, data, own)
+    at, down, hit = np.array([*(low + high)[:2] / 2.0, high[2]]), np.array([0.0, 0.0, -1.0]), np.zeros(1, np.int32)
+    counts = ((mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)) & ~np.isin(mjm.geom_bodyid, own)
+    seen = copy.copy(mjm)  # MuJoCo's rays pass through what is transparent
+    seen.geom_matid[:], seen.geom_rgba[:, 3] = -1, counts
+    return int(hit[0]) if mujoco.mj_ray(seen, data, at, down, None, 1, -1, hit, None) >= 0.0 else None
+
+
+def supports_of(
+    mjm: mujoco.MjModel, bodies: Mapping[str, int], robots: Iterable[int], pieces: Sequence[Piece]
+) -> list[FoundSupport]:
+    """Return everything that never moves, has a name and a level surface, the largest first.
+
+    A body of which a geom has a name and all of its surface is left out, and so are robots.
+
+    Args:
+        mjm: The model.
+        bodies: Root bodies of what is an object of the scene, by name.
+        robots: Root bodies of robots.
+        pieces: The pieces of the model.
+    """
+    found = [support_of(name, support, pieces) for name, support in static_supports(mjm, bodies).items()]
+    found = [s for s in found if s.surfaces and mjm.body_rootid[s.body] not in set(robots)]
+    geoms = {(s.body, round(s.area, 6)) for s in found if mujoco.mj_name2id(mjm, _GEOM, s.name) >= 0}
+    kept = [s for s in found if mujoco.mj_name2id(mjm, _GEOM, s.name) >= 0 or (s.body, round(s.area, 6)) not in geoms]
+    return sorted(kept, key=lambda s: -s.area)
+
+
+def support_of(name: str, support: Support, pieces: Sequence[Piece]) -> FoundSupport:
+    """Return what a name stands for as a support, open above if any of its surface is."""
+    own = [p for p in pieces if p.body == support.body]
+    above = level_surfaces(support.body, own, open_above=True, geom=support.geom)
+    found = above or level_surfaces(support.body, own, open_above=False, geom=support.geom)
+    return FoundSupport(name, support.body, tuple(found), bool(above))
+
+
+def named_support(mjm: mujoco.MjModel, geom: int, bodies: Mapping[str, int]) -> tuple[str, Support] | None:
+    """Return how a scene names a geom as a support: the geom or its body, a part of an object; None if it cannot."""
+    body = int(mjm.geom_bodyid[geom])
+    owner = next((name for name, root in bodies.items() if body in subtree(mjm, root)), None)
+    if owner is not None:
+        root = mjm.body(bodies[owner]).name
+        part = mjm.body(body).name.removeprefix(f"{root.rpartition('/')[0] or owner}/")
+        name = owner if body == bodies[owner] else f"{owner}/{part}"
+        return (name, Support(body, owner)) if body == bodies[owner] or part else None
+    if not is_static(mjm)[body]:
+        return None
+    if mjm.geom(geom).name:
+        return mjm.geom(geom).name, Support(body, None, geom)
+    return (mjm.body(body).name, Support(body)) if body > 0 and mjm.body(body).name else None
+
+
+def _bounds(mjm: mujoco.MjModel, data: mujoco.MjData, bodies: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """The box around bodies in the world [m], or around their origins where they have no geoms."""
+    geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, bodies))
+    if not len(geoms):
+        at = data.xpos[list(bodies)]
+        return at.min(axis=0), at.max(axis=0)
+    mats = data.geom_xmat[geoms].reshape(-1, 3, 3)
+    middle = data.geom_xpos[geoms] + np.einsum("nij,nj->ni", mats, mjm.geom_aabb[geoms, :3])
+    half = np.einsum("nij,nj->ni", np.abs(mats), mjm.geom_aabb[geoms, 3:])
+    return (middle - half).min(axis=0), (middle + half).max(axis=0)

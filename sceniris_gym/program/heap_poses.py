@@ -1,0 +1,72 @@
+"""The settled poses of a thing of a heap, and what it is put into with them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from shapely.geometry import MultiPolygon, box
+
+from sceniris_gym.errors import HeapError
+from sceniris_gym.geometry.supports import SupportSurface
+from sceniris_gym.scene.heaps import filled_body, read_rows, rigid_part, rigid_thing, settled_with
+from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.scene.support import Support
+
+_AROUND = 1e-3  # m that the surface which stands for all rows is larger than what it holds
+
+
+@dataclass(frozen=True)
+class HeapPoses:
+    """The settled poses of one thing of a heap, relative to the body that is filled.
+
+    Attributes:
+        pos: Where its root is [m], shape (nrow, 3).
+        quat: Its orientation, wxyz, shape (nrow, 4).
+        stream: The random stream that the row is drawn from, one for all things of the heap.
+        together: All bodies that MuJoCo settled: those of the things, and those fixed to the body that is filled.
+        support: What is filled.
+        surface: A rectangle that holds the roots in all rows, seen from above, as high as the highest of them.
+    """
+
+    pos: np.ndarray
+    quat: np.ndarray
+    stream: int
+    together: frozenset[int]
+    support: Support
+    surface: SupportSurface
+
+
+def heap_poses(scene: SceneModel, name: str) -> HeapPoses:
+    """Read the settled poses of a thing of a heap.
+
+    Raises:
+        HeapError: There are no rows, or they were settled with other things.
+        NotSupportedError: A thing with joints of its own, or a heap that fills the world.
+    """
+    config = scene.config
+    key, heap = next((key, heap) for key, heap in config.heaps.items() if name in heap.of)
+    where = f"{config.where}: heaps.{key}"
+    if heap.rows is None:
+        raise HeapError(
+            f"{where}.rows: is missing. Make them with `sceniris-gym settle SCENE -o ROWS.npz`, and name the file."
+        )
+    rows = read_rows(Path(heap.rows), heap, where)
+    if rows.settled_with != settled_with(scene, heap, where):
+        raise HeapError(
+            f"{where}.rows: '{heap.rows}' was settled with other shapes or masses. Make it anew with "
+            "`sceniris-gym settle SCENE`."
+        )
+    body, i = filled_body(scene, heap, where), heap.of.index(name)
+    low, high = rows.pos.min(axis=(0, 1)) - _AROUND, rows.pos.max(axis=(0, 1)) + _AROUND
+    area = MultiPolygon([box(low[0], low[1], high[0], high[1])])
+    things = [thing for other in heap.of for thing in rigid_thing(scene, other, where)]
+    return HeapPoses(
+        pos=rows.pos[:, i],
+        quat=rows.quat[:, i],
+        stream=1 + list(config.objects).index(heap.of[0]),
+        together=frozenset([*things, *rigid_part(scene.mjm, body)]),
+        support=scene.support(heap.fill, f"{where}.fill"),
+        surface=SupportSurface(body, float(high[2]), area, area),
+    )

@@ -1,0 +1,101 @@
+"""Objects that are joined at sites: where the sites are from the pivots, and how the object is turned by them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sceniris_gym.config.relations import Connection, Relation
+from sceniris_gym.errors import SceneKeyError, UnknownNameError
+from sceniris_gym.geometry.rotations import matrix
+from sceniris_gym.program.plan import PlacedObject, Plan
+from sceniris_gym.scene.model import SceneModel
+
+# The x axis of a site says nothing seen from above if its shadow is shorter than this.
+_UPRIGHT = 1e-2
+
+
+@dataclass(frozen=True)
+class Joined:
+    """How one object is joined to another, seen from above and with both headings 0.
+
+    Attributes:
+        at: Where the sites meet, from the pivot of the other object [m], shape (2,): at its site, or a gap along the x
+            axis of that.
+        own: The object's own site from its pivot [m], shape (2,).
+        turn: What is added to the heading of the other object to get that of this one [rad].
+    """
+
+    at: np.ndarray
+    own: np.ndarray
+    turn: float
+
+
+def joined(scene: SceneModel, plan: Plan, name: str, relation: Relation, where: str) -> Joined:
+    """Work out how an object is joined.
+
+    Args:
+        scene: The scene.
+        plan: Its plan.
+        name: The object.
+        relation: One of its relations, of the kind 'joined'.
+        where: Begins errors: the relation.
+
+    Raises:
+        UnknownNameError: An object has no such site.
+        SceneKeyError: A site that joints of the object move, whose x axis is vertical, or of an object that is not
+            placed upright.
+    """
+    words = relation.beside
+    assert isinstance(words, Connection)
+    its, its_yaw = _site(scene, plan, words.of, words.its, f"{where}.beside.its")
+    own, own_yaw = _site(scene, plan, name, words.my, f"{where}.beside.my")
+    at = its + relation.site_gap * np.array([math.cos(its_yaw), math.sin(its_yaw)])
+    turn = math.remainder(its_yaw + math.radians(words.turn) - own_yaw, 2.0 * math.pi)
+    return Joined(at, own, turn)
+
+
+def _site(scene: SceneModel, plan: Plan, name: str, word: str, where: str) -> tuple[np.ndarray, float]:
+    """Where a site of an object is from its pivot [m] and the heading of its x axis [rad], with the heading 0."""
+    sites = scene.sites(name)
+    if word not in sites:
+        raise UnknownNameError(f"site of '{name}'", word, where, sites)
+    root, body = scene.bodies[name], int(scene.mjm.site_bodyid[sites[word]])
+    while body != root:
+        if scene.mjm.body_jntnum[body]:
+            raise SceneKeyError(
+                f"{where}: '{word}' is on '{scene.mjm.body(body).name}', which joints move. Name a site that is fixed "
+                f"to the root of '{name}'."
+            )
+        body = int(scene.mjm.body_parentid[body])
+    placed = next((o for o in plan.objects if o.name == name and o.variants), None)
+    mat, pivot = _upright(placed, where) if placed is not None else _at_home(scene, plan, name)
+    back = plan.home.xmat[root].reshape(3, 3).T
+    pos = back @ (plan.home.site_xpos[sites[word]] - plan.home.xpos[root])
+    x = mat @ back @ plan.home.site_xmat[sites[word]].reshape(3, 3)[:, 0]
+    if np.linalg.norm(x[:2]) < _UPRIGHT:
+        raise SceneKeyError(
+            f"{where}: the x axis of '{word}' is vertical, so it gives no heading. Turn it out of '{name}', "
+            "towards what is joined to it."
+        )
+    return (mat @ (pos - pivot))[:2], math.atan2(x[1], x[0])
+
+
+def _upright(placed: PlacedObject, where: str) -> tuple[np.ndarray, np.ndarray]:
+    """The orientation of heading 0 of what is placed, and its pivot in its root's frame."""
+    kind = "yaw" if placed.config is None else placed.config.drawn_orientation.kind
+    if kind in ("any", "stable"):
+        raise SceneKeyError(
+            f"{where}: '{placed.name}' has the orientation '{kind}', which moves its site. Give it a yaw, or 'fixed'."
+        )
+    return matrix(placed.variants[0].quat), placed.variants[0].pivot
+
+
+def _at_home(scene: SceneModel, plan: Plan, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """The same of what stays where the model has it."""
+    root, place = scene.bodies[name], plan.place[plan.slots.index(name)]
+    mat = plan.home.xmat[root].reshape(3, 3)
+    level = matrix(np.array([math.cos(0.5 * place[3]), 0.0, 0.0, -math.sin(0.5 * place[3])])) @ mat
+    return level, mat.T @ (place[:3] - plan.home.xpos[root])

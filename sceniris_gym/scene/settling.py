@@ -1,0 +1,179 @@
+"""Heaps are settled by MuJoCo C: things are dropped into a container until they lie still in it."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.config.heaps import HeapConfig
+from sceniris_gym.errors import HeapError
+from sceniris_gym.scene.heaps import DEEPEST, STILL, HeapRows, filled_body, rigid_part, rigid_thing, settled_with
+from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.scene.support import subtree
+
+# A thing falls from above those before it; all have as long as this to come to rest [s], and then lie for so long.
+_FALL, _LIE = 8.0, 0.5
+# What lies moves by less than this meanwhile [m].
+_MOVED = 2e-3
+# Heaps that are tried for each row before the container counts as too small.
+_TRIES = 20
+# Inertia of all joints but those of the things [kg or kg m^2].
+_HELD = 1e9
+
+
+@dataclass(frozen=True)
+class _Drop:
+    """What falls where.
+
+    Attributes:
+        mjm: The model, in which only the container and the things of the heap meet.
+        home: Its start pose, shape (nq,).
+        body: The body that is filled.
+        things: Root bodies of the things.
+        low, high: Bounds of the container in the world [m], shape (3,) each.
+        sizes: How far each thing reaches from its root [m].
+    """
+
+    mjm: mujoco.MjModel
+    home: np.ndarray
+    body: int
+    things: list[int]
+    low: np.ndarray
+    high: np.ndarray
+    sizes: np.ndarray
+
+
+def settle(
+    scene: SceneModel, name: str, num: int, seed: int, progress: Callable[[int, int], object] = lambda done, of: None
+) -> HeapRows:
+    """Settle heaps of a scene.
+
+    Things are dropped in a random order, each from above the one before, in random orientations. A heap counts if
+    everything comes to rest inside the bounds of the container, sinks nowhere deeper than `DEEPEST`, and lies still.
+
+    Args:
+        scene: The scene.
+        name: The heap.
+        num: Number of heaps.
+        seed: Row i depends on the seed and on i alone.
+        progress: Called with how many are done, and how many there are.
+
+    Raises:
+        HeapError: The container does not hold the things.
+    """
+    heap, where = scene.config.heaps[name], f"{scene.config.where}: heaps.{name}"
+    drop = _prepare(scene, heap, where)
+    pos, quat = [], []
+    for i in range(num):
+        row = _row(drop, np.random.default_rng([seed, i]))
+        if row is None:
+            raise HeapError(
+                f"{where}: '{heap.fill}' does not hold {len(heap.of)} things: in {_TRIES} tries they did not all come "
+                "to rest inside of it. Take things out of the heap, or use smaller ones or a larger container."
+            )
+        pos.append(row[0])
+        quat.append(row[1])
+        progress(i + 1, num)
+    return HeapRows(heap.of, np.array(pos), np.array(quat), settled_with(scene, heap, where))
+
+
+def _prepare(scene: SceneModel, heap: HeapConfig, where: str) -> _Drop:
+    mjm = copy.copy(scene.mjm)
+    body = filled_body(scene, heap, where)
+    container = rigid_part(mjm, body)
+    things = [scene.bodies[name] for name in heap.of]
+    own = [b for name in heap.of for b in rigid_thing(scene, name, where)]
+    outside = ~np.isin(mjm.geom_bodyid, [*container, *own])
+    mjm.geom_contype[outside] = mjm.geom_conaffinity[outside] = 0
+    mjm.dof_armature[~np.isin(mjm.dof_bodyid, own)] = _HELD  # nothing else moves
+    mjm.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    data = mujoco.MjData(mjm)
+    mujoco.mj_setConst(mjm, data)
+    data.qpos[:] = scene.home_qpos
+    mujoco.mj_kinematics(mjm, data)
+    walls = [b for b in subtree(mjm, body) if b in container]
+    geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, walls) & ~outside & (mjm.geom_contype + mjm.geom_conaffinity > 0))
+    if not len(geoms):
+        raise HeapError(f"{where}.fill: '{heap.fill}' has no geoms that collide, so nothing can lie in it.")
+    mats = data.geom_xmat[geoms].reshape(-1, 3, 3)
+    middle = data.geom_xpos[geoms] + np.einsum("nij,nj->ni", mats, mjm.geom_aabb[geoms, :3])
+    half = np.einsum("nij,nj->ni", np.abs(mats), mjm.geom_aabb[geoms, 3:])
+    sizes = []
+    for thing in things:
+        part = np.flatnonzero(mjm.body_rootid[mjm.geom_bodyid] == thing)
+        away = np.linalg.norm(data.geom_xpos[part] - data.xpos[thing], axis=1) + mjm.geom_rbound[part]
+        sizes.append(float(away.max(initial=0.01)))
+    low, high = (middle - half).min(axis=0), (middle + half).max(axis=0)
+    return _Drop(mjm, scene.home_qpos, body, things, low, high, np.array(sizes))
+
+
+def _row(drop: _Drop, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray] | None:
+    """Poses of the things in the filled body, shapes (nthing, 3) and (nthing, 4); None if no heap came about."""
+    for _ in range(_TRIES):
+        data = _dropped(drop, rng)
+        if data is not None:
+            mat = data.xmat[drop.body].reshape(3, 3)
+            back = np.array([1.0, -1.0, -1.0, -1.0]) * data.xquat[drop.body]
+            quat = np.zeros((len(drop.things), 4))
+            for i, thing in enumerate(drop.things):
+                mujoco.mju_mulQuat(quat[i], back, data.xquat[thing])
+            return (data.xpos[drop.things] - data.xpos[drop.body]) @ mat, quat
+    return None
+
+
+def _dropped(drop: _Drop, rng: np.random.Generator) -> mujoco.MjData | None:
+    """The model with the things at rest in the container; None if they are not."""
+    mjm, data = drop.mjm, mujoco.MjData(drop.mjm)
+    data.qpos[:] = drop.home
+    height = drop.high[2]
+    for i in rng.permutation(len(drop.things)):
+        size = drop.sizes[i]
+        inner = np.maximum(0.5 * (drop.high - drop.low) - size, 0.0)[:2]
+        height += size
+        adr = int(mjm.jnt_qposadr[mjm.body_jntadr[drop.things[i]]])
+        data.qpos[adr : adr + 2] = 0.5 * (drop.low + drop.high)[:2] + inner * rng.uniform(-1.0, 1.0, 2)
+        data.qpos[adr + 2] = height
+        turn = rng.normal(size=4)
+        data.qpos[adr + 3 : adr + 7] = turn / np.linalg.norm(turn)
+        height += size
+    steps = int(_FALL / mjm.opt.timestep)
+    for step in range(steps):
+        mujoco.mj_step(mjm, data)
+        if step % 50 == 0 and _lost(drop, data):
+            return None
+        if step % 50 == 0 and step * mjm.opt.timestep > 0.5 and _still(drop, data):
+            break
+    return data if _lies(drop, data) else None
+
+
+def _lies(drop: _Drop, data: mujoco.MjData) -> bool:
+    """Whether the things are inside, not too deep in anything, and stay where they are from rest."""
+    data.qvel[:] = 0.0
+    before = data.xpos[drop.things].copy()
+    tried = copy.copy(data)
+    for _ in range(int(_LIE / drop.mjm.opt.timestep)):
+        mujoco.mj_step(drop.mjm, tried)
+    mujoco.mj_kinematics(drop.mjm, data)
+    mujoco.mj_collision(drop.mjm, data)
+    moved = np.linalg.norm(tried.xpos[drop.things] - before, axis=1).max()
+    deepest = -min(data.contact.dist, default=0.0)
+    return bool(_still(drop, tried) and moved < _MOVED and deepest < DEEPEST and not _lost(drop, data, inside=True))
+
+
+def _still(drop: _Drop, data: mujoco.MjData) -> bool:
+    """Whether nothing of the heap goes faster than what counts as rest."""
+    dofs = drop.mjm.jnt_dofadr[drop.mjm.body_jntadr[drop.things]]
+    return all(np.abs(data.qvel[d : d + 3]).max() < STILL for d in dofs)
+
+
+def _lost(drop: _Drop, data: mujoco.MjData, *, inside: bool = False) -> bool:
+    """Whether a thing is below the container; with `inside`, whether its centre is not within the bounds."""
+    centers = data.xipos[drop.things]
+    if not inside:
+        return bool((centers[:, 2] < drop.low[2] - 0.1).any())
+    top = drop.high + np.array([[0.0, 0.0, size] for size in drop.sizes])  # the upper ones may look out of it
+    return bool(((centers < drop.low) | (centers > top)).any())

@@ -1,0 +1,74 @@
+"""First scenes of models: their words, and the file that says them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from ruamel.yaml import YAML
+
+from sceniris_gym.errors import SceneFileError
+from sceniris_gym.importers.models.first_scene import first_scene
+from tests.importers.models.models import FINGERS, TABLE, arm
+
+
+def model(folder: Path, xml: str) -> Path:
+    """Write a model and return its path."""
+    path = folder / "model.xml"
+    path.write_text(xml)
+    return path
+
+
+def test_free_bodies_stand_on_what_is_beneath_them(tmp_path: Path):
+    """On a box before what stands on that; endless planes get a region; what has no freejoint is a comment."""
+    scene = first_scene(model(tmp_path, TABLE))
+    text = scene.text("model.xml")
+    assert YAML(typ="safe").load(text) == {
+        "model": "model.xml",
+        "objects": {
+            "can": {"on": "table"},
+            "a": {"body": "a/main", "on": "table"},
+            "top": {"on": "a"},
+            "ball": {"on": "ground", "region": {"box": [[-0.8, -0.1], [-0.2, 0.5]]}},
+        },
+    }
+    assert "# pin: {on: SUPPORT}" in text
+    assert "Write <freejoint/> in their place" in text
+    assert "table: 0.6 x 0.8 m, 0.48 m2" in text
+
+
+def test_what_stands_on_something_that_is_commented_out_is_too(tmp_path: Path):
+    """Each with its reason."""
+    scene = first_scene(model(tmp_path, TABLE)).without("a", "it is too heavy.")
+    assert list(scene.words()["objects"]) == ["can", "ball"]
+    lines = scene.text("model.xml").splitlines()
+    assert lines[lines.index("  # a: {body: a/main, on: table}") - 1] == "  # it is too heavy."
+    assert lines[lines.index("  # top: {on: a}") - 1] == "  # It stands on 'a', which is commented out."
+
+
+def test_a_robot_is_named_with_its_tool(tmp_path: Path):
+    """Also where the model has nothing else."""
+    scene = first_scene(model(tmp_path, arm(FINGERS)))
+    assert scene.words()["robot"] == {"in_model": "base", "tcp": {"body": "hand", "offset": [0.0, 0.0, 0.07]}}
+    assert scene.words()["objects"] == {}
+    assert "no body with a freejoint" in scene.text("model.xml")
+
+
+def test_a_robot_without_a_name_is_a_comment(tmp_path: Path):
+    """It says what mends it."""
+    scene = first_scene(model(tmp_path, arm(FINGERS).replace('<body name="base">', "<body>")))
+    assert "robot" not in scene.words()
+    assert "Its root body has no name. Give it one." in scene.text("model.xml")
+
+
+def test_a_body_without_a_name_is_a_comment(tmp_path: Path):
+    """A scene could not name it."""
+    scene = first_scene(model(tmp_path, TABLE.replace('<body name="ball"', "<body")))
+    assert list(scene.words()["objects"]) == ["can", "a", "top"]
+    assert "has no name. Give it one." in scene.text("model.xml")
+
+
+def test_a_missing_model_is_an_error_of_ours(tmp_path: Path):
+    """As everywhere."""
+    with pytest.raises(SceneFileError, match="there is no file"):
+        first_scene(tmp_path / "none.xml")
