@@ -19,7 +19,8 @@ def robot_words(robot: str | Mapping[str, Any] | None, env: KeyReader) -> dict[s
     """Return the words for the robot, which stands at `robot_position` if nothing else is said; None without a robot.
 
     The original documents a single position as that of the robot, and several as bounds of it; its check of reach takes
-    the world's origin all the same. Bounds become their middle. A `base` that the caller gives wins, and is told where it contradicts them.
+    the world's origin all the same. Bounds become their middle. A `base` that the caller gives wins, and is told where
+    it contradicts them.
 
     Args:
         robot: The robot as the caller gives it: an asset, or a mapping as in a scene file.
