@@ -45,6 +45,11 @@ SAID = {
     "safety_gymnasium/*cliff?.obj": "mm",
 }
 """Units of meshes that no model of their package uses, by their paths."""
+SHEETS = (
+    *("*/franka_emika_panda/*/link?_*.obj", "*/Panda/meshes/link?_*.obj", "*/universal_robots_ur5e/assets/*.obj"),
+    *("*/go2/meshes/*.obj", "*/sawyer/obj_meshes/*.obj", "*/flower_bush.obj"),
+)
+"""Meshes that are imported with --shell where they are open: parts of surfaces, cut by their colours; and leaves."""
 
 
 def main(
@@ -52,6 +57,7 @@ def main(
     out: Path = Path("imported"),
     count: int = 100,
     jobs: int | None = None,
+    seconds: float = 1800.0,
     seed: int = 0,
 ) -> None:
     """Import meshes and judge them.
@@ -61,19 +67,22 @@ def main(
         out: folder for the assets.
         count: how many meshes.
         jobs: how many at a time.
+        seconds: how long one may take.
         seed: of the draw.
     """
     sources = drawn(folder, count, seed)
     scales = {top: stated_scales(top) for top in {top_of(folder, source) for source in sources}}
-    by_scale: dict[str | None, list[Path]] = {}
+    groups: dict[tuple[str | None, bool], list[Path]] = {}
     for source in sources:
-        top = top_of(folder, source)
-        said = (unit for form, unit in SAID.items() if fnmatch(source.relative_to(folder).as_posix(), form))
-        by_scale.setdefault(scales[top].get(source.name, next(said, None)), []).append(source)
+        path, top = source.relative_to(folder).as_posix(), top_of(folder, source)
+        said = (unit for form, unit in SAID.items() if fnmatch(path, form))
+        shell = any(fnmatch(path, form) for form in SHEETS) and not trimesh.load_mesh(source).is_watertight
+        groups.setdefault((scales[top].get(source.name, next(said, None)), shell), []).append(source)
     rows = []
-    for scale, some in by_scale.items():
-        for outcome in import_folder(some, out / (scale or "metres"), Options(scale=scale), jobs=jobs, done=_tell):
-            rows.append({"scale": scale} | judged(outcome))
+    for (scale, shell), some in groups.items():
+        assets, options = out / f"{scale or 'metres'}{'_sheets' * shell}", Options(scale=scale, shell=shell)
+        for outcome in import_folder(some, assets, options, jobs=jobs, done=_tell, seconds=seconds):
+            rows.append({"scale": scale, "shell": shell} | judged(outcome))
             print(json.dumps(rows[-1]), flush=True)
     kept = [row for row in rows if "refused" not in row]
     sums = {
