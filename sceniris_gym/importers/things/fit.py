@@ -15,7 +15,7 @@ LEAST_TOLERANCE, SHARE = 0.002, 0.02
 _SAMPLES = 6000  # points on either side; with 2,000 the error of a mug came out up to a fifth smaller
 _LEAST = 60  # of them on each part
 _BESIDE = 1e-5  # of the size: parts that touch within this leave no gap
-# Of the size: nothing gets into a gap of this width between two parts, such as those that small hulls leave along a cut.
+# Of the size: nothing gets into a gap of this width between parts, such as small hulls leave along a cut.
 _SLIVER = 1e-3
 
 
