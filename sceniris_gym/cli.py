@@ -101,6 +101,10 @@ def generate(
     share: Annotated[
         str | None, tyro.conf.arg(help="R/K: write every K-th part; by default as torchrun or a Slurm array say")
     ] = None,
+    format_: Annotated[
+        str | None,
+        tyro.conf.arg(name="format", metavar="npz,usd,json", help="one or several of these, beside layouts-*.npy"),
+    ] = None,
     resume: Annotated[
         bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="go on with the data set in the folder, if there is one")
     ] = False,
@@ -115,16 +119,19 @@ def generate(
     if out is None:
         raise NotSupportedError("generate: nowhere to write to. Give a folder: -o FOLDER.")
     if verify:
-        if scene is not None or n is not None or resume:
-            raise NotSupportedError("generate: --verify only reads the folder. Leave out SCENE, -n and --resume.")
+        if scene is not None or n is not None or resume or format_ is not None:
+            raise NotSupportedError("generate: --verify reads the folder. Leave out SCENE, -n, --format and --resume.")
         return _verified(out, json)
     if scene is None or n is None:
         raise NotSupportedError("generate: nothing to make. Give a SCENE and a number of layouts, -n N.")
     _at_least(1, n=n, most=_MOST_LAYOUTS)
     _at_least(1, chunk=1 if chunk is None else chunk)
     _seed(seed)
+    from sceniris_gym.tools.dataset.formats import check_formats, parse_formats
     from sceniris_gym.tools.dataset.share import Share
 
+    formats = () if format_ is None else parse_formats(format_)
+    check_formats(formats)
     part = Share.current() if share is None else Share.parse(share)
     from sceniris_gym.tools.commands import generate as tool
     from sceniris_gym.tools.dataset.manifest import MANIFEST, SCENE
@@ -132,7 +139,8 @@ def generate(
     for file in (MANIFEST, SCENE):
         _target(out / file)
     compiled = _compiled(scene, changes, device or part.device)
-    figures = tool.generate(compiled, n, out, seed=seed, split=split, chunk=chunk, share=part, resume=resume)
+    words = {"chunk": chunk, "share": part, "resume": resume, "formats": formats}
+    figures = tool.generate(compiled, n, out, seed=seed, split=split, **words)
     if json:
         return dumps(figures)
     if not figures["complete"]:

@@ -179,6 +179,7 @@ def test_a_data_set_is_written_in_shares_resumed_and_verified(
     for words, message in (
         (command, "--resume"),
         ([*command, "--verify"], "Leave out SCENE"),
+        (["generate", "mid", "-n", "5", "-o", str(tmp_path), "--format", "npz,csv"], "unknown format 'csv'"),
         (["generate", "-o", str(tmp_path / "nowhere"), "--verify"], "no whole data set"),
         (["generate", "mid", "-n", "5"], "-o FOLDER"),
         (["generate", "mid", "-o", "x"], "-n N"),

@@ -216,3 +216,15 @@ def test_the_viewer_shows_every_step(capsys: pytest.CaptureFixture[str]):
     found = capsys.readouterr()
     assert "the environment is shown at http://127.0.0.1:" in found.err
     assert "3 steps of 2 worlds were shown" in found.out
+
+
+def test_all_formats_are_read_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """NumPy and JSON in stock MuJoCo, USD in usd-core: one place for everything; and a row alone is a stage."""
+    pytest.importorskip("pxr", reason="needs the extra 'import'")
+    load("09_formats").main(n=8, folder=tmp_path / "set", device="cpu")
+    out = capsys.readouterr().out
+    assert "json: 8 layouts, poses within 0." in out
+    assert "16 joint positions" in out
+    assert "npz: poses of cabinet, apple, banana; set by name, qpos is as written: True" in out
+    assert re.search(r"usd: 8 frames, the last of seed 7; \d+ meshes; poses within 0\.\d um", out)
+    assert (tmp_path / "set" / "layout-0.usda").exists()

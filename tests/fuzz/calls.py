@@ -143,8 +143,15 @@ def _wrong_dataset(draws: np.random.Generator, folder: Path) -> None:
     held: dict[str, Any] = {
         **{"format": 1, "scene": "mid", "hash": "0", "split": "train", "seed": 0, "layouts": 7, "rows_of_a_part": 4},
         "columns": {name: {"dtype": kind, "shape": shape} for name, (kind, shape) in columns.items()},
-        **{"object_names": ["a"], "reachable_names": [], "versions": {}, "scene_sha256": "0"},
-        "parts": [{"rows": n, "sha256": "0", "valid": n, "first_pass_valid": n} for n in (4, 3)],
+        **{
+            "object_names": ["a"],
+            "reachable_names": [],
+            "formats": [],
+            "versions": {},
+            "scene_sha256": "0",
+            "files": {},
+        },
+        "parts": [{"rows": n, "sha256": "0", "files": {}, "valid": n, "first_pass_valid": n} for n in (4, 3)],
     }
     for part, n in enumerate((4, 3)):
         np.save(folder / part_name(part), np.zeros(n, row_of(held["columns"])))

@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 
 from sceniris_gym.config.loader import SHIPPED_NAME
-from sceniris_gym.config.messages import reading
-from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import KeysLeftOutWarning, ScenirisError, UnknownNameError
 from sceniris_gym.importers.sceniris.errors import in_its_keys, origin
 from sceniris_gym.importers.sceniris.keys import CONFIGURATION, KeyReader, Notes
 from sceniris_gym.importers.sceniris.placement import fixed_place, fixed_point, needed_floor, place
 from sceniris_gym.importers.sceniris.relations import Views
+from sceniris_gym.importers.sceniris.robot import robot_words
 from sceniris_gym.reach.tier import TIERS
 from sceniris_gym.scene.assemble import names_in
 
+_MODELS = (".xml", ".urdf")
 _ROBOT_VIEWS = ("robot_centric_axis_transforms", "robot_centric_frame_transforms")
 
 
@@ -37,8 +37,8 @@ def read_sceniris(
 
     These keys are read, with the original's defaults:
 
-    - `env`: `env_size` (1.0) or `workspace_limits`, which define the floor, and `robot_centric_axis_transforms`,
-      rotated views of the world that relations may name.
+    - `env`: `env_size` (1.0) or `workspace_limits`, which define the floor; `robot_centric_axis_transforms`, rotated
+      views of the world that relations may name; `robot_position`, where the `robot` stands; of several the middle.
     - `objects`, a list or a mapping by id: `id`, `asset_path`, `parent_id` (the ground), `relation_to_parent` ('top'
       is `on`, 'inside' and 'in' are `inside`), `ratio_on_support` (0), `position.xy_limit` (fractions of the
       support's bounds, clipped to them), `constraints`, and `fixed_world_positions` if there is exactly one, which
@@ -58,12 +58,12 @@ def read_sceniris(
       of them is a strip here and a rectangle in the original.
 
     Objects that have joint states or a fixed position, or that others stand on, become fixtures; the others are free.
-    Joints and parts ('drawer/upper') should have the same names in the assets, which is checked for all MJCF files that
-    exist. A key that has no effect in the original has none here.
+    Joints and parts ('drawer/upper') should have the same names in the assets, MJCF or URDF files, which is checked for
+    all of them that exist. A key that has no effect in the original has none here.
 
     Args:
         cfg: The configuration; it is not changed.
-        assets: Assets by object id, as shipped names or MJCF files, in place of its `asset_path`.
+        assets: Assets by object id, as shipped names or MJCF or URDF files, in place of its `asset_path`.
         robot: The scene's robot, which a configuration does not name: an asset, or a mapping as in a scene file.
         tier: How thoroughly `reachable` objects are proven to be so: 'map', 'map_strict', 'ik' or 'clear'.
 
@@ -76,7 +76,7 @@ def read_sceniris(
     Warns:
         KeysLeftOutWarning: Some keys are left out, or have a different meaning or value here: a `ratio_on_support`
             outside 0 to 1 is clipped, and so is an `xy_limit`, whose corners may also change order. It names them all;
-            an `asset_path` among them is kept, but is not an MJCF file.
+            an `asset_path` among them is kept, but is no MJCF or URDF file.
     """
     notes = Notes()
     keys = KeyReader(cfg, "", notes)
@@ -84,14 +84,14 @@ def read_sceniris(
     views = Views(
         objects, {robot: turn for key in _ROBOT_VIEWS for robot, turn in env.section(key).everything().items()}
     )
+    arm, known = robot_words(robot, env), _known_tier(tier)
     size, limits = _workspace(env, objects)
     _check_assets(assets or {}, objects)
     parents = {str(part.value("parent_id")).split("/")[0] for part in objects.values()}
-    known = _known_tier(tier)
-    reach = None if robot is None else known
+    reach = None if arm is None else known
     scene = {
         "floor": {"size": size},
-        "robot": _checked_robot(robot),
+        "robot": arm,
         "objects": {
             name: _object(part, replace(views, own=name), limits, (assets or {}).get(name), name in parents, reach)
             for name, part in objects.items()
@@ -128,15 +128,6 @@ def _check_assets(assets: Mapping[str, str], objects: Mapping[str, KeyReader]) -
             raise UnknownNameError("object", name, "read_sceniris: assets", objects)
 
 
-def _checked_robot(robot: str | Mapping[str, Any] | None) -> dict[str, Any] | None:
-    if robot is None:
-        return None
-    words: Any = {"asset": robot} if isinstance(robot, str) else robot
-    with reading("read_sceniris: robot"):
-        RobotConfig.model_validate(words)
-    return dict(words)
-
-
 def _known_tier(tier: str) -> str:
     if tier not in TIERS:
         raise UnknownNameError("tier", str(tier), "read_sceniris: tier", TIERS)
@@ -148,7 +139,7 @@ def _check_parts(config: SceneConfig, origins: Mapping[str, str]) -> None:
     inside = {
         name: names_in(part.asset, f"{CONFIGURATION}: {origin(f'objects.{name}.asset', origins)}")
         for name, part in config.objects.items()
-        if part.asset is not None and (SHIPPED_NAME.fullmatch(part.asset) or _is_mjcf(part.asset))
+        if part.asset is not None and (SHIPPED_NAME.fullmatch(part.asset) or _is_model(part.asset))
     }
     for name, part in config.objects.items():
         for joint in part.joints if name in inside else ():
@@ -161,8 +152,8 @@ def _check_parts(config: SceneConfig, origins: Mapping[str, str]) -> None:
             raise UnknownNameError("body", f"{owner}/{body}", where, [f"{owner}/{b}" for b in bodies])
 
 
-def _is_mjcf(asset: str) -> bool:
-    return asset.endswith(".xml") and Path(asset).is_file()
+def _is_model(asset: str) -> bool:
+    return asset.endswith(_MODELS) and Path(asset).is_file()
 
 
 def _objects_by_id(keys: KeyReader) -> dict[str, KeyReader]:
@@ -220,9 +211,10 @@ def _asset(keys: KeyReader, asset: str | None) -> str:
     if asset is not None:
         return asset
     if path is None:
-        raise keys.wrong("asset_path", "is missing. Name an MJCF file or a shipped asset, or give it in 'assets'")
-    if not SHIPPED_NAME.fullmatch(str(path)) and not str(path).endswith(".xml"):
+        raise keys.wrong("asset_path", "is missing. Name an MJCF or URDF file, a shipped asset, or give it in 'assets'")
+    if not SHIPPED_NAME.fullmatch(str(path)) and not str(path).endswith(_MODELS):
         keys.leave_out("asset_path")
+        keys.notes.advise("`sceniris-gym import` makes assets of meshes and USD.")
     return str(path)
 
 

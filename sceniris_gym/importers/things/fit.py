@@ -10,9 +10,13 @@ import numpy as np
 if TYPE_CHECKING:
     import trimesh
 
+LEAST_TOLERANCE, SHARE = 0.002, 0.02
+"""Parts are to stay within 2 mm of the mesh, or 2% of its longest edge if that is more."""
 _SAMPLES = 6000  # points on either side; with 2,000 the error of a mug came out up to a fifth smaller
 _LEAST = 60  # of them on each part
 _BESIDE = 1e-5  # of the size: parts that touch within this leave no gap
+# Of the size: nothing gets into a gap of this width between parts, such as small hulls leave along a cut.
+_SLIVER = 1e-3
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,11 @@ class Fit:
     def error(self) -> float:
         """The larger of both."""
         return max(self.bare, self.beyond)
+
+
+def tolerance_of(mesh: trimesh.Trimesh) -> float:
+    """How far convex parts may be from a mesh [m] if nothing else is said."""
+    return max(LEAST_TOLERANCE, SHARE * float(mesh.extents.max()))
 
 
 class Measure:
@@ -66,7 +75,7 @@ class Measure:
         corners = part.vertices - part.vertices.mean(axis=0)
         points = np.concatenate([points, part.vertices])
         normals = np.concatenate([normals, corners / np.linalg.norm(corners, axis=1, keepdims=True)])
-        just_out = points + 10.0 * _BESIDE * self._size * normals  # a sliver between two parts is no surface of theirs
+        just_out = points + _SLIVER * self._size * normals  # what faces a sliver is no surface of theirs
         for other in others:
             if (
                 len(points)

@@ -88,9 +88,9 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
     options.check()
     where = str(source)
     thing = _read(source)
+    check_faces([surface for link in thing.links for surface in link.touched], where)
     scale, scale_how = find_scale(thing, options.scale, ask, where)
     thing = thing.scaled(scale)
-    check_faces([surface for link in thing.links for surface in link.touched], where)
     solids = [_solid(link, f"{where}: {link.name}", options.shell) for link in thing.links]
     if not any(solids):
         raise FlatMeshError(f"{where}: nothing of it has a volume.")

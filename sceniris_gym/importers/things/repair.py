@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sceniris_gym.errors import EmptyMeshError, FlatMeshError, LargeMeshError, MeshError, OpenMeshError
+from sceniris_gym.geometry.pieces import convex_hull
+from sceniris_gym.importers.things.fit import Measure, tolerance_of
 from sceniris_gym.importers.things.thing import Surface, faces_of
 
 if TYPE_CHECKING:
@@ -94,6 +96,9 @@ def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> S
     if loops:
         shares = [float(np.linalg.norm(_vector_area(mesh.vertices, edges)) / mesh.area) for edges in loops]
         missing = sum(shares)
+        if (max(shares) > LARGEST_HOLE or missing > MOST_OPEN) and (hull := _hull_as_near(mesh)) is not None:
+            told = f"{missing:.0%} of its surface is missing: taken as its convex hull, which is as near to the surface"
+            return Solid(hull, True, (*report, f"{told} as parts have to be"))
         if max(shares) > LARGEST_HOLE or missing > MOST_OPEN:
             raise OpenMeshError(
                 f"{where}: it is open along {sum(map(len, loops))} edges. {missing:.0%} of its surface is missing, "
@@ -108,6 +113,12 @@ def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> S
     if mesh.volume < _EMPTY * size**3:
         raise FlatMeshError(f"{where}: it encloses no volume. Give it a thickness, or import it with --shell.")
     return Solid(mesh, True, tuple(report), patches)
+
+
+def _hull_as_near(mesh: trimesh.Trimesh) -> trimesh.Trimesh | None:
+    """The convex hull of a mesh if it is as near as parts have to be: then solid and sheet are the same."""
+    hull = convex_hull(mesh.vertices)
+    return hull if Measure(mesh).fit([hull]).error <= tolerance_of(mesh) else None
 
 
 def _joined(surfaces: Sequence[Surface]) -> trimesh.Trimesh:

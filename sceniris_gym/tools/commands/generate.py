@@ -25,6 +25,7 @@ def generate(
     chunk: int | None = None,
     share: Share | None = None,
     resume: bool = False,
+    formats: tuple[str, ...] = (),
 ) -> dict[str, Any]:
     """Write a data set, or a process's share of it, and return its figures.
 
@@ -37,13 +38,14 @@ def generate(
         chunk: Layouts that are made at once, which changes nothing else; None for what suits the device.
         share: Which parts this process writes; None for all of them.
         resume: Go on with a data set that was begun.
+        formats: What is written beside the parts: some of `dataset.formats.ENCODERS`, in alphabetical order.
 
     Raises:
-        DatasetError: See `DatasetWriter`.
+        DatasetError, MissingExtraError: See `DatasetWriter`.
         OutputError: A file cannot be written.
         SceneKeyError: The scene's model is a MjModel, of which no `scene.zip` can be written.
     """
-    plan, share = DatasetPlan.of(compiled, n, seed, split), share or Share()
+    plan, share = DatasetPlan.of(compiled, n, seed, split, formats), share or Share()
     if chunk is None:
         chunk = _CHUNK if compiled.device == "cpu" else _CHUNK_CUDA
     writer = DatasetWriter(compiled, plan, folder, share, resume=resume)
@@ -67,6 +69,7 @@ def generate(
         "first_pass_valid": first / max(rows, 1),
         "folder": str(folder),
         "parts": plan.parts,
+        "formats": list(formats),
         "complete": writer.complete,
     }
     return figures if writer.complete else figures | {"missing_parts": plan.parts - len(records)}

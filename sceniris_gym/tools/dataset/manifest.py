@@ -15,17 +15,17 @@ import sceniris_gym
 from sceniris_gym.errors import DatasetError
 from sceniris_gym.program.compiled import CompiledScene
 
-MANIFEST, SCENE = "dataset.json", "scene.zip"
+MANIFEST, SCENE, SCENE_USD = "dataset.json", "scene.zip", "scene.usdc"
 PART_ROWS = 1 << 16
 """Rows of a part, whoever writes it; the last one may have fewer."""
-FORMAT = 1
+FORMAT = 2
 
 _FIELDS = {
     **{"format": int, "scene": str, "hash": str, "split": str, "seed": int, "layouts": int, "rows_of_a_part": int},
-    **{"columns": dict, "object_names": list, "reachable_names": list, "versions": dict},
-    **{"scene_sha256": str, "parts": list},
+    **{"columns": dict, "object_names": list, "reachable_names": list, "formats": list, "versions": dict},
+    **{"scene_sha256": str, "files": dict, "parts": list},
 }
-_RECORD = {"sha256": str, "rows": int, "valid": int, "first_pass_valid": int}
+_RECORD = {"sha256": str, "files": dict, "rows": int, "valid": int, "first_pass_valid": int}
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,16 @@ class DatasetPlan:
     row: np.dtype
 
     @classmethod
-    def of(cls, compiled: CompiledScene, n: int, seed: int, split: str) -> DatasetPlan:
-        """The plan of `n` layouts of a scene, of which row i is episode 0 of seed + i."""
+    def of(cls, compiled: CompiledScene, n: int, seed: int, split: str, formats: tuple[str, ...] = ()) -> DatasetPlan:
+        """The plan of `n` layouts of a scene, of which row i is episode 0 of seed + i.
+
+        Args:
+            compiled: The scene.
+            n: Number of layouts.
+            seed: Seed of the first row.
+            split: "train" or "eval".
+            formats: In which formats parts are written beside `.npy`, in alphabetical order.
+        """
         columns = _columns(compiled)
         words = {
             "format": FORMAT,
@@ -55,6 +63,7 @@ class DatasetPlan:
             "columns": {name: {"dtype": dtype, "shape": list(shape)} for name, (dtype, shape) in columns.items()},
             "object_names": list(compiled.object_names),
             "reachable_names": [] if compiled.reaching is None else list(compiled.reaching.names),
+            "formats": list(formats),
             "versions": {"sceniris_gym": sceniris_gym.__version__, "mujoco": mujoco.__version__},
         }
         return cls(words, row_of(words["columns"]))
@@ -70,6 +79,16 @@ class DatasetPlan:
         return self.words["layouts"]
 
     @property
+    def formats(self) -> tuple[str, ...]:
+        """In which formats parts are written beside `.npy`."""
+        return tuple(self.words["formats"])
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """What is written once beside `scene.zip`."""
+        return (SCENE_USD,) if "usd" in self.formats else ()
+
+    @property
     def parts(self) -> int:
         """Number of parts."""
         return -(-self.layouts // PART_ROWS)
@@ -79,9 +98,9 @@ class DatasetPlan:
         return range(part * PART_ROWS, min((part + 1) * PART_ROWS, self.layouts))
 
 
-def part_name(part: int) -> str:
+def part_name(part: int, suffix: str = ".npy") -> str:
     """The file of a part."""
-    return f"layouts-{part:05}.npy"
+    return f"layouts-{part:05}{suffix}"
 
 
 def row_of(columns: dict[str, dict[str, Any]]) -> np.dtype:

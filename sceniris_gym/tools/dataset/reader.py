@@ -170,20 +170,21 @@ def verify(folder: Path, progress: Callable[[int], object] = lambda _: None) -> 
         DatasetError: The data set is not whole, or a file is damaged; the message names all of those.
     """
     dataset = LayoutDataset(folder)
-    damaged = []
-    if _sha256(folder / SCENE) != dataset.manifest["scene_sha256"]:
-        damaged.append(SCENE)
-    for part, record in enumerate(dataset.manifest["parts"]):
-        path = folder / part_name(part)
-        if _sha256(path) != record["sha256"]:
-            damaged.append(path.name)
+    held, damaged = dataset.manifest, []
+
+    def compare(sums: dict[str, Any]) -> None:
+        damaged.extend(name for name, told in sums.items() if _sha256(folder / Path(name).name) != told)
+
+    compare({SCENE: held["scene_sha256"], **held["files"]})
+    for part, record in enumerate(held["parts"]):
+        compare({part_name(part): record["sha256"], **record["files"]})
         progress(record["rows"])
     if damaged:
         raise DatasetError(
             f"{folder}: {_listed(damaged)} not as {MANIFEST} tells. Remove them, and repeat the data set's "
             "`sceniris-gym generate` with --resume."
         )
-    return dataset.manifest
+    return held
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -25,6 +25,8 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.archive import write_zip
+from sceniris_gym.tools.dataset import usd_stage
+from sceniris_gym.tools.dataset.formats import ENCODERS, SUFFIXES, check_formats
 from sceniris_gym.tools.dataset.manifest import (
     MANIFEST,
     PART_ROWS,
@@ -54,6 +56,7 @@ class DatasetWriter:
 
     Raises:
         DatasetError: The folder holds a data set and `resume` is false, or it holds another one.
+        MissingExtraError: A format needs a library that is not installed.
     """
 
     def __init__(
@@ -62,6 +65,7 @@ class DatasetWriter:
         self.compiled, self.plan, self.folder, self.share = compiled, plan, folder, share
         self._progress = folder / PROGRESS
         self._manifest: dict[str, Any] | None = None
+        check_formats(plan.formats)
         self._begin(resume or share.size > 1)
 
     def _begin(self, resume: bool) -> None:
@@ -102,7 +106,7 @@ class DatasetWriter:
             OutputError: A file cannot be written.
             DatasetError: A part was to be written again, and came out otherwise.
         """
-        if self._manifest is None or not (self.folder / SCENE).is_file():
+        if self._manifest is None or not all((self.folder / name).is_file() for name in (SCENE, *self.plan.files)):
             self._write_scene()
         maker = None
         for part in range(self.share.number, self.plan.parts, self.share.size):
@@ -132,7 +136,8 @@ class DatasetWriter:
         if self._manifest is not None:
             record = self._manifest["parts"][part]
         size = len(_header(self.plan.row, rows)) + rows * self.plan.row.itemsize
-        there = path.is_file() and path.stat().st_size == size
+        others = (self.folder / part_name(part, SUFFIXES[name]) for name in self.plan.formats)
+        there = path.is_file() and path.stat().st_size == size and all(other.is_file() for other in others)
         return record if there and record is not None and record["rows"] == rows else None
 
     def _write_scene(self) -> None:
@@ -145,17 +150,21 @@ class DatasetWriter:
         with replacing(self.folder / SCENE) as path, path.open("wb") as file:
             write_zip(spec, file)
             _sync(file)
+        for name in self.plan.files:
+            _write(self.folder / name, usd_stage.scene_bytes(self.compiled))
 
     def _write_part(self, part: int, rows: np.ndarray) -> None:
-        header, digest = _header(self.plan.row, len(rows)), hashlib.sha256()
-        with replacing(self.folder / part_name(part)) as path, path.open("wb") as file:
-            for data in (header, rows.view(np.uint8).data):
-                digest.update(data)
-                file.write(data)
-            _sync(file)
+        files = {
+            name: _write(self.folder / name, ENCODERS[word](self.compiled, rows))
+            for word in self.plan.formats
+            for name in [part_name(part, SUFFIXES[word])]
+        }
         record = {
             "rows": len(rows),
-            "sha256": digest.hexdigest(),
+            "sha256": _write(
+                self.folder / part_name(part), _header(self.plan.row, len(rows)), rows.view(np.uint8).data
+            ),
+            "files": files,
             "valid": int(rows["valid"].sum()),
             "first_pass_valid": int(rows["first_pass_valid"].sum()),
         }
@@ -175,13 +184,14 @@ class DatasetWriter:
             records = self.records()
             if len(records) < self.plan.parts:
                 return
-            scene = hashlib.sha256((self.folder / SCENE).read_bytes()).hexdigest()
+            sums = {name: _sha256(self.folder / name) for name in (SCENE, *self.plan.files)}
+            told = {"scene_sha256": sums.pop(SCENE), "files": sums, "parts": records}
             with replacing(path) as file:
-                file.write_text(as_json(self.plan.words | {"scene_sha256": scene, "parts": records}))
+                file.write_text(as_json(self.plan.words | told))
         self._manifest = read_manifest(self.folder)
         shutil.rmtree(self._progress, ignore_errors=True)
         for left in self.folder.glob(".*.tmp"):  # of processes that were killed, on this machine or another
-            if left.name.startswith((f".{MANIFEST}.", f".{SCENE}.", ".layouts-")):
+            if left.name.startswith((f".{MANIFEST}.", ".scene.", ".layouts-")):
                 left.unlink(missing_ok=True)
 
 
@@ -215,6 +225,21 @@ def _header(row: np.dtype, nrow: int) -> bytes:
     told = {"descr": npy.dtype_to_descr(row), "fortran_order": False, "shape": (nrow,)}
     npy.write_array_header_1_0(file, told)
     return file.getvalue()
+
+
+def _write(path: Path, *pieces: bytes | memoryview) -> str:
+    """Write a file whole, and return its SHA-256."""
+    digest = hashlib.sha256()
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        for data in pieces:
+            digest.update(data)
+            file.write(data)
+        _sync(file)
+    return digest.hexdigest()
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _sync(file: Any) -> None:

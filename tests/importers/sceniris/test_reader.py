@@ -257,3 +257,14 @@ def test_assets_are_given_for_objects_that_are_there():
     """A name that is no object's is refused."""
     with pytest.raises(UnknownNameError, match=r"assets: unknown object 'drawr'\. Did you mean 'drawer'"):
         read_sceniris(mug(), assets={"drawr": "cabinet"})
+
+
+def test_a_urdf_is_an_asset(tmp_path: Path):
+    """Its joints are looked up, and nothing is told."""
+    urdf = tmp_path / "crate.urdf"
+    lid = '<link name="lid"/><joint name="hinge" type="revolute"><parent link="crate"/><child link="lid"/></joint>'
+    urdf.write_text(f'<robot name="crate"><link name="crate"/>{lid}</robot>')
+    config, left_out = read(mug(asset_path=str(urdf), joint_states=[{"joint_ids": ["hinge"]}]))
+    assert (config.objects["mug"].asset, left_out) == (str(urdf), [])
+    with pytest.raises(UnknownNameError, match=r"objects\.mug\.joint_states.*unknown joint 'hinges'.*'hinge'"):
+        read(mug(asset_path=str(urdf), joint_states=[{"joint_ids": ["hinges"]}]))

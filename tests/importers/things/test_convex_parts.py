@@ -8,7 +8,8 @@ import trimesh
 from scipy.spatial import ConvexHull
 
 from sceniris_gym.errors import PartsError
-from sceniris_gym.importers.things.convex_parts import convex_parts, small_hull, tolerance_of
+from sceniris_gym.importers.things.convex_parts import convex_parts, small_hull
+from sceniris_gym.importers.things.fit import tolerance_of
 from sceniris_gym.importers.things.repair import repair
 from tests.importers.things.shapes import box, cup, surface
 

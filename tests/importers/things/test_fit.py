@@ -40,6 +40,13 @@ def test_two_halves_leave_no_seam():
     assert Measure(box()).fit(halves).error < 1e-6
 
 
+@pytest.mark.parametrize(("gap", "error"), [(5e-5, 5e-5), (1e-3, 0.02)])
+def test_a_sliver_between_parts_is_no_surface_of_theirs(gap: float, error: float):
+    """Half a tenth of a millimetre within 10 cm is none; of a millimetre, the middle is 2 cm from the sides."""
+    halves = [box((0.04, 0.06, 0.05 - gap / 2)).apply_translation([0, 0, z * (0.025 + gap / 4)]) for z in (-1, 1)]
+    assert Measure(box()).fit(halves).error == pytest.approx(error, rel=0.1, abs=5e-5)
+
+
 def test_heights_over_a_part_are_negative_inside():
     """A unit cube."""
     cube = trimesh.creation.box((1, 1, 1))

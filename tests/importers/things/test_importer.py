@@ -9,13 +9,19 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+import trimesh
 
 from sceniris_gym import SceneConfig, build_model
 from sceniris_gym.errors import (
     ArgumentError,
     EmptyMeshError,
+    FlatMeshError,
+    InstancesError,
+    LargeMeshError,
     MeshError,
+    MissingMeshError,
     NotSupportedError,
+    OpenMeshError,
     SceneFileError,
     ScenirisError,
     SizeError,
@@ -111,3 +117,33 @@ def test_wrong_sizes_and_options_are_refused(tmp_path: Path):
         with pytest.raises(ArgumentError):
             import_thing(far, tmp_path / "far.xml", options)
     assert issubclass(EmptyMeshError, MeshError)
+
+
+def test_every_kind_of_bad_thing_is_one_error_with_its_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """As `import_thing` raises it, for a file of each kind; nothing is written."""
+    monkeypatch.setattr("sceniris_gym.importers.things.repair.MOST_FACES", 1000)
+    opened, flat = box(), box()
+    opened.update_faces(opened.face_normals[:, 2] < 0.5)
+    flat.vertices[:, 2] = 0.0
+    meshes = {
+        "empty.obj": (None, EmptyMeshError, "no faces"),
+        "flat.stl": (flat, FlatMeshError, "has no volume"),
+        "open.stl": (opened, OpenMeshError, "--shell"),
+        "scan.ply": (trimesh.creation.icosphere(subdivisions=4), LargeMeshError, "should have 1,000 at most"),
+        "dust.stl": (box((0.0005, 0.0005, 0.0005)), SizeError, "from 1 mm to 50 m"),
+        "hill.stl": (box((60.0, 1.0, 1.0)), SizeError, "--scale cm makes it 0.6 m"),
+    }
+    for name, (mesh, kind, remedy) in meshes.items():
+        path = tmp_path / name
+        path.write_text("v 0 0 0\n") if mesh is None else write(mesh, path)
+        with pytest.raises(kind, match=remedy):
+            import_thing(path, tmp_path / "out" / "thing.xml")
+    link = '<link name="a"><visual><geometry><mesh filename="gone.stl"/></geometry></visual></link>'
+    (tmp_path / "a.urdf").write_text(f'<robot name="a">{link}</robot>')
+    with pytest.raises(MissingMeshError, match=r"gone\.stl\. Put them where the file says"):
+        import_thing(tmp_path / "a.urdf", tmp_path / "out" / "thing.xml")
+    pytest.importorskip("pxr", reason="usd-core is not installed (extra 'import')")
+    (tmp_path / "many.usda").write_text('#usda 1.0\ndef PointInstancer "many"\n{\n}\n')
+    with pytest.raises(InstancesError, match="Import its prototype as a file of its own"):
+        import_thing(tmp_path / "many.usda", tmp_path / "out" / "thing.xml")
+    assert not (tmp_path / "out" / "thing.xml").exists()

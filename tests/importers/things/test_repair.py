@@ -51,6 +51,23 @@ def test_a_box_without_a_side_is_beyond_repair_but_may_be_a_shell():
     assert not repair([surface(mesh)], "box", shell=True).closed
 
 
+@pytest.mark.parametrize(
+    ("edge", "height", "solid"), [(0.04, 0.0015, True), (0.04, 0.01, False), (0.0015, 0.0015, True)]
+)
+def test_what_is_as_near_to_its_hull_as_parts_have_to_be_is_its_hull(edge: float, height: float, solid: bool):
+    """Lids of boxes: whether one is hollow from below cannot be told within 2 mm, and of a deeper one it can."""
+    mesh = box((edge, edge, height))
+    mesh.update_faces(mesh.face_normals[:, 2] > -0.5)
+    if not solid:
+        with pytest.raises(OpenMeshError):
+            repair([surface(mesh)], "lid")
+        return
+    found = repair([surface(mesh)], "lid")
+    assert found.closed
+    assert found.mesh.volume == pytest.approx(edge * edge * height)
+    assert "taken as its convex hull" in found.report[-1]
+
+
 def test_what_is_flat_is_refused():
     """A sheet, and a sheet with two sides."""
     square = Surface(np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]), np.array([[0, 1, 2], [0, 2, 3]]))

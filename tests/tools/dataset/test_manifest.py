@@ -20,7 +20,7 @@ from sceniris_gym.tools.dataset.manifest import (
 )
 from tests.layout.scenes import compile_on_cpu
 
-RECORD = {"rows": 3, "sha256": "0" * 64, "valid": 3, "first_pass_valid": 2}
+RECORD = {"rows": 3, "sha256": "0" * 64, "files": {}, "valid": 3, "first_pass_valid": 2}
 
 
 def test_a_plan_names_the_rows_and_their_columns(crane: CompiledScene):

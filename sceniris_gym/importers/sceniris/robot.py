@@ -1,0 +1,77 @@
+"""The robot of an imported scene, which the caller names, and `robot_position`, where the configuration has it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from sceniris_gym.config.messages import reading, short
+from sceniris_gym.config.robot import RobotConfig
+from sceniris_gym.importers.sceniris.keys import KeyReader
+
+_KEY = "robot_position"
+_NEAR = 1e-9  # m: equal but for rounding
+
+
+def robot_words(robot: str | Mapping[str, Any] | None, env: KeyReader) -> dict[str, Any] | None:
+    """Return the words for the robot, which stands at `robot_position` if nothing else is said; None without a robot.
+
+    The original documents a single position as that of the robot, and several as bounds of it; its check of reach takes
+    the world's origin all the same. Bounds become their middle. A `base` that the caller gives wins, and is told where
+    it contradicts them.
+
+    Args:
+        robot: The robot as the caller gives it: an asset, or a mapping as in a scene file.
+        env: The configuration's `env`; the key is taken from it.
+
+    Raises:
+        SceneKeyError: The robot, or the positions, are no such things.
+    """
+    positions = _positions(env)
+    if robot is None:
+        if positions is not None:
+            env.leave_out(_KEY)
+            env.notes.advise(f"'{_KEY}' is carried over if read_sceniris gets a 'robot', which then stands there.")
+        return None
+    words: Any = {"asset": robot} if isinstance(robot, str) else robot
+    with reading("read_sceniris: robot"):
+        config = RobotConfig.model_validate(words)
+    words = dict(words)
+    if positions is None:
+        return words
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    if config.in_model is not None:
+        env.leave_out(_KEY)
+        env.notes.advise("A robot that is in the model stands as the model has it.")
+        return words
+    env.ignore(_KEY)
+    if "base" in config.model_fields_set:
+        if ((config.base < low - _NEAR) | (config.base > high + _NEAR)).any():
+            env.change(_KEY, f"the robot stands at the 'base' that it was given, {list(config.base)}")
+        return words
+    middle = 0.5 * (low + high)
+    if (low != high).any():
+        env.change(_KEY, f"the robot stands at {middle.tolist()}, the middle of the bounds; reach is from there alone")
+    env.made("robot.base", _KEY)
+    return words | {"base": middle.tolist()}
+
+
+def _positions(env: KeyReader) -> np.ndarray | None:
+    """The positions [m], shape (n, 3), without taking the key; None if there are none.
+
+    Raises:
+        SceneKeyError: They are no positions.
+    """
+    value = env.value(_KEY)
+    if value is None:
+        return None
+    try:
+        found = np.array(value, float)
+    except (TypeError, ValueError):
+        found = np.zeros(0)
+    found = found[None] if found.ndim == 1 else found
+    if found.shape[1:] != (3,) or not len(found) or not np.isfinite(found).all():
+        raise env.wrong(_KEY, f"{short(value)} should be a position [x, y, z], or a list of them")
+    return found
