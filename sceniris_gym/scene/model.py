@@ -45,9 +45,9 @@ class SceneModel:
         home_ctrl: Controls of the start pose, shape (nu,).
         hash: Identifies the scene: equal for equal scenes, in every process; 16 hexadecimal digits.
         tcps: Name of the site that is each robot's tool centre point, whether there is one or not.
-        apart: The robots that are not in the scene, each as a model of its own in which it is 'robot'.
         couplings: Joints that follow others, drivers before what follows them; a joint that is drawn by its name drives
             the one that it would follow, where that one is not drawn and the coupling is a straight line.
+        apart: The robots that are not in the scene, each as a model of its own in which it is 'robot'.
     """
 
     config: SceneConfig
