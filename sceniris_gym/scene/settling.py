@@ -18,11 +18,12 @@ from sceniris_gym.scene.support import subtree
 # A thing falls from above those before it; all have as long as this to come to rest [s], and then lie for so long.
 _FALL, _LIE = 8.0, 0.5
 # What lies moves by less than this meanwhile [m].
-_MOVED = 2e-3
+_MOVED = 1e-3
 # Heaps that are tried for each row before the container counts as too small.
 _TRIES = 20
-# Inertia of all joints but those of the things [kg or kg m^2].
-_HELD = 1e9
+# Inertia of all joints but those of the things [kg or kg m^2], which are put back after every step. With a million and
+# more, next to things of some grams, MuJoCo's solver does not find its solution.
+_HELD = 1e3
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class _Drop:
     Attributes:
         mjm: The model, in which only the container and the things of the heap meet.
         home: Its start pose, shape (nq,).
+        held, held_qpos: Which entries of qvel and qpos stay as they are, shapes (nv,) and (nq,).
         body: The body that is filled.
         things: Root bodies of the things.
         low, high: Bounds of the container in the world [m], shape (3,) each.
@@ -40,11 +42,19 @@ class _Drop:
 
     mjm: mujoco.MjModel
     home: np.ndarray
+    held: np.ndarray
+    held_qpos: np.ndarray
     body: int
     things: list[int]
     low: np.ndarray
     high: np.ndarray
     sizes: np.ndarray
+
+    def step(self, data: mujoco.MjData) -> None:
+        """Step the things, and nothing else."""
+        mujoco.mj_step(self.mjm, data)
+        data.qvel[self.held] = 0.0
+        data.qpos[self.held_qpos] = self.home[self.held_qpos]
 
 
 def settle(
@@ -89,10 +99,16 @@ def _prepare(scene: SceneModel, heap: HeapConfig, where: str) -> _Drop:
     own = [b for name in heap.of for b in rigid_thing(scene, name, where)]
     outside = ~np.isin(mjm.geom_bodyid, [*container, *own])
     mjm.geom_contype[outside] = mjm.geom_conaffinity[outside] = 0
-    mjm.dof_armature[~np.isin(mjm.dof_bodyid, own)] = _HELD  # nothing else moves
+    held = ~np.isin(mjm.dof_bodyid, own)
+    held_qpos = np.ones(mjm.nq, bool)
+    for thing in things:
+        adr = int(mjm.jnt_qposadr[mjm.body_jntadr[thing]])
+        held_qpos[adr : adr + 7] = False
+    mjm.dof_armature[held] = _HELD
     mjm.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     data = mujoco.MjData(mjm)
     mujoco.mj_setConst(mjm, data)
+    mjm.stat.meaninertia = scene.mjm.stat.meaninertia  # by which the solver decides that it is done
     data.qpos[:] = scene.home_qpos
     mujoco.mj_kinematics(mjm, data)
     walls = [b for b in subtree(mjm, body) if b in container]
@@ -108,7 +124,7 @@ def _prepare(scene: SceneModel, heap: HeapConfig, where: str) -> _Drop:
         away = np.linalg.norm(data.geom_xpos[part] - data.xpos[thing], axis=1) + mjm.geom_rbound[part]
         sizes.append(float(away.max(initial=0.01)))
     low, high = (middle - half).min(axis=0), (middle + half).max(axis=0)
-    return _Drop(mjm, scene.home_qpos, body, things, low, high, np.array(sizes))
+    return _Drop(mjm, scene.home_qpos, held, held_qpos, body, things, low, high, np.array(sizes))
 
 
 def _row(drop: _Drop, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray] | None:
@@ -142,7 +158,7 @@ def _dropped(drop: _Drop, rng: np.random.Generator) -> mujoco.MjData | None:
         height += size
     steps = int(_FALL / mjm.opt.timestep)
     for step in range(steps):
-        mujoco.mj_step(mjm, data)
+        drop.step(data)
         if step % 50 == 0 and _lost(drop, data):
             return None
         if step % 50 == 0 and step * mjm.opt.timestep > 0.5 and _still(drop, data):
@@ -156,7 +172,7 @@ def _lies(drop: _Drop, data: mujoco.MjData) -> bool:
     before = data.xpos[drop.things].copy()
     tried = copy.copy(data)
     for _ in range(int(_LIE / drop.mjm.opt.timestep)):
-        mujoco.mj_step(drop.mjm, tried)
+        drop.step(tried)
     mujoco.mj_kinematics(drop.mjm, data)
     mujoco.mj_collision(drop.mjm, data)
     moved = np.linalg.norm(tried.xpos[drop.things] - before, axis=1).max()

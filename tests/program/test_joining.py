@@ -70,6 +70,6 @@ def test_sites_that_join_nothing_are_refused(tmp_path: Path, beside: dict, other
 
 def test_words_that_name_no_sites_keep_their_hash():
     """`beside: NAME` is written as it was before sites could be named."""
-    objects: dict[str, dict[str, Any]] = {"a": {"asset": "mug", "on": "floor"}}
+    objects: dict[str, Any] = {"a": {"asset": "mug", "on": "floor"}}
     objects["b"] = {**objects["a"], "relations": [{"beside": "a", "side": "left"}]}
     assert '"beside":"a"' in SceneConfig.load({"floor": {"size": [1, 1]}, "objects": objects}).canonical()

@@ -11,6 +11,7 @@ READING = {
     "relations",  # a relation's anchors, heading, half-angle and distances
     "orientation",  # the DrawnOrientation that an orientation means
     "groups",
+    "heaps",  # which things fill what, and the file of their rows
     "robot",  # which arm, and where its base and TCP are
     "fields",
     "section",  # mistakes in a scene file, and files

@@ -1,0 +1,79 @@
+"""Files of settled heaps: what is written is read, and what does not fit is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sceniris_gym.config.heaps import HeapConfig
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import HeapError, NotSupportedError
+from sceniris_gym.scene.heaps import HeapRows, read_rows, rigid_part, settled_with
+from sceniris_gym.scene.model import build_model
+from tests.scene.heaping import BIN, folder, model, words
+
+HEAP = HeapConfig.model_validate({"fill": "bin", "of": ["a", "b"]})
+ROWS = HeapRows(("a", "b"), np.full((3, 2, 3), 0.25), np.tile([1.0, 0.0, 0.0, 0.0], (3, 2, 1)), "0123456789abcdef")
+
+
+def test_what_is_written_is_read(tmp_path: Path):
+    """With the same bytes each time."""
+    ROWS.write(tmp_path / "rows.npz")
+    ROWS.write(tmp_path / "again.npz")
+    found = read_rows(tmp_path / "rows.npz", HEAP, "here")
+    assert (found.names, found.settled_with) == (ROWS.names, ROWS.settled_with)
+    assert np.array_equal(found.pos, ROWS.pos)
+    assert (tmp_path / "rows.npz").read_bytes() == (tmp_path / "again.npz").read_bytes()
+
+
+def test_files_that_do_not_fit_are_refused(tmp_path: Path):
+    """Missing, of something else, of other things, of poses that are none."""
+    with pytest.raises(HeapError, match=r"here\.rows: there is no file .*sceniris-gym settle"):
+        read_rows(tmp_path / "rows.npz", HEAP, "here")
+    (tmp_path / "text.npz").write_text("no archive")
+    with pytest.raises(HeapError, match="holds no settled heaps"):
+        read_rows(tmp_path / "text.npz", HEAP, "here")
+    HeapRows(("a", "b"), ROWS.pos, 0.0 * ROWS.quat, "").write(tmp_path / "none.npz")
+    with pytest.raises(HeapError, match="holds no settled heaps"):
+        read_rows(tmp_path / "none.npz", HEAP, "here")
+    HeapRows(("b", "a"), ROWS.pos, ROWS.quat, "").write(tmp_path / "other.npz")
+    with pytest.raises(HeapError, match="has heaps of b, a, and the heap is of a, b"):
+        read_rows(tmp_path / "other.npz", HEAP, "here")
+
+
+def test_the_content_of_the_rows_is_in_the_hash_of_the_scene(tmp_path: Path):
+    """Neither their name nor their place is."""
+    at = folder()
+    (tmp_path / "copy.npz").write_bytes((at / "pile.npz").read_bytes())
+    copied = SceneConfig.load(words(at), {"heaps.pile.rows": str(tmp_path / "copy.npz")})
+    assert build_model(copied).hash == build_model(SceneConfig.load(words(at))).hash
+    ROWS.write(tmp_path / "copy.npz")
+    assert build_model(copied).hash != build_model(SceneConfig.load(words(at))).hash
+
+
+def test_other_shapes_and_masses_are_told_apart(tmp_path: Path):
+    """A wall that is a millimetre higher; where the bin stands does not matter."""
+    at, scene = folder(), model(folder())
+    heap = scene.config.heaps["pile"]
+    known = settled_with(scene, heap, "here")
+    assert settled_with(model(at, **{"objects.bin.kind": "free"}), heap, "here") == known
+    higher = BIN.replace(".005 .05", ".005 .051")
+    (tmp_path / "bin.xml").write_text(f"<mujoco><worldbody><body>{higher}</body></worldbody></mujoco>")
+    assert settled_with(model(at, **{"objects.bin.asset": str(tmp_path / "bin.xml")}), heap, "here") != known
+
+
+def test_things_with_joints_are_refused():
+    """A heap is of rigid things."""
+    scene = model(folder(), **{"objects.a.asset": "cupboard"})
+    with pytest.raises(NotSupportedError, match="'a' should be 'free' and have no joints of its own"):
+        settled_with(scene, scene.config.heaps["pile"], "here")
+
+
+def test_a_drawer_is_no_rigid_part_of_its_cabinet():
+    """What a joint moves begins anew."""
+    scene = build_model(SceneConfig.load({"objects": {"cabinet": {"asset": "cabinet", "kind": "static"}}}))
+    drawer = scene.parts("cabinet")["upper_drawer"]
+    assert scene.bodies["cabinet"] not in rigid_part(scene.mjm, drawer)
+    assert drawer not in rigid_part(scene.mjm, scene.bodies["cabinet"])
