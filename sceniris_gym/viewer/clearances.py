@@ -23,7 +23,7 @@ def sketch_clearances(world: ShownWorld, only: str | None = None) -> Sketch:
         if nearest is None or (nearest.other, name) in drawn:
             continue
         drawn.add((name, nearest.other))
-        asked = world.compiled.config.parts[name].clearance
+        asked = max(_clearance(world, name), _clearance(world, nearest.other))
         sketch.lines.append((nearest.ends, GREEN if nearest.distance >= asked - _ROUNDING else RED))
         words = f"{name} to {nearest.other}: {1e3 * nearest.distance:.0f} mm, at least {1e3 * asked:g}"
         sketch.words.append((words, nearest.ends.mean(axis=0) + [0.0, 0.0, _ABOVE]))
@@ -48,18 +48,24 @@ class Nearest:
 def nearest_to(world: ShownWorld, name: str) -> Nearest | None:
     """Return what collides and is nearest to an object.
 
-    What carries the object is left out, as `clearance` says nothing about it. None if nothing is near.
+    What carries the object is left out, what it carries, and what is in one heap with it, as `clearance` says nothing
+    about them. None if nothing is near.
     """
     mjm, data, scene = world.compiled.mjm, world.data, world.compiled.scene
     own = set(scene.subtree(name))
     ground = world.placed(name).ground
-    aside = {*own, *([] if ground is None else [ground]), *world.hidden_bodies()}
+    heaps = world.compiled.config.heaps.values()
+    heaped = [body for heap in heaps if name in heap.of for other in heap.of for body in scene.subtree(other)]
+    aside = {*own, *([] if ground is None else [ground]), *heaped, *world.hidden_bodies()}
     collides = (mjm.geom_contype | mjm.geom_conaffinity) != 0
+    carriers = _carriers(world)
     mine = [g for g in np.flatnonzero(collides) if int(mjm.geom_bodyid[g]) in own]
     others = [g for g in np.flatnonzero(collides) if int(mjm.geom_bodyid[g]) not in aside]
     best, found = _LOOKED, None
     for a in mine:
         for b in others:
+            if carriers.get(int(mjm.geom_bodyid[b])) == int(mjm.geom_bodyid[a]):
+                continue
             apart = np.linalg.norm(data.geom_xpos[a] - data.geom_xpos[b]) - mjm.geom_rbound[a] - mjm.geom_rbound[b]
             if mjm.geom_rbound[b] > 0.0 and apart > best:
                 continue
@@ -68,6 +74,23 @@ def nearest_to(world: ShownWorld, name: str) -> Nearest | None:
             if distance < best:
                 best, found = distance, Nearest(_owner(world, int(mjm.geom_bodyid[b])), ends.reshape(2, 3), distance)
     return found
+
+
+def _carriers(world: ShownWorld) -> dict[int, int]:
+    """The body that carries each body of an object."""
+    found: dict[int, int] = {}
+    for name in world.placed_names:
+        ground = world.placed(name).ground
+        if ground is not None:
+            found |= dict.fromkeys(world.compiled.scene.subtree(name), ground)
+    return found
+
+
+def _clearance(world: ShownWorld, name: str) -> float:
+    """What an object, a robot or a body keeps around itself [m]: nothing, if the scene does not say."""
+    config = world.compiled.config
+    part = config.all_robots.get(name) or config.objects.get(name)
+    return 0.0 if part is None else part.clearance
 
 
 def _owner(world: ShownWorld, body: int) -> str:

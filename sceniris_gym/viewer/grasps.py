@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 
@@ -66,8 +68,7 @@ def with_arm(world: ShownWorld, pose: str) -> LayoutTable | None:
     qpos[0, one.arm.qposadr] = joints[: len(one.arm.joints)]
     fingers, values = one.gripper.poses(np.array([1.0]))
     qpos[0, fingers] = values[0]
-    table = world.table
-    return LayoutTable.from_states(qpos, table.mocap_pos, table.mocap_quat, table.present)
+    return replace(world.table, qpos=qpos)
 
 
 def _solved(world: ShownWorld, k: int, step: str) -> np.ndarray | None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib
+import os
+import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -44,6 +46,8 @@ def load_policy(name: str, device: str = "cpu") -> Policy:
     module, colon, function = name.partition(":")
     if not colon:
         raise ArgumentError(f"--policy {name}: should be {FORMS}.")
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())  # an installed program does not look for modules where it is started
     try:
         policy = getattr(importlib.import_module(module), function)
     except (ImportError, AttributeError, ValueError) as error:

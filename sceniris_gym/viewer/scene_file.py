@@ -68,7 +68,7 @@ class SceneFile:
         return replace(loaded, notices=tuple(str(w.message) for w in warned if w.category in _NOTICES))
 
     def _load(self) -> LoadedScene:
-        self._files = scene_files(self.scene)
+        self._files = scene_files(self.scene) or self._files  # one that is gone may come back
         self._stamps = self._read_stamps()
         try:
             config = SceneConfig.load(self.scene, self.changes)

@@ -51,6 +51,7 @@ class SceneView:
         self.panel = Panel(server, self.requests, self, num)
         self.panel.say("The scene is being worked out. The first time this compiles kernels, which takes a minute.")
         self.loaded: LoadedScene | None = None
+        self._broken: str | None = None  # what is wrong with the file, while its last good scene is on show
         self.deck: LayoutDeck | None = None
         self.table: LayoutTable | None = None
         self._worlds: Worlds | None = None
@@ -87,6 +88,7 @@ class SceneView:
         loaded = self.file.load()
         if loaded.error is not None:
             print(loaded.error, file=sys.stderr, flush=True)
+        self._broken = str(loaded.error) if loaded.compiled is None else None
         if loaded.compiled is None:
             self.panel.say(str(loaded.error), bad=True)
             return
@@ -138,8 +140,6 @@ class SceneView:
     def show_geometry(self, which: str) -> None:
         """Show what is seen, what physics collides, or both."""
         self._geometry = which
-        if self._worlds is not None:
-            self._worlds.show_visuals(which != COLLIDED)
         self._show()
 
     def look_at_object(self, name: str | None) -> None:
@@ -217,9 +217,8 @@ class SceneView:
         """Draw the worlds anew, as another model or another number of them needs."""
         assert self.deck is not None
         self.server.scene.reset()
-        self._worlds = Worlds(self.server, self.deck.compiled.scene, self.num)
-        self._worlds.show_visuals(self._geometry != COLLIDED)
-        self._worlds.aim()
+        before, self._worlds = self._worlds, Worlds(self.server, self.deck.compiled.scene, self.num)
+        self._worlds.aim(open_pages=before is None or not self._worlds.is_like(before))
         self.go(self.where)
 
     def _show(self) -> None:
@@ -237,6 +236,7 @@ class SceneView:
                 hidden += [*compiled.scene.subtree(candidate.name), *before]
             worlds.put(i, world.data, hidden, world.parked_offsets(worlds.low) if parked else None)
         worlds.send()
+        worlds.show_visuals(self._geometry != COLLIDED or self._player is not None)
         self._show_layers(first)
         self._show_candidate(first, candidate, before)
         self._show_slices(first)
@@ -345,6 +345,8 @@ class SceneView:
         poses = poses_of_arm(ShownWorld(self.deck.compiled, self.table[:1]))
         self.panel.set_where(self.where, self._layout_id(), poses)
         self._tell_counts()
+        if self._broken is not None:
+            return self.panel.say(self._broken, bad=True)
         if self.loaded.error is not None:
             return self.panel.say(f"{self.loaded.error}\n\n{_TRIED}", bad=True)
         name, row = self.deck.compiled.config.name, self.table[:1]

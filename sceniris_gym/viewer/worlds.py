@@ -26,6 +26,7 @@ _ENDLESS = 4.0  # m; a plane without sizes is drawn so wide
 SEEN_GROUPS = (0, 1, 2, MARK_GROUP)
 """The groups of geoms that are drawn."""
 _ASPECT = 1.2
+_ALIKE = 0.25  # of the size of a scene, by which its ends may move while cameras stay where users turned them
 # Where bodies go that are not on show [m]: beyond what a camera sees.
 _AWAY = np.array([0.0, 0.0, -1.0e5])
 
@@ -53,6 +54,7 @@ class Worlds:
         self.origins = grid_origins(num, (1.0 + _GAP) * size)
         self._scene = ViserMujocoScene(server, drawn_model(mjm), num_envs=num)
         self._scene.camera_tracking_enabled = False
+        self._visible: bool | None = None
         light(server)
         shape = (num, mjm.nbody)
         self._xpos, self._xmat = np.zeros((*shape, 3)), np.zeros((*shape, 3, 3))
@@ -95,25 +97,34 @@ class Worlds:
         self._mocap_pos[i, self.mjm.body_mocapid[mocap]] = self._xpos[i, mocap]
         self._mocap_quat[i] = mocap_quat
 
+    def is_like(self, other: Worlds) -> bool:
+        """Whether they are as many as others, and take up nearly the same room."""
+        most = _ALIKE * (other.high - other.low).max()
+        ends = np.abs(np.stack([self.low - other.low, self.high - other.high]))
+        return self.num == other.num and bool(ends.max() <= most)
+
     def send(self) -> None:
         """Let the page show what was set."""
         self._scene.update_from_arrays(self._xpos, self._xmat, self._mocap_pos, self._mocap_quat)
 
     def show_visuals(self, visible: bool) -> None:
         """Show or hide the worlds themselves, for layers that stand in their place."""
+        if visible == self._visible:
+            return
+        self._visible = visible
         for group in SEEN_GROUPS:
             self._scene.geom_groups_visible[group if group < 3 else 2] = visible
         self._scene._sync_visibilities()
 
-    def aim(self) -> None:
-        """Let all cameras, those of pages to come too, look at all worlds from where the model's camera does."""
+    def aim(self, open_pages: bool = True) -> None:
+        """Let cameras of pages to come, and of open ones, look at all worlds from where the model's camera does."""
         points = (self._seen[None] + self.origins[:, None]).reshape(-1, 3)
         eye, axes = frame(points, view_direction(self.mjm), FOVY, _ASPECT)
         middle = points.mean(axis=0)
         look_at = eye - axes[:, 2] * float((eye - middle) @ axes[:, 2])
         camera = self._server.initial_camera
         camera.fov, camera.position, camera.look_at = math.radians(FOVY), eye, look_at
-        for client in self._server.get_clients().values():
+        for client in self._server.get_clients().values() if open_pages else ():
             client.camera.fov = math.radians(FOVY)
             client.camera.position, client.camera.look_at = eye, look_at
 

@@ -20,6 +20,22 @@ def test_clearances_are_kept_in_layouts():
             assert text.endswith(f"{1e3 * np.linalg.norm(ends[1] - ends[0]):.0f} mm, at least 50")
 
 
+@pytest.mark.parametrize("scene", ["mid", "kitchen"])
+def test_what_things_carry_is_not_too_near(scene: str):
+    """A banana in a drawer touches it, and a lemon its chest: neither is red, from neither side."""
+    for seed in range(2):
+        sketch = sketch_clearances(world_of(scene, seed))
+        assert [text for (text, _), (_, colour) in zip(sketch.words, sketch.lines, strict=True) if colour == RED] == []
+
+
+def test_the_larger_clearance_is_asked_for():
+    """Of the two, from both sides."""
+    floor, pear = {"size": [0.4, 0.4]}, {"asset": "pear", "on": "floor", "clearance": 0.03}
+    world = world_of({"floor": floor, "objects": {"apple": {"asset": "apple", "on": "floor"}, "pear": pear}})
+    for name in ("apple", "pear"):
+        assert sketch_clearances(world, name).words[0][0].endswith("at least 30")
+
+
 def test_what_is_too_near_is_red():
     """A tin that is moved into the can; its support is never in its way."""
     world = world_of("tabletop_lift")

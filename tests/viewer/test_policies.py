@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -78,3 +79,12 @@ def test_files_of_something_else_are_refused(tmp_path: Path):
     for name, words in (("a.pt", "rsl-rl 5"), ("a.zip", "Stable-Baselines3"), ("cnn.pt", "MLPModel")):
         with pytest.raises(ArgumentError, match=words):
             load_policy(str(tmp_path / name))
+
+
+def test_a_function_of_a_file_beside_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Also where a program was started that does not look there by itself."""
+    (tmp_path / "policy_beside.py").write_text("def act(observation):\n    return observation['policy']\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [path for path in sys.path if path not in ("", str(tmp_path))])
+    observation = {"policy": torch.ones(2, 3)}
+    assert load_policy("policy_beside:act")(observation) is observation["policy"]

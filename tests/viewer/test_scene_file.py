@@ -79,3 +79,16 @@ def test_changes_and_missing_files(path: Path, tmp_path: Path):
     missing = SceneFile(str(tmp_path / "none.yaml"), {})
     assert isinstance(missing.load().error, SceneFileError)
     assert not missing.changed()
+
+
+def test_a_file_that_was_gone_is_seen_again(path: Path):
+    """As when an editor, or git, removes it and writes it anew a moment later."""
+    file = SceneFile(str(path), {})
+    assert file.load().error is None
+    path.unlink()
+    assert file.changed()
+    assert isinstance(file.load().error, SceneFileError)
+    assert not file.changed()
+    path.write_text(GOOD)
+    assert file.changed()
+    assert file.load().error is None

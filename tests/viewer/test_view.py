@@ -16,6 +16,7 @@ from sceniris_gym.viewer.layers import COLLIDED, PARKED, REACH, SEEN, SKETCHES
 from sceniris_gym.viewer.panel import ALL
 from sceniris_gym.viewer.scene_file import SceneFile
 from sceniris_gym.viewer.view import SceneView
+from sceniris_gym.viewer.worlds import Worlds
 from tests.viewer.pages import page, press
 
 pytest.importorskip("mjviser", reason="needs the extra 'viewer'")
@@ -100,6 +101,9 @@ def test_saving_shows_the_scene_at_the_same_seed_and_mistakes_leave_the_last_goo
     assert "#8a1414" in message(view)
     assert view.deck is shown
     assert "objects.apple.onn" in capsys.readouterr().err
+    view.go(view.where.moved(seeds=1))
+    view.go(view.where.moved(seeds=-1))
+    assert "objects.apple.onn" in message(view), "it stands there until it is mended"
     saved(view, path, SCENE)
     assert "a fresh layout" in message(view)
     assert view.where == Where(seed=9)
@@ -183,6 +187,31 @@ def test_what_is_on_show_is_what_is_played(view: SceneView):
     view.show_rejected(True)
     assert view._player is None
     assert put[-1] == 0.0
+
+
+def test_physics_is_seen_where_pieces_stood_for_worlds(view: SceneView):
+    """Pieces are about the layout; while time goes on the worlds themselves are drawn."""
+    view.show_geometry(COLLIDED)
+    assert view._worlds is not None
+    assert view._worlds._visible is False
+    view.play(True)
+    assert view._worlds._visible is True
+    view.reset_play()
+    assert view._worlds._visible is False
+    view.play(True)
+    view.go(Where(seed=1))
+    assert view._worlds._visible is False
+
+
+def test_cameras_stay_when_a_scene_is_saved(view: SceneView, path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Users have turned them to what they write about; another number of worlds, or another room, is aimed at anew."""
+    aimed: list[bool] = []
+    monkeypatch.setattr(Worlds, "aim", lambda self, open_pages=True: aimed.append(open_pages))
+    saved(view, path, SCENE.replace("pear", "orange"))
+    assert aimed == [False]
+    saved(view, path, SCENE.replace("[1.0, 1.0]", "[4.0, 4.0]"))
+    view.show_worlds(4)
+    assert aimed == [False, True, True]
 
 
 def test_controls_say_what_is_on_show_after_a_reload(view: SceneView, path: Path):
