@@ -2,19 +2,24 @@
 
     pip download --no-deps -d wheels metaworld gymnasium-robotics dm-control robosuite mjlab
     for wheel in wheels/*.whl; do unzip -q -o "$wheel" -d foreign; done
+    pip install --no-deps --target foreign numba llvmlite termcolor opencv-python-headless    # what robosuite imports
     python -m benchmarks.foreign_scenes foreign        # 10,000 layouts of each scene
 
-Only files are read, no code of these packages runs. robosuite and mjlab put their models together in Python; here that
-is done by MuJoCo's own `attach`, and the model is handed over in memory. Of every layout the deepest contact counts in
-which something takes part that was placed.
+Only files are read, but of robosuite, which puts its models together in Python: its own code makes and compiles them,
+and they are handed over in memory, with the arm at qpos0. Its controllers need a MuJoCo before 3.11 and do not run.
+mjlab does the same, but needs MuJoCo 3.11; here its model is put together by MuJoCo's own `attach`. Of every layout the
+deepest contact counts in which something takes part that was placed.
 """
 
 from __future__ import annotations
 
+import importlib
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -98,12 +103,32 @@ SCENES = {
         objects:
           torso: {region: {box: [[-0.4, -0.4, 0.3], [0.4, 0.4, 1.2]]}, orientation: any}
     """,
-    "robosuite": """
+    "robosuite/Lift": """
         objects:
-          can: {body: can/main, on: table}
-          milk: {body: milk/main, on: table, clearance: 0.01}
-          cereal: {body: cereal/main, on: table}
-          bread: {body: bread/main, on: table, relations: [{near: can, distance: {max: 0.3}}]}
+          cube_main: {on: table}
+    """,
+    "robosuite/Stack": """
+        objects:
+          cubeA_main: {on: table}
+          cubeB_main: {on: table, relations: [{near: cubeA_main, distance: {max: 0.2}}]}
+    """,
+    "robosuite/NutAssembly": """
+        objects:
+          SquareNut_main: {on: table}
+          RoundNut_main: {on: table}
+    """,
+    "robosuite/PickPlace": """
+        objects:
+          Milk_main: {on: bin1}
+          Bread_main: {on: bin1}
+          Cereal_main: {on: bin1, clearance: 0.01}
+          Can_main: {on: bin1}
+    """,
+    "robosuite/ToolHang": """
+        objects:
+          stand_root: {on: table}
+          frame_root: {on: table}
+          tool_root: {on: table}
     """,
     "mjlab": """
         home: init_state
@@ -127,19 +152,26 @@ class Arguments:
     """Only models whose path has this in it."""
 
 
-def robosuite_model(folder: Path) -> mujoco.MjModel:
-    """Return an arena of robosuite with a Panda and four things, which have the freejoints that it gives them."""
-    assets = folder / "robosuite/models/assets"
-    spec = load_model(assets / "arenas/table_arena.xml", "robosuite")
-    arm = load_model(assets / "robots/panda/robot.xml", "robosuite")
-    spec.attach(arm, prefix="robot0/", frame=spec.worldbody.add_frame(pos=[-0.66, 0.0, 0.8]))
-    for i, name in enumerate(("can", "milk", "cereal", "bread")):
-        thing = load_model(assets / f"objects/{name}.xml", "robosuite")
-        root = thing.worldbody.first_body()
-        root.name = "main"
-        root.add_freejoint()
-        spec.attach(thing, prefix=f"{name}/", frame=spec.worldbody.add_frame(pos=[0.1 * i, 0.0, 2.0]))
-    return spec.compile()
+class _CompiledError(Exception):
+    """Ends the constructor of an environment of robosuite once its model is there."""
+
+
+def robosuite_model(folder: Path, task: str) -> mujoco.MjModel:
+    """Return the model of a task of robosuite with a Panda, as its environment compiles it."""
+    if str(folder) not in sys.path:
+        sys.path.append(str(folder))  # after what is installed
+    environments = importlib.import_module("robosuite.environments.base").REGISTERED_ENVS
+
+    class Environment(environments[task]):
+        def _initialize_sim(self, xml_string: str | None = None) -> None:
+            super()._initialize_sim(xml_string)
+            raise _CompiledError(self.sim.model._model)
+
+    try:
+        Environment(robots="Panda", has_renderer=False, has_offscreen_renderer=False, use_camera_obs=False)
+    except _CompiledError as compiled:
+        return compiled.args[0]
+    raise AssertionError(f"robosuite's {task} compiled no model")
 
 
 def mjlab_model(folder: Path) -> mujoco.MjModel:
@@ -158,7 +190,11 @@ def mjlab_model(folder: Path) -> mujoco.MjModel:
     return spec.compile()
 
 
-COMPOSED = {"robosuite": robosuite_model, "mjlab": mjlab_model}
+COMPOSED: dict[str, Callable[[Path], mujoco.MjModel]] = {
+    **{path: partial(robosuite_model, task=Path(path).name) for path in SCENES if path.startswith("robosuite/")},
+    "mjlab": mjlab_model,
+}
+"""How models come about that are handed over in memory."""
 
 
 def compiled_scene(path: str, words: str, folder: Path, scratch: Path) -> CompiledScene:

@@ -18,6 +18,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.fit import check_fit
+from sceniris_gym.sim.placed import warn_of_origins
 from sceniris_gym.vector.arguments import fresh_seed
 from sceniris_gym.vector.ranks import Rank
 
@@ -79,6 +80,7 @@ class PlaceLayouts(ManagerTermBase):
         if not self._fits:
             model, data = env.sim.wp_model, env.sim.wp_data
             check_fit(self.compiled, model, data, self.layouts, env.sim.mj_model, where="PlaceLayouts", cure=_CURE)
+            warn_of_origins(self.compiled.scene, env.scene.env_origins.cpu().numpy(), "PlaceLayouts")
             self._fits = True
         self._mask.zero_()
         self._mask[ids] = True

@@ -11,11 +11,13 @@ from sceniris_gym.errors import SceneMismatchError
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.program.compiled import CompiledScene
 
-_SIZES = ("nq", "nv", "nu", "na", "nbody", "njnt", "ngeom", "nmocap", "nmeshvert")
+_SIZES = ("nq", "nv", "nu", "na", "nbody", "njnt", "ngeom", "nmocap", "nmeshvert", "npair", "nexclude")
 _NUMBERS = {
     "body": ("body_parentid", "body_mocapid"),
     "joint": ("jnt_type", "jnt_bodyid", "jnt_qposadr", "jnt_dofadr"),
     "geom": ("geom_type", "geom_bodyid", "geom_dataid", "geom_contype", "geom_conaffinity"),
+    "pair": ("pair_geom1", "pair_geom2"),
+    "exclude": ("exclude_signature",),
 }
 _MEASURES = {
     "body": ("body_pos", "body_quat"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import mujoco
@@ -9,7 +10,8 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import MaskError, MaskTypeError
+from sceniris_gym.errors import MaskError, MaskTypeError, ModelWarning
+from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.write import Poses, RestMap, rest_value
 
@@ -135,6 +137,8 @@ def _shift(
 class Origins:
     """Moves what was written by the origin of its world: free bodies and mocap bodies.
 
+    Warns with `warn_of_origins`.
+
     Args:
         scene: The scene.
         origins: Origins [m], world frame, shape (nworld, 3): a Warp array, a torch tensor or a numpy array. Arrays of
@@ -158,6 +162,7 @@ class Origins:
         self._qposadr = wp.array(mjm.jnt_qposadr[free], dtype=wp.int32, ndim=1, device=device)
         self._mocapid = wp.array(mocap, dtype=wp.int32, ndim=1, device=device)
         self._origins = _as_origins(origins, nworld, device)
+        warn_of_origins(scene, self._origins.numpy(), "ResetRandomizer: origins")
 
     def launch(self, d: mjw.Data, mask: wp.array) -> None:
         """Move what was written in the worlds in `mask`, shape (nworld,), bool."""
@@ -168,6 +173,34 @@ class Origins:
             outputs=[d.qpos, d.mocap_pos],
             device=d.qpos.device,
         )
+
+
+def warn_of_origins(scene: SceneModel, origins: np.ndarray, where: str) -> None:
+    """Warn of geoms that stay where they are in every world, whatever its origin, so that layouts do not fit there.
+
+    Those are what collides and is on no free and no mocap body, but for planes, which are the same everywhere.
+
+    Args:
+        scene: The scene.
+        origins: Origins [m], shape (nworld, 3).
+        where: How the warning begins.
+    """
+    mjm = scene.mjm
+    free = mjm.jnt_bodyid[mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE]
+    moves = (mjm.body_mocapid >= 0) | np.isin(np.arange(mjm.nbody), free)
+    fixed = ~moves[mjm.body_rootid][mjm.geom_bodyid] & (mjm.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)
+    rules = ContactRules(mjm, scene.config.geometry)
+    found = [int(geom) for geom in np.flatnonzero(fixed) if rules.collides(int(geom))]
+    if not found or not np.any(origins):
+        return
+    named = [f"'{mjm.geom(g).name}' of '{mjm.body(int(mjm.geom_bodyid[g])).name}'" for g in found[:3]]
+    more = f" and {len(found) - len(named)} more" if len(found) > len(named) else ""
+    message = (
+        f"{where}: layouts are moved to the origins of their worlds, and what is fixed to the world is not: geoms "
+        f"{', '.join(named)}{more}. Unless it is alike at every origin, layouts do not fit around it. Put it on mocap "
+        "bodies that are moved as well, or have all origins 0."
+    )
+    warnings.warn(ModelWarning(message), stacklevel=5)
 
 
 def bodies_of(scene: SceneModel) -> list[int]:

@@ -85,7 +85,8 @@ class ResetRandomizer(Fixed, StaysHere):
         write: "all" resets worlds as a whole. "placed" writes the scene's objects and its robot alone, with their
             velocities and the controls that hold them; clocks and everything else of a world are left as they are.
         origins: Origins of the worlds [m], shape (nworld, 3), which are added to all positions that are written, as
-            layouts are relative to them. A Warp array or a torch tensor on the device is read anew at every reset.
+            layouts are relative to them. A Warp array or a torch tensor on the device is read anew at every reset. What
+            is fixed to the world is not moved, and a ModelWarning names it.
         mjm: The MjModel that `model` was made from. A mujoco_warp Model has no names; with it they are compared too.
         needs: What else to bring up to date after a reset, keys of sceniris_gym.sim.batch.NEEDS.
         graph: Capture the reset into a graph and replay it.
@@ -103,7 +104,7 @@ class ResetRandomizer(Fixed, StaysHere):
     """
 
     FIXED = ("compiled", "model", "data", "device", "layout_source", "mask")
-    ARGUMENTS = ("layouts", "seed", "split", "prefetch", "origins", "mjm", "needs", "graph")
+    ARGUMENTS = ("layouts", "seed", "split", "prefetch", "write", "origins", "mjm", "needs", "graph")
 
     @launching
     def __init__(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ from gymnasium.vector import VectorEnv
 from torch import Tensor
 
 from sceniris_gym.errors import ArgumentError, SceneMismatchError
+from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
@@ -39,34 +40,42 @@ class EpisodeResult:
 
 @torch.inference_mode()
 def evaluate(
-    policy: Callable[[Any], Any], envs: VectorEnv, ids: Sequence[str] | int | None = None
+    policy: Callable[[Any], Any], envs: VectorEnv, ids: Iterable[str] | int | None = None
 ) -> list[EpisodeResult]:
     """Run an episode from each of the layouts, as many at a time as there are worlds.
 
-    Nothing of the result depends on `num_envs`, as long as the policy looks at each world by itself.
+    Only the rounding of rewards depends on `num_envs`, as long as the policy looks at each world by itself.
 
     Args:
         policy: Takes observations of all worlds as `envs` returns them, and returns actions.
         envs: A SceneVectorEnv, or wrappers around one that pass on `info`, with max_episode_steps. It is left in the
             middle of episodes; reset it before further use.
-        ids: Layout ids of the scene and split of `envs`; a number n for the first episodes of seeds 0 to n - 1; None
-            for as many as there are worlds.
+        ids: Layout ids of the scene and split of `envs`, or one; a number n for the first episodes of seeds 0 to n - 1;
+            None for as many as there are worlds.
 
     Returns:
         A result for each id, in their order.
 
     Raises:
-        ArgumentError: The environment has no max_episode_steps.
+        ArgumentError: Not such an environment, or one without max_episode_steps.
+        CountError: A negative number of ids.
         LayoutIdError: Not the form of an id.
         SceneMismatchError: An id of another scene or split.
     """
-    inner = envs.unwrapped
-    assert isinstance(inner, SceneVectorEnv)
+    inner = envs.unwrapped if isinstance(envs, VectorEnv) else None
+    if not isinstance(inner, SceneVectorEnv):
+        raise ArgumentError(
+            "evaluate: envs should be a SceneVectorEnv, which gym.make_vec makes, or Gymnasium's vector wrappers "
+            f"around one, got {type(envs).__name__}."
+        )
     if inner.max_episode_steps is None:
         raise ArgumentError("evaluate: envs should have max_episode_steps, so that every episode ends.")
     split, number = inner.split, inner.num_envs
-    if ids is None or isinstance(ids, int):
-        ids = [inner.compiled.layout_id(seed, 0, split) for seed in range(number if ids is None else ids)]
+    if isinstance(ids, str):
+        ids = [ids]
+    elif not isinstance(ids, Iterable):
+        count = number if ids is None else as_count(ids, "evaluate: ids", 0)
+        ids = [inner.compiled.layout_id(seed, 0, split) for seed in range(count)]
     wanted = [own_id(text, inner, split) for text in ids]
     results = []
     for first in range(0, len(wanted), number):

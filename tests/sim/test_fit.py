@@ -26,6 +26,7 @@ MODEL = """
       <geom name="tray" type="box" size=".1 .1 .01" contype="{contype}"/></body>
     {bodies}
   </worldbody>
+  {after}
 </mujoco>
 """
 SMALL = '<body name="small" pos="0 0 .1"><freejoint name="{j}"/><geom name="s" type="box" size=".02 .02 .02"/></body>'
@@ -33,11 +34,11 @@ LARGE = '<body name="large" pos=".3 0 .1"><freejoint/><geom name="l" type="box" 
 TWIN = '<body name="{name}" pos="{x} 0 .5"><freejoint/><geom type="box" size=".02 .02 .02"/></body>'
 
 
-def model(*bodies: str, joint: str = "slide", contype: int = 1) -> mujoco.MjModel:
+def model(*bodies: str, joint: str = "slide", contype: int = 1, after: str = "") -> mujoco.MjModel:
     """Return a model with these free bodies, by default a small box before a large one."""
     bodies = bodies or (SMALL, LARGE)
     text = "".join(bodies).replace("{j}", "loose").replace("{z}", ".1")
-    return mujoco.MjModel.from_xml_string(MODEL.format(bodies=text, joint=joint, contype=contype))
+    return mujoco.MjModel.from_xml_string(MODEL.format(bodies=text, joint=joint, contype=contype, after=after))
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +87,14 @@ FOREIGN: dict[str, tuple[Callable[[], mujoco.MjModel], str]] = {
         lambda: model(SMALL, LARGE.replace("<freejoint/>", "<joint/>")),
         r"model\.nq is 9 and should be 15",
     ),
+    "a pair that does not collide": (
+        lambda: model(after='<contact><exclude body1="small" body2="large"/></contact>'),
+        r"model\.nexclude is 1 and should be 0",
+    ),
+    "a pair that always collides": (
+        lambda: model(after='<contact><pair geom1="s" geom2="l"/></contact>'),
+        r"model\.npair is 1 and should be 0",
+    ),
 }
 
 
@@ -107,6 +116,17 @@ def test_twins_in_another_order_are_told_apart_by_their_places_and_by_their_name
     other = model(*(TWIN.format(name=name, x=x) for name, x in (("b", 0), ("a", 0.5))))
     with pytest.raises(SceneMismatchError, match="the name of body 2 is 'b' and should be 'a'"):
         ResetRandomizer(compiled, *put(other), mjm=other)
+
+
+def test_other_pairs_that_never_collide_are_told_apart():
+    """As many of them, but of other bodies: layouts let the boxes overlap that this model pushes apart."""
+    exclude = '<contact><exclude body1="{}" body2="large"/></contact>'
+    objects = {"small": {"on": "ground"}, "large": {"on": "ground"}}
+    ours = model(after=exclude.format("small"))
+    compiled = compile_scene({"model": ours, "objects": objects, "bank": 2}, "cpu")
+    ResetRandomizer(compiled, *put(ours))
+    with pytest.raises(SceneMismatchError, match=r"model\.exclude_signature of exclude 0 is"):
+        ResetRandomizer(compiled, *put(model(after=exclude.format("tray"))))
 
 
 def test_all_worlds_are_compared_where_they_differ(compiled: CompiledScene):

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import mujoco
 import mujoco_warp as mjw
 import numpy as np
 import pytest
 import torch
 import warp as wp
 
-from sceniris_gym.errors import MaskError, MaskTypeError, UnknownNameError
+from sceniris_gym.errors import MaskError, MaskTypeError, ModelWarning, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
@@ -104,6 +105,27 @@ def test_origins_are_added_to_what_is_written(compiled: CompiledScene, write: st
         np.testing.assert_array_equal(qpos[~np.array(mask)], before[~np.array(mask)])
         origins[1, 2] = 5.0
     assert qpos[1, 4] > 5.0
+
+
+def test_what_is_fixed_to_the_world_is_warned_of_where_origins_differ(
+    compiled: CompiledScene, recwarn: pytest.WarningsRecorder
+):
+    """It stays where it is, while layouts are moved; planes and mocap bodies are no matter, nor are origins of 0."""
+    fixed = r"ResetRandomizer: origins: .* geoms 'ledge' of 'world', 'roof' of 'world', '[^']*' of 'post'\. Unless"
+    with pytest.warns(ModelWarning, match=fixed):
+        make(compiled, origins=np.eye(3), write="placed")
+    recwarn.clear()
+    make(compiled, origins=np.zeros((3, 3)))
+    spec = spec_of()
+    for name in ("ledge", "roof"):
+        spec.delete(spec.geom(name))
+    spec.body("post").joints[0].type = mujoco.mjtJoint.mjJNT_FREE
+    spec.body("cab/cabinet").mocap = True
+    spec.delete(spec.keys[0])
+    spec.delete(spec.actuators[0])
+    objects = cubes_on("ground", 2, region=NEAR)
+    make(compile_scene({"model": spec, "objects": objects, "bank": 2}, "cpu"), origins=np.eye(3))
+    assert not [w for w in recwarn if "origins" in str(w.message)]
 
 
 def test_wrong_words_and_origins_are_refused(compiled: CompiledScene):

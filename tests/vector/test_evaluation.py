@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import torch
 from gymnasium.vector import AutoresetMode
 from torch import Tensor
 
-from sceniris_gym.errors import LayoutIdError, SceneMismatchError
+from sceniris_gym.errors import ArgumentError, CountError, LayoutIdError, SceneMismatchError
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.evaluation import evaluate
 from sceniris_gym.vector.state import State
@@ -101,6 +102,27 @@ def test_what_is_not_of_the_environment_is_refused(make: Callable[..., SceneVect
         evaluate(turning, envs, [reach_scene.layout_id(0, 0, "eval")])
     with pytest.raises(ValueError, match="max_episode_steps"):
         evaluate(turning, SceneVectorEnv(Timed, 2, scene=reach_scene))
+
+
+def test_one_id_and_numbers_of_any_library_are_taken(make: Callable[..., SceneVectorEnv]):
+    """A single id is no sequence of letters; a negative number is refused."""
+    envs = make(2)
+    expected = evaluate(turning, envs, 3)
+    assert evaluate(turning, envs, np.int64(3)) == expected  # pyright: ignore[reportArgumentType]
+    assert evaluate(turning, envs, expected[1].id) == expected[1:2]
+    with pytest.raises(CountError, match="evaluate: ids should be an integer of at least 0, got -1"):
+        evaluate(turning, envs, -1)
+
+
+def test_other_environments_are_refused(make: Callable[..., SceneVectorEnv]):
+    """Those of other packages, and wrappers of other libraries, whose steps return something else."""
+
+    class Wrapped:
+        unwrapped = make(2)
+
+    for other in (gym.make_vec("CartPole-v1", num_envs=2), Wrapped()):
+        with pytest.raises(ArgumentError, match=rf"should be a SceneVectorEnv.*got {type(other).__name__}\."):
+            evaluate(turning, other, 2)  # pyright: ignore[reportArgumentType]
 
 
 def test_wrappers_may_be_around(make: Callable[..., SceneVectorEnv]):
