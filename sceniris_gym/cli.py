@@ -17,26 +17,26 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn, ParamSpec
 import tyro
 
 import sceniris_gym
-from sceniris_gym.errors import CountError, NotSupportedError, SceneKeyError, ScenirisError, SeedError
-from sceniris_gym.layout.counts import MOST_WORLDS
+from sceniris_gym.errors import NotSupportedError, ScenirisError
 from sceniris_gym.reach.tier import Tier, TierWord
+from sceniris_gym.tools.options import (
+    Changes,
+    Device,
+    Json,
+    Picture,
+    Scene,
+    check_counts,
+    check_seed,
+    checked_target,
+    compiled_scene,
+    read_changes,
+    scene_config,
+)
 from sceniris_gym.viewer.server import HOST, MOST_SHOWN, PORT
 
 if TYPE_CHECKING:
-    from sceniris_gym.config.scene import SceneConfig
-    from sceniris_gym.program.compiled import CompiledScene
     from sceniris_gym.tools.paper.peers import Peer
 
-Scene = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE", help="name of a shipped scene, or a path")]
-Device = Annotated[str | None, tyro.conf.arg(help="cpu, cuda:0, ...; by default cuda:0 if there is one, else cpu")]
-Json = Annotated[bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="print one line of JSON and nothing else")]
-Picture = Annotated[
-    Path | None, tyro.conf.arg(help="PNG to write: where objects lie, from above, without and with 'reachable'")
-]
-Changes = Annotated[
-    tyro.conf.UseAppendAction[tuple[str, ...]],
-    tyro.conf.arg(name="set", metavar="KEY=VALUE", help="change part of the scene, e.g. objects.apple.clearance=0.01"),
-]
 P = ParamSpec("P")
 _UNWRITABLE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG})
 _MOST_LAYOUTS = 1_000_000_000  # of a data set, some hundred gigabytes
@@ -79,7 +79,7 @@ def demo(out: Path = Path("demo/layouts.png"), device: Device = None, json: Json
     """Reset 64 worlds of the Mid scene three times, print figures, and write a picture of 16 worlds."""
     from sceniris_gym.tools.commands import demo as tool
 
-    _target(out)
+    checked_target(out)
     figures = tool.demo(out, device)
     return dumps(figures) if json else tool.report(figures)
 
@@ -124,9 +124,9 @@ def generate(
         return _verified(out, json)
     if scene is None or n is None:
         raise NotSupportedError("generate: nothing to make. Give a SCENE and a number of layouts, -n N.")
-    _at_least(1, n=n, most=_MOST_LAYOUTS)
-    _at_least(1, chunk=1 if chunk is None else chunk)
-    _seed(seed)
+    check_counts(1, n=n, most=_MOST_LAYOUTS)
+    check_counts(1, chunk=1 if chunk is None else chunk)
+    check_seed(seed)
     from sceniris_gym.tools.dataset.formats import check_formats, parse_formats
     from sceniris_gym.tools.dataset.share import Share
 
@@ -137,8 +137,8 @@ def generate(
     from sceniris_gym.tools.dataset.manifest import MANIFEST, SCENE
 
     for file in (MANIFEST, SCENE):
-        _target(out / file)
-    compiled = _compiled(scene, changes, device or part.device)
+        checked_target(out / file)
+    compiled = compiled_scene(scene, changes, device or part.device)
     words = {"chunk": chunk, "share": part, "resume": resume, "formats": formats}
     figures = tool.generate(compiled, n, out, seed=seed, split=split, **words)
     if json:
@@ -175,9 +175,9 @@ def audit(
     json: Json = False,
 ) -> str:
     """Make layouts and audit them with FCL, MuJoCo C and shapely, which share no code with the generator."""
-    _at_least(1, layouts=layouts)
-    _at_least(0, rejected=rejected, settled=settled or 0)
-    _seed(seed)
+    check_counts(1, layouts=layouts)
+    check_counts(0, rejected=rejected, settled=settled or 0)
+    check_seed(seed)
     from sceniris_gym.tools.commands import audit as tool
 
     if rows is not None:
@@ -186,11 +186,11 @@ def audit(
         from sceniris_gym.program.compiled import upload_scene
         from sceniris_gym.scene.model import build_model
 
-        compiled = upload_scene(build_model(_config(scene, changes)), "cpu")
+        compiled = upload_scene(build_model(scene_config(scene, changes)), "cpu")
         found = tool.judge_rows(compiled, tool.load_rows(compiled, rows), settled)
         return dumps(found) if json else _listing(found)
-    target = None if save is None else _target(save)
-    compiled = _compiled(scene, changes, device)
+    target = None if save is None else checked_target(save)
+    compiled = compiled_scene(scene, changes, device)
     made = tool.make_rows(compiled, layouts, rejected, seed)
     if target is None:
         found = tool.judge_rows(compiled, made, settled)
@@ -239,15 +239,15 @@ def bench(
         raise NotSupportedError("bench: nothing to measure. Give a SCENE, or --suite paper.")
     if quick or peer or out is not None:
         raise NotSupportedError("bench: --quick, --peer and --out belong to a suite. Add --suite paper, without SCENE.")
-    _at_least(1, num_envs=num_envs)
-    _seed(seed)
+    check_counts(1, num_envs=num_envs)
+    check_seed(seed)
     from sceniris_gym.tools.commands import bench as tool
     from sceniris_gym.tools.files import check_picture
 
     if picture is not None:
         check_picture(picture)
 
-    overrides = _overrides(changes) | ({} if geometry is None else {"geometry": geometry})
+    overrides = read_changes(changes) | ({} if geometry is None else {"geometry": geometry})
     measured = tool.bench(scene, num_envs, device, seed, overrides, picture)
     return dumps(measured) if json else _listing(measured)
 
@@ -279,8 +279,9 @@ def replay(
     from sceniris_gym.tools.render import captioned, save
 
     name = tool.LayoutId.parse(layout)
-    picture = _target(out, tool.default_picture(layout))
-    compiled = compile_scene(tool.find_scene(name.scene, None if scene is None else _config(scene, changes)), device)
+    picture = checked_target(out, tool.default_picture(layout))
+    config = None if scene is None else scene_config(scene, changes)
+    compiled = compile_scene(tool.find_scene(name.scene, config), device)
     table = tool.replay(compiled, name)
     found = {"id": layout, **tool.describe(compiled, table), "picture": str(picture)}
     save(captioned(compiled.mjm, table, [layout], device=compiled.device), picture)
@@ -298,14 +299,14 @@ def check(
     json: Json = False,
 ) -> str:
     """Say why a scene is hard: how many candidates were rejected, per object and cause."""
-    _at_least(1, layouts=layouts)
-    _seed(seed)
+    check_counts(1, layouts=layouts)
+    check_seed(seed)
     from sceniris_gym.tools.commands import check as tool
     from sceniris_gym.tools.files import check_picture
 
     if picture is not None:
         check_picture(picture)
-    found = tool.check(_compiled(scene, changes, device), layouts, seed, picture)
+    found = tool.check(compiled_scene(scene, changes, device), layouts, seed, picture)
     return dumps(found) if json else tool.report(found)
 
 
@@ -335,7 +336,7 @@ def reach(
     json: Json = False,
 ) -> str:
     """Describe and draw what an arm reaches, build its map, or judge poses."""
-    _seed(seed)
+    check_seed(seed)
     from sceniris_gym.tools.commands import reach as tool
 
     asked = [f"--{word}" for word, value in (("build", build), ("poses", poses), ("scene", scene)) if value]
@@ -346,21 +347,21 @@ def reach(
             arm,
             map_,
             poses,
-            _target(out, "reached.npy"),
+            checked_target(out, "reached.npy"),
             None if tier is None else Tier.of(tier),
             device,
-            _overrides(changes),
+            read_changes(changes),
         )
     elif build:
-        target = _target(out, tool.default_map(arm))
-        words = {"seed": seed, "changes": _overrides(changes)}
+        target = checked_target(out, tool.default_map(arm))
+        words = {"seed": seed, "changes": read_changes(changes)}
         found = tool.build(arm, target, device, step=step, tilt_step=radians(tilt_step), **words)
     elif scene is not None:
-        target = _target(out, f"demo/reach_{Path(scene).stem}.png")
-        found = tool.narrowed(arm, _config(scene, changes), target, device, seed=seed)
+        target = checked_target(out, f"demo/reach_{Path(scene).stem}.png")
+        found = tool.narrowed(arm, scene_config(scene, changes), target, device, seed=seed)
     else:
         found = tool.show(
-            arm, map_, _target(out, f"demo/reach_{Path(arm).stem}.png"), height, device, _overrides(changes)
+            arm, map_, checked_target(out, f"demo/reach_{Path(arm).stem}.png"), height, device, read_changes(changes)
         )
     return dumps(found) if json else _listing(found)
 
@@ -402,14 +403,14 @@ def view(
         raise NotSupportedError("view: --policy, --layouts and --device belong to --env. Leave them out, or the SCENE.")
     if env is not None and (seed or episode):
         raise NotSupportedError("view: --seed and --episode belong to a SCENE. Choose an environment's by --layouts.")
-    _at_least(1, most=MOST_SHOWN, worlds=worlds)
-    _at_least(1, most=65535, port=port)
-    _seed(seed)
-    _at_least(0, most=2**31 - 1, episode=episode)
+    check_counts(1, most=MOST_SHOWN, worlds=worlds)
+    check_counts(1, most=65535, port=port)
+    check_seed(seed)
+    check_counts(0, most=2**31 - 1, episode=episode)
     from sceniris_gym.viewer import command
     from sceniris_gym.viewer.server import address, opened_page
 
-    overrides = _overrides(changes)
+    overrides = read_changes(changes)
     with opened_page(host, port) as server:
         print(address(server), flush=True)  # before anything that takes a while
         if server.get_port() != port:
@@ -453,12 +454,12 @@ def import_(
     from sceniris_gym.importers.things.units import ask_on_terminal
     from sceniris_gym.tools.commands import import_things as tool
 
-    _at_least(1, jobs=1 if jobs is None else jobs)
+    check_counts(1, jobs=1 if jobs is None else jobs)
     options = Options(scale, up, density, tolerance, shell)
     if thing.is_dir():
         found = tool.import_many(thing, out, options, jobs, device)
         return dumps(found) if json else _listing(found)
-    _target(out)
+    checked_target(out)
     found = tool.import_one(thing, out, options, None if json else ask_on_terminal(), device)
     return dumps(found) if json else tool.report(found)
 
@@ -476,7 +477,7 @@ def init(
     """
     from sceniris_gym.tools.commands import init as tool
 
-    target = None if out is None else _target(out)
+    target = None if out is None else checked_target(out)
     scene = tool.init(model, device)
     if target is not None:
         tool.write(scene, target)
@@ -499,14 +500,14 @@ def settle(
     json: Json = False,
 ) -> str:
     """Settle things in a container by MuJoCo C, into a file of heaps that layouts are drawn from."""
-    _at_least(1, n=n, most=1_000_000)
-    _seed(seed)
+    check_counts(1, n=n, most=1_000_000)
+    check_seed(seed)
     from tqdm import tqdm
 
     from sceniris_gym.tools.commands import settle as tool
 
     with tqdm(total=n, unit="heap", file=sys.stderr, disable=json or not sys.stderr.isatty()) as bar:
-        found = tool.settle(_config(scene, changes), heap, n, out, seed, lambda done, of: bar.update())
+        found = tool.settle(scene_config(scene, changes), heap, n, out, seed, lambda done, of: bar.update())
     return dumps(found) if json else tool.report(found)
 
 
@@ -548,57 +549,6 @@ def _in_words(error: OSError) -> str:
 def _end(message: str, status: int) -> NoReturn:
     print(f"sceniris-gym: {message}", file=sys.stderr)
     sys.exit(status)
-
-
-def _target(out: Path | None, default: str | Path = "") -> Path:
-    """Return the path of a result, after making sure that it can be written."""
-    from sceniris_gym.tools.files import check_writable
-
-    path = Path(default) if out is None else out
-    check_writable(path)
-    return path
-
-
-def _compiled(scene: str, changes: Sequence[str], device: str | None) -> CompiledScene:
-    from sceniris_gym.layout.compile import compile_scene
-
-    return compile_scene(_config(scene, changes), device)
-
-
-def _config(scene: str, changes: Sequence[str]) -> SceneConfig:
-    from sceniris_gym.config.scene import SceneConfig
-
-    return SceneConfig.load(scene, _overrides(changes))
-
-
-def _overrides(changes: Sequence[str]) -> dict[str, Any]:
-    """Read `key=value` pairs; values are YAML, as in a scene file."""
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
-
-    overrides = {}
-    for change in changes:
-        key, equals, value = change.partition("=")
-        if not (key and equals):
-            raise SceneKeyError(f"--set {change}: should be KEY=VALUE, as in objects.apple.clearance=0.01.")
-        try:
-            overrides[key] = YAML(typ="safe").load(value)
-        except (YAMLError, ValueError, RecursionError) as error:
-            why = "too deeply nested" if isinstance(error, RecursionError) else error
-            raise SceneKeyError(f"--set {change:.80}: the value should be YAML: {why}") from None
-    return overrides
-
-
-def _at_least(least: int, *, most: int = MOST_WORLDS, **counts: int) -> None:
-    for name, count in counts.items():
-        if not least <= count <= most:
-            bound = f"at least {least}" if count < least else f"at most {most}"
-            raise CountError(f"--{name.replace('_', '-')} {count}: should be {bound}.")
-
-
-def _seed(seed: int) -> None:
-    if not 0 <= seed < 1 << 64:
-        raise SeedError(f"--seed {seed}: should be an integer from 0 to 2^64 - 1.")
 
 
 def _listing(figures: dict[str, Any]) -> str:
