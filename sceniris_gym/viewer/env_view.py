@@ -56,7 +56,7 @@ class EnvView:
         self.start(0)
 
     def start(self, first: int) -> None:
-        """Begin episodes on the layouts from number `first` on, a world each; those after the last are the last."""
+        """Begin episodes on the layouts from number `first` on, a world each; after the last comes the first."""
         self.first = max(first, 0)
         chosen = [self._layout(self.first + i) for i in range(self.envs.num_envs)]
         if self._pasted is not None:

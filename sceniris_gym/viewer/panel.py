@@ -205,7 +205,7 @@ class Panel:
     def _add_layers(self) -> None:
         gui = self._gui
         self._layers = {}
-        geometry = gui.add_dropdown("geometry", (SEEN, COLLIDED, BOTH), hint="Each body that collides in a colour.")
+        geometry = gui.add_dropdown("geometry", (SEEN, COLLIDED, BOTH), hint="Of the first world: a colour a body.")
         self._on(geometry, "geometry", self._do.show_geometry)
         for name in (*SKETCHES, PARKED, REACH):
             handle = gui.add_checkbox(name, False, hint=HINTS[name])

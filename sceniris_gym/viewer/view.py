@@ -154,8 +154,9 @@ class SceneView:
             self._show_slices(self._first_world()[0])
 
     def move_arm(self, pose: str) -> None:
-        """Let the arm of the first world jump into a pose of `poses_of_arm`; physics ends."""
-        self._pose = pose
+        """Let the arm of the first world jump into a pose of `poses_of_arm`, in the layout itself; physics ends."""
+        self._pose, self._candidates = pose, None
+        self.panel.set_rejected(False)
         self._end_play()
         self._show()
 

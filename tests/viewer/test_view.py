@@ -12,6 +12,7 @@ import pytest
 
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.viewer.deck import Where
+from sceniris_gym.viewer.grasps import START
 from sceniris_gym.viewer.layers import COLLIDED, PARKED, REACH, SEEN, SKETCHES
 from sceniris_gym.viewer.panel import ALL
 from sceniris_gym.viewer.scene_file import SceneFile
@@ -187,6 +188,9 @@ def test_what_is_on_show_is_what_is_played(view: SceneView):
     view.show_rejected(True)
     assert view._player is None
     assert put[-1] == 0.0
+    view.move_arm(START)
+    assert view._candidates is None
+    assert not view.panel._rejected.value
 
 
 def test_physics_is_seen_where_pieces_stood_for_worlds(view: SceneView):
