@@ -90,14 +90,15 @@ def _draw_from_heap(
 
     All things of the heap take the same row, which another restart draws anew and another trial does not.
     """
-    num = program.obj_heapnum[obj]
-    adr = program.obj_heapadr[obj] + wp.min(int(u * float(num)), num - 1)
+    heap = program.obj_heap[obj]
+    settled = program.heap_pose[heap[0] + wp.min(int(u * float(heap[1])), heap[1] - 1)]
+    settled_quat = wp.vec4(settled[3], settled[4], settled[5], settled[6])
     ground = program.obj_ground[obj]
     frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])
     if frame.rot[2, 2] < LEVEL:
         search.cause[c] = _EMPTY
         return
-    quat = wp.normalize(mul_quat(layouts.body_quat[row, ground], program.heap_quat[adr]))
+    quat = wp.normalize(mul_quat(layouts.body_quat[row, ground], settled_quat))
     turn = search.turn[c]
     turn.yaw = heading_of(quat)
     turn.quat = mul_quat(quat_z(-turn.yaw), quat)
@@ -105,7 +106,7 @@ def _draw_from_heap(
         turn = measure(program, obj, turn, search.qpos[c], search.body_pos[c], search.body_quat[c])
     search.turn[c] = turn
     search.heading[c] = turn.yaw
-    search.point[c] = apply(frame, program.heap_pos[adr]) + quat_mat(quat) * turn.pivot
+    search.point[c] = apply(frame, wp.vec3(settled[0], settled[1], settled[2])) + quat_mat(quat) * turn.pivot
     search.surface[c] = program.tri_surface[program.variant_triadr[turn.variant]]
     pose_candidate(program, layouts, search, c, row, obj)
 
@@ -140,9 +141,9 @@ def _draw(
         if program.obj_orientation[obj] == _ANY or program.obj_variantnum[obj] > 1:
             w = uniforms(seed, episode, stream, trial, 1)
         turn = draw_turn(program, obj, u, w)
-        if program.obj_heapadr[obj] >= 0:
+        if program.obj_heap[obj][0] >= 0:
             search.turn[c] = turn
-            of_heap = numbered_stream(split, program.obj_heapstream[obj])
+            of_heap = numbered_stream(split, program.obj_heap[obj][2])
             share = uniforms(seed, episode, of_heap, first_trial_of(program, search, c), 0)[0]
             _draw_from_heap(program, layouts, search, c, row, obj, share)
             continue

@@ -78,6 +78,9 @@ FRAME_SUPPORT = -1
 FRAME_WORLD = -2
 
 
+vec7 = wp.types.vector(length=7, dtype=float)
+
+
 @wp.struct
 class Program:
     """The placement program of a scene. Objects are listed in placement order."""
@@ -114,9 +117,8 @@ class Program:
     # Objects.
     obj_stream: wp.array(dtype=int)
     obj_kind: wp.array(dtype=int)
-    obj_heapadr: wp.array(dtype=int)  # of its settled poses in what it fills, or -1
-    obj_heapnum: wp.array(dtype=int)
-    obj_heapstream: wp.array(dtype=int)  # from which the row is drawn, the same for all things of a heap
+    # (first, number, stream) of its settled poses, -1 if it has none; all things of a heap draw from one stream.
+    obj_heap: wp.array(dtype=wp.vec3i)
     obj_body: wp.array(dtype=int)
     obj_adr: wp.array(dtype=int)  # of its qpos (free) or its mocap body (fixture, marker)
     obj_slot: wp.array(dtype=int)  # where relations and groups find it: its place in the scene file
@@ -167,8 +169,7 @@ class Program:
     variant_triadr: wp.array(dtype=int)  # of its region
     variant_trinum: wp.array(dtype=int)
     # Settled poses of things of heaps, relative to the body that they fill.
-    heap_pos: wp.array(dtype=wp.vec3)
-    heap_quat: wp.array(dtype=wp.vec4)
+    heap_pose: wp.array(dtype=vec7)  # position, then orientation
     # Relations. Directions and half angles in rad; distances in m, 1e30 for none.
     rel_type: wp.array(dtype=int)
     rel_anchoradr: wp.array(dtype=int)

@@ -61,14 +61,12 @@ def pack_objects(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int
 
 def _heaps(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
     """The settled poses of things of heaps, one thing after the other."""
-    rows, adr, num = ranges([] if o.heap is None else list(zip(o.heap.pos, o.heap.quat, strict=True)) for o in objects)
+    rows, adr, num = ranges([] if o.heap is None else list(np.hstack([o.heap.pos, o.heap.quat])) for o in objects)
+    streams = np.array([0 if o.heap is None else o.heap.stream for o in objects], int)
     heaped = np.array([o.heap is not None for o in objects], bool)
     return {
-        "obj_heapadr": np.where(heaped, adr, -1),
-        "obj_heapnum": num,
-        "obj_heapstream": np.array([0 if o.heap is None else o.heap.stream for o in objects], int),
-        "heap_pos": np.reshape([pos for pos, _ in rows], (-1, 3)),
-        "heap_quat": np.reshape([quat for _, quat in rows], (-1, 4)),
+        "obj_heap": np.stack([np.where(heaped, adr, -1), num, streams], axis=1),
+        "heap_pose": np.reshape(rows, (-1, 7)),
     }
 
 

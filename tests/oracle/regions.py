@@ -44,7 +44,7 @@ def region(relation: Relation, own: Outline, anchors: Mapping[str, Outline], row
         return shapely.LineString(ends).buffer(relation.width / 2, cap_style="flat")
     heading = {"anchor": anchors[relation.anchors[0]].heading[row], "support": support, "world": 0.0}
     turned = heading[relation.frame] if relation.frame in heading else anchors[relation.frame].heading[row]
-    area = wedge(at[0], relation.heading + turned, relation.half_angle)
+    area = wedge(at[0], relation.heading(()) + turned, relation.half_angle)
     core = shapely.Point(at[0])
     if relation.bounds:
         theirs = anchors[relation.anchors[0]].corners()[row]

@@ -25,11 +25,11 @@ def test_each_thing_has_its_column_of_the_rows():
     found = packed()
     with np.load(folder() / "pile.npz") as rows:
         for i, name in enumerate(THINGS):
-            adr, num = (int(found[f"obj_heap{key}"][found.number(name)]) for key in ("adr", "num"))
-            assert found["heap_pos"][adr : adr + num] == pytest.approx(rows["pos"][:, i])
-            assert found["heap_quat"][adr : adr + num] == pytest.approx(rows["quat"][:, i])
-    assert found["obj_heapadr"][found.number("bin")] == -1
-    streams = found["obj_heapstream"][[found.number(name) for name in THINGS]]
+            adr, num, _ = found["obj_heap"][found.number(name)]
+            assert found["heap_pose"][adr : adr + num, :3] == pytest.approx(rows["pos"][:, i])
+            assert found["heap_pose"][adr : adr + num, 3:] == pytest.approx(rows["quat"][:, i])
+    assert found["obj_heap"][found.number("bin"), 0] == -1
+    streams = found["obj_heap"][[found.number(name) for name in THINGS], 2]
     assert set(streams.tolist()) == {found["obj_stream"][found.number("a")]}
 
 
