@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import ast
 import importlib.util
+import json
 import os
 import re
 import subprocess
@@ -157,7 +157,7 @@ def test_stable_baselines_trains_and_is_judged(tmp_path: Path, capsys: pytest.Ca
 
 
 TWO = """
-import importlib.util, os, sys
+import importlib.util, json, os, sys
 import torch
 from rsl_rl.runners import OnPolicyRunner
 
@@ -176,7 +176,8 @@ def learn(self, *args, **kwargs):
     found = [None, None]
     torch.distributed.all_gather_object(found, (weights, seeds, self.logger.writer is not None))
     if self.gpu_global_rank == 0:
-        print("FOUND", repr(found))
+        with open(sys.argv[3], "w") as file:  # the other process writes to the same standard output
+            json.dump(found, file)
 
 
 learned, OnPolicyRunner.learn, OnPolicyRunner._configure_multi_gpu = OnPolicyRunner.learn, learn, configure
@@ -191,15 +192,14 @@ example.main(num_envs=3, iterations=2, device="cpu", out=sys.argv[2])
 def test_two_processes_train_one_policy_on_layouts_of_their_own(tmp_path: Path):
     """As `load("08_all_gpus")` runs under torchrun, with gloo in place of NCCL; one of them writes."""
     pytest.importorskip("rsl_rl")
-    script, out = tmp_path / "two.py", tmp_path / "out"
+    script, out, found = tmp_path / "two.py", tmp_path / "out", tmp_path / "found.json"
     script.write_text(TWO)
     command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", str(script)]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path.cwd()), os.environ.get("PYTHONPATH", "")])}
-    command += [str(EXAMPLES / "08_all_gpus.py"), str(out)]
+    command += [str(EXAMPLES / "08_all_gpus.py"), str(out), str(found)]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=400, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
-    line = next(line for line in done.stdout.splitlines() if "FOUND" in line)
-    (weights, seeds, writes), (others, other_seeds, other_writes) = ast.literal_eval(line.partition("FOUND ")[2])
+    (weights, seeds, writes), (others, other_seeds, other_writes) = json.loads(found.read_text())
     assert weights == others
     assert (seeds, other_seeds) == ([0, 1, 2], [2**40, 2**40 + 1, 2**40 + 2])
     assert (writes, other_writes) == (True, False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -12,7 +13,7 @@ import pytest
 from sceniris_gym.vector.ranks import Rank
 
 SCRIPT = """
-import sys
+import json, sys
 import torch.distributed as dist
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.vector.conftest import SCENE, Reach
@@ -30,7 +31,8 @@ dist.all_gather_object(found, (info["layout_seed"].tolist(), rows[0]))
 if dist.get_rank() == 0:
     seeds = [seed for part, _ in found for seed in part]
     layouts = {tuple(row) for _, part in found for row in part}
-    print("FOUND", seeds, len(layouts))
+    with open(sys.argv[1], "w") as file:  # the other process writes to the same standard output
+        json.dump([seeds, len(layouts)], file)
 dist.destroy_process_group()
 """
 
@@ -38,14 +40,14 @@ dist.destroy_process_group()
 @pytest.mark.slow
 def test_two_processes_share_no_layout_and_make_theirs_again(tmp_path: Path):
     """As torchrun starts them, with seed 0 in both, over gloo."""
-    script = tmp_path / "two.py"
+    script, found = tmp_path / "two.py", tmp_path / "found.json"
     script.write_text(SCRIPT)
     command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", str(script)]
+    command.append(str(found))
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path.cwd()), os.environ.get("PYTHONPATH", "")])}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=240, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
-    line = next(line for line in done.stdout.splitlines() if "FOUND" in line)
-    assert line.split("FOUND ")[1] == f"{[*range(8), *range(2**40, 2**40 + 8)]} 16"
+    assert json.loads(found.read_text()) == [[*range(8), *range(2**40, 2**40 + 8)], 16]
     assert "rank 1 of 2" in done.stderr
 
 
