@@ -3,7 +3,8 @@
 python -m benchmarks.reset_step mid --arm --num-envs 4096 --device cuda:0
 
 Prints a line of JSON for layouts made ahead, made in place, and replayed from a bank: microseconds a control step of
-four substeps, medians of alternating rounds. All steps begin in the same state, so that physics has the same to do.
+four substeps, medians of alternating rounds. Every step resets other worlds than the 49 before it, and all steps begin
+in the same state, so that physics has the same to do.
 With --settle they follow each other, and physics has more to do where worlds start anew.
 """
 
@@ -24,7 +25,9 @@ from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
 
 _ARM = {"asset": "panda", "base": [-0.6, 0.0, 0.0]}
-_STEPS = 60
+_STEPS = 100
+_EVERY = 50
+"""One world in so many is reset in a step, each of them in turn."""
 _BANK = 16
 """Episodes of each world that are replayed."""
 
@@ -45,10 +48,8 @@ def main() -> None:
     n = words.num_envs
     table = layout_sources.episodes(compiled, list(range(0, n * _BANK, _BANK)), _BANK)
     device = wp.get_device(compiled.device)
-    masks = {
-        "with": wp.array(np.arange(n) % 50 == 0, dtype=wp.bool, device=device),
-        "without": wp.zeros(n, dtype=wp.bool, device=device),
-    }
+    turns = [wp.array(np.arange(n) % _EVERY == turn, dtype=wp.bool, device=device) for turn in range(_EVERY)]
+    masks = {"with": turns, "without": [wp.zeros(n, dtype=wp.bool, device=device)]}
     ways: dict[str, dict[str, Any]] = {
         "ahead": {"prefetch": True},
         "in_place": {"prefetch": False},
@@ -65,24 +66,24 @@ def main() -> None:
     times: dict[tuple[str, str], list[float]] = {}
     for _ in range(words.rounds + 1):
         for name, (batch, randomizer) in worlds.items():
-            for which, mask in masks.items():
+            for which, given in masks.items():
                 start = None if words.settle else starts[name]
-                times.setdefault((name, which), []).append(_time(batch, randomizer, mask, start))
+                times.setdefault((name, which), []).append(_time(batch, randomizer, given, start))
     for name in ways:
         both = {which: float(np.median(times[name, which][1:])) for which in masks}
         answer = {"way": name, "num_envs": n, **{k: round(v, 1) for k, v in both.items()}}
         print(json.dumps(answer | {"adds": round(both["with"] - both["without"], 1)}), flush=True)
 
 
-def _time(batch: Batch, randomizer: ResetRandomizer, mask: wp.array, state: dict[str, wp.array] | None) -> float:
+def _time(batch: Batch, randomizer: ResetRandomizer, masks: list[wp.array], state: dict[str, wp.array] | None) -> float:
     """Return the mean time of a step and a reset [us], each from this state if there is one."""
     wp.synchronize_device(batch.device)
     start = time.perf_counter()
-    for _ in range(_STEPS):
+    for step in range(_STEPS):
         for field, values in (state or {}).items():
             wp.copy(getattr(batch.data, field), values)
         batch.step()
-        randomizer.reset(mask)
+        randomizer.reset(masks[step % len(masks)])
     wp.synchronize_device(batch.device)
     return 1e6 * (time.perf_counter() - start) / _STEPS
 

@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.messages import short
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, MaskTypeError
+from sceniris_gym.errors import ArgumentError, MaskError, MaskTypeError, check_type
 from sceniris_gym.layout.accept import launch_accept
 from sceniris_gym.layout.collision import launch_test_collisions
 from sceniris_gym.layout.containment import launch_test_containment
@@ -20,7 +20,7 @@ from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.loading import load_kernels
 from sceniris_gym.layout.pickling import StaysHere
 from sceniris_gym.layout.points import launch_draw_points
-from sceniris_gym.layout.random import SPLITS, USER_SPLITS
+from sceniris_gym.layout.random import SPLITS
 from sceniris_gym.layout.reachability import ReachStage
 from sceniris_gym.layout.region_pieces import launch_find_pieces, launch_measure_pieces
 from sceniris_gym.layout.rounds import (
@@ -36,7 +36,7 @@ from sceniris_gym.layout.seeds import launch_reseed, seeds_on_device
 from sceniris_gym.layout.sequence import LaunchSequence, repeat_launches
 from sceniris_gym.layout.sides import launch_build_sides
 from sceniris_gym.layout.turns import launching
-from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.compiled import USER_SPLITS, CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.memory import check_memory
@@ -80,8 +80,7 @@ class LayoutGenerator(Fixed, StaysHere):
         rejected: int = 0,
         every_cause: bool = False,
     ) -> None:
-        if not isinstance(compiled, CompiledScene):
-            raise ArgumentTypeError(f"LayoutGenerator: compiled should be a CompiledScene, got {type(compiled)}.")
+        check_type(compiled, CompiledScene, "LayoutGenerator: compiled")
         if not isinstance(split, str) or split not in SPLITS:
             raise ArgumentError(f"LayoutGenerator: unknown split {short(split)}. Valid: {', '.join(USER_SPLITS)}.")
         nworld = as_count(nworld, "LayoutGenerator: nworld")

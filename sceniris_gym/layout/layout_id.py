@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 
 from sceniris_gym.errors import LayoutIdError
-from sceniris_gym.layout.random import USER_SPLITS
+from sceniris_gym.program.compiled import MOST_EPISODES, USER_SPLITS
 
 _FORM = re.compile(rf"([^:]*):({'|'.join(USER_SPLITS)}):([0-9]+):([0-9]+)")
 
@@ -28,7 +28,7 @@ class LayoutId:
             LayoutIdError: The text is not of this form.
         """
         found = _FORM.fullmatch(text)
-        if found is None or int(found[3]) >= 2**64 or int(found[4]) >= 2**31:
+        if found is None or int(found[3]) >= 2**64 or int(found[4]) >= MOST_EPISODES:
             raise LayoutIdError(
                 f"layout id '{text}': should be scenehash:split:seed:episode, as in '0123456789abcdef:train:42:0'. "
                 f"Splits: {', '.join(USER_SPLITS)}. The seed is below 2^64, the episode below 2^31."

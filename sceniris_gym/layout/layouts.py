@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from sceniris_gym.layout.pickling import StaysHere
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause
 from sceniris_gym.program.reach import Reaching
@@ -66,7 +67,7 @@ def _part(poses: wp.array, first: int, dtype: type) -> wp.array:
 
 
 @dataclass(frozen=True)
-class Layouts:
+class Layouts(StaysHere):
     """Layouts of `nworld` worlds: Warp arrays on the device of the compiled scene, of which only the contents change.
 
     Attributes:
@@ -91,6 +92,8 @@ class Layouts:
         pregrasp_qpos: The same for the pre-grasp, shape (nworld, nreach, MAX_JOINTS); nan for tiers below `clear`.
         rejections: Running count of rejected candidates, shape (nobject, ncause), objects in placement order.
     """
+
+    SEND = "its arrays as copies on the host, such as layouts.qpos.numpy().copy(), or the ids that make its rows again"
 
     compiled: CompiledScene
     view: LayoutsView

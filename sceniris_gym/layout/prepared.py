@@ -1,11 +1,10 @@
 """`PreparedLayouts`: a layout source that has the next layout of every world ready, so that a reset only copies.
 
 Layouts are pure functions of (scene, split, seed, episode), so the next one of a world can be made as soon as it has
-got the last one: on a GPU on a stream of its own, beside the steps that follow. What is not ready when it is wanted,
-because the world was reseeded, is made in place. Either way it is the same layout.
+got the last one: on a GPU on a stream of its own, beside the steps that follow. Few layouts take about as long as many,
+so worlds wait until there are more of them. Nobody waits for what is being made: a layout that is not ready when it is
+wanted, because it is still being made or the world was reseeded, is made in place. Either way it is the same layout.
 """
-
-from __future__ import annotations
 
 import sys
 import weakref
@@ -15,53 +14,71 @@ from typing import Any
 import warp as wp
 
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Layouts, LayoutsView
+from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.pickling import StaysHere
 from sceniris_gym.layout.seeds import launch_reseed
-from sceniris_gym.layout.sequence import LaunchSequence
+from sceniris_gym.layout.sequence import LaunchSequence, repeat_launches
 
 wp.set_module_options({"enable_backward": False})
 
 _FIRST = -1
 """Priority of what is made ahead: its many short kernels go before the long ones of physics, not after each of them."""
 
+_MANY = 8
+"""One world in so many is enough to make layouts ahead for all that wait."""
+
+_PATIENCE = wp.constant(16)
+"""After so many resets since the first one began to wait, layouts are made ahead for however few."""
+
 _kept_longer: list[tuple[wp.Event | None, tuple[Any, ...]]] = []
 """Memory of sources that were collected while something was captured, and the events that it is kept for."""
+
+
+_WAITING = wp.constant(0)
+_BEING_MADE = wp.constant(1)
+_READY = wp.constant(2)
+"""Stages of a world's next layout: it is to be made ahead, is being made, or has been made."""
 
 
 @wp.kernel
 def _find_missing(
     served: LayoutsView,
-    mask: wp.array(dtype=bool),
-    # Prepared in and out:
     prepared: LayoutsView,
+    mask: wp.array(dtype=bool),
+    # In and out:
+    stage: wp.array(dtype=int),
+    nwaiting: wp.array(dtype=int),
     # Out:
-    wanted: wp.array(dtype=bool),
     missing: wp.array(dtype=bool),
 ):
     worldid = wp.tid()
-    wanted[worldid] = False
     missing[worldid] = False
     if mask:
         if not mask[worldid]:
             return
-    wanted[worldid] = True
-    seed = served.seed[worldid]
-    episode = served.episode[worldid]
-    if prepared.seed[worldid] != seed or prepared.episode[worldid] != episode + 1:
-        missing[worldid] = True
-        prepared.seed[worldid] = seed
-        prepared.episode[worldid] = episode
+    known = stage[worldid]
+    if known != _WAITING:
+        stage[worldid] = _WAITING
+        wp.atomic_add(nwaiting, 0, 1)
+    missing[worldid] = True
+    if known == _READY:
+        if prepared.seed[worldid] == served.seed[worldid]:
+            missing[worldid] = prepared.episode[worldid] != served.episode[worldid] + 1
 
 
 @wp.kernel
 def _serve(
     prepared: LayoutsView,
-    wanted: wp.array(dtype=bool),
+    mask: wp.array(dtype=bool),
+    missing: wp.array(dtype=bool),
     # Layouts out:
     served: LayoutsView,
 ):
     worldid, i = wp.tid()
-    if not wanted[worldid]:
+    if mask:
+        if not mask[worldid]:
+            return
+    if missing[worldid]:
         return
     if i == 0:
         served.episode[worldid] = prepared.episode[worldid]
@@ -82,41 +99,95 @@ def _serve(
             served.pregrasp_qpos[worldid, i, j] = prepared.pregrasp_qpos[worldid, i, j]
 
 
-class PreparedLayouts:
-    """Serves what a generator has made ahead; a `LayoutSource` as the generator is, with the same layouts.
+@wp.kernel
+def _decide(
+    many: int,
+    # In and out:
+    nwaiting: wp.array(dtype=int),
+    patience: wp.array(dtype=int),
+    # Out:
+    due: wp.array(dtype=int),
+):
+    due[0] = 0
+    if nwaiting[0] == 0:
+        return
+    patience[0] = patience[0] - 1
+    if nwaiting[0] >= many or patience[0] <= 0:
+        due[0] = 1
+        nwaiting[0] = 0
+        patience[0] = _PATIENCE
 
-    It needs the memory of a second batch of `Layouts`. Resets are made through `serve`, as a `ResetRandomizer` does; it
-    sees to the order of the two streams. In a capture of the caller's own nothing is made ahead: the graph makes what
-    it needs in place.
+
+@wp.kernel
+def _begin(
+    served: LayoutsView,
+    due: wp.array(dtype=int),
+    # Out:
+    stage: wp.array(dtype=int),
+    being_made: wp.array(dtype=bool),
+    prepared: LayoutsView,
+):
+    worldid = wp.tid()
+    chosen = due[0] == 1 and stage[worldid] == _WAITING
+    being_made[worldid] = chosen
+    if chosen:
+        stage[worldid] = _BEING_MADE
+        prepared.seed[worldid] = served.seed[worldid]
+        prepared.episode[worldid] = served.episode[worldid]
+
+
+@wp.kernel
+def _collect(
+    # In and out:
+    stage: wp.array(dtype=int),
+):
+    worldid = wp.tid()
+    if stage[worldid] == _BEING_MADE:
+        stage[worldid] = _READY
+
+
+class PreparedLayouts(StaysHere):
+    """Serves what was made ahead, or makes it; a `LayoutSource` as the generator is, with the same layouts.
+
+    It needs the memory of a second generator. Resets are made through `serve`, as a `ResetRandomizer` does. In a
+    capture of the caller's own nothing is made ahead: the graph makes what it needs in place.
 
     Args:
-        generator: Makes the layouts; nobody else may use it from now on.
-        stream: Where they are made ahead on a GPU; None takes `side_stream`.
+        generator: Makes what is not ready; nobody else may use it from now on. Another one like it works ahead.
+        stream: Where layouts are made ahead on a GPU; None takes `side_stream`.
         graph: Capture what is made ahead into a graph and replay it.
 
     Attributes:
-        layouts: The rows served last. Its `rejections` count those of layouts made ahead too.
+        layouts: The rows served last, the generator's. Its `rejections` count those of layouts made ahead too.
     """
 
     def __init__(self, generator: LayoutGenerator, stream: wp.Stream | None = None, *, graph: bool = True) -> None:
-        self.layouts = Layouts.create(generator.compiled, generator.nworld)
-        self.layouts.view.rejections = generator.layouts.view.rejections
-        self._generator, nworld = generator, generator.nworld
-        self._device = wp.get_device(generator.compiled.device)
-        wanted, self._missing = (wp.zeros(nworld, dtype=wp.bool, device=self._device) for _ in range(2))
-        self._wanted = wanted
-        wp.copy(self.layouts.seed, generator.layouts.seed)
-        self._make_ahead = LaunchSequence(
-            lambda: generator.launch_generate(wanted), self._device, graph=graph, priority=_FIRST
-        )
-        self._stream = self._ready = self._served = None
-        if self._device.is_cuda:
-            self._stream = side_stream(self._device) if stream is None else stream
-            self._ready, self._served = wp.Event(self._device), wp.Event(self._device)
+        compiled, nworld = generator.compiled, generator.nworld
+        ahead = LayoutGenerator(compiled, nworld, split=generator.split, size=generator.size)
+        ahead.layouts.view.rejections = generator.layouts.view.rejections
+        self.layouts = generator.layouts
+        self._generator, self._ahead = generator, ahead
+        device = self._device = wp.get_device(compiled.device)
+        being_made, self._missing = (wp.zeros(nworld, dtype=wp.bool, device=device) for _ in range(2))
+        self._being_made = being_made
+        self._stage = wp.full(nworld, _READY, dtype=int, device=device)
+        self._nwaiting, due = (wp.zeros(1, dtype=int, device=device) for _ in range(2))
+        self._patience, self._due = wp.full(1, _PATIENCE, dtype=int, device=device), due
+
+        def make() -> None:
+            ahead.launch_generate(being_made)
+            due.zero_()
+
+        self._make = LaunchSequence(lambda: repeat_launches(due, make, 1), device, graph=graph, priority=_FIRST)
+        self._working = False
+        self._stream = self._done = self._served = None
+        if device.is_cuda:
+            self._stream = side_stream(device) if stream is None else stream
+            self._done, self._served = wp.Event(device), wp.Event(device)
             with wp.ScopedStream(self._stream):
-                wp.record_event(self._ready)
+                wp.record_event(self._done)
         # Memory that is still written to must not be given to anybody else: what is passed here lives until then.
-        weakref.finalize(self, _wait, self._ready, generator, wanted, self._missing, self._make_ahead)
+        weakref.finalize(self, _wait, self._done, ahead, self._make)
 
     def serve(self, reset: Callable[[], None]) -> None:
         """Run launches with `launch_generate` among them, then let the next layouts of the same worlds be made.
@@ -125,24 +196,38 @@ class PreparedLayouts:
             reset: Makes the launches, or replays a graph of them.
         """
         if self._device.is_capturing:
-            if self._ready is not None:  # as of every replay
-                wp.wait_event(self._ready, external=True)
             reset()
             return
-        if self._ready is None:
-            reset()
-            self._make_ahead()
-            return
-        wp.wait_event(self._ready)
+        if self._working and (self._done is None or self._done.is_complete):
+            wp.launch(_collect, dim=self.layouts.nworld, outputs=[self._stage], device=self._device)
+            self._working = False
         reset()
+        if not self._working:
+            self._launch_begin()
+            self._working = True
+            self._make_beside()
+
+    def _launch_begin(self) -> None:
+        """Choose the worlds whose next layouts are made now, if enough of them wait, or long enough."""
+        nworld, device = self.layouts.nworld, self._device
+        outputs = [self._nwaiting, self._patience, self._due]
+        wp.launch(_decide, dim=1, inputs=[-(-nworld // _MANY)], outputs=outputs, device=device)
+        inputs, outputs = [self.layouts.view, self._due], [self._stage, self._being_made, self._ahead.layouts.view]
+        wp.launch(_begin, dim=nworld, inputs=inputs, outputs=outputs, device=device)
+
+    def _make_beside(self) -> None:
+        """Make the layouts of the chosen worlds, on a GPU beside what is launched afterwards."""
+        if self._stream is None:
+            self._make()
+            return
         # An event, as Warp does not order streams for us where the current one is CUDA's default stream.
         wp.record_event(self._served)
         with wp.ScopedStream(self._stream, sync_enter=False):
             try:
                 wp.wait_event(self._served)
-                self._make_ahead()
+                self._make()
             finally:
-                wp.record_event(self._ready)
+                wp.record_event(self._done)
 
     def launch_reseed(self, seeds: wp.array, mask: wp.array | None) -> None:
         """See `LayoutSource`."""
@@ -150,18 +235,19 @@ class PreparedLayouts:
 
     def launch_generate(self, mask: wp.array | None) -> None:
         """See `LayoutSource`; called within `serve`."""
-        served, prepared = self.layouts.view, self._generator.layouts.view
-        outputs = [prepared, self._wanted, self._missing]
-        wp.launch(_find_missing, dim=self.layouts.nworld, inputs=[served, mask], outputs=outputs, device=self._device)
-        self._generator.launch_generate(self._missing)
+        served, prepared, missing = self.layouts.view, self._ahead.layouts.view, self._missing
+        nworld, device = self.layouts.nworld, self._device
+        outputs = [self._stage, self._nwaiting, missing]
+        wp.launch(_find_missing, dim=nworld, inputs=[served, prepared, mask], outputs=outputs, device=device)
+        self._generator.launch_generate(missing)
         width = max(a.shape[1] for a in (served.qpos, served.mocap_pos, served.present, served.grasp))
-        dim = (self.layouts.nworld, max(width, 1))
-        wp.launch(_serve, dim=dim, inputs=[prepared, self._wanted], outputs=[served], device=self._device)
+        inputs = [prepared, mask, missing]
+        wp.launch(_serve, dim=(nworld, max(width, 1)), inputs=inputs, outputs=[served], device=device)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """How many candidates were rejected so far, those of layouts made ahead among them; see `LayoutSource`."""
-        if self._ready is not None:
-            wp.wait_event(self._ready)
+        if self._done is not None:
+            wp.wait_event(self._done)
         return self._generator.rejection_counts()
 
 
@@ -177,13 +263,13 @@ def side_stream(device: wp.Device) -> wp.Stream:
     return wp.Stream(device, priority=_FIRST)
 
 
-def _wait(ready: wp.Event | None, *kept: Any) -> None:
+def _wait(done: wp.Event | None, *kept: Any) -> None:
     """Wait until what was made ahead last is done; in a capture nobody may wait, so what is kept is kept for longer."""
-    _kept_longer.append((ready, kept))
-    if ready is not None and ready.device.is_capturing:
+    _kept_longer.append((done, kept))
+    if done is not None and done.device.is_capturing:
         return
     while _kept_longer:
-        done, _ = _kept_longer[-1]
-        if done is not None:
-            wp.synchronize_event(done)
+        event, _ = _kept_longer[-1]
+        if event is not None:
+            wp.synchronize_event(event)
         _kept_longer.pop()

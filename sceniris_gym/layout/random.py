@@ -9,8 +9,7 @@ import warp as wp
 
 # Streams of one seed and episode. An object's placement uses stream SPLIT * 2^24 + object; what a task draws is kept
 # apart from layouts by the top bit, so that goals and noise never repeat the numbers behind the poses.
-SPLITS = {"train": 0, "eval": 1, "train_bank": 2, "eval_bank": 3}
-USER_SPLITS = ("train", "eval")  # those of their banks are for compile_scene alone
+SPLITS = {"train": 0, "eval": 1, "train_bank": 2, "eval_bank": 3}  # those of banks are for compile_scene alone
 STREAM_BITS = 24
 TASK_STREAM = 1 << 31
 BANK_STREAM = (1 << STREAM_BITS) - 1

@@ -5,9 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import SceneMismatchError
+from sceniris_gym.errors import SceneMismatchError, check_type
+from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.generate import check_mask
 from sceniris_gym.layout.layouts import Layouts, Status
+from sceniris_gym.layout.pickling import StaysHere
 from sceniris_gym.layout.seeds import launch_reseed, seeds_on_device
 from sceniris_gym.layout.turns import launching
 from sceniris_gym.program.compiled import CompiledScene
@@ -66,7 +68,7 @@ def _serve(
     status_out[worldid] = _VALID
 
 
-class StoredLayouts:
+class StoredLayouts(StaysHere):
     """Serves row `((seed + episode) mod 2^64) mod nrow` of a table; a `LayoutSource`, as `LayoutGenerator` is.
 
     Args:
@@ -79,6 +81,8 @@ class StoredLayouts:
         layouts: The rows served last, with status VALID once a world has one.
 
     Raises:
+        ArgumentTypeError: `compiled` is no CompiledScene, or `table` no LayoutTable.
+        CountError: A number of worlds that is no integer, or out of range.
         SeedError: A seed that is not a 64-bit integer, or a wrong number of them.
         SceneMismatchError: A table without rows, or of another scene.
     """
@@ -86,6 +90,9 @@ class StoredLayouts:
     def __init__(
         self, compiled: CompiledScene, table: LayoutTable, nworld: int, *, seed: int | Sequence[int] | np.ndarray = 0
     ) -> None:
+        check_type(compiled, CompiledScene, "StoredLayouts: compiled")
+        check_type(table, LayoutTable, "StoredLayouts: table")
+        nworld = as_count(nworld, "StoredLayouts: nworld")
         self.layouts = Layouts.create(compiled, nworld)
         _check_table(compiled, table)
         _check_rows(compiled, table)

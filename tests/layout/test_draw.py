@@ -12,6 +12,7 @@ from scipy import stats
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import FLOOR, Rows, box_mjcf, compile_on_cpu, make, write_mjcf
+from tests.versions import OLD
 
 
 def _one(scene: Mapping, nworld: int = 400) -> tuple[CompiledScene, Rows]:
@@ -85,6 +86,8 @@ FORMS = {
 @pytest.mark.parametrize("name", FORMS)
 def test_joints_are_uniform_in_their_interval(tmp_path: Path, name: str):
     """All forms that name an interval, of slides and hinges, with limits and without."""
+    if OLD and name == "noise cut off at a limit":
+        pytest.skip("MuJoCo before 4.0: a fixture's own parts collide with it, as where the slide is lowest")
     joints, joint, (low, high) = FORMS[name]
     gadget = {"asset": write_mjcf(tmp_path, "gadget", GADGET), "kind": "fixture", "on": "floor", "joints": joints}
     compiled, rows = _one({"floor": FLOOR, "objects": {"gadget": gadget}}, 1000)

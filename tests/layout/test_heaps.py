@@ -13,6 +13,7 @@ from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import compile_on_cpu, make, posed, write_mjcf
 from tests.scene.heaping import THINGS, folder, words
+from tests.versions import since_4
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +60,7 @@ def test_layouts_with_heaps_depend_on_seed_and_episode_alone(compiled: CompiledS
     assert not np.array_equal(generator.layouts.qpos.numpy(), few.qpos)
 
 
+@since_4("it settles other heaps, and the rod leaves one of them alone")
 def test_what_stands_in_the_way_of_a_row_keeps_it_from_being_served(tmp_path: Path):
     """A rod that hangs into the bin, through a block of the first row: the others are served, after restarts."""
     with np.load(folder() / "pile.npz") as stored:

@@ -13,6 +13,7 @@ from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import Rows, compile_on_cpu, make, posed
+from tests.versions import OLD
 
 N = 512
 DEEPER = 1e-5  # m
@@ -156,6 +157,8 @@ SHAPES = {
 @pytest.mark.parametrize("nearness", [1.0, 0.0], ids=["deep", "touching"])
 def test_home_itself_is_always_valid(tmp_path: Path, nearness: float):
     """All kinds of shapes in each other in random poses, or pulled out until they touch: with nothing drawn away."""
+    if OLD and nearness == 0.0:
+        pytest.skip("MuJoCo before 4.0: mj_geomDistance says 0 of some shapes that do not touch yet")
     rng, bodies = np.random.default_rng(7), []
     kinds = [(a, b) for i, a in enumerate(SHAPES) for b in list(SHAPES)[i:] for _ in range(3)]
     hull = '<asset><mesh name="hull" vertex="0 0 .04 .05 0 0 -.03 .04 0 -.03 -.04 0 0 .02 -.05 .03 .03 .02"/></asset>'

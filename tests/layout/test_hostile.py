@@ -9,6 +9,7 @@ import pytest
 from benchmarks.hostile import try_model
 from tests.oracle.hostile_features import FEATURES
 from tests.oracle.hostile_models import make
+from tests.versions import OLD
 
 CANDIDATES = 200
 """Seeds from which the sample is taken."""
@@ -35,5 +36,7 @@ def test_the_sample_has_most_features():
 def test_hostile_models_are_placed_or_refused_by_name(number: int):
     """Sixteen layouts each, judged by MuJoCo C; `python -m benchmarks.hostile --show SEED` writes one to a folder."""
     outcome = try_model(sample(12)[number], 16)
+    if OLD and "with MULTICCD enabled" in str(outcome):
+        pytest.skip("MuJoCo before 4.0: mujoco_warp takes no margins with MULTICCD")
     assert outcome.verdict in ("placed", "refused"), outcome
     assert outcome.conflicts == {}, outcome

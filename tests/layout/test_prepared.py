@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,11 +42,13 @@ def _bits(source: LayoutGenerator | PreparedLayouts) -> dict[str, bytes]:
     return {name: np.where(values == values, values, np.nan).tobytes() for name, values in made.items()}
 
 
-def _same(compiled: CompiledScene, graph: bool) -> None:
+def _same(compiled: CompiledScene, graph: bool, done: Any = None) -> None:
     """Compare both sources over resets of some worlds, of none and of all, with new seeds in between."""
     rng, device = np.random.default_rng(0), wp.get_device(compiled.device)
     plain = LayoutGenerator(compiled, NWORLD, seed=5)
     source = PreparedLayouts(LayoutGenerator(compiled, NWORLD, seed=5))
+    if done is not None:
+        source._done = done
     mask = wp.zeros(NWORLD, dtype=wp.bool, device=device)
     launches = LaunchSequence(lambda: source.launch_generate(mask), device, graph=graph)
     for step in range(24):
@@ -80,6 +83,25 @@ def test_layouts_made_ahead_on_a_gpu_are_those_made_in_place(tmp_path: Path, gra
     _same(compile_scene("hard_plus", "cuda:0"), graph)
 
 
+class _Late:
+    """An event that is not complete for a while after it was recorded."""
+
+    def __init__(self) -> None:
+        self.asked = 0
+
+    @property
+    def is_complete(self) -> bool:
+        self.asked += 1
+        return self.asked % 3 == 0
+
+
+def test_nobody_waits_for_what_is_being_made():
+    """What is not known to be done is made in place: the same bits, and nothing is begun until then."""
+    done = _Late()
+    _same(compile_scene("hard_plus", "cpu"), True, done)
+    assert done.asked > 20
+
+
 def test_what_is_ready_is_not_made_again():
     """Nothing is missing in a second reset, or where a world was not reset; after new seeds it is."""
     compiled = compile_scene("mid", "cpu")
@@ -93,6 +115,27 @@ def test_what_is_ready_is_not_made_again():
         source.serve(lambda: source.launch_generate(mask))
         missing.append(int(source._missing.numpy().sum()))
     assert missing == [NWORLD, 0, 0, NWORLD // 4]
+
+
+def test_few_worlds_wait_until_more_are_reset():
+    """One of 24 waits until three do, or until it has waited for sixteen resets of other worlds or of none."""
+    compiled = compile_scene("mid", "cpu")
+    source = PreparedLayouts(LayoutGenerator(compiled, NWORLD))
+    mask = wp.ones(NWORLD, dtype=wp.bool, device="cpu")
+
+    def ahead(*worlds: int) -> list[int]:
+        mask.assign(np.isin(np.arange(NWORLD), worlds))
+        source.serve(lambda: source.launch_generate(mask))
+        made = source._ahead.layouts.episode.numpy() - source.layouts.episode.numpy()
+        return np.flatnonzero(made != 1).tolist()
+
+    assert ahead(*range(NWORLD)) == []
+    assert ahead(3) == [3]
+    assert ahead(7, 3) == [3, 7]
+    assert ahead(9) == []
+    for _ in range(20):
+        assert ahead() == []
+    assert [ahead(5), *(ahead() for _ in range(15))] == [[5]] * 15 + [[]]
 
 
 def test_memory_is_kept_until_all_that_writes_to_it_is_done(monkeypatch: pytest.MonkeyPatch):
@@ -128,7 +171,7 @@ def test_rejections_are_counted_as_without():
 
 
 @pytest.mark.cuda
-def test_a_captured_reset_waits_for_what_is_made_beside_it():
+def test_a_captured_reset_is_not_disturbed_by_what_is_made_beside_it():
     """A graph of the caller's own, replayed in turn with resets outside of it, gives one layout after another."""
     compiled = compile_scene("hard_plus", "cuda:0")
     plain = LayoutGenerator(compiled, NWORLD, seed=5)
@@ -162,12 +205,12 @@ def test_nothing_is_made_ahead_before_the_reset_is_done_on_the_default_stream():
         wp.synchronize_device(device)
         torch.cuda._sleep(2_000_000_000)  # cycles: about a second
         source.serve(reset)
-        ready = source._ready
-        assert ready is not None
+        done = source._done
+        assert done is not None
         time.sleep(0.2)
-        assert not ready.is_complete
+        assert not done.is_complete
         wp.synchronize_device(device)
-        assert ready.is_complete
+        assert done.is_complete
 
 
 @pytest.mark.cuda

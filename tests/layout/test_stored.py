@@ -11,7 +11,7 @@ import pytest
 import torch
 import warp as wp
 
-from sceniris_gym.errors import SceneMismatchError, SeedError
+from sceniris_gym.errors import ArgumentTypeError, CountError, SceneMismatchError, SeedError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.layout.source import LayoutSource
@@ -245,3 +245,14 @@ def test_a_row_that_no_scene_can_be_in_is_refused(crane: CompiledScene, table: L
     values[3].flat[-1] = value
     with pytest.raises(SceneMismatchError, match="row 3 of the table"):
         StoredLayouts(crane, replace(table, **{column: values}), 2)
+
+
+def test_arguments_of_another_type_are_told_by_their_names(crane: CompiledScene, table: LayoutTable):
+    """One after the other; they were AttributeErrors."""
+    nothing: Any = None
+    with pytest.raises(ArgumentTypeError, match=r"StoredLayouts: compiled should be a CompiledScene, got .*NoneType"):
+        StoredLayouts(nothing, nothing, nothing)
+    with pytest.raises(ArgumentTypeError, match=r"StoredLayouts: table should be a LayoutTable, got .*NoneType"):
+        StoredLayouts(crane, nothing, nothing)
+    with pytest.raises(CountError, match="StoredLayouts: nworld should be an integer"):
+        StoredLayouts(crane, table, nothing)
