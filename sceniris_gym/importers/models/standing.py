@@ -12,6 +12,7 @@ import shapely
 
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.supports import SupportSurface, level_surfaces
+from sceniris_gym.geometry.upright_box import upright_box
 from sceniris_gym.scene.support import Support, is_static, static_supports, subtree
 
 _GEOM = mujoco.mjtObj.mjOBJ_GEOM
@@ -119,7 +120,4 @@ def _bounds(mjm: mujoco.MjModel, data: mujoco.MjData, bodies: Sequence[int]) -> 
     if not len(geoms):
         at = data.xpos[list(bodies)]
         return at.min(axis=0), at.max(axis=0)
-    mats = data.geom_xmat[geoms].reshape(-1, 3, 3)
-    middle = data.geom_xpos[geoms] + np.einsum("nij,nj->ni", mats, mjm.geom_aabb[geoms, :3])
-    half = np.einsum("nij,nj->ni", np.abs(mats), mjm.geom_aabb[geoms, 3:])
-    return (middle - half).min(axis=0), (middle + half).max(axis=0)
+    return upright_box(mjm, data, geoms)

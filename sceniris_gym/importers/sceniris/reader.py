@@ -38,7 +38,7 @@ def read_sceniris(
     These keys are read, with the original's defaults:
 
     - `env`: `env_size` (1.0) or `workspace_limits`, which define the floor; `robot_centric_axis_transforms`, rotated
-      views of the world that relations may name; `robot_position`, where the `robot` stands; of several the middle.
+      views of the world that relations may name; `robot_position`, where the `robot` stands: of several the middle.
     - `objects`, a list or a mapping by id: `id`, `asset_path`, `parent_id` (the ground), `relation_to_parent` ('top'
       is `on`, 'inside' and 'in' are `inside`), `ratio_on_support` (0), `position.xy_limit` (fractions of the
       support's bounds, clipped to them), `constraints`, and `fixed_world_positions` if there is exactly one, which

@@ -19,8 +19,9 @@ def robot_words(robot: str | Mapping[str, Any] | None, env: KeyReader) -> dict[s
     """Return the words for the robot, which stands at `robot_position` if nothing else is said; None without a robot.
 
     The original documents a single position as that of the robot, and several as bounds of it; its check of reach takes
-    the world's origin all the same. Bounds become their middle. A `base` that the caller gives wins, and is told where
-    it contradicts them.
+    the world's origin all the same. Bounds become their middle. With `in_scene: false` no robot stands there, and reach
+    is judged from there. A `base` that the caller gives wins, and is told where it contradicts them, as is one that is
+    drawn.
 
     Args:
         robot: The robot as the caller gives it: an asset, or a mapping as in a scene file.
@@ -33,7 +34,10 @@ def robot_words(robot: str | Mapping[str, Any] | None, env: KeyReader) -> dict[s
     if robot is None:
         if positions is not None:
             env.leave_out(_KEY)
-            env.notes.advise(f"'{_KEY}' is carried over if read_sceniris gets a 'robot', which then stands there.")
+            env.notes.advise(
+                f"'{_KEY}' is carried over if read_sceniris gets a 'robot', which then stands there; "
+                "robot={'asset': 'panda', 'in_scene': False} only judges what it could reach from there."
+            )
         return None
     words: Any = {"asset": robot} if isinstance(robot, str) else robot
     with reading("read_sceniris: robot"):
@@ -50,6 +54,9 @@ def robot_words(robot: str | Mapping[str, Any] | None, env: KeyReader) -> dict[s
     if "base" in config.model_fields_set:
         if ((config.base < low - _NEAR) | (config.base > high + _NEAR)).any():
             env.change(_KEY, f"the robot stands at the 'base' that it was given, {list(config.base)}")
+        return words
+    if config.placing is not None:
+        env.change(_KEY, "the base of the robot is drawn, as it was said to be")
         return words
     middle = 0.5 * (low + high)
     if (low != high).any():

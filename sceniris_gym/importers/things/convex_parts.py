@@ -27,7 +27,12 @@ _COARSE, _MULTIPLE, _TRIES = 0.05, 4.0, 5
 # Its search is made short: with its defaults a mug takes four times as long, and merging finds what that would save.
 _SEARCH = {"mcts_iterations": 10, "mcts_nodes": 8, "mcts_max_depth": 2, "resolution": 500}
 _GRID = 40  # cells along its size, of the surface that CoACD closes first
-_REST = 0.95  # of what is allowed, for each piece: merging uses the rest
+# Of what is allowed, by which faces may be simplified before: a link of 12,716 faces has 1,000 then, and takes a fifth
+# of the time, and a third of the parts.
+_SIMPLER = 0.2
+# Of what is allowed, for each piece: merging uses some of the rest, and samples miss a little.
+_REST, _MERGED = 0.9, 0.95
+_BETTER = 0.95  # of the error before: a finer cut that brings less than that is the last
 
 
 @dataclass(frozen=True)
@@ -66,8 +71,8 @@ def convex_parts(solid: Solid, where: str, tolerance: float | None = None) -> Pa
         found += meshes
         methods.append(method)
     method = ", ".join(f"{methods.count(word)} x {word}" for word in sorted(set(methods)))
-    measure = Measure(solid.mesh)
-    parts = merge(found, measure, allowed, small_hull)
+    measure = Measure(solid.mesh, allowed)
+    parts = merge(found, measure, _MERGED * allowed, small_hull)
     fit = measure.fit(parts)
     if fit.error > allowed or len(parts) > MOST_PARTS:
         raise PartsError(
@@ -83,18 +88,37 @@ def _of_piece(piece: trimesh.Trimesh, closed: bool, allowed: float) -> tuple[lis
     hull = [small_hull(piece.vertices)]
     if float(piece.extents.max()) < allowed:
         return hull, "hull"
-    measure = Measure(piece)
+    measure = Measure(piece, allowed)
     best, error = hull, measure.fit(hull).error
+    if error <= allowed:
+        return hull, "hull"
+    simple = _simpler(piece, _SIMPLER * allowed)
     threshold = max(_COARSE, _MULTIPLE * allowed / float(piece.extents.max()))
-    for _ in range(_TRIES):
-        if error <= allowed:
-            break
-        parts = _cut(piece, threshold, closed)
+    for tried in range(_TRIES):
+        parts = _cut(simple, threshold, closed)
         off = measure.fit(parts).error if parts else np.inf
+        stuck = tried > 1 and off > _BETTER * error
         if off < error:
             best, error = parts, off
-        threshold *= max(0.8 * min(allowed / off, 1.0), 0.5)
+        if error <= allowed or stuck:
+            break
+        threshold *= max(0.9 * min(allowed / off, 1.0), 0.5)
     return best, "hull" if best is hull else "CoACD"
+
+
+def _simpler(mesh: trimesh.Trimesh, off: float) -> trimesh.Trimesh:
+    """The mesh with fewer faces, hardly farther from it than `off` [m]; itself if it is no manifold."""
+    import trimesh
+
+    try:
+        import manifold3d
+    except ImportError:
+        raise MissingExtraError("manifold3d", "import") from None
+    solid = manifold3d.Manifold(manifold3d.Mesh64(np.array(mesh.vertices, float), np.array(mesh.faces, np.uint64)))
+    found = solid.simplify(off).to_mesh64()
+    if solid.status() != manifold3d.Error.NoError or not len(found.tri_verts):
+        return mesh
+    return trimesh.Trimesh(found.vert_properties[:, :3], found.tri_verts.astype(int), process=False)
 
 
 def _cut(mesh: trimesh.Trimesh, threshold: float, closed: bool) -> list[trimesh.Trimesh]:

@@ -15,14 +15,14 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from sceniris_gym.errors import ArgumentError, FlatMeshError, NotSupportedError, SceneFileError
+from sceniris_gym.errors import ArgumentError, FlatMeshError, NotSupportedError, SceneFileError, SliverError
 from sceniris_gym.importers.things import meshes, usd
 from sceniris_gym.importers.things.convex_parts import Parts, convex_parts
 from sceniris_gym.importers.things.grasps import antipodal_grasps
 from sceniris_gym.importers.things.inertia import inertia_of
 from sceniris_gym.importers.things.repair import Solid, check_faces, repair
 from sceniris_gym.importers.things.rest import STILL, Rest, resting_poses, stands
-from sceniris_gym.importers.things.thing import Inertia, Link, Surface, Thing
+from sceniris_gym.importers.things.thing import LEAST_MOMENT, Inertia, Link, Surface, Thing
 from sceniris_gym.importers.things.units import Ask, find_scale, find_up, parse_scale, upright
 from sceniris_gym.importers.things.urdf import read_urdf
 from sceniris_gym.importers.things.write import Body, write_asset
@@ -79,7 +79,7 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
         The manifest: what was read, guessed, repaired and measured, with the hashes of all files.
 
     Raises:
-        MeshError: It is empty, flat, open, too large or too small, has too many faces, or no convex parts fit.
+        MeshError: It is empty, flat, open, too large, too small or thin, has too many faces, or no convex parts fit.
         SceneFileError: It cannot be read, or a file that it refers to does not exist.
         NotSupportedError: It is of another kind, or has what things cannot have.
         MissingExtraError: It needs a package of the extra `import`.
@@ -99,7 +99,7 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
         replace(
             link,
             surfaces=_patched(link, solid),
-            inertia=_weigh(link, solid, parts, options.density),
+            inertia=_weigh(link, solid, parts, options.density, where),
         )
         for link, solid, parts in zip(thing.links, solids, cut, strict=True)
     ]
@@ -158,12 +158,19 @@ def _patched(link: Link, solid: Solid | None) -> tuple[Surface, ...]:
     return (*own, solid.patches) if solid is not None and solid.patches is not None and not link.solids else own
 
 
-def _weigh(link: Link, solid: Solid | None, parts: Parts | None, density: float) -> Inertia:
+def _weigh(link: Link, solid: Solid | None, parts: Parts | None, density: float, where: str) -> Inertia:
     if link.inertia is not None:
         return link.inertia
     if solid is None or parts is None:
         return Inertia(_MARK, np.zeros(3), np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]) * _MARK * 1e-6)
-    return inertia_of(solid, parts, density)
+    found = inertia_of(solid, parts, density)
+    if (least := found.least) <= LEAST_MOMENT:
+        raise SliverError(
+            f"{where}: {link.name}: it is a sliver of {1e6 * found.mass:.2g} mg, and its least moment of inertia is "
+            f"{least:.1g} kg m^2. It should be at least {LEAST_MOMENT:g} kg m^2 for MuJoCo. Leave it out, or give it a "
+            "thickness; if it should be larger, give its --scale."
+        )
+    return found
 
 
 def _draft(thing: Thing, cut: Sequence[Parts | None], turn: np.ndarray, shift: np.ndarray, path: Path) -> list[Rest]:

@@ -26,6 +26,8 @@ def merge(parts: list[trimesh.Trimesh], measure: Measure, allowed: float, hull: 
         allowed: How far from the mesh they may be [m].
         hull: Makes a part of points, shape (n, 3).
     """
+    from scipy.spatial import ConvexHull
+
     alive = dict(enumerate(parts))
     fresh = itertools.count(len(parts))
     heap: list[tuple[float, int, int]] = []
@@ -33,7 +35,7 @@ def merge(parts: list[trimesh.Trimesh], measure: Measure, allowed: float, hull: 
     def push(i: int, others: Iterator[int]) -> None:
         for j in others:
             if _touch(alive[i], alive[j], allowed):
-                both = hull(np.concatenate([alive[i].vertices, alive[j].vertices]))
+                both = ConvexHull(np.concatenate([alive[i].vertices, alive[j].vertices]))
                 heapq.heappush(heap, (float(both.volume - alive[i].volume - alive[j].volume), j, i))
 
     for i in list(alive):

@@ -51,6 +51,10 @@ def read_surfaces(path: Path) -> tuple[Surface, ...]:
     except MemoryError:
         raise
     except Exception as error:  # a reader of a dozen formats, each with errors of its own
+        if path.suffix.lower() not in SUFFIXES:
+            raise SceneFileError(
+                f"{path}: it should be a file of meshes, whose name ends in {', '.join(SUFFIXES)}."
+            ) from None
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise SceneFileError(f"{path}: it cannot be read as {path.suffix[1:].upper()}: {reason:.200}") from None
     return tuple(found)

@@ -118,7 +118,8 @@ def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> S
 def _hull_as_near(mesh: trimesh.Trimesh) -> trimesh.Trimesh | None:
     """The convex hull of a mesh if it is as near as parts have to be: then solid and sheet are the same."""
     hull = convex_hull(mesh.vertices)
-    return hull if Measure(mesh).fit([hull]).error <= tolerance_of(mesh) else None
+    allowed = tolerance_of(mesh)
+    return hull if Measure(mesh, allowed).fit([hull]).error <= allowed else None
 
 
 def _joined(surfaces: Sequence[Surface]) -> trimesh.Trimesh:

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 GREY = (0.7, 0.7, 0.7, 1.0)
+LEAST_MOMENT = 1e-14
+"""Moments of inertia that are no larger than this [kg m^2] are none to MuJoCo."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,17 @@ class Inertia:
     mass: float
     center: np.ndarray
     moments: np.ndarray
+
+    @property
+    def full(self) -> np.ndarray:
+        """The moments as a matrix, shape (3, 3)."""
+        xx, yy, zz, xy, xz, yz = self.moments
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+    @property
+    def least(self) -> float:
+        """The least of its principal moments [kg m^2]."""
+        return float(np.linalg.eigvalsh(self.full)[0])
 
 
 @dataclass(frozen=True)
@@ -173,7 +186,6 @@ def _moved(surface: Surface, turn: np.ndarray, shift: np.ndarray) -> Surface:
 
 
 def _turned(inertia: Inertia, turn: np.ndarray, shift: np.ndarray) -> Inertia:
-    xx, yy, zz, xy, xz, yz = inertia.moments
-    full = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
+    full = turn @ inertia.full @ turn.T
     moments = full[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     return Inertia(inertia.mass, turn @ inertia.center + shift, moments)

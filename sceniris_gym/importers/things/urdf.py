@@ -13,7 +13,7 @@ import numpy as np
 from sceniris_gym.errors import MissingMeshError, NotSupportedError, SceneFileError
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.importers.things.meshes import read_surfaces
-from sceniris_gym.importers.things.thing import GREY, Inertia, Joint, Link, Surface, Thing
+from sceniris_gym.importers.things.thing import GREY, LEAST_MOMENT, Inertia, Joint, Link, Surface, Thing
 from sceniris_gym.scene.model_files import file_of
 
 _JOINTS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide"}
@@ -155,8 +155,9 @@ def _inertia(element: ElementTree.Element | None) -> Inertia | None:
     turn = matrix(quat)
     full = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
     value = float(mass.get("value", 0.0))
-    if value <= 0.0 or np.linalg.eigvalsh(full)[0] <= 0.0:
-        return None
+    least, middle, most = np.linalg.eigvalsh(full)
+    if value <= 0.0 or least <= LEAST_MOMENT or least + middle < most:
+        return None  # no body has such moments
     return Inertia(value, pos, full[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
 
 

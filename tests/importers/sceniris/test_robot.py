@@ -57,6 +57,16 @@ def test_without_a_robot_it_is_told_what_would_help():
         read_sceniris(cfg)
 
 
+def test_a_base_that_is_drawn_stays_drawn():
+    """And the position is told not to hold."""
+    region = {"box": [[-1.0, -1.0], [1.0, 1.0]]}
+    cfg = mug() | {"env": {"robot_position": AT}}
+    with pytest.warns(KeysLeftOutWarning, match=r"env\.robot_position \(the base of the robot is drawn"):
+        config = read_sceniris(cfg, robot={"asset": "panda", "on": "floor", "region": region})
+    assert config.robot is not None and config.robot.placing is not None
+    assert "base" not in config.robot.model_fields_set
+
+
 @pytest.mark.parametrize("position", [[0.0, 1.0], "here", [[0.0, 1.0, 2.0], [1.0]], [], [[]], [0.0, np.nan, 1.0], 3])
 def test_what_is_no_position_is_refused(position: Any):
     """By its key."""
@@ -64,10 +74,17 @@ def test_what_is_no_position_is_refused(position: Any):
         read_sceniris(mug() | {"env": {"robot_position": position}}, robot="panda")
 
 
-def test_reach_is_from_there():
-    """What is reachable keeps within the arm's reach of its base, which the world's origin would not allow."""
+@pytest.mark.parametrize("in_scene", [True, False])
+def test_reach_is_from_there(in_scene: bool):
+    """What is reachable keeps within the arm's reach of its base, which the world's origin would not allow.
+
+    Without a robot in the scene there are none of its joints and geoms either.
+    """
     cfg: dict = mug(reachable=True) | {"env": {"env_size": 3.0, "robot_position": [1.2, 1.0, 0.0]}}
-    compiled = compile_scene(read_sceniris(cfg, robot="panda"), "cpu")
+    config = read_sceniris(cfg, robot={"asset": "panda", "in_scene": in_scene})
+    assert config.robot is not None and config.robot.base == (1.2, 1.0, 0.0)
+    compiled = compile_scene(config, "cpu")
+    assert ("panda/joint1" in {compiled.mjm.joint(j).name for j in range(compiled.mjm.njnt)}) == in_scene
     adr = int(compiled.mjm.joint(int(compiled.mjm.body("mug").jntadr[0])).qposadr[0])
     table = make_table(compiled, 64, 0)
     apart = np.linalg.norm(table.qpos[:, adr : adr + 2] - [1.2, 1.0], axis=1)

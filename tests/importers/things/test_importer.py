@@ -25,6 +25,7 @@ from sceniris_gym.errors import (
     SceneFileError,
     ScenirisError,
     SizeError,
+    SliverError,
 )
 from sceniris_gym.importers.things.importer import Options, import_thing
 from tests.importers.things.shapes import box, cup, write
@@ -125,11 +126,15 @@ def test_every_kind_of_bad_thing_is_one_error_with_its_remedy(tmp_path: Path, mo
     opened, flat = box(), box()
     opened.update_faces(opened.face_normals[:, 2] < 0.5)
     flat.vertices[:, 2] = 0.0
+    sliver = trimesh.Trimesh(
+        [[0, 0, 0], [3e-3, 0, 0], [0, 3e-3, 0], [0, 0, 3e-5]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+    )
     meshes = {
         "empty.obj": (None, EmptyMeshError, "no faces"),
         "flat.stl": (flat, FlatMeshError, "has no volume"),
         "open.stl": (opened, OpenMeshError, "--shell"),
         "scan.ply": (trimesh.creation.icosphere(subdivisions=4), LargeMeshError, "should have 1,000 at most"),
+        "sliver.stl": (sliver, SliverError, "at least 1e-14 kg m\\^2 .* Leave it out, or give it a thickness"),
         "dust.stl": (box((0.0005, 0.0005, 0.0005)), SizeError, "from 1 mm to 50 m"),
         "hill.stl": (box((60.0, 1.0, 1.0)), SizeError, "--scale cm makes it 0.6 m"),
     }

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.errors import MissingMeshError, NotSupportedError, SceneFileError
+from sceniris_gym.importers.things.importer import import_thing
 from sceniris_gym.importers.things.urdf import read_urdf
 from sceniris_gym.scene.model_files import file_of
 from tests.importers.things.shapes import box, write
@@ -87,3 +88,24 @@ def test_what_is_no_urdf_of_a_thing_is_refused(door: Path, old: str, new: str, k
     door.write_text(DOOR.replace(old, new))
     with pytest.raises(kind, match=said):
         read_urdf(door)
+
+
+@pytest.mark.parametrize("moments", ["1 1 0", "1 1 3", "1e-15 1e-15 1e-15"])
+def test_moments_that_no_body_has_are_those_of_its_density(tmp_path: Path, moments: str):
+    """Zero, more than the two others together, or too small for MuJoCo, which reads what is written."""
+    given = " ".join(f'{name}="{value}"' for name, value in zip(("ixx", "iyy", "izz"), moments.split(), strict=True))
+    text = f'<inertial><mass value="3"/><inertia {given}/></inertial><visual><geometry><box size="1 1 1"/></geometry>'
+    (tmp_path / "a.urdf").write_text(f'<robot name="a"><link name="a">{text}</visual></link></robot>')
+    assert import_thing(tmp_path / "a.urdf", tmp_path / "a.xml")["mass_kg"] == pytest.approx(500.0)
+    mjm = mujoco.MjModel.from_xml_path(str(tmp_path / "a.xml"))
+    np.testing.assert_allclose(mjm.body("a").inertia, 500.0 / 6.0, rtol=1e-3)
+
+
+def test_a_mesh_that_is_no_file_of_meshes_is_told_with_those_that_are(tmp_path: Path):
+    """A file without a suffix cannot be read 'as' anything."""
+    (tmp_path / "words").write_text("no mesh at all")
+    path = tmp_path / "thing.urdf"
+    shape = '<visual><geometry><mesh filename="words"/></geometry></visual>'
+    path.write_text(f'<robot name="thing"><link name="base">{shape}</link></robot>')
+    with pytest.raises(SceneFileError, match=r"words: it should be a file of meshes, .* ends in \.obj, .*\.dae"):
+        read_urdf(path)
