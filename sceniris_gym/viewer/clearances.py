@@ -72,7 +72,7 @@ def nearest_to(world: ShownWorld, name: str) -> Nearest | None:
             ends = np.zeros(6)
             distance = mujoco.mj_geomDistance(mjm, data, a, b, best, ends)
             if distance < best:
-                best, found = distance, Nearest(_owner(world, int(mjm.geom_bodyid[b])), ends.reshape(2, 3), distance)
+                best, found = distance, Nearest(_owner(world, int(b)), ends.reshape(2, 3), distance)
     return found
 
 
@@ -93,8 +93,10 @@ def _clearance(world: ShownWorld, name: str) -> float:
     return 0.0 if part is None else part.clearance
 
 
-def _owner(world: ShownWorld, body: int) -> str:
-    """The name of the object that a body is part of, or of the body."""
+def _owner(world: ShownWorld, geom: int) -> str:
+    """What a scene file calls what a geom is of: an object, or what never moves by the geom's or the body's name."""
     scene = world.compiled.scene
-    names = [name for name in scene.bodies if body in scene.subtree(name)]
-    return names[0] if names else scene.mjm.body(body).name
+    body = int(scene.mjm.geom_bodyid[geom])
+    objects = (name for name in scene.bodies if body in scene.subtree(name))
+    own = scene.mjm.geom(geom).name if scene.mjm.body_weldid[body] == 0 else ""
+    return next(objects, "") or own or (scene.mjm.body(body).name if body else "what never moves")

@@ -13,6 +13,8 @@ from sceniris_gym.viewer.server import import_ahead, wait_for
 if TYPE_CHECKING:
     import viser
 
+_KERNELS = "The first time this compiles kernels, which takes a minute or two."
+
 
 def view_scene(
     server: viser.ViserServer, scene: str, changes: Mapping[str, Any], *, split: str, seed: int, episode: int, num: int
@@ -20,14 +22,13 @@ def view_scene(
     """Show a scene on a page, and serve it until Ctrl-C."""
     print(f"Open that page in a browser: '{scene}' appears there. Ctrl-C ends it.", file=sys.stderr, flush=True)
     drawing = import_ahead()
-    import warp as wp
-
     from sceniris_gym.config.loader import read_scene, shipped
+    from sceniris_gym.tools.warp_start import start_warp
     from sceniris_gym.viewer.deck import Where
     from sceniris_gym.viewer.scene_file import SceneFile
     from sceniris_gym.viewer.view import SceneView
 
-    wp.config.log_level = wp.LOG_WARNING
+    start_warp()
     wait_for(drawing)
     view = SceneView(server, SceneFile(scene, changes), Where(split, seed, episode), num)
     if scene not in shipped("envs", ".yaml") and not Path(scene).expanduser().is_file():
@@ -51,20 +52,29 @@ def view_env(
     """Show how a policy plays an environment on a page, and serve it until Ctrl-C."""
     print(f"Open that page in a browser: '{env}' appears there. Ctrl-C ends it.", file=sys.stderr, flush=True)
     import gymnasium
-    import warp as wp
 
     import sceniris_gym  # noqa: F401, registers the environments
+    from sceniris_gym.progress import listening
+    from sceniris_gym.tools.warp_start import start_warp
     from sceniris_gym.viewer.env_view import EnvView
     from sceniris_gym.viewer.policies import load_policy
 
-    wp.config.log_level = wp.LOG_WARNING
+    start_warp()
     try:
         spec = gymnasium.spec(env)
     except gymnasium.error.Error as error:
         raise ArgumentError(f"--env {env}: {error}") from None
+    said = server.gui.add_markdown(f"**{env}** is being made. {_KERNELS}")
+
+    def tell(what: str, done: int, total: int) -> None:
+        said.content = f"**{env}** is being made ({what}: {done} of {total}). {_KERNELS}"
+
     words = {"split": split, "device": device, "overrides": dict(changes), "autoreset_mode": "Disabled"}
-    envs: Any = gymnasium.make_vec(spec, num_envs=num, **words).unwrapped
-    view = EnvView(server, envs, None if policy is None else load_policy(policy, envs.device), ids)
+    with listening(tell):
+        envs: Any = gymnasium.make_vec(spec, num_envs=num, **words).unwrapped
+    plays = None if policy is None else load_policy(policy, envs.device)
+    said.remove()
+    view = EnvView(server, envs, plays, ids)
     while True:
         view.turn()
 

@@ -25,7 +25,9 @@ if TYPE_CHECKING:
     import viser
 
 _IDLE = 0.25  # s
+_LOOK = 1.0  # s at the end of all episodes, before the next ones begin
 _PLOTTED = 0.2  # s between two drawings of the plots
+_FIRST = " The first step of all takes longer: it compiles or loads the kernels of physics."
 
 
 class EnvView:
@@ -48,11 +50,12 @@ class EnvView:
         self._pasted: LayoutId | None = None
         self.running, self.speed = True, 1.0
         self._plotted = 0.0
+        self._stepped = False  # ever
         self._window = Window(envs.compiled.scene, envs.num_envs, server)
         self._gui = server.gui
         self._add_controls()
-        sizes = [(name, int(np.prod(shape, dtype=int))) for name, shape in envs.observation_names[GROUP]]
-        self._plots = Plots(server, sizes)
+        names = envs.observation_names[GROUP]
+        self._plots = Plots(server, names, lambda: self.requests.put("part", self._plots.draw))
         self.start(0)
 
     def start(self, first: int) -> None:
@@ -73,15 +76,19 @@ class EnvView:
 
     def turn(self) -> None:
         """Do what was asked for, and take a step if nothing stands against it."""
-        for action in self.requests.take(0.0 if self.running else _IDLE):
+        seconds = _IDLE if not self.running else _LOOK if self._ended.all() else 0.0
+        for action in self.requests.take(seconds):
             self._try(action)
         if self.running:
             self._try(self._go_on)
 
     def _go_on(self) -> None:
+        if self._ended.all():
+            return self.start(self.first + self.envs.num_envs)
         self.step()
         if self._ended.all():
-            self.start(self.first + self.envs.num_envs)
+            self._draw()
+        return None
 
     def _try(self, action: Callable[[], None]) -> None:
         """Do something; what fails, such as a policy, stops the episode, and is said on the page and on stderr."""
@@ -100,16 +107,16 @@ class EnvView:
             actions = self._actions()
             self._observation, _, terminated, truncated, info = self.envs.step(actions)
         success = info["success"].cpu().numpy()
+        if not self._ended[0]:
+            rewards = {name: float(term[0]) for name, term in info["reward_terms"].items()}
+            self._plots.add(rewards, float(success[0]), self._observation[GROUP][0].cpu().numpy())
         self._success = np.where(self._ended, self._success, success)
         self._ended |= (terminated | truncated).cpu().numpy()
         self._step += 1
-        rewards = {name: float(term[0]) for name, term in info["reward_terms"].items()}
-        self._plots.add(rewards | {"success": float(success[0])}, self._observation[GROUP][0].cpu().numpy())
+        self._stepped = True
         self._show(self.envs.state.dt / self.speed)
-        if time.monotonic() - self._plotted > _PLOTTED or not self.running:
-            self._plotted = time.monotonic()
-            self._plots.draw()
-            self._tell()
+        if time.monotonic() - self._plotted > _PLOTTED:
+            self._draw()
 
     def _actions(self) -> Any:
         if self.policy is not None:
@@ -125,12 +132,19 @@ class EnvView:
     def _show(self, seconds: float) -> None:
         show(self._window, self.envs.batch, self.envs.randomizer.layouts, seconds)
 
+    def _draw(self) -> None:
+        self._plotted = time.monotonic()
+        self._plots.draw()
+        self._tell()
+
     def _tell(self) -> None:
         done, num = int(self._ended.sum()), self.envs.num_envs
         words = "running" if not self._ended[0] else "ended, success" if self._success[0] else "ended, no success"
         self._status.content = (
             f"**{type(self.envs.task).__name__}**, step {self._step}: first world {words}. "
             f"{done} of {num} episodes ended, {int((self._success & self._ended).sum())} in success."
+            f"{f' Layout {self.first % len(self.ids) + 1} of the {len(self.ids)} chosen.' if self.ids else ''}"
+            f"{'' if self._stepped else _FIRST}"
         )
 
     def _add_controls(self) -> None:
@@ -163,6 +177,7 @@ class EnvView:
         self.running = button == "Play"
         if button == "Step":
             self.step()
+        self._draw()
 
     def _play_id(self, text: str) -> None:
         try:

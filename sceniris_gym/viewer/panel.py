@@ -6,7 +6,7 @@ import html
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
-from sceniris_gym.layout.random import USER_SPLITS
+from sceniris_gym.program.compiled import USER_SPLITS
 from sceniris_gym.viewer.deck import Where
 from sceniris_gym.viewer.grasps import START
 from sceniris_gym.viewer.layers import BOTH, COLLIDED, HINTS, PARKED, REACH, SEEN, SKETCHES
@@ -109,10 +109,12 @@ class Panel:
         boxes += [f"<div style='{_BOX}{_WARNED}'>{html.escape(notice)}</div>" for notice in notices]
         self._message.content = "".join(boxes)
 
-    def set_scene(self, names: Sequence[str], targets: Sequence[tuple[str, float, float]], has_map: bool) -> None:
-        """Offer what a scene has: objects, actuators with their ranges, and a map of the arm."""
+    def set_scene(
+        self, names: Sequence[str], only: str | None, targets: Sequence[tuple[str, float, float]], has_map: bool
+    ) -> None:
+        """Offer what a scene has: objects, and which of them is chosen, actuators with their ranges, a map."""
         self._object.options = (ALL, *names)
-        self._object.value = ALL
+        self._object.value = ALL if only is None else only
         self._layers[REACH].disabled = self._height.disabled = not has_map
         for handle in self._targets:
             handle.remove()
@@ -176,21 +178,24 @@ class Panel:
             self._on(self._split, "where", lambda split: self._do.go(Where(split, self._where.seed, 0)))
             self._seed = gui.add_text("seed", "0", hint="From 0 to 2^64 - 1. World i has seed + i.")
             self._on(self._seed, "where", lambda text: self._go_to_number(text, "seed"))
+            self._add_arrows("seed")
             self._episode = gui.add_text(
                 "episode", "0", hint="How often the worlds were reset since they got the seed."
             )
             self._on(self._episode, "where", lambda text: self._go_to_number(text, "episode"))
-            arrows = gui.add_button_group(" ", ("◀ seed", "seed ▶", "◀ episode", "episode ▶"))
-
-            @arrows.on_click
-            def _(event: Any) -> None:
-                step = 1 if "▶" in event.target.value else -1
-                what = "seeds" if "seed" in event.target.value else "episodes"
-                self._ask(None, lambda: self._do.go(self._where.moved(**{what: step})))
-
+            self._add_arrows("episode")
             numbers = sorted({*NUMBERS, str(num)}, key=int)
             self._number = gui.add_dropdown("worlds", numbers, initial_value=str(num))
             self._on(self._number, "worlds", lambda num: self._do.show_worlds(int(num)))
+
+    def _add_arrows(self, what: str) -> None:
+        """Buttons to the seed or the episode before, and to the next one."""
+        arrows = self._gui.add_button_group(" ", (f"◀ {what}", f"{what} ▶"))
+
+        @arrows.on_click
+        def _(event: Any) -> None:
+            step = 1 if "▶" in event.target.value else -1
+            self._ask(None, lambda: self._do.go(self._where.moved(**{f"{what}s": step})))
 
     def _go_to_number(self, text: str, what: str) -> None:
         text = text.strip()

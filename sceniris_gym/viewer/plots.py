@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +14,26 @@ if TYPE_CHECKING:
 
 _KEPT = 300  # steps
 _COLOURS = ("#266ebe", "#28965a", "#8250aa", "#b4781e", "#1496a0", "#aa3c78", "#5a7828", "#555b63")
+_MOST = len(_COLOURS)  # curves of a plot of the observation, so that each has a colour of its own
+_DASHES = (6, 4)  # of reward terms beyond those
+_SIDE = 64  # pixels left of a plot, for labels as long as '-0.001'
+_STEPS = (1, 2, 5, 10, 20, 50, 100)  # between two labels
+_NOTHING = np.full(2, np.nan)  # a curve before there are two steps to draw a line through
+
+
+@dataclass(frozen=True)
+class Part:
+    """What of the observation one plot shows.
+
+    Attributes:
+        name: Its name, as the task has it; with an index for a row of an array.
+        first: Where it begins in the flat observation.
+        labels: A label for each component, such as "[0]".
+    """
+
+    name: str
+    first: int
+    labels: tuple[str, ...]
 
 
 class Plots:
@@ -20,47 +41,60 @@ class Plots:
 
     Args:
         server: The page.
-        parts: Names and sizes of what the observation consists of, in order.
+        shapes: Names and shapes of what the observation consists of, in order.
+        on_choice: What to do when a user has chosen another part.
     """
 
-    def __init__(self, server: viser.ViserServer, parts: list[tuple[str, int]]) -> None:
-        self._gui, self._parts = server.gui, parts
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        shapes: Sequence[tuple[str, tuple[int, ...]]],
+        on_choice: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._gui = server.gui
+        self._parts = {part.name: part for part in parts_of(shapes)}
         self._steps: deque[int] = deque(maxlen=_KEPT)
         self._rewards: deque[dict[str, float]] = deque(maxlen=_KEPT)
+        self._success: deque[float] = deque(maxlen=_KEPT)
         self._seen: deque[np.ndarray] = deque(maxlen=_KEPT)
         self._charts: dict[str, tuple[tuple[str, ...], Any]] = {}
-        with self._gui.add_folder("Rewards and success"):
+        with self._gui.add_folder("Reward terms"):
             self._of_rewards = self._gui.add_folder(None)
+        with self._gui.add_folder("Success"):
+            self._of_success = self._gui.add_folder(None)
         with self._gui.add_folder("Observation"):
-            self._chosen = self._gui.add_dropdown("part", tuple(name for name, _ in parts))
+            self._chosen = self._gui.add_dropdown("part", tuple(self._parts))
+            self._chosen.on_update(lambda _: on_choice())
             self._of_seen = self._gui.add_folder(None)
 
-    def add(self, rewards: Mapping[str, float], observation: np.ndarray) -> None:
-        """Add a step: reward terms and success by name, and the flat observation."""
-        self._steps.append(self._steps[-1] + 1 if self._steps else 0)
+    def add(self, rewards: Mapping[str, float], success: float, observation: np.ndarray) -> None:
+        """Add a step: reward terms by name, success as 0 or 1, and the flat observation."""
+        self._steps.append(self._steps[-1] + 1 if self._steps else 1)
         self._rewards.append(dict(rewards))
+        self._success.append(success)
         self._seen.append(np.array(observation, float))
 
     def clear(self) -> None:
-        """Begin anew, as with an episode."""
-        for kept in (self._steps, self._rewards, self._seen):
+        """Begin anew, as with an episode; what is on show of the one before goes."""
+        for kept in (self._steps, self._rewards, self._success, self._seen):
             kept.clear()
+        self.draw()
 
     def draw(self) -> None:
         """Bring the plots up to date."""
-        if len(self._steps) < 2:
-            return
-        names = tuple(self._rewards[-1])
+        names = tuple(self._rewards[-1]) if self._rewards else self._charts.get("rewards", ((), None))[0]
+        if not names:
+            return  # what rewards there are is not known before the first step
         self._draw("rewards", self._of_rewards, names, [[step[n] for step in self._rewards] for n in names])
-        name = self._chosen.value
-        index = [part for part, _ in self._parts].index(name)
-        first = sum(size for _, size in self._parts[:index])
-        size = self._parts[index][1]
-        values = np.array(self._seen)[:, first : first + size].T
-        self._draw("seen", self._of_seen, tuple(f"{name}[{i}]" for i in range(size)), list(values))
+        self._draw("success", self._of_success, ("success",), [list(self._success)])
+        part = self._parts[self._chosen.value]
+        components = range(part.first, part.first + len(part.labels))
+        self._draw("seen", self._of_seen, part.labels, [[seen[i] for seen in self._seen] for i in components])
 
-    def _draw(self, chart: str, folder: Any, names: tuple[str, ...], values: list) -> None:
-        data = (np.array(self._steps, float), *(np.asarray(v, float) for v in values))
+    def _draw(self, chart: str, folder: Any, names: tuple[str, ...], values: list[list[float]]) -> None:
+        data = tuple(np.array(numbers, float) for numbers in (self._steps, *values))
+        if len(self._steps) < 2:
+            data = (np.arange(2.0), *[_NOTHING] * len(names))
         kept = self._charts.get(chart)
         if kept is not None and kept[0] == names:
             kept[1].data = data
@@ -69,9 +103,35 @@ class Plots:
             kept[1].remove()
         series: Any = (
             {"label": "step"},
-            *({"label": name, "stroke": _COLOURS[i % len(_COLOURS)], "width": 1.5} for i, name in enumerate(names)),
+            *({"label": name, "width": 1.5, **_look(i)} for i, name in enumerate(names)),
         )
-        scales: Any = {"x": {"time": False}}
+        of_success = chart == "success"
+        scales: Any = {"x": {"time": False}, "y": {"range": (-0.1, 1.1)} if of_success else {}}
+        axes: Any = (
+            {"incrs": _STEPS, "space": 40, "ticks": {"show": False}},
+            {"size": _SIDE, "ticks": {"show": False}},
+        )
+        looks: Any = {"scales": scales, "axes": axes, "padding": (12, 16, 0, 0), "height": 120 if of_success else 200}
         with folder:
-            handle = self._gui.add_uplot(data, series, scales=scales, legend={"show": len(names) <= 8}, height=200)
+            handle = self._gui.add_uplot(data, series, legend={"show": not of_success}, **looks)
         self._charts[chart] = names, handle
+
+
+def parts_of(shapes: Sequence[tuple[str, tuple[int, ...]]]) -> list[Part]:
+    """Cut an observation into parts that a plot can show: rows of arrays, and pieces of long ones."""
+    parts, first = [], 0
+    for name, shape in shapes:
+        width = shape[-1] if shape else 1
+        for row in np.ndindex(*shape[:-1]):
+            for begin in range(0, width, _MOST):
+                end = min(begin + _MOST, width)
+                index = [*map(str, row), *([f"{begin}:{end}"] if width > _MOST else [])]
+                labels = tuple(f"[{i}]" for i in range(begin, end))
+                parts.append(Part(f"{name}[{', '.join(index)}]" if index else name, first, labels))
+                first += len(labels)
+    return parts
+
+
+def _look(i: int) -> dict[str, Any]:
+    """Colour and dashes of a curve by its number."""
+    return {"stroke": _COLOURS[i % len(_COLOURS)], "dash": _DASHES if i >= len(_COLOURS) else ()}

@@ -15,6 +15,8 @@ from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.sketch import PALETTE, Sketch
 
 _LIFT = 0.004  # m above the height of the object's pivot
+_OVER = 0.02  # m from the top of an object to the ends of its arrows
+_LINE = 0.06  # m from the words of one relation of an object to those of the next
 _BEYOND = 0.15  # m that an area without end is drawn beyond the object
 
 
@@ -24,7 +26,7 @@ def sketch_relations(world: ShownWorld, only: str | None = None) -> Sketch:
     number = 0
     for name in [only] if only is not None else world.placed_names:
         config = world.compiled.config.parts[name]
-        for relation in config.relations:
+        for i, relation in enumerate(config.relations):
             area = relation_area(world, name, relation)
             if area is None:
                 continue
@@ -40,11 +42,31 @@ def sketch_relations(world: ShownWorld, only: str | None = None) -> Sketch:
             triangles = triangulate(MultiPolygon([p for p in shapely.get_parts(seen) if isinstance(p, Polygon)]))
             points = np.c_[triangles.reshape(-1, 2), np.full(3 * len(triangles), height)]
             sketch.surfaces.append((points, np.arange(len(points)).reshape(-1, 3), colour, 0.3))
-            for anchor in anchors:
-                ends = np.stack([anchor, at]) + [0.0, 0.0, 0.02 + number * _LIFT]
-                sketch.arrows.append((ends, colour))
-            sketch.words.append((f"{name}: {describe(relation)}", at + [0.0, 0.0, 0.05 * number]))
+            tip = _above(world, name)
+            for anchor in relation.anchors:
+                if world.is_shown(anchor):
+                    sketch.arrows.append((np.stack([_tail(world, anchor, tip), tip]), colour))
+            sketch.words.append((f"{name}: {describe(relation)}", tip + [0.0, 0.0, _LINE * (i + 1)]))
     return sketch
+
+
+def _above(world: ShownWorld, name: str) -> np.ndarray:
+    """A point above an object's pivot and all of it, where nothing of it hides an arrow, shape (3,) [m]."""
+    at = world.standing(name)[0]
+    return np.array([at[0], at[1], max(at[2], world.box(name)[1][2]) + _OVER])
+
+
+def _tail(world: ShownWorld, anchor: str, tip: np.ndarray) -> np.ndarray:
+    """Where an arrow from an anchor to `tip` begins: above it, or at its side where it reaches higher than the tip."""
+    low, high = world.box(anchor, root_alone=True)
+    tail = _above(world, anchor)
+    if tip[2] >= high[2] or np.all((low[:2] <= tip[:2]) & (tip[:2] <= high[:2])):
+        return tail
+    tail[2] = max(tip[2], low[2])
+    far = (tip - tail)[:2]
+    ends = np.where(far > 0.0, high[:2], low[:2]) - tail[:2]
+    share = np.divide(ends, far, out=np.ones(2), where=far != 0.0).min()
+    return tail + np.clip(share, 0.0, 1.0) * (tip - tail)
 
 
 def describe(relation: Relation) -> str:

@@ -11,6 +11,8 @@ import threading
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from sceniris_gym.errors import ArgumentError, MissingExtraError
 
 if TYPE_CHECKING:
@@ -25,6 +27,7 @@ MOST_SHOWN = 64
 EXTRA = "viewer"
 """The extra of this package that installs viser and mjviser."""
 
+_BACKGROUND = (238, 241, 245)
 _EVERYWHERE = ("0.0.0.0", "::")
 
 
@@ -49,6 +52,7 @@ def open_server(host: str = HOST, port: int = PORT) -> viser.ViserServer:
         server = viser.ViserServer(host=host, port=port, label="sceniris_gym", verbose=False)
     server.gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
     server.gui.main_panel.dock_right()
+    light(server)  # before a page draws anything, so that it never does with the shadows of viser's own lights
     return server
 
 
@@ -70,6 +74,16 @@ def opened_page(host: str, port: int) -> Iterator[viser.ViserServer]:
         yield server
     finally:
         close_server(server)
+
+
+def light(server: viser.ViserServer) -> None:
+    """Light the page: a lamp from the front left and a soft sky, before a pale background."""
+    scene = server.scene
+    scene.configure_environment_map("studio", environment_intensity=0.25)
+    scene.configure_default_lights(enabled=False)
+    scene.add_light_directional("/lamp", intensity=2.2, position=(-1.0, -1.5, 3.0))
+    scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(200, 200, 205), intensity=0.8)
+    scene.set_background_image(np.full((2, 2, 3), _BACKGROUND, np.uint8), format="png")
 
 
 def close_server(server: viser.ViserServer) -> None:

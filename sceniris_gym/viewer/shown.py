@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.geometry.rotations import matrix
+from sceniris_gym.geometry.upright_box import upright_box
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.plan import PlacedObject
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -70,17 +71,15 @@ class ShownWorld:
         heading = np.arctan2(turns[best][1, 0], turns[best][0, 0])
         return np.array([*self.data.xpos[root] + mat @ variants[best].pivot, heading]), variants[best].bounds
 
-    def box(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper corner [m] of the upright box around an object."""
+    def box(self, name: str, root_alone: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper corner [m] of the upright box around an object, or around its root body alone."""
         mjm, data = self.compiled.mjm, self.data
-        geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, self.compiled.scene.subtree(name)))
+        bodies = [self.compiled.scene.bodies[name]] if root_alone else self.compiled.scene.subtree(name)
+        geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, bodies))
         if not len(geoms):
             at = data.xpos[self.compiled.scene.bodies[name]]
             return at, at
-        mats = data.geom_xmat[geoms].reshape(-1, 3, 3)
-        middle = np.einsum("gij,gj->gi", mats, mjm.geom_aabb[geoms, :3]) + data.geom_xpos[geoms]
-        half = np.einsum("gij,gj->gi", np.abs(mats), mjm.geom_aabb[geoms, 3:])
-        return (middle - half).min(axis=0), (middle + half).max(axis=0)
+        return upright_box(mjm, data, geoms)
 
     def placed(self, name: str) -> PlacedObject:
         """The step of the program that places an object."""

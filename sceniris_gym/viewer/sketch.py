@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +21,9 @@ VIOLET: Colour = (130, 80, 170)
 GREY: Colour = (120, 126, 134)
 PALETTE: tuple[Colour, ...] = (BLUE, GREEN, VIOLET, (180, 120, 30), (20, 150, 160), (170, 60, 120), (90, 120, 40))
 """Colours of objects, none of them red."""
+
+_THICK = 0.006  # of a world's size: two or three pixels where all of it is on show
+_SLIM = 16.0  # how often the radius of a short arrow goes into its length
 
 
 @dataclass
@@ -46,9 +49,16 @@ class Sketch:
         for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
             self.lines.append((np.stack([a, b]), colour))
 
-    def draw(self, server: viser.ViserServer, name: str, origin: np.ndarray) -> None:
-        """Show it on the page below `/name`, in the place of what was there, with the world's origin at `origin`."""
-        scene = server.scene
+    def draw(self, server: viser.ViserServer, name: str, origin: np.ndarray, size: float = 1.0) -> None:
+        """Show it on the page below `/name`, in the place of what was there.
+
+        Args:
+            server: The page.
+            name: Its name there.
+            origin: Where the world's origin is [m].
+            size: How large the world is [m]: lines and arrows are as thick as it takes to see them in all of it.
+        """
+        scene, thick = server.scene, _THICK * size
         with server.atomic():
             erase(server, name)
             scene.add_frame(f"/{name}", show_axes=False, position=origin)
@@ -66,20 +76,22 @@ class Sketch:
                 )
             if self.lines:
                 points = np.stack([line for line, _ in self.lines]).astype(np.float32)
-                colours = np.repeat(np.array([c for _, c in self.lines], np.uint8)[:, None], 2, axis=1)
-                scene.add_line_segments(f"/{name}/lines", points, colours, thickness=0.006)
-            if self.arrows:
-                points = np.stack([arrow for arrow, _ in self.arrows]).astype(np.float32)
-                colours = np.array([c for _, c in self.arrows], np.uint8)
-                shaft, head, length = 0.004, 0.012, 0.03
-                scene.add_arrows(
-                    f"/{name}/arrows", points, colours, shaft_radius=shaft, head_radius=head, head_length=length
-                )
+                colours = np.repeat(np.stack([_linear(c) for _, c in self.lines])[:, None], 2, axis=1)
+                scene.add_line_segments(f"/{name}/lines", points, colours, thickness=thick)
+            for i, (ends, colour) in enumerate(self.arrows):
+                shaft = min(thick, float(np.linalg.norm(ends[1] - ends[0])) / _SLIM)
+                sizes: Any = {"shaft_radius": shaft, "head_radius": 3.0 * shaft, "head_length": 7.0 * shaft}
+                scene.add_arrows(f"/{name}/arrow{i}", ends[None], _linear(colour), **sizes)
             if self.axes:
                 positions, turns = (np.stack(values).astype(np.float32) for values in zip(*self.axes, strict=True))
                 scene.add_batched_axes(f"/{name}/axes", turns, positions, axes_length=0.05, axes_radius=0.002)
             for i, (text, at) in enumerate(self.words):
                 scene.add_label(f"/{name}/word{i}", text, position=at, anchor="bottom-center", font_screen_scale=0.9)
+
+
+def _linear(colour: Colour) -> np.ndarray:
+    """A colour as viser takes those of lines and arrows, shape (3,): unlike all others in linear light, not in sRGB."""
+    return np.round(255.0 * (np.array(colour) / 255.0) ** 2.2).astype(np.uint8)
 
 
 def erase(server: viser.ViserServer, name: str) -> None:

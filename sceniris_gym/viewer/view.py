@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from sceniris_gym.errors import InfeasibleSceneError, ScenirisError
 from sceniris_gym.layout.layouts import Status
+from sceniris_gym.progress import listening
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.viewer import why
 from sceniris_gym.viewer.deck import Candidate, LayoutDeck, Where
@@ -23,7 +24,7 @@ from sceniris_gym.viewer.reach import ReachSlice
 from sceniris_gym.viewer.requests import Requests
 from sceniris_gym.viewer.scene_file import LoadedScene, SceneFile
 from sceniris_gym.viewer.shown import ShownWorld
-from sceniris_gym.viewer.sketch import erase
+from sceniris_gym.viewer.sketch import Sketch, erase
 from sceniris_gym.viewer.worlds import Worlds, view_direction
 
 if TYPE_CHECKING:
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
 
 _FRAME = 1.0 / 60.0  # s between pictures of physics
 _IDLE = 0.25  # s between looks at the scene's files
+_TOLD = 0.25  # s between two words on how far work is
+_KERNELS = "The first time this compiles kernels, which takes a minute."
 _TRIED = "The tab 'Why' shows what was tried, in red."
 _CANDIDATE, _SLICE, _PIECES = "candidate", "slice", "pieces"  # names of sketches on the page
 
@@ -49,7 +52,7 @@ class SceneView:
         self.server, self.file, self.where, self.num = server, file, where, num
         self.requests = Requests()
         self.panel = Panel(server, self.requests, self, num)
-        self.panel.say("The scene is being worked out. The first time this compiles kernels, which takes a minute.")
+        self.panel.say(f"The scene is being worked out. {_KERNELS}")
         self.loaded: LoadedScene | None = None
         self._broken: str | None = None  # what is wrong with the file, while its last good scene is on show
         self.deck: LayoutDeck | None = None
@@ -65,7 +68,7 @@ class SceneView:
         self._candidates: list[Candidate] | None = None
         self._candidate = 0
         self._counted = True
-        self._looked = self._stepped = time.monotonic()
+        self._looked = self._stepped = self._told = time.monotonic()
 
     def turn(self, seconds: float = _IDLE) -> None:
         """Do what was asked for, waiting so long for something; let physics go on, and see whether files were saved."""
@@ -85,7 +88,8 @@ class SceneView:
 
     def load(self) -> None:
         """Read the scene, and show it at the same seed; if that fails, say why, and leave what is on show."""
-        loaded = self.file.load()
+        with listening(self._tell_progress):
+            loaded = self.file.load()
         if loaded.error is not None:
             print(loaded.error, file=sys.stderr, flush=True)
         self._broken = str(loaded.error) if loaded.compiled is None else None
@@ -94,13 +98,14 @@ class SceneView:
             return
         self.loaded = loaded
         self.deck = LayoutDeck(loaded.compiled, self.num)
-        self._only, self._counted = None, False
+        self._only = self._only if self._only in loaded.compiled.object_names else None
+        self._counted = False
         self._erase_slices()
         self._slices = ReachSlice.of(loaded.compiled.scene)
         ranges = Player(loaded.compiled.mjm, self.deck.make(self.where)[:1]).target_ranges()
         shown = self._candidates is not None
         self._candidates = None
-        self.panel.set_scene(list(loaded.compiled.object_names), ranges, bool(self._slices))
+        self.panel.set_scene(list(loaded.compiled.object_names), self._only, ranges, bool(self._slices))
         self._draw_worlds()
         if loaded.stuck or shown:
             self.panel.set_rejected(True)
@@ -214,6 +219,11 @@ class SceneView:
             traceback.print_exc(file=sys.stderr)
             self.panel.say(f"The viewer failed: {type(error).__name__}: {error}", bad=True)
 
+    def _tell_progress(self, what: str, done: int, total: int) -> None:
+        if time.monotonic() - self._told > _TOLD:
+            self._told = time.monotonic()
+            self.panel.say(f"The scene is being worked out ({what}: {done} of {total}). {_KERNELS}")
+
     def _draw_worlds(self) -> None:
         """Draw the worlds anew, as another model or another number of them needs."""
         assert self.deck is not None
@@ -259,18 +269,22 @@ class SceneView:
                 world = replace(world, table=moved)
         return world, None
 
+    def _sketch(self, name: str, sketch: Sketch) -> None:
+        assert self._worlds is not None
+        sketch.draw(self.server, name, self._worlds.origins[0], self._worlds.size)
+
     def _show_layers(self, world: ShownWorld) -> None:
         assert self._worlds is not None
         for name, sketch in SKETCHES.items():
             if name in self._layers and self._player is None:
-                sketch(world, self._only).draw(self.server, _path(name), self._worlds.origins[0])
+                self._sketch(_path(name), sketch(world, self._only))
             else:
                 erase(self.server, _path(name))
         if self._geometry == SEEN or self._player is not None:
             erase(self.server, _PIECES)
         else:
             opacity = 1.0 if self._geometry == COLLIDED else 0.5
-            sketch_pieces(world, opacity).draw(self.server, _PIECES, self._worlds.origins[0])
+            self._sketch(_PIECES, sketch_pieces(world, opacity))
 
     def _show_candidate(self, world: ShownWorld, candidate: Candidate | None, before: Sequence[int]) -> None:
         assert self.deck is not None
@@ -281,7 +295,7 @@ class SceneView:
             self.panel.set_candidates(0, 0, text)
             return
         hits = self.deck.hits(candidate) if candidate.cause == "collision" else []
-        why.sketch_candidate(world, candidate, hits, before).draw(self.server, _CANDIDATE, self._worlds.origins[0])
+        self._sketch(_CANDIDATE, why.sketch_candidate(world, candidate, hits, before))
         text = why.explain(self.deck.compiled, candidate, hits)
         self.panel.set_candidates(len(self._candidates or ()), self._candidate, text)
 

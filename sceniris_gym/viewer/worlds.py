@@ -15,13 +15,13 @@ from sceniris_gym.scene.assemble import MARK_GROUP
 from sceniris_gym.scene.backdrop import OVERVIEW
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.overview import FOVY, seen
+from sceniris_gym.viewer.server import light
 
 if TYPE_CHECKING:
     import viser
 
 _GAP = 0.12  # between worlds, as a share of their size
 _FLOOR = (0.80, 0.83, 0.86, 1.0)
-_BACKGROUND = (238, 241, 245)
 _ENDLESS = 4.0  # m; a plane without sizes is drawn so wide
 SEEN_GROUPS = (0, 1, 2, MARK_GROUP)
 """The groups of geoms that are drawn."""
@@ -48,14 +48,16 @@ class Worlds:
         self._server = server
         self._seen = seen(scene.config, mjm, scene.home_qpos)
         self.low, self.high = self._seen.min(axis=0), self._seen.max(axis=0)
+        self.size = float((self.high - self.low).max())
         size = (self.high - self.low)[:2]
         if scene.config.floor is not None:
             size = np.maximum(size, scene.config.floor.size)
         self.origins = grid_origins(num, (1.0 + _GAP) * size)
-        self._scene = ViserMujocoScene(server, drawn_model(mjm), num_envs=num)
+        with server.atomic():
+            self._scene = ViserMujocoScene(server, drawn_model(mjm), num_envs=num)
+            light(server)  # over what mjviser sets, before a page draws anything with that
         self._scene.camera_tracking_enabled = False
         self._visible: bool | None = None
-        light(server)
         shape = (num, mjm.nbody)
         self._xpos, self._xmat = np.zeros((*shape, 3)), np.zeros((*shape, 3, 3))
         self._mocap_pos, self._mocap_quat = np.zeros((num, mjm.nmocap, 3)), np.zeros((num, mjm.nmocap, 4))
@@ -127,16 +129,6 @@ class Worlds:
         for client in self._server.get_clients().values() if open_pages else ():
             client.camera.fov = math.radians(FOVY)
             client.camera.position, client.camera.look_at = eye, look_at
-
-
-def light(server: viser.ViserServer) -> None:
-    """Light the page: a lamp from the front left and a soft sky, before a pale background."""
-    scene = server.scene
-    scene.configure_environment_map("studio", environment_intensity=0.25)
-    scene.configure_default_lights(enabled=False)
-    scene.add_light_directional("/lamp", intensity=2.2, position=(-1.0, -1.5, 3.0))
-    scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(200, 200, 205), intensity=0.8)
-    scene.set_background_image(np.full((2, 2, 3), _BACKGROUND, np.uint8), format="png")
 
 
 def view_direction(mjm: mujoco.MjModel) -> np.ndarray:

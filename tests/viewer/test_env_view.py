@@ -12,9 +12,10 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.vector.vector_env import SceneVectorEnv
+from sceniris_gym.viewer import env_view
 from sceniris_gym.viewer.env_view import EnvView
 from tests.vector.conftest import SCENE, Reach
-from tests.viewer.pages import page
+from tests.viewer.pages import page, press
 
 pytest.importorskip("mjviser", reason="needs the extra 'viewer'")
 
@@ -28,21 +29,25 @@ def envs() -> Iterator[SceneVectorEnv]:
     envs.close()
 
 
-def test_layouts_are_played_one_after_another(envs: SceneVectorEnv):
+def test_layouts_are_played_one_after_another(envs: SceneVectorEnv, monkeypatch: pytest.MonkeyPatch):
     """Two at a time, from the ids that were chosen; after the episodes of both the next two begin."""
+    monkeypatch.setattr(env_view, "_LOOK", 0.0)
     ids = [envs.compiled.layout_id(seed, seed % 2) for seed in (5, 8, 9)]
-    seen: list[tuple[list[int], list[int]]] = []
+    seen: list[tuple[list[int], list[int], str]] = []
     with page() as server:
         view = EnvView(server, envs, None, ids)
         view.speed = 1000.0
         assert view._id.value == ids[0]
         for _ in range(9):
             state = envs.state
-            seen.append((state.seed.tolist(), state.episode.tolist()))
+            seen.append((state.seed.tolist(), state.episode.tolist(), view._status.content))
             view.turn()
-    assert seen[0] == ([5, 8], [1, 0])
-    assert seen[3] == seen[0]
-    assert seen[4] == ([9, 5], [1, 1])
+    assert seen[0][:2] == ([5, 8], [1, 0])
+    assert "Layout 1 of the 3 chosen" in seen[0][2]
+    assert seen[4][:2] == seen[0][:2], "how it ended is on show for a while"
+    assert "2 of 2 episodes ended" in seen[4][2]
+    assert seen[5][:2] == ([9, 5], [1, 1])
+    assert "Layout 3 of the 3 chosen" in seen[5][2]
 
 
 def test_the_policy_is_asked_and_what_it_gets_is_plotted(envs: SceneVectorEnv):
@@ -61,7 +66,18 @@ def test_the_policy_is_asked_and_what_it_gets_is_plotted(envs: SceneVectorEnv):
         assert len(asked) == 2
         assert asked[0].shape == (2, sum(int(np.prod(shape)) for _, shape in envs.observation_names["policy"]))
         assert len(view._plots._steps) == 2
+        view._press("Pause")
         assert "step 2" in view._status.content
+        drawn = view._plots._charts["seen"][1]
+        assert len(drawn.data[0]) == 2
+        press(view._plots._chosen, list(view._plots._parts)[-1])
+        view.turn()
+        assert view._plots._charts["seen"][1] is not drawn, "a part that is chosen at a pause is drawn"
+        for _ in range(4):
+            view.step()
+        assert len(view._plots._steps) == 4, "what comes after the end of the episode is no part of it"
+        view._play_id(envs.compiled.layout_id(77, 0))
+        assert np.isnan(view._plots._charts["rewards"][1].data[1]).all(), "the curves are those of this layout"
         view.start(-1)
         assert view.first == 0
         assert len(view._plots._steps) == 0

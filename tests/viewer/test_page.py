@@ -11,6 +11,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -106,7 +107,7 @@ def settled(page: Any) -> np.ndarray:
     """Wait until what is drawn stays as it is, and return it."""
     end, before = time.monotonic() + PATIENCE, seen(page)
     while time.monotonic() < end:
-        page.wait_for_timeout(700)
+        page.wait_for_timeout(300)
         now = seen(page)
         if np.mean(np.abs(now - before).max(axis=-1) > 12) < 0.001:
             return now
@@ -170,9 +171,21 @@ def test_layouts_layers_and_ids(serve: Callable[..., Served]):
     assert served.stop() == 130
 
 
-def test_a_file_that_is_being_written(serve: Callable[..., Served], tmp_path: Path):
+@pytest.fixture
+def folder(tmp_path: Path) -> Iterator[Path]:
+    """A folder for a scene; for pictures, in which messages name it, one with a short name."""
+    if SCREENSHOTS is None:
+        yield tmp_path
+        return
+    path = Path(tempfile.gettempdir()) / "scenes"
+    path.mkdir()
+    yield path
+    shutil.rmtree(path)
+
+
+def test_a_file_that_is_being_written(serve: Callable[..., Served], folder: Path):
     """An orange that never fits is shown in red with its cause; a typing error in words; what is mended at once."""
-    path = tmp_path / "scene.yaml"
+    path = folder / "orange.yaml"
     orange = "{asset: orange, on: cabinet/upper_drawer, clearance: 0.2}"
     path.write_text(f"base: mid\nobjects:\n  orange: {orange}\n")
     page = serve(str(path)).pages[0]

@@ -32,7 +32,7 @@ def test_users_ask_and_the_program_does_not():
     with page() as server:
         panel = Panel(server, requests, recorder, 5)
         assert panel._number.value == "5"
-        panel.set_scene(["apple"], [("arm/joint1", -1.0, 1.0)], has_map=True)
+        panel.set_scene(["apple"], None, [("arm/joint1", -1.0, 1.0)], has_map=True)
         assert not panel._layers[REACH].disabled
         panel.set_where(Where("eval", 2**60, 3), "hash:eval:1:3", ["start", "grasp of apple"])
         panel.set_targets([0.25])
@@ -50,7 +50,7 @@ def test_users_ask_and_the_program_does_not():
             ("set_target", 0, 0.5),
         ]
         assert panel._seed.value == str(2**60)
-        panel.set_scene(["pear"], [], has_map=False)
+        panel.set_scene(["pear"], None, [], has_map=False)
         assert panel._targets == []
         assert panel._no_targets.visible
 

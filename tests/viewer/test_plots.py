@@ -5,31 +5,76 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sceniris_gym.viewer.plots import Plots
-from tests.viewer.pages import page
+from sceniris_gym.viewer.plots import Plots, parts_of
+from tests.viewer.pages import page, press
 
 pytest.importorskip("mjviser", reason="needs the extra 'viewer'")
 
 
 def test_plots_show_the_last_steps():
-    """Reward terms by name, and the components of the chosen part; a new episode begins anew."""
+    """Reward terms by name, success, and the components of the chosen part; there is nothing before a first step."""
     with page() as server:
-        plots = Plots(server, [("qpos", 2), ("way", 3)])
-        plots.add({"near": 0.0}, np.zeros(5))
-        plots.draw()  # a single step is no line
-        for i in range(1, 400):
-            plots.add({"near": 0.1 * i, "success": 0.0}, i * np.arange(5.0))
+        plots = Plots(server, [("qpos", (2,)), ("way", (3,))])
+        plots.draw()
+        assert not plots._charts
+        for i in range(1, 401):
+            plots.add({"near": -0.1 * i, "effort": 0.0}, float(i > 399), i * np.arange(5.0))
         plots.draw()
         names, chart = plots._charts["rewards"]
-        assert names == ("near", "success")
-        steps, near, success = chart.data
-        assert (len(steps), steps[-1]) == (300, 399)
-        assert near[-1] == pytest.approx(39.9)
-        assert not np.any(success)
+        assert names == ("near", "effort")
+        steps, near, effort = chart.data
+        assert (len(steps), steps[0], steps[-1]) == (300, 101, 400)
+        assert near[-1] == pytest.approx(-40.0)
+        assert not np.any(effort)
+        assert [*plots._charts["success"][1].data[1][-2:]] == [0.0, 1.0]
         plots._chosen.value = "way"
         plots.draw()
         names, chart = plots._charts["seen"]
-        assert names == ("way[0]", "way[1]", "way[2]")
-        assert [line[-1] for line in chart.data[1:]] == [2.0 * 399, 3.0 * 399, 4.0 * 399]
-        plots.clear()
+        assert names == ("[0]", "[1]", "[2]")
+        assert [line[-1] for line in chart.data[1:]] == [2.0 * 400, 3.0 * 400, 4.0 * 400]
+
+
+def test_a_new_episode_begins_with_empty_plots():
+    """What was drawn of the one before goes at once, also from a part that is chosen then; so does one step alone."""
+    with page() as server:
+        plots = Plots(server, [("qpos", (2,)), ("way", (3,))])
+        for _ in range(2):
+            plots.add({"near": 1.0}, 1.0, np.ones(5))
         plots.draw()
+        plots.clear()
+        for _, chart in plots._charts.values():
+            assert all(np.isnan(line).all() for line in chart.data[1:])
+        plots._chosen.value = "way"
+        plots.add({"near": 1.0}, 1.0, np.ones(5))
+        plots.draw()
+        names, chart = plots._charts["seen"]
+        assert len(names) == 3
+        assert all(np.isnan(line).all() for line in chart.data[1:])
+
+
+def test_a_change_of_the_part_is_asked_for():
+    """Also while no steps are taken, such as at a pause."""
+    asked: list[str] = []
+    with page() as server:
+        plots = Plots(server, [("qpos", (2,)), ("way", (3,))], lambda: asked.append(plots._chosen.value))
+        press(plots._chosen, "way")
+    assert asked == ["way"]
+
+
+def test_every_curve_has_a_legend_and_a_colour_of_its_own():
+    """So rows of arrays are parts of their own, and long ones are cut; together they are all of the observation."""
+    parts = parts_of([("qpos", (7,)), ("to_objects", (2, 3)), ("kinds", (2, 9)), ("open", ())])
+    names = ["qpos", "to_objects[0]", "to_objects[1]", "kinds[0, 0:8]", "kinds[0, 8:9]", "kinds[1, 0:8]"]
+    assert [part.name for part in parts] == [*names, "kinds[1, 8:9]", "open"]
+    assert [part.first for part in parts] == [0, 7, 10, 13, 21, 22, 30, 31]
+    assert parts[4].labels == ("[8]",)
+    with page() as server:
+        plots = Plots(server, [("qpos", (8,))])
+        for _ in range(2):
+            plots.add({str(i): 0.0 for i in range(10)}, 0.0, np.zeros(8))
+        plots.draw()
+        for name in ("rewards", "seen"):
+            chart = plots._charts[name][1]
+            assert chart.legend["show"]
+            looks = {(s["stroke"], tuple(s["dash"])) for s in chart.series[1:]}
+            assert len(looks) == len(chart.series) - 1

@@ -9,6 +9,7 @@ from sceniris_gym.viewer.sketch import BLUE, PALETTE, RED, Sketch, erase
 from tests.viewer.pages import page
 
 pytest.importorskip("mjviser", reason="needs the extra 'viewer'")
+from viser import ArrowsHandle
 
 
 def test_what_is_drawn_is_on_the_page_until_it_is_erased():
@@ -22,7 +23,7 @@ def test_what_is_drawn_is_on_the_page_until_it_is_erased():
     sketch.words.append(("here", np.zeros(3)))
     assert len(sketch.lines) == 3
     with page() as server:
-        names = ["surface0", "lines", "arrows", "axes", "word0"]
+        names = ["surface0", "lines", "arrow0", "axes", "word0"]
         for _ in range(2):
             sketch.draw(server, "layer", np.array([1.0, 2.0, 3.0]))
             assert all(server.scene.get_handle_by_name(f"/layer/{name}") is not None for name in names)
@@ -39,3 +40,18 @@ def test_what_is_drawn_is_on_the_page_until_it_is_erased():
 def test_red_is_only_for_what_is_wrong():
     """No object of a layer has its colour."""
     assert RED not in PALETTE
+
+
+def test_arrows_are_as_thick_as_it_takes_to_see_them():
+    """In a room more than on a table; a short one stays slim."""
+    sketch = Sketch()
+    for length in (1.0, 0.05):
+        sketch.arrows.append((np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]]), BLUE))
+    with page() as server:
+        for size in (1.0, 4.0):
+            sketch.draw(server, "layer", np.zeros(3), size)
+            long, short = (server.scene.get_handle_by_name(f"/layer/arrow{i}") for i in range(2))
+            assert isinstance(long, ArrowsHandle)
+            assert isinstance(short, ArrowsHandle)
+            assert long.shaft_radius == pytest.approx(0.006 * size)
+            assert short.head_length < 0.05 / 2.0

@@ -219,10 +219,12 @@ def test_cameras_stay_when_a_scene_is_saved(view: SceneView, path: Path, monkeyp
 
 
 def test_controls_say_what_is_on_show_after_a_reload(view: SceneView, path: Path):
-    """Candidates stay on where they were on, and all objects are chosen again."""
+    """Candidates stay on where they were on, and so does the object that layers are of, as long as there is one."""
     press(view.panel._rejected, True)
     press(view.panel._object, "pear")
     view.turn(0.0)
+    saved(view, path, SCENE.replace("[1.0, 1.0]", "[1.1, 1.1]"))
+    assert (view.panel._object.value, view._only) == ("pear", "pear")
     saved(view, path, SCENE.replace("pear", "orange"))
     assert view.panel._rejected.value
     assert view._candidates is not None
