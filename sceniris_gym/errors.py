@@ -111,6 +111,10 @@ class PartsError(MeshError):
     """A mesh that no convex parts were found for which stay near its surface."""
 
 
+class SliverError(MeshError):
+    """A body so thin and light that MuJoCo takes none of its moments of inertia for one."""
+
+
 class SizeError(MeshError):
     """A thing smaller than 1 mm or larger than 50 m: its file is most likely in another unit."""
 
@@ -331,6 +335,21 @@ class ArgumentError(ScenirisError, ValueError):
 
 class ArgumentTypeError(ArgumentError, TypeError):
     """An argument of a function that is of a type that it does not take."""
+
+
+def check_type(value: object, kind: type, name: str) -> None:
+    """Refuse an argument of another type than it should have.
+
+    Args:
+        value: The argument.
+        kind: Its type.
+        name: What it is called in messages: the function, and the argument in it.
+
+    Raises:
+        ArgumentTypeError: It is of another type.
+    """
+    if not isinstance(value, kind):
+        raise ArgumentTypeError(f"{name} should be a {kind.__name__}, got {type(value)}.")
 
 
 class FallbackWarning(UserWarning):

@@ -48,7 +48,12 @@ BOUNDS = {
     "direction": Bound(-1.0e6, 1.0e6, ""),
     "model length": Bound(-1.0e5, 1.0e5, "m"),
     "friction": Bound(0.0, 1.0e6, ""),
+    "mass": Bound(0.0, 1.0e15, "kg"),
     "timestep": Bound(1.0e-7, 1.0, "s"),
+    "acceleration": Bound(-1.0e4, 1.0e4, "m/s^2"),
+    "tolerance": Bound(0.0, 1.0e3, ""),
+    "iterations": Bound(0.0, 1.0e5, ""),
+    "impedance ratio": Bound(1.0e-6, 1.0e6, ""),
 }
 """The one table: every number of a scene file that is not a share, an angle of a relation or a count has its kind here,
 and so have those numbers of a model that MuJoCo takes whatever they are."""

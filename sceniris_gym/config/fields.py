@@ -101,7 +101,8 @@ def _model(model: Any) -> Any:
 
 def _object_name(name: str) -> str:
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", name):
-        raise wrong("should be a name of letters, digits, '_' and '-'")
+        instead = f"; an object of any name can be the body '{name}', by 'body'" if "/" in name else ""
+        raise wrong(f"should be a name of letters, digits, '_' and '-'{instead}")
     if name in (FLOOR, ROBOT, "world", "anchor", "support"):
         raise wrong("should be a different name: this one is reserved")
     return name

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -112,7 +113,7 @@ class SceneConfig(Section):
         """The robots by the names that objects refer to: those of `robots`, or the one of `robot` as 'robot'."""
         return self.robots if self.robot is None else {ROBOT: self.robot}
 
-    @property
+    @cached_property
     def parts(self) -> dict[str, ObjectConfig]:
         """The objects, followed by the robots whose base is drawn, as what they are placed as."""
         drawn = {name: robot.placing for name, robot in self.all_robots.items()}

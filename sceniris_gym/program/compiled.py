@@ -10,7 +10,9 @@ import mujoco
 import numpy as np
 import warp as wp
 
+from sceniris_gym.config.messages import short
 from sceniris_gym.config.scene import AUTO, SceneConfig
+from sceniris_gym.errors import ArgumentError, SeedError
 from sceniris_gym.geometry.colliders import collect_colliders, collider_arrays
 from sceniris_gym.geometry.pieces import ROUND
 from sceniris_gym.program.device import Program, fill_struct
@@ -26,6 +28,10 @@ from sceniris_gym.scene.model import SceneModel
 
 FEWEST_ATTEMPTS = 10
 """The number from which `attempts: auto` is raised."""
+USER_SPLITS = ("train", "eval")
+"""What a user chooses from: independent streams of the same seeds."""
+MOST_EPISODES = 1 << 31
+"""How many episodes a seed has: they are counted in 32 bits, and -1 stands for none yet."""
 # Lanes of a warp, which share a candidate on a GPU.
 _WARP = 32
 
@@ -85,8 +91,22 @@ class CompiledScene:
             seed: 64 bits, as a number of any library; negative ones are read as two's complement.
             episode: Number of resets before the one that made the layout, counted from when the world got its seed.
             split: "train" or "eval".
+
+        Raises:
+            SeedError: A seed of more than 64 bits.
+            ArgumentError: Another split, or an episode that there is not: -1 is that of a world without a layout.
         """
-        return f"{self.hash}:{split}:{int(seed) % 2**64}:{int(episode)}"
+        number, count = int(seed), int(episode)
+        if not -(2**63) <= number < 2**64:
+            raise SeedError(f"layout_id: seed={short(number)} should be an integer of 64 bits.")
+        if not 0 <= count < MOST_EPISODES:
+            raise ArgumentError(
+                f"layout_id: episode={short(count)} should be from 0 to 2^31 - 1. "
+                "A world has none before its first reset."
+            )
+        if split not in USER_SPLITS:
+            raise ArgumentError(f"layout_id: unknown split {short(split)}. Valid: {', '.join(USER_SPLITS)}.")
+        return f"{self.hash}:{split}:{number % 2**64}:{count}"
 
     @property
     def object_names(self) -> tuple[str, ...]:

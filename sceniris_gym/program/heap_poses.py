@@ -1,4 +1,4 @@
-"""The settled poses of a thing of a heap, and what it is put into with them."""
+"""The settled poses of the things of heaps, and what they are put into with them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from shapely.geometry import MultiPolygon, box
 
+from sceniris_gym.config.heaps import HeapConfig
 from sceniris_gym.errors import HeapError
 from sceniris_gym.geometry.supports import SupportSurface
 from sceniris_gym.scene.heaps import filled_body, read_rows, rigid_part, rigid_thing, settled_with
@@ -38,15 +39,19 @@ class HeapPoses:
     surface: SupportSurface
 
 
-def heap_poses(scene: SceneModel, name: str) -> HeapPoses:
-    """Read the settled poses of a thing of a heap.
+def heap_poses(scene: SceneModel) -> dict[str, HeapPoses]:
+    """Read the settled poses of all things of heaps, by name.
 
     Raises:
         HeapError: There are no rows, or they were settled with other things.
         NotSupportedError: A thing with joints of its own, or a heap that fills the world.
     """
+    heaps = scene.config.heaps.items()
+    return {name: poses for key, heap in heaps for name, poses in _poses(scene, key, heap).items()}
+
+
+def _poses(scene: SceneModel, key: str, heap: HeapConfig) -> dict[str, HeapPoses]:
     config = scene.config
-    key, heap = next((key, heap) for key, heap in config.heaps.items() if name in heap.of)
     where = f"{config.where}: heaps.{key}"
     if heap.rows is None:
         raise HeapError(
@@ -58,15 +63,14 @@ def heap_poses(scene: SceneModel, name: str) -> HeapPoses:
             f"{where}.rows: '{heap.rows}' was settled with other shapes or masses. Make it anew with "
             "`sceniris-gym settle SCENE`."
         )
-    body, i = filled_body(scene, heap, where), heap.of.index(name)
+    body = filled_body(scene, heap, where)
     low, high = rows.pos.min(axis=(0, 1)) - _AROUND, rows.pos.max(axis=(0, 1)) + _AROUND
     area = MultiPolygon([box(low[0], low[1], high[0], high[1])])
-    things = [thing for other in heap.of for thing in rigid_thing(scene, other, where)]
-    return HeapPoses(
-        pos=rows.pos[:, i],
-        quat=rows.quat[:, i],
-        stream=1 + list(config.objects).index(heap.of[0]),
-        together=frozenset([*things, *rigid_part(scene.mjm, body)]),
-        support=scene.support(heap.fill, f"{where}.fill"),
-        surface=SupportSurface(body, float(high[2]), area, area),
-    )
+    things = [thing for name in heap.of for thing in rigid_thing(scene, name, where)]
+    shared = {
+        "stream": 1 + list(config.objects).index(heap.of[0]),
+        "together": frozenset([*things, *rigid_part(scene.mjm, body)]),
+        "support": scene.support(heap.fill, f"{where}.fill"),
+        "surface": SupportSurface(body, float(high[2]), area, area),
+    }
+    return {name: HeapPoses(rows.pos[:, i], rows.quat[:, i], **shared) for i, name in enumerate(heap.of)}

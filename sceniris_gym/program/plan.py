@@ -188,7 +188,8 @@ def build_plan(scene: SceneModel) -> Plan:
     mujoco.mj_kinematics(scene.mjm, home)
     mujoco.mj_comPos(scene.mjm, home)
     pieces = sorted(_pieces(scene), key=lambda p: (p.body, p.type != PieceType.PLANE, p.contact_class, p.geom))
-    objects = [_placed_object(scene, name, pieces, home) for name in placement_order(scene)]
+    heaps = heap_poses(scene)
+    objects = [_placed_object(scene, name, pieces, home, heaps.get(name)) for name in placement_order(scene)]
     check_tendon_limits(scene, {d.qposadr: d.intervals for o in objects for d in o.joint_ranges})
     slots = slot_names(scene.config)
     standing = [_standing(scene, name, pieces, home) for name in slots]
@@ -234,7 +235,9 @@ def _stream(config: SceneConfig, name: str) -> int:
     return 0 if robots[:1] == [name] else 1 + [*config.objects, *robots[1:]].index(name)
 
 
-def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujoco.MjData) -> PlacedObject:
+def _placed_object(
+    scene: SceneModel, name: str, pieces: list[Piece], home: mujoco.MjData, heap: HeapPoses | None
+) -> PlacedObject:
     config = scene.config.parts.get(name)
     bodies = scene.subtree(name)
     quat = of_heading_zero(matrix(scene.mjm.body_quat[bodies[0]]))
@@ -253,10 +256,9 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], home: mujo
             "Use a box."
         )
     shape = HomeShape(home, bodies[0], own)
-    if any(name in heap.of for heap in scene.config.heaps.values()):
-        variants, heap = [shape.variant(quat)], heap_poses(scene, name)
+    if heap is not None:
         placed, surfaces = (name, stream, ObjectKind.FREE, bodies, [], None), [[heap.surface]]
-        return PlacedObject(*placed, variants, heap.support, False, surfaces, 0.0, config, heap=heap)
+        return PlacedObject(*placed, [shape.variant(quat)], heap.support, False, surfaces, 0.0, config, heap=heap)
     poses = [(quat, 1.0)]
     if config.drawn_orientation.kind == "stable":
         poses = stable_poses(scene, name, own, home, intervals, followers)

@@ -24,6 +24,8 @@ _NO_MATTER = frozenset(
     ("camera", "light", "texture", "material", "visual", "statistic", "size", "sensor", "skin", "custom", "text")
 )
 """Elements of MJCF that shape no layout."""
+_SEEN_IN_URDF = frozenset(("visual", "material"))
+"""Those that have another meaning in a URDF: geoms that collide with nothing, where its compiler keeps them."""
 _OPTIONS = frozenset(("gravity", "o_margin"))
 """Attributes of `option` that shape layouts; the others are about how time goes on. Its flags all count."""
 _LOOKS = frozenset(("rgb1", "rgb2", "material", "texcoord", "texuniform"))
@@ -105,11 +107,13 @@ def _update_from_file(update: Callable[[bytes], None], path: Path) -> None:
     except ElementTree.ParseError:  # MuJoCo reads some files that are no XML
         update(path.read_bytes())
         return
-    for token in _tokens(root):
+    keeps_visuals = root.tag == "robot" and any(c.get("discardvisual") == "false" for c in root.iter("compiler"))
+    for token in _tokens(root, _NO_MATTER - _SEEN_IN_URDF if keeps_visuals else _NO_MATTER):
         update(token.encode() + b"\0")
-    for mesh in root.iterfind(".//collision//mesh[@filename]"):  # of a URDF
-        source = file_of(mesh.attrib["filename"], path.parent)
-        update(source.read_bytes() if source is not None else b"")
+    for part in ("collision", "visual") if keeps_visuals else ("collision",):
+        for mesh in root.iterfind(f".//{part}//mesh[@filename]"):  # of a URDF
+            source = file_of(mesh.attrib["filename"], path.parent)
+            update(source.read_bytes() if source is not None else b"")
     folders = [path.parent / c.attrib[f] for c in root.iter("compiler") for f in _FOLDERS if f in c.attrib]
     for element in root.iter():
         if element.tag in _NO_MATTER or "file" not in element.attrib:
@@ -132,14 +136,14 @@ def _with_includes(path: Path, folder: Path) -> ElementTree.Element:
     return root
 
 
-def _tokens(element: ElementTree.Element) -> Iterator[str]:
+def _tokens(element: ElementTree.Element, no_matter: frozenset[str]) -> Iterator[str]:
     """Yield an element and what is in it, as far as it shapes layouts; attributes in the order of their names."""
-    if element.tag in _NO_MATTER:
+    if element.tag in no_matter:
         return
     yield element.tag
     for name, value in sorted(element.attrib.items()):
         if name not in _LOOKS and (element.tag != "option" or name in _OPTIONS) and (name not in _FOLDERS):
             yield f"{name}={' '.join(value.split())}"
     for child in element:
-        yield from _tokens(child)
+        yield from _tokens(child, no_matter)
     yield "end"

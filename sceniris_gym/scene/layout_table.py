@@ -11,6 +11,8 @@ from dataclasses import dataclass, fields
 import mujoco
 import numpy as np
 
+from sceniris_gym.errors import ArgumentTypeError
+
 
 @dataclass(frozen=True)
 class LayoutTable:
@@ -56,14 +58,22 @@ class LayoutTable:
     def from_states(
         cls, qpos: np.ndarray, mocap_pos: np.ndarray, mocap_quat: np.ndarray, present: np.ndarray
     ) -> LayoutTable:
-        """Return a table of states about which nothing else is known; see the class for the arguments."""
+        """Return a table of states about which nothing else is known; see the class for the arguments.
+
+        Raises:
+            ArgumentTypeError: One of them is no NumPy array.
+        """
+        states = {"qpos": qpos, "mocap_pos": mocap_pos, "mocap_quat": mocap_quat, "present": present}
+        for name, array in states.items():
+            if not isinstance(array, np.ndarray) or array.ndim == 0:
+                raise ArgumentTypeError(
+                    f"LayoutTable.from_states: {name} should be a NumPy array with a row for each layout, "
+                    f"got {type(array)}."
+                )
         nrow = len(qpos)
         no, zero, nothing = np.zeros(nrow, bool), np.zeros(nrow, np.int32), np.zeros((nrow, 0, 0), np.float32)
         return cls(
-            qpos,
-            mocap_pos,
-            mocap_quat,
-            present,
+            **states,
             valid=no,
             first_pass_valid=no,
             attempts=zero,

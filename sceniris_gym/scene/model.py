@@ -15,7 +15,14 @@ from sceniris_gym.config.messages import reading
 from sceniris_gym.config.objects import JointConfig
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import MeshError, NotSupportedError, SceneFileError, SceneKeyError, UnknownNameError
+from sceniris_gym.errors import (
+    MeshError,
+    NotSupportedError,
+    SceneFileError,
+    SceneKeyError,
+    UnknownNameError,
+    check_type,
+)
 from sceniris_gym.progress import tell
 from sceniris_gym.scene import assemble, backdrop
 from sceniris_gym.scene.adopt import HOME, adopt_body, check_additions, check_bodies
@@ -213,6 +220,7 @@ def build_model(config: SceneConfig) -> SceneModel:
     bodies of it. A model in memory is copied, and its bodies stay what they are.
 
     Raises:
+        ArgumentTypeError: `config` is no SceneConfig, which `SceneConfig.load` makes.
         SceneFileError: A file is missing, or MuJoCo cannot read or compile it.
         UnknownNameError: An asset, body, joint or keyframe that does not exist.
         SceneKeyError: An object that cannot be of its kind; joint values outside the joint's limits; a joint that an
@@ -220,6 +228,7 @@ def build_model(config: SceneConfig) -> SceneModel:
             MjModel, or changed in a model in memory.
         CycleError: Joints that equalities tie to each other in a cycle.
     """
+    check_type(config, SceneConfig, "build_model: config")
     if isinstance(config.model, mujoco.MjModel):
         return _taken(config, config.model)
     spec, homes = _assemble(config)

@@ -17,22 +17,31 @@ _BOUNDED = {
     "mesh_vert": "model length",
     "geom_friction": "friction",
     "pair_friction": "friction",
+    "body_mass": "mass",
 }
-"""Fields of MjModel whose numbers are lengths [m] or coefficients, and their kinds in `BOUNDS`."""
+"""Fields of MjModel whose numbers are lengths [m], masses [kg] or coefficients, and their kinds in `BOUNDS`."""
+_OPTIONS = {
+    "timestep": "timestep",
+    "gravity": "acceleration",
+    "impratio": "impedance ratio",
+    **dict.fromkeys(("tolerance", "ls_tolerance", "noslip_tolerance", "ccd_tolerance"), "tolerance"),
+    **dict.fromkeys(("iterations", "ls_iterations", "noslip_iterations", "ccd_iterations"), "iterations"),
+}
+"""The same of MjOption; the others are only to be finite."""
 _KINDS = ("body", "geom", "jnt", "site", "mesh", "pair", "key", "actuator", "sensor", "tendon", "eq", "dof")
 
 
 def check_numbers(mjm: mujoco.MjModel, where: str) -> None:
-    """Check that a model holds no nan, and no length, coefficient or timestep that nothing real has.
+    """Check that a model holds no nan, and no length, mass, coefficient or option that nothing real has.
 
     Infinity is left to MuJoCo where it means that there is no limit (`range` and the like).
 
     Raises:
         SceneKeyError: The first such number, by its field and element.
     """
-    for name in ("gravity", "wind", "magnetic", "density", "viscosity", "impratio"):
-        _check_option(where, name, np.atleast_1d(getattr(mjm.opt, name)), None)
-    _check_option(where, "timestep", np.atleast_1d(mjm.opt.timestep), BOUNDS["timestep"])
+    for name in (name for name in dir(mjm.opt) if not name.startswith("_")):
+        bound = BOUNDS[_OPTIONS[name]] if name in _OPTIONS else None
+        _check_option(where, name, np.atleast_1d(getattr(mjm.opt, name)), bound)
     for name in (name for name in dir(mjm) if not name.startswith("_")):
         values = getattr(mjm, name)
         if isinstance(values, np.ndarray) and values.dtype.kind == "f" and values.size:

@@ -11,6 +11,7 @@ import numpy as np
 
 from sceniris_gym.config.heaps import HeapConfig
 from sceniris_gym.errors import HeapError
+from sceniris_gym.geometry.upright_box import upright_box
 from sceniris_gym.scene.heaps import DEEPEST, STILL, HeapRows, filled_body, rigid_part, rigid_thing, settled_with
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import subtree
@@ -115,15 +116,12 @@ def _prepare(scene: SceneModel, heap: HeapConfig, where: str) -> _Drop:
     geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, walls) & ~outside & (mjm.geom_contype + mjm.geom_conaffinity > 0))
     if not len(geoms):
         raise HeapError(f"{where}.fill: '{heap.fill}' has no geoms that collide, so nothing can lie in it.")
-    mats = data.geom_xmat[geoms].reshape(-1, 3, 3)
-    middle = data.geom_xpos[geoms] + np.einsum("nij,nj->ni", mats, mjm.geom_aabb[geoms, :3])
-    half = np.einsum("nij,nj->ni", np.abs(mats), mjm.geom_aabb[geoms, 3:])
     sizes = []
     for thing in things:
         part = np.flatnonzero(mjm.body_rootid[mjm.geom_bodyid] == thing)
         away = np.linalg.norm(data.geom_xpos[part] - data.xpos[thing], axis=1) + mjm.geom_rbound[part]
         sizes.append(float(away.max(initial=0.01)))
-    low, high = (middle - half).min(axis=0), (middle + half).max(axis=0)
+    low, high = upright_box(mjm, data, geoms)
     return _Drop(mjm, scene.home_qpos, held, held_qpos, body, things, low, high, np.array(sizes))
 
 
@@ -167,10 +165,14 @@ def _dropped(drop: _Drop, rng: np.random.Generator) -> mujoco.MjData | None:
 
 
 def _lies(drop: _Drop, data: mujoco.MjData) -> bool:
-    """Whether the things are inside, not too deep in anything, and stay where they are from rest."""
-    data.qvel[:] = 0.0
-    before = data.xpos[drop.things].copy()
-    tried = copy.copy(data)
+    """Whether the things are inside, not too deep in anything, and stay where they are from rest.
+
+    A layout has nothing but their poses: neither speeds nor the forces of the step before.
+    """
+    tried = mujoco.MjData(drop.mjm)
+    tried.qpos[:] = data.qpos.astype(np.float32)
+    mujoco.mj_kinematics(drop.mjm, tried)
+    before = tried.xpos[drop.things].copy()
     for _ in range(int(_LIE / drop.mjm.opt.timestep)):
         drop.step(tried)
     mujoco.mj_kinematics(drop.mjm, data)

@@ -17,17 +17,13 @@ def shown(quiet: bool = False) -> Iterator[None]:
     if quiet or not sys.stderr.isatty():
         yield
         return
-    with bars(_SOON) as show, listening(show):
+    with _bars() as show, listening(show):
         yield
 
 
 @contextmanager
-def bars(delay: float = 0.0) -> Iterator[Progress]:
-    """Yield what shows the progress that it is told, a bar for each kind of work.
-
-    Args:
-        delay: How long a kind of work goes on [s] before it gets a bar.
-    """
+def _bars() -> Iterator[Progress]:
+    """Yield what shows the progress that it is told, a bar for each kind of work."""
     from tqdm import tqdm  # where something is shown alone
 
     open_bars: dict[str, tqdm] = {}
@@ -35,9 +31,7 @@ def bars(delay: float = 0.0) -> Iterator[Progress]:
     def show(what: str, done: int, total: int) -> None:
         if what not in open_bars:
             close()
-            open_bars[what] = tqdm(
-                total=total, desc=what, file=sys.stderr, unit_scale=True, delay=delay, leave=delay == 0.0
-            )
+            open_bars[what] = tqdm(total=total, desc=what, file=sys.stderr, unit_scale=True, delay=_SOON, leave=False)
         open_bars[what].update(done - open_bars[what].n)
 
     def close() -> None:

@@ -48,6 +48,11 @@ WRONG: dict[str, tuple] = {
     "empty floor": ({"floor.size": [0, 1]}, SceneKeyError, ["floor.size.0: 0", "above 0"]),
     "endless floor": ({"floor.size": [1, 201]}, SceneKeyError, ["floor.size.1: 201", "to 200 m"]),
     "bad name": ({"objects.an apple": {"asset": "apple"}}, SceneKeyError, ["an apple", "letters, digits"]),
+    "name of an attached body": (
+        {"objects.cab/cup": {"on": "floor"}},
+        SceneKeyError,
+        ["objects.cab/cup", "letters, digits", "can be the body 'cab/cup', by 'body'"],
+    ),
     "taken name": (
         {"objects.floor": {"asset": "apple"}},
         SceneKeyError,

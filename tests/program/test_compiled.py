@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import FrozenInstanceError
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import ArgumentError, SeedError
 from sceniris_gym.layout.boxes import OWN_STACK
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Program
@@ -125,6 +127,27 @@ def test_a_layout_is_named_by_scene_split_seed_and_episode():
     for seed in (-1, np.int64(-1), np.uint64(2**64 - 1), 2**64 - 1):
         assert compiled.layout_id(seed, np.int32(3), "eval") == f"{compiled.hash}:eval:18446744073709551615:3"
     assert compiled.layout_id(0, 0) == f"{compiled.hash}:train:0:0"
+
+
+@pytest.mark.parametrize("seed", [2**64, -(2**63) - 1, 10**400])
+def test_a_seed_of_more_than_64_bits_names_no_layout(seed: int):
+    """It would be the name of another one's."""
+    with pytest.raises(SeedError, match=r"layout_id: seed=.{1,90} should be an integer of 64 bits"):
+        _uploaded().layout_id(seed, 0)
+
+
+@pytest.mark.parametrize("episode", [-1, -5, 2**31])
+def test_an_episode_that_there_is_not_names_no_layout(episode: int):
+    """Neither that of a world before its first reset, nor one that `LayoutId` does not read."""
+    with pytest.raises(ArgumentError, match=rf"layout_id: episode={episode} should be from 0 to 2\^31 - 1"):
+        _uploaded().layout_id(0, episode)
+
+
+@pytest.mark.parametrize("split", ["foo", "train_bank", "", None, ["train"]])
+def test_another_split_names_no_layout(split: Any):
+    """Those that there are are named."""
+    with pytest.raises(ArgumentError, match=r"layout_id: unknown split .*Valid: train, eval\."):
+        _uploaded().layout_id(0, 0, split)
 
 
 def test_nothing_of_it_can_be_set_again():

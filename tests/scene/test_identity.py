@@ -10,7 +10,7 @@ import pytest
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.model import build_model
-from tests.scene.assets import CHEST, OWN, build
+from tests.scene.assets import CHEST, OWN, TETRAHEDRON, build
 from tests.scene.memory import NEAR, cubes_on, spec_of
 
 CABINET = {"a": {"asset": "chest", "kind": "fixture", "on": "floor"}}
@@ -65,6 +65,37 @@ def test_files_count_by_what_is_in_them(folder: Path):
     chest_hash(folder)
     (folder / "chest.xml").rename(folder / "trunk.xml")
     assert build(folder, {"a": {**CABINET["a"], "asset": "trunk"}}).hash == whole
+
+
+URDF = """
+<robot name="thing">{compiler}<link name="root">
+  <inertial><mass value="1"/><inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>
+  <visual><geometry>{seen}</geometry></visual><collision><geometry><box size=".1 .1 .1"/></geometry></collision>
+</link></robot>
+"""
+KEPT = '<mujoco><compiler discardvisual="false"/></mujoco>'
+
+
+@pytest.mark.parametrize("compiler", ["", KEPT], ids=["left out", "kept"])
+def test_what_is_seen_of_a_urdf_counts_where_it_is_kept(folder: Path, compiler: str):
+    """MuJoCo leaves its visuals out by default; kept, boxes and meshes are what `geometry: visual` keeps apart."""
+
+    def hashed(seen: str) -> tuple[str, int]:
+        file = folder / "thing.urdf"
+        file.write_text(URDF.format(compiler=compiler, seen=seen))
+        objects = {"a": {"asset": str(file), "kind": "fixture", "on": "floor"}}
+        config = SceneConfig.load({"floor": {"size": [1, 2]}, "objects": objects, "geometry": "visual"})
+        scene = build_model(config)
+        return scene.hash, scene.mjm.ngeom
+
+    small, large = hashed('<box size=".1 .1 .1"/>'), hashed('<box size=".4 .4 .1"/>')
+    assert (small != large) == bool(compiler)
+    assert small[1] == 2 + bool(compiler)  # with the floor
+    mesh, knob = '<mesh filename="knob.obj"/>', folder / "knob.obj"
+    knob.write_text(TETRAHEDRON)
+    before = hashed(mesh)
+    knob.write_text(TETRAHEDRON.replace("0 0 .1", "0 0 .2"))
+    assert (hashed(mesh) != before) == bool(compiler)
 
 
 def test_words_at_their_defaults_are_not_part_of_the_hash(folder: Path):

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 
+from sceniris_gym.errors import ArgumentTypeError
 from sceniris_gym.scene.layout_table import LayoutTable
 
 # A free body, a hinge, and two mocap bodies.
@@ -95,3 +97,13 @@ def test_of_mere_states_nothing_else_is_claimed():
     assert states.grasp.shape == (4, 0)
     assert len(LayoutTable.concatenate([states, states])[2:7]) == 5
     assert all(len(getattr(states, f.name)) == 4 for f in fields(states))
+
+
+@pytest.mark.parametrize("name", ["qpos", "mocap_pos", "mocap_quat", "present"])
+@pytest.mark.parametrize("wrong", [3, None, [[0.0]], np.float32(0.0), np.zeros(())])
+def test_states_that_are_no_arrays_are_told_by_their_names(name: str, wrong: Any):
+    """A number was a TypeError, and a list an error of whoever used the table later."""
+    states = {"qpos": (2, 8), "mocap_pos": (2, 0, 3), "mocap_quat": (2, 0, 4), "present": (2, 1)}
+    arrays: dict[str, Any] = {key: np.ones(shape) for key, shape in states.items()}
+    with pytest.raises(ArgumentTypeError, match=f"LayoutTable.from_states: {name} should be a NumPy array"):
+        LayoutTable.from_states(**arrays | {name: wrong})

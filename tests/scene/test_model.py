@@ -13,6 +13,7 @@ import pytest
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import (
+    ArgumentTypeError,
     NotSupportedError,
     SceneFileError,
     SceneKeyError,
@@ -206,3 +207,10 @@ def test_a_ball_joint_cannot_be_drawn_yet(folder: Path):
     )
     with pytest.raises(NotSupportedError, match="'a/joint0' is a ball joint"):
         build(folder, {"a": {"asset": "joystick", "kind": "fixture", "joints": {"*": {"value": 0}}}})
+
+
+def test_what_is_no_scene_config_is_refused():
+    """The name of a scene too, which SceneConfig.load reads."""
+    for wrong in (None, "mid"):
+        with pytest.raises(ArgumentTypeError, match="build_model: config should be a SceneConfig, got"):
+            build_model(wrong)  # type: ignore[arg-type]

@@ -16,16 +16,20 @@ HEAP = HeapConfig.model_validate({"fill": "bin", "of": THINGS})
 
 
 def test_heaps_lie_in_the_bin_and_stay_there():
-    """The bin and the blocks written anew as MJCF: for half a second nothing moves by 3 mm, or is 1 mm deep."""
+    """The bin and the blocks written anew as MJCF: for half a second nothing moves by 3 mm, or is 1 mm deep.
+
+    With the cones of friction that scenes have: what leans on a wall creeps with pyramids.
+    """
     rows = read_rows(folder() / "pile.npz", HEAP, "here")
     blocks = "".join(f'<body name="{n}"><freejoint/><geom type="box" size=".03 .02 .015"/></body>' for n in THINGS)
-    mjm = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody><body>{BIN}</body>{blocks}</worldbody></mujoco>")
+    option = '<option timestep=".005" integrator="implicitfast" cone="elliptic" impratio="10"/>'
+    mjm = mujoco.MjModel.from_xml_string(f"<mujoco>{option}<worldbody><body>{BIN}</body>{blocks}</worldbody></mujoco>")
     for pos, quat in zip(rows.pos, rows.quat, strict=True):
         data = mujoco.MjData(mjm)
         data.qpos[:] = np.hstack([pos, quat]).reshape(-1)
         mujoco.mj_forward(mjm, data)
         assert data.contact.dist.min() > -1e-3
-        mujoco.mj_step(mjm, data, nstep=250)
+        mujoco.mj_step(mjm, data, nstep=100)
         now = data.qpos.reshape(-1, 7)[:, :3]
         assert np.linalg.norm(now - pos, axis=1).max() < 3e-3
         assert np.abs(now[:, :2]).max() < 0.08

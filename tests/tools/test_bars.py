@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 
 import pytest
+from tqdm import tqdm
 
 from sceniris_gym.progress import tell
-from sceniris_gym.tools.bars import bars, shown
+from sceniris_gym.tools.bars import shown
 
 
-def test_a_bar_goes_as_far_as_it_is_told(capsys: pytest.CaptureFixture):
+def test_a_bar_goes_as_far_as_it_is_told(capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch):
     """One for each kind of work."""
-    with bars() as show:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr("sceniris_gym.tools.bars._SOON", 0.0)
+    monkeypatch.setattr("tqdm.tqdm", partial(tqdm, mininterval=0.0))
+    with shown():
         for done in (1, 2):
-            show("first", done, 2)
-        show("second", 1, 5)
+            tell("first", done, 2)
+        tell("second", 1, 5)
     said = capsys.readouterr().err
     assert "first: 100%" in said
     assert "second:  20%" in said

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 
 import mujoco
 import numpy as np
@@ -41,6 +42,7 @@ class Claim:
         pregrasp_qpos: The same for the pre-grasp.
         fingers: Positions of the fingers' joints, shape (nrow, nfinger).
         finger_adr: Their addresses in qpos, shape (nfinger,).
+        pattern: The glob that the word `grasp` chooses the object's grasps with; None if all of them count.
     """
 
     name: str
@@ -51,6 +53,7 @@ class Claim:
     pregrasp_qpos: np.ndarray
     fingers: np.ndarray
     finger_adr: np.ndarray
+    pattern: str | None = None
 
 
 @dataclass(frozen=True)
@@ -124,6 +127,8 @@ class ReachAudit:
             return "no grasp"
         if self._distance(claim.name, pose[:3]) > _OFF:
             return "off the object"
+        if not self._is_chosen(claim, _matrix(pose)):
+            return "another grasp"
         if claim.tier.needs_map:
             return None
         self.data.qpos[claim.finger_adr] = claim.fingers[row]
@@ -134,6 +139,22 @@ class ReachAudit:
             cause = self._wrong_joints(claim, claim.pregrasp_qpos[row], before, grasping=False)
             return None if cause is None else f"pre-grasp: {cause}"
         return cause
+
+    def _is_chosen(self, claim: Claim, pose: np.ndarray) -> bool:
+        """Whether a pose (4, 4) is at a site `grasp_*` that counts, or half a turn from it; true without sites."""
+        sites = np.flatnonzero(np.isin(self.mjm.site_bodyid, list(self._of[claim.name]))).tolist()
+        names = {s: self.mjm.site(s).name.rsplit("/", 1)[-1] for s in sites}
+        own = {s: name for s, name in names.items() if name.startswith("grasp_")}
+        for s, name in own.items():
+            if claim.pattern and not fnmatchcase(name, claim.pattern) and not fnmatchcase(name[6:], claim.pattern):
+                continue
+            axes, shift = self.data.site_xmat[s].reshape(3, 3).T @ pose[:3, :3], pose[:3, 3] - self.data.site_xpos[s]
+            rolled = axes @ np.diag([-1.0, -1.0, 1.0])
+            if np.linalg.norm(shift) < POSITION and max(np.trace(axes), np.trace(rolled)) > 1.0 + 2.0 * np.cos(
+                ROTATION
+            ):
+                return True
+        return not own
 
     def _wrong_joints(self, claim: Claim, qpos: np.ndarray, pose: np.ndarray, *, grasping: bool = True) -> str | None:
         mjm, data = self.mjm, self.data

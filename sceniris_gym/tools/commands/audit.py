@@ -74,6 +74,7 @@ def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
                 pregrasp_qpos=table.pregrasp_qpos[:, k, joints],
                 fingers=fingers,
                 finger_adr=finger_adr,
+                pattern=compiled.scene.config.objects[target.name].grasp,
             )
         )
     return claims

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,8 @@ _FIELDS = {
     **{"columns": dict, "object_names": list, "reachable_names": list, "formats": list, "versions": dict},
     **{"scene_sha256": str, "files": dict, "parts": list},
 }
+_FILE = re.compile(r"\w[\w.-]{0,200}", re.ASCII)
+"""A file beside the manifest."""
 _RECORD = {"sha256": str, "files": dict, "rows": int, "valid": int, "first_pass_valid": int}
 
 
@@ -169,6 +172,9 @@ def checked(path: Path, told: Any, fields: dict[str, type]) -> dict[str, Any]:
         value = told.get(name) if isinstance(told, dict) else None
         if type(value) is not kind:
             raise DatasetError(f"{path}: '{name}' should be of type {kind.__name__}, got {value!s:.80}.")
+    for name, digest in told["files"].items():
+        if not _FILE.fullmatch(name) or not isinstance(digest, str):
+            raise DatasetError(f"{path}: 'files' should be names of files in its folder with sums, got {name!r:.80}.")
     records = told.get("parts", []) if fields is _FIELDS else []
     for record in records:
         checked(path, record, _RECORD)

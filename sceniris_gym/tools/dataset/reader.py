@@ -38,9 +38,14 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
     Raises:
         DatasetError: The data set is not whole, or its files are others.
         UnknownNameError: There is no such column.
+        ArgumentTypeError: What is no path, or no names.
     """
 
     def __init__(self, folder: str | Path, columns: Sequence[str] | None = None) -> None:
+        if not isinstance(folder, str | Path):
+            raise ArgumentTypeError(f"LayoutDataset: folder should be a path, got {short(folder)}.")
+        if columns is not None and not isinstance(columns, Iterable):
+            raise ArgumentTypeError(f"LayoutDataset: columns should be names, got {short(columns)}.")
         self.folder = Path(folder)
         self.manifest = read_manifest(self.folder)
         self._row = self._read_row()
@@ -66,7 +71,9 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         """Compare the number and the sizes of the files with what the manifest says, before anything is allocated."""
         rows = [part["rows"] for part in self.manifest["parts"]]
         if min(rows, default=0) < 1 or sum(rows) != self.manifest["layouts"]:
-            raise DatasetError(f"{self.folder / MANIFEST}: its parts do not add up to {self.manifest['layouts']} rows.")
+            raise DatasetError(
+                f"{self.folder / MANIFEST}: its parts do not add up to {short(self.manifest['layouts'])} rows."
+            )
         missing = [
             path.name
             for path, nrow in zip(map(self.folder.joinpath, map(part_name, range(len(rows)))), rows, strict=True)
@@ -104,12 +111,10 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
 
         Raises:
             IndexError: There is no such row.
+            ArgumentTypeError: What are no integers.
             DatasetError: A file is damaged.
         """
-        wanted = np.asarray(indices, np.int64).reshape(-1)
-        wanted = np.where(wanted < 0, wanted + len(self), wanted)
-        if ((wanted < 0) | (wanted >= len(self))).any():
-            raise IndexError(f"{self.folder} has rows 0 to {len(self) - 1}.")
+        wanted = self._numbers(indices)
         found = np.zeros(len(wanted), self._row)
         parts = np.searchsorted(self._ends, wanted, side="right")
         for part in np.unique(parts):
@@ -118,12 +123,33 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
             found[here] = self._part(int(part))[wanted[here] - start]
         return {name: np.ascontiguousarray(found[name]) for name in self.columns}
 
+    def _numbers(self, indices: Any) -> np.ndarray:
+        """Return row numbers, those from the end as numbers from the start, int64, shape (n,)."""
+        try:
+            asked = np.asarray(indices).reshape(-1)
+        except ValueError:  # lists of different lengths
+            asked = np.array([indices], object)
+        if asked.dtype == object and all(isinstance(number, int) for number in asked):  # beyond 64 bits
+            asked = np.array([len(self)])
+        if asked.size and asked.dtype.kind not in "iu":
+            raise ArgumentTypeError(f"LayoutDataset: rows should be integers, got {short(indices)}.")
+        if ((asked < -len(self)) | (asked >= len(self))).any():
+            raise IndexError(f"{self.folder} has rows 0 to {len(self) - 1}.")
+        return asked.astype(np.int64) % len(self)
+
     def table(self, first: int = 0, count: int | None = None) -> LayoutTable:
         """Return `count` rows (None: all) from row `first` on as a LayoutTable, as `StoredLayouts` takes it.
 
         Raises:
             ArgumentError: There are no such rows, or `columns` leaves some of a table's out.
+            ArgumentTypeError: What are no integers.
         """
+        try:
+            first, count = operator.index(first), None if count is None else operator.index(count)
+        except TypeError:
+            raise ArgumentTypeError(
+                f"LayoutDataset.table: first and count should be integers, got {short(first)} and {short(count)}."
+            ) from None
         count = len(self) - first if count is None else count
         if first < 0 or count < 0 or first + count > len(self):
             raise ArgumentError(f"LayoutDataset.table: rows should be among 0 to {len(self) - 1}.")
@@ -159,7 +185,7 @@ def _mapped(path: Path, row: np.dtype, nrow: int) -> np.ndarray:
     return rows
 
 
-def verify(folder: Path, progress: Callable[[int], object] = lambda _: None) -> dict[str, Any]:
+def verify(folder: str | Path, progress: Callable[[int], object] = lambda _: None) -> dict[str, Any]:
     """Compare all files of a data set with the checksums of its manifest; return the manifest.
 
     Args:
@@ -168,12 +194,13 @@ def verify(folder: Path, progress: Callable[[int], object] = lambda _: None) -> 
 
     Raises:
         DatasetError: The data set is not whole, or a file is damaged; the message names all of those.
+        ArgumentTypeError: What is no path.
     """
     dataset = LayoutDataset(folder)
-    held, damaged = dataset.manifest, []
+    folder, held, damaged = dataset.folder, dataset.manifest, []
 
     def compare(sums: dict[str, Any]) -> None:
-        damaged.extend(name for name, told in sums.items() if _sha256(folder / Path(name).name) != told)
+        damaged.extend(name for name, told in sums.items() if _sha256(folder / name) != told)
 
     compare({SCENE: held["scene_sha256"], **held["files"]})
     for part, record in enumerate(held["parts"]):
@@ -194,11 +221,11 @@ def _listed(names: Iterable[str]) -> str:
 
 
 def _sha256(path: Path) -> str:
-    digest = hashlib.sha256()
-    try:
-        with path.open("rb") as file:
-            while block := file.read(_BLOCK):
-                digest.update(block)
-    except FileNotFoundError:
+    """The checksum of a file, and none of what is no file, such as a pipe that would be read without end."""
+    if not path.is_file():
         return "missing"
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(_BLOCK):
+            digest.update(block)
     return digest.hexdigest()

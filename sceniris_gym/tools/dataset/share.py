@@ -12,6 +12,7 @@ from sceniris_gym.vector.ranks import Rank
 
 _TORCHRUN = ("RANK", "WORLD_SIZE")
 _ARRAY = ("SLURM_ARRAY_TASK_ID", "SLURM_ARRAY_TASK_MIN", "SLURM_ARRAY_TASK_MAX", "SLURM_ARRAY_TASK_COUNT")
+_STEP = "SLURM_ARRAY_TASK_STEP"
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,10 @@ class Share:
         if not all(word.isdecimal() for word in array):
             return cls()
         task, first, last, count = map(int, array)
-        step = int(environment.get("SLURM_ARRAY_TASK_STEP", "") or 1)
+        word = environment.get(_STEP, "") or "1"
+        if not re.fullmatch("[0-9]{1,9}", word) or int(word) == 0:
+            raise ArgumentError(f"generate: {_STEP}={word:.40} should be a positive integer, as Slurm sets it.")
+        step = int(word)
         if (last - first) // step + 1 != count or (task - first) % step:
             raise ArgumentError(
                 f"generate: this is task {task} of a Slurm array of {count} tasks from {first} to {last}, with gaps. "

@@ -89,7 +89,7 @@ class DatasetWriter:
             held = json.loads(path.read_text())
         except FileNotFoundError:  # another process finished the data set meanwhile
             return
-        except (ValueError, OSError) as error:
+        except (ValueError, OSError, RecursionError) as error:
             raise DatasetError(f"{path}: cannot be read ({error}). Remove the data set to begin anew.") from error
         for name, value in self.plan.words.items():
             if not isinstance(held, dict) or held.get(name) != value:

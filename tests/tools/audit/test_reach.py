@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
+from sceniris_gym.geometry.rotations import quaternion
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.reach import ReachAudit
@@ -72,6 +74,41 @@ def test_every_fault_is_named(compiled: CompiledScene, table: LayoutTable):
         (5, "thing", "pre-grasp: another pose"),
         (6, "other", "no joints found"),
     }
+
+
+@pytest.mark.parametrize("pattern", ["rim*", "grasp_rim*"])
+def test_only_chosen_grasps_count(tmp_path_factory: pytest.TempPathFactory, pattern: str):
+    """A claim in a grasp that the glob leaves out is named, also where the arm reaches it; half a turn is no matter."""
+    folder = tmp_path_factory.mktemp("chosen")
+    asset, cube = crane_mjcf(folder), box_mjcf(folder, "cube", 0.04, 0.04, 0.04)
+    crane_map(asset)
+    sites = '<site name="grasp_{}" pos="0 {} 0.02" quat="0 1 0 0"/>'
+    grasps = "".join(sites.format(name, y) for name, y in (("rim_a", -0.005), ("rim_b", 0.0), ("handle", 0.01)))
+    text = Path(cube).read_text()
+    assert "</body>" in text
+    Path(cube).write_text(text.replace("</body>", f"{grasps}</body>", 1))
+    scene = crane_scene(asset, cube, reachable={"tier": "map", "grasp": pattern})
+    compiled = compile_on_cpu(scene, bank=4)
+    table = make_table(compiled, N, 3)
+    assert causes(compiled, table) == set()
+    pose, data = table.grasp_pose.copy(), mujoco.MjData(compiled.mjm)
+    table.put(data, 4)
+    mujoco.mj_kinematics(compiled.mjm, data)
+    names = [compiled.mjm.site(s).name for s in range(compiled.mjm.nsite)]
+    (handle,) = (s for s, name in enumerate(names) if name.endswith("grasp_handle"))
+    pose[4, 0, :3] = data.site_xpos[handle]
+    pose[4, 0, 3:] = quaternion(data.site_xmat[handle].reshape(3, 3))
+    pose[5, 0, 3:] = turned(pose[5, 0, 3:], np.pi)
+    pose[6, 0, 3:] = turned(pose[6, 0, 3:], 0.5)
+    wrong = replace(table, grasp_pose=pose)
+    assert causes(compiled, wrong) == {(4, "thing", "another grasp"), (6, "thing", "another grasp")}
+
+
+def turned(quat: np.ndarray, angle: float) -> np.ndarray:
+    """An orientation, wxyz, turned about its own z axis [rad]."""
+    result = np.empty(4)
+    mujoco.mju_mulQuat(result, quat.astype(float), np.array([np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)]))
+    return result
 
 
 def test_an_arm_that_hits_something_is_not_clear(tmp_path_factory: pytest.TempPathFactory):

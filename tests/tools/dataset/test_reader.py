@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 import pickle
 import shutil
+from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -127,6 +130,52 @@ def test_a_whole_data_set_is_verified(written: Path):
     assert told == [16, 16, 8]
 
 
+def test_a_pipe_in_place_of_a_file_is_not_waited_for(copied: Path):
+    """Nor is a folder read."""
+    (copied / "scene.zip").unlink()
+    os.mkfifo(copied / "scene.zip")
+    with pytest.raises(DatasetError, match=r"scene\.zip is not as"):
+        verify(str(copied))
+    (copied / "scene.zip").unlink()
+    (copied / "scene.zip").mkdir()
+    with pytest.raises(DatasetError, match=r"scene\.zip is not as"):
+        verify(copied)
+
+
+@pytest.mark.parametrize("rows", [[True, False], np.array([True, False, False]), [0.7], ["a"], None, [[0], [1, 2]]])
+def test_only_integers_are_row_numbers(written: Path, rows: Any):
+    """A mask is no list of numbers, and nothing is rounded."""
+    with pytest.raises(ArgumentTypeError, match="rows should be integers"):
+        LayoutDataset(written).rows(rows)
+
+
+def test_rows_that_no_data_set_has_are_no_rows(written: Path):
+    """However large the number; none are none."""
+    dataset = LayoutDataset(written)
+    for row in (N, -N - 1, 2**63, 2**70, -(2**70)):
+        with pytest.raises(IndexError, match="has rows 0 to 39"):
+            dataset.rows([row])
+        with pytest.raises(IndexError, match="has rows 0 to 39"):
+            dataset[row]
+    assert len(dataset.rows([])["qpos"]) == 0
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda folder: LayoutDataset(folder).table(0.5, 2),  # type: ignore[arg-type]
+        lambda folder: LayoutDataset(folder).table("a"),  # type: ignore[arg-type]
+        lambda _: LayoutDataset(None),  # type: ignore[arg-type]
+        lambda folder: LayoutDataset(folder, 5),  # type: ignore[arg-type]
+        lambda _: verify(None),  # type: ignore[arg-type]
+    ],
+)
+def test_what_is_of_another_kind_is_refused(written: Path, wrong: Callable[[Path], object]):
+    """With what it should be."""
+    with pytest.raises(ArgumentTypeError, match="should be"):
+        wrong(written)
+
+
 def test_damage_is_found_and_named(copied: Path):
     """One bit of a row, a scene that is gone, a part of other rows; all files at once."""
     path = copied / "layouts-00001.npy"
@@ -162,6 +211,12 @@ def test_damage_is_found_and_named(copied: Path):
         ("columns", {"qpos": "float32"}, "cannot be read"),
         ("columns", {"qpos": {"dtype": f"{'9' * 5000},f4", "shape": []}}, "cannot be read"),
         ("columns", {}, "numbers"),
+        ("files", {"a\0b": "x"}, "names of files"),
+        ("files", {"\ud800": "x"}, "names of files"),
+        ("files", {"..": "x"}, "names of files"),
+        ("files", {"../scene.zip": "x"}, "names of files"),
+        ("files", {"x" * 5000: "x"}, "names of files"),
+        ("files", {"scene.usdc": 7}, "names of files"),
     ],
 )
 def test_a_manifest_that_cannot_be_right_is_refused(copied: Path, name: str, value: object, words: str):

@@ -38,6 +38,13 @@ def test_an_array_with_gaps_needs_words():
         Share.current(slurm(3, 0, 7, 3))
 
 
+@pytest.mark.parametrize("step", ["0", "x", "-1", "9" * 5000])
+def test_an_array_steps_by_a_positive_integer(step: str):
+    """Whatever a script has made of Slurm's variable."""
+    with pytest.raises(ArgumentError, match=r"SLURM_ARRAY_TASK_STEP=.* should be a positive integer"):
+        Share.current(slurm(1, 0, 3, 4, SLURM_ARRAY_TASK_STEP=step))
+
+
 @pytest.mark.parametrize("words", ["", "1", "8/8", "-1/2", "1/2/3", "a/b", "1/0", "1.0/2", "٣/٨"])
 def test_a_share_is_r_of_k(words: str):
     """R from 0 to K - 1, in plain digits."""

@@ -118,6 +118,9 @@ def test_a_data_set_is_never_written_over(tmp_path: Path):
         write(tmp_path, 50, resume=True)
     assert write(tmp_path, resume=True).complete
     assert contents(tmp_path) == before
+    (tmp_path / "dataset.json").write_text("[" * 200_000)
+    with pytest.raises(DatasetError, match="cannot be read"):
+        write(tmp_path, resume=True)
 
 
 def killed(folder: Path, after: str) -> None:
