@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sceniris_gym.vector.state import State
-from sceniris_gym.vector.task import Observation
+from sceniris_gym.vector.task import Observation, regrouped
 
 from .tabletop_lift import TabletopLift
 
@@ -50,6 +50,4 @@ class TabletopLiftEasy(TabletopLift):
 
     def observe(self, s: State) -> Observation:
         """Return the observations that the class lists."""
-        seen = super().observe(s)["critic"]
-        policy = {name: seen[name] for name in POLICY}
-        return {"policy": policy, "critic": policy | {"object_velocities": seen["object_velocities"]}}
+        return regrouped(super().observe(s), policy=POLICY, more=("object_velocities",))

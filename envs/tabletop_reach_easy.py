@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sceniris_gym.vector.state import State
-from sceniris_gym.vector.task import Observation
+from sceniris_gym.vector.task import Observation, regrouped
 
 from .tabletop_reach import TabletopReach
 
@@ -42,6 +42,4 @@ class TabletopReachEasy(TabletopReach):
 
     def observe(self, s: State) -> Observation:
         """Return the observations that the class lists."""
-        seen = super().observe(s)["critic"]
-        policy = {name: seen[name] for name in POLICY}
-        return {"policy": policy, "critic": policy | {"object_velocities": seen["object_velocities"]}}
+        return regrouped(super().observe(s), policy=POLICY, more=("object_velocities",))

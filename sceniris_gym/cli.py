@@ -50,11 +50,10 @@ def _command(work: Callable[P, str]) -> Callable[P, str]:
 
     @functools.wraps(work)
     def quiet(*args: P.args, **kwargs: P.kwargs) -> str:
-        import warp as wp
-
         from sceniris_gym.tools.bars import shown
+        from sceniris_gym.tools.warp_start import start_warp
 
-        wp.config.log_level = wp.LOG_WARNING
+        start_warp()
         with _stdout_to_stderr(), shown(quiet=bool(kwargs.get("json"))):
             return work(*args, **kwargs)
 
@@ -542,8 +541,24 @@ def _in_words(error: OSError) -> str:
     """Say which file an error of the operating system is about, and what helps."""
     file = "a file" if error.filename is None else str(error.filename)
     why = str(error) if error.strerror is None else error.strerror.lower()
+    if error.filename is not None and _is_unwritable_cache(file):
+        return (
+            f"{file}: the folder for compiled kernels cannot be written: {why}. "
+            "Set WARP_CACHE_PATH to a folder that you can write to."
+        )
     advice = "Make room there, or give it another place: --out for results, WARP_CACHE_PATH for compiled kernels."
     return f"{file}: {why}. {advice if error.errno in _UNWRITABLE else ''}".rstrip()
+
+
+def _is_unwritable_cache(file: str) -> bool:
+    """Whether a file is Warp's cache of kernels, inside of it or above it, and nothing can be written there."""
+    import warp as wp
+
+    if not wp.config.kernel_cache_dir:
+        return False
+    cache, path = Path(wp.config.kernel_cache_dir), Path(file).absolute()
+    concerned = path.is_relative_to(cache) or cache.is_relative_to(path)
+    return concerned and not (cache.is_dir() and os.access(cache, os.W_OK))
 
 
 def _end(message: str, status: int) -> NoReturn:

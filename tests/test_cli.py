@@ -280,6 +280,29 @@ def test_a_full_disk_is_told_in_words(capfd: pytest.CaptureFixture, tmp_path: Pa
     assert [path.name for path in tmp_path.iterdir()] == [".progress"]
 
 
+@pytest.mark.parametrize("code", [errno.EACCES, errno.EPERM, errno.ENOENT])
+def test_a_folder_for_kernels_that_cannot_be_written_is_told_with_the_way_out(
+    code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture
+):
+    """Whichever folder on the way to it the system names; an input that is missing keeps its own words."""
+    file = tmp_path / "kernels"
+
+    def start() -> None:
+        raise OSError(code, os.strerror(code), str(file))
+
+    monkeypatch.setattr("sceniris_gym.tools.warp_start.start_warp", start)
+    for cache, unwritable in ((tmp_path / "kernels" / "1.0", True), (tmp_path, False)):
+        monkeypatch.setattr("warp.config.kernel_cache_dir", str(cache))
+        with pytest.raises(SystemExit) as stop:
+            cli.main(["demo"])
+        err = capfd.readouterr().err
+        assert stop.value.code == 2
+        assert f"{file}: " in err
+        assert os.strerror(code).lower() in err
+        assert ("kernels cannot be written" in err) is unwritable
+        assert ("Set WARP_CACHE_PATH to a folder" in err) is unwritable
+
+
 def test_a_new_folder_is_only_made_when_there_is_something_to_write(tmp_path: Path):
     """A scene that does not exist leaves no empty folders, though those could be made."""
     with pytest.raises(SystemExit):

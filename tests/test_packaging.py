@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
-import sysconfig
 import tarfile
 import tomllib
 import venv
@@ -48,7 +47,8 @@ def python(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     python = folder / "bin" / "python"
     site = Path(run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=folder).strip())
     # A folder named in a .pth file is searched; its own .pth files, the editable install's among them, are not read.
-    (site / "dependencies.pth").write_text(sysconfig.get_path("purelib"))
+    folders = [entry for entry in sys.path if Path(entry).name == "site-packages"]  # of a venv over another one: both
+    (site / "dependencies.pth").write_text("\n".join(folders))
     wheel = next(built.glob("*.whl"))
     pip = [sys.executable, "-m", "pip", "--python", str(python)]
     run(*pip, "install", "--no-deps", "--no-index", "--ignore-installed", wheel, cwd=folder)

@@ -31,8 +31,8 @@ except ImportError as error:
 KEYFRAME = "init_state"
 """The keyframe that mjlab makes of the initial states of all entities."""
 _CURE = (
-    "Layouts are made for the model as mjlab compiles it: events should not change where bodies without joints are, or "
-    "sizes, places and contact bits of geoms."
+    "Layouts are made for the model as mjlab compiles it: events should not change where bodies without joints are, "
+    "what joints count from (qpos0), or sizes, places and contact bits of geoms."
 )
 
 

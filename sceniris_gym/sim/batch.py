@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import ContactBudgetError, UnknownNameError
+from sceniris_gym.layout.fixed import Fixed
 from sceniris_gym.layout.sequence import LaunchSequence
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.versions import OverflowType, room_for_dofs, silence_iterations
@@ -117,7 +118,7 @@ def check_budget(m: mjw.Model, d: mjw.Data) -> None:
         raise ContactBudgetError("njmax", d.njmax, int(d.nefc.numpy().max()))
 
 
-class Batch:
+class Batch(Fixed):
     """Many worlds of one scene, stepped together.
 
     Args:
@@ -138,7 +139,11 @@ class Batch:
 
     Raises:
         UnknownNameError: MjOption has no such field.
+        FixedError: An attribute that is assigned to: launches are captured with what they were.
     """
+
+    FIXED = ("scene", "nworld", "device", "model", "data", "stages", "substeps")
+    ARGUMENTS = ("nconmax", "njmax", "nvmax", "needs", "options", "graph")
 
     def __init__(
         self,

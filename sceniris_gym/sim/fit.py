@@ -21,7 +21,7 @@ _NUMBERS = {
 }
 _MEASURES = {
     "body": ("body_pos", "body_quat"),
-    "joint": ("jnt_pos", "jnt_axis"),
+    "joint": ("jnt_pos", "jnt_axis", "qpos0"),
     "geom": ("geom_size", "geom_pos", "geom_quat"),
     "vertex": ("mesh_vert",),
 }
@@ -90,15 +90,19 @@ def _check_names(ours: mujoco.MjModel, theirs: mujoco.MjModel) -> None:
 
 
 def _check_field(m: mjw.Model, mjm: mujoco.MjModel, kind: str, field: str, tolerance: float) -> None:
-    """Compare a field in all worlds that have values of their own."""
-    wanted = np.asarray(getattr(mjm, field), float)
+    """Compare a field in all worlds that have values of their own; `qpos0` as the reference of each joint."""
+    wanted, found = np.asarray(getattr(mjm, field), float), getattr(m, field).numpy().astype(float)
     if not wanted.size:
         return
+    if field == "qpos0":
+        wanted, found = wanted[mjm.jnt_qposadr], found.reshape(-1, mjm.nq)[:, mjm.jnt_qposadr]
     wanted = wanted.reshape(len(wanted), -1)
-    found = getattr(m, field).numpy().astype(float).reshape(-1, *wanted.shape)
+    found = found.reshape(-1, *wanted.shape)
     differs = (np.abs(found - wanted) > tolerance).any(axis=2)
     if field in ("body_pos", "body_quat"):
         differs &= ~_placed_anew(mjm, len(found))
+    if field == "qpos0":  # of a free or a ball joint it moves nothing
+        differs &= np.isin(mjm.jnt_type, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
     if not differs.any():
         return
     world, i = np.argwhere(differs)[0]

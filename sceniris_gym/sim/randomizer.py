@@ -10,7 +10,7 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import ArgumentError, MaskTypeError, SceneMismatchError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, MaskTypeError, SceneMismatchError, UnknownNameError, check_type
 from sceniris_gym.layout.fixed import Fixed
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts
@@ -77,7 +77,7 @@ class ResetRandomizer(Fixed, StaysHere):
             and an njmax with room for contacts; `check_budget` tells whether those of `data` are large enough.
         layout_source: The LayoutSource; None makes a LayoutGenerator with `seed` and `split`.
         prefetch: Make the next layout of every world ahead, on a GPU beside the steps that follow, so that a reset only
-            copies: the same layouts, for the memory of a second batch of them. None does so on a GPU where no
+            copies: the same layouts, for the memory of a second generator. None does so on a GPU where no
             layout_source is given. In a graph of your own that resets are captured into, they are made in place. A
             wp.Stream is used instead of `side_stream`; see PreparedLayouts.
         seed: Seed of world 0, world i has seed + i; or one seed per world. Not used with a layout_source.
@@ -96,6 +96,7 @@ class ResetRandomizer(Fixed, StaysHere):
             overwrite it.
 
     Raises:
+        ArgumentTypeError: `compiled`, `model` or `data` is of another type.
         SceneMismatchError: Model, data or layout_source have another scene, device or number of worlds.
         ArgumentError: Both `layout_source` and `prefetch`.
         MaskTypeError, MaskError: `origins` are no floats, or not one for each world.
@@ -123,6 +124,9 @@ class ResetRandomizer(Fixed, StaysHere):
         needs: Iterable[str] = (),
         graph: bool = True,
     ) -> None:
+        check_type(compiled, CompiledScene, "ResetRandomizer: compiled")
+        check_type(model, mjw.Model, "ResetRandomizer: model")
+        check_type(data, mjw.Data, "ResetRandomizer: data")
         self.compiled, self.model, self.data = compiled, model, data
         self.device: wp.Device = data.qpos.device
         if prefetch is None:

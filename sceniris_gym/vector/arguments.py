@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -72,6 +72,23 @@ def as_autoreset_mode(value: Any) -> AutoresetMode:
         raise ArgumentError(f"autoreset_mode should be one of {modes}, got {short(value)}.") from None
 
 
+def as_groups(value: str | Sequence[str] | None) -> tuple[str, ...] | None:
+    """Return names of observation groups, given as a sequence or as the only one; None is all groups.
+
+    Raises:
+        ArgumentError: No name at all, or something that is no name.
+    """
+    if value is None:
+        return None
+    groups = (value,) if isinstance(value, str) else tuple(value) if isinstance(value, Sequence) else ()
+    if not groups or not all(isinstance(group, str) for group in groups):
+        raise ArgumentError(
+            "observation_groups should be names of groups to observe, such as ('policy',), "
+            f"got {short(value)}. Leave it out to observe all of them."
+        )
+    return groups
+
+
 def as_size(value: Any, name: str) -> tuple[int, int]:
     """Return width and height.
 
@@ -118,10 +135,13 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int, device: torc
     This is the only check of a reset mask; later code relies on it.
 
     Raises:
+        ArgumentTypeError: The options are no mapping.
         UnknownNameError: An option other than reset_mask.
         MaskTypeError: Not an array of booleans.
         MaskError: Wrong shape, or false everywhere.
     """
+    if not isinstance(options, Mapping | None):
+        raise ArgumentTypeError(f"reset: options should be {{'{RESET_MASK}': mask}} or None, got {short(options)}.")
     options = options or {}
     for name in options:
         if name != RESET_MASK:
@@ -149,17 +169,19 @@ def as_action(actions: Any, space: Space, device: torch.device) -> Tensor:
     A NaN in the controls would stay there until the world's next reset, and a gradient for ever.
 
     Raises:
-        ArgumentError: Wrong shape, or not numbers.
+        ArgumentError: Wrong shape, or not real numbers.
     """
     try:
-        action = torch.as_tensor(actions, dtype=torch.float32, device=device).detach()
+        given = torch.as_tensor(actions, device=device).detach()
     except (TypeError, ValueError, RuntimeError, OverflowError) as error:
         raise ArgumentError(f"actions should be an array of numbers, shape {space.shape}: {error}") from None
-    if action.layout is not torch.strided:
-        raise ArgumentError(f"actions should be a dense tensor, got one of layout {action.layout}.")
-    if action.shape != space.shape:
-        raise ArgumentError(f"actions should have shape {space.shape}, got {tuple(action.shape)}.")
-    return action.nan_to_num(nan=0.0).clamp(-1.0, 1.0)
+    if given.layout is not torch.strided:
+        raise ArgumentError(f"actions should be a dense tensor, got one of layout {given.layout}.")
+    if given.shape != space.shape:
+        raise ArgumentError(f"actions should have shape {space.shape}, got {tuple(given.shape)}.")
+    if given.is_complex():
+        raise ArgumentError("actions should be real numbers, got complex ones. Give their real part, or their size.")
+    return given.to(torch.float32).nan_to_num(nan=0.0).clamp(-1.0, 1.0)
 
 
 def fresh_seeds(count: int) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -14,6 +14,13 @@ from sceniris_gym.vector.state import State
 
 Observation = dict[str, dict[str, Tensor]]
 """{group: {name: tensor of shape (num_envs, ...)}}; groups are `policy` and `critic`."""
+
+
+def regrouped(observation: Observation, policy: Sequence[str], more: Sequence[str]) -> Observation:
+    """Show the policy what it names of what the critic sees, and the critic the same and then `more`."""
+    seen = observation["critic"]
+    shown = {name: seen[name] for name in policy}
+    return {"policy": shown, "critic": shown | {name: seen[name] for name in more}}
 
 
 FRICTION_PYRAMIDS: dict[str, Any] = {"cone": mujoco.mjtCone.mjCONE_PYRAMIDAL, "impratio": 1.0}

@@ -32,6 +32,7 @@ from sceniris_gym.vector.arguments import (
     as_action,
     as_autoreset_mode,
     as_compiled_scene,
+    as_groups,
     as_reset_mask,
     as_reset_seeds,
     as_task,
@@ -85,7 +86,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         max_episode_steps: Control steps after which an episode is truncated; None is never.
         autoreset_mode: An AutoresetMode, or its value.
         output: "torch" (tensors on `device`) or "numpy".
-        observation_groups: The groups to observe, such as ("policy",); None is all.
+        observation_groups: The groups to observe, such as ("policy",), or the name of the only one; None is all.
         sensing: Noise, delay and dropout of the group `policy`: a Sensing, a mapping of its attributes, or None.
         copy: Never overwrite what was returned; if false, observations are valid until the next call.
         split: "train" or "eval", which share no layouts and no random numbers.
@@ -129,7 +130,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         output: str = "torch",
-        observation_groups: Sequence[str] | None = None,
+        observation_groups: str | Sequence[str] | None = None,
         sensing: Sensing | Mapping[str, Any] | None = None,
         copy: bool = True,
         split: str = "train",
@@ -147,6 +148,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         if output not in OUTPUTS:
             raise ArgumentError(f"output should be one of {', '.join(OUTPUTS)}, got {output!r}.")
         num_envs, wanted = as_count(num_envs, "num_envs"), as_sensing(sensing)
+        self._groups = as_groups(observation_groups)
         if max_episode_steps is not None:
             max_episode_steps = as_count(max_episode_steps, "max_episode_steps")
         self.task, self.num_envs, self.max_episode_steps = as_task(task), num_envs, max_episode_steps
@@ -188,7 +190,6 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         fps = round(1.0 / self.state.dt)
         self.metadata = {"autoreset_mode": self.autoreset_mode, "render_modes": RENDER_MODES, "render_fps": fps}
 
-        self._groups = None if observation_groups is None else tuple(observation_groups)
         flat = self._bind_task(wanted)
         self._kept = None if copy else (flat, {group: torch.empty_like(t) for group, t in flat.items()})
         self._autoreset = torch.zeros(num_envs, dtype=torch.bool, device=self.device)
@@ -228,6 +229,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
                 mask is an array of booleans, numpy or torch, shape (num_envs,), true for at least one world.
 
         Raises:
+            ArgumentTypeError: The options are no mapping.
             SeedError: Not integers from 0 to 2^64 - 1, or not one per world.
             UnknownNameError: An option other than reset_mask.
             MaskTypeError: The mask is not an array of booleans.
@@ -275,7 +277,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         Raises:
             ResetNeeded: There was no reset yet.
             BusyError: Another thread is in a call of this environment.
-            ArgumentError: The actions have the wrong shape.
+            ArgumentError: The actions have the wrong shape, or are not real numbers.
         """
         self._check_open()
         if not self._ready:

@@ -15,6 +15,7 @@ from sceniris_gym.program.reach import robot_arm
 from sceniris_gym.reach.arm import SerialArm
 from tests.grasping.scenes import Scene
 from tests.layout.scenes import box_mjcf, write_mjcf
+from tests.versions import OLD
 
 PADS = {"panda": ("left_pad", "right_pad"), "ur5e": ("left_pad", "right_pad"), "heron": ("left_pad", "right_pad")}
 # An arm of two hinges, whose hand has a palm and two fingers of other lengths: 12 mm thick and 24 mm wide, and 10 mm
@@ -44,6 +45,8 @@ def _hand(
 @pytest.mark.parametrize("robot", PADS)
 def test_a_gripper_opens_as_wide_as_its_fingers_go_apart(robot: str):
     """MuJoCo's own distance of the two pads at the limits of their joints."""
+    if OLD and robot == "heron":
+        pytest.skip("MuJoCo before 4.0: mj_geomDistance says 0 of its pads, which are 88 mm apart")
     s = Scene("can", robot)
     mjm, data = s.scene.mjm, mujoco.MjData(s.scene.mjm)
     left, right = (mjm.geom(f"{robot}/{name}").id for name in PADS[robot])

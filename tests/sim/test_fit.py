@@ -22,7 +22,7 @@ MODEL = """
 <mujoco>
   <worldbody>
     <geom name="ground" type="plane" size="1 1 .1"/>
-    <body name="tray" pos="0 .5 0"><joint name="slide" type="{joint}" axis="1 0 0" range="0 .2"/>
+    <body name="tray" pos="0 .5 0"><joint name="slide" type="{joint}" axis="1 0 0" range="0 .2" ref="{ref}"/>
       <geom name="tray" type="box" size=".1 .1 .01" contype="{contype}"/></body>
     {bodies}
   </worldbody>
@@ -34,11 +34,11 @@ LARGE = '<body name="large" pos=".3 0 .1"><freejoint/><geom name="l" type="box" 
 TWIN = '<body name="{name}" pos="{x} 0 .5"><freejoint/><geom type="box" size=".02 .02 .02"/></body>'
 
 
-def model(*bodies: str, joint: str = "slide", contype: int = 1, after: str = "") -> mujoco.MjModel:
+def model(*bodies: str, joint: str = "slide", contype: int = 1, ref: float = 0.0, after: str = "") -> mujoco.MjModel:
     """Return a model with these free bodies, by default a small box before a large one."""
     bodies = bodies or (SMALL, LARGE)
     text = "".join(bodies).replace("{j}", "loose").replace("{z}", ".1")
-    return mujoco.MjModel.from_xml_string(MODEL.format(bodies=text, joint=joint, contype=contype, after=after))
+    return mujoco.MjModel.from_xml_string(MODEL.format(bodies=text, joint=joint, contype=contype, ref=ref, after=after))
 
 
 @pytest.fixture(scope="module")
@@ -82,6 +82,10 @@ FOREIGN: dict[str, tuple[Callable[[], mujoco.MjModel], str]] = {
     "one more geom": (
         lambda: model(SMALL.replace("<geom", '<geom size=".01" pos="0 0 .02"/><geom'), LARGE),
         r"model\.ngeom is 5 and should be 4",
+    ),
+    "another reference of a joint": (
+        lambda: model(ref=0.1),
+        r"model\.qpos0 of joint 'slide' is 0\.1 and should be 0, as in the compiled scene",
     ),
     "another place of a joint": (
         lambda: model(SMALL, LARGE.replace("<freejoint/>", "<joint/>")),

@@ -1,6 +1,7 @@
 """The randomizer: masked resets that leave the other worlds alone, and stored layouts put back."""
 
 from dataclasses import replace
+from typing import Any
 
 import mujoco
 import mujoco_warp as mjw
@@ -10,7 +11,14 @@ import torch
 import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import ContactBudgetError, MaskError, MaskTypeError, SceneMismatchError, SeedError
+from sceniris_gym.errors import (
+    ArgumentTypeError,
+    ContactBudgetError,
+    MaskError,
+    MaskTypeError,
+    SceneMismatchError,
+    SeedError,
+)
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.prepared import PreparedLayouts
@@ -355,3 +363,13 @@ def test_layouts_of_another_scene_are_refused(make_randomizer, small_scene):
     source = LayoutGenerator(other, 2)
     with pytest.raises(SceneMismatchError, match="layout_source makes layouts of scene"):
         ResetRandomizer(small_scene, randomizer.model, randomizer.data, layout_source=source)
+
+
+def test_arguments_of_another_type_are_told_by_their_names(make_randomizer):
+    """They were AttributeErrors."""
+    made = make_randomizer(1)
+    given: dict[str, Any] = {"compiled": made.compiled, "model": made.model, "data": made.data}
+    for name, kind in (("compiled", "CompiledScene"), ("model", "Model"), ("data", "Data")):
+        wrong: dict[str, Any] = {**given, name: None}
+        with pytest.raises(ArgumentTypeError, match=f"ResetRandomizer: {name} should be a {kind}, got .*NoneType"):
+            ResetRandomizer(**wrong)

@@ -11,13 +11,21 @@ import warp as wp
 from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode
 
-from sceniris_gym.errors import ArgumentError, MaskError, MaskTypeError, SeedError, UnknownNameError
+from sceniris_gym.errors import (
+    ArgumentError,
+    ArgumentTypeError,
+    MaskError,
+    MaskTypeError,
+    SeedError,
+    UnknownNameError,
+)
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.arguments import (
     as_action,
     as_autoreset_mode,
     as_compiled_scene,
+    as_groups,
     as_reset_mask,
     as_reset_seeds,
     as_size,
@@ -79,6 +87,20 @@ def test_a_size_is_two_counts():
     for given, words in (((4, 0), r"size\[1\]"), ((4.5, 3), r"size\[0\]"), (4, "width, height"), ((1, 2, 3), "height")):
         with pytest.raises(ValueError, match=words):
             as_size(given, "size")
+
+
+def test_observation_groups_are_named_one_by_one_or_as_the_only_one():
+    """In any sequence, in its order; a word is a group and not its letters."""
+    assert as_groups(None) is None
+    assert as_groups("policy") == as_groups(["policy"]) == ("policy",)
+    assert as_groups(("critic", "policy")) == ("critic", "policy")
+
+
+@pytest.mark.parametrize("given", [(), [], 3, {"policy"}, [3], ["policy", None], ("policy", ["critic"])])
+def test_what_names_no_observation_group_is_refused(given: Any):
+    """Without a group nothing would be observed."""
+    with pytest.raises(ArgumentError, match=r"observation_groups should be names .*, such as \('policy',\), got"):
+        as_groups(given)
 
 
 def seeds(given: Any, *, first: bool = False) -> tuple[list[int], list[bool]]:
@@ -194,6 +216,13 @@ def test_another_option_is_refused():
             as_reset_mask({"reset_mask": np.ones(2, bool), name: 1}, 2, CPU)
 
 
+@pytest.mark.parametrize("options", [5, 0, "reset_mask", [("reset_mask", None)], np.ones(2, bool)])
+def test_options_that_are_no_mapping_are_refused(options: Any):
+    """A mask by itself too, with how it is given; a number was a TypeError."""
+    with pytest.raises(ArgumentTypeError, match=r"reset: options should be \{'reset_mask': mask\} or None, got"):
+        as_reset_mask(options, 2, CPU)
+
+
 def test_drawn_seeds_leave_room_to_count_up():
     """They differ, and with a world's number added they are still below 2^63, so that torch can hold them."""
     drawn = fresh_seeds(1000)
@@ -241,6 +270,24 @@ def test_what_are_no_actions_is_refused_in_our_words(actions: Any):
     """Whatever torch says of it."""
     with pytest.raises(ArgumentError, match="actions should"):
         as_action(actions, SPACE, CPU)
+
+
+@pytest.mark.parametrize(
+    "actions",
+    [np.full((2, 3), 1j), np.zeros((2, 3), np.complex64), torch.ones(2, 3, dtype=torch.complex64), [[1, 2, 3j]] * 2],
+)
+def test_actions_of_complex_numbers_are_refused(actions: Any):
+    """Their imaginary part was lost without a word."""
+    with pytest.raises(ArgumentError, match="actions should be real numbers"):
+        as_action(actions, SPACE, CPU)
+
+
+@pytest.mark.parametrize("kind", [bool, np.int8, np.uint8, np.int64, np.float16, np.float64])
+def test_actions_of_any_real_type_are_taken(kind: type):
+    """As single precision."""
+    action = as_action(np.ones((2, 3), kind), SPACE, CPU)
+    assert action.dtype == torch.float32
+    assert action.tolist() == [[1.0] * 3] * 2
 
 
 @pytest.mark.parametrize("task", ["nowhere:Class", "json:Nothing", ":", ""])

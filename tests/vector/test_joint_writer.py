@@ -10,6 +10,7 @@ from torch import Tensor
 
 from sceniris_gym.vector.joint_writer import JointWriter
 from tests.vector.stepping import oracle
+from tests.versions import since_4
 
 
 def test_joints_that_are_put_somewhere_are_held_there(make_env):
@@ -108,6 +109,7 @@ DELAYED = """
 """
 
 
+@since_4("mj_readCtrl has other arguments")
 def test_delayed_actuators_read_the_new_control_from_the_past():
     """All that a delayed actuator remembers is the control that holds the joint; others remember what they did."""
     mjm = mujoco.MjModel.from_xml_string(DELAYED)

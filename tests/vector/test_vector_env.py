@@ -9,7 +9,7 @@ import torch
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 
-from sceniris_gym.errors import FixedError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, FixedError, UnknownNameError
 from sceniris_gym.layout.prepared import PreparedLayouts
 from tests.vector.stepping import actions, assert_equal, leaves, state
 
@@ -302,6 +302,9 @@ def test_only_the_groups_that_are_asked_for_are_observed(make_env):
     after, *_, info = envs.step(torch.zeros(3, 5))
     assert list(after) == list(info["final_obs"]) == ["policy"]
     assert list(make_env(3, observation_groups=["critic", "policy"]).reset(seed=0)[0]) == ["critic", "policy"]
+    assert list(make_env(3, observation_groups="policy").reset(seed=0)[0]) == ["policy"]
+    with pytest.raises(ArgumentError, match="observation_groups"):
+        make_env(3, observation_groups=())
     with pytest.raises(UnknownNameError, match=r"unknown observation group 'polcy'. Did you mean 'policy'"):
         make_env(3, observation_groups=("polcy",))
 
