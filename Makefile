@@ -19,11 +19,13 @@ $(STAMP): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install -e '.[dev,sb3,rsl-rl,viewer,import]' -c constraints.txt
 	touch $@
 
-# The oldest versions that are supported, over everything else that .venv has.
+# The oldest versions that are supported, over everything else that .venv has, where setuptools is newer than the one
+# that a fresh venv may bring.
 $(OLDEST_STAMP): constraints-oldest.txt $(STAMP)
 	rm -rf $(OLDEST)
 	$(BIN)/python -m venv $(OLDEST)
 	$(OLDEST)/bin/python -m pip install --no-deps -r constraints-oldest.txt
+	$(OLDEST)/bin/python -m pip uninstall -y setuptools
 	site() { "$$1" -c "import sysconfig; print(sysconfig.get_path('purelib'))"; }; \
 	echo "import site; site.addsitedir('$$(site $(BIN)/python)')" > "$$(site $(OLDEST)/bin/python)/rest.pth"
 	touch $@
