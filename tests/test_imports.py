@@ -24,7 +24,7 @@ ORDER = {  # a module imports its own part of the house and those with a smaller
     name: rank
     for rank, names in enumerate(
         [
-            ["errors", "progress"],
+            ["errors", "progress", "collecting"],
             ["reach"],
             ["config"],
             ["geometry"],

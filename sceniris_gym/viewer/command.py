@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sceniris_gym.collecting import uncollected
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.viewer.server import import_ahead, wait_for
 
@@ -21,15 +22,16 @@ def view_scene(
 ) -> None:
     """Show a scene on a page, and serve it until Ctrl-C."""
     print(f"Open that page in a browser: '{scene}' appears there. Ctrl-C ends it.", file=sys.stderr, flush=True)
-    drawing = import_ahead()
-    from sceniris_gym.config.loader import read_scene, shipped
-    from sceniris_gym.tools.warp_start import start_warp
-    from sceniris_gym.viewer.deck import Where
-    from sceniris_gym.viewer.scene_file import SceneFile
-    from sceniris_gym.viewer.view import SceneView
+    with uncollected():
+        drawing = import_ahead()
+        from sceniris_gym.config.loader import read_scene, shipped
+        from sceniris_gym.tools.warp_start import start_warp
+        from sceniris_gym.viewer.deck import Where
+        from sceniris_gym.viewer.scene_file import SceneFile
+        from sceniris_gym.viewer.view import SceneView
 
-    start_warp()
-    wait_for(drawing)
+        start_warp()
+        wait_for(drawing)
     view = SceneView(server, SceneFile(scene, changes), Where(split, seed, episode), num)
     if scene not in shipped("envs", ".yaml") and not Path(scene).expanduser().is_file():
         read_scene(scene)  # says that there is none

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sceniris_gym.collecting import uncollected
 from sceniris_gym.errors import ArgumentError, MissingExtraError
 
 if TYPE_CHECKING:
@@ -28,6 +29,14 @@ EXTRA = "viewer"
 """The extra of this package that installs viser and mjviser."""
 
 _BACKGROUND = (238, 241, 245)
+# Lamps alone, one of which reaches each side: a map of the surroundings takes seconds where there is no GPU, and things
+# without a texture arrive at the page as metal, which no light but that of lamps shows.
+_LAMPS = (
+    ("front", 2.4, (-1.0, -1.5, 3.0)),
+    ("right", 1.6, (2.0, -0.6, 1.2)),
+    ("back", 1.2, (-0.5, 2.0, 1.2)),
+    ("below", 0.6, (0.2, -0.3, -1.0)),
+)
 _EVERYWHERE = ("0.0.0.0", "::")
 
 
@@ -46,8 +55,8 @@ def open_server(host: str = HOST, port: int = PORT) -> viser.ViserServer:
         if importlib.util.find_spec(package) is None:
             raise MissingExtraError(package, EXTRA)
     _check_host(host)
-    import viser
-
+    with uncollected():
+        import viser
     with _quiet():
         server = viser.ViserServer(host=host, port=port, label="sceniris_gym", verbose=False)
     server.gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
@@ -77,12 +86,12 @@ def opened_page(host: str, port: int) -> Iterator[viser.ViserServer]:
 
 
 def light(server: viser.ViserServer) -> None:
-    """Light the page: a lamp from the front left and a soft sky, before a pale background."""
+    """Light the page: most of it from the front left, before a pale background."""
     scene = server.scene
-    scene.configure_environment_map("studio", environment_intensity=0.25)
+    scene.configure_environment_map(None)
     scene.configure_default_lights(enabled=False)
-    scene.add_light_directional("/lamp", intensity=2.2, position=(-1.0, -1.5, 3.0))
-    scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(200, 200, 205), intensity=0.8)
+    for name, intensity, position in _LAMPS:
+        scene.add_light_directional(f"/{name}", intensity=intensity, position=position)
     scene.set_background_image(np.full((2, 2, 3), _BACKGROUND, np.uint8), format="png")
 
 

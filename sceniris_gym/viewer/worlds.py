@@ -27,6 +27,10 @@ SEEN_GROUPS = (0, 1, 2, MARK_GROUP)
 """The groups of geoms that are drawn."""
 _ASPECT = 1.2
 _ALIKE = 0.25  # of the size of a scene, by which its ends may move while cameras stay where users turned them
+_FEW = 8
+"""Worlds up to which all are drawn in full."""
+_FAR, _COARSE = 2.0, 0.2
+"""Beyond so many sizes of a scene, worlds are drawn with this share of their triangles."""
 # Where bodies go that are not on show [m]: beyond what a camera sees.
 _AWAY = np.array([0.0, 0.0, -1.0e5])
 
@@ -55,6 +59,9 @@ class Worlds:
         self.origins = grid_origins(num, (1.0 + _GAP) * size)
         with server.atomic():
             self._scene = ViserMujocoScene(server, drawn_model(mjm), num_envs=num)
+            if num > _FEW:
+                for group in self._scene._mesh_groups:
+                    group.handle.lod = ((_FAR * self.size, _COARSE),)
             light(server)  # over what mjviser sets, before a page draws anything with that
         self._scene.camera_tracking_enabled = False
         self._visible: bool | None = None

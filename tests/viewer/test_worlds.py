@@ -57,6 +57,21 @@ def test_the_users_model_stays_as_it_is():
     assert not np.any(drawn_model(mjm).body_weldid == 0)
 
 
+def test_many_worlds_are_coarser_from_afar():
+    """Where there are few, all are drawn in full; and the camera is far enough from many."""
+    compiled = compiled_scene("mid")
+    with page() as server:
+        few = Worlds(server, compiled.scene, 4)._scene._mesh_groups
+        assert all(group.handle.lod == "off" for group in few)
+        worlds = Worlds(server, compiled.scene, 64)
+        worlds.aim()
+        eye = np.asarray(server.initial_camera.position)
+        for group in worlds._scene._mesh_groups:
+            ((distance, share),) = group.handle.lod
+            assert share < 0.5
+            assert distance < np.linalg.norm(eye - worlds.origins, axis=1).min()
+
+
 @pytest.mark.parametrize("num", [1, 2, 5, 64])
 def test_worlds_stand_apart_around_the_middle(num: int):
     """On a grid as square as it can be, each in a place of its own."""
