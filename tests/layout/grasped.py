@@ -17,6 +17,7 @@ from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.layout.reach_poses import OPENING_MARGIN
 from sceniris_gym.layout.reach_search import PREGRASP_DISTANCE
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.reach import ReachTarget
 from tests.layout.scenes import box_mjcf, write_mjcf
 
 FINGER = '<joint name="{0}" type="slide" axis="0 {1} 0" range="0 0.04"/>'
@@ -107,44 +108,47 @@ def states(compiled: CompiledScene, layouts: Layouts, which: str) -> Iterator[tu
     Yields:
         The model in that state, gripper opened and posed by MuJoCo C (one MjData, reused), and the object's name.
     """
-    for data, name, _grasp in _grasped(compiled, layouts, which):
-        yield data, name
+    for data, target, _grasp in _grasped(compiled, layouts, which):
+        yield data, target.name
 
 
 def taken(compiled: CompiledScene, layouts: Layouts, which: str) -> Iterator[Taken]:
     """What MuJoCo C says of these states."""
     back = PREGRASP_DISTANCE if which == "pregrasp_qpos" else 0.0
-    for data, name, grasp in _grasped(compiled, layouts, which):
-        yield _taken(compiled, data, name, grasp, back)
+    for data, target, grasp in _grasped(compiled, layouts, which):
+        yield _taken(compiled, data, target, grasp, back)
 
 
-def _grasped(compiled: CompiledScene, layouts: Layouts, which: str) -> Iterator[tuple[mujoco.MjData, str, Grasp]]:
+def _grasped(
+    compiled: CompiledScene, layouts: Layouts, which: str
+) -> Iterator[tuple[mujoco.MjData, ReachTarget, Grasp]]:
     names = ("qpos", "mocap_pos", "mocap_quat", "status", "grasp", which)
     rows = {name: getattr(layouts, name).numpy() for name in names}
     data, reaching = mujoco.MjData(compiled.mjm), compiled.reaching
     assert reaching is not None
-    gripper = reaching.arms[0].gripper
     for i in np.flatnonzero(rows["status"] != Status.NONE):
         for c, column in enumerate(reaching.targets):
             if rows["grasp"][i, c] < 0:
                 continue
-            grasp = column.grasp_set.grasps[rows["grasp"][i, c]]
+            grasp, own = column.grasp_set.grasps[rows["grasp"][i, c]], reaching.arm_of(column)
             data.qpos[:] = rows["qpos"][i]
             if compiled.mjm.nmocap:
                 data.mocap_pos[:], data.mocap_quat[:] = rows["mocap_pos"][i], rows["mocap_quat"][i]
-            data.qpos[reaching.arms[0].arm.qposadr] = rows[which][i, c, : len(reaching.arms[0].arm.joints)]
+            data.qpos[own.arm.qposadr] = rows[which][i, c, : len(own.arm.joints)]
+            gripper = own.gripper
             gap = min(grasp.opening + OPENING_MARGIN, gripper.opening)
             share = (gap - gripper.closed) / (gripper.opening - gripper.closed)
             adr, fingers = gripper.poses(np.array([share]))
             data.qpos[adr] = fingers[0]
             mujoco.mj_kinematics(compiled.mjm, data)
-            yield data, column.name, grasp
+            yield data, column, grasp
 
 
-def _taken(compiled: CompiledScene, data: mujoco.MjData, name: str, grasp: Grasp, back: float) -> Taken:
+def _taken(compiled: CompiledScene, data: mujoco.MjData, target: ReachTarget, grasp: Grasp, back: float) -> Taken:
     reaching, mjm = compiled.reaching, compiled.mjm
     assert reaching is not None
-    arm = reaching.arms[0].arm
+    reacher = reaching.arm_of(target)
+    arm = reacher.arm
     q = data.qpos[arm.qposadr]
     mujoco.mj_collision(mjm, data)
     frame = np.zeros(9)
@@ -154,10 +158,10 @@ def _taken(compiled: CompiledScene, data: mujoco.MjData, name: str, grasp: Grasp
     at = data.xpos[grasp.body] + body @ grasp.pos - back * asked[:, 2]
     turn = np.zeros(4)
     mujoco.mju_mat2Quat(turn, (asked.T @ data.site_xmat[arm.tcp_site].reshape(3, 3)).ravel())
-    robot, own = set(compiled.scene.subtree("robot")), set(compiled.scene.subtree(name))
+    robot, own = set(compiled.scene.subtree(reacher.robot)), set(compiled.scene.subtree(target.name))
     pairs = [{int(b) for b in mjm.geom_bodyid[c.geom]} for c in data.contact if c.dist <= 0.0]
     return Taken(
-        name=name,
+        name=target.name,
         far=float(np.linalg.norm(data.site_xpos[arm.tcp_site] - at)),
         turned=float(2.0 * np.arctan2(np.linalg.norm(turn[1:]), abs(turn[0]))),
         within=bool((q >= arm.lower).all() and (q <= arm.upper).all()),

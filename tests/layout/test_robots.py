@@ -14,11 +14,14 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import CycleError, UnknownNameError
 from sceniris_gym.geometry.rotations import pose_matrix
 from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.reach.solve import POS_TOL
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.tools.audit.auditor import Auditor
 from sceniris_gym.tools.commands.audit import judge_reach, reach_claims
 from sceniris_gym.tools.tables import make_table
+from tests.layout.grasped import taken
 from tests.oracle.exact_ik import ExactIk
 
 N = 200
@@ -77,6 +80,30 @@ def test_each_target_is_reached_by_the_arm_that_it_names(tier: str):
     if tier == "ik":
         assert np.isnan(table.grasp_qpos[:, :, -1]).tolist() == [[False, True]] * N  # seven joints, and six
         assert judge_reach(scene, table, reach_claims(scene, table)) == []
+
+
+@pytest.mark.parametrize("tier", ["ik", "clear"])
+def test_with_clear_no_arm_hits_the_other_one(tier: str):
+    """In grasps and pre-grasps of either arm MuJoCo C finds no contact but the hand's; `ik` alone allows some."""
+    between = {"region": {"box": [[-0.35, -0.25], [0.35, 0.25]]}}
+    objects = {
+        "can": {**CAN, **between, "reachable": {"by": "left", "tier": tier}},
+        "mug": {**MUG, **between, "reachable": {"by": "right", "tier": tier}},
+    }
+    near = {"left": {**LEFT, "base": [-0.1, 0.45, 0.0]}, "right": {**RIGHT, "base": [0.1, -0.45, 0.0]}}
+    scene = compiled(objects, robots=near)
+    generator = LayoutGenerator(scene, N, seed=1)
+    generator.generate()
+    found = list(taken(scene, generator.layouts, "grasp_qpos"))
+    assert {t.name for t in found} == {"can", "mug"}
+    assert len(found) == 2 * N
+    assert max(t.far for t in found) <= POS_TOL
+    assert not any(t.itself for t in found)
+    assert any(t.others for t in found) == (tier == "ik")
+    if tier == "clear":
+        before = list(taken(scene, generator.layouts, "pregrasp_qpos"))
+        assert len(before) == 2 * N
+        assert not any(t.itself or t.others for t in before)
 
 
 def test_one_of_several_names_is_the_same_robot():
