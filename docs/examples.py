@@ -38,8 +38,10 @@ class Example:
 
     @property
     def own_objects(self) -> list[str]:
-        """The objects that the example itself mentions, not only its base; all objects if it mentions none."""
-        return list(self._data().get("objects") or self.load().objects)
+        """The objects and robots that the example itself mentions, not only its base; all objects if it mentions none."""
+        data = self._data()
+        robots = ["robot"] if "robot" in data else list(data.get("robots", {}))
+        return [*(data.get("objects") or ([] if robots else self.load().objects)), *robots]
 
     @property
     def jointed_objects(self) -> list[str]:

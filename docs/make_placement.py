@@ -22,7 +22,7 @@ from PIL.PngImagePlugin import PngInfo
 
 from docs.examples import FOLDER, TEXT_KEY, Example, read_examples
 from docs.seen import Bounds, View
-from sceniris_gym.config.fields import FLOOR, ROBOT
+from sceniris_gym.config.fields import FLOOR
 
 PAGE = FOLDER / "placement.md"
 LAYOUTS = 64
@@ -39,7 +39,7 @@ def draw(example: Example) -> bytes:
     """Draw one example as a PNG that contains the example's text."""
     view = View(example.load(), LAYOUTS)
     placed = [name for name in example.own_objects if view.is_placed(name)]
-    jointed = [ROBOT] if view.config.robot is not None else example.jointed_objects
+    jointed = list(view.config.all_robots) or example.jointed_objects
     figure, axes = plt.subplots(figsize=_SIZE, dpi=_DPI)
     from_the_front = example.name in _FROM_THE_FRONT
     if from_the_front:
@@ -69,7 +69,7 @@ def draw(example: Example) -> bytes:
 def _draw_surroundings(axes: Axes, view: View, placed: Sequence[str], jointed: Sequence[str]) -> None:
     """Draw the supports with the regions on them, and the objects that the example does not place."""
     owners = [view.owner(name) for name in placed]
-    named = {other for name in placed for _, other in view.config.objects[name].references}
+    named = {other for name in placed for _, other in view.config.parts[name].references}
     for name in view.names:
         if name not in placed:
             color = "white" if name in owners else _NAMED if name in named else _OTHER
@@ -114,26 +114,27 @@ def _draw_object(axes: Axes, view: View, name: str, color: str, tick: float) -> 
 
     A cross is a world that fell back on the bank, a ring one in which an object that this one refers to is absent.
     """
-    others = [other for _, other in view.config.objects[name].references]
+    others = [other for _, other in view.config.parts[name].references]
     labels: dict[str, tuple[list[Bounds], dict]] = {
         name: ([], {"marker": "o", "markersize": 3.2}),
         f"{name} (bank)": ([], {"marker": "x", "markersize": 4.0}),
         f"{name} without {' and '.join(others)}": ([], {"marker": "o", "markersize": 4.0, "markerfacecolor": "white"}),
     }
-    fresh, bank, without = (bounds for bounds, _ in labels.values())
+    fresh, bank, without = (found for found, _ in labels.values())
     for i in view.worlds(name):
         lacking = any(not view.is_present(other, i) for other in others)
-        (bank if not view.is_fresh(i) else without if lacking else fresh).append(view.bounds(name, i))
-    for label, (bounds, style) in labels.items():
-        if not bounds:
+        bounds = view.root_bounds(name, i) if name in view.config.all_robots else view.bounds(name, i)
+        (bank if not view.is_fresh(i) else without if lacking else fresh).append(bounds)
+    for label, (found, style) in labels.items():
+        if not found:
             continue
-        at = np.array([b.pivot[:2] for b in bounds])
+        at = np.array([b.pivot[:2] for b in found])
         axes.plot(at[:, 0], at[:, 1], color=color, linestyle="none", zorder=7, label=label, **style)
         if view.is_point(name):
             continue
-        tips = at + tick * np.array([b.front for b in bounds])
+        tips = at + tick * np.array([b.front for b in found])
         axes.plot(*np.stack([at, tips], axis=-1).transpose(1, 2, 0), color=color, linewidth=1.0, zorder=6)
-        for b in bounds:
+        for b in found:
             _fill(axes, b.shape, facecolor="none", edgecolor=color, linewidth=0.5, alpha=0.22, zorder=6)
 
 
@@ -162,7 +163,7 @@ def _draw_from_the_front(axes: Axes, view: View, placed: Sequence[str]) -> None:
                 for low, high in view.boxes_from_the_front(body):
                     _fill(axes, shapely.box(*low, *high), facecolor=_OTHER, edgecolor=_PALE, linewidth=0.6, zorder=2)
     for name, color in zip(placed, _DOTS, strict=False):
-        region = view.config.objects[name].region
+        region = view.config.parts[name].region
         if region is not None and region.box is not None:
             (x0, _, z0), (x1, _, z1) = region.box
             _fill(axes, shapely.box(x0, z0, x1, z1), facecolor=_SHADE, edgecolor=_INK, linewidth=0.8, zorder=1)

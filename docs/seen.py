@@ -13,7 +13,6 @@ import shapely
 from shapely import affinity
 from shapely.geometry import LineString, MultiPoint, Polygon, box
 
-from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.relations import Relation
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.geometry.resting_poses import heading_of
@@ -82,8 +81,8 @@ class View:
         return self.compiled.slots
 
     def is_placed(self, name: str) -> bool:
-        """Whether a pose is sampled for the object."""
-        return name != ROBOT and self.config.objects[name].is_placed
+        """Whether a pose is sampled for the object, or for the base of the robot."""
+        return name in self.config.parts and self.config.parts[name].is_placed
 
     def is_point(self, name: str) -> bool:
         """Whether the object has no extent."""
@@ -130,7 +129,7 @@ class View:
 
     def owner(self, name: str) -> str | None:
         """The object that an object stands on, or 'floor'; None for an object in the air."""
-        support = self.config.objects[name].support
+        support = self.config.parts[name].support
         return None if support is None else support.parent.split("/")[0]
 
     @cached_property
@@ -148,7 +147,7 @@ class View:
     def moving_bodies(self, name: str) -> list[int]:
         """The bodies that sampled joints move; for the robot only its hand."""
         joints = self.compiled.scene.joint_configs(name)
-        if name == ROBOT:
+        if name in self.config.all_robots:
             return [b for b in self.bodies(name) if self.compiled.mjm.body(b).name.endswith("/hand")]
         return [int(self.compiled.mjm.jnt_bodyid[j]) for j in joints]
 
@@ -156,7 +155,7 @@ class View:
         """The outlines of the surfaces that an object is placed on, or of its box in space, in world i."""
         plan = self._plan(name)
         if plan.ground is None:
-            region = self.config.objects[name].region
+            region = self.config.parts[name].region
             assert region is not None
             assert region.box is not None
             return [MultiPoint([corner[:2] for corner in region.box]).envelope]
@@ -165,7 +164,7 @@ class View:
 
     def region(self, name: str, i: int = 0) -> shapely.Geometry | None:
         """The region of an object in world i, or None where it depends on the orientation of the object."""
-        plan, config = self._plan(name), self.config.objects[name]
+        plan, config = self._plan(name), self.config.parts[name]
         if plan.ground is None:
             return shapely.union_all(self.supports(name, i))
         if plan.erosion > 0.0 or any(mine is not plan.surfaces[0] for mine in plan.surfaces):
@@ -221,7 +220,7 @@ class View:
         if not len(now):
             return Bounds(data.xpos[root].copy(), heading, np.zeros(2), np.zeros(2))
         local = still[:, :2] @ turn
-        middle = data.xpos[root, :2] @ turn if name == ROBOT else 0.5 * (local.min(0) + local.max(0))
+        middle = data.xpos[root, :2] @ turn if name in self.config.all_robots else 0.5 * (local.min(0) + local.max(0))
         local = now[:, :2] @ turn - middle
         return Bounds(np.array([*turn @ middle, now[:, 2].min()]), heading, local.min(0), local.max(0))
 
