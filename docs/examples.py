@@ -38,7 +38,7 @@ class Example:
 
     @property
     def own_objects(self) -> list[str]:
-        """What the example itself mentions of objects and robots, not only its base; all objects if it mentions none."""
+        """The objects and robots that the example itself mentions; all objects if it mentions none of them."""
         data = self._data()
         robots = ["robot"] if "robot" in data else list(data.get("robots", {}))
         return [*(data.get("objects") or ([] if robots else self.load().objects)), *robots]
