@@ -104,5 +104,6 @@ def _files_of(config: SceneConfig) -> list[Path]:
     parts = [*config.objects.values(), *config.all_robots.values()]
     assets = {part.asset for part in parts if part.asset is not None}
     of_package = shipped("assets", ".xml")
-    files = [of_package[a] if SHIPPED_NAME.fullmatch(a) else Path(a) for a in sorted(assets)]
-    return [*files, *([config.model] if isinstance(config.model, Path) else [])]
+    files = [of_package.get(a) if SHIPPED_NAME.fullmatch(a) else Path(a) for a in sorted(assets)]
+    known = [file for file in files if file is not None]  # an unknown name is said when the model is built
+    return [*known, *([config.model] if isinstance(config.model, Path) else [])]

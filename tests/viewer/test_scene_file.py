@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from sceniris_gym.errors import InfeasibleSceneError, SceneFileError, SceneKeyError
+from sceniris_gym.errors import InfeasibleSceneError, SceneFileError, SceneKeyError, ScenirisError
 from sceniris_gym.viewer.scene_file import SceneFile
 
 GOOD = "floor: {size: [1.0, 1.0]}\nobjects: {apple: {asset: apple, on: floor}}\n"
@@ -45,6 +45,8 @@ def test_saving_is_seen_and_nothing_else_is(path: Path):
         (GOOD.replace("on: floor", "on: flour"), Exception, "flour"),
         (GOOD.replace("on:", "onn:"), SceneKeyError, "onn"),
         ("floor: [", SceneFileError, "not YAML"),
+        (GOOD.replace("asset: apple", "asset: kumquat"), ScenirisError, "unknown asset 'kumquat'"),
+        (GOOD.replace("asset: apple", "asset: ./kumquat.xml"), ScenirisError, "there is no file"),
     ],
 )
 def test_a_mistake_is_said_in_the_words_of_the_file(path: Path, text: str, error: type[Exception], words: str):
