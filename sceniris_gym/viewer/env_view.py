@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
-from sceniris_gym.errors import ScenirisError
+from sceniris_gym.errors import SceneMismatchError, ScenirisError
 from sceniris_gym.layout.layout_id import LayoutId
-from sceniris_gym.vector.evaluation import own_id, reset_to
+from sceniris_gym.vector.evaluation import reset_to
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from sceniris_gym.vector.window import show
 from sceniris_gym.viewer.plots import Plots
@@ -45,9 +45,10 @@ class EnvView:
     ) -> None:
         self.envs, self.policy = envs, policy
         self.requests = Requests()
-        self.ids = [own_id(text, envs, envs.split) for text in ids]
+        self.ids = [self._own_id(text) for text in ids]
         self.first = 0
         self._pasted: LayoutId | None = None
+        self._wrong = ""  # what is wrong with the id that was pasted, until a user does something else
         self.running, self.speed = True, 1.0
         self._plotted = 0.0
         self._stepped = False  # ever
@@ -124,6 +125,20 @@ class EnvView:
         size = self.envs.single_action_space.shape
         return 2.0 * torch.rand(self.envs.num_envs, *(size or ()), device=self.envs.device) - 1.0
 
+    def _own_id(self, text: str) -> LayoutId:
+        found = LayoutId.parse(text)
+        if found.scene != self.envs.compiled.hash:
+            raise SceneMismatchError(
+                f"layout '{text}': is of another scene than this one, {self.envs.compiled.hash}. Open the environment, "
+                "with the changes of its scene, that it is of."
+            )
+        if found.split != self.envs.split:
+            raise SceneMismatchError(
+                f"layout '{text}': is of the split '{found.split}', and '{self.envs.split}' is played here. "
+                f"Start the viewer with --split {found.split}."
+            )
+        return found
+
     def _layout(self, i: int) -> LayoutId:
         if self.ids:
             return self.ids[i % len(self.ids)]
@@ -140,11 +155,12 @@ class EnvView:
     def _tell(self) -> None:
         done, num = int(self._ended.sum()), self.envs.num_envs
         words = "running" if not self._ended[0] else "ended, success" if self._success[0] else "ended, no success"
+        wrong = f"\n\n**{self._wrong}**" if self._wrong else ""
         self._status.content = (
             f"**{type(self.envs.task).__name__}**, step {self._step}: first world {words}. "
             f"{done} of {num} episodes ended, {int((self._success & self._ended).sum())} in success."
             f"{f' Layout {self.first % len(self.ids) + 1} of the {len(self.ids)} chosen.' if self.ids else ''}"
-            f"{'' if self._stepped else _FIRST}"
+            f"{'' if self._stepped else _FIRST}{wrong}"
         )
 
     def _add_controls(self) -> None:
@@ -162,7 +178,7 @@ class EnvView:
         @arrows.on_click
         def _(event: Any) -> None:
             step = self.envs.num_envs if "▶" in event.target.value else -self.envs.num_envs
-            self.requests.put(None, lambda: self.start(self.first + step))
+            self.requests.put(None, lambda: self._move(step))
 
         buttons = gui.add_button_group("  ", ("Pause", "Step", "Play"))
 
@@ -173,7 +189,12 @@ class EnvView:
         speed = gui.add_slider("speed", 0.1, 1.0, 0.1, 1.0)
         speed.on_update(lambda _: setattr(self, "speed", float(speed.value)))
 
+    def _move(self, step: int) -> None:
+        self._wrong = ""
+        self.start(self.first + step)
+
     def _press(self, button: str) -> None:
+        self._wrong = ""
         self.running = button == "Play"
         if button == "Step":
             self.step()
@@ -181,9 +202,9 @@ class EnvView:
 
     def _play_id(self, text: str) -> None:
         try:
-            found = own_id(text.strip(), self.envs, self.envs.split)
+            found = self._own_id(text.strip())
         except ScenirisError as error:
-            self._status.content = f"**{error}**"
-            return
-        self._pasted = found
-        self.start(self.first)
+            self._wrong = str(error)
+            return self._tell()
+        self._pasted, self._wrong = found, ""
+        return self.start(self.first)

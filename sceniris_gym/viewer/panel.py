@@ -155,6 +155,10 @@ class Panel:
         """Show whether rejected candidates are on show."""
         self._rejected.value = shown
 
+    def set_arm(self, pose: str) -> None:
+        """Show what the arm is in."""
+        self._arm.value = pose
+
     def _ask(self, about: str | None, action: Callable[[], None]) -> None:
         self._requests.put(about, action)
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import importlib
 import os
+import pickle
 import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -22,6 +24,7 @@ GROUP = "policy"
 FORMS = "a checkpoint of rsl-rl (.pt), a model of Stable-Baselines3 (.zip), or 'module:function'"
 
 _ALGORITHMS = ("PPO", "A2C", "SAC", "TD3", "DDPG")
+_NORMALIZATIONS = ("normalize.pkl", "vecnormalize.pkl")
 
 
 def load_policy(name: str, device: str = "cpu") -> Policy:
@@ -29,7 +32,8 @@ def load_policy(name: str, device: str = "cpu") -> Policy:
 
     Args:
         name: The path of a .pt or .zip file, or 'module:function' of a function that is a policy. Checkpoints of rsl-rl
-            are those of its MLPModel with its default activation.
+            are those of its MLPModel with its default activation. Observations for a .zip are normalised by the
+            VecNormalize that lies beside it as normalize.pkl, if any.
         device: Where observations are, as torch names it.
 
     Raises:
@@ -106,9 +110,23 @@ def _of_stable_baselines(path: Path, device: str) -> Policy:
             why = str(error).splitlines()[0] if str(error) else type(error).__name__
     if model is None:
         raise ArgumentError(f"--policy {path}: is a model of none of {', '.join(_ALGORITHMS)}: {why}.")
-    loaded = model
+    loaded, normalized = model, _normalization(path)
 
     def policy(observation: dict[str, Tensor]) -> Any:
-        return loaded.predict(observation[GROUP].cpu().numpy(), deterministic=True)[0]
+        return loaded.predict(normalized(observation[GROUP].cpu().numpy()), deterministic=True)[0]
 
     return policy
+
+
+def _normalization(path: Path) -> Callable[[np.ndarray], Any]:
+    """How the observations of a model were normalised in its training: by the VecNormalize that was saved beside it."""
+    beside = [path.with_name(name) for name in _NORMALIZATIONS if path.with_name(name).is_file()]
+    if not beside:
+        return lambda seen: seen
+    try:
+        with beside[0].open("rb") as file:
+            normalize: Callable[[np.ndarray], Any] = pickle.load(file).normalize_obs  # the model is such a file too
+    except Exception as error:
+        raise ArgumentError(f"--policy {path}: {beside[0]}: should be what VecNormalize saved: {error}.") from None
+    print(f"sceniris_gym: the policy sees observations as {beside[0]} normalises them", file=sys.stderr, flush=True)
+    return normalize

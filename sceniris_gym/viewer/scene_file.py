@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -21,8 +22,13 @@ from sceniris_gym.errors import (
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.model_files import file_of
 
 _NOTICES = (AttemptsWarning, FallbackWarning, ModelWarning, ReachWarning)
+
+_MODELS = (".xml", ".mjcf", ".urdf")
+_FILE = re.compile(r"""\bfile\w*\s*=\s*["']([^"']+)["']""")
+_FOLDER = re.compile(r"""\b(?:mesh|texture|asset)dir\s*=\s*["']([^"']+)["']""")
 
 Stamps = dict[Path, tuple[int, int]]
 
@@ -100,9 +106,32 @@ class SceneFile:
 
 
 def _files_of(config: SceneConfig) -> list[Path]:
-    """The MJCF files that a scene names."""
+    """The models that a scene names, and what those of its user refer to."""
     parts = [*config.objects.values(), *config.all_robots.values()]
-    assets = {part.asset for part in parts if part.asset is not None}
-    of_package = shipped("assets", ".xml")
-    files = [of_package[a] if SHIPPED_NAME.fullmatch(a) else Path(a) for a in sorted(assets)]
-    return [*files, *([config.model] if isinstance(config.model, Path) else [])]
+    assets = sorted({part.asset for part in parts if part.asset is not None})
+    of_package = shipped("assets", ".xml")  # of which a name may be unknown: that is said when the model is built
+    own = [Path(a) for a in assets if not SHIPPED_NAME.fullmatch(a)]
+    own += [config.model] if isinstance(config.model, Path) else []
+    found: dict[Path, None] = dict.fromkeys(of_package[a] for a in assets if a in of_package)
+    for path in own:
+        _add_referred(path, (), found)
+    return list(found)
+
+
+def _add_referred(path: Path, folders: tuple[Path, ...], found: dict[Path, None]) -> None:
+    """Add a model and the files that it names, in each folder that they may be in, there or not."""
+    if path in found:
+        return
+    found[path] = None
+    if path.suffix.lower() not in _MODELS or not path.is_file():
+        return
+    try:
+        text = path.read_text()
+    except (OSError, UnicodeDecodeError):  # said when the model is built
+        return
+    folders = tuple(dict.fromkeys([path.parent, *folders]))  # an included file means that of the file it is in
+    folders += tuple(folder / name for folder in folders for name in _FOLDER.findall(text))
+    for name in _FILE.findall(text):
+        for place in [file_of(name, path.parent)] if "://" in name else [folder / name for folder in folders]:
+            if place is not None:
+                _add_referred(place, folders, found)

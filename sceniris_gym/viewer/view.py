@@ -15,7 +15,7 @@ from sceniris_gym.progress import listening
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.viewer import why
 from sceniris_gym.viewer.deck import Candidate, LayoutDeck, Where
-from sceniris_gym.viewer.grasps import poses_of_arm, with_arm
+from sceniris_gym.viewer.grasps import START, poses_of_arm, with_arm
 from sceniris_gym.viewer.layers import COLLIDED, PARKED, REACH, SEEN, SKETCHES
 from sceniris_gym.viewer.panel import Panel
 from sceniris_gym.viewer.pieces import sketch_pieces
@@ -64,7 +64,7 @@ class SceneView:
         self._geometry = SEEN
         self._only: str | None = None
         self._height, self._speed = 0.5, 1.0
-        self._pose = "start"
+        self._pose = START
         self._candidates: list[Candidate] | None = None
         self._candidate = 0
         self._counted = True
@@ -115,7 +115,7 @@ class SceneView:
         """Show another layout."""
         if self.deck is None:
             return
-        self.where, self._pose = where, "start"
+        self.where, self._pose = where, START
         self._end_play()
         self.table = self.deck.make(where)
         if self._candidates is not None:
@@ -261,7 +261,7 @@ class SceneView:
             candidate = self._candidates[self._candidate]
             return why.world_of(self.deck.compiled, candidate), candidate
         world = ShownWorld(self.deck.compiled, self.table[:1], stands=self.deck.stands(self.where.split))
-        if self._pose != "start":
+        if self._pose != START:
             moved = with_arm(world, self._pose)
             if moved is None:
                 self.panel.say(f"The arm has no joints for the {self._pose}.", bad=True)
@@ -329,8 +329,9 @@ class SceneView:
         if self._player is None:
             self._player = Player(self.deck.compiled.mjm, self.table[:1])
             self._player.speed = self._speed
-            self._candidates = None
+            self._candidates, self._pose = None, START
             self.panel.set_rejected(False)
+            self.panel.set_arm(START)
             self.panel.set_targets(self._player.targets)
             self._show()
         return self._player

@@ -31,6 +31,8 @@ _FEW = 8
 """Worlds up to which all are drawn in full."""
 _FAR, _COARSE = 2.0, 0.2
 """Beyond so many sizes of a scene, worlds are drawn with this share of their triangles."""
+_MANY = 1000
+"""Triangles of a body from which on it can spare some: of boards and boxes, which have few, none is left whole."""
 # Where bodies go that are not on show [m]: beyond what a camera sees.
 _AWAY = np.array([0.0, 0.0, -1.0e5])
 
@@ -61,7 +63,8 @@ class Worlds:
             self._scene = ViserMujocoScene(server, drawn_model(mjm), num_envs=num)
             if num > _FEW:
                 for group in self._scene._mesh_groups:
-                    group.handle.lod = ((_FAR * self.size, _COARSE),)
+                    many = _triangles(mjm, int(group.body_ids[0])) >= _MANY
+                    group.handle.lod = ((_FAR * self.size, _COARSE),) if many else "off"
             light(server)  # over what mjviser sets, before a page draws anything with that
         self._scene.camera_tracking_enabled = False
         self._visible: bool | None = None
@@ -172,6 +175,13 @@ def drawn_model(mjm: mujoco.MjModel) -> mujoco.MjModel:
     endless = planes & (drawn.geom_size[:, 0] <= 0.0)
     drawn.geom_size[endless, :2] = _ENDLESS / 2.0
     return drawn
+
+
+def _triangles(mjm: mujoco.MjModel, body: int) -> int:
+    """How many triangles the meshes of a body have that are seen."""
+    seen = (mjm.geom_bodyid == body) & np.isin(mjm.geom_group, SEEN_GROUPS)
+    meshes = mjm.geom_dataid[seen & (mjm.geom_type == mujoco.mjtGeom.mjGEOM_MESH)]
+    return int(mjm.mesh_facenum[meshes].sum())
 
 
 def body_mesh(mjm: mujoco.MjModel, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:

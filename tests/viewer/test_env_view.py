@@ -84,16 +84,26 @@ def test_the_policy_is_asked_and_what_it_gets_is_plotted(envs: SceneVectorEnv):
 
 
 def test_ids_of_other_scenes_are_refused(envs: SceneVectorEnv):
-    """At the start by an error, later on the page."""
-    with page() as server, pytest.raises(SceneMismatchError):
+    """At the start by an error, later on the page, until a user does something else."""
+    with page() as server, pytest.raises(SceneMismatchError, match="another scene than this one"):
         EnvView(server, envs, None, ["0123456789abcdef:train:0:0"])
+    with page() as server, pytest.raises(SceneMismatchError, match="Start the viewer with --split eval"):
+        EnvView(server, envs, None, [envs.compiled.layout_id(0, 0, "eval")])
     with page() as server:
         view = EnvView(server, envs, None)
         view._play_id("apple")
         assert "should be scenehash" in view._status.content
+        for _ in range(6):
+            view.turn()
+        view._draw()
+        assert "should be scenehash" in view._status.content, "while episodes go on"
+        view._press("Play")
+        assert "should be scenehash" not in view._status.content
+        view._play_id("apple")
         view._play_id(envs.compiled.layout_id(77, 0))
         assert view._id.value == envs.compiled.layout_id(77, 0)
-        view.start(view.first + 2)
+        assert "should be scenehash" not in view._status.content
+        view.start(2)
         assert view._id.value == envs.compiled.layout_id(2, 0), "then it goes on as before"
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 from pathlib import Path
 
+import gymnasium as gym
 import pytest
 import torch
 
@@ -45,6 +47,26 @@ def test_a_model_of_stable_baselines_acts_as_it_does(tmp_path: Path):
     observation = torch.randn(4, 3)
     actions = load_policy(str(tmp_path / "model.zip"))({"policy": observation})
     assert actions == pytest.approx(model.predict(observation.numpy(), deterministic=True)[0])
+
+
+def test_a_model_sees_observations_as_in_its_training(tmp_path: Path, capsys: pytest.CaptureFixture):
+    """Statistics of VecNormalize that lie beside it, as examples/05 leaves them, are taken, and said."""
+    library = pytest.importorskip("stable_baselines3", reason="needs the extra 'sb3'")
+    vec_env = importlib.import_module("stable_baselines3.common.vec_env")
+    envs = vec_env.VecNormalize(vec_env.DummyVecEnv([lambda: gym.make("Pendulum-v1")]))
+    model = library.PPO("MlpPolicy", envs, n_steps=8, batch_size=8, device="cpu")
+    envs.obs_rms.update(5.0 + 3.0 * torch.randn(100, 3).numpy())
+    model.save(tmp_path / "model.zip")
+    envs.save(str(tmp_path / "normalize.pkl"))
+    observation = 5.0 + torch.randn(4, 3)
+    actions = load_policy(str(tmp_path / "model.zip"))({"policy": observation})
+    expected = model.predict(envs.normalize_obs(observation.numpy()), deterministic=True)[0]
+    assert actions == pytest.approx(expected)
+    assert actions != pytest.approx(model.predict(observation.numpy(), deterministic=True)[0])
+    assert "normalize.pkl" in capsys.readouterr().err
+    (tmp_path / "normalize.pkl").write_bytes(b"nothing")
+    with pytest.raises(ArgumentError, match=r"normalize.pkl: should be what VecNormalize saved"):
+        load_policy(str(tmp_path / "model.zip"))
 
 
 def test_a_function_is_a_policy():

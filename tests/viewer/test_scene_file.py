@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import trimesh
 
-from sceniris_gym.errors import InfeasibleSceneError, SceneFileError, SceneKeyError
+from sceniris_gym.errors import InfeasibleSceneError, SceneFileError, SceneKeyError, ScenirisError
 from sceniris_gym.viewer.scene_file import SceneFile
 
 GOOD = "floor: {size: [1.0, 1.0]}\nobjects: {apple: {asset: apple, on: floor}}\n"
@@ -45,6 +46,8 @@ def test_saving_is_seen_and_nothing_else_is(path: Path):
         (GOOD.replace("on: floor", "on: flour"), Exception, "flour"),
         (GOOD.replace("on:", "onn:"), SceneKeyError, "onn"),
         ("floor: [", SceneFileError, "not YAML"),
+        (GOOD.replace("asset: apple", "asset: kumquat"), ScenirisError, "unknown asset 'kumquat'"),
+        (GOOD.replace("asset: apple", "asset: ./kumquat.xml"), ScenirisError, "there is no file"),
     ],
 )
 def test_a_mistake_is_said_in_the_words_of_the_file(path: Path, text: str, error: type[Exception], words: str):
@@ -92,3 +95,27 @@ def test_a_file_that_was_gone_is_seen_again(path: Path):
     path.write_text(GOOD)
     assert file.changed()
     assert file.load().error is None
+
+
+def test_what_an_asset_refers_to_is_seen(path: Path):
+    """A mesh in its folder for meshes, or in a file that it includes; one that was missing is seen when it is there."""
+    meshes = path.with_name("meshes")
+    meshes.mkdir()
+    mesh = meshes / "thing.obj"
+    (path.with_name("parts")).mkdir()
+    (path.with_name("parts") / "inner.xml").write_text(
+        '<mujoco><asset><mesh name="m" file="thing.obj"/></asset></mujoco>'
+    )
+    (path.with_name("thing.xml")).write_text(
+        '<mujoco><compiler meshdir="meshes"/><include file="parts/inner.xml"/><worldbody>'
+        '<body name="thing"><freejoint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
+    )
+    path.write_text(GOOD.replace("asset: apple", "asset: ./thing.xml"))
+    file = SceneFile(str(path), {})
+    assert "thing.obj" in str(file.load().error)
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(mesh)
+    assert file.changed()
+    assert file.load().error is None
+    assert not file.changed()
+    trimesh.creation.icosphere(2, 0.05).export(mesh)
+    assert file.changed()

@@ -193,6 +193,16 @@ def test_what_is_on_show_is_what_is_played(view: SceneView):
     assert not view.panel._rejected.value
 
 
+def test_physics_begins_and_ends_with_the_arm_at_its_start(view: SceneView):
+    """Whatever the arm had jumped into: time goes on from the layout, and `Reset` goes back to it."""
+    view.panel._arm.options = (START, "grasp of pear")
+    view.panel._arm.value = view._pose = "grasp of pear"
+    view.play(True)
+    assert view.panel._arm.value == START
+    view.reset_play()
+    assert view._pose == START
+
+
 def test_physics_is_seen_where_pieces_stood_for_worlds(view: SceneView):
     """Pieces are about the layout; while time goes on the worlds themselves are drawn."""
     view.show_geometry(COLLIDED)

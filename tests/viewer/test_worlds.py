@@ -6,6 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.scene.model import build_model
 from sceniris_gym.viewer.deck import LayoutDeck, Where
 from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.worlds import Worlds, body_mesh, drawn_model, grid_origins, view_direction
@@ -66,10 +68,24 @@ def test_many_worlds_are_coarser_from_afar():
         worlds = Worlds(server, compiled.scene, 64)
         worlds.aim()
         eye = np.asarray(server.initial_camera.position)
-        for group in worlds._scene._mesh_groups:
+        moving = [group for group in worlds._scene._mesh_groups if group.body_ids[0] > 0]
+        assert len(moving) >= 4
+        for group in moving:
             ((distance, share),) = group.handle.lod
             assert share < 0.5
             assert distance < np.linalg.norm(eye - worlds.origins, axis=1).min()
+
+
+def test_boards_and_boxes_are_drawn_in_full_from_afar():
+    """They are a few triangles each, and with fewer a door becomes a wedge."""
+    scene = build_model(SceneConfig.load("kitchen"))
+    with page() as server:
+        groups = Worlds(server, scene, 16)._scene._mesh_groups
+        lods = {scene.mjm.body(int(group.body_ids[0])).name: group.handle.lod for group in groups}
+    for name in ("counter", "counter/sink", "shelf", "cupboard", "cupboard/door", "chest", "book"):
+        assert lods[name] == "off", name
+    for name in ("pan", "lemon", "bottle"):
+        assert lods[name] != "off", name
 
 
 @pytest.mark.parametrize("num", [1, 2, 5, 64])
