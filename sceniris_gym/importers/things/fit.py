@@ -52,19 +52,25 @@ def tolerance_of(mesh: trimesh.Trimesh) -> float:
     return max(LEAST_TOLERANCE, SHARE * float(mesh.extents.max()))
 
 
+def farthest(points: np.ndarray, mesh: trimesh.Trimesh) -> float:
+    """How far the farthest of points (n, 3) is from the surface of a mesh [m]."""
+    return _Surface(mesh.vertices, mesh.faces).farthest(points)[1]
+
+
 class Measure:
     """Measures parts against one mesh, at points drawn with a fixed seed.
 
     Args:
         mesh: The mesh; nothing of it needs to be closed.
         tolerance: How far parts may be from it [m]: the diameter of the ball that touches them.
+        samples: How many points are drawn on either side.
     """
 
-    def __init__(self, mesh: trimesh.Trimesh, tolerance: float) -> None:
+    def __init__(self, mesh: trimesh.Trimesh, tolerance: float, samples: int = _SAMPLES) -> None:
         self._size, self._area, self._radius = float(mesh.extents.max()), float(mesh.area), 0.5 * _BALL * tolerance
-        self._surface = _Surface(mesh.vertices, mesh.faces)
+        self.samples, self._surface = samples, _Surface(mesh.vertices, mesh.faces)
         self._points = np.concatenate(
-            [_with_normals(mesh.triangles, _SAMPLES)[0], mesh.vertices[:: max(len(mesh.vertices) // _SAMPLES, 1)]]
+            [_with_normals(mesh.triangles, samples)[0], mesh.vertices[:: max(len(mesh.vertices) // samples, 1)]]
         )
 
     def fit(self, parts: list[trimesh.Trimesh]) -> Fit:
@@ -81,7 +87,7 @@ class Measure:
 
     def beyond(self, part: trimesh.Trimesh, others: list[trimesh.Trimesh]) -> float:
         """How far the outside of a part among others is from the surface of the mesh [m]."""
-        share = max(int(_SAMPLES * min(float(part.area) / self._area, 1.0)), _LEAST)
+        share = max(int(self.samples * min(float(part.area) / self._area, 1.0)), _LEAST)
         apart = np.sqrt(float(part.area) / share)
         points, normals = _with_normals(part.triangles, share)
         points = np.concatenate([points, part.triangles.reshape(-1, 3)])

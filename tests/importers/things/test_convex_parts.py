@@ -8,8 +8,8 @@ import trimesh
 from scipy.spatial import ConvexHull
 
 from sceniris_gym.errors import PartsError
-from sceniris_gym.importers.things.convex_parts import convex_parts, small_hull
-from sceniris_gym.importers.things.fit import tolerance_of
+from sceniris_gym.importers.things.convex_parts import _simpler, convex_parts, small_hull
+from sceniris_gym.importers.things.fit import Fit, Measure, tolerance_of
 from sceniris_gym.importers.things.repair import repair
 from tests.importers.things.shapes import box, cup, surface
 
@@ -49,6 +49,48 @@ def test_where_nothing_fits_the_best_is_told(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("sceniris_gym.importers.things.convex_parts._cut", lambda *arguments: [])
     with pytest.raises(PartsError, match=r"cup: its best convex parts, 1 by 1 x hull, are 3\d mm off.*--tolerance"):
         convex_parts(repair([surface(cup())], "cup"), "cup")
+
+
+def test_a_cut_that_brings_nothing_is_followed_by_a_finer_one(monkeypatch: pytest.MonkeyPatch):
+    """Also where little is missing, and the threshold that the error asks for is nearly the same."""
+    foot, post = box((0.1, 0.1, 0.02)), box((0.02, 0.1, 0.1)).apply_translation([-0.04, 0.0, 0.04])
+    corner = trimesh.boolean.union([foot, post], engine="manifold")
+    off = Measure(corner, 0.002).fit([small_hull(corner.vertices)]).error
+    tried: list[float] = []
+
+    def cut(mesh: trimesh.Trimesh, threshold: float, closed: bool) -> list[trimesh.Trimesh]:
+        tried.append(threshold)
+        return [foot, post] if threshold < 0.6 * tried[0] else [small_hull(mesh.vertices)]
+
+    monkeypatch.setattr("sceniris_gym.importers.things.convex_parts._cut", cut)
+    parts = convex_parts(repair([surface(corner)], "corner"), "corner", 0.98 * off / 0.9)
+    assert parts.method == "1 x CoACD"
+    assert len(tried) == 2
+
+
+def test_what_simplifying_loses_is_not_lost(monkeypatch: pytest.MonkeyPatch):
+    """Where it drops a piece of the mesh, the mesh itself is cut."""
+    manifold3d = pytest.importorskip("manifold3d", reason="manifold3d is not installed (extra 'import')")
+    bar = box((0.4, 0.05, 0.05)).subdivide()
+    simple = _simpler(bar, 0.001)
+    assert len(simple.faces) == 12
+    half = manifold3d.Manifold.cube((0.2, 0.05, 0.05), True)
+    monkeypatch.setattr(manifold3d.Manifold, "simplify", lambda self, off: half)
+    assert _simpler(bar, 0.001) is bar
+
+
+def test_parts_are_judged_more_closely_in_the_end(monkeypatch: pytest.MonkeyPatch):
+    """By five times as many points as while they are merged, which miss places that are small."""
+    looks: list[int] = []
+    fit = Measure.fit
+
+    def seen(self: Measure, parts: list[trimesh.Trimesh]) -> Fit:
+        looks.append(self.samples)
+        return fit(self, parts)
+
+    monkeypatch.setattr(Measure, "fit", seen)
+    convex_parts(repair([surface(box())], "box"), "box")
+    assert looks[-1] >= 5 * max(looks[:-1])
 
 
 def test_a_hull_of_many_vertices_is_thinned():
