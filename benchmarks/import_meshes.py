@@ -16,9 +16,9 @@ of any.
 An asset is usable whose convex parts are within 2 mm of the mesh, or 2% of its longest edge, and which rests for half a
 second without moving 1 cm, in the pose that its manifest has first. The error of parts is defined as the importer
 defines it: how far the mesh is from the parts, and how far their outside is from the mesh; their outside is what a ball
-can touch whose diameter is the tolerance. It is measured with trimesh and scipy from ten times as many samples, and
-MuJoCo C tells how an asset rests. Prints a line of JSON for each mesh, and the sums; run again, it goes on where it was
-stopped.
+can touch whose diameter is the tolerance. It is measured with trimesh and scipy, and MuJoCo C tells how an asset rests.
+What is refused as open, with the advice to import it as a sheet (`--shell`), is imported so as well, and counted by
+itself. Prints a line of JSON for each mesh, and the sums; run again, it goes on where it was stopped.
 """
 
 from __future__ import annotations
@@ -87,7 +87,12 @@ def main(
             )
             scale = scales[top_of(folder, source)].get(source.name, said)
             (outcome,) = import_folder([source], kept.parent, Options(scale=scale), jobs=1, seconds=seconds)
-            kept.write_text(json.dumps({"mesh": str(source.relative_to(folder)), "scale": scale} | judged(outcome)))
+            found = {"mesh": str(source.relative_to(folder)), "scale": scale} | judged(outcome)
+            if "--shell" in found.get("refused", ""):  # as the refusal says
+                words = Options(scale=scale, shell=True)
+                (outcome,) = import_folder([source], kept.parent / "shell", words, jobs=1, seconds=seconds)
+                found["shell"] = judged(outcome)
+            kept.write_text(json.dumps(found))
         print(kept.read_text(), flush=True)
         return json.loads(kept.read_text())
 
@@ -99,7 +104,8 @@ def main(
     move = [row["mesh"] for row in kept if not row["moved_mm"] < 1000.0 * _STILL]
     sums = {
         "meshes": len(rows),
-        "usable": len(kept) - len({*beyond, *move}),
+        "usable": sum(map(is_usable, rows)),
+        "usable_as_shells": sum("shell" in row and is_usable(row["shell"]) for row in rows),
         "imported": len(kept),
         "refused": Counter(row["refused"].split(":")[0] for row in rows if "refused" in row),
         "beyond_tolerance": beyond,
@@ -108,6 +114,11 @@ def main(
         "parts_median_most": [float(f([row["parts"] for row in kept])) for f in (np.median, np.max)] if kept else [],
     }
     print(json.dumps(sums))
+
+
+def is_usable(row: dict) -> bool:
+    """Whether a mesh was imported, its parts are near enough, and it rests."""
+    return "refused" not in row and row["error_mm"] <= row["allowed_mm"] and row["moved_mm"] < 1000.0 * _STILL
 
 
 def drawn(folder: Path, count: int, seed: int) -> list[Path]:
