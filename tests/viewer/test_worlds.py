@@ -71,7 +71,7 @@ def test_many_worlds_are_coarser_from_afar():
         moving = [group for group in worlds._scene._mesh_groups if group.body_ids[0] > 0]
         assert len(moving) >= 4
         for group in moving:
-            ((distance, share),) = group.handle.lod
+            ((distance, share),) = np.array(group.handle.lod, float)
             assert share < 0.5
             assert distance < np.linalg.norm(eye - worlds.origins, axis=1).min()
 
