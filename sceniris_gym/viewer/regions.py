@@ -13,6 +13,7 @@ from shapely.geometry.base import BaseGeometry
 from sceniris_gym.config.relations import Relation
 from sceniris_gym.geometry.supports import SupportSurface, triangulate
 from sceniris_gym.program.pack_relations import relations_of
+from sceniris_gym.viewer.roofs import under_right_roof
 from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.sketch import GREY, PALETTE, Sketch
 
@@ -79,7 +80,8 @@ def _words(regions: list[tuple[list[str], MultiPolygon, float]]) -> list[tuple[s
 def region_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, float]]:
     """Return where the pivot of an object may be: areas [m] of the world seen from above, and their heights [m].
 
-    Distances between bounds are those that bounds of any heading can have, so their rings are a little too large.
+    What is covered, or open, is told of pivots on the surface itself. Distances between bounds are those that bounds of
+    any heading can have, so their rings are a little too large.
     """
     return [(left, height) for _, left, height in _on_supports(world, name)]
 
@@ -93,6 +95,7 @@ def _on_supports(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, Multi
         outline, region, height = _in_world(world, surface)
         for area in relations:
             region = region.intersection(area) if area is not None else region
+        region = under_right_roof(world, placed, region, height)
         parts = [part for part in shapely.get_parts(region) if isinstance(part, Polygon) and part.area > 0.0]
         found.append((outline, MultiPolygon(parts), height))
     return found

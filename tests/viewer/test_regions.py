@@ -37,6 +37,21 @@ def test_a_drawer_takes_its_region_along():
         assert height > drawer.xpos[2]
 
 
+def test_what_no_roof_covers_is_no_inside():
+    """The top of the cupboard is none of the places of what stands inside of it."""
+    for seed in range(3):
+        world = world_of("kitchen", seed)
+        parts = world.compiled.config.objects
+        owners = {name: part.inside.split("/")[0] for name, part in parts.items() if part.inside is not None}
+        shown = [name for name in owners if world.is_shown(name)]
+        assert shown
+        for name in shown:
+            top = world.box(owners[name])[1][2]
+            heights = [height for area, height in region_left(world, name) if not area.is_empty]
+            assert heights
+            assert max(heights) < top - 0.01
+
+
 def test_relations_cut_the_region():
     """`front_of` leaves the half of the floor before the cabinet, beyond the least distance."""
     world = world_of("hard_plus", 1)
