@@ -108,11 +108,13 @@ def _of_piece(piece: trimesh.Trimesh, closed: bool, allowed: float) -> tuple[lis
     worse = 0
     for _ in range(_TRIES):
         parts = _cut(simple, threshold, closed)
+        if len(parts) > _TOO_MANY:
+            break
         off = measure.fit(parts).error if parts else np.inf
         worse = worse + 1 if off > _BETTER * error else 0
         if off < error:
             best, error = parts, off
-        if error <= allowed or worse > _WORSE or len(parts) > _TOO_MANY:
+        if error <= allowed or worse > _WORSE:
             break
         threshold *= 0.5 if worse else max(0.9 * min(allowed / off, 1.0), 0.5)
     return best, "hull" if best is hull else "CoACD"
