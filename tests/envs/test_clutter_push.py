@@ -145,7 +145,7 @@ def test_a_script_pushes_where_the_way_is_free():
         pushing = down & (way[:, 2] > -0.01)
         line = torch.nn.functional.normalize(left, dim=1)
         across = way[:, :2] - (way[:, :2] * line).sum(dim=1, keepdim=True) * line
-        push = 2.0 * across + 0.012 * line  # a round tin rolls aside from where it is not pushed in its middle
+        push = 2.0 * across + 0.014 * line  # a round tin rolls aside from where it is not pushed in its middle
         there |= left.norm(dim=1) < 0.03
         flat = torch.where(pushing[:, None], push, way[:, :2])
         height = torch.where(down, way[:, 2], way[:, 2] + 0.1)
@@ -158,6 +158,4 @@ def test_a_script_pushes_where_the_way_is_free():
     assert info["success"].all(), "at the last step"
     fifths = torch.stack(returns).reshape(5, 50, 6).sum(dim=1)
     assert (fifths[1:3] > fifths[:2]).all(), "the reward grows on the way"
-    assert fifths[4].min() > 9.0
-    # A round tin may roll aside once and take longer; which one does is up to rounding, so to the processor.
-    assert (fifths[3] > 9.0).sum() >= 5
+    assert fifths[3:].min() > 9.0
