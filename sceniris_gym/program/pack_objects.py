@@ -223,7 +223,7 @@ def _roofs(scene: SceneModel, plan: Plan, colliders: Colliders, o: PlacedObject)
     if o.roof == Roof.EITHER:
         return []
     assert o.support is not None
-    parent = [o.support.body] if o.support.owner is None else scene.subtree(o.support.owner)
+    parent = scene.around(o.support)
     if scene.config.geometry == "visual":
         return [i for i, body in enumerate(colliders.body) if body in parent and colliders.plane[i] < 0]
     return [i for i, p in enumerate(plan.pieces) if p.body in parent and p.type != PieceType.PLANE]

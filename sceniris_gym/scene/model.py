@@ -102,6 +102,10 @@ class SceneModel:
         """Return the ids of an object's root body and of all bodies below it, in ascending order."""
         return subtree(self.mjm, self.bodies[name])
 
+    def around(self, support: Support) -> list[int]:
+        """Return the bodies of the object that a support is part of: they may be its roof; of none, its own body."""
+        return [support.body] if support.owner is None else self.subtree(support.owner)
+
     def joints(self, name: str) -> dict[str, int]:
         """Return the joints inside an object or the robot, except a root's freejoint: id by the name inside it."""
         prefix = self._prefix(name)

@@ -76,7 +76,7 @@ def evaluate(
     elif not isinstance(ids, Iterable):
         count = number if ids is None else as_count(ids, "evaluate: ids", 0)
         ids = [inner.compiled.layout_id(seed, 0, split) for seed in range(count)]
-    wanted = [own_id(text, inner, split) for text in ids]
+    wanted = [_own_id(text, inner, split) for text in ids]
     results = []
     for first in range(0, len(wanted), number):
         batch = wanted[first : first + number]
@@ -101,7 +101,7 @@ def reset_to(envs: VectorEnv, inner: SceneVectorEnv, ids: Sequence[LayoutId]) ->
     return observation, info
 
 
-def own_id(text: str, envs: SceneVectorEnv, split: str) -> LayoutId:
+def _own_id(text: str, envs: SceneVectorEnv, split: str) -> LayoutId:
     """Read an id, which should be of the scene and split of an environment."""
     found = LayoutId.parse(text)
     if (found.scene, found.split) != (envs.compiled.hash, split):

@@ -25,9 +25,9 @@ def under_right_roof(world: ShownWorld, placed: PlacedObject, region: BaseGeomet
 
 def roof_over(world: ShownWorld, placed: PlacedObject, height: float) -> BaseGeometry:
     """Return the outline, seen from above, of what a support's own object has above a height [m] of the world."""
-    support, compiled = placed.support, world.compiled
-    assert support is not None
-    parent = [support.body] if support.owner is None else compiled.scene.subtree(support.owner)
+    compiled = world.compiled
+    assert placed.support is not None
+    parent = compiled.scene.around(placed.support)
     found = []
     for piece in compiled.plan.pieces:
         if piece.body in parent and piece.type != PieceType.PLANE and piece.mesh is not None:
