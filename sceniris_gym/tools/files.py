@@ -8,11 +8,11 @@ import re
 import socket
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 from sceniris_gym.errors import NotSupportedError, OutputError
-from sceniris_gym.tools.stopping import undone_at_stop
+from sceniris_gym.tools.stopping import temporary
 
 UNWRITABLE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO})
 """What the operating system says where nothing can be written."""
@@ -28,20 +28,16 @@ def replacing(path: Path) -> Iterator[Path]:
     Raises:
         OutputError: The file cannot be written.
     """
-    with undone_at_stop(lambda: _remove_own(path)):
-        temporary = _temporary(path)
+    with _file_beside(path) as file:
         try:
-            try:
-                yield temporary
-            except OSError as error:
-                if error.errno not in UNWRITABLE or isinstance(error, OutputError):
-                    raise
-                raise OutputError(str(path), str(error.strerror).lower()) from error
-            temporary.chmod(0o644)
-            with _in_words(path):
-                os.replace(temporary, path)
-        finally:
-            temporary.unlink(missing_ok=True)
+            yield file
+        except OSError as error:
+            if error.errno not in UNWRITABLE or isinstance(error, OutputError):
+                raise
+            raise OutputError(str(path), str(error.strerror).lower()) from error
+        file.chmod(0o644)
+        with _in_words(path):
+            os.replace(file, path)
 
 
 def check_writable(path: Path) -> None:
@@ -53,7 +49,8 @@ def check_writable(path: Path) -> None:
     if path.is_dir():
         raise OutputError(str(path), "it is a folder")
     folder = next(folder for folder in path.parents if folder.exists())
-    _temporary(folder / path.name).unlink()
+    with _file_beside(folder / path.name):
+        pass
 
 
 def check_picture(path: Path) -> None:
@@ -68,7 +65,12 @@ def check_picture(path: Path) -> None:
     check_writable(path)
 
 
-def _temporary(path: Path) -> Path:
+def _file_beside(path: Path) -> AbstractContextManager[Path]:
+    """Make an empty file beside `path`, for as long as the block lasts."""
+    return temporary(lambda: _make_beside(path), lambda file: file.unlink(missing_ok=True))
+
+
+def _make_beside(path: Path) -> Path:
     with _in_words(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         _remove_orphans(path)
@@ -79,14 +81,6 @@ def _temporary(path: Path) -> Path:
 
 def _prefix(path: Path) -> str:
     return f".{path.name}.{socket.gethostname()}-{os.getpid()}."
-
-
-def _remove_own(path: Path) -> None:
-    """Remove temporary files of this path and process, also one that is being created just now."""
-    if path.parent.is_dir():
-        for own in path.parent.iterdir():
-            if own.name.startswith(_prefix(path)):
-                own.unlink(missing_ok=True)
 
 
 def _remove_orphans(path: Path) -> None:

@@ -14,20 +14,36 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TypeVar
 
+T = TypeVar("T")
+
+_PATIENCE = 1.0  # [s] for a file system that does not answer
 _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
-_undo: dict[object, Callable[[], object]] = {}
+_temporary: dict[object, Callable[[], object]] = {}
+_making = threading.Lock()
+"""Held while something temporary is made or removed; whoever answers a signal takes it and never gives it back."""
 
 
 @contextmanager
-def undone_at_stop(undo: Callable[[], object]) -> Iterator[None]:
-    """Call `undo` if the program is stopped by a signal within the block; the block itself never sees it."""
+def temporary(make: Callable[[], T], remove: Callable[[T], object]) -> Iterator[T]:
+    """Yield what `make` returns and `remove` it in the end, or when the program is stopped by a signal.
+
+    What was made is never without somebody to remove it: a signal waits until `make` has returned, and nothing is made
+    any more once one is being answered.
+
+    Raises:
+        Exception: What `make` and `remove` raise.
+    """
     key = object()
-    _undo[key] = undo
+    with _making:
+        made = make()
+        _temporary[key] = lambda: remove(made)
     try:
-        yield
+        yield made
     finally:
-        _undo.pop(key, None)
+        with _making:
+            _temporary.pop(key)()
 
 
 @contextmanager
@@ -62,6 +78,8 @@ def _nothing(*_: object) -> None:
 
 def _in_child() -> None:
     """Let signals end a forked child as ever: the thread that hears of them is its parent's, and the pipe is, too."""
+    global _making
+    _making = threading.Lock()  # another thread of the parent may have held it
     if signal.getsignal(signal.SIGTERM) is _nothing:
         signal.set_wakeup_fd(-1)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -80,14 +98,19 @@ def _end_children() -> None:
                 os.kill(int(child), signal.SIGKILL)
 
 
+def _remove_temporary() -> None:
+    _making.acquire(timeout=_PATIENCE)
+    for remove in list(_temporary.values()):
+        with contextlib.suppress(Exception):
+            remove()
+
+
 def _listen(heard: int, name: str) -> None:
     """Wait for a signal, and end the process; or end with the block, when the other end is closed."""
     while number := os.read(heard, 1):
         if number[0] in _WORDS:
             _end_children()
-            for undo in list(_undo.values()):
-                with contextlib.suppress(Exception):
-                    undo()
+            _remove_temporary()
             os.write(2, f"\n{name}: {_WORDS[signal.Signals(number[0])]}\n".encode())
             os._exit(128 + number[0])
     os.close(heard)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import contextlib
 import signal
 import subprocess
 import sys
@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from sceniris_gym.tools.stopping import ending_at_signals, undone_at_stop
+from sceniris_gym.tools.stopping import ending_at_signals, temporary
 
 START = """
 import hashlib, os, signal, sys, time
 from pathlib import Path
 from sceniris_gym.tools.files import replacing
-from sceniris_gym.tools.stopping import ending_at_signals, undone_at_stop
+from sceniris_gym.tools.stopping import ending_at_signals
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs are started with it ignored
 """
 BUSY = {
@@ -128,10 +128,45 @@ def test_what_was_there_before_is_there_again():
             assert not thread.is_alive()
 
 
-def test_what_is_undone_at_a_stop_is_left_alone_otherwise():
-    """The block ends, well or not: nothing is called."""
-    called = []
-    with undone_at_stop(lambda: called.append(1)):
-        pass
-    assert not called
-    assert os.getpid()
+def test_what_is_made_while_a_signal_is_answered_does_not_stay(tmp_path: Path):
+    """The removal of one thing takes half a second; the next one is to be made within it."""
+    program = f"""{START}
+import threading
+from sceniris_gym.tools.stopping import temporary
+heard = threading.Event()
+with ending_at_signals("it"), temporary(lambda: None, lambda _: (heard.set(), time.sleep(0.5))):
+    print("ready", flush=True)
+    heard.wait()
+    with replacing(Path(sys.argv[1])):
+        time.sleep(60)
+"""
+    assert ended(program, signal.SIGTERM, tmp_path / "file") == (128 + signal.SIGTERM, "\nit: terminated\n")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_signal_waits_for_what_is_being_made(tmp_path: Path):
+    """Half a second, after which it is removed again."""
+    program = f"""{START}
+from sceniris_gym.tools.stopping import temporary
+def make():
+    print("ready", flush=True)
+    time.sleep(0.5)
+    Path(sys.argv[1]).touch()
+    return Path(sys.argv[1])
+with ending_at_signals("it"), temporary(make, Path.unlink):
+    time.sleep(60)
+"""
+    assert ended(program, signal.SIGTERM, tmp_path / "file") == (128 + signal.SIGTERM, "\nit: terminated\n")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("error", [None, ValueError()])
+def test_what_is_temporary_is_removed_once_in_the_end(error: Exception | None):
+    """The block may end well or not."""
+    removed = []
+    with contextlib.suppress(ValueError), temporary(lambda: 7, removed.append) as made:
+        assert made == 7
+        assert not removed
+        if error:
+            raise error
+    assert removed == [7]

@@ -26,7 +26,7 @@ from sceniris_gym.tools.paper.judge import colliding
 from sceniris_gym.tools.paper.peers import Peer, ratio_row, synthesizer_rows, uniform_row
 from sceniris_gym.tools.paper.rows import Row
 from sceniris_gym.tools.paper.warm import Warm, shares, warm
-from sceniris_gym.tools.stopping import undone_at_stop
+from sceniris_gym.tools.stopping import temporary
 from sceniris_gym.tools.tables import make_table
 
 _EMPTY_SIZES = (1024, LARGEST, PRESSURE)
@@ -60,7 +60,7 @@ def run(
         synthesizer.check_installed()
     name = device_name(device)
     rows: list[Row] = []
-    with tempfile.TemporaryDirectory() as folder, undone_at_stop(lambda: shutil.rmtree(folder)):
+    with temporary(tempfile.mkdtemp, shutil.rmtree) as folder:
         bench = Bench(name, Extent.of(name, quick), scenes.compiled_scene(scenes.MID, name), Path(folder))
         for row in _rows(bench, peers):
             rows.append(row)
