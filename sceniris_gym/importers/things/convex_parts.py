@@ -1,4 +1,7 @@
-"""Convex parts of a mesh: of each connected piece the hull if it fits, or what CoACD cuts it into; then merged."""
+"""Convex parts of a mesh: of each connected piece the hull if it fits, or what CoACD cuts it into.
+
+Those of a solid that do not fit yet are split along planes; at last parts are merged.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +12,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sceniris_gym.errors import MissingExtraError, PartsError
-from sceniris_gym.importers.things.fit import Fit, Measure, farthest, tolerance_of
-from sceniris_gym.importers.things.merging import merge
+from sceniris_gym.importers.things.fit import Distances, Fit, Measure, tolerance_of
+from sceniris_gym.importers.things.merging import Beyond, merge
 from sceniris_gym.importers.things.repair import Solid
+from sceniris_gym.importers.things.splitting import Excess, manifold_of, mesh_of, solid_of, split, union_of
 
 if TYPE_CHECKING:
+    import manifold3d
     import trimesh
 
 MOST_PARTS = 160
 _TOO_MANY = 2 * MOST_PARTS  # of one piece: merging does not bring back so few, and finer cuts take minutes
+_MOST_SPLIT = 4 * MOST_PARTS  # of all pieces: merging takes minutes with more
 _MOST_PIECES = 200
 _MOST_VERTICES = 96  # of a part: MuJoCo-Warp's collisions take longer with more
 _DIRECTIONS = 192
@@ -72,19 +78,17 @@ def convex_parts(solid: Solid, where: str, tolerance: float | None = None) -> Pa
         MissingExtraError: It is not convex, and CoACD is not installed.
     """
     allowed = tolerance_of(solid.mesh) if tolerance is None else tolerance
-    found, methods = [], []
-    for piece in _pieces(solid.mesh):
-        meshes, method = _of_piece(piece, solid.closed, _REST * allowed)
-        found += meshes
-        methods.append(method)
+    cuts = [_of_piece(piece, solid.closed, _REST * allowed) for piece in _pieces(solid.mesh)]
+    found, methods = [part for cut in cuts for part in cut.parts], [cut.method for cut in cuts]
     method = ", ".join(f"{methods.count(word)} x {word}" for word in sorted(set(methods)))
-    measure, exact, aimed = Measure(solid.mesh, allowed), Measure(solid.mesh, allowed, _EXACT), _MERGED * allowed
-    for _ in range(_MERGES):
-        parts = merge(found, measure, aimed, small_hull)
-        fit = exact.fit(parts)
-        if fit.error <= allowed or len(parts) == len(found):
-            break
-        aimed *= _MERGED * allowed / fit.error
+    if solid.closed:
+        excess = Excess(union_of([cut.solid for cut in cuts]), solid.mesh, _REST * allowed)
+        whole, found = found, split(found, excess, _hull_or_none, _MOST_SPLIT)
+        method += ", split" if len(found) > len(whole) else ""
+        beyond = excess.beyond
+    else:
+        beyond = Measure(solid.mesh, allowed).beyond
+    parts, fit = _merged(found, beyond, Measure(solid.mesh, allowed, _EXACT), allowed)
     if fit.error > allowed or len(parts) > MOST_PARTS:
         raise PartsError(
             f"{where}: its best convex parts, {len(parts)} by {method}, are {1000.0 * fit.error:.2g} mm off its "
@@ -94,18 +98,43 @@ def convex_parts(solid: Solid, where: str, tolerance: float | None = None) -> Pa
     return Parts(tuple(parts), fit, allowed, method)
 
 
-def _of_piece(piece: trimesh.Trimesh, closed: bool, allowed: float) -> tuple[list[trimesh.Trimesh], str]:
-    """The parts of one connected piece, and how they were found: the first that fit, or else those that fit best."""
+def _merged(
+    found: list[trimesh.Trimesh], beyond: Beyond, exact: Measure, allowed: float
+) -> tuple[list[trimesh.Trimesh], Fit]:
+    """Merge parts as far as a close look in the end lets them fit, and how they do."""
+    aimed = _MERGED * allowed
+    for _ in range(_MERGES):
+        parts = merge(found, beyond, aimed, small_hull)
+        fit = exact.fit(parts)
+        if fit.error <= allowed:
+            return parts, fit
+        aimed *= _MERGED * allowed / fit.error
+    return found, exact.fit(found)
+
+
+@dataclass(frozen=True)
+class _Cut:
+    """Parts of a connected piece, how they were found, and a solid near it."""
+
+    parts: list[trimesh.Trimesh]
+    method: str
+    solid: manifold3d.Manifold
+
+
+def _of_piece(piece: trimesh.Trimesh, closed: bool, allowed: float) -> _Cut:
+    """Cut a connected piece; where no solid can be made of it, so that nothing is split later, until the parts fit."""
     hull = [small_hull(piece.vertices)]
-    if float(piece.extents.max()) < allowed:
-        return hull, "hull"
     measure = Measure(piece, allowed)
-    best, error = hull, measure.fit(hull).error
+    error = 0.0 if float(piece.extents.max()) < allowed else measure.fit(hull).error
     if error <= allowed:
-        return hull, "hull"
+        return _Cut(hull, "hull", solid_of(hull[0]))
     simple = _simpler(piece, _SIMPLER * allowed)
+    solid = manifold_of(simple)
     threshold = max(_COARSE, _MULTIPLE * allowed / float(piece.extents.max()))
-    worse = 0
+    if closed and not solid.is_empty():
+        parts = _cut(simple, threshold, closed)
+        return _Cut(parts or hull, "CoACD" if parts else "hull", solid)
+    best, worse = hull, 0
     for _ in range(_TRIES):
         parts = _cut(simple, threshold, closed)
         if len(parts) > _TOO_MANY:
@@ -117,24 +146,17 @@ def _of_piece(piece: trimesh.Trimesh, closed: bool, allowed: float) -> tuple[lis
         if error <= allowed or worse > _WORSE:
             break
         threshold *= 0.5 if worse else max(0.9 * min(allowed / off, 1.0), 0.5)
-    return best, "hull" if best is hull else "CoACD"
+    return _Cut(best, "hull" if best is hull else "CoACD", union_of([solid_of(part) for part in best]))
 
 
 def _simpler(mesh: trimesh.Trimesh, off: float) -> trimesh.Trimesh:
     """The mesh with fewer faces, hardly farther from it than `off` [m]; itself where that cannot be had."""
-    import trimesh
-
-    try:
-        import manifold3d
-    except ImportError:
-        raise MissingExtraError("manifold3d", "import") from None
-    solid = manifold3d.Manifold(manifold3d.Mesh64(np.array(mesh.vertices, float), np.array(mesh.faces, np.uint64)))
-    found = solid.simplify(off).to_mesh64()
-    if solid.status() != manifold3d.Error.NoError or not len(found.tri_verts):
+    solid = manifold_of(mesh)
+    simple = mesh_of(solid.simplify(off))
+    if solid.is_empty() or not len(simple.faces):
         return mesh
-    simple = trimesh.Trimesh(found.vert_properties[:, :3], found.tri_verts.astype(int), process=False)
     # A mesh that cuts through itself is a manifold too, and can lose a piece.
-    return mesh if farthest(mesh.vertices, simple) > _LOST * off else simple
+    return mesh if Distances(simple.vertices, simple.faces).farthest(mesh.vertices)[1] > _LOST * off else simple
 
 
 def _cut(mesh: trimesh.Trimesh, threshold: float, closed: bool) -> list[trimesh.Trimesh]:

@@ -52,11 +52,6 @@ def tolerance_of(mesh: trimesh.Trimesh) -> float:
     return max(LEAST_TOLERANCE, SHARE * float(mesh.extents.max()))
 
 
-def farthest(points: np.ndarray, mesh: trimesh.Trimesh) -> float:
-    """How far the farthest of points (n, 3) is from the surface of a mesh [m]."""
-    return _Surface(mesh.vertices, mesh.faces).farthest(points)[1]
-
-
 class Measure:
     """Measures parts against one mesh, at points drawn with a fixed seed.
 
@@ -68,9 +63,9 @@ class Measure:
 
     def __init__(self, mesh: trimesh.Trimesh, tolerance: float, samples: int = _SAMPLES) -> None:
         self._size, self._area, self._radius = float(mesh.extents.max()), float(mesh.area), 0.5 * _BALL * tolerance
-        self.samples, self._surface = samples, _Surface(mesh.vertices, mesh.faces)
+        self.samples, self._surface = samples, Distances(mesh.vertices, mesh.faces)
         self._points = np.concatenate(
-            [_with_normals(mesh.triangles, samples)[0], mesh.vertices[:: max(len(mesh.vertices) // samples, 1)]]
+            [points_on(mesh.triangles, samples), mesh.vertices[:: max(len(mesh.vertices) // samples, 1)]]
         )
 
     def fit(self, parts: list[trimesh.Trimesh]) -> Fit:
@@ -81,7 +76,7 @@ class Measure:
         if len(far := self._points[out > beside]):
             starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
             faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
-            bare = _Surface(np.concatenate([part.vertices for part in parts]), faces).farthest(far)[1]
+            bare = Distances(np.concatenate([part.vertices for part in parts]), faces).farthest(far)[1]
         beyond = max(self.beyond(part, [*parts[:i], *parts[i + 1 :]]) for i, part in enumerate(parts))
         return Fit(bare, beyond)
 
@@ -126,7 +121,8 @@ class Measure:
         def fits(i: int) -> bool:
             return all(_distance_over(other, middles[i], least) >= least for other in near)
 
-        return *self._surface.farthest(points[bare], fits), np.flatnonzero(bare)
+        away, most, _ = self._surface.farthest(points[bare], fits)
+        return away, most, np.flatnonzero(bare)
 
 
 def height_over(part: trimesh.Trimesh, points: np.ndarray) -> np.ndarray:
@@ -145,8 +141,13 @@ def _distance_over(part: trimesh.Trimesh, point: np.ndarray, enough: float) -> f
     return float(np.linalg.norm(nearest - point, axis=1).min())
 
 
-class _Surface:
-    """Triangles to measure distances from: by FCL, where those from samples leave a doubt."""
+class Distances:
+    """Distances from triangles: by FCL, where those from samples leave a doubt.
+
+    Args:
+        vertices: Their corners [m], shape (n, 3).
+        faces: Which corners each has, shape (m, 3).
+    """
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray) -> None:
         import fcl
@@ -160,23 +161,30 @@ class _Surface:
         # Lengths within FCL are compared with absolute tolerances: a point is a ball too small to matter.
         self._radius = 1e-6 * float(np.ptp(vertices, axis=0).max())
 
-        self._samples = KDTree(np.concatenate([vertices, _with_normals(vertices[faces], _NEAR)[0]]))
+        self._samples = KDTree(np.concatenate([vertices, points_on(vertices[faces], _NEAR)]))
 
-    def farthest(self, points: np.ndarray, counts: Callable[[int], bool] = lambda i: True) -> tuple[np.ndarray, float]:
-        """What the distances of points (n, 3) are at most, and the largest of those that count; 0 without any."""
-        at_most, most = self._samples.query(points)[0], 0.0
+    def farthest(
+        self, points: np.ndarray, counts: Callable[[int], bool] = lambda i: True
+    ) -> tuple[np.ndarray, float, int]:
+        """What distances of points (n, 3) are at most, the largest of those that count, 0 without any, and whose."""
+        at_most, most, which = self._samples.query(points)[0], 0.0, 0
         for i in np.argsort(-at_most):
             if at_most[i] <= most:
                 break
             if (away := self._distance(points[i])) > most and counts(int(i)):
-                most = away
-        return at_most, most
+                most, which = away, int(i)
+        return at_most, most, which
 
     def _distance(self, point: np.ndarray) -> float:
         import fcl
 
         ball = fcl.CollisionObject(fcl.Sphere(self._radius), fcl.Transform(point))
         return float(fcl.distance(self._object, ball, fcl.DistanceRequest(), fcl.DistanceResult()))
+
+
+def points_on(triangles: np.ndarray, count: int) -> np.ndarray:
+    """Points on triangles (n, 3, 3), uniform by area, shape (count, 3)."""
+    return _with_normals(triangles, count)[0]
 
 
 def _with_normals(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -9,21 +9,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sceniris_gym.importers.things.fit import Measure
-
 if TYPE_CHECKING:
     import trimesh
 
 Hull = Callable[[np.ndarray], "trimesh.Trimesh"]
+Beyond = Callable[["trimesh.Trimesh", "list[trimesh.Trimesh]"], float]
 
 
-def merge(parts: list[trimesh.Trimesh], measure: Measure, allowed: float, hull: Hull) -> list[trimesh.Trimesh]:
+def merge(parts: list[trimesh.Trimesh], beyond: Beyond, allowed: float, hull: Hull) -> list[trimesh.Trimesh]:
     """Merge pairs of parts, those first whose common hull adds least volume.
 
     Args:
         parts: Convex parts that fit.
-        measure: Measures how they fit.
-        allowed: How far from the mesh they may be [m].
+        beyond: How far the outside of a part among others is from the mesh [m].
+        allowed: How far it may be [m].
         hull: Makes a part of points, shape (n, 3).
     """
     from scipy.spatial import ConvexHull
@@ -46,13 +45,12 @@ def merge(parts: list[trimesh.Trimesh], measure: Measure, allowed: float, hull: 
             continue
         both = hull(np.concatenate([alive[i].vertices, alive[j].vertices]))
         others = [part for k, part in alive.items() if k not in (i, j)]
-        if measure.beyond(both, others) > allowed:
+        if beyond(both, others) > allowed:
             continue
         del alive[i], alive[j]
         alive[new := next(fresh)] = both
         push(new, (k for k in list(alive) if k != new))
-    merged = list(alive.values())
-    return merged if measure.fit(merged).error <= allowed else parts
+    return list(alive.values())
 
 
 def _touch(one: trimesh.Trimesh, other: trimesh.Trimesh, near: float) -> bool:

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 from sceniris_gym.errors import PartsError
 from sceniris_gym.importers.things.convex_parts import _simpler, convex_parts, small_hull
 from sceniris_gym.importers.things.fit import Fit, Measure, tolerance_of
-from sceniris_gym.importers.things.repair import repair
+from sceniris_gym.importers.things.repair import Solid, repair
 from tests.importers.things.shapes import box, cup, surface
 
 
@@ -44,14 +44,23 @@ def test_a_cup_keeps_its_hole():
         assert (hollow @ planes[:, :3].T + planes[:, 3]).max(axis=1).min() > 0.0
 
 
+def test_a_solid_that_is_not_cut_well_is_split(monkeypatch: pytest.MonkeyPatch):
+    """Until its parts fit, even where CoACD finds nothing but the hull."""
+    monkeypatch.setattr("sceniris_gym.importers.things.convex_parts._cut", lambda *arguments: [])
+    parts = convex_parts(repair([surface(cup())], "cup"), "cup")
+    assert parts.fit.error <= parts.tolerance
+    assert parts.method == "1 x hull, split"
+
+
 def test_where_nothing_fits_the_best_is_told(monkeypatch: pytest.MonkeyPatch):
     """With how far it is off."""
     monkeypatch.setattr("sceniris_gym.importers.things.convex_parts._cut", lambda *arguments: [])
+    monkeypatch.setattr("sceniris_gym.importers.things.convex_parts.split", lambda parts, *arguments: parts)
     with pytest.raises(PartsError, match=r"cup: its best convex parts, 1 by 1 x hull, are 3\d mm off.*--tolerance"):
         convex_parts(repair([surface(cup())], "cup"), "cup")
 
 
-def test_a_cut_that_brings_nothing_is_followed_by_a_finer_one(monkeypatch: pytest.MonkeyPatch):
+def test_a_cut_of_a_sheet_that_brings_nothing_is_followed_by_a_finer_one(monkeypatch: pytest.MonkeyPatch):
     """Also where little is missing, and the threshold that the error asks for is nearly the same."""
     foot, post = box((0.1, 0.1, 0.02)), box((0.02, 0.1, 0.1)).apply_translation([-0.04, 0.0, 0.04])
     corner = trimesh.boolean.union([foot, post], engine="manifold")
@@ -63,7 +72,7 @@ def test_a_cut_that_brings_nothing_is_followed_by_a_finer_one(monkeypatch: pytes
         return [foot, post] if threshold < 0.6 * tried[0] else [small_hull(mesh.vertices)]
 
     monkeypatch.setattr("sceniris_gym.importers.things.convex_parts._cut", cut)
-    parts = convex_parts(repair([surface(corner)], "corner"), "corner", 0.98 * off / 0.9)
+    parts = convex_parts(Solid(corner, closed=False, report=()), "corner", 0.98 * off / 0.9)
     assert parts.method == "1 x CoACD"
     assert len(tried) == 2
 

@@ -1,0 +1,166 @@
+"""Splits parts of a closed solid along planes until none sticks out of it too far.
+
+A part that sticks out is split through the place that is farthest from the surface, or along what is near it: walls of
+a slot, the floor of a pocket. Of all such planes that one is taken after which the halves' hulls are smallest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sceniris_gym.errors import MissingExtraError
+from sceniris_gym.importers.things.fit import Distances, height_over, points_on
+
+if TYPE_CHECKING:
+    import manifold3d
+    import trimesh
+
+Hull = Callable[[np.ndarray], "trimesh.Trimesh | None"]
+
+_APART = 0.25  # of what is allowed: points that parts are judged by are about so far apart
+_FEWEST, _MOST = 100, 20_000  # points on a part
+_BESIDE = 1e-5  # of the size: what sticks out less does not count
+_SLIVER = 1e-7  # of the volume of the solid's bounds: smaller pieces are dropped
+_NEAR = 1.5  # times the distance of the place: what is so near may give a plane
+_DIRECTIONS, _LEVELS = 6, 6  # of planes: of the faces with the largest area, beside the axes; and for each of them
+_ALIKE = 20  # steps from 0 to 1 in which normals are compared
+
+
+class Excess:
+    """How far convex parts stick out of a solid.
+
+    Args:
+        solid: The solid, closed; near `mesh`.
+        mesh: The mesh whose surface distances are measured from [m].
+        allowed: How far parts may stick out [m].
+    """
+
+    def __init__(self, solid: manifold3d.Manifold, mesh: trimesh.Trimesh, allowed: float) -> None:
+        self.solid, self.allowed = solid, allowed
+        self._distances = Distances(mesh.vertices, mesh.faces)
+        self._size = float(mesh.extents.max())
+
+    def of(self, part: trimesh.Trimesh) -> tuple[float, np.ndarray]:
+        """How far a part sticks out at most [m], and where, shape (3,)."""
+        out = mesh_of(solid_of(part) - self.solid)
+        if not len(out.faces):
+            return 0.0, part.vertices[0]
+        skin = out.triangles[height_over(part, out.triangles_center) > -_BESIDE * self._size]
+        area = float(np.linalg.norm(np.cross(skin[:, 1] - skin[:, 0], skin[:, 2] - skin[:, 0]), axis=1).sum())
+        if not area > 0.0:
+            return 0.0, part.vertices[0]
+        count = int(np.clip(area / (_APART * self.allowed) ** 2, _FEWEST, _MOST))
+        points = np.concatenate([points_on(skin, count), skin.mean(axis=1)])
+        _, most, which = self._distances.farthest(points)
+        return most, points[which]
+
+    def beyond(self, part: trimesh.Trimesh, others: Sequence[trimesh.Trimesh]) -> float:
+        """How far a part sticks out at most [m]; what others cover sticks out of them, too."""
+        return self.of(part)[0]
+
+
+def split(parts: Sequence[trimesh.Trimesh], excess: Excess, hull: Hull, most: int) -> list[trimesh.Trimesh]:
+    """Split parts that stick out, and their pieces, until none does, or there are too many.
+
+    Args:
+        parts: Convex parts that cover the solid.
+        excess: Tells how far they stick out of it.
+        hull: Makes a part of points, shape (n, 3), or none of points in a plane.
+        most: How many parts there may be.
+    """
+    found = [part for part in parts if excess.of(part)[0] <= excess.allowed]
+    kept = {id(part) for part in found}
+    pieces = [piece for part in parts if id(part) not in kept for piece in (excess.solid ^ solid_of(part)).decompose()]
+    low, high = np.split(np.array(excess.solid.bounding_box()), 2)
+    least = _SLIVER * float(np.prod(high - low))
+    while pieces:
+        piece = pieces.pop()
+        if piece.volume() < least or (part := hull(mesh_of(piece).vertices)) is None:
+            continue
+        away, where = excess.of(part)
+        halves = () if away <= excess.allowed or len(found) + len(pieces) > most else _halves(piece, where, away)
+        if halves:
+            pieces += [each for half in halves for each in half.decompose()]
+        else:
+            found.append(part)
+    return found
+
+
+def _halves(piece: manifold3d.Manifold, where: np.ndarray, away: float) -> tuple[manifold3d.Manifold, ...]:
+    """The two sides of the best plane near a place; none if no plane cuts the piece there."""
+    mesh, best, least = mesh_of(piece), (), np.inf
+    near = mesh.vertices[np.linalg.norm(mesh.vertices - where, axis=1) <= _NEAR * away]
+    for normal in _normals(mesh):
+        heights = mesh.vertices @ normal
+        low, width = heights.min(), np.ptp(heights)
+        levels = np.unique(np.round((near @ normal - low) / width, 3))
+        some = np.linspace(0, len(levels) - 1, min(len(levels), _LEVELS)).astype(int)
+        for level in (*levels[some], (where @ normal - low) / width):
+            if not 0.01 < level < 0.99:
+                continue
+            sides = piece.split_by_plane(normal.tolist(), float(low + level * width))
+            volume = sum(side.hull().volume() for side in sides)
+            if volume < least and not any(side.is_empty() for side in sides):
+                best, least = sides, volume
+    return best
+
+
+def _normals(mesh: trimesh.Trimesh) -> Iterable[np.ndarray]:
+    """The axes, and the directions that most of the surface faces, either way."""
+    normals = mesh.face_normals * np.where(mesh.face_normals @ [1.0, 1e-2, 1e-4] < 0.0, -1.0, 1.0)[:, None]
+    _, alike = np.unique(np.round(_ALIKE * normals), axis=0, return_inverse=True)
+    areas = np.bincount(alike.ravel(), mesh.area_faces)
+    yield from np.eye(3)
+    for i in np.argsort(-areas)[:_DIRECTIONS]:
+        mean = (normals * mesh.area_faces[:, None])[alike.ravel() == i].sum(axis=0)
+        if (length := np.linalg.norm(mean)) > 0.0:
+            yield mean / length
+
+
+def manifold_of(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
+    """A closed mesh as a solid; an empty one if edges do not have two faces each.
+
+    Raises:
+        MissingExtraError: manifold3d is not installed.
+    """
+    library = _library()
+    return library.Manifold(library.Mesh64(np.array(mesh.vertices, float), np.array(mesh.faces, np.uint64)))
+
+
+def solid_of(part: trimesh.Trimesh) -> manifold3d.Manifold:
+    """A convex part as a solid: made of its vertices, since hulls of nearly flat faces need not be manifolds.
+
+    Raises:
+        MissingExtraError: manifold3d is not installed.
+    """
+    return _library().Manifold.hull_points(np.array(part.vertices, float))
+
+
+def union_of(solids: Sequence[manifold3d.Manifold]) -> manifold3d.Manifold:
+    """All of several solids as one.
+
+    Raises:
+        MissingExtraError: manifold3d is not installed.
+    """
+    library = _library()
+    return library.Manifold.batch_boolean(list(solids), library.OpType.Add)
+
+
+def mesh_of(solid: manifold3d.Manifold) -> trimesh.Trimesh:
+    """The surface of a solid."""
+    import trimesh
+
+    found = solid.to_mesh64()
+    return trimesh.Trimesh(found.vert_properties[:, :3], found.tri_verts.astype(int), process=False)
+
+
+def _library() -> ModuleType:
+    try:
+        import manifold3d
+    except ImportError:
+        raise MissingExtraError("manifold3d", "import") from None
+    return manifold3d
