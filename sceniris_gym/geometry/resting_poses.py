@@ -152,9 +152,10 @@ class HomeShape:
                 f"{where}: its centre of mass {np.round(self.center_of_mass, 4).tolist()} is outside the hull of "
                 "its collision geometry, so no pose is stable. Correct the asset's <inertial> or its geoms."
             )
-        transforms, probability = compute_stable_poses(
-            hull, center_mass=self.center_of_mass, sigma=0.0, n_samples=1, threshold=0.0
-        )
+        with np.errstate(divide="ignore", invalid="ignore"):  # faces of the hull without area
+            transforms, probability = compute_stable_poses(
+                hull, center_mass=self.center_of_mass, sigma=0.0, n_samples=1, threshold=0.0
+            )
         kept: list[int] = []
         for i in np.argsort(-probability, kind="stable"):
             if len(kept) == _MOST_POSES or (kept and probability[i] <= _RARE * probability[kept[0]]):

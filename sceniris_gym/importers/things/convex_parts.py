@@ -15,7 +15,7 @@ from sceniris_gym.errors import MissingExtraError, PartsError
 from sceniris_gym.importers.things.fit import Distances, Fit, Measure, tolerance_of
 from sceniris_gym.importers.things.merging import Beyond, merge
 from sceniris_gym.importers.things.repair import Solid
-from sceniris_gym.importers.things.splitting import Excess, manifold_of, mesh_of, solid_of, split, union_of
+from sceniris_gym.importers.things.splitting import Excess, hull_of, manifold_of, mesh_of, solid_of, split, union_of
 
 if TYPE_CHECKING:
     import manifold3d
@@ -38,8 +38,8 @@ _GRID = 40  # cells along its size, of the surface that CoACD closes first
 # of the time, and a third of the parts.
 _SIMPLER = 0.2
 _LOST = 2.0  # times that: what is farther from the simplified mesh was lost by it
-# Of what is allowed, for each piece: merging uses some of the rest, and samples miss a little.
-_REST, _MERGED = 0.9, 0.95
+# Of what is allowed: for each piece, while parts are merged, and by a close look at them. Samples miss a little.
+_REST, _MERGED, _SURE = 0.9, 0.9, 0.95
 # Of the error before: after a cut that brings less than that the next one is twice as fine, and the third such in a row
 # is the last.
 _BETTER, _WORSE = 0.95, 2
@@ -106,7 +106,7 @@ def _merged(
     for _ in range(_MERGES):
         parts = merge(found, beyond, aimed, small_hull)
         fit = exact.fit(parts)
-        if fit.error <= allowed:
+        if fit.error <= _SURE * allowed:
             return parts, fit
         aimed *= _MERGED * allowed / fit.error
     return found, exact.fit(found)
@@ -130,7 +130,7 @@ def _of_piece(piece: trimesh.Trimesh, closed: bool, allowed: float) -> _Cut:
         return _Cut(hull, "hull", solid_of(hull[0]))
     simple = _simpler(piece, _SIMPLER * allowed)
     solid = manifold_of(simple)
-    threshold = max(_COARSE, _MULTIPLE * allowed / float(piece.extents.max()))
+    threshold = float(np.clip(_MULTIPLE * allowed / float(piece.extents.max()), _COARSE, 1.0))  # CoACD takes no more
     if closed and not solid.is_empty():
         parts = _cut(simple, threshold, closed)
         return _Cut(parts or hull, "CoACD" if parts else "hull", solid)
@@ -199,11 +199,8 @@ def small_hull(points: np.ndarray) -> trimesh.Trimesh:
 
 def _hull_or_none(points: np.ndarray) -> trimesh.Trimesh | None:
     """The same; None if the points lie in a plane."""
-    try:
-        hull = small_hull(points)
-    except (ValueError, RuntimeError):  # qhull's
-        return None
-    return hull if hull.volume > 1e-9 * float(hull.extents.max()) ** 3 else None
+    flat = hull_of(points).volume() <= 1e-9 * float(np.ptp(points, axis=0).max()) ** 3
+    return None if flat else small_hull(points)
 
 
 def _pieces(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:

@@ -27,6 +27,7 @@ _FINER, _AROUND, _DOUBTFUL = 3, 4, 100
 _BALL = 0.8  # of the tolerance, so that no small place is missed that the ball of the definition just gets into
 _NEAR = 60_000  # points on the surface that distances are bounded by
 _BESIDE = 1e-5  # of the size: parts that touch within this leave no gap
+_NEEDLE = 1e-6  # sine of the least angle between edges of a face that FCL can tell distances of
 
 
 @dataclass(frozen=True)
@@ -153,6 +154,10 @@ class Distances:
         import fcl
         from scipy.spatial import KDTree
 
+        # FCL says 0 of faces without area, wherever they are. Their edges are other faces' edges, too.
+        a, b = (vertices[faces[:, i]] - vertices[faces[:, 0]] for i in (1, 2))
+        lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+        faces = faces[np.linalg.norm(np.cross(a, b), axis=1) > _NEEDLE * lengths]
         model = fcl.BVHModel()
         model.beginModel(len(faces), len(vertices))
         model.addSubModel(np.ascontiguousarray(vertices, float), np.ascontiguousarray(faces, np.int64))

@@ -137,7 +137,16 @@ def solid_of(part: trimesh.Trimesh) -> manifold3d.Manifold:
     Raises:
         MissingExtraError: manifold3d is not installed.
     """
-    return _library().Manifold.hull_points(np.array(part.vertices, float))
+    return hull_of(part.vertices)
+
+
+def hull_of(points: np.ndarray) -> manifold3d.Manifold:
+    """The convex hull of points (n, 3) as a solid, an empty one if they lie in a plane.
+
+    Raises:
+        MissingExtraError: manifold3d is not installed.
+    """
+    return _library().Manifold.hull_points(np.array(points, float))
 
 
 def union_of(solids: Sequence[manifold3d.Manifold]) -> manifold3d.Manifold:

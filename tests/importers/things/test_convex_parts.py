@@ -108,3 +108,10 @@ def test_a_hull_of_many_vertices_is_thinned():
     hull = small_hull(ball.vertices)
     assert len(hull.vertices) <= 200
     assert 0.95 < hull.volume / ball.volume <= 1.0
+
+
+def test_a_tolerance_of_more_than_a_quarter_of_the_size_is_taken():
+    """A thimble of 7 mm: CoACD ends the process where its threshold is above 1."""
+    pytest.importorskip("coacd", reason="coacd is not installed (extra 'import')")
+    thimble = repair((surface(cup(0.0035, 0.007, 0.0005)),), "thimble")
+    assert convex_parts(thimble, "thimble").fit.error <= 0.002

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from sceniris_gym.importers.things.fit import Measure, height_over
+from sceniris_gym.importers.things.fit import Distances, Measure, height_over
 from tests.importers.things.shapes import box, cup
 
 
@@ -59,3 +59,10 @@ def test_heights_over_a_part_are_negative_inside():
     """A unit cube."""
     cube = trimesh.creation.box((1, 1, 1))
     np.testing.assert_allclose(height_over(cube, np.array([[0, 0, 0], [0, 0, 1.0]])), [-0.5, 0.5])
+
+
+def test_a_face_without_area_is_not_near_everything():
+    """FCL takes the distance of any point from a needle to be 0."""
+    vertices = np.concatenate([box().vertices, [[0.0, 0.0, 0.05], [0.01, 0.0, 0.05], [0.02, 0.0, 0.05]]])
+    faces = np.concatenate([box().faces, [[8, 9, 10]]])
+    assert Distances(vertices, faces).farthest(np.array([[0.0, 0.0, 0.15]]))[1] == pytest.approx(0.1, abs=1e-6)
