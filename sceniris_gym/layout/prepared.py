@@ -56,9 +56,9 @@ def _find_missing(
     if mask:
         if not mask[worldid]:
             return
-    known = stage[worldid]
+    # Atomic, as what is made beside this may become ready meanwhile.
+    known = wp.atomic_exch(stage, worldid, _WAITING)
     if known != _WAITING:
-        stage[worldid] = _WAITING
         wp.atomic_add(nwaiting, 0, 1)
     missing[worldid] = True
     if known == _READY:
@@ -102,18 +102,19 @@ def _serve(
 @wp.kernel
 def _decide(
     many: int,
+    due: wp.array(dtype=int),
     # In and out:
     nwaiting: wp.array(dtype=int),
     patience: wp.array(dtype=int),
     # Out:
-    due: wp.array(dtype=int),
+    begins: wp.array(dtype=int),
 ):
-    due[0] = 0
-    if nwaiting[0] == 0:
+    begins[0] = 0
+    if nwaiting[0] == 0 or due[0] == 1:
         return
     patience[0] = patience[0] - 1
     if nwaiting[0] >= many or patience[0] <= 0:
-        due[0] = 1
+        begins[0] = 1
         nwaiting[0] = 0
         patience[0] = _PATIENCE
 
@@ -121,14 +122,16 @@ def _decide(
 @wp.kernel
 def _begin(
     served: LayoutsView,
-    due: wp.array(dtype=int),
+    begins: wp.array(dtype=int),
     # Out:
     stage: wp.array(dtype=int),
     being_made: wp.array(dtype=bool),
     prepared: LayoutsView,
 ):
     worldid = wp.tid()
-    chosen = due[0] == 1 and stage[worldid] == _WAITING
+    if begins[0] == 0:
+        return
+    chosen = stage[worldid] == _WAITING
     being_made[worldid] = chosen
     if chosen:
         stage[worldid] = _BEING_MADE
@@ -137,13 +140,25 @@ def _begin(
 
 
 @wp.kernel
-def _collect(
+def _publish(
+    begins: wp.array(dtype=int),
+    # Out:
+    due: wp.array(dtype=int),
+):
+    if begins[0] == 1:
+        due[0] = 1
+
+
+@wp.kernel
+def _finish(
+    being_made: wp.array(dtype=bool),
     # In and out:
     stage: wp.array(dtype=int),
 ):
     worldid = wp.tid()
-    if stage[worldid] == _BEING_MADE:
-        stage[worldid] = _READY
+    if being_made[worldid]:
+        # A world that was reset meanwhile goes on waiting.
+        wp.atomic_cas(stage, worldid, _BEING_MADE, _READY)
 
 
 class PreparedLayouts(StaysHere):
@@ -170,16 +185,16 @@ class PreparedLayouts(StaysHere):
         device = self._device = wp.get_device(compiled.device)
         being_made, self._missing = (wp.zeros(nworld, dtype=wp.bool, device=device) for _ in range(2))
         self._being_made = being_made
-        self._stage = wp.full(nworld, _READY, dtype=int, device=device)
-        self._nwaiting, due = (wp.zeros(1, dtype=int, device=device) for _ in range(2))
+        stage = self._stage = wp.full(nworld, _READY, dtype=int, device=device)
+        self._nwaiting, self._begins, due = (wp.zeros(1, dtype=int, device=device) for _ in range(3))
         self._patience, self._due = wp.full(1, _PATIENCE, dtype=int, device=device), due
 
         def make() -> None:
             ahead.launch_generate(being_made)
+            wp.launch(_finish, dim=nworld, inputs=[being_made], outputs=[stage], device=device)
             due.zero_()
 
         self._make = LaunchSequence(lambda: repeat_launches(due, make, 1), device, graph=graph, priority=_FIRST)
-        self._working = False
         self._stream = self._done = self._served = None
         if device.is_cuda:
             self._stream = side_stream(device) if stream is None else stream
@@ -195,25 +210,23 @@ class PreparedLayouts(StaysHere):
         Args:
             reset: Makes the launches, or replays a graph of them.
         """
-        if self._device.is_capturing:
-            reset()
-            return
-        if self._working and (self._done is None or self._done.is_complete):
-            wp.launch(_collect, dim=self.layouts.nworld, outputs=[self._stage], device=self._device)
-            self._working = False
         reset()
-        if not self._working:
+        if not self._device.is_capturing:
             self._launch_begin()
-            self._working = True
             self._make_beside()
 
     def _launch_begin(self) -> None:
-        """Choose the worlds whose next layouts are made now, if enough of them wait, or long enough."""
+        """Choose the worlds whose next layouts are made now, if enough of them wait, or long enough.
+
+        The device decides, as the host is many steps ahead of it. What is made beside is asked for last: it may look
+        at any time whether it is.
+        """
         nworld, device = self.layouts.nworld, self._device
-        outputs = [self._nwaiting, self._patience, self._due]
-        wp.launch(_decide, dim=1, inputs=[-(-nworld // _MANY)], outputs=outputs, device=device)
-        inputs, outputs = [self.layouts.view, self._due], [self._stage, self._being_made, self._ahead.layouts.view]
+        outputs = [self._nwaiting, self._patience, self._begins]
+        wp.launch(_decide, dim=1, inputs=[-(-nworld // _MANY), self._due], outputs=outputs, device=device)
+        inputs, outputs = [self.layouts.view, self._begins], [self._stage, self._being_made, self._ahead.layouts.view]
         wp.launch(_begin, dim=nworld, inputs=inputs, outputs=outputs, device=device)
+        wp.launch(_publish, dim=1, inputs=[self._begins], outputs=[self._due], device=device)
 
     def _make_beside(self) -> None:
         """Make the layouts of the chosen worlds, on a GPU beside what is launched afterwards."""

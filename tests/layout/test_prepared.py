@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import gc
+import itertools
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -42,13 +42,11 @@ def _bits(source: LayoutGenerator | PreparedLayouts) -> dict[str, bytes]:
     return {name: np.where(values == values, values, np.nan).tobytes() for name, values in made.items()}
 
 
-def _same(compiled: CompiledScene, graph: bool, done: Any = None) -> None:
+def _same(compiled: CompiledScene, graph: bool) -> None:
     """Compare both sources over resets of some worlds, of none and of all, with new seeds in between."""
     rng, device = np.random.default_rng(0), wp.get_device(compiled.device)
     plain = LayoutGenerator(compiled, NWORLD, seed=5)
     source = PreparedLayouts(LayoutGenerator(compiled, NWORLD, seed=5))
-    if done is not None:
-        source._done = done
     mask = wp.zeros(NWORLD, dtype=wp.bool, device=device)
     launches = LaunchSequence(lambda: source.launch_generate(mask), device, graph=graph)
     for step in range(24):
@@ -83,23 +81,18 @@ def test_layouts_made_ahead_on_a_gpu_are_those_made_in_place(tmp_path: Path, gra
     _same(compile_scene("hard_plus", "cuda:0"), graph)
 
 
-class _Late:
-    """An event that is not complete for a while after it was recorded."""
+def test_nobody_waits_for_what_is_being_made(monkeypatch: pytest.MonkeyPatch):
+    """What is not done is made in place: the same bits, and nothing is begun until then."""
+    make, asked, due = PreparedLayouts._make_beside, itertools.count(), []
 
-    def __init__(self) -> None:
-        self.asked = 0
+    def late(source: PreparedLayouts) -> None:
+        due.append(int(source._due.numpy()[0]))
+        if next(asked) % 3 == 2:
+            make(source)
 
-    @property
-    def is_complete(self) -> bool:
-        self.asked += 1
-        return self.asked % 3 == 0
-
-
-def test_nobody_waits_for_what_is_being_made():
-    """What is not known to be done is made in place: the same bits, and nothing is begun until then."""
-    done = _Late()
-    _same(compile_scene("hard_plus", "cpu"), True, done)
-    assert done.asked > 20
+    monkeypatch.setattr(PreparedLayouts, "_make_beside", late)
+    _same(compile_scene("hard_plus", "cpu"), True)
+    assert sum(due) > 20
 
 
 def test_what_is_ready_is_not_made_again():
