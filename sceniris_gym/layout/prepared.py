@@ -24,10 +24,10 @@ wp.set_module_options({"enable_backward": False})
 _FIRST = -1
 """Priority of what is made ahead: its many short kernels go before the long ones of physics, not after each of them."""
 
-_MANY = 8
+_MANY = 4
 """One world in so many is enough to make layouts ahead for all that wait."""
 
-_PATIENCE = wp.constant(16)
+_PATIENCE = 32
 """After so many resets since the first one began to wait, layouts are made ahead for however few."""
 
 _kept_longer: list[tuple[wp.Event | None, tuple[Any, ...]]] = []
@@ -102,6 +102,7 @@ def _serve(
 @wp.kernel
 def _decide(
     many: int,
+    most_patience: int,
     due: wp.array(dtype=int),
     # In and out:
     nwaiting: wp.array(dtype=int),
@@ -116,7 +117,7 @@ def _decide(
     if nwaiting[0] >= many or patience[0] <= 0:
         begins[0] = 1
         nwaiting[0] = 0
-        patience[0] = _PATIENCE
+        patience[0] = most_patience
 
 
 @wp.kernel
@@ -195,11 +196,14 @@ class PreparedLayouts(StaysHere):
             due.zero_()
 
         self._make = LaunchSequence(lambda: repeat_launches(due, make, 1), device, graph=graph, priority=_FIRST)
-        self._stream = self._done = self._served = None
+        self._stream = self._done = None
         if device.is_cuda:
             self._stream = side_stream(device) if stream is None else stream
-            self._done, self._served = wp.Event(device), wp.Event(device)
-            with wp.ScopedStream(self._stream):
+            # An event, as Warp does not order streams for us where the current one is CUDA's default stream.
+            allocated, self._done = wp.Event(device), wp.Event(device)
+            wp.record_event(allocated)
+            with wp.ScopedStream(self._stream, sync_enter=False):
+                wp.wait_event(allocated)
                 wp.record_event(self._done)
         # Memory that is still written to must not be given to anybody else: what is passed here lives until then.
         weakref.finalize(self, _wait, self._done, ahead, self._make)
@@ -222,22 +226,23 @@ class PreparedLayouts(StaysHere):
         at any time whether it is.
         """
         nworld, device = self.layouts.nworld, self._device
-        outputs = [self._nwaiting, self._patience, self._begins]
-        wp.launch(_decide, dim=1, inputs=[-(-nworld // _MANY), self._due], outputs=outputs, device=device)
+        inputs, outputs = [-(-nworld // _MANY), _PATIENCE, self._due], [self._nwaiting, self._patience, self._begins]
+        wp.launch(_decide, dim=1, inputs=inputs, outputs=outputs, device=device)
         inputs, outputs = [self.layouts.view, self._begins], [self._stage, self._being_made, self._ahead.layouts.view]
         wp.launch(_begin, dim=nworld, inputs=inputs, outputs=outputs, device=device)
         wp.launch(_publish, dim=1, inputs=[self._begins], outputs=[self._due], device=device)
 
     def _make_beside(self) -> None:
-        """Make the layouts of the chosen worlds, on a GPU beside what is launched afterwards."""
+        """Make the layouts of the chosen worlds, on a GPU beside what is launched afterwards.
+
+        Their stream does not wait for that of the steps, but looks whether anything is due: a GPU on which work of one
+        stream always waits for another one starts each kernel later.
+        """
         if self._stream is None:
             self._make()
             return
-        # An event, as Warp does not order streams for us where the current one is CUDA's default stream.
-        wp.record_event(self._served)
         with wp.ScopedStream(self._stream, sync_enter=False):
             try:
-                wp.wait_event(self._served)
                 self._make()
             finally:
                 wp.record_event(self._done)

@@ -111,7 +111,7 @@ def test_what_is_ready_is_not_made_again():
 
 
 def test_few_worlds_wait_until_more_are_reset():
-    """One of 24 waits until three do, or until it has waited for sixteen resets of other worlds or of none."""
+    """One of 24 waits until six do, or until it has waited for 32 resets of other worlds or of none."""
     compiled = compile_scene("mid", "cpu")
     source = PreparedLayouts(LayoutGenerator(compiled, NWORLD))
     mask = wp.ones(NWORLD, dtype=wp.bool, device="cpu")
@@ -124,11 +124,12 @@ def test_few_worlds_wait_until_more_are_reset():
 
     assert ahead(*range(NWORLD)) == []
     assert ahead(3) == [3]
-    assert ahead(7, 3) == [3, 7]
-    assert ahead(9) == []
-    for _ in range(20):
+    assert ahead(7, 3, 20, 21) == [3, 7, 20, 21]
+    assert ahead(9, 7) == [3, 7, 9, 20, 21]
+    assert ahead(8) == []
+    for _ in range(40):
         assert ahead() == []
-    assert [ahead(5), *(ahead() for _ in range(15))] == [[5]] * 15 + [[]]
+    assert [ahead(5), *(ahead() for _ in range(31))] == [[5]] * 31 + [[]]
 
 
 def test_memory_is_kept_until_all_that_writes_to_it_is_done(monkeypatch: pytest.MonkeyPatch):
@@ -187,23 +188,27 @@ def test_a_captured_reset_is_not_disturbed_by_what_is_made_beside_it():
 
 
 @pytest.mark.cuda
-def test_nothing_is_made_ahead_before_the_reset_is_done_on_the_default_stream():
-    """Which is torch's; Warp alone would not order the two streams."""
+def test_what_is_made_ahead_and_the_steps_do_not_wait_for_each_other():
+    """On torch's default stream too, which Warp alone would not let anything run beside."""
     device = wp.get_device("cuda:0")
-    source = PreparedLayouts(LayoutGenerator(compile_scene("mid", "cuda:0"), NWORLD))
+    compiled = compile_scene("mid", "cuda:0")
+    plain = LayoutGenerator(compiled, NWORLD, seed=5)
+    source = PreparedLayouts(LayoutGenerator(compiled, NWORLD, seed=5))
     mask = wp.ones(NWORLD, dtype=wp.bool, device=device)
     reset = LaunchSequence(lambda: source.launch_generate(mask), device)
     with wp.ScopedStream(wp.stream_from_torch(torch.cuda.default_stream()), sync_enter=False):
         source.serve(reset)
         wp.synchronize_device(device)
         torch.cuda._sleep(2_000_000_000)  # cycles: about a second
-        source.serve(reset)
-        done = source._done
-        assert done is not None
+        for _ in range(3):
+            source.serve(reset)
+        beside, asleep = source._done, wp.record_event()
         time.sleep(0.2)
-        assert not done.is_complete
-        wp.synchronize_device(device)
-        assert done.is_complete
+        assert beside is not None
+        assert (beside.is_complete, asleep.is_complete) == (True, False)
+        for _ in range(4):
+            plain.generate(mask)
+        assert _bits(plain) == _bits(source)
 
 
 @pytest.mark.cuda
