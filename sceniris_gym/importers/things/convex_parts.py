@@ -101,15 +101,20 @@ def convex_parts(solid: Solid, where: str, tolerance: float | None = None) -> Pa
 def _merged(
     found: list[trimesh.Trimesh], beyond: Beyond, exact: Measure, allowed: float
 ) -> tuple[list[trimesh.Trimesh], Fit]:
-    """Merge parts as far as a close look in the end lets them fit, and how they do."""
-    aimed = _MERGED * allowed
+    """Merge parts as far as a close look in the end lets them fit, and how they do.
+
+    Where no merging leaves enough in hand, those that fit best are taken; too many only if there are no others.
+    """
+    aimed, tried = _MERGED * allowed, []
     for _ in range(_MERGES):
         parts = merge(found, beyond, aimed, small_hull)
         fit = exact.fit(parts)
         if fit.error <= _SURE * allowed:
             return parts, fit
+        tried.append((parts, fit))
         aimed *= _MERGED * allowed / fit.error
-    return found, exact.fit(found)
+    tried.append((found, exact.fit(found)))
+    return min(tried, key=lambda each: (len(each[0]) > MOST_PARTS, each[1].error))
 
 
 @dataclass(frozen=True)
