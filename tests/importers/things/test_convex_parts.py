@@ -105,7 +105,7 @@ def test_parts_are_judged_more_closely_in_the_end(monkeypatch: pytest.MonkeyPatc
 def test_fewer_parts_with_little_in_hand_are_better_than_too_many(monkeypatch: pytest.MonkeyPatch):
     """Where no merging leaves enough in hand, the result that fits best is taken, of those that are not too many."""
     module = "sceniris_gym.importers.things.convex_parts"
-    cubes = [box((0.1, 0.1, 0.1)).apply_translation((0.2 * i, 0.0, 0.0)) for i in range(6)]
+    cubes = repair([surface(box((0.1, 0.1, 0.1)).apply_translation((0.2 * i, 0.0, 0.0))) for i in range(6)], "cubes")
     errors = iter([0.97, 0.99, 0.98, 0.96])
     monkeypatch.setattr(f"{module}.MOST_PARTS", 4)
     monkeypatch.setattr(f"{module}.merge", lambda parts, *_: parts[: len(parts) // 2])
@@ -115,7 +115,7 @@ def test_fewer_parts_with_little_in_hand_are_better_than_too_many(monkeypatch: p
         return Fit(0.002 * next(errors), 0.0) if self.samples > 10_000 else fit(self, parts)
 
     monkeypatch.setattr(Measure, "fit", told)
-    parts = convex_parts(Solid(trimesh.util.concatenate(cubes), closed=True, report=()), "cubes", 0.002)
+    parts = convex_parts(cubes, "cubes", 0.002)
     assert (len(parts.meshes), parts.fit.error) == (3, 0.002 * 0.97)
 
 
