@@ -5,6 +5,7 @@ It needs the extra `import`, for USD.
 """
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 
 import mujoco
@@ -42,20 +43,26 @@ def read_json(folder: Path) -> None:
     layouts = json.loads((folder / "layouts-00000.json").read_text())
     for layout in layouts:
         data.qpos[:] = layout["qpos"]
-        data.mocap_pos[:], data.mocap_quat[:] = layout["mocap_pos"], layout["mocap_quat"]
+        data.mocap_pos.flat, data.mocap_quat.flat = np.ravel(layout["mocap_pos"]), np.ravel(layout["mocap_quat"])
         mujoco.mj_kinematics(model, data)
-        for name, pose in layout["poses"].items():
+        for name in bodies(model, layout["poses"]):
+            pose = layout["poses"][name]
             off = max(off, float(np.abs(data.body(name).xpos - pose[:3]).max()))
         for name, position in layout["joints"].items():
             joints += np.allclose(data.joint(name).qpos, position)
     print(f"json: {len(layouts)} layouts, poses within {1e6 * off:.1f} um, {joints} joint positions")
 
 
+def bodies(model: mujoco.MjModel, names: Iterable[str]) -> list[str]:
+    """Those names that are bodies of the model: a robot, and an object with a `body`, have another one there."""
+    return [name for name in names if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) >= 0]
+
+
 def read_npz(folder: Path) -> None:
     """The same by columns: a free object is put where its pose says, whatever its address in `qpos` is."""
     model = mujoco.MjSpec.from_zip(str(folder / "scene.zip")).compile()
     data, layouts = mujoco.MjData(model), np.load(folder / "layouts-00000.npz")
-    named = [key.removeprefix("pose/") for key in layouts if key.startswith("pose/")]
+    named = bodies(model, [key.removeprefix("pose/") for key in layouts if key.startswith("pose/")])
     free = [name for name in named if model.body(name).dofnum == 6]
     for i in range(len(layouts["qpos"])):
         for name in free:

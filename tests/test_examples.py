@@ -228,3 +228,10 @@ def test_all_formats_are_read_back(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "npz: poses of cabinet, apple, banana; set by name, qpos is as written: True" in out
     assert re.search(r"usd: 8 frames, the last of seed 7; \d+ meshes; poses within 0\.\d um", out)
     assert (tmp_path / "set" / "layout-0.usda").exists()
+
+
+def test_formats_are_read_back_of_a_scene_without_fixtures(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Nothing has a mocap body there."""
+    pytest.importorskip("pxr", reason="needs the extra 'import'")
+    load("09_formats").main(scene="tabletop_reach", n=2, folder=tmp_path / "set", device="cpu")
+    assert "json: 2 layouts, poses within 0." in capsys.readouterr().out

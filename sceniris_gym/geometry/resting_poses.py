@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -10,6 +11,9 @@ import numpy as np
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry.pieces import Piece, PieceType, convex_hull
 from sceniris_gym.geometry.rotations import matrix
+
+if TYPE_CHECKING:
+    import trimesh
 
 # Stable poses rarer than the most frequent one by this factor are left out, and at most this many are kept: each of the
 # many narrow faces of something round is rare, but together they are what it lies on.
@@ -34,6 +38,9 @@ _FINER = ((24, _ROCKING), (24, _STEP), (360, _STEP))  # the same, with steps, wh
 _LEVEL = 1.0e-8
 # An x axis whose horizontal part is shorter than this points straight up or down, up to rounding.
 _UPRIGHT = 1.0e-3
+# By what share of their size points of a hull are rounded where it is not closed: it lost faces, and the stable poses
+# on them, to points that are next to each other.
+_ROUND = (1.0e-7, 1.0e-6, 1.0e-5, 1.0e-4)
 
 
 @dataclass(frozen=True)
@@ -146,7 +153,7 @@ class HomeShape:
         """
         from trimesh.poses import compute_stable_poses
 
-        hull = convex_hull(self._carried_points())
+        hull = _closed_hull(self._carried_points())
         if (((self.center_of_mass - hull.triangles_center) * hull.face_normals).sum(axis=1) >= 0.0).any():
             raise SceneKeyError(
                 f"{where}: its centre of mass {np.round(self.center_of_mass, 4).tolist()} is outside the hull of "
@@ -234,6 +241,16 @@ class HomeShape:
         for p, mat, at, margin in zip(self._pieces, self._mats, self._at, self.margins, strict=True):
             lowest = np.minimum(lowest, p.extents(up @ mat)[0] + up @ at - margin)
         return up @ self.center_of_mass - lowest
+
+
+def _closed_hull(points: np.ndarray) -> trimesh.Trimesh:
+    """The convex hull of points (n, 3), without gaps: where some are too near each other for that, of rounded ones."""
+    hull, size = convex_hull(points), float(np.ptp(points, axis=0).max())
+    for share in _ROUND:
+        if hull.is_watertight:
+            break
+        hull = convex_hull(np.unique(np.round(points / (share * size)), axis=0) * (share * size))
+    return hull
 
 
 def weights(mjm: mujoco.MjModel) -> np.ndarray:

@@ -192,7 +192,10 @@ def robot_arm(scene: SceneModel, name: str = ROBOT) -> SerialArm:
     except ArmError as error:
         raise ArmError(f"{where}: {error}") from None
     except UnknownNameError as error:
-        raise UnknownNameError(error.kind, error.name, f"{where}: {error.where}", error.valid) from None
+        own = [site for site in error.valid if site.startswith(f"{robot.name}/")] or error.valid
+        if robot.tcp is None and robot.asset is None:
+            where += ": 'tcp' should name the tool centre point, a site or a body"
+        raise UnknownNameError(error.kind, error.name, f"{where}: {error.where}", own) from None
 
 
 def load_map(arm: SerialArm, robot: RobotConfig, where: str) -> ReachMap | None:
@@ -205,7 +208,7 @@ def load_map(arm: SerialArm, robot: RobotConfig, where: str) -> ReachMap | None:
     if path is None:
         return None
     try:
-        return ReachMap.load(path, arm, f"Build it again: {build_command(robot.file or robot.name, _said(robot))}.")
+        return ReachMap.load(path, arm, f"Build it: {build_command(robot.file or robot.name, _said(robot), path)}.")
     except MapError as error:
         raise MapError(f"{where}: {robot.key if robot.map is None else f'{robot.section}.map'}: {error}") from None
 
@@ -234,9 +237,10 @@ def _tiers(
     ]
     solved = [name for name, tier in zip(names, tiers, strict=True) if not tier.needs_map]
     if solved and not robot.in_scene:
+        instead = "Build that" if reach_map is not None and why is not None and reach_map.coarse else "Ask for 'map'"
         raise SceneKeyError(
             f"{where}: objects.{solved[0]}.reachable: 'ik' and 'clear' pose the arm, which has 'in_scene: false'"
-            f"{'' if why is None else f', and {why}'}. Ask for 'map', or put the robot into the scene."
+            f"{'' if why is None else f', and {why}'}. {instead}, or put the robot into the scene."
         )
     return tiers
 

@@ -277,14 +277,15 @@ def default_tier(arm: SerialArm, reach_map: ReachMap | None) -> Tier:
     return Tier.MAP if why_not_map(arm, reach_map, arm.name) is None else Tier.IK
 
 
-def build_command(asset: str, words: str = "") -> str:
+def build_command(asset: str, words: str = "", out: str | Path | None = None) -> str:
     """The command that builds the map of an arm (an asset's name, or your own MJCF or URDF).
 
     Args:
         asset: The arm.
         words: What else it is to be told of the arm, such as its TCP.
+        out: Where the map is looked for; by default beside the arm.
     """
-    return " ".join(filter(None, [f"sceniris-gym reach {asset}", words, f"--build -o {map_path(asset)}"]))
+    return " ".join(filter(None, [f"sceniris-gym reach {asset}", words, f"--build -o {out or map_path(asset)}"]))
 
 
 def _faults(fields: dict[str, Any], njoint: int) -> Iterator[str]:

@@ -208,7 +208,10 @@ def _attach(
     tops = [body for body in world.bodies if body.parent.name == "world"]
     shapes = [geom for geom in world.geoms if geom.type != mujoco.mjtGeom.mjGEOM_PLANE]
     if not tops and not shapes:
-        raise SceneKeyError(f"{where}: an asset should have a body below its worldbody; found none.")
+        raise SceneKeyError(
+            f"{where}: an asset should have a body below its worldbody; found none. 'sceniris-gym import' makes "
+            "assets of meshes and of USD files."
+        )
     if len(tops) > 1:
         _check_rigid(tops, name, where)
     for element in (*(world.geoms if tops else ()), *world.sites, *world.cameras, *world.lights):

@@ -211,3 +211,12 @@ def test_reachable_may_hold_the_words_beside_it():
     short = ObjectConfig.model_validate({**words, "reachable": {"by": "left", "grasp": "rim*"}})
     assert short == ObjectConfig.model_validate({**words, "reachable": True, "by": "left", "grasp": "rim*"})
     assert ObjectConfig.model_validate({**words, "reachable": {"tier": "ik"}}).reachable == "ik"
+
+
+def test_reach_can_be_turned_off_with_its_words_left():
+    """As `check` does it, to see what `reachable` costs."""
+    words = {"by": "robot", "grasp": "top*"}
+    can = {"asset": "can", "on": "floor", "reachable": words}
+    scene = SceneConfig.load({"floor": {"size": [2.0, 2.0]}, "robot": {"asset": "panda"}, "objects": {"can": can}})
+    off = SceneConfig.load(scene, {"objects.can.reachable": False}).objects["can"]
+    assert (off.reachable, off.by, off.grasp) == (False, "robot", "top*")

@@ -13,8 +13,15 @@ from scipy.spatial.transform import Rotation
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError
-from sceniris_gym.geometry.pieces import extract_pieces
-from sceniris_gym.geometry.resting_poses import STABLE_TILT, HomeShape, Variant, heading_of, of_heading_zero
+from sceniris_gym.geometry.pieces import convex_hull, extract_pieces
+from sceniris_gym.geometry.resting_poses import (
+    STABLE_TILT,
+    HomeShape,
+    Variant,
+    _closed_hull,
+    heading_of,
+    of_heading_zero,
+)
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.program.plan import build_plan
 from sceniris_gym.scene.model import SceneModel, build_model
@@ -290,3 +297,14 @@ def test_the_hull_of_a_thing_is_that_of_all_its_pieces(tmp_path: Path):
     assert hull.body == root
     assert len(found) == len(expected.vertices)
     assert ConvexHull(np.concatenate([found, corners])).volume == pytest.approx(expected.volume)
+
+
+def test_a_hull_with_points_next_to_each_other_is_closed():
+    """One that is not has lost faces, and with them the poses on them: a mug did not stand any more."""
+    rng, angles = np.random.default_rng(1), 2.0 * np.pi * np.arange(70) / 70
+    ring = 0.04 * np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)
+    points = np.concatenate([ring, ring + [0.0, 0.0, 0.1], ring + 1e-11 * rng.normal(size=ring.shape)])
+    assert not convex_hull(points).is_watertight
+    hull = _closed_hull(points)
+    assert hull.is_watertight
+    assert hull.volume == pytest.approx(ConvexHull(points).volume, rel=1e-4)

@@ -69,8 +69,9 @@ def test_a_map_that_is_not_there_is_refused(folder: Path, cube: str):
     """By the key that names it, whatever the tier."""
     scene = crane_scene(crane_mjcf(folder, "lost"), cube, reachable="ik")
     scene["robot"]["map"] = str(folder / "nowhere.reach")
-    with pytest.raises(MapError, match=r"robot\.map: .*nowhere\.reach: there is no such reachability map"):
+    with pytest.raises(MapError, match=r"robot\.map: .*nowhere\.reach: there is no such reachability map") as told:
         reaching(scene)
+    assert str(told.value).endswith(f"--build -o {folder / 'nowhere.reach'}.")  # where the scene looks for it
 
 
 def test_a_map_of_another_arm_is_refused(folder: Path, cube: str):

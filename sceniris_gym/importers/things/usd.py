@@ -33,6 +33,11 @@ def read_usd(path: Path) -> Thing:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
         raise SceneFileError(f"{path}: usd-core cannot read it: {str(error).strip().splitlines()[-1]:.200}") from None
+    if errors := stage.GetCompositionErrors():
+        raise SceneFileError(
+            f"{path}: something that it refers to is missing or wrong: {str(errors[0]).strip(' .'):.300}. Put the file "
+            "where the stage looks for it, or export the stage as one file."
+        )
     time, notes, found = Usd.TimeCode.EarliestTime(), [], []
     poses = UsdGeom.XformCache(time)
     for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
@@ -69,8 +74,13 @@ def _surfaces(prim: Any, time: Any) -> Iterator[Surface]:
     points = np.array(mesh.GetPointsAttr().Get(time) or np.zeros((0, 3)), float).reshape(-1, 3)
     counts = np.array(mesh.GetFaceVertexCountsAttr().Get(time) or [], int)
     corners = np.array(mesh.GetFaceVertexIndicesAttr().Get(time) or [], int)
-    if not len(counts) or corners.sum() < 0 or counts.sum() != len(corners) or corners.max(initial=-1) >= len(points):
+    if not len(counts):
         return
+    if corners.min(initial=0) < 0 or counts.sum() != len(corners) or corners.max(initial=-1) >= len(points):
+        raise SceneFileError(
+            f"{prim.GetStage().GetRootLayer().realPath}: faces of '{prim.GetPath()}' have corners that it lacks. "
+            "Export it again."
+        )
     triangles = _fans(counts)
     if mesh.GetOrientationAttr().Get(time) == "leftHanded":
         triangles = triangles[:, ::-1]

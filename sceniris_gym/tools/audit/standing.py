@@ -120,6 +120,8 @@ class StandingAudit:
                 outside = ~_in_box(part, pivots)
                 found += [Misplaced(int(row), name, "support") for row in np.flatnonzero(outside)]
                 continue
+            if name in self.config.all_robots:  # it stands on what is lowest of it, which need not be its origin
+                pivots = np.column_stack([pivots[:, :2], self._corners(name, poses)[:, :, 2].min(axis=1)])
             supporting[name], stands = self._supporting(name, part, poses, pivots, erosion)
             wrong = {
                 "support": supporting[name] < 0,

@@ -71,6 +71,19 @@ def test_a_point_instancer_is_refused(tmp_path: Path):
         read_usd(stage(tmp_path / "many.usda", 'def PointInstancer "many"\n{\n}\n'))
 
 
+def test_what_a_stage_lacks_is_told(tmp_path: Path):
+    """A file that it refers to, and points that its faces have."""
+    half = HEAD + 'def Cube "one" {}\ndef Xform "other" (references = @nowhere.usda@) {}\n'
+    (tmp_path / "halves.usda").write_text(half)
+    with pytest.raises(SceneFileError, match=r"halves.usda: something that it refers to is missing.*nowhere.usda"):
+        read_usd(tmp_path / "halves.usda")
+    values = "point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]\nint[] faceVertexCounts = [3]"
+    mesh = f'def Mesh "mesh" {{\n{values}\nint[] faceVertexIndices = [0, 1, 7]\n}}\n'
+    (tmp_path / "corner.usda").write_text(HEAD + mesh)
+    with pytest.raises(SceneFileError, match=r"corner.usda: faces of '/mesh' have corners that it lacks"):
+        read_usd(tmp_path / "corner.usda")
+
+
 def test_a_file_of_something_else_is_refused(tmp_path: Path):
     """With what usd-core says."""
     (tmp_path / "bad.usda").write_text("nothing")

@@ -68,6 +68,18 @@ def test_fingers_in_each_other_are_no_false_alarm(tmp_path: Path):
     assert (found["false_alarms"], found["missed_collisions"]) == (0, 0), found
 
 
+def test_a_drawn_robot_stands_on_what_is_lowest_of_it(tmp_path: Path):
+    """Which is 10 cm below the origin of its base."""
+    foot = '<geom type="box" size="0.05 0.05 0.05" pos="0 0 -0.05"/>'
+    arm = (
+        '<body name="arm" pos="0 0 0.2"><joint name="turn" axis="0 0 1"/><geom type="box" size="0.2 0.02 0.02"/></body>'
+    )
+    robot = {"asset": write_mjcf(tmp_path, "footed", foot + arm), "on": "floor"}
+    scene = {"floor": {"size": [2.0, 2.0]}, "robot": robot, "objects": {"can": {"asset": "can", "on": "floor"}}}
+    found = judge(compile_on_cpu(scene), layouts=20, rejected=0, settled=0, seed=3)
+    assert (found["misplaced"], found["missed_collisions"]) == (0, 0), found
+
+
 def test_doors_deeper_than_at_home_are_no_false_alarm(tmp_path: Path):
     """Rejected for nothing else; those that are free are as deep as at home, and listed as allowed for."""
     leaf = '<joint name="{0}" axis="0 0 1" range="-30 30"/><geom type="box" size="0.101 0.01 0.3" pos="{1} 0 0"/>'
