@@ -110,8 +110,8 @@ def _decide(
     # Out:
     begins: wp.array(dtype=int),
 ):
-    begins[0] = 0
-    if nwaiting[0] == 0 or due[0] == 1:
+    # What begins and was not published, as somebody interrupted the launches, still does.
+    if begins[0] == 1 or nwaiting[0] == 0 or due[0] == 1:
         return
     patience[0] = patience[0] - 1
     if nwaiting[0] >= many or patience[0] <= 0:
@@ -142,11 +142,13 @@ def _begin(
 
 @wp.kernel
 def _publish(
+    # In and out:
     begins: wp.array(dtype=int),
     # Out:
     due: wp.array(dtype=int),
 ):
     if begins[0] == 1:
+        begins[0] = 0
         due[0] = 1
 
 
@@ -196,15 +198,14 @@ class PreparedLayouts(StaysHere):
             due.zero_()
 
         self._make = LaunchSequence(lambda: repeat_launches(due, make, 1), device, graph=graph, priority=_FIRST)
-        self._stream = self._done = None
+        self._stream = self._done = self._served = None
         if device.is_cuda:
             self._stream = side_stream(device) if stream is None else stream
-            # An event, as Warp does not order streams for us where the current one is CUDA's default stream.
-            allocated, self._done = wp.Event(device), wp.Event(device)
-            wp.record_event(allocated)
-            with wp.ScopedStream(self._stream, sync_enter=False):
-                wp.wait_event(allocated)
-                wp.record_event(self._done)
+            self._served, self._done = wp.Event(device), wp.Event(device)
+            # Events, as Warp does not order streams for us where the current one is CUDA's default stream.
+            device.stream.record_event(self._served)
+            self._stream.wait_event(self._served)
+            self._stream.record_event(self._done)
         # Memory that is still written to must not be given to anybody else: what is passed here lives until then.
         weakref.finalize(self, _wait, self._done, ahead, self._make)
 
@@ -230,22 +231,27 @@ class PreparedLayouts(StaysHere):
         wp.launch(_decide, dim=1, inputs=inputs, outputs=outputs, device=device)
         inputs, outputs = [self.layouts.view, self._begins], [self._stage, self._being_made, self._ahead.layouts.view]
         wp.launch(_begin, dim=nworld, inputs=inputs, outputs=outputs, device=device)
-        wp.launch(_publish, dim=1, inputs=[self._begins], outputs=[self._due], device=device)
+        wp.launch(_publish, dim=1, outputs=[self._begins, self._due], device=device)
 
     def _make_beside(self) -> None:
         """Make the layouts of the chosen worlds, on a GPU beside what is launched afterwards.
 
-        Their stream does not wait for that of the steps, but looks whether anything is due: a GPU on which work of one
-        stream always waits for another one starts each kernel later.
+        Where resets follow each other faster than they are done, their stream does not wait for that of the steps, but
+        looks whether anything is due: a GPU on which work of one stream always waits for another one starts each kernel
+        later. Where the last reset is done, this one may be the last for a while, so it is waited for.
         """
-        if self._stream is None:
+        if self._stream is None or self._served is None:
             self._make()
             return
+        seldom = self._served.is_complete
+        self._device.stream.record_event(self._served)
         with wp.ScopedStream(self._stream, sync_enter=False):
             try:
+                if seldom:
+                    self._stream.wait_event(self._served)
                 self._make()
             finally:
-                wp.record_event(self._done)
+                self._stream.record_event(self._done)
 
     def launch_reseed(self, seeds: wp.array, mask: wp.array | None) -> None:
         """See `LayoutSource`."""
@@ -265,7 +271,7 @@ class PreparedLayouts(StaysHere):
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """How many candidates were rejected so far, those of layouts made ahead among them; see `LayoutSource`."""
         if self._done is not None:
-            wp.wait_event(self._done)
+            self._device.stream.wait_event(self._done)
         return self._generator.rejection_counts()
 
 

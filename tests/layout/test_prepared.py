@@ -110,6 +110,27 @@ def test_what_is_ready_is_not_made_again():
     assert missing == [NWORLD, 0, 0, NWORLD // 4]
 
 
+def test_an_interrupted_reset_is_made_up_for(monkeypatch: pytest.MonkeyPatch):
+    """Where it was decided that layouts are made ahead, and nothing was launched any more."""
+    source = PreparedLayouts(LayoutGenerator(compile_scene("mid", "cpu"), NWORLD))
+    launch = wp.launch
+
+    def interrupted(kernel: wp.Kernel, *args: object, **kwargs: object) -> None:
+        if kernel is prepared._begin:
+            raise KeyboardInterrupt
+        launch(kernel, *args, **kwargs)
+
+    monkeypatch.setattr(wp, "launch", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        source.serve(lambda: source.launch_generate(None))
+    monkeypatch.setattr(wp, "launch", launch)
+    missing = []
+    for _ in range(3):
+        source.serve(lambda: source.launch_generate(None))
+        missing.append(int(source._missing.numpy().sum()))
+    assert missing == [NWORLD, 0, 0]
+
+
 def test_few_worlds_wait_until_more_are_reset():
     """One of 24 waits until six do, or until it has waited for 32 resets of other worlds or of none."""
     compiled = compile_scene("mid", "cpu")
@@ -199,16 +220,41 @@ def test_what_is_made_ahead_and_the_steps_do_not_wait_for_each_other():
     with wp.ScopedStream(wp.stream_from_torch(torch.cuda.default_stream()), sync_enter=False):
         source.serve(reset)
         wp.synchronize_device(device)
-        torch.cuda._sleep(2_000_000_000)  # cycles: about a second
-        for _ in range(3):
-            source.serve(reset)
+        torch.cuda._sleep(500_000_000)  # cycles: about 0.3 s, so that the next reset is not done when another follows
+        source.serve(reset)
+        torch.cuda._sleep(2_000_000_000)
+        source.serve(reset)
         beside, asleep = source._done, wp.record_event()
-        time.sleep(0.2)
+        time.sleep(0.7)
         assert beside is not None
         assert (beside.is_complete, asleep.is_complete) == (True, False)
-        for _ in range(4):
+        for _ in range(3):
             plain.generate(mask)
         assert _bits(plain) == _bits(source)
+
+
+@pytest.mark.cuda
+def test_the_next_layouts_are_made_after_a_reset_that_nothing_follows():
+    """As in an evaluation, which resets all worlds together, and seldom."""
+    device = wp.get_device("cuda:0")
+    source = PreparedLayouts(LayoutGenerator(compile_scene("mid", "cuda:0"), NWORLD))
+    missing = []
+    for _ in range(3):
+        source.serve(lambda: source.launch_generate(None))
+        wp.synchronize_device(device)
+        missing.append(int(source._missing.numpy().sum()))
+    assert missing == [NWORLD, 0, 0]
+
+
+@pytest.mark.cuda
+def test_layouts_are_made_ahead_whatever_device_is_the_default_one():
+    """Warp's functions for events mean the stream of that one."""
+    compiled = compile_scene("mid", "cuda:0")
+    with wp.ScopedDevice("cpu"):
+        source = PreparedLayouts(LayoutGenerator(compiled, NWORLD))
+        source.serve(lambda: source.launch_generate(None))
+        source.rejection_counts()
+    wp.synchronize_device("cuda:0")
 
 
 @pytest.mark.cuda
