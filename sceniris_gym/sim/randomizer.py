@@ -79,7 +79,8 @@ class ResetRandomizer(Fixed, StaysHere):
         prefetch: Make the next layout of every world ahead, on a GPU beside the steps that follow, so that a reset only
             copies: the same layouts, for the memory of a second generator (88 MB for 4,096 worlds of `mid`, 638 MB of
             `kitchen_reset`). None does so on a GPU where no layout_source is given. In a graph of your own that resets
-            are captured into, they are made in place. A wp.Stream is used instead of `side_stream`; see PreparedLayouts.
+            are captured into, they are made in place. A wp.Stream is used instead of `side_stream`; see
+            PreparedLayouts.
         seed: Seed of world 0, world i has seed + i; or one seed per world. Not used with a layout_source.
         split: "train" or "eval", which share no random numbers. Not used with a layout_source.
         write: "all" resets worlds as a whole. "placed" writes the scene's objects and its robot alone, with their
