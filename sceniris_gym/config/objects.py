@@ -202,9 +202,9 @@ class ObjectConfig(Section):
                 )
         if self.reachable and not self.is_placed:
             raise wrong("should be placed ('on', 'inside', 'in' or a 3D region) to be 'reachable'")
+        said = self.model_fields_set
         for word in ("by", "grasp"):  # with `reachable: false` they wait until it is turned on again
-            asked = "reachable" in self.model_fields_set
-            if word in self.model_fields_set and getattr(self, word) is not None and not asked:
+            if word in said and getattr(self, word) is not None and "reachable" not in said:
                 raise wrong(f"should have '{word}' only together with 'reachable'")
         if not words and any(relation.frame == "support" for relation in self.relations):
             raise wrong("should name its support ('on', 'inside' or 'in'), which is the frame of one of its relations")

@@ -107,7 +107,6 @@ def _decide(
     # In and out:
     nwaiting: wp.array(dtype=int),
     patience: wp.array(dtype=int),
-    # Out:
     begins: wp.array(dtype=int),
 ):
     # What begins and was not published, as somebody interrupted the launches, still does.

@@ -237,7 +237,7 @@ def _tiers(
     ]
     solved = [name for name, tier in zip(names, tiers, strict=True) if not tier.needs_map]
     if solved and not robot.in_scene:
-        instead = "Build that" if reach_map is not None and why is not None and reach_map.coarse else "Ask for 'map'"
+        instead = "Build that" if reach_map is not None and reach_map.coarse else "Ask for 'map'"
         raise SceneKeyError(
             f"{where}: objects.{solved[0]}.reachable: 'ik' and 'clear' pose the arm, which has 'in_scene: false'"
             f"{'' if why is None else f', and {why}'}. {instead}, or put the robot into the scene."

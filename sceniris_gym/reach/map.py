@@ -140,7 +140,7 @@ class ReachMap:
         Raises:
             MapError: The file is missing, damaged or not a map, or was built for another arm.
         """
-        again = f"Build it again: sceniris-gym reach {arm.name} --build -o {path}." if advice is None else advice
+        again = f"Build it again: {build_command(arm.name, out=path)}." if advice is None else advice
         if not path.is_file():
             raise MapError(f"{path}: there is no such reachability map. {again}")
         try:
