@@ -74,7 +74,7 @@ SETTINGS = {
     "TabletopLiftEasy-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
     "ClutterPush-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
     "DrawerPick-v0": Settings(gamma=0.985, entropy=0.005, steps=32),
-    "ClutterExtract-v0": Settings(hidden=(512, 256, 128), gamma=0.985, entropy=0.003, init_std=0.6, steps=32),
+    "ClutterExtract-v0": Settings(hidden=(512, 256, 128), gamma=0.985, entropy=0.001, init_std=0.6, steps=32),
 }
 
 

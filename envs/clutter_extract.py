@@ -86,7 +86,7 @@ class ClutterExtract(Task):
     Action, 5 numbers in [-1, 1] at 50 Hz: changes of the tool's target along x, y and z in units of 0.02 m and about
     the vertical in units of 0.1 rad, and the gripper from -1 (closed) to 1 (open).
 
-    Observations, group `policy`, 216 numbers:
+    Observations, group `policy`, 225 numbers:
 
     | name | shape | what |
     |---|---|---|
@@ -97,13 +97,15 @@ class ClutterExtract(Task):
     | tool_lead | 4 | the tool's target minus the tool: x, y, z [m], yaw [rad] |
     | tcp_to_target | 3 | from that point to the peg's underside [m] |
     | target_axes | 6 | axes of the peg |
+    | target_from_tool | 9 | the peg as the tool sees it: its underside [m], its axes |
     | others_present | 11 | 1 for a slot with a thing in it |
     | others_kind | 11, 6 | 1 for its kind: can, tin, apple, orange, pear, lemon |
     | target_to_others | 11, 3 | from the peg's underside to its own [m] |
-    | others_axes | 11, 6 | its axes |
+    | others_from_tool | 11, 3 | its underside as the tool sees it [m] |
+    | others_up | 11, 3 | its z axis |
     | last_action | 5 | the last action, zeros after a reset |
 
-    Group `critic`, 309 numbers: the same, then `touching` (2: 1 where the left and the right finger touch the peg),
+    Group `critic`, 318 numbers: the same, then `touching` (2: 1 where the left and the right finger touch the peg),
     `held` (1: how long it has been held up without a break, in units of 0.5 s), `moved` (11: how far each of the others
     is from where it was, or tilted, as a share of what is allowed), `target_velocity` (6: [m/s], [rad/s]),
     `others_velocity` (11, 6) and `clear_side` (7: the direction in which the fingers should close, by what is beside
@@ -111,9 +113,10 @@ class ClutterExtract(Task):
     axes and the larger of them [m]).
 
     Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, how near the
-    tool is to the grasp, or to the funnel above it, down which it should come), `aligning` (0 to 1, over the peg, how
-    well the fingers close in the direction with more room), `grasping` (2 where both fingers touch the peg), `lifting`
-    (0 to 4, by the root of the share of the way up, while both touch), `holding` (5 while it is up and both touch),
+    tool is to the grasp, or to the funnel above it, down which it should come once it is turned), `aligning` (0 to 1,
+    over the peg, how well the fingers close in the direction with more room), `grasping` (up to 2 where both fingers
+    touch the peg, by how well they are aligned), `lifting` (0 to 4, by the root of the share of the way up, while both
+    touch), `holding` (5 while it is up and both touch),
     `disturbing` (minus a quarter of the sum of the others' speeds in m/s, and of the largest share in `moved`, -0.5 at
     the lowest) and `effort` (-0.05 times the mean square of the action). The more is moved, the less `lifting` and
     `holding` count, down to a fifth. Success means that the peg is 10 cm or more over the table and touched by both
@@ -152,19 +155,23 @@ class ClutterExtract(Task):
     def observe(self, s: State) -> Observation:
         """Return the observations that the class lists."""
         tool, target, others = self.arm.tool(s), s.pose("target"), self.others(s)
-        filled = self.filled[:, :, None]
+        filled, to_tool = self.filled[:, :, None], rotations.conjugate(tool[:, 3:])
+        away, axes, to_others = target[:, :3] - tool[:, :3], rotations.axes(target[:, 3:]), others - tool[:, None]
+        seen = [rotations.rotate(to_tool, part) for part in (away, axes[:, :3], axes[:, 3:])]
         policy = {
             "arm_qpos": self.arm.qpos(s),
             "arm_qvel": self.arm.qvel(s),
             "finger_width": self.arm.width(s)[:, None],
             "tcp_pose": tool,
             "tool_lead": self.arm.tool_lead(s),
-            "tcp_to_target": target[:, :3] - tool[:, :3],
-            "target_axes": rotations.axes(target[:, 3:]),
+            "tcp_to_target": away,
+            "target_axes": axes,
+            "target_from_tool": torch.cat(seen, dim=1),
             "others_present": self.filled,
             "others_kind": self.kinds[self.slots] * filled,
             "target_to_others": (others[:, :, :3] - target[:, None, :3]) * filled,
-            "others_axes": rotations.axes(others[:, :, 3:]) * filled,
+            "others_from_tool": rotations.rotate(to_tool[:, None], to_others[:, :, :3]) * filled,
+            "others_up": rotations.axes(others[:, :, 3:])[:, :, 3:] * filled,
             "last_action": self.last_action,
         }
         critic = {
@@ -182,8 +189,10 @@ class ClutterExtract(Task):
         tool, height = self.arm.tool(s)[:, :3], self.height(s)
         away = s.pose("target")[:, :3] - tool
         aside = away[:, :2].norm(dim=1)
-        # a funnel: the further aside, the higher the tool should be
-        below = away[:, 2] + GRASP_HEIGHT + (1.5 * (aside - 0.01)).clamp(0.0, 0.12)
+        aligned = 0.5 + 0.5 * self._turn(s).cos()
+        # a funnel: the further aside, or turned away, the higher the tool should be
+        over = torch.maximum(1.5 * (aside - 0.01), 0.15 * (0.95 - aligned)).clamp(0.0, 0.12)
+        below = away[:, 2] + GRASP_HEIGHT + over
         distance = torch.hypot(aside, below)
         grasped = self.touching(s).prod(dim=1)
         up = grasped * (height >= LIFTED)
@@ -193,11 +202,10 @@ class ClutterExtract(Task):
         speeds = (self._gather(s.velocities(OTHERS))[:, :, :3].norm(dim=2) * self.filled).sum(dim=1)
         wide, narrow = torch.exp(-((distance / 0.08) ** 2)), torch.exp(-((distance / 0.025) ** 2))
         near = 0.3 * (1.0 - torch.tanh(4.0 * distance)) + 0.3 * wide + 0.4 * narrow
-        aligned = 0.5 + 0.5 * self._turn(s).cos()
         return {
             "reaching": s.dt * near,
             "aligning": s.dt * aligned * torch.exp(-((aside / 0.08) ** 2)),
-            "grasping": 2.0 * s.dt * grasped,
+            "grasping": 2.0 * s.dt * grasped * aligned,
             "lifting": 4.0 * s.dt * grasped * left * (height / LIFTED).clamp(0.0, 1.0).sqrt(),
             "holding": 5.0 * s.dt * up * left,
             "disturbing": -0.25 * s.dt * (speeds.clamp(max=1.0) + worst),

@@ -7,6 +7,8 @@ import math
 from typing import Any
 
 import gymnasium
+import mujoco
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
@@ -93,8 +95,24 @@ def test_slots_hold_those_that_are_present_the_nearest_first(compiled):
         assert [tuple(module.KINDS)[j] for j in kinds[: len(names)].argmax(dim=1).tolist()] == [
             name.split("_")[0] for name in names
         ]
-        for name in ("target_to_others", "others_kind", "others_axes"):
+        for name in ("target_to_others", "others_from_tool", "others_kind", "others_up"):
             assert not values(made, observation, name)[i, len(names) :].any()
+
+
+def test_the_tool_sees_things_along_its_own_axes(envs):
+    """Against MuJoCo's own rotations, of the peg and of the nearest thing, for a tool that is turned."""
+    for _ in range(20):
+        envs.step(torch.tensor([[0.3, 0.0, 0.0, 1.0, 0.0], [0.0, 0.3, 0.0, -0.6, 0.0]]))
+    task: Any = envs.task
+    observed, tool = task.observe(envs.state)["policy"], task.arm.tool(envs.state)
+    for world in range(2):
+        for name, told in (("target", "target_from_tool"), (nearest(envs, world), "others_from_tool")):
+            seen = np.zeros(3)
+            away = (envs.state.pose(name)[world, :3] - tool[world, :3]).double().numpy()
+            back = np.zeros(4)
+            mujoco.mju_negQuat(back, tool[world, 3:].double().numpy())
+            mujoco.mju_rotVecQuat(seen, away, back)
+            np.testing.assert_allclose(observed[told][world].reshape(-1)[:3].numpy(), seen, atol=1e-5)
 
 
 def place(envs: SceneVectorEnv, name: str, world: int, shift: list[float], quat: list[float] | None = None) -> None:
@@ -114,6 +132,17 @@ def hold(envs: SceneVectorEnv, monkeypatch: pytest.MonkeyPatch) -> Any:
     for world in range(envs.num_envs):
         place(envs, "target", world, [0.0, 0.0, 0.12])
     return task
+
+
+def alignment(envs: SceneVectorEnv) -> list[float]:
+    """Return the squared cosine between the axis along which the fingers close and the one with more room."""
+    task: Any = envs.task
+    shares = []
+    for quat, angle in zip(task.arm.tool(envs.state)[:, 3:].tolist(), task.clear[:, 0].tolist(), strict=True):
+        closing = np.zeros(3)
+        mujoco.mju_rotVecQuat(closing, [0.0, 1.0, 0.0], quat)
+        shares.append(float(closing[0] * math.cos(angle) + closing[1] * math.sin(angle)) ** 2)
+    return shares
 
 
 def nearest(envs: SceneVectorEnv, world: int) -> str:
@@ -151,7 +180,7 @@ def test_terms_of_the_reward(envs, monkeypatch):
     place(envs, nearest(envs, 0), 0, [0.01, 0.0, 0.0])
     place(envs, nearest(envs, 1), 1, [0.05, 0.0, 0.0])
     terms = task.reward(envs.state, torch.ones(2, 5))
-    assert terms["grasping"].tolist() == pytest.approx([0.04, 0.04])
+    assert terms["grasping"].tolist() == pytest.approx([0.04 * share for share in alignment(envs)], rel=1e-3)
     assert terms["lifting"].tolist() == pytest.approx([0.08 * 0.6, 0.08 * 0.2], rel=1e-3)
     assert terms["holding"].tolist() == pytest.approx([0.1 * 0.6, 0.1 * 0.2], rel=1e-3)
     assert terms["disturbing"].tolist() == pytest.approx([-0.0025, -0.005], rel=1e-3)
