@@ -31,7 +31,7 @@ from mujoco_warp import BroadphaseFilter, BroadphaseType
 from torch import Tensor
 
 from benchmarks.task_scenes import SEED_SPACING, make_env, scene_of
-from benchmarks.timing import captured, wait
+from benchmarks.timing import captured, spread, wait
 from sceniris_gym.errors import ContactBudgetError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.prepared import PreparedLayouts
@@ -190,12 +190,6 @@ def compare(variant: Variant, base: SceneVectorEnv, envs: SceneVectorEnv, option
         "ms_as_it_is": spread(counted["as it is"]),
         "ratio": spread(counted["variant"] / counted["as it is"]),
     }
-
-
-def spread(values: np.ndarray) -> dict[str, float]:
-    """Return median, least and greatest."""
-    found = {"median": np.median(values), "min": values.min(), "max": values.max()}
-    return {name: round(float(value), 4) for name, value in found.items()}
 
 
 def dropped(envs: SceneVectorEnv) -> str | None:

@@ -1,9 +1,10 @@
-"""How steps of environments are timed: waiting for the device, and a step as one CUDA graph."""
+"""How steps are timed: waiting for the device, a step as one CUDA graph, and what is said of several figures."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
+import numpy as np
 import torch
 import warp as wp
 from torch import Tensor
@@ -15,6 +16,12 @@ def wait(envs: SceneVectorEnv) -> None:
     """Wait until the device is idle."""
     if envs.device.type == "cuda":
         torch.cuda.synchronize(envs.device)
+
+
+def spread(values: Sequence[float] | np.ndarray, digits: int = 4) -> dict[str, float]:
+    """Return median, least and greatest."""
+    found = {"median": np.median(values), "min": np.min(values), "max": np.max(values)}
+    return {name: round(float(value), digits) for name, value in found.items()}
 
 
 def captured(envs: SceneVectorEnv, action: Tensor) -> Callable[[], None]:
