@@ -24,6 +24,7 @@ import tyro
 
 from benchmarks import layout_sources
 from benchmarks.task_scenes import SEED_SPACING, make_env, scene_of
+from benchmarks.timing import wait
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.tools.files import replacing
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -52,18 +53,12 @@ class Options:
 
 def turn(envs: SceneVectorEnv, actions: torch.Tensor, steps: int) -> float:
     """Step an environment and return the time it takes [s]."""
-    synchronize(envs)
+    wait(envs)
     start = time.perf_counter()
     for step in range(steps):
         envs.step(actions[step])
-    synchronize(envs)
+    wait(envs)
     return time.perf_counter() - start
-
-
-def synchronize(envs: SceneVectorEnv) -> None:
-    """Wait until the device is idle."""
-    if envs.device.type == "cuda":
-        torch.cuda.synchronize(envs.device)
 
 
 def main(options: Options) -> None:

@@ -3,8 +3,9 @@
 python -m benchmarks.reset_step mid --arm --num-envs 4096 --device cuda:0
 
 Prints a line of JSON for layouts made ahead, made in place, and replayed from a bank: microseconds a control step of
-four substeps, medians of alternating rounds. Every step resets other worlds than the 49 before it, and all steps begin
-in the same state, so that physics has the same to do.
+four substeps with resets and without, and their difference in the same round, each as median, least and greatest of
+alternating rounds. The first round is not counted. Every step resets other worlds than the 49 before it, and all steps
+begin in the same state, so that physics has the same to do.
 With --settle they follow each other, and physics has more to do where worlds start anew.
 """
 
@@ -19,6 +20,7 @@ import numpy as np
 import warp as wp
 
 from benchmarks import layout_sources
+from benchmarks.timing import spread
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.sim.batch import Batch
@@ -70,9 +72,9 @@ def main() -> None:
                 start = None if words.settle else starts[name]
                 times.setdefault((name, which), []).append(_time(batch, randomizer, given, start))
     for name in ways:
-        both = {which: float(np.median(times[name, which][1:])) for which in masks}
-        answer = {"way": name, "num_envs": n, **{k: round(v, 1) for k, v in both.items()}}
-        print(json.dumps(answer | {"adds": round(both["with"] - both["without"], 1)}), flush=True)
+        both = {which: np.array(times[name, which][1:]) for which in masks}
+        both["adds"] = both["with"] - both["without"]
+        print(json.dumps({"way": name, "num_envs": n, **{k: spread(v, 1) for k, v in both.items()}}), flush=True)
 
 
 def _time(batch: Batch, randomizer: ResetRandomizer, masks: list[wp.array], state: dict[str, wp.array] | None) -> float:

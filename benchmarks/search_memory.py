@@ -19,11 +19,17 @@ from sceniris_gym.scene.model import build_model
 
 
 def arrays(declared: Any, struct: Any) -> Iterator[tuple[str, wp.array]]:
-    """Yield the arrays of an instance of a declared struct by name."""
+    """Yield the arrays of an instance of a declared struct by name, of those that are parts of one only the first."""
+    whole: set[int] = set()
     for name in declared.vars:
         value = getattr(struct, name)
-        if isinstance(value, wp.array):
+        if not isinstance(value, wp.array):
+            continue
+        of = getattr(value, "_ref", None)
+        if of is None or of.ptr not in whole:
             yield name, value
+        if of is not None:
+            whole.add(of.ptr)
 
 
 def main() -> None:

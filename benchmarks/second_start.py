@@ -2,9 +2,9 @@
 
 python -m benchmarks.second_start TabletopReach-v0 --device cpu --repeats 5
 
-The first start is not counted. Prints a line of JSON for each of the others and one with the least of each figure, in
-seconds: `first_step` from before the process was started, `cpu` of all its threads until then, and `ended` until the
-process is gone.
+The first start is not counted. Prints a line of JSON for each of the others and one with median, least and greatest of
+each figure, in seconds: `first_step` from before the process was started, `cpu` of all its threads until then, and
+`ended` until the process is gone.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ import json
 import subprocess
 import sys
 import time
+
+from benchmarks.timing import spread
 
 _PROGRAM = """
 import resource, time
@@ -50,7 +52,7 @@ def main() -> None:
     for _ in range(words.repeats):
         found.append(start(words.env, words.num_envs, words.device))
         print(json.dumps(found[-1]), flush=True)
-    print(json.dumps({"least": {name: min(one[name] for one in found) for name in found[0]}}))
+    print(json.dumps({name: spread([one[name] for one in found], 2) for name in found[0]}), flush=True)
 
 
 if __name__ == "__main__":

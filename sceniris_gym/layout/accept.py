@@ -124,16 +124,6 @@ def _record(program: Program, layouts: LayoutsView, search: Search, c: int, row:
 
 
 @wp.func
-def _count_rejection(layouts: LayoutsView, search: Search, row: int, obj: int, cause: int):
-    """Count a rejection: at once in the row of a world, else in case the row's restart is reached."""
-    nworld = search.pending.shape[0]
-    if row < nworld:
-        wp.atomic_add(layouts.rejections, obj, cause, 1)
-    else:
-        wp.atomic_add(search.row_rejections, row - nworld, obj, cause, 1)
-
-
-@wp.func
 def _queue_trial(search: Search, row: int, trial: int):
     """Queue a row for its next trial, unless an earlier restart of its world has placed everything already."""
     search.row_trial[row] = trial
@@ -168,7 +158,7 @@ def _accept_first(
     for t in range(lane, wp.min(end + 1, trials), lanes):
         cause = search.cause[first + t]
         if cause != _NONE:
-            _count_rejection(layouts, search, row, obj, cause)
+            wp.atomic_add(layouts.row_rejections, row, obj, cause, 1)
         if _is_recorded(layouts, cause):
             _record(program, layouts, search, first + t, row, obj)
     if lane == 0:

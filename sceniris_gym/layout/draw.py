@@ -127,7 +127,7 @@ def _draw(
         obj = search.obj[c]
         trial = trial_of(program, search, c)
         seed = layouts.seed[search.row_world[row]]
-        episode = layouts.episode[search.row_world[row]]
+        episode = layouts.making[search.row_world[row]]
         stream = stream_of(program, split, obj)
         search.cause[c] = _NONE
         search.missed[c] = 0

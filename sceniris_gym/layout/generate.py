@@ -24,6 +24,7 @@ from sceniris_gym.layout.random import SPLITS
 from sceniris_gym.layout.reachability import ReachStage
 from sceniris_gym.layout.region_pieces import launch_find_pieces, launch_measure_pieces
 from sceniris_gym.layout.rounds import (
+    launch_finish,
     launch_open_candidates,
     launch_open_rows,
     launch_reopen,
@@ -160,19 +161,27 @@ class LayoutGenerator(Fixed, StaysHere):
 
     def launch_generate(self, mask: wp.array | None) -> None:
         """See `LayoutSource`."""
+        self.launch_make(mask)
+        launch_finish(mask, self.layouts.view, self._device)
+
+    def launch_make(self, mask: wp.array | None) -> None:
+        """Make the next layouts of the masked worlds; their episodes and what was rejected do not count yet."""
+        self._start(mask)
         if self._stage is None:
-            self.launch_placing(mask)
+            self._place()
         else:
-            self._start(mask)
             repeat_launches(self._search.worlds_left, self._place_and_reach, self.compiled.config.restarts + 1)
 
     def launch_placing(self, mask: wp.array | None) -> None:
         """Advance the masked worlds and place their objects, without the stage that may follow."""
         self._start(mask)
         self._place()
+        launch_finish(mask, self.layouts.view, self._device)
 
     def _start(self, mask: wp.array | None) -> None:
         launch_start(self.compiled.program, mask, SPLITS[self.split], self.layouts.view, self._search, self._device)
+        if self._stage is not None:
+            self._stage.launch_start()
 
     def _place_and_reach(self) -> None:
         """Place the objects of pending worlds, and let those for which no joints are found be pending again."""
@@ -214,7 +223,7 @@ class LayoutGenerator(Fixed, StaysHere):
         return self.compiled.device
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
-        """How many candidates were rejected so far, by object and cause. Synchronises with the device."""
+        """How many candidates were rejected for the layouts so far, by object and cause. Waits for the device."""
         return rejection_counts(self.layouts)
 
 

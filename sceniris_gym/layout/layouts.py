@@ -43,6 +43,8 @@ class LayoutsView:
     grasp_qpos: wp.array3d(dtype=float)
     pregrasp_qpos: wp.array3d(dtype=float)
     rejections: wp.array2d(dtype=int)
+    making: wp.array(dtype=int)  # the episode that is being made
+    row_rejections: wp.array3d(dtype=int)  # candidates that were rejected for the row, by object and cause
     place: wp.array2d(dtype=wp.vec4)
     bounds: wp.array2d(dtype=wp.vec4)
     variant: wp.array2d(dtype=int)
@@ -90,7 +92,8 @@ class Layouts(StaysHere):
         grasp_qpos: The joints [rad, m] of the target's arm in that grasp, shape (nworld, nreach, MAX_JOINTS); nan
             beyond the arm's joints, and everywhere if the arm's map alone decided.
         pregrasp_qpos: The same for the pre-grasp, shape (nworld, nreach, MAX_JOINTS); nan for tiers below `clear`.
-        rejections: Running count of rejected candidates, shape (nobject, ncause), objects in placement order.
+        rejections: Running count of the candidates that were rejected for the layouts in these rows, and for those that
+            were in them before, shape (nobject, ncause), objects in placement order.
     """
 
     SEND = "its arrays as copies on the host, such as layouts.qpos.numpy().copy(), or the ids that make its rows again"
@@ -166,6 +169,8 @@ class Layouts(StaysHere):
             view.attempts = wp.zeros(nworld, dtype=int)
             view.first_pass_valid = wp.zeros(nworld, dtype=int)
             view.rejections = wp.zeros((max(len(compiled.placed), 1), len(Cause)), dtype=int)
+            view.making = wp.full(nworld, -1, dtype=int)
+            view.row_rejections = wp.zeros((nrow, *view.rejections.shape), dtype=int)
             view.present = wp.ones((nrow, nslot), dtype=int)
             view.place = wp.array(np.tile(compiled.home_place, (nrow, 1, 1)), dtype=wp.vec4, shape=(nrow, nslot))
             view.bounds = wp.array(np.tile(compiled.home_bounds, (nrow, 1, 1)), dtype=wp.vec4, shape=(nrow, nslot))

@@ -13,11 +13,14 @@ from typing import Any
 
 import warp as wp
 
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_type
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.pickling import StaysHere
+from sceniris_gym.layout.rounds import count_rejections
 from sceniris_gym.layout.seeds import launch_reseed
-from sceniris_gym.layout.sequence import LaunchSequence, repeat_launches
+from sceniris_gym.layout.sequence import LaunchSequence, repeat_launches, repeats_in_graphs
+from sceniris_gym.layout.turns import launching
 
 wp.set_module_options({"enable_backward": False})
 
@@ -78,8 +81,16 @@ def _serve(
     if mask:
         if not mask[worldid]:
             return
+    # Worlds whose layouts were made in place advance here too, so that all of them do, or, where somebody interrupts
+    # the launches, none.
     if missing[worldid]:
+        if i == 0:
+            served.episode[worldid] = served.making[worldid]
+        if i < served.rejections.shape[0]:
+            count_rejections(served, worldid, i, served.rejections)
         return
+    if i < served.rejections.shape[0]:
+        count_rejections(prepared, worldid, i, served.rejections)
     if i == 0:
         served.episode[worldid] = prepared.episode[worldid]
         served.status[worldid] = prepared.status[worldid]
@@ -131,7 +142,8 @@ def _begin(
     worldid = wp.tid()
     if begins[0] == 0:
         return
-    chosen = stage[worldid] == _WAITING
+    # Nothing is being made when this begins, unless somebody interrupted the launches after it began before.
+    chosen = stage[worldid] != _READY
     being_made[worldid] = chosen
     if chosen:
         stage[worldid] = _BEING_MADE
@@ -175,16 +187,23 @@ class PreparedLayouts(StaysHere):
         graph: Capture what is made ahead into a graph and replay it.
 
     Attributes:
-        layouts: The rows served last, the generator's. Its `rejections` count those of layouts made ahead too.
+        layouts: The rows served last, the generator's.
+
+    Raises:
+        ArgumentTypeError: A generator of a class of its own, which might make other layouts than one that works ahead.
+        ArgumentError: A generator that records rejected candidates: it would not see those of layouts made ahead.
     """
 
+    @launching
     def __init__(self, generator: LayoutGenerator, stream: wp.Stream | None = None, *, graph: bool = True) -> None:
+        _check_generator(generator)
         compiled, nworld = generator.compiled, generator.nworld
         ahead = LayoutGenerator(compiled, nworld, split=generator.split, size=generator.size)
-        ahead.layouts.view.rejections = generator.layouts.view.rejections
         self.layouts = generator.layouts
         self._generator, self._ahead = generator, ahead
         device = self._device = wp.get_device(compiled.device)
+        # Graphs without loops would make the last ones again at every replay, also while they are served.
+        self._works_ahead = repeats_in_graphs(device) or not graph
         being_made, self._missing = (wp.zeros(nworld, dtype=wp.bool, device=device) for _ in range(2))
         self._being_made = being_made
         stage = self._stage = wp.full(nworld, _READY, dtype=int, device=device)
@@ -215,7 +234,7 @@ class PreparedLayouts(StaysHere):
             reset: Makes the launches, or replays a graph of them.
         """
         reset()
-        if not self._device.is_capturing:
+        if self._works_ahead and not self._device.is_capturing:
             self._launch_begin()
             self._make_beside()
 
@@ -262,16 +281,30 @@ class PreparedLayouts(StaysHere):
         nworld, device = self.layouts.nworld, self._device
         outputs = [self._stage, self._nwaiting, missing]
         wp.launch(_find_missing, dim=nworld, inputs=[served, prepared, mask], outputs=outputs, device=device)
-        self._generator.launch_generate(missing)
+        self._generator.launch_make(missing)
         width = max(a.shape[1] for a in (served.qpos, served.mocap_pos, served.present, served.grasp))
+        width = max(width, served.rejections.shape[0])
         inputs = [prepared, mask, missing]
-        wp.launch(_serve, dim=(nworld, max(width, 1)), inputs=inputs, outputs=[served], device=device)
+        wp.launch(_serve, dim=(nworld, width), inputs=inputs, outputs=[served], device=device)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
-        """How many candidates were rejected so far, those of layouts made ahead among them; see `LayoutSource`."""
-        if self._done is not None:
-            self._device.stream.wait_event(self._done)
+        """See `LayoutSource`: layouts that were made ahead count once they are served, and those made twice once."""
         return self._generator.rejection_counts()
+
+
+def _check_generator(generator: LayoutGenerator) -> None:
+    """Refuse a generator that another one cannot stand in for."""
+    check_type(generator, LayoutGenerator, "PreparedLayouts: generator")
+    if type(generator) is not LayoutGenerator:
+        raise ArgumentTypeError(
+            "PreparedLayouts: generator should be a LayoutGenerator itself, as another one makes layouts ahead, got "
+            f"one of class {type(generator).__name__}. Use it as layout_source without PreparedLayouts."
+        )
+    if generator.layouts.view.rejected_object.shape[0] > 0:
+        raise ArgumentError(
+            "PreparedLayouts: generator should not record rejected candidates, as those of layouts made ahead would be "
+            "missing. Make it with rejected=0, or use it as layout_source without PreparedLayouts."
+        )
 
 
 def side_stream(device: wp.Device) -> wp.Stream:

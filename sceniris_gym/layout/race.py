@@ -35,7 +35,7 @@ def numbers_of(program: Program, split: wp.uint32, layouts: LayoutsView, search:
     world = search.row_world[search.row[c]]
     n = Numbers()
     n.seed = layouts.seed[world]
-    n.episode = layouts.episode[world]
+    n.episode = layouts.making[world]
     n.stream = stream_of(program, split, search.obj[c])
     n.trial = trial_of(program, search, c)
     return n

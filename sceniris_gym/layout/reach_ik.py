@@ -111,7 +111,7 @@ def _start(
             stream = (split << _STREAM_BITS) + _REACH_STREAM
             trial = (search.restart[worldid] - 1) * layouts.grasp.shape[1] + column
             draw = (grasp - reach.reach_graspadr[column]) * wp.static(STARTS) + start
-            q = _drawn(reach.arm, layouts.seed[worldid], layouts.episode[worldid], stream, trial, draw)
+            q = _drawn(reach.arm, layouts.seed[worldid], layouts.making[worldid], stream, trial, draw)
         reach_search.grasp_qpos[c] = q
 
 

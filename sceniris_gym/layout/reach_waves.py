@@ -252,7 +252,7 @@ def _accept(
         elif reach_search.number[worldid] < _start_num(reach, layouts, worldid, column):
             queue_world(reach_search, worldid)
         else:
-            wp.atomic_add(layouts.rejections, reach.reach_obj[column], _why_none(reach, reach_search, worldid), 1)
+            layouts.row_rejections[worldid, reach.reach_obj[column], _why_none(reach, reach_search, worldid)] += 1
             layouts.first_pass_valid[worldid] = 0
             if search.restart[worldid] > program.restarts:
                 layouts.status[worldid] = fall_back(program, reach, layouts, worldid, split)

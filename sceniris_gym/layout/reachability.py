@@ -45,6 +45,10 @@ class ReachStage:
         most, capacity = sum(STARTS * len(t.grasp_set.grasps) for t in reaching.targets), self.search.failed.shape[0]
         self._most_waves = most + -(-nworld * most // capacity)
 
+    def launch_start(self) -> None:
+        """Let no world wait, as any might where somebody interrupted the launches."""
+        self.search.worlds_left.zero_()
+
     def launch(self, layouts: LayoutsView, search: Search) -> None:
         """Find joints for all worlds that wait. Those for which there are none still wait, unless they fall back."""
         for reach, clear in self._arms:

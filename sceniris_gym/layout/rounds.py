@@ -21,6 +21,14 @@ _UNSOUND = wp.constant(int(Cause.UNSOUND))
 _NEVER = wp.constant(1 << 30)
 
 
+@wp.func
+def _clear_rejections(layouts: LayoutsView, row: int):
+    """Count rejections of a row from zero on."""
+    for i in range(layouts.row_rejections.shape[1]):
+        for j in range(layouts.row_rejections.shape[2]):
+            layouts.row_rejections[row, i, j] = 0
+
+
 @wp.kernel
 def _start(
     program: Program,
@@ -32,23 +40,31 @@ def _start(
     search: Search,
 ):
     worldid = wp.tid()
+    # Nothing is left of what was begun before, unless somebody interrupted the launches.
+    search.pending[worldid] = False
     search.waiting[worldid] = False
+    if worldid == 0:
+        search.rows_left[0] = 0
+        search.candidates[0] = 0
     if mask:
         if not mask[worldid]:
             return
-    layouts.episode[worldid] = layouts.episode[worldid] + 1
+    episode = layouts.episode[worldid] + 1
+    layouts.making[worldid] = episode
     layouts.attempts[worldid] = 0
+    _clear_rejections(layouts, worldid)
     search.pending[worldid] = True
     search.restart[worldid] = 0
     wp.atomic_add(search.worlds_left, 0, 1)
-    draw_groups(program, layouts.seed[worldid], layouts.episode[worldid], split, layouts.present[worldid])
+    draw_groups(program, layouts.seed[worldid], episode, split, layouts.present[worldid])
 
 
 def launch_start(
     program: Program, mask: wp.array | None, split: int, layouts: LayoutsView, search: Search, device: str
 ) -> None:
-    """Advance the masked worlds by an episode; all of them are pending then."""
+    """Let the masked worlds be pending, for the episode that follows theirs."""
     dim = search.pending.shape[0]
+    search.worlds_left.zero_()
     wp.launch(_start, dim=dim, inputs=[program, mask, split], outputs=[layouts, search], device=device)
 
 
@@ -59,7 +75,7 @@ def _plan_round(
     search: Search,
 ):
     worlds = wp.max(search.worlds_left[0], 1)
-    extra = search.row_rejections.shape[0]
+    extra = search.row_world.shape[0] - search.pending.shape[0]
     # so many that less than half a world is expected to be left
     wanted = int(wp.ceil(wp.log(2.0 * float(worlds)) / -wp.log(program.restart_rate)))
     search.restarts_at_once[0] = wp.clamp(wp.min(extra // worlds + 1, wanted), 1, program.restarts + 1)
@@ -76,9 +92,7 @@ def _open_row(
     if row >= nworld:
         for i in range(layouts.present.shape[1]):
             layouts.present[row, i] = layouts.present[worldid, i]
-        for i in range(search.row_rejections.shape[1]):
-            for j in range(search.row_rejections.shape[2]):
-                search.row_rejections[row - nworld, i, j] = 0
+        _clear_rejections(layouts, row)
     search.row_world[row] = worldid
     search.row_restart[row] = restart
     search.row_trial[row] = 0
@@ -158,15 +172,12 @@ def launch_open_candidates(program: Program, size: SearchSize, search: Search, d
 
 @wp.func
 def _count_row(layouts: LayoutsView, search: Search, worldid: int, row: int):
-    """Count the attempts of a restart that was reached, and its rejections if they were not counted at once."""
-    nworld = search.pending.shape[0]
+    """Count the attempts and rejections of a restart that was reached among those of its world."""
     layouts.attempts[worldid] += search.row_attempts[row]
-    if row >= nworld:
-        for i in range(search.row_rejections.shape[1]):
-            for j in range(search.row_rejections.shape[2]):
-                number = search.row_rejections[row - nworld, i, j]
-                if number > 0:
-                    wp.atomic_add(layouts.rejections, i, j, number)
+    if row != worldid:
+        for i in range(layouts.row_rejections.shape[1]):
+            for j in range(layouts.row_rejections.shape[2]):
+                layouts.row_rejections[worldid, i, j] += layouts.row_rejections[row, i, j]
 
 
 @wp.func
@@ -222,7 +233,7 @@ def _settle(
         search.waiting[worldid] = staged
     elif last == program.restarts or not sound:
         if not sound:
-            wp.atomic_add(layouts.rejections, wp.max(program.nobject - 1, 0), _UNSOUND, 1)
+            layouts.row_rejections[worldid, wp.max(program.nobject - 1, 0), _UNSOUND] += 1
         layouts.status[worldid] = fall_back(program, reach, layouts, worldid, split)
         layouts.first_pass_valid[worldid] = 0
         search.pending[worldid] = False
@@ -254,3 +265,33 @@ def _reopen(
 def launch_reopen(search: Search, device: str) -> None:
     """Let worlds that still wait for a layout within reach go on with their next restart."""
     wp.launch(_reopen, dim=search.pending.shape[0], inputs=[], outputs=[search], device=device)
+
+
+@wp.func
+def count_rejections(made: LayoutsView, worldid: int, obj: int, rejections: wp.array2d(dtype=int)):
+    """Count what was rejected of an object for a layout that is served."""
+    for cause in range(made.row_rejections.shape[2]):
+        number = made.row_rejections[worldid, obj, cause]
+        if number > 0:
+            wp.atomic_add(rejections, obj, cause, number)
+
+
+@wp.kernel
+def _finish(
+    mask: wp.array(dtype=bool),
+    # Layouts in and out:
+    layouts: LayoutsView,
+):
+    worldid, obj = wp.tid()
+    if mask:
+        if not mask[worldid]:
+            return
+    if obj == 0:
+        layouts.episode[worldid] = layouts.making[worldid]
+    count_rejections(layouts, worldid, obj, layouts.rejections)
+
+
+def launch_finish(mask: wp.array | None, layouts: LayoutsView, device: str) -> None:
+    """Advance the masked worlds to the episode that was made, all of them at once, and count what was rejected."""
+    dim = (layouts.seed.shape[0], layouts.rejections.shape[0])
+    wp.launch(_finish, dim=dim, inputs=[mask], outputs=[layouts], device=device)

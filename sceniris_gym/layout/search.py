@@ -19,7 +19,7 @@ from sceniris_gym.layout.polygons import HalfPlane
 from sceniris_gym.layout.random import STREAM_BITS
 from sceniris_gym.layout.relations import ResolvedRelation
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.device import Cause, Program
+from sceniris_gym.program.device import Program
 
 NO_GRASP = 1 << 30
 """In place of a grasp: the arm's map lets none through."""
@@ -50,7 +50,6 @@ class Search:
     row_first: wp.array(dtype=int)  # its first candidate in this wave
     row_trials: wp.array(dtype=int)  # and how many it has; 0 if the wave has no room for it
     row_attempts: wp.array(dtype=int)  # candidates drawn in this restart
-    row_rejections: wp.array3d(dtype=int)  # of rows beyond those of worlds: by object and cause
     queue: wp.array2d(dtype=int)  # rows that still place objects; two lists, of which one is read and one written
     # Counts
     worlds_left: wp.array(dtype=int)
@@ -225,7 +224,6 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
             setattr(s, name, wp.zeros(nworld, dtype=int))
         for name in ("row_world", "row_restart", "row_object", "row_trial", "row_attempts", "row_first", "row_trials"):
             setattr(s, name, wp.zeros(nrow, dtype=int))
-        s.row_rejections = wp.zeros((size.rows, max(len(compiled.placed), 1), len(Cause)), dtype=int)
         s.queue = wp.zeros((2, nrow), dtype=int)
         for name in ("worlds_left", "rows_left", "tickets", "restarts_at_once", "source", "rows"):
             setattr(s, name, wp.zeros(1, dtype=int))

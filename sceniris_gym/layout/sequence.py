@@ -5,6 +5,11 @@ from collections.abc import Callable
 import warp as wp
 
 
+def repeats_in_graphs(device: wp.Device) -> bool:
+    """Tell whether a graph on this device can repeat launches as long as anything is left: drivers since CUDA 12.4."""
+    return not device.is_cuda or wp.is_conditional_graph_supported()
+
+
 def repeat_launches(left: wp.array, launches: Callable[[], None], most: int) -> None:
     """Make launches as long as anything is left; where a capture cannot tell, as often as the worst case needs.
 
@@ -14,7 +19,7 @@ def repeat_launches(left: wp.array, launches: Callable[[], None], most: int) -> 
         most: How often they are made in the worst case.
     """
     device = left.device
-    if device.is_capturing and device.is_cuda and not wp.is_conditional_graph_supported():
+    if device.is_capturing and not repeats_in_graphs(device):
         for _ in range(most):
             launches()
     else:

@@ -39,5 +39,5 @@ class LayoutSource(Protocol):
         ...
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
-        """How many candidates were rejected so far, by object and cause. Synchronises with the device."""
+        """How many candidates were rejected for the layouts so far, by object and cause. Waits for the device."""
         ...

@@ -60,6 +60,9 @@ class ResetRandomizer(Fixed, StaysHere):
     pose; the other controls are those of the home keyframe. Actuators with a delay read these controls from the past
     too. Nothing waits for the device, so a reset with a mask on the device can be captured in a graph.
 
+    A reset that Ctrl-C interrupts leaves its worlds half written, until they are reset once more. Their next layouts
+    are those of the interrupted reset, unless these had been made already.
+
     The other worlds keep their state (the arrays in PROMISED) bit for bit, so they go on as if nothing had been reset.
     Arrays that are computed from the state are brought up to date in all worlds: positions and orientations in space
     (xpos, geom_xpos, site_xmat, ...), and those of `needs`. In a bare loop of `mjw.step` they are one step older than
@@ -77,7 +80,7 @@ class ResetRandomizer(Fixed, StaysHere):
             and an njmax with room for contacts; `check_budget` tells whether those of `data` are large enough.
         layout_source: The LayoutSource; None makes a LayoutGenerator with `seed` and `split`.
         prefetch: Make the next layout of every world ahead, on a GPU beside the steps that follow, so that a reset only
-            copies: the same layouts, for the memory of a second generator (88 MB for 4,096 worlds of `mid`, 638 MB of
+            copies: the same layouts, for the memory of a second generator (88 MB for 4,096 worlds of `mid`, 640 MB of
             `kitchen_reset`). None does so on a GPU where no layout_source is given. In a graph of your own that resets
             are captured into, they are made in place. A wp.Stream is used instead of `side_stream`; see
             PreparedLayouts.
@@ -243,7 +246,7 @@ class ResetRandomizer(Fixed, StaysHere):
             self._launch_write(poses)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
-        """Return how many candidates were rejected so far, by object and cause. Waits for the device."""
+        """Return how many candidates were rejected for layouts so far, by object and cause. Waits for the device."""
         return self.layout_source.rejection_counts()
 
     @launching

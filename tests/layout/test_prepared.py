@@ -12,6 +12,7 @@ import pytest
 import torch
 import warp as wp
 
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError
 from sceniris_gym.layout import prepared
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
@@ -110,13 +111,14 @@ def test_what_is_ready_is_not_made_again():
     assert missing == [NWORLD, 0, 0, NWORLD // 4]
 
 
-def test_an_interrupted_reset_is_made_up_for(monkeypatch: pytest.MonkeyPatch):
-    """Where it was decided that layouts are made ahead, and nothing was launched any more."""
+@pytest.mark.parametrize("last", ["_begin", "_publish"])
+def test_an_interrupted_reset_is_made_up_for(last: str, monkeypatch: pytest.MonkeyPatch):
+    """Where it was decided that layouts are made ahead, and nothing was launched any more, or worlds were chosen."""
     source = PreparedLayouts(LayoutGenerator(compile_scene("mid", "cpu"), NWORLD))
     launch = wp.launch
 
     def interrupted(kernel: wp.Kernel, *args: object, **kwargs: object) -> None:
-        if kernel is prepared._begin:
+        if kernel is getattr(prepared, last):
             raise KeyboardInterrupt
         launch(kernel, *args, **kwargs)
 
@@ -124,11 +126,10 @@ def test_an_interrupted_reset_is_made_up_for(monkeypatch: pytest.MonkeyPatch):
     with pytest.raises(KeyboardInterrupt):
         source.serve(lambda: source.launch_generate(None))
     monkeypatch.setattr(wp, "launch", launch)
-    missing = []
-    for _ in range(3):
+    source.serve(lambda: source.launch_generate(wp.zeros(NWORLD, dtype=wp.bool, device="cpu")))
+    for _ in range(2):
         source.serve(lambda: source.launch_generate(None))
-        missing.append(int(source._missing.numpy().sum()))
-    assert missing == [NWORLD, 0, 0]
+        assert not source._missing.numpy().any()
 
 
 def test_few_worlds_wait_until_more_are_reset():
@@ -174,15 +175,44 @@ def test_memory_is_kept_until_all_that_writes_to_it_is_done(monkeypatch: pytest.
     assert order == ["waited", "freed"]
 
 
-def test_rejections_are_counted_as_without():
-    """Of the layouts that were made, in both places where they can be read."""
+def test_rejections_are_those_of_the_layouts_that_are_served():
+    """In both places where they can be read: what is made twice counts once, what is never served does not count."""
     compiled = compile_scene("mid", "cpu")
     source, twin = PreparedLayouts(LayoutGenerator(compiled, NWORLD)), LayoutGenerator(compiled, NWORLD)
-    source.serve(lambda: source.launch_generate(None))
-    for _ in range(2):  # the second episode is made ahead
+    for step in range(6):
+        if step % 3 == 2:  # what was made ahead is made in vain
+            for one in (source, twin):
+                one.launch_reseed(wp.array(np.arange(step, step + NWORLD), dtype=wp.uint64, device="cpu"), None)
+        source.serve(lambda: source.launch_generate(None))
         twin.generate()
-    assert source.rejection_counts() == twin.rejection_counts()
-    assert (source.layouts.rejections.numpy() == twin.layouts.rejections.numpy()).all()
+        assert source.rejection_counts() == twin.rejection_counts()
+        assert (source.layouts.rejections.numpy() == twin.layouts.rejections.numpy()).all()
+
+
+def test_a_generator_that_nobody_can_stand_in_for_is_refused():
+    """One of a class of its own, which may make other layouts, and one that records what it rejects."""
+    compiled = compile_scene("mid", "cpu")
+
+    class Own(LayoutGenerator):
+        """A generator of a user's."""
+
+    with pytest.raises(ArgumentTypeError, match=r"should be a LayoutGenerator itself, .* got one of class Own"):
+        PreparedLayouts(Own(compiled, 4))
+    with pytest.raises(ArgumentTypeError, match="should be a LayoutGenerator, got"):
+        PreparedLayouts(compiled)  # type: ignore[arg-type]
+    with pytest.raises(ArgumentError, match="Make it with rejected=0"):
+        PreparedLayouts(LayoutGenerator(compiled, 4, rejected=8))
+
+
+def test_nothing_is_made_ahead_where_graphs_cannot_repeat_launches(monkeypatch: pytest.MonkeyPatch):
+    """With an old driver a replay makes what was made before once more, also while it is served."""
+    monkeypatch.setattr(prepared, "repeats_in_graphs", lambda _: False)
+    source = PreparedLayouts(LayoutGenerator(compile_scene("mid", "cpu"), NWORLD))
+    plain = LayoutGenerator(source.layouts.compiled, NWORLD)
+    for _ in range(2):
+        source.serve(lambda: source.launch_generate(None))
+        plain.generate()
+        assert (_bits(source), source._missing.numpy().all()) == (_bits(plain), True)
 
 
 @pytest.mark.cuda

@@ -1,0 +1,35 @@
+"""How steps are timed: waiting for the device, a step as one CUDA graph, and what is said of several figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import torch
+import warp as wp
+from torch import Tensor
+
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+
+
+def wait(envs: SceneVectorEnv) -> None:
+    """Wait until the device is idle."""
+    if envs.device.type == "cuda":
+        torch.cuda.synchronize(envs.device)
+
+
+def spread(values: Sequence[float] | np.ndarray, digits: int = 4) -> dict[str, float]:
+    """Return median, least and greatest."""
+    found = {"median": np.median(values), "min": np.min(values), "max": np.max(values)}
+    return {name: round(float(value), digits) for name, value in found.items()}
+
+
+def captured(envs: SceneVectorEnv, action: Tensor) -> Callable[[], None]:
+    """Record a whole step with what is in `action` then, torch and Warp together, into one CUDA graph."""
+    stream, graph = torch.cuda.Stream(), torch.cuda.CUDAGraph()
+    torch.cuda.synchronize()
+    with torch.cuda.graph(graph, stream=stream):
+        warp_stream = wp.stream_from_torch(torch.cuda.current_stream())
+        with wp.ScopedStream(warp_stream, sync_enter=False), wp.ScopedCapture(stream=warp_stream, external=True):
+            envs.step(action)
+    return graph.replay
