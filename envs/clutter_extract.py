@@ -116,17 +116,18 @@ class ClutterExtract(Task):
     tool is to the grasp, or to the funnel above it, down which it should come once it is turned), `aligning` (0 to 1,
     over the peg, how well the fingers close in the direction with more room), `grasping` (up to 2 where both fingers
     touch the peg, by how well they are aligned), `lifting` (0 to 4, by the root of the share of the way up, while both
-    touch), `holding` (5 while it is up and both touch),
-    `disturbing` (minus a quarter of the sum of the others' speeds in m/s, and of the largest share in `moved`, -0.5 at
-    the lowest) and `effort` (-0.05 times the mean square of the action). The more is moved, the less `lifting` and
-    `holding` count, down to a fifth. Success means that the peg is 10 cm or more over the table and touched by both
-    fingers at the end of 26 steps in a row, 0.5 s from the first to the last, and that no other thing is more than 2 cm
-    from where it was, or tilted by more than 0.5 rad. It is judged at the last step. The episode terminates when the
-    peg has fallen off the table, and is truncated after 200 steps (4 s).
+    touch), `holding` (5 while it is up and both touch), `disturbing` (minus a quarter of the sum of the others' speeds
+    in m/s, and the largest share in `moved`, -1.25 at the lowest) and `effort` (-0.05 times the mean square of the
+    action). The more is moved, the less `lifting` and `holding` count, down to a fifth. Success means that the peg is
+    10 cm or more over the table and touched by both fingers at the end of 26 steps in a row, 0.5 s from the first to
+    the last, and that no other thing is more than 2 cm from where it was, or tilted by more than 0.5 rad. It is judged
+    at the last step. The episode terminates when the peg has fallen off the table, and is truncated after 200 steps (4
+    s).
     """
 
     scene = "clutter_extract"
-    options = SLEEPING
+    # 99.8% of a trained policy's physics steps need 10 iterations at most, but one world that needs more stalls all
+    options = SLEEPING | {"iterations": 10}
     action_size = 5
 
     def bind(self, s: State) -> None:
@@ -208,7 +209,7 @@ class ClutterExtract(Task):
             "grasping": 2.0 * s.dt * grasped * aligned,
             "lifting": 4.0 * s.dt * grasped * left * (height / LIFTED).clamp(0.0, 1.0).sqrt(),
             "holding": 5.0 * s.dt * up * left,
-            "disturbing": -0.25 * s.dt * (speeds.clamp(max=1.0) + worst),
+            "disturbing": -s.dt * (0.25 * speeds.clamp(max=1.0) + worst),
             "effort": -0.05 * s.dt * action.square().mean(dim=1),
         }
 

@@ -183,7 +183,7 @@ def test_terms_of_the_reward(envs, monkeypatch):
     assert terms["grasping"].tolist() == pytest.approx([0.04 * share for share in alignment(envs)], rel=1e-3)
     assert terms["lifting"].tolist() == pytest.approx([0.08 * 0.6, 0.08 * 0.2], rel=1e-3)
     assert terms["holding"].tolist() == pytest.approx([0.1 * 0.6, 0.1 * 0.2], rel=1e-3)
-    assert terms["disturbing"].tolist() == pytest.approx([-0.0025, -0.005], rel=1e-3)
+    assert terms["disturbing"].tolist() == pytest.approx([-0.01, -0.02], rel=1e-3)
     assert terms["effort"].tolist() == pytest.approx([-0.001, -0.001])
     place(envs, "target", 0, [0.0, 0.0, -1.0])
     assert task.terminated(envs.state).tolist() == [True, False]
