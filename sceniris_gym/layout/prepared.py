@@ -191,7 +191,8 @@ class PreparedLayouts(StaysHere):
 
     Raises:
         ArgumentTypeError: A generator of a class of its own, which might make other layouts than one that works ahead.
-        ArgumentError: A generator that records rejected candidates: it would not see those of layouts made ahead.
+        ArgumentError: A generator that records rejected candidates: it would not see those of layouts made ahead. Or a
+            stream of another device.
     """
 
     @launching
@@ -204,6 +205,8 @@ class PreparedLayouts(StaysHere):
         device = self._device = wp.get_device(compiled.device)
         # Graphs without loops would make the last ones again at every replay, also while they are served.
         self._works_ahead = repeats_in_graphs(device) or not graph
+        if stream is not None and stream.device != device:
+            raise ArgumentError(f"PreparedLayouts: stream should be one of {device}, got one of {stream.device}.")
         being_made, self._missing = (wp.zeros(nworld, dtype=wp.bool, device=device) for _ in range(2))
         self._being_made = being_made
         stage = self._stage = wp.full(nworld, _READY, dtype=int, device=device)

@@ -10,7 +10,14 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import ArgumentError, MaskTypeError, SceneMismatchError, UnknownNameError, check_type
+from sceniris_gym.errors import (
+    ArgumentError,
+    ArgumentTypeError,
+    MaskTypeError,
+    SceneMismatchError,
+    UnknownNameError,
+    check_type,
+)
 from sceniris_gym.layout.fixed import Fixed
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts
@@ -100,9 +107,9 @@ class ResetRandomizer(Fixed, StaysHere):
             overwrite it.
 
     Raises:
-        ArgumentTypeError: `compiled`, `model` or `data` is of another type.
+        ArgumentTypeError: `compiled`, `model`, `data` or `prefetch` is of another type.
         SceneMismatchError: Model, data or layout_source have another scene, device or number of worlds.
-        ArgumentError: Both `layout_source` and `prefetch`.
+        ArgumentError: Both `layout_source` and `prefetch`, or a stream of another device.
         MaskTypeError, MaskError: `origins` are no floats, or not one for each world.
         UnknownNameError: `write` is neither "all" nor "placed".
         FixedError: An attribute that is assigned to: launches are captured with what they were.
@@ -133,6 +140,11 @@ class ResetRandomizer(Fixed, StaysHere):
         check_type(data, mjw.Data, "ResetRandomizer: data")
         self.compiled, self.model, self.data = compiled, model, data
         self.device: wp.Device = data.qpos.device
+        if not isinstance(prefetch, bool | wp.Stream | None):
+            raise ArgumentTypeError(
+                f"ResetRandomizer: prefetch should be a boolean, a wp.Stream or None, got {type(prefetch)}. "
+                "wp.stream_from_torch(stream) is one of torch's as a wp.Stream."
+            )
         if prefetch is None:
             prefetch = self.device.is_cuda and layout_source is None
         if layout_source is None:

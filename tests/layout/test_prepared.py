@@ -5,7 +5,10 @@ from __future__ import annotations
 import gc
 import itertools
 import time
+from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -80,6 +83,39 @@ def test_layouts_made_ahead_on_a_gpu_are_those_made_in_place(tmp_path: Path, gra
     """The same with two streams."""
     _same(_crane(tmp_path, "cuda:0"), graph)
     _same(compile_scene("hard_plus", "cuda:0"), graph)
+
+
+@pytest.mark.cuda
+def test_layouts_are_made_ahead_on_another_gpu():
+    """Not the one that Warp and torch take where they are not told."""
+    if wp.get_cuda_device_count() < 2:
+        pytest.skip("needs two GPUs, and there is one here")
+    _same(compile_scene("hard_plus", "cuda:1"), True)
+
+
+@pytest.mark.cuda
+def test_a_reset_without_graphs_is_made_up_for_on_a_gpu(monkeypatch: pytest.MonkeyPatch):
+    """What the host repeats there is interrupted on either stream; the next resets have the bits of others."""
+    compiled, launch, left = compile_scene("hard_plus", "cuda:0"), wp.launch, [0]
+
+    def counted(*args: object, **kwargs: object) -> None:
+        left[0] -= 1
+        if left[0] == 0:
+            raise KeyboardInterrupt
+        launch(*args, **kwargs)
+
+    monkeypatch.setattr(wp, "launch", counted)
+    plain = LayoutGenerator(compiled, NWORLD, seed=5)
+    source = PreparedLayouts(LayoutGenerator(compiled, NWORLD, seed=5), graph=False)
+    for after in range(3, 120, 9):
+        before, left[0] = source.layouts.episode.numpy(), after
+        with suppress(KeyboardInterrupt):
+            source.serve(lambda: source.launch_generate(None))
+        left[0] = 0
+        for _ in range(1 + int(source.layouts.episode.numpy()[0] != before[0])):
+            plain.launch_generate(None)
+        source.serve(lambda: source.launch_generate(None))
+        assert _bits(plain) == _bits(source), f"after {after} launches"
 
 
 def test_nobody_waits_for_what_is_being_made(monkeypatch: pytest.MonkeyPatch):
@@ -190,7 +226,7 @@ def test_rejections_are_those_of_the_layouts_that_are_served():
 
 
 def test_a_generator_that_nobody_can_stand_in_for_is_refused():
-    """One of a class of its own, which may make other layouts, and one that records what it rejects."""
+    """One of a class of its own, which may make other layouts, and one that records what it rejects; so is a stream."""
     compiled = compile_scene("mid", "cpu")
 
     class Own(LayoutGenerator):
@@ -202,6 +238,9 @@ def test_a_generator_that_nobody_can_stand_in_for_is_refused():
         PreparedLayouts(compiled)  # type: ignore[arg-type]
     with pytest.raises(ArgumentError, match="Make it with rejected=0"):
         PreparedLayouts(LayoutGenerator(compiled, 4, rejected=8))
+    elsewhere: Any = SimpleNamespace(device="cuda:1")
+    with pytest.raises(ArgumentError, match="stream should be one of cpu, got one of cuda:1"):
+        PreparedLayouts(LayoutGenerator(compiled, 4), elsewhere)
 
 
 def test_nothing_is_made_ahead_where_graphs_cannot_repeat_launches(monkeypatch: pytest.MonkeyPatch):
