@@ -60,7 +60,7 @@ class Options:
     num_envs: tuple[int, ...] = (1024, 4096)
     only: tuple[str, ...] = ()
     rounds: int = 5
-    steps: int = 30
+    steps: int = 20
     device: str | None = None
 
 

@@ -345,7 +345,7 @@ def test_it_makes_its_own_layouts_of_a_scene(prefetch: bool):
     if prefetch:
         with pytest.raises(ValueError, match="Give either it or a layout_source"):
             ResetRandomizer(compiled, model, data, layout_source=twin, prefetch=True)
-        with pytest.raises(TypeError, match="prefetch should be a boolean, a wp[.]Stream or None, got <class 'str'>"):
+        with pytest.raises(TypeError, match=r"prefetch should be a boolean, a wp\.Stream or None, got <class 'str'>"):
             ResetRandomizer(compiled, model, data, prefetch="no")  # type: ignore[arg-type]
 
 
