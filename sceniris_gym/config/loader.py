@@ -134,9 +134,9 @@ def _one_of(path: tuple[str, ...]) -> tuple[str, ...]:
     match path:
         case ("objects", _):
             return SUPPORT_WORDS
-        case ("objects", _, "region"):
+        case ("objects", _, "region") | ("robot", "region") | ("robots", _, "region"):
             return REGION_FORMS
-        case ("objects", _, "orientation"):
+        case ("objects", _, "orientation") | ("robot", "orientation") | ("robots", _, "orientation"):
             return ORIENTATION_FORMS
         case ("robot",) | ("robots", _):
             return ROBOT_FORMS

@@ -77,7 +77,7 @@ def _cuts(o: PlacedObject) -> int:
 
 def _check_cuts(o: PlacedObject, triangles: int, where: str) -> None:
     points = None if o.config is None or o.config.region is None else o.config.region.points
-    pieces = triangles * (_cuts(o) if points is None else 1)
+    pieces = triangles * (_cuts(o) if points is None else min(_cuts(o), 1))
     if pieces > MAX_PIECES and points is not None:
         raise SceneKeyError(
             f"{where}: objects.{o.name}.region: has {len(points):,} points on several surfaces, {pieces:,} together, "
