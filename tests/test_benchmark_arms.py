@@ -23,3 +23,13 @@ def test_an_arm_that_hangs_upside_down_is_measured(arm: str):
     row = arms.measure(arm, ASSETS.parent, "upside down", poses=8, layouts=20, device="cpu")
     assert (row["tier"], row["joints"], row["penetrating"], row["unreached"]) == ("ik", 6, 0, 0)
     assert row["right"] == 1.0
+
+
+def test_an_arm_whose_map_decides_is_measured(arm: str):
+    """By the map of the shipped arm: verdicts are compared with kinematics alone, and layouts are made by it."""
+    row = arms.measure(
+        arm, ASSETS.parent, "floor", poses=40, layouts=20, device="cpu", map_file=ASSETS / "maps/ur5e.reach"
+    )
+    assert (row["tier"], row["penetrating"], row["unreached"]) == ("map", 0, 0)
+    assert row["right"] >= 0.95
+    assert row["reached"] >= 20

@@ -12,6 +12,7 @@ from pydantic import AfterValidator, AllowInfNan, BeforeValidator, Field, Strict
 from pydantic_core import PydanticCustomError
 
 from sceniris_gym.config.bounds import BOUNDS, LEAST_GAP
+from sceniris_gym.config.limits import MAX_POINTS
 from sceniris_gym.config.messages import ADVICE
 from sceniris_gym.errors import did_you_mean
 from sceniris_gym.reach.tier import TIERS
@@ -80,6 +81,12 @@ def _simple(polygon: tuple[tuple[float, float], ...]) -> tuple[tuple[float, floa
     return polygon
 
 
+def _positions(points: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
+    if not 1 <= len(points) <= MAX_POINTS or {len(point) for point in points} not in ({2}, {3}):
+        raise wrong(f"should be 1 to {MAX_POINTS:,} points, all of them [x, y] or all of them [x, y, z]")
+    return points
+
+
 def _tier(value: Any) -> Any:
     if not isinstance(value, bool) and value not in TIERS:
         raise wrong(f"should be true, false, or one of {', '.join(TIERS)}", str(value), TIERS)
@@ -133,6 +140,7 @@ Extents2 = Annotated[tuple[_Extent, _Extent], BeforeValidator(listed)]
 Box = Annotated[tuple[Corner, Corner], BeforeValidator(listed), AfterValidator(_corners)]
 FractionBox = Annotated[tuple[FractionPoint2, FractionPoint2], BeforeValidator(listed), AfterValidator(_corners)]
 Polygon = Annotated[tuple[Point2, ...], BeforeValidator(listed), AfterValidator(_simple)]
+Points = Annotated[tuple[Corner, ...], BeforeValidator(listed), AfterValidator(_positions)]
 Reachable = Annotated[bool | str, BeforeValidator(_tier)]
 ObjectName = Annotated[str, AfterValidator(_object_name)]
 Model = Annotated[Any, BeforeValidator(_model)]

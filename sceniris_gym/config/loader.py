@@ -32,7 +32,7 @@ _MOST_KEYS = 16
 
 # Sets of keys of which only one may be given. A later one replaces an earlier one when scenes are merged.
 SUPPORT_WORDS = ("on", "inside", "in")
-REGION_FORMS = ("box", "fraction", "polygon")
+REGION_FORMS = ("box", "fraction", "polygon", "points")
 JOINT_FORMS = ("fraction", "range", "choice", "value", "noise")
 ORIENTATION_FORMS = ("yaw", "any", "stable", "face_to")
 ROBOT_FORMS = ("asset", "model", "in_model")
@@ -134,9 +134,9 @@ def _one_of(path: tuple[str, ...]) -> tuple[str, ...]:
     match path:
         case ("objects", _):
             return SUPPORT_WORDS
-        case ("objects", _, "region"):
+        case ("objects", _, "region") | ("robot", "region") | ("robots", _, "region"):
             return REGION_FORMS
-        case ("objects", _, "orientation"):
+        case ("objects", _, "orientation") | ("robot", "orientation") | ("robots", _, "orientation"):
             return ORIENTATION_FORMS
         case ("robot",) | ("robots", _):
             return ROBOT_FORMS

@@ -26,6 +26,7 @@ from sceniris_gym.config.fields import (
     JointInterval,
     JointPosition,
     Noise,
+    Points,
     Polygon,
     Reachable,
     wrong,
@@ -58,15 +59,16 @@ class JointConfig(Section):
 
 
 class RegionConfig(Section):
-    """A crop of the support, in its body frame (the world's for the floor); exactly one of the words is given.
+    """A part of the support, in its body frame (the world's for the floor); exactly one of the words is given.
 
-    `box` ((x, y), (x, y)) [m], or ((x, y, z), (x, y, z)) [m] in the world frame for an object without support;
-    `fraction` ((x, y), (x, y)) of the support's bounds; `polygon` ((x, y), ...) [m].
+    `box` ((x, y), (x, y)) [m], `fraction` ((x, y), (x, y)) of the support's bounds, `polygon` ((x, y), ...) [m], or
+    `points` ((x, y), ...) [m]. For an object without support, a `box` or `points` of (x, y, z) in the world frame.
     """
 
     box: Box | None = None
     fraction: FractionBox | None = None
     polygon: Polygon | None = None
+    points: Points | None = None
 
     @model_validator(mode="after")
     def _exactly_one(self) -> RegionConfig:
@@ -74,8 +76,16 @@ class RegionConfig(Section):
 
     @property
     def is_3d(self) -> bool:
-        """Whether this is a box in space rather than a crop of a support."""
-        return self.box is not None and len(self.box[0]) == 3
+        """Whether this is a box or points in space rather than a part of a support."""
+        return len((self.box or self.points or ((),))[0]) == 3
+
+    @property
+    def corners(self) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+        """The low and the high corner of a box, or of the upright one around points [m]; None for other forms."""
+        if self.points is None:
+            return self.box
+        axes = list(zip(*self.points, strict=True))
+        return tuple(map(min, axes)), tuple(map(max, axes))
 
 
 @dataclass(frozen=True)
@@ -180,14 +190,17 @@ class ObjectConfig(Section):
         ):
             raise wrong("should have no support, region, relations or orientation: it stays where the model has it")
         if words and self.region is not None and self.region.is_3d:
-            raise wrong("should have a region in two dimensions: a 3D box is for an object without a support")
+            raise wrong(
+                "should have a region in two dimensions: a 3D box or 3D points are for an object without a support"
+            )
         if not words and self.region is not None and not self.region.is_3d:
-            raise wrong("should name its support ('on', 'inside' or 'in'), or have a 3D box as its region")
+            raise wrong("should name its support ('on', 'inside' or 'in'), or have a 3D box or 3D points as its region")
         if not words and self.ratio_on_support > 0.0:
             raise wrong("should have a 'ratio_on_support' only with a support ('on', 'inside' or 'in')")
         if not words and self.relations and self.region is None:
             raise wrong(
-                "should name its support ('on', 'inside' or 'in') or have a 3D box as its region: it has relations"
+                "should name its support ('on', 'inside' or 'in') or have a 3D box or 3D points as its region: it has "
+                "relations"
             )
         joined = [relation for relation in self.relations if relation.kind == "joined"]
         if joined and self.orientation is not None:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
-from shapely.geometry import MultiPoint, MultiPolygon, Polygon, box
+from shapely.geometry import MultiPoint, MultiPolygon, Point, Polygon, box
+from shapely.geometry.base import BaseGeometry
 
 from sceniris_gym.config.bounds import MOST_FAR
 from sceniris_gym.config.objects import RegionConfig
@@ -29,6 +30,8 @@ _ABOVE = 5.0e-4
 _HALF_WIDTH = 0.01
 # Half the edge [m] of the part of an endless plane that regions are cut from, all that objects may be placed on.
 _ENDLESS = 4.0 * MOST_FAR
+# How far [m] beyond the edge of a surface a point is still on it: meshes have single precision.
+_ON_EDGE = 1.0e-6
 # Segments of a quarter circle where an erosion goes around a corner: one of 4 cm is accurate to 3 um.
 _ARC = 64
 
@@ -41,14 +44,14 @@ class SupportSurface:
         body: Id of the body (0: the world, for the floor).
         height: Its z [m] in the body's frame.
         outline: The whole surface [m], xy in the body's frame.
-        region: The part of it that an object's pivot may lie on.
+        region: The part of it that an object's pivot may lie on, which may be points.
         is_endless: Whether it is a plane without sizes, of which the outline is a part.
     """
 
     body: int
     height: float
     outline: MultiPolygon
-    region: MultiPolygon
+    region: MultiPolygon | MultiPoint
     is_endless: bool = False
 
 
@@ -96,6 +99,19 @@ def shadow_of_box(region: RegionConfig) -> SupportSurface:
     return SupportSurface(0, 0.0, seen, seen)
 
 
+def points_in_space(region: RegionConfig) -> list[SupportSurface]:
+    """Points in space as surfaces, one for each of their heights; the outlines are boxes seen from above."""
+    assert region.points is not None
+    heights: dict[float, list[tuple[float, ...]]] = {}
+    for x, y, z in region.points:
+        heights.setdefault(z, []).append((x, y))
+    found = []
+    for z, points in heights.items():
+        seen = MultiPoint(points)
+        found.append(SupportSurface(0, z, MultiPolygon([box(*seen.buffer(_HALF_WIDTH).bounds)]), seen))
+    return found
+
+
 def crop(
     surfaces: list[SupportSurface], region: RegionConfig | None, erosions: Sequence[float], where: str
 ) -> list[list[SupportSurface]]:
@@ -105,13 +121,17 @@ def crop(
         For each erosion, the surfaces of which something is left; equal erosions share one list.
 
     Raises:
-        ErodedSupportError: Nothing is left of any surface.
+        ErodedSupportError: Nothing is left of any surface, or a point is on none of them.
     """
-    keep = _crop_shape(surfaces, region)
     rounded = [round(erosion, 7) for erosion in erosions]  # poses that differ only by rounding count as one
-    kept = {erosion: _kept(surfaces, keep, erosion) for erosion in set(rounded)}
+    erosion = min(rounded)
+    if region is not None and region.points is not None:
+        kept = {e: _with_points(surfaces, region.points, e) for e in set(rounded)}
+        _check_points(surfaces, region.points, kept[erosion], erosion, where)
+        return [kept[e] for e in rounded]
+    keep = _crop_shape(surfaces, region)
+    kept = {e: _kept(surfaces, keep, e) for e in set(rounded)}
     if not any(kept.values()):
-        erosion = min(rounded)
         x0, y0, x1, y1 = shapely.union_all([s.outline for s in surfaces]).bounds
         said = f"erosion by {erosion:.4g} m" if erosion > 0.0 else ""
         said += " and " if said and region is not None else ""
@@ -120,30 +140,83 @@ def crop(
             f"{where}: nothing is left of the support after {said}; its surface spans [{x0:.4g}, {x1:.4g}] x "
             f"[{y0:.4g}, {y1:.4g}] m. Use a smaller ratio_on_support, a region that overlaps it, or a larger support."
         )
-    return [kept[erosion] for erosion in rounded]
+    return [kept[e] for e in rounded]
 
 
 def _kept(surfaces: list[SupportSurface], keep: Polygon | None, erosion: float) -> list[SupportSurface]:
     kept = []
     for s in surfaces:
-        left = s.outline.buffer(-erosion, quad_segs=_ARC) if erosion > 0.0 else s.outline
+        left = _eroded(s, erosion)
         left = _parts(left.intersection(keep) if keep is not None else left)
         if not left.is_empty:
             kept.append(SupportSurface(s.body, s.height, s.outline, left))
     return kept
 
 
-def triangulate(region: MultiPolygon) -> np.ndarray:
-    """The region as triangles [m], shape (n, 3, 2), by constrained Delaunay triangulation: nothing is lost or added."""
+def _eroded(surface: SupportSurface, erosion: float) -> BaseGeometry:
+    return surface.outline.buffer(-erosion, quad_segs=_ARC) if erosion > 0.0 else surface.outline
+
+
+def _with_points(
+    surfaces: list[SupportSurface], points: tuple[tuple[float, ...], ...], erosion: float
+) -> list[SupportSurface]:
+    """The surfaces with the points that are on each of them: with none, a surface is left out."""
+    kept = []
+    for s in surfaces:
+        on = shapely.distance(_eroded(s, erosion), shapely.points(points)) <= _ON_EDGE
+        if on.any():
+            kept.append(SupportSurface(s.body, s.height, s.outline, MultiPoint(np.array(points)[on])))
+    return kept
+
+
+def _check_points(
+    surfaces: list[SupportSurface],
+    points: tuple[tuple[float, ...], ...],
+    kept: list[SupportSurface],
+    erosion: float,
+    where: str,
+) -> None:
+    """Check that each point is on a surface, as far from its edge as `ratio_on_support` says in the least of poses."""
+    used = {tuple(xy) for s in kept for xy in shapely.get_coordinates(s.region).tolist()}
+    unused = next((i for i, point in enumerate(points) if point not in used), None)
+    if unused is None:
+        return
+    at = Point(points[unused])
+    beyond = min(s.outline.distance(at) for s in surfaces)
+    x0, y0, x1, y1 = shapely.union_all([s.outline for s in surfaces]).bounds
+    said = f"off its surface, by {beyond:.4g} m"
+    if beyond <= _ON_EDGE:
+        said = f"nearer to an edge of its surface than the {erosion:.4g} m that 'ratio_on_support' asks for"
+    raise ErodedSupportError(
+        f"{where}: the support does not carry point {unused} of the region, [{at.x:.4g}, {at.y:.4g}]: it is {said}, "
+        f"which spans [{x0:.4g}, {x1:.4g}] x [{y0:.4g}, {y1:.4g}] m in the support's frame. Move the point, or take it "
+        "out."
+    )
+
+
+def triangulate(region: MultiPolygon | MultiPoint) -> np.ndarray:
+    """The region as triangles [m], shape (n, 3, 2), by constrained Delaunay triangulation: nothing is lost or added.
+
+    A point is a triangle whose corners are all the same, and no other triangle is one, also in single precision.
+    """
+    if isinstance(region, MultiPoint):
+        return np.repeat(shapely.get_coordinates(region)[:, None], 3, axis=1)
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(region))
     corners = np.reshape([np.asarray(t.exterior.coords)[:3, :2] for t in triangles], (-1, 3, 2))
-    return corners[areas(corners) > 0.0]
+    single = corners.astype(np.float32)
+    return corners[(areas(corners) > 0.0) & (single != single[:, :1]).any(axis=(1, 2))]
 
 
 def areas(triangles: np.ndarray) -> np.ndarray:
     """Areas [m^2] of plane triangles, shape (n, 3, 2)."""
     u, v = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     return 0.5 * np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+
+
+def weights(triangles: np.ndarray) -> np.ndarray:
+    """How often each triangle of a region is drawn from, in proportion: by its area, and points all alike."""
+    sizes = areas(triangles)
+    return np.where(sizes > 0.0, sizes, 1.0)
 
 
 def edges(outline: MultiPolygon) -> np.ndarray:

@@ -15,7 +15,7 @@ from sceniris_gym.layout.placed import Placed, placed
 from sceniris_gym.layout.polygons import draw_in_polygon
 from sceniris_gym.layout.posing import pose_candidate
 from sceniris_gym.layout.race import NOBODY, finish, numbers_of, point_numbers, winner_index
-from sceniris_gym.layout.region_pieces import LEAST_AREA, cut_triangle, posed_triangle
+from sceniris_gym.layout.region_pieces import LEAST_AREA, cut_triangle, is_point, posed_triangle
 from sceniris_gym.layout.regions import outline_distance
 from sceniris_gym.layout.relations import relation_holds
 from sceniris_gym.layout.search import Search, SearchSize
@@ -52,6 +52,8 @@ def draw_triangle(program: Program, variant: int, u: float) -> int:
 @wp.func
 def draw_in_triangle(program: Program, tri: int, u: float, v: float) -> wp.vec2:
     """A uniform point of a triangle. R. Osada et al., "Shape distributions", ACM Trans. Graphics 21(4), 2002."""
+    if is_point(program, tri):
+        return program.tri_a[tri]
     s = wp.sqrt(u)
     return (1.0 - s) * program.tri_a[tri] + (s * (1.0 - v)) * program.tri_b[tri] + (s * v) * program.tri_c[tri]
 
@@ -97,13 +99,13 @@ def _all_hold(
 
 @wp.func
 def _keep_point(program: Program, search: Search, c: int, obj: int, tri: int, frame: Pose, at: wp.vec2):
-    """Write the candidate's point: on the surface, or at the drawn height where nothing carries the object."""
+    """Write the candidate's point: on the surface, or where nothing carries the object at the drawn height over it."""
     surface = program.tri_surface[tri]
     if program.obj_ground[obj] >= 0:
         search.surface[c] = surface
         search.point[c] = _on_surface(frame, program.surface_height[surface], at)
     else:
-        search.point[c] = wp.vec3(at[0], at[1], search.point[c][2])
+        search.point[c] = wp.vec3(at[0], at[1], program.surface_height[surface] + search.point[c][2])
 
 
 @wp.func
@@ -116,9 +118,11 @@ def _draw_in_piece(
     triangles = program.variant_trinum[turn.variant]
     tri = program.variant_triadr[turn.variant] + index % triangles
     t = posed_triangle(program, tri, frame)
-    polygon = wp.zeros(shape=(_MAX_CORNERS,), dtype=wp.vec2)
-    num = cut_triangle(program, search, c, obj, index // triangles, t, polygon)
-    at = draw_in_polygon(polygon, num, u[0], u[1], u[2])
+    at = t.a
+    if not is_point(program, tri):
+        polygon = wp.zeros(shape=(_MAX_CORNERS,), dtype=wp.vec2)
+        num = cut_triangle(program, search, c, obj, index // triangles, t, polygon)
+        at = draw_in_polygon(polygon, num, u[0], u[1], u[2])
     heading = search.heading[c]
     if program.obj_orientation[obj] == _FACE_TO:
         target = program.obj_target[obj]

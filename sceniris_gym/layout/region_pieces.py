@@ -36,6 +36,13 @@ class Triangle:
 
 
 @wp.func
+def is_point(program: Program, tri: int) -> bool:
+    """Is a triangle of the region one of its points? Those that are not have corners that differ."""
+    a = program.tri_a[tri]
+    return program.tri_b[tri] == a and program.tri_c[tri] == a
+
+
+@wp.func
 def _xy(frame: Pose, p: wp.vec2, height: float) -> wp.vec2:
     w = apply(frame, wp.vec3(p[0], p[1], height))
     return wp.vec2(w[0], w[1])
@@ -144,9 +151,12 @@ def _find_pieces(
             t = posed_triangle(program, program.variant_triadr[variant] + tri, frame)
             if _is_out_of_reach(program, search, c, obj, t):
                 continue
+            single = is_point(program, program.variant_triadr[variant] + tri)
             for combination in range(program.obj_cutnum[obj]):
                 if not _is_surely_empty(program, search, c, obj, combination, t):
                     search.piece[c, wp.atomic_add(search.pieces, c, 1)] = combination * triangles + tri
+                    if single:  # in one race, though it may lie where two combinations meet
+                        break
 
 
 def launch_find_pieces(program: Program, size: SearchSize, layouts: LayoutsView, search: Search, device: str) -> None:
@@ -179,8 +189,11 @@ def _measure_pieces(
         best = NOBODY
         for k in range(i % parts, search.pieces[c], parts):
             index = search.piece[c, k]
-            t = posed_triangle(program, program.variant_triadr[variant] + index % triangles, frame)
-            size = area(polygon, cut_triangle(program, search, c, obj, index // triangles, t, polygon))
+            tri = program.variant_triadr[variant] + index % triangles
+            size = float(1.0)
+            if not is_point(program, tri):
+                t = posed_triangle(program, tri, frame)
+                size = area(polygon, cut_triangle(program, search, c, obj, index // triangles, t, polygon))
             search.piece_area[c, k] = size
             if size > LEAST_AREA:
                 best = wp.min(best, finish(numbers, 0, index, size))

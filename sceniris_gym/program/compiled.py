@@ -134,10 +134,13 @@ class CompiledScene:
         program = self.program
         triangles, cuts = program.variant_trinum.numpy(), program.obj_cutnum.numpy()
         first, number = program.obj_variantadr.numpy(), program.obj_variantnum.numpy()
-        objects = range(len(cuts))
-        return max(
-            (int(cuts[i] * triangles[first[i] : first[i] + number[i]].max(initial=0)) for i in objects), default=0
-        )
+        parts = self.config.parts
+        most = 0
+        for i, o in enumerate(self.plan.objects):
+            region = parts[o.name].region if o.name in parts else None
+            of_each = min(int(cuts[i]), 1) if region is not None and region.points is not None else int(cuts[i])
+            most = max(most, of_each * int(triangles[first[i] : first[i] + number[i]].max(initial=0)))
+        return most
 
     @property
     def attempts(self) -> int:

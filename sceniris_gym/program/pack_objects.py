@@ -251,5 +251,7 @@ def _address(mjm: mujoco.MjModel, body: int, kind: ObjectKind) -> int:
 
 def _box(config: ObjectConfig | None) -> tuple:
     """Corners of the box in space that an object is drawn in; an empty one for all others."""
-    box = config.region.box if config is not None and config.region is not None and config.region.is_3d else None
-    return box if box is not None else ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    region = None if config is None else config.region
+    if region is None or region.box is None or not region.is_3d:
+        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    return region.box

@@ -25,7 +25,7 @@ def pack_regions(plan: Plan, where: str) -> dict[str, np.ndarray]:
             if id(mine) not in places:
                 parts = [supports.triangulate(s.region) for s in mine]
                 corners = np.concatenate([*parts, np.zeros((0, 3, 2))])
-                share = np.cumsum(supports.areas(corners))
+                share = np.cumsum(supports.weights(corners))
                 places[id(mine)] = (len(owners), len(corners))
                 owners += [len(surfaces) + i for i, part in enumerate(parts) for _ in part]
                 surfaces += mine
@@ -69,13 +69,20 @@ def _convex_turn(edges: np.ndarray) -> int:
 
 def _cuts(o: PlacedObject) -> int:
     """How many pieces the relations of an object cut each triangle into; 0 where its region is never another one."""
-    if relations_of(o) or o.tilts or o.erosion > 0.0:
+    in_space = o.support is None and any(o.surfaces)
+    if relations_of(o) or o.tilts or o.erosion > 0.0 or in_space:
         return math.prod(region_pieces(r) for r in relations_of(o))
     return 0
 
 
 def _check_cuts(o: PlacedObject, triangles: int, where: str) -> None:
-    pieces = triangles * _cuts(o)
+    points = None if o.config is None or o.config.region is None else o.config.region.points
+    pieces = triangles * (_cuts(o) if points is None else min(_cuts(o), 1))
+    if pieces > MAX_PIECES and points is not None:
+        raise SceneKeyError(
+            f"{where}: objects.{o.name}.region: has {len(points):,} points on several surfaces, {pieces:,} together, "
+            f"and there is room for {MAX_PIECES:,}. Use fewer points, or a part of the support with fewer surfaces."
+        )
     if pieces > MAX_PIECES:
         raise SceneKeyError(
             f"{where}: objects.{o.name}.relations: together cut the region into {pieces} pieces, and there is "

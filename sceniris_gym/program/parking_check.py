@@ -71,8 +71,8 @@ def _corner(scene: SceneModel, plan: Plan, o: PlacedObject, corners: dict[str, n
         return corners.get(o.name, np.full(2, -np.inf)) + (2.0 * size if o.joint_ranges else 0.0)
     if o.config.support is None:
         assert o.config.region is not None
-        assert o.config.region.box is not None
-        at = np.array(o.config.region.box[1][:2])
+        assert o.config.region.corners is not None
+        at = np.array(o.config.region.corners[1][:2])
     elif o.support is not None and o.support.owner is not None:
         at = corners.get(o.support.owner, np.full(2, -np.inf))
     else:

@@ -66,8 +66,8 @@ class PlacedObject:
         variants: Poses that its orientation is drawn from; empty for STATIC.
         support: What carries it; None in a box in space or for STATIC.
         tilts: Whether that body may lean in the states it is drawn in.
-        surfaces: Surfaces and regions that it may stand on, a list for each variant; for relations in space the box
-            seen from above. Variants with the same regions share one list.
+        surfaces: Surfaces and regions that it may stand on, a list for each variant; in space the points, or for
+            relations the box seen from above. Variants with the same regions share one list.
         erosion: How far its pivot keeps from their outlines, in shares of the shorter edge of the drawn bounds, where
             that is not the same in all draws of a variant; else 0, as the regions are eroded already.
         config: Its entry in the scene file; None for a robot whose base is not drawn.
@@ -319,6 +319,8 @@ def _surfaces(
     """What carries an object, and for each variant the surfaces on it; `edges`: their least shorter edges."""
     if config.support is None:
         assert config.region is not None
+        if config.region.points is not None:
+            return None, [supports.points_in_space(config.region)] * len(edges)
         return None, [[supports.shadow_of_box(config.region)] if config.relations else []] * len(edges)
     word, parent = config.support.word, config.support.parent
     where = f"{scene.config.where}: {scene.config.key(name)}.{word}"

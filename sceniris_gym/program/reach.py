@@ -186,16 +186,19 @@ def robot_arm(scene: SceneModel, name: str = ROBOT) -> SerialArm:
     """
     robot = scene.config.all_robots[name]
     where = f"{scene.config.where}: {robot.key}"
+    home, name = scene.home_of(name)
     try:
-        home, name = scene.home_of(name)
         return SerialArm.from_model(home.mjm, home.config.all_robots[name].name, home.tcps[name])
     except ArmError as error:
         raise ArmError(f"{where}: {error}") from None
     except UnknownNameError as error:
-        own = [site for site in error.valid if site.startswith(f"{robot.name}/")] or error.valid
-        if robot.tcp is None and robot.asset is None:
-            where += ": 'tcp' should name the tool centre point, a site or a body"
-        raise UnknownNameError(error.kind, error.name, f"{where}: {error.where}", own) from None
+        if robot.tcp is not None:
+            raise UnknownNameError(error.kind, error.name, f"{where}: {error.where}", error.valid) from None
+        where += ": 'tcp' should name the tool centre point, a site or a body"
+        prefix, inside = f"{robot.name}/", [home.mjm.body(body).name for body in home.subtree(name)]
+        own = [site for site in error.valid if site.startswith(prefix)] + inside
+        valid = list(dict.fromkeys(word.removeprefix(prefix) for word in own))
+        raise UnknownNameError(error.kind, error.name, f"{where}: {error.where}", valid) from None
 
 
 def load_map(arm: SerialArm, robot: RobotConfig, where: str) -> ReachMap | None:

@@ -20,6 +20,8 @@ from sceniris_gym.errors import MissingExtraError, SceneFileError
 
 URDF = ".urdf"
 """Suffix of URDF files; whatever has another one is read as MJCF."""
+THINGS = (".obj", ".stl", ".ply", ".off", ".glb", ".gltf", ".dae", ".usd", ".usda", ".usdc", ".usdz")
+"""Suffixes of meshes and USD, which are no models; the importer makes assets of them."""
 _COLLADA = ".dae"
 _PACKAGES = ("package://", "model://")
 # What MuJoCo makes at least of masses and inertias that a URDF leaves out [kg, kg m^2].
@@ -44,21 +46,29 @@ def load_model(path: Path, where: str) -> mujoco.MjSpec:
     path = user_path(path, Path(), where)
     if not path.is_file():
         raise SceneFileError(f"{where}: there is no file '{path}'. Give the path of an MJCF or URDF file.")
+    if path.suffix.lower() in THINGS:
+        raise SceneFileError(
+            f"{where}: '{path}' should be an MJCF or URDF file. "
+            f"`sceniris-gym import {path.name} -o {path.stem}.xml` makes an asset of it."
+        )
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
-        raise SceneFileError(f"{where}: MuJoCo cannot read '{path}': {error}") from None
+        raise SceneFileError(
+            f"{where}: MuJoCo cannot read '{path}': {' '.join(str(error).split())}. It should be an MJCF or URDF file."
+        ) from None
     if path.suffix.lower() == URDF:
         spec.compiler.fusestatic = False  # links that are fixed to each other keep their names
         spec.compiler.balanceinertia = True
         spec.compiler.boundmass, spec.compiler.boundinertia = _LEAST_MASS, _LEAST_INERTIA
     folders = list(_folders(path, ""))
-    for element, subfolder, file in _referring(spec):
-        source = _source(path, folders, element, subfolder, file)
-        if source is None:
-            raise SceneFileError(
-                f"{where}: '{path}' refers to '{_shown(path, subfolder, file)}', which does not exist."
-            )
+    referring = list(_referring(spec))
+    sources = [_source(path, folders, *one) for one in referring]
+    missing = [one for one, source in zip(referring, sources, strict=True) if source is None]
+    if missing:
+        raise SceneFileError(f"{where}: '{path}' refers to {_listed(path, missing)}.")
+    for (element, _, file), source in zip(referring, sources, strict=True):
+        assert source is not None
         key, content = _as_mesh(source, file)
         if spec.assets.get(key, content) != content:  # of another model that is attached, under the same name
             key = renamed(key, f"{len(spec.assets)}_")
@@ -126,6 +136,14 @@ def _source(path: Path, folders: list[_Folder], element: Any, subfolder: str, fi
     nearest = sorted(own, key=lambda f: -len(f.prefix))
     places = [folder.path / subfolder / file for folder in (*nearest, *(f for f in folders if f not in own))]
     return next((place for place in places if place.is_file()), None)
+
+
+def _listed(path: Path, missing: list[tuple[Any, str, str]]) -> str:
+    """Files that are missing, and where they would be found."""
+    names = list(dict.fromkeys(_shown(path, subfolder, file) for _, subfolder, file in missing))
+    more = f", nor do other files ({len(names)} in all)" if len(names) > 1 else ""
+    package = " in a folder of the package's name above the file" if "://" in names[0] else ""
+    return f"'{names[0]}', which does not exist{more}. Put it there{package}, or correct its name"
 
 
 def _shown(path: Path, subfolder: str, file: str) -> str:

@@ -109,8 +109,9 @@ class _Overview:
             return None
         if part.support is None:
             assert part.region is not None
-            assert part.region.box is not None
-            self.boxes[name] = tuple(np.array(corner, float) for corner in part.region.box)  # type: ignore[assignment]
+            assert part.region.corners is not None
+            low, high = part.region.corners
+            self.boxes[name] = np.array(low, float), np.array(high, float)
             return self.boxes[name]
         base = self._support(part)
         if base is not None:
@@ -124,7 +125,8 @@ class _Overview:
     def _support(self, part: ObjectConfig) -> _Box | None:
         """Where pivots may be, as a flat box: the region, or the top of what carries the object."""
         assert part.support is not None
-        region = None if part.region is None or part.region.box is None else np.array(part.region.box, float)[:, :2]
+        corners = None if part.region is None else part.region.corners
+        region = None if corners is None else np.array(corners, float)[:, :2]
         parent = part.support.parent
         if parent == FLOOR and self.config.floor is not None:
             half = np.array(self.config.floor.size) / 2.0
@@ -138,8 +140,8 @@ class _Overview:
             box = self._box(owner)
             return None if box is None else (np.array([*box[0][:2], box[0][2]]), np.array([*box[1][:2], box[0][2]]))
         geoms = np.flatnonzero((self.mjm.geom_bodyid == body) & self.shown)
-        corners = np.concatenate([self._corners(int(g)) for g in geoms] or [self.data.xpos[body][None]])
-        low, high = corners.min(axis=0), corners.max(axis=0)
+        points = np.concatenate([self._corners(int(g)) for g in geoms] or [self.data.xpos[body][None]])
+        low, high = points.min(axis=0), points.max(axis=0)
         if region is not None:
             flat = np.array([[x, y, 0.0] for x in region[:, 0] for y in region[:, 1]])
             flat = flat @ self.data.xmat[body].reshape(3, 3).T + self.data.xpos[body]

@@ -23,7 +23,7 @@ _LINE = 0.002  # m; a line is drawn so wide to both sides
 _ALIKE = 0.75  # of the larger of two regions that share their words, and their surface
 _MOST_NAMED = 5
 _CROWDED = 0.2  # m between words
-_SITE = 0.005  # m; the point where sites meet is drawn as a disc of this radius
+_SITE = 0.005  # m; points, and where sites meet, are drawn as discs of this radius
 _LIFT = 0.002  # m that a region is drawn above its surface, and above the one before it
 
 
@@ -96,15 +96,21 @@ def _on_supports(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, Multi
         for area in relations:
             region = region.intersection(area) if area is not None else region
         region = under_right_roof(world, placed, region, height)
-        parts = [part for part in shapely.get_parts(region) if isinstance(part, Polygon) and part.area > 0.0]
-        found.append((outline, MultiPolygon(parts), height))
+        found.append((outline, _areas(region), height))
     return found
 
 
-def _in_world(world: ShownWorld, surface: SupportSurface) -> tuple[MultiPolygon, MultiPolygon, float]:
+def _areas(region: BaseGeometry) -> MultiPolygon:
+    """What of a region can be drawn: its areas, and its points as small discs, however near they are to each other."""
+    discs = [part.buffer(_SITE) if isinstance(part, Point) else part for part in shapely.get_parts(region)]
+    parts = shapely.get_parts(shapely.union_all([disc for disc in discs if isinstance(disc, Polygon)]))
+    return MultiPolygon([part for part in parts if part.area > 0.0])
+
+
+def _in_world(world: ShownWorld, surface: SupportSurface) -> tuple[MultiPolygon, BaseGeometry, float]:
     mat, pos = world.data.xmat[surface.body].reshape(3, 3), world.data.xpos[surface.body]
     across = (mat[0, 0], mat[0, 1], mat[1, 0], mat[1, 1], pos[0], pos[1])
-    outline = surface.region if surface.is_endless else surface.outline
+    outline = _areas(surface.region) if surface.is_endless else surface.outline
     height = float(pos[2] + mat[2, 2] * surface.height)
     return affine_transform(outline, across), affine_transform(surface.region, across), height
 

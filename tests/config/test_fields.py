@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sceniris_gym.config.limits import MAX_POINTS
 from sceniris_gym.config.scene import Floor, SceneConfig
 from sceniris_gym.errors import SceneKeyError, ScenirisError
 from tests.config.scenes import SMALL, refusal, refused
@@ -33,6 +34,28 @@ WRONG: dict[str, tuple] = {
         {"objects.apple.region.polygon": [[0, 0], [1, 1], [1, 0], [0, 1]]},
         SceneKeyError,
         ["region.polygon", "edges do not cross"],
+    ),
+    "no points": ({"objects.apple.region.points": []}, SceneKeyError, ["region.points", "should be 1 to 4,096 points"]),
+    "points of several dimensions": (
+        {"objects.apple.region.points": [[0, 0], [0, 0, 0]]},
+        SceneKeyError,
+        ["region.points", "all of them [x, y] or all of them [x, y, z]"],
+    ),
+    "points on a line": ({"objects.apple.region.points": [[0], [1]]}, SceneKeyError, ["region.points", "[x, y]"]),
+    "a point that is a number": (
+        {"objects.apple.region.points": [0.1, 0.2]},
+        SceneKeyError,
+        ["objects.apple.region.points.0", "list"],
+    ),
+    "more points than there is room for": (
+        {"objects.apple.region.points": [[0, 0]] * (MAX_POINTS + 1)},
+        SceneKeyError,
+        ["region.points", f"should be 1 to {MAX_POINTS:,} points"],
+    ),
+    "a point too far away": (
+        {"objects.goal.region": {"points": [[0, 0, 0], [0, 0, 101]]}},
+        SceneKeyError,
+        ["objects.goal.region.points.1.2: 101", "from -100 to 100 m"],
     ),
     "unknown tier": (
         {"objects.apple.reachable": "map_stric"},

@@ -186,6 +186,16 @@ def test_words_of_a_group_replace_each_other_at_their_place_alone():
     assert merged["robot"] == {"joints": {"j": {"choice": 5}}}
 
 
+@pytest.mark.parametrize("path", [("robot",), ("robots", "left"), ("objects", "a")])
+def test_the_words_for_where_a_base_is_drawn_replace_each_other_as_those_of_objects_do(path: tuple[str, ...]):
+    """The forms of a region and of an orientation: a scene may have points where its base has a box."""
+    base: dict = {"region": {"box": 1}, "orientation": {"yaw": 2}}
+    child: dict = {"region": {"points": 3}, "orientation": {"face_to": 4}}
+    for key in reversed(path):
+        base, child = {key: base}, {key: child}
+    assert merge(base, child) == child
+
+
 def test_overrides_are_laid_over_one_after_the_other():
     """A later one of the same key wins, and one of a mapping keeps what it does not name."""
     changed = override(SMALL, {"floor.size": [3, 3], "floor": {"size": [4, 4]}, "objects.apple.gap": 0.1}, "scene")

@@ -38,6 +38,21 @@ WRONG: dict[str, tuple] = {
         SceneKeyError,
         ["objects.apple.region", "exactly one of box, fraction, polygon"],
     ),
+    "points beside a box": (
+        {"objects.apple.region": {"box": [[0, 0], [1, 1]], "points": [[0, 0]]}},
+        SceneKeyError,
+        ["objects.apple.region", "exactly one of box, fraction, polygon, points"],
+    ),
+    "3D points on a support": (
+        {"objects.apple.region.points": [[0, 0, 1]]},
+        SceneKeyError,
+        ["objects.apple:", "3D points are for an object without a support"],
+    ),
+    "2D points without support": (
+        {"objects.goal.region.points": [[0, 0], [1, 1]]},
+        SceneKeyError,
+        ["objects.goal:", "name its support", "3D points"],
+    ),
     "3D box on a support": (
         {"objects.apple.region.box": [[0, 0, 0], [1, 1, 1]]},
         SceneKeyError,
@@ -129,7 +144,7 @@ WRONG_RELATIONS: dict[str, tuple] = {
     "relations of what is not placed": (
         {"objects.goal": {"kind": "marker", "on": None, "relations": [NEAR]}},
         SceneKeyError,
-        ["objects.goal:", "should name its support", "or have a 3D box as its region"],
+        ["objects.goal:", "should name its support", "or have a 3D box or 3D points as its region"],
     ),
     "the support's frame without a support": (
         {

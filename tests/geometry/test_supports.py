@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 import shapely
-from shapely.geometry import MultiPolygon, Point, Polygon, box
+from shapely.geometry import MultiPoint, MultiPolygon, Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
 from sceniris_gym.config.objects import RegionConfig
@@ -21,6 +21,7 @@ from sceniris_gym.geometry.supports import (
     floor_surface,
     level_surfaces,
     triangulate,
+    weights,
 )
 from sceniris_gym.scene.model import build_model
 
@@ -204,6 +205,32 @@ def test_surfaces_of_which_nothing_is_left_go_and_the_last_one_is_an_error():
         ErodedSupportError, match=r"here: nothing is left .* after erosion by 0.15 m; .* \[0, 0.45\] x \[0, 1\]"
     ):
         crop(steps, None, [0.16, 0.15], "here")
+
+
+def test_points_are_on_the_surfaces_that_hold_them():
+    """A point over two surfaces is on both; one nearer to an edge than the erosion is left out of that pose alone."""
+    points = RegionConfig(points=((0.1, 0.1), (0.3, 0.1), (0.02, 0.1)))
+    low, high = _surface(box(0, 0, 0.4, 0.2)), _surface(box(0, 0, 0.2, 0.2))
+    whole, eroded = crop([low, high], points, [0.0, 0.05], "here")
+    assert [shapely.get_coordinates(s.region).tolist() for s in whole] == [
+        [[0.1, 0.1], [0.3, 0.1], [0.02, 0.1]],
+        [[0.1, 0.1], [0.02, 0.1]],
+    ]
+    assert [shapely.get_coordinates(s.region).tolist() for s in eroded] == [[[0.1, 0.1], [0.3, 0.1]], [[0.1, 0.1]]]
+    says = r"here: .* point 2 of the region, \[0.02, 0.1\]: it is nearer to an edge of its surface than the 0.05 m that"
+    with pytest.raises(ErodedSupportError, match=says):
+        crop([low, high], points, [0.06, 0.05], "here")
+
+
+def test_points_are_triangles_whose_corners_coincide_and_no_area_has_any_of_those():
+    """In single precision, too: a sliver that would collapse there is none of the triangles; all points weigh alike."""
+    points = triangulate(MultiPoint([(0.1, 0.2), (0.3, 0.4)]))
+    assert points.tolist() == [[[0.1, 0.2]] * 3, [[0.3, 0.4]] * 3]
+    assert weights(points).tolist() == [1.0, 1.0]
+    speck = Polygon([(8.0, 8.0), (8.0 + 1e-8, 8.0), (8.0, 8.0 + 1e-8)])
+    assert len(triangulate(MultiPolygon([speck]))) == 0
+    square = triangulate(MultiPolygon([box(0, 0, 1, 2)]))
+    assert np.allclose(weights(square), areas(square))
 
 
 def test_triangles_cover_a_region_with_holes_exactly():

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import compile_on_cpu, posed, read, valid, write_mjcf
@@ -68,6 +70,14 @@ def test_without_a_gap_they_coincide_and_face_each_other(counter: str):
     its, own, _, between = sites(compile_on_cpu(scene, bank=4), 100, own="b/far")
     assert np.abs(own - its).max() < MET
     assert np.abs(np.abs(between) - np.pi).max() < 1e-5
+
+
+def test_sites_on_the_very_ends_leave_no_clearance_and_the_error_says_what_to_do(counter: str):
+    """A gap of nothing: the things touch wherever they are, and more room would not help."""
+    says = r"because of collision.* It is joined to 'a': give 'beside' a 'gap' of a few millimetres"
+    with pytest.raises(InfeasibleSceneError, match=says) as raised:
+        compile_on_cpu(joined(counter, gap=0.0))
+    assert str(pickle.loads(pickle.dumps(raised.value))) == str(raised.value)
 
 
 def test_one_can_be_joined_to_what_stays_where_the_model_has_it(tmp_path: Path):

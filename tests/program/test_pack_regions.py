@@ -163,3 +163,18 @@ def test_a_region_that_is_cut_too_finely_is_refused(rack: dict, brick: dict):
     ring = {"near": "rack", "distance": {"equal": 2.0, "tolerance": 1e-4}}
     with pytest.raises(SceneKeyError, match=rf"objects\.brick\.relations: .*into \d+ pieces, .*room for {MAX_PIECES}"):
         pack(scene_of({"rack": rack, "brick": {**brick, "relations": [ring] * 4}}))
+
+
+def test_points_are_counted_once_however_finely_relations_cut(rack: dict, brick: dict, monkeypatch: pytest.MonkeyPatch):
+    """On each surface that holds them; with relations there is room for so many, and the message has a remedy."""
+    monkeypatch.setattr("sceniris_gym.program.pack_regions.MAX_PIECES", 3)
+    ring = {"near": "rack", "distance": {"equal": 2.0, "tolerance": 1e-4}}
+    points = {"points": [[0.0, 0.4], [0.0, -0.4], [1.0, 0.1], [1.0, 0.0]]}
+    packed = pack(scene_of({"rack": rack, "brick": {**brick, "region": points}}))
+    corners, share, surface = _triangles(packed, packed["obj_variantadr"][packed.number("brick")])
+    assert np.allclose(corners, np.array(points["points"])[:, None])
+    assert share.tolist() == [0.25, 0.5, 0.75, 1.0]
+    assert len(set(surface.tolist())) == 2
+    pack(scene_of({"rack": rack, "brick": {**brick, "region": {"points": points["points"][:3]}, "relations": [ring]}}))
+    with pytest.raises(SceneKeyError, match=r"objects\.brick\.region: has 4 points .*room for 3\. Use fewer points"):
+        pack(scene_of({"rack": rack, "brick": {**brick, "region": points, "relations": [ring]}}))

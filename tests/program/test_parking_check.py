@@ -74,6 +74,18 @@ def test_what_can_reach_the_places_is_refused(tmp_path: Path, size: float, reach
         _check(scene)
 
 
+@pytest.mark.parametrize("far", [10.0, 39.0])
+def test_the_points_of_a_region_are_where_an_object_can_get(tmp_path: Path, far: float):
+    """In space, where the farthest of them counts, along each axis by itself."""
+    stone = {"asset": box_mjcf(tmp_path, "stone", 0.1, 0.1, 0.1), "kind": "fixture"}
+    scene = _scene(tmp_path, {"stone": {**stone, "region": {"points": [[far, 0.0, 1.0], [0.0, far, 1.0]]}}})
+    if far < PARKING_FROM - PARKING_SPACING:
+        _check(scene)
+    else:
+        with pytest.raises(SceneKeyError, match=r"objects\.stone: reaches as far as"):
+            _check(scene)
+
+
 def test_what_swings_about_a_far_off_point_is_refused(tmp_path: Path):
     """A small thing whose hinge is 15 m beside it; MuJoCo sees it go ten metres farther than it stands."""
     swing = '<joint name="swing" axis="0 0 1" pos="15 0 0" range="-180 180"/><geom type="box" size=".1 .1 .1"/>'

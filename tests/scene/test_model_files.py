@@ -122,3 +122,27 @@ def test_a_collada_mesh_says_what_reads_it(tmp_path: Path):
     path = urdf(tmp_path, "package://my_arm/meshes/part.dae", "part.dae")
     with pytest.raises(MissingExtraError, match=r"pycollada is not installed.*sceniris-gym\[import\]"):
         load_model(path, "here")
+
+
+@pytest.mark.parametrize("name", ["cube.obj", "cube.GLB"])
+def test_a_mesh_is_no_model(tmp_path: Path, name: str):
+    """MuJoCo reads some of them as models without bodies; the error says how to make an asset of one."""
+    path = write(tmp_path / name, TETRAHEDRON)
+    with pytest.raises(
+        SceneFileError, match=rf"here: .* MJCF or URDF file\. `sceniris-gym import {name} -o cube\.xml`"
+    ):
+        load_model(path, "here")
+
+
+def test_files_that_are_missing_are_told_with_where_they_would_be_found(tmp_path: Path):
+    """One of them by name, and how many others there are; a package's below a folder of its name."""
+    links = LINK.format("l0", "package://arm/a.stl") + LINK.format("l1", "b.stl") + JOINT.format(0, "revolute", 1)
+    path = write(tmp_path / "arm.urdf", f'<robot name="arm">{links}</robot>')
+    says = (
+        r"'package://arm/a\.stl', which does not exist, nor do other files \(2 in all\)\. Put it there in a folder of"
+    )
+    with pytest.raises(SceneFileError, match=says):
+        load_model(path, "here")
+    write(path, f'<robot name="arm">{LINK.format("l0", "b.stl")}</robot>')
+    with pytest.raises(SceneFileError, match=r"b\.stl', which does not exist\. Put it there, or correct its name\."):
+        load_model(path, "here")

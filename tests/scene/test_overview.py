@@ -68,9 +68,11 @@ def test_what_is_seen_is_where_things_are_put():
     """The region of an object and not the whole floor; what stands on what is placed; and an empty scene."""
     floor = {"floor": {"size": [2.0, 2.0]}}
     near = {"apple": {"asset": "apple", "on": "floor", "region": {"box": [[0.1, 0.2], [0.3, 0.4]]}}}
-    low, high = boxes(build_model(SceneConfig.load({**floor, "objects": near})))
-    assert np.all(low[:2] > [-0.1, 0.0])
-    assert np.all(high[:2] < [0.5, 0.6])
+    for region in (near["apple"]["region"], {"points": [[0.1, 0.4], [0.3, 0.2]]}):
+        scene = {**floor, "objects": {"apple": {**near["apple"], "region": region}}}
+        low, high = boxes(build_model(SceneConfig.load(scene)))
+        assert np.all(low[:2] > [-0.1, 0.0])
+        assert np.all(high[:2] < [0.5, 0.6])
     stacked = {**near, "box": {"asset": "chest", "on": "floor"}, "lemon": {"asset": "lemon", "on": "box"}}
     low, high = boxes(build_model(SceneConfig.load({**floor, "objects": stacked})))
     assert high[2] > 0.1
@@ -79,8 +81,11 @@ def test_what_is_seen_is_where_things_are_put():
     assert (low[0], high[0]) == (-1.0, 1.0)
 
 
-def test_a_marker_in_space_is_seen():
-    """Its box is part of what the camera frames."""
-    goal = {"goal": {"kind": "marker", "region": {"box": [[-0.2, -0.2, 0.6], [0.2, 0.2, 0.9]]}}}
+@pytest.mark.parametrize(
+    "region", [{"box": [[-0.2, -0.2, 0.6], [0.2, 0.2, 0.9]]}, {"points": [[0, 0, 0.9], [0, 0.1, 0]]}]
+)
+def test_a_marker_in_space_is_seen(region: dict):
+    """Its box, or its points, are part of what the camera frames."""
+    goal = {"goal": {"kind": "marker", "region": region}}
     _, high = boxes(build_model(SceneConfig.load({"floor": {"size": [1.0, 1.0]}, "objects": goal})))
     assert high[2] == pytest.approx(0.9)

@@ -94,3 +94,20 @@ def test_where_nothing_is_left_it_says_so():
     sketch = sketch_regions(world, "apple")
     assert sketch.surfaces == []
     assert [text for text, _ in sketch.words] == ["nothing is left for apple"]
+
+
+@pytest.mark.parametrize("near", [{}, {"relations": [{"near": "post", "distance": {"max": 0.5}}]}], ids=["all", "near"])
+def test_points_are_drawn_as_discs(near: dict):
+    """Around each point that is left, on a floor as in space."""
+    post = {"kind": "marker", "region": {"points": [[0.0, 0.0, 0.0]]}}
+    flat, high = [[0.1, 0.2], [-0.3, 0.0], [0.4, 0.4]], [[0.1, 0.2, 0.5], [-0.3, 0.0, 0.5], [0.4, 0.4, 0.5]]
+    ground = {"kind": "marker", "on": "floor", "region": {"points": flat}, **near}
+    space = {"kind": "marker", "region": {"points": high}, **near}
+    world = world_of({"floor": {"size": [1.0, 1.0]}, "objects": {"post": post, "goal": ground, "star": space}})
+    for name in ("goal", "star"):
+        ((area, _),) = region_left(world, name)
+        left = flat[:2] if near else flat
+        assert len(area.geoms) == len(left)
+        assert all(area.contains(Point(x, y)) for x, y in left)
+        assert area.area < len(left) * 1e-4
+    assert len(sketch_regions(world).surfaces) == 3

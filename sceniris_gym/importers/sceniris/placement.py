@@ -13,37 +13,42 @@ from sceniris_gym.importers.sceniris.relations import Views, note_origins, read_
 
 _PLANE = "_plane"  # the original's name for its ground
 _SUPPORT_WORDS = {"top": "on", "inside": "inside", "in": "inside"}
-_HALF_EDGE = 1e-4  # m, of the square on the floor that stands for a fixed position
+_FIXED = "fixed_world_positions"
+_LIFTED = 1.1e-3  # m over the floor, where nothing carries an object: a little more than its clearance
 
 
 def needed_floor(objects: Mapping[str, KeyReader]) -> np.ndarray:
     """Return the smallest size of a floor [m] that contains all fixed positions on it, shape (2,)."""
     size = np.zeros(2)
     for part in objects.values():
-        point = fixed_point(part)
-        if point is not None and point[2] == 0.0:
-            size = np.maximum(size, 2.0 * (np.abs(point[:2]) + _HALF_EDGE))
+        points = fixed_points(part)
+        if points is not None and not points[:, 2].any():
+            size = np.maximum(size, 2.0 * np.abs(points[:, :2]).max(axis=0))
             if (size > 2.0 * MOST_FAR).any():
-                raise part.wrong("fixed_world_positions", f"should be within {MOST_FAR:g} m of the world's origin")
+                raise part.wrong(_FIXED, f"should be within {MOST_FAR:g} m of the world's origin")
     return size
 
 
-def fixed_point(keys: KeyReader) -> np.ndarray | None:
-    """Return the fixed position of an object, shape (3,), if it has exactly one, without taking it."""
-    fixed = keys.value("fixed_world_positions")
-    if not isinstance(fixed, Sequence | np.ndarray) or len(fixed) != 1:
+def fixed_points(keys: KeyReader) -> np.ndarray | None:
+    """Return the fixed positions of an object, shape (n, 3), if it has any, without taking them."""
+    fixed = keys.value(_FIXED)
+    if not isinstance(fixed, Sequence | np.ndarray) or len(fixed) == 0:
         return None
-    return keys.checked("fixed_world_positions", fixed[0], (3,))
+    return np.stack([keys.checked(_FIXED, point, (3,)) for point in fixed])
 
 
-def fixed_place(keys: KeyReader, point: np.ndarray) -> dict:
-    """Return the words for a fixed position [m], shape (3,): a point in the air, or a tiny square on the floor."""
-    keys.ignore("fixed_world_positions")
-    keys.ignore("parent_id", "relation_to_parent", "ratio_on_support", "position", "constraints")
-    keys.made(f"{keys.path}.region", "fixed_world_positions")
-    if point[2] != 0.0:
-        return {"region": {"box": (point, point)}}
-    return {"on": FLOOR, "region": {"box": (point[:2] - _HALF_EDGE, point[:2] + _HALF_EDGE)}}
+def fixed_place(keys: KeyReader, points: np.ndarray) -> dict:
+    """Return the words for fixed positions [m], shape (n, 3): points of the floor if all are on it, else in space."""
+    keys.ignore(_FIXED, "parent_id", "relation_to_parent", "ratio_on_support", "position", "constraints")
+    keys.made(f"{keys.path}.region", _FIXED)
+    keys.made(f"{keys.path}.region.points", _FIXED)
+    on_floor = points[:, 2] == 0.0
+    if on_floor.all():
+        return {"on": FLOOR, "region": {"points": points[:, :2]}}
+    if on_floor.any():
+        points = np.where(on_floor[:, None], points + [0.0, 0.0, _LIFTED], points)
+        keys.notes.changed[keys.at(_FIXED)] = f"those on the ground are {1e3 * _LIFTED:g} mm over it, as others are not"
+    return {"region": {"points": points}}
 
 
 def place(keys: KeyReader, views: Views, limits: np.ndarray | None) -> dict:

@@ -16,7 +16,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import KeysLeftOutWarning, ScenirisError, UnknownNameError
 from sceniris_gym.importers.sceniris.errors import in_its_keys, origin
 from sceniris_gym.importers.sceniris.keys import CONFIGURATION, KeyReader, Notes
-from sceniris_gym.importers.sceniris.placement import fixed_place, fixed_point, needed_floor, place
+from sceniris_gym.importers.sceniris.placement import fixed_place, fixed_points, needed_floor, place
 from sceniris_gym.importers.sceniris.relations import Views
 from sceniris_gym.importers.sceniris.robot import robot_words
 from sceniris_gym.reach.tier import TIERS
@@ -38,13 +38,13 @@ def read_sceniris(
     These keys are read, with the original's defaults:
 
     - `env`: `env_size` (1.0) or `workspace_limits`, which define the floor; `robot_centric_axis_transforms`, rotated
-      views of the world that relations may name; `robot_position`, where the `robot` stands: of several the middle.
+      views of the world that relations may name; `robot_position`, where the `robot` stands: several are bounds,
+      within which its base is drawn on the floor, or in the middle of which it is above it.
     - `objects`, a list or a mapping by id: `id`, `asset_path`, `parent_id` (the ground), `relation_to_parent` ('top'
       is `on`, 'inside' and 'in' are `inside`), `ratio_on_support` (0), `position.xy_limit` (fractions of the
-      support's bounds, clipped to them), `constraints`, and `fixed_world_positions` if there is exactly one, which
-      overrides those five: that point in the air, or at z = 0 a square of 0.2 mm on the floor around it. If it lies
-      outside the workspace, the floor is made larger, and objects on the floor without such a position keep to the
-      workspace.
+      support's bounds, clipped to them), `constraints`, and `fixed_world_positions`, which override those five: it is
+      put at one of them, each as likely as any other, on the floor where z = 0 and else in the air. If one on the floor
+      is outside the workspace, the floor is made larger, and objects without such positions keep to the workspace.
     - `reachable`, if there is a `robot`.
     - `rotation`, in degrees: 'uniform_z' with `lower` and `upper`, 'constant' with an `orientation` about z, 'stable'
       with `z_rotation`, 'face_to' with `face_to_object_id`.
@@ -84,8 +84,8 @@ def read_sceniris(
     views = Views(
         objects, {robot: turn for key in _ROBOT_VIEWS for robot, turn in env.section(key).everything().items()}
     )
-    arm, known = robot_words(robot, env), _known_tier(tier)
-    size, limits = _workspace(env, objects)
+    (arm, under), known = robot_words(robot, env), _known_tier(tier)
+    size, limits = _workspace(env, objects, under)
     _check_assets(assets or {}, objects)
     parents = {str(part.value("parent_id")).split("/")[0] for part in objects.values()}
     reach = None if arm is None else known
@@ -108,14 +108,19 @@ def read_sceniris(
     return config
 
 
-def _workspace(env: KeyReader, objects: Mapping[str, KeyReader]) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return the size of the floor, shape (2,), and the part of it to keep to, shape (2, 2) or None for all of it."""
+def _workspace(
+    env: KeyReader, objects: Mapping[str, KeyReader], under: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return the size of the floor, shape (2,), and the part of it to keep to, shape (2, 2) or None for all of it.
+
+    The floor has at least the size `under`, for what is drawn beside the workspace.
+    """
     limits = env.array("workspace_limits", None, (2, 2)) if env.value("workspace_limits") is not None else None
     edge = env.number("env_size", 1.0)
     size = np.array([edge, edge]) if limits is None else 2.0 * np.abs(limits).max(axis=0)
     env.made("floor.size", "env_size" if limits is None else "workspace_limits")
     env.finish()
-    needed = needed_floor(objects)
+    needed = np.maximum(needed_floor(objects), under)
     if (size > 0.0).all() and (size < needed).any():
         limits = 0.5 * np.array([-size, size]) if limits is None else limits
         size = np.maximum(size, needed)
@@ -180,7 +185,7 @@ def _object(
     keys: KeyReader, views: Views, limits: np.ndarray | None, asset: str | None, is_parent: bool, tier: str | None
 ) -> dict:
     keys.ignore("id")
-    joints, fixed = _joints(keys), fixed_point(keys)
+    joints, fixed = _joints(keys), fixed_points(keys)
     words = {
         "asset": _asset(keys, asset),
         "kind": "fixture" if joints or is_parent or fixed is not None else "free",

@@ -139,10 +139,12 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
 
 def _read(source: Path) -> Thing:
     suffix = source.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise NotSupportedError(f"{source}: it should be one of {', '.join(SUFFIXES)}.")
     if not source.is_file():
-        raise SceneFileError(f"{source}: there is no such file.")
+        raise SceneFileError(
+            f"{source}: there is no such file. Give the path of one ({', '.join(SUFFIXES)}), or of a folder of them."
+        )
+    if suffix not in SUFFIXES:
+        raise NotSupportedError(f"{source}: it should be one of {', '.join(SUFFIXES)}. Export it as one of them.")
     if suffix == ".urdf":
         return read_urdf(source)
     return usd.read_usd(source) if suffix in usd.SUFFIXES else meshes.read_mesh(source)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sceniris_gym.errors import MissingExtraError, SceneFileError
+from sceniris_gym.errors import MeshError, MissingExtraError, SceneFileError
 from sceniris_gym.importers.things.thing import GREY, Link, Surface, Thing
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ def read_mesh(path: Path) -> Thing:
 
     Raises:
         SceneFileError: It cannot be read.
+        MeshError: It has vertices that are not finite.
         MissingExtraError: It is a DAE file, and pycollada is not installed.
     """
     meters, up, files = (1.0, "y", ()) if path.suffix.lower() in _GLTF else (None, None, ())
@@ -41,6 +42,7 @@ def read_surfaces(path: Path) -> tuple[Surface, ...]:
     if path.suffix.lower() == ".dae":
         _need_collada()
     try:
+        _check_finite(path)
         scene = trimesh.load_scene(path)
         found = []
         for node in scene.graph.nodes_geometry:
@@ -48,7 +50,7 @@ def read_surfaces(path: Path) -> tuple[Surface, ...]:
             mesh = scene.geometry[name]
             if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
                 found.append(_surface(mesh.copy(), np.asarray(pose, float)))
-    except MemoryError:
+    except (MemoryError, MeshError):
         raise
     except Exception as error:  # a reader of a dozen formats, each with errors of its own
         if path.suffix.lower() not in SUFFIXES:
@@ -56,8 +58,22 @@ def read_surfaces(path: Path) -> tuple[Surface, ...]:
                 f"{path}: it should be a file of meshes, whose name ends in {', '.join(SUFFIXES)}."
             ) from None
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise SceneFileError(f"{path}: it cannot be read as {path.suffix[1:].upper()}: {reason:.200}") from None
+        raise SceneFileError(
+            f"{path}: it cannot be read as {path.suffix[1:].upper()}: {reason:.200}. Export it again."
+        ) from None
     return tuple(found)
+
+
+def _check_finite(path: Path) -> None:
+    """Refuse a file that has vertices that are not finite.
+
+    When trimesh merges vertices it drops these, and their faces, without a word: as if the file had holes.
+    """
+    import trimesh
+
+    for mesh in trimesh.load_scene(path, process=False).geometry.values():
+        if isinstance(mesh, trimesh.Trimesh) and not np.isfinite(mesh.vertices).all():
+            raise MeshError(f"{path}: it has vertices that are not finite. Export it again.")
 
 
 def _surface(mesh: trimesh.Trimesh, pose: np.ndarray) -> Surface:

@@ -101,9 +101,9 @@ def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> S
             return Solid(hull, True, (*report, f"{told} as parts have to be"))
         if max(shares) > LARGEST_HOLE or missing > MOST_OPEN:
             raise OpenMeshError(
-                f"{where}: it is open along {sum(map(len, loops))} edges. {missing:.0%} of its surface is missing, "
-                f"{max(shares):.0%} in the largest hole. Close it (in Blender: Mesh, Clean Up, Fill Holes), or import "
-                "it with --shell if it is a sheet without inside."
+                f"{where}: it is open along {sum(map(len, loops))} edges. What is missing is {missing:.0%} of "
+                f"what is there, {max(shares):.0%} in the largest hole. Close it (in Blender: Mesh, Clean Up, Fill "
+                "Holes), or import it with --shell if it is a sheet without inside."
             )
         mesh, patches = _capped(mesh, loops, surfaces[0].rgba)
         report.append(f"{len(loops)} holes, {missing:.2%} of its surface, were closed")

@@ -77,11 +77,11 @@ def find_scale(thing: Thing, scale: str | None, ask: Ask | None, where: str) -> 
         return factor, how
     choices = _choices(size)
     problem = f"{where}: it would be {size * factor:.4g} m long, and should be from 1 mm to 50 m"
-    if ask is None:
-        raise SizeError(f"{problem}. Give its scale: {choices}.")
-    factor = parse_scale(ask(f"{problem}. Scale ({choices})?"))
+    if ask is None or size == 0.0:
+        raise SizeError(f"{problem}. {choices}.")
+    factor = parse_scale(ask(f"{problem}. {choices}. Scale?"))
     if not LEAST_SIZE <= size * factor <= MOST_SIZE:
-        raise SizeError(f"{where}: it would be {size * factor:.4g} m long. Give a scale as in {choices}.")
+        raise SizeError(f"{where}: it would be {size * factor:.4g} m long. {choices}.")
     return factor, "as answered"
 
 
@@ -109,6 +109,14 @@ def upright(axis: str) -> np.ndarray:
 
 
 def _choices(size: float) -> str:
-    """The units in which a thing of this size [units] would be of a usual size; all if there is none."""
-    fit = [unit for unit, factor in UNITS.items() if _USUAL[0] <= size * factor <= _USUAL[1]] or list(UNITS)
-    return ", ".join(f"--scale {unit} makes it {size * UNITS[unit]:.3g} m" for unit in fit)
+    """The units in which a thing of this size [units] would be of a usual size, or else of any that is possible."""
+    if size == 0.0:
+        return "All its vertices are in one place: export it again"
+    for low, high in (_USUAL, (LEAST_SIZE, MOST_SIZE)):
+        fit = [unit for unit, factor in UNITS.items() if low <= size * factor <= high]
+        if fit:
+            return f"Give its scale: {', '.join(f'--scale {u} makes it {size * UNITS[u]:.3g} m' for u in fit)}"
+    return (
+        f"It measures {size:.3g} units of the file, so no usual unit fits. Give its scale in metres for each of them, "
+        f"as in --scale {round(0.1 / size, 2):g} if it is 0.1 m long"
+    )

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
-from sceniris_gym.errors import MissingMeshError, NotSupportedError, SceneFileError
+from sceniris_gym.errors import MissingMeshError, NotSupportedError, SceneFileError, UnknownNameError
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.importers.things.meshes import read_surfaces
 from sceniris_gym.importers.things.thing import GREY, LEAST_MOMENT, Inertia, Joint, Link, Surface, Thing
@@ -33,7 +33,7 @@ def read_urdf(path: Path) -> Thing:
     try:
         robot = ElementTree.parse(path).getroot()
     except (ElementTree.ParseError, UnicodeDecodeError, OSError) as error:
-        raise SceneFileError(f"{path}: it cannot be read as XML: {error}.") from None
+        raise SceneFileError(f"{path}: it cannot be read as XML: {error}. Correct it, or export it again.") from None
     if robot.tag != "robot":
         raise SceneFileError(f"{path}: it should begin with <robot>, as a URDF does; found <{robot.tag}>.")
     folder = path.absolute().parent  # a relative path has no folders above it
@@ -82,12 +82,15 @@ def _in_order(path: Path, links: dict[str, Link], joints: list[ElementTree.Eleme
         ends = [end.get("link", "") if (end := joint.find(kind)) is not None else "" for kind in ("parent", "child")]
         unknown = [name for name in ends if name not in links]
         if unknown:
-            raise SceneFileError(f"{path}: joint '{joint.get('name')}' refers to an unknown link '{unknown[0]}'.")
+            raise UnknownNameError("link", unknown[0], f"{path}: joint '{joint.get('name')}'", links)
         children.setdefault(ends[0], []).append((ends[1], joint))
     hanging = {child for below in children.values() for child, _ in below}
     roots = [name for name in links if name not in hanging]
+    if not links:
+        raise SceneFileError(f"{path}: it has no links. It should have a <link> with a mesh, a box or another shape.")
     if len(roots) != 1:
-        raise SceneFileError(f"{path}: its links should hang on one root; found {roots[:5] or 'a circle'}.")
+        wrong = f"{len(roots)} roots: {', '.join(roots[:5])}" if roots else "a circle"
+        raise SceneFileError(f"{path}: its links should hang on one root by joints, and it has {wrong}. Add joints.")
     waiting = [links[roots[0]]]
     while waiting:
         yield (link := waiting.pop(0))

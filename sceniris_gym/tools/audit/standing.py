@@ -117,7 +117,7 @@ class StandingAudit:
             outline = self.outlines.outline(name, poses)
             pivots, erosion = outline.pivot, part.ratio_on_support / 2 * (outline.high - outline.low).min(1)
             if part.support is None:
-                outside = ~_in_box(part, pivots)
+                outside = ~_in_space(part, pivots)
                 found += [Misplaced(int(row), name, "support") for row in np.flatnonzero(outside)]
                 continue
             if name in self.config.all_robots:  # it stands on what is lowest of it, which need not be its origin
@@ -151,7 +151,7 @@ class StandingAudit:
             for surface in surfaces:
                 level = rows[np.abs(turned[rows, 2] - surface.height - part.gap) <= HEIGHT_TOLERANCE]
                 allowed = inside(surface.area, turned[level, :2], erosion[level])
-                allowed &= inside(_cropped(surface.area, bounds, part), turned[level, :2])
+                allowed &= _in_region(surface.area, bounds, part, turned[level, :2])
                 on = level[allowed]
                 body[on] = ground
                 stands[on] = not whole or _all_inside(surface.area, corners[on])
@@ -249,9 +249,11 @@ class StandingAudit:
         return covered
 
 
-def _in_box(part: ObjectConfig, points: np.ndarray) -> np.ndarray:
-    """Return which points (n, 3) are in the object's box region."""
+def _in_space(part: ObjectConfig, points: np.ndarray) -> np.ndarray:
+    """Return which points (n, 3) are in the object's box in space, or at one of its points there."""
     assert part.region is not None
+    if part.region.points is not None:
+        return _at_one_of(part.region.points, points)
     assert part.region.box is not None
     low, high = np.array(part.region.box)
     return np.all((points >= low - EDGE_TOLERANCE) & (points <= high + EDGE_TOLERANCE), axis=1)
@@ -261,6 +263,21 @@ def _directions(up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the distinct directions among `up` (n, 3), up to 1e-6, and the index of each one among them."""
     _, first, index = np.unique(np.round(up, 6) + 0.0, axis=0, return_index=True, return_inverse=True)
     return up[first], index.reshape(-1)
+
+
+def _at_one_of(allowed: tuple[tuple[float, ...], ...], points: np.ndarray) -> np.ndarray:
+    """Return which points (n, k) are at one of those that are allowed, along each axis."""
+    found = np.zeros(len(points), bool)
+    for at in allowed:
+        found |= (np.abs(points - np.array(at)) <= EDGE_TOLERANCE).all(axis=1)
+    return found
+
+
+def _in_region(area: shapely.Geometry, bounds: np.ndarray, part: ObjectConfig, points: np.ndarray) -> np.ndarray:
+    """Return which points (n, 2) of a surface the object's region allows; `bounds` (4,) are of the whole support."""
+    if part.region is not None and part.region.points is not None:
+        return _at_one_of(part.region.points, points)
+    return inside(_cropped(area, bounds, part), points)
 
 
 def _cropped(area: shapely.Geometry, bounds: np.ndarray, part: ObjectConfig) -> shapely.Geometry:

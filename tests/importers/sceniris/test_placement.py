@@ -6,12 +6,14 @@ import warnings
 
 import numpy as np
 import pytest
+from scipy import stats
 
-from sceniris_gym import read_sceniris
-from sceniris_gym.config.objects import SupportConfig
-from sceniris_gym.errors import SceneKeyError, ScenirisError, UnknownNameError
+from sceniris_gym import compile_scene, read_sceniris
+from sceniris_gym.config.objects import RegionConfig, SupportConfig
+from sceniris_gym.errors import KeysLeftOutWarning, SceneKeyError, ScenirisError, UnknownNameError
 from sceniris_gym.program.plan import build_plan
 from sceniris_gym.scene.model import build_model
+from sceniris_gym.tools.tables import make_table
 from tests.importers.sceniris.configurations import mug, read
 
 
@@ -84,18 +86,50 @@ def test_the_limits_of_the_workspace_hold_for_all_that_is_on_the_floor():
 
 
 def test_a_fixed_position_overrules_the_rest():
-    """In the air a point, on the floor a tiny square."""
+    """In the air as on the floor: the one point."""
     keys = {"parent_id": "drawer", "constraints": [{"anchor_object_ids": ["apple"], "direction": "left"}]}
     config, left_out = read(mug(fixed_world_positions=[np.array([1.0, 0.5, 1.8])], **keys))
     mounted = config.objects["mug"]
     assert left_out == []
     assert (mounted.kind, mounted.support, mounted.relations) == ("fixture", None, ())
     assert mounted.region is not None
-    assert mounted.region.box == ((1.0, 0.5, 1.8), (1.0, 0.5, 1.8))
+    assert mounted.region.points == ((1.0, 0.5, 1.8),)
     standing = read(mug(fixed_world_positions=[(0.2, 0.1, 0.0)]))[0].objects["mug"]
     assert standing.support == SupportConfig("on", "floor")
     assert standing.region is not None
-    assert np.allclose(standing.region.box or 0.0, [[0.2, 0.1], [0.2, 0.1]], atol=2e-4)
+    assert standing.region.points == ((0.2, 0.1),)
+
+
+AIR = [[0.3, 0.2, 0.9], [-0.3, 0.2, 0.6], [0.0, -0.4, 0.7]]
+GROUND = [[0.3, 0.2, 0.0], [-0.3, 0.2, 0.0], [0.0, -0.4, 0.0], [0.3, -0.3, 0.0]]
+
+
+@pytest.mark.parametrize("positions", [AIR, GROUND], ids=["in the air", "on the floor"])
+def test_an_object_is_put_at_one_of_its_fixed_positions(positions: list):
+    """At each as often as at any other, by chi-square; and no warning is given."""
+    at, left_out = _blocks_at(positions)
+    assert left_out == []
+    apart = np.linalg.norm(at[:, None] - np.array(positions), axis=2)
+    assert apart.min(axis=1).max() < 0.0006  # on the floor there is a gap of half a millimetre below it
+    assert stats.chisquare(np.bincount(apart.argmin(axis=1), minlength=len(positions))).pvalue > 0.001
+
+
+def test_of_fixed_positions_on_the_floor_and_in_the_air_those_on_the_floor_are_lifted_and_told():
+    """Nothing carries the object then, and it keeps its clearance from the floor."""
+    cfg = {"objects": [{"id": "block", "asset_path": "block", "fixed_world_positions": [GROUND[0], AIR[1]]}]}
+    with pytest.warns(KeysLeftOutWarning, match=r"objects\.block\.fixed_world_positions \(.*1.1 mm over it"):
+        read_sceniris(cfg)
+    at, _ = _blocks_at([GROUND[0], AIR[1]])
+    assert sorted({round(z, 4) for z in at[:, 2].tolist()}) == [0.0011, 0.6]
+
+
+def _blocks_at(positions: list) -> tuple[np.ndarray, list[str]]:
+    """Where a block, whose origin is its pivot, is put in 2,000 layouts, shape (2000, 3); and what is left out."""
+    config, left_out = read({"objects": [{"id": "block", "asset_path": "block", "fixed_world_positions": positions}]})
+    compiled = compile_scene(config, "cpu")
+    table = make_table(compiled, 2000, 5)
+    assert table.valid.all()
+    return table.mocap_pos[:, int(compiled.mjm.body("block").mocapid[0])], left_out
 
 
 @pytest.mark.parametrize("limits", [None, [[-0.5, -0.5], [0.5, 0.5]]], ids=str)
@@ -108,9 +142,9 @@ def test_a_fixed_position_may_be_beyond_the_workspace(limits: list | None):
     config, left_out = read(cfg)
     assert left_out == []
     assert config.floor is not None
-    assert config.floor.size == pytest.approx((1.6002, 1.0))
+    assert config.floor.size == pytest.approx((1.6, 1.0))
     regions = {name: part.region and part.region.box for name, part in config.objects.items()}
-    assert np.allclose(regions["mug"] or 0.0, [[0.7999, -0.3001], [0.8001, -0.2999]], atol=1e-9)
+    assert config.objects["mug"].region == RegionConfig(points=((0.8, -0.3),))
     assert regions["drawer"] == ((-0.5, -0.5), (0.5, 0.5))
     assert regions["apple"] == ((0.0, -0.5), (0.5, 0.5))
     build_plan(build_model(config))  # which refuses regions that leave nothing of the floor
@@ -125,10 +159,7 @@ def test_a_fixed_position_that_is_too_far_is_refused_by_its_key(far: list[float]
 
 LEFT_OUT: dict[str, tuple] = {
     "a limit of height": ({"position": {"z_limit": [0, 1]}}, ["objects.mug.position.z_limit"]),
-    "several fixed positions": (
-        {"fixed_world_positions": [[0, 0, 0], [1, 0, 0]]},
-        ["objects.mug.fixed_world_positions"],
-    ),
+    "no fixed positions": ({"fixed_world_positions": []}, ["objects.mug.fixed_world_positions"]),
 }
 
 

@@ -31,12 +31,34 @@ def test_a_position_is_where_the_robot_stands(position: Any):
     assert placed(position) == (tuple(AT), "")
 
 
-def test_several_positions_are_bounds_and_their_middle_is_told():
+def test_within_several_positions_on_the_floor_the_base_is_drawn():
+    """Everywhere between the least and the greatest, beyond the workspace too, and turned as said; without a word."""
+    cfg = mug() | {"env": {"env_size": 1.0, "robot_position": [[-0.9, 0.1, 0.0], [-0.6, 0.5, 0.0], [-0.7, -0.2, 0.0]]}}
+    config, left_out = read(cfg, robot={"asset": "panda", "yaw": 90.0})
+    assert left_out == []
+    compiled = compile_scene(config, "cpu")
+    table = make_table(compiled, 256, 0)
+    mocap = int(compiled.mjm.body("panda").mocapid[0])
+    at = table.mocap_pos[:, mocap]
+    assert table.valid.all()
+    assert np.allclose(at.min(axis=0)[:2], [-0.9, -0.2], atol=0.02) and np.allclose(
+        at.max(axis=0)[:2], [-0.6, 0.5], atol=0.02
+    )
+    assert (at[:, 2] < 0.002).all()
+    assert np.allclose(np.abs(table.mocap_quat[:, mocap]), [np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)], atol=1e-6)
+    line = read(mug() | {"env": {"robot_position": [[-0.6, 0.1, 0.0], [-0.6, 0.3, 0.0]]}}, robot="panda")[0]
+    assert line.robot is not None and line.robot.region is not None
+    assert np.allclose(line.robot.region.box or 0.0, [[-0.6, 0.1], [-0.6, 0.3]], atol=2e-4)
+    with pytest.raises(SceneKeyError, match=r"env\.robot_position: should be within 100 m"):
+        read(mug() | {"env": {"robot_position": [[0.0, 0.0, 0.0], [0.0, 101.0, 0.0]]}}, robot="panda")
+
+
+def test_several_positions_above_the_floor_are_bounds_and_their_middle_is_told():
     """By the key, and where the robot stands then."""
     base, told = placed([[-0.8, 0.0, 0.0], [-0.4, 0.3, 0.0], [-0.5, 0.1, 0.2]])
     assert base == pytest.approx((-0.6, 0.15, 0.1))
     assert "env.robot_position" in told
-    assert "the middle of the bounds" in told
+    assert "the middle of its bounds" in told
 
 
 def test_a_base_that_is_given_wins():

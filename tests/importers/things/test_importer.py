@@ -27,7 +27,8 @@ from sceniris_gym.errors import (
     SizeError,
     SliverError,
 )
-from sceniris_gym.importers.things.importer import Options, import_thing
+from sceniris_gym.importers.things.importer import SUFFIXES, Options, import_thing
+from sceniris_gym.scene.model_files import THINGS
 from tests.importers.things.shapes import box, cup, write
 
 
@@ -152,3 +153,11 @@ def test_every_kind_of_bad_thing_is_one_error_with_its_remedy(tmp_path: Path, mo
     with pytest.raises(InstancesError, match="Import its prototype as a file of its own"):
         import_thing(tmp_path / "many.usda", tmp_path / "out" / "thing.xml")
     assert not (tmp_path / "out" / "thing.xml").exists()
+
+
+@pytest.mark.parametrize("name", ["gone.urdf", "gone"])
+def test_a_thing_that_is_not_there_is_told_before_its_kind(tmp_path: Path, name: str):
+    """With what could be given; the kinds are those of which a scene says that they are imported first."""
+    with pytest.raises(SceneFileError, match=r"there is no such file. Give the path of one \(\.obj, .*\.urdf\)"):
+        import_thing(tmp_path / name, tmp_path / "thing.xml")
+    assert (*THINGS, ".urdf") == SUFFIXES

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from sceniris_gym.errors import SceneFileError
+from sceniris_gym.errors import MeshError, SceneFileError
 from sceniris_gym.importers.things.meshes import read_mesh
 from tests.importers.things.shapes import box, write
 
@@ -47,8 +48,22 @@ def test_the_colour_of_a_material_is_kept(tmp_path: Path):
     assert thing.files == ("paint.mtl",)
 
 
+@pytest.mark.parametrize("suffix", [".obj", ".stl", ".ply", ".off"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.filterwarnings("error")
+def test_vertices_that_are_not_finite_are_no_holes(suffix: str, value: float, tmp_path: Path):
+    """As reading them would leave them: without the faces around them, and without a word."""
+    vertices = np.array(box().vertices)
+    vertices[0, 1] = value
+    bad = trimesh.Trimesh(vertices, box().faces, process=False)
+    with np.errstate(invalid="ignore"):
+        path = write(bad, tmp_path / f"bad{suffix}")
+    with pytest.raises(MeshError, match=r"it has vertices that are not finite\. Export it again"):
+        read_mesh(path)
+
+
 def test_a_file_of_something_else_is_refused(tmp_path: Path):
     """With its name and kind."""
     (tmp_path / "bad.glb").write_bytes(b"no mesh at all")
-    with pytest.raises(SceneFileError, match=r"bad\.glb: it cannot be read as GLB"):
+    with pytest.raises(SceneFileError, match=r"bad\.glb: it cannot be read as GLB: .*\. Export it again"):
         read_mesh(tmp_path / "bad.glb")

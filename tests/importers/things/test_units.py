@@ -31,6 +31,23 @@ def test_a_size_that_makes_no_sense_is_refused_where_nobody_can_be_asked(size: f
         find_scale(thing(size), None, None, "cube.stl")
 
 
+def test_a_remedy_is_one_that_helps():
+    """No unit that would be refused next; where no unit helps, a number does; and what has no size has none."""
+    said = str(refused(0.0001))
+    assert "--scale 1000 if it is 0.1 m long" in said and "--scale m" not in said
+    assert find_scale(thing(0.0001), "1000", None, "x") == (1000.0, "as given")
+    assert "--scale mm makes it 0.005 m" not in str(refused(5.0, "100"))
+    assert "--scale m makes it 0.005 m, --scale ft makes it 0.00152 m" in str(refused(0.005, "0.01"))
+    assert "export it again" in str(refused(0.0))
+
+
+def refused(size: float, scale: str | None = None) -> SizeError:
+    """What is said of a size that nobody can be asked about."""
+    with pytest.raises(SizeError) as raised:
+        find_scale(thing(size), scale, None, "cube.stl")
+    return raised.value
+
+
 def test_it_is_asked_for_where_somebody_is_there():
     """And the answer has to make sense too."""
     questions = []

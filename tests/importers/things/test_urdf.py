@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from sceniris_gym.errors import MissingMeshError, NotSupportedError, SceneFileError
+from sceniris_gym.errors import MissingMeshError, NotSupportedError, SceneFileError, UnknownNameError
 from sceniris_gym.importers.things.importer import import_thing
 from sceniris_gym.importers.things.urdf import read_urdf
 from sceniris_gym.scene.model_files import file_of
@@ -78,7 +78,7 @@ def test_missing_meshes_are_all_named(door: Path):
     ("old", "new", "kind", "said"),
     [
         ('type="revolute"', 'type="floating"', NotSupportedError, "'floating'"),
-        ('<child link="door"/>', '<child link="flap"/>', SceneFileError, "unknown link 'flap'"),
+        ('<child link="door"/>', '<child link="dor"/>', UnknownNameError, "unknown link 'dor'. Did you mean 'door'"),
         ('<robot name="cupboard">', "<sdf>", SceneFileError, "cannot be read as XML"),
         ('<box size="0.4 0.3 0.4"/>', "<cone/>", NotSupportedError, "<cone>"),
     ],
@@ -88,6 +88,16 @@ def test_what_is_no_urdf_of_a_thing_is_refused(door: Path, old: str, new: str, k
     door.write_text(DOOR.replace(old, new))
     with pytest.raises(kind, match=said):
         read_urdf(door)
+
+
+def test_links_that_are_none_or_hang_on_none_are_told(tmp_path: Path):
+    """Each with what is missing."""
+    (tmp_path / "a.urdf").write_text('<robot name="a"></robot>')
+    with pytest.raises(SceneFileError, match=r"it has no links\. It should have a <link> with a mesh"):
+        read_urdf(tmp_path / "a.urdf")
+    (tmp_path / "a.urdf").write_text('<robot name="a"><link name="b"/><link name="c"/></robot>')
+    with pytest.raises(SceneFileError, match=r"on one root by joints, and it has 2 roots: b, c\. Add joints"):
+        read_urdf(tmp_path / "a.urdf")
 
 
 @pytest.mark.parametrize("moments", ["1 1 0", "1 1 3", "1e-15 1e-15 1e-15"])

@@ -56,10 +56,24 @@ def test_a_footprint_must_lie_on_its_support_at_ratio_one():
         {"box": [[0.0, -0.1], [0.1, 0.0]]},
         {"fraction": [[0.5, 0.0], [0.8, 0.5]]},
         {"polygon": [[0, -0.1], [0.1, -0.1], [0.1, 0.0], [0.0, 0.0]]},
+        {"points": [[0.1, 0.05], [0.05, -0.04]]},
     ],
 )
 def test_regions_crop_the_support(region: dict):
-    """The three forms of a region, in the shelf's frame."""
+    """The four forms of a region, in the shelf's frame."""
     top = GAP + 0.02 + GAP
     rows = with_row(layout(MJM, 2, gem=(0.05, -0.04, top, 0)), 1, layout(MJM, gem=(-0.05, -0.04, top, 0)))
     assert causes(rows, gem={"region": region}) == [(1, "gem", "support")]
+
+
+def test_points_are_exact():
+    """On the board and in space: 0.1 mm beside a point, and at its mirror image, an object is misplaced."""
+    top = GAP + 0.02 + GAP
+    rows = with_row(layout(MJM, 3, gem=(0.05, -0.04, top, 0)), 1, layout(MJM, gem=(0.0501, -0.04, top, 0)))
+    rows = with_row(rows, 2, layout(MJM, gem=(-0.05, -0.04, top, 0)))
+    wrong = [(1, "gem", "support"), (2, "gem", "support")]
+    assert causes(rows, gem={"region": {"points": [[0.05, -0.04]]}}) == wrong
+    in_space = {"on": None, "region": {"points": [[0.4, 0.4, 0.4], [0.05, -0.04, top]]}}
+    assert causes(rows, gem=in_space) == wrong
+    in_space["region"] = {"points": [[0.05, -0.04, top + 1e-4]]}
+    assert len(causes(rows, gem=in_space)) == 3
