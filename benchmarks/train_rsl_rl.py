@@ -49,7 +49,9 @@ class Settings:
     Attributes:
         hidden: widths of the layers of actor and critic
         gamma: discount of a control step
-        entropy: weight of the entropy bonus
+        entropy: weight of the entropy bonus at the start
+        last_entropy: what it falls to with the steps, evenly; None is no change
+        cooling: millions of control steps in which it falls
         init_std: standard deviation of the actions at the start
         steps: control steps of each world between two updates
         epochs: passes over them
@@ -60,11 +62,18 @@ class Settings:
     hidden: tuple[int, ...] = (256, 128, 64)
     gamma: float = 0.98
     entropy: float = 0.002
+    last_entropy: float | None = None
+    cooling: float = 40.0
     init_std: float = 1.0
     steps: int = 24
     epochs: int = 5
     mini_batches: int = 4
     desired_kl: float = 0.01
+
+    def entropy_after(self, env_steps: int) -> float:
+        """Return the weight of the entropy bonus after so many control steps of all worlds together."""
+        last = self.entropy if self.last_entropy is None else self.last_entropy
+        return self.entropy + (last - self.entropy) * min(1.0, env_steps / (1e6 * self.cooling))
 
 
 SETTINGS = {
@@ -74,7 +83,9 @@ SETTINGS = {
     "TabletopLiftEasy-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
     "ClutterPush-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
     "DrawerPick-v0": Settings(gamma=0.985, entropy=0.005, steps=32),
-    "ClutterExtract-v0": Settings(hidden=(512, 256, 128), gamma=0.985, entropy=0.001, init_std=0.6, steps=32),
+    "ClutterExtract-v0": Settings(
+        hidden=(512, 256, 128), gamma=0.985, entropy=0.003, last_entropy=0.0005, init_std=0.6, steps=32
+    ),
 }
 
 
@@ -290,6 +301,7 @@ class Run:
         runner_of(self.env, self.settings, self.options.seed).learn(1, init_at_random_ep_len=True)
 
     def _train(self, iterations: int) -> None:
+        self.runner.alg.entropy_coef = self.settings.entropy_after(self.env_steps)
         start = self._clock()
         self.runner.learn(iterations)
         seconds = self._clock() - start

@@ -115,14 +115,14 @@ class ClutterExtract(Task):
     Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, how near the
     tool is to the grasp, or to the funnel above it, down which it should come once it is turned), `aligning` (0 to 1,
     over the peg, how well the fingers close in the direction with more room), `grasping` (up to 2 where both fingers
-    touch the peg, by how well they are aligned), `lifting` (0 to 4, by the root of the share of the way up, while both
-    touch), `holding` (5 while it is up and both touch), `disturbing` (minus a quarter of the sum of the others' speeds
-    in m/s, and the largest share in `moved`, -1.25 at the lowest) and `effort` (-0.05 times the mean square of the
-    action). The more is moved, the less `lifting` and `holding` count, down to a fifth. Success means that the peg is
-    10 cm or more over the table and touched by both fingers at the end of 26 steps in a row, 0.5 s from the first to
-    the last, and that no other thing is more than 2 cm from where it was, or tilted by more than 0.5 rad. It is judged
-    at the last step. The episode terminates when the peg has fallen off the table, and is truncated after 200 steps (4
-    s).
+    touch the peg, by how well they are aligned and how near the tool is to the grasp), `lifting` (0 to 4, by the root
+    of the share of the way up, while both touch), `holding` (5 while it is up and both touch), `disturbing` (minus a
+    quarter of the sum of the others' speeds in m/s, and the largest share in `moved`, -1.25 at the lowest) and `effort`
+    (-0.05 times the mean square of the action). The more is moved, the less `lifting` and `holding` count, down to a
+    fifth. Success means that the peg is 10 cm or more over the table and touched by both fingers at the end of 26 steps
+    in a row, 0.5 s from the first to the last, and that no other thing is more than 2 cm from where it was, or tilted
+    by more than 0.5 rad. It is judged at the last step. The episode terminates when the peg has fallen off the table,
+    and is truncated after 200 steps (4 s).
     """
 
     scene = "clutter_extract"
@@ -193,8 +193,10 @@ class ClutterExtract(Task):
         aligned = 0.5 + 0.5 * self._turn(s).cos()
         # a funnel: the further aside, or turned away, the higher the tool should be
         over = torch.maximum(1.5 * (aside - 0.01), 0.15 * (0.95 - aligned)).clamp(0.0, 0.12)
-        below = away[:, 2] + GRASP_HEIGHT + over
-        distance = torch.hypot(aside, below)
+        below = away[:, 2] + GRASP_HEIGHT
+        distance = torch.hypot(aside, below + over)
+        # fingers that press on the peg from above touch it too
+        around = torch.exp(-(torch.hypot(aside, below) / 0.025).square())
         grasped = self.touching(s).prod(dim=1)
         up = grasped * (height >= LIFTED)
         self.held.copy_((self.held + 1.0) * up)
@@ -206,7 +208,7 @@ class ClutterExtract(Task):
         return {
             "reaching": s.dt * near,
             "aligning": s.dt * aligned * torch.exp(-((aside / 0.08) ** 2)),
-            "grasping": 2.0 * s.dt * grasped * aligned,
+            "grasping": 2.0 * s.dt * grasped * aligned * around,
             "lifting": 4.0 * s.dt * grasped * left * (height / LIFTED).clamp(0.0, 1.0).sqrt(),
             "holding": 5.0 * s.dt * up * left,
             "disturbing": -s.dt * (0.25 * speeds.clamp(max=1.0) + worst),

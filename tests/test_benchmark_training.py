@@ -54,6 +54,13 @@ def test_a_bank_holds_valid_layouts_and_is_replayed_in_turn(compiled: CompiledSc
         np.testing.assert_array_equal(generator.layouts.qpos.numpy(), expected)
 
 
+def test_the_entropy_bonus_falls_with_the_steps():
+    """Evenly until its last weight, and not at all where a task has none."""
+    cooled = replace(train_rsl_rl.Settings(), entropy=0.004, last_entropy=0.001, cooling=30.0)
+    assert [cooled.entropy_after(n) for n in (0, 10_000_000, 90_000_000)] == pytest.approx([0.004, 0.003, 0.001])
+    assert replace(cooled, last_entropy=None).entropy_after(20_000_000) == 0.004
+
+
 def test_replayed_episodes_are_those_that_would_be_made(compiled: CompiledScene):
     """Row i * number + e is episode e of seed i, to the bit."""
     rows = layout_sources.episodes(compiled, [5, 90], 3)

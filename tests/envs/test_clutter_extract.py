@@ -174,9 +174,28 @@ def test_what_is_toppled_is_no_success(envs, monkeypatch):
     assert task.success(envs.state).tolist() == [False, True]
 
 
+def reach_for(envs: SceneVectorEnv, monkeypatch: pytest.MonkeyPatch, over: float) -> None:
+    """Say that the tool is at the grasp, or `over` it [m], turned as it is."""
+    task: Any = envs.task
+    turned = task.arm.tool(envs.state)[:, 3:].clone()
+    raised = torch.tensor([0.0, 0.0, module.GRASP_HEIGHT + over])
+    monkeypatch.setattr(task.arm, "tool", lambda s: torch.cat([s.pose("target")[:, :3] + raised, turned], dim=1))
+
+
+def test_fingers_that_press_on_the_peg_do_not_grasp_it(envs, monkeypatch):
+    """Both touch it there as well, with the tips on its top: that is worth less than a third of a grasp."""
+    task = hold(envs, monkeypatch)
+    terms = {}
+    for over in (0.0, 0.034):
+        reach_for(envs, monkeypatch, over)
+        terms[over] = task.reward(envs.state, torch.zeros(2, 5))
+    assert (terms[0.034]["grasping"] < 0.3 * terms[0.0]["grasping"]).all()
+
+
 def test_terms_of_the_reward(envs, monkeypatch):
     """What is lifted counts less, the more else was moved."""
     task = hold(envs, monkeypatch)
+    reach_for(envs, monkeypatch, 0.0)
     place(envs, nearest(envs, 0), 0, [0.01, 0.0, 0.0])
     place(envs, nearest(envs, 1), 1, [0.05, 0.0, 0.0])
     terms = task.reward(envs.state, torch.ones(2, 5))
