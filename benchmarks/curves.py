@@ -19,7 +19,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from benchmarks.judging import wilson
+from benchmarks.intervals import wilson
 
 ASKED = {
     "ClutterExtract-v0": 0.8,

@@ -1,11 +1,12 @@
 #!/usr/bin/env bash
 # The training runs of RESULTS.md: benchmarks/evidence.sh FOLDER [PART]. PART is `figures` (does fresh training reach what
 # it should, in time: one run on each GPU), `curves` (banks of layouts, fresh ones and uniform placement, of equal steps:
-# four runs on each GPU), `resets` (what resets cost, and whether they are honest) or `all`. Stop it at any time; run
-# again, it resumes. Results of other sources than the present ones are refused.
+# four runs on each GPU), `resets` (what resets cost, and whether they are honest), `keep` or `all`. Stop it at any time;
+# run again, it resumes. Results of other sources than the present ones are refused. `keep` puts what tables and picture
+# need of the runs that are done into an archive; a new folder begins with those, so that another machine can go on.
 #
 # From the environment, for small trials: DEVICE (cuda:0), WORLDS (4096), LAYOUTS (4096), PER_GPU (4), SEEDS ("0 1 2"),
-# and STEPS, which replaces the millions of steps of every task.
+# KEPT, the archive (benchmarks/training_runs.tar.xz), and STEPS, which replaces the millions of steps of every task.
 set -euo pipefail
 export out=${1:?a folder for the results}
 part=${2:-all}
@@ -14,6 +15,7 @@ gpus=$({ nvidia-smi -L 2> /dev/null || true; } | wc -l)
 export gpus=$((gpus > 0 ? gpus : 1))
 common="--num-envs ${WORLDS:-4096} --layouts ${LAYOUTS:-4096} --device $device"
 seeds=${SEEDS:-0 1 2}
+kept=${KEPT:-benchmarks/training_runs.tar.xz}
 
 # Millions of control steps in the comparisons: those after which a pilot run on fresh layouts first passed half of what is
 # asked of the task, fixed before the first run. That of ClutterPush passed 45% after 5.2 (episodes of training), that of
@@ -23,6 +25,13 @@ declare -A steps=([ClutterExtract-v0]=13 [ClutterPush-v0]=5.2 [TabletopLift-v0]=
 
 sources=$(python -m benchmarks.sources)
 mkdir -p "$out"
+if [ ! -e "$out/sources" ] && [ -e "$kept" ]; then
+  if [ "$(tar -xJOf "$kept" sources)" = "$sources" ]; then
+    tar -xJf "$kept" -C "$out"
+  else
+    echo "$kept has runs of other sources: none is taken over." >&2
+  fi
+fi
 [ -e "$out/sources" ] || echo "$sources" > "$out/sources"
 if [ "$(cat "$out/sources")" != "$sources" ]; then
   echo "$out has results of other sources ($(cat "$out/sources"), now $sources). Give another folder." >&2
@@ -75,6 +84,15 @@ curves() {
   compare ClutterExtract-v0 1 4096 65536
 }
 
+keep() {
+  local folder files=(sources)
+  for folder in $(cd "$out" && find . -mindepth 2 -maxdepth 2 -name "done" -printf '%P\n' | sort | xargs -r dirname); do
+    files+=("$folder"/{config.json,log.jsonl,judged.json,done})
+  done
+  tar -cJf "$kept.new" -C "$out" "${files[@]}"
+  mv "$kept.new" "$kept"
+}
+
 case $part in figures | all) figures | run 1 ;; esac
 case $part in curves | all) curves | run "${PER_GPU:-4}" ;; esac
 case $part in
@@ -83,4 +101,5 @@ case $part in
     python -m benchmarks.reset_cost --task TabletopReachEasy-v0 --out "$out/reset_cost.json"
     ;;
 esac
+case $part in keep) keep ;; esac
 python -m benchmarks.curves "$out" --picture "$out/training.png" | tee "$out/table.md"

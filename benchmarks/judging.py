@@ -21,6 +21,7 @@ import warp as wp
 from torch import Tensor
 
 from benchmarks import layout_sources
+from benchmarks.intervals import wilson
 from benchmarks.task_scenes import SEED_SPACING, make_env, scene_of
 from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
 from sceniris_gym.layout.compile import compile_scene
@@ -34,16 +35,6 @@ SPARE = 16
 
 TARGETS = {"ClutterExtract-v0": "target", "ClutterPush-v0": "tin", "DrawerPick-v0": "banana"}
 """What a task is about, the middle of its clutter."""
-
-
-def wilson(successes: int, number: int, z: float = 1.96) -> tuple[float, float]:
-    """Return the ends of the Wilson interval of a share, by default of 95% (Wilson 1927)."""
-    if number == 0:
-        return 0.0, 1.0
-    share, extra = successes / number, z * z / number
-    middle = (share + extra / 2) / (1 + extra)
-    half = z * math.sqrt(share * (1 - share) / number + extra / (4 * number)) / (1 + extra)
-    return max(0.0, middle - half), min(1.0, middle + half)
 
 
 def judges_of(task: str, layouts: int, device: str | None, **kwargs: Any) -> dict[str, RslRlVecEnv]:

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import json
+import os
+import subprocess
+import sys
+import tarfile
 from collections import Counter
 from dataclasses import asdict, replace
 from functools import partial
@@ -18,7 +23,7 @@ pytest.importorskip("rsl_rl")
 from benchmarks import (
     curves,
     honest_resets,
-    judging,
+    intervals,
     layout_sources,
     physics_options,
     reset_cost,
@@ -337,6 +342,37 @@ def test_tables_and_picture_are_made_of_the_seeds_that_are_there(tmp_path: Path)
     assert (tmp_path / "all.png").stat().st_size > (tmp_path / "none.png").stat().st_size > 0
 
 
+def test_runs_that_are_done_go_on_elsewhere(tmp_path: Path):
+    """A new folder begins with them, without their networks; it takes nothing over from other sources."""
+    kept, script = tmp_path / "kept.tar.xz", Path(train_rsl_rl.__file__).with_name("evidence.sh")
+    paths = {"KEPT": str(kept), "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+
+    def evidence(folder: Path) -> subprocess.CompletedProcess:
+        words = ["bash", str(script), str(folder), "keep"]
+        root = script.parents[1]
+        return subprocess.run(words, cwd=root, env=os.environ | paths, check=True, capture_output=True, text=True)
+
+    first = tmp_path / "first"
+    first.mkdir()
+    for name in ("fresh_0", "fresh_1"):
+        write_run(first, name, 0.5, million_steps=3.0)
+        (first / name / "model.pt").write_bytes(bytes(100))
+    (first / "fresh_0" / "done").touch()
+    evidence(first)
+    second = evidence(tmp_path / "second")
+    assert "| ClutterExtract-v0 | fresh | 1 | 3.0 M | 50.0% |" in second.stdout
+    files = {path.name for path in (tmp_path / "second" / "fresh_0").iterdir()}
+    assert files == {"config.json", "log.jsonl", "judged.json", "done"}
+    assert not (tmp_path / "second" / "fresh_1").exists()
+    with tarfile.open(kept, "w:xz") as other:
+        told = tarfile.TarInfo("sources")
+        told.size = 6
+        other.addfile(told, io.BytesIO(b"other\n"))
+    third = evidence(tmp_path / "third")
+    assert "runs of other sources: none is taken over" in third.stderr
+    assert not (tmp_path / "third" / "fresh_0").exists()
+
+
 def test_runs_of_different_sources_are_not_mixed(tmp_path: Path):
     """Neither in a table, nor by going on from a run of other sources."""
     write_run(tmp_path, "first", 0.5)
@@ -369,9 +405,9 @@ def test_the_hash_of_the_sources_depends_on_what_results_depend_on(tmp_path: Pat
 
 def test_intervals_are_those_of_wilson():
     """The values of Brown, Cai and DasGupta's definition, worked out by hand for 8 of 10; and the ends."""
-    assert judging.wilson(8, 10) == pytest.approx((0.4902, 0.9433), abs=1e-4)
-    assert judging.wilson(0, 10) == pytest.approx((0.0, 0.2775), abs=1e-4)
-    assert judging.wilson(0, 0) == (0.0, 1.0)
+    assert intervals.wilson(8, 10) == pytest.approx((0.4902, 0.9433), abs=1e-4)
+    assert intervals.wilson(0, 10) == pytest.approx((0.0, 0.2775), abs=1e-4)
+    assert intervals.wilson(0, 0) == (0.0, 1.0)
 
 
 def test_settings_to_try_are_named():
