@@ -42,7 +42,7 @@ class LayoutsView:
     grasp: wp.array2d(dtype=int)
     grasp_qpos: wp.array3d(dtype=float)
     pregrasp_qpos: wp.array3d(dtype=float)
-    rejections: wp.array2d(dtype=int)
+    rejections: wp.array2d(dtype=wp.int64)  # more than 32 bits in long runs
     making: wp.array(dtype=int)  # the episode that is being made
     row_rejections: wp.array3d(dtype=int)  # candidates that were rejected for the row, by object and cause
     place: wp.array2d(dtype=wp.vec4)
@@ -93,7 +93,7 @@ class Layouts(StaysHere):
             beyond the arm's joints, and everywhere if the arm's map alone decided.
         pregrasp_qpos: The same for the pre-grasp, shape (nworld, nreach, MAX_JOINTS); nan for tiers below `clear`.
         rejections: Running count of the candidates that were rejected for the layouts in these rows, and for those that
-            were in them before, shape (nobject, ncause), objects in placement order.
+            were in them before, int64, shape (nobject, ncause), objects in placement order.
     """
 
     SEND = "its arrays as copies on the host, such as layouts.qpos.numpy().copy(), or the ids that make its rows again"
@@ -168,7 +168,7 @@ class Layouts(StaysHere):
             view.status = wp.zeros(nworld, dtype=int)
             view.attempts = wp.zeros(nworld, dtype=int)
             view.first_pass_valid = wp.zeros(nworld, dtype=int)
-            view.rejections = wp.zeros((max(len(compiled.placed), 1), len(Cause)), dtype=int)
+            view.rejections = wp.zeros((max(len(compiled.placed), 1), len(Cause)), dtype=wp.int64)
             view.making = wp.full(nworld, -1, dtype=int)
             view.row_rejections = wp.zeros((nrow, *view.rejections.shape), dtype=int)
             view.present = wp.ones((nrow, nslot), dtype=int)

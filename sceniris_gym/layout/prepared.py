@@ -191,6 +191,7 @@ class PreparedLayouts(StaysHere):
 
     Raises:
         ArgumentTypeError: A generator of a class of its own, which might make other layouts than one that works ahead.
+            Or a stream of another type.
         ArgumentError: A generator that records rejected candidates: it would not see those of layouts made ahead. Or a
             stream of another device.
     """
@@ -198,6 +199,7 @@ class PreparedLayouts(StaysHere):
     @launching
     def __init__(self, generator: LayoutGenerator, stream: wp.Stream | None = None, *, graph: bool = True) -> None:
         _check_generator(generator)
+        _check_stream(stream, wp.get_device(generator.compiled.device))
         compiled, nworld = generator.compiled, generator.nworld
         ahead = LayoutGenerator(compiled, nworld, split=generator.split, size=generator.size)
         self.layouts = generator.layouts
@@ -205,8 +207,6 @@ class PreparedLayouts(StaysHere):
         device = self._device = wp.get_device(compiled.device)
         # Graphs without loops would make the last ones again at every replay, also while they are served.
         self._works_ahead = repeats_in_graphs(device) or not graph
-        if stream is not None and stream.device != device:
-            raise ArgumentError(f"PreparedLayouts: stream should be one of {device}, got one of {stream.device}.")
         being_made, self._missing = (wp.zeros(nworld, dtype=wp.bool, device=device) for _ in range(2))
         self._being_made = being_made
         stage = self._stage = wp.full(nworld, _READY, dtype=int, device=device)
@@ -308,6 +308,14 @@ def _check_generator(generator: LayoutGenerator) -> None:
             "PreparedLayouts: generator should not record rejected candidates, as those of layouts made ahead would be "
             "missing. Make it with rejected=0, or use it as layout_source without PreparedLayouts."
         )
+
+
+def _check_stream(stream: wp.Stream | None, device: wp.Device) -> None:
+    if stream is None:
+        return
+    check_type(stream, wp.Stream, "PreparedLayouts: stream")
+    if stream.device != device:
+        raise ArgumentError(f"PreparedLayouts: stream should be one of {device}, got one of {stream.device}.")
 
 
 def side_stream(device: wp.Device) -> wp.Stream:

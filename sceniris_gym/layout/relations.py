@@ -38,6 +38,8 @@ _THIN = wp.constant(1.0e-3)
 # Beside is a line, and joined a point; both are drawn as strips of this half width [m], a fifth of what a violation
 # would be.
 _LINE = wp.constant(2.0e-5)
+# What is no further [m] than this from its anchor is in no direction from it, but for rounding.
+_NO_DIRECTION = wp.constant(1.0e-5)
 
 
 @wp.struct
@@ -286,5 +288,9 @@ def relation_holds(
         distance = bounds_distance(own, load_placed(place, bounds, program.rel_anchor[program.rel_anchoradr[rel]]))
     if distance < program.rel_low[rel] or distance > program.rel_high[rel]:
         return False
+    if s.half_angle >= _PI:
+        return True
+    if wp.length(v) <= _NO_DIRECTION:
+        return False
     axis = turned(wp.vec2(1.0, 0.0), s.axis)
-    return s.half_angle >= _PI or wp.abs(angle_of(wp.dot(axis, v), cross2(axis, v))) <= s.half_angle
+    return wp.abs(angle_of(wp.dot(axis, v), cross2(axis, v))) <= s.half_angle

@@ -268,12 +268,12 @@ def launch_reopen(search: Search, device: str) -> None:
 
 
 @wp.func
-def count_rejections(made: LayoutsView, worldid: int, obj: int, rejections: wp.array2d(dtype=int)):
+def count_rejections(made: LayoutsView, worldid: int, obj: int, rejections: wp.array2d(dtype=wp.int64)):
     """Count what was rejected of an object for a layout that is served."""
     for cause in range(made.row_rejections.shape[2]):
         number = made.row_rejections[worldid, obj, cause]
         if number > 0:
-            wp.atomic_add(rejections, obj, cause, number)
+            wp.atomic_add(rejections, obj, cause, wp.int64(number))
 
 
 @wp.kernel

@@ -10,6 +10,7 @@ import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 from typing import Any
 from xml.etree import ElementTree
 
@@ -49,7 +50,7 @@ def load_model(path: Path, where: str) -> mujoco.MjSpec:
     if path.suffix.lower() in THINGS:
         raise SceneFileError(
             f"{where}: '{path}' should be an MJCF or URDF file. "
-            f"`sceniris-gym import {path.name} -o {path.stem}.xml` makes an asset of it."
+            f"`sceniris-gym import {quote(str(path))} -o {quote(path.stem + '.xml')}` makes an asset of it."
         )
     try:
         spec = mujoco.MjSpec.from_file(str(path))

@@ -125,6 +125,18 @@ def test_what_the_mask_leaves_out_does_not_change_by_a_bit(mid: CompiledScene):
     assert (view.episode.numpy() == mask).all()
 
 
+def test_counts_of_rejections_go_on_beyond_32_bits(mid: CompiledScene):
+    """A training of some 10^8 resets gets there."""
+    generator = LayoutGenerator(mid, 64)
+    generator.generate()
+    counted = generator.layouts.rejections.numpy().astype(np.int64)
+    generator.layouts.rejections.fill_(2**31 - 1)
+    generator.reseed(0)
+    generator.generate()
+    assert counted.any()
+    assert (generator.layouts.rejections.numpy() == counted + (2**31 - 1)).all()
+
+
 def test_splits_seeds_and_episodes_all_differ(mid: CompiledScene):
     """No two layouts of two splits, twenty seeds and two episodes are equal."""
     train, held = (_by_id(mid, list(range(20)), 2, split) for split in ("train", "eval"))

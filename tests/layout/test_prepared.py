@@ -7,8 +7,7 @@ import itertools
 import time
 from contextlib import suppress
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -238,7 +237,9 @@ def test_a_generator_that_nobody_can_stand_in_for_is_refused():
         PreparedLayouts(compiled)  # type: ignore[arg-type]
     with pytest.raises(ArgumentError, match="Make it with rejected=0"):
         PreparedLayouts(LayoutGenerator(compiled, 4, rejected=8))
-    elsewhere: Any = SimpleNamespace(device="cuda:1")
+    with pytest.raises(ArgumentTypeError, match="stream should be a Stream, got"):
+        PreparedLayouts(LayoutGenerator(compiled, 4), 0)  # type: ignore[arg-type]
+    elsewhere = Mock(spec=wp.Stream, device="cuda:1")
     with pytest.raises(ArgumentError, match="stream should be one of cpu, got one of cuda:1"):
         PreparedLayouts(LayoutGenerator(compiled, 4), elsewhere)
 

@@ -90,6 +90,22 @@ def test_relations_leave_points_which_are_chosen_alike():
     assert chosen[edge].max() < 1.5 * chosen[left & ~edge].mean()
 
 
+def test_a_point_at_the_anchor_is_in_no_direction_from_it(tmp_path: Path):
+    """Whichever way the anchor is turned on a slab that is turned, too; it is near the anchor all the same."""
+    slab = {"asset": box_mjcf(tmp_path, "slab", 0.6, 0.6, 0.05), "kind": "fixture", "on": "floor"}
+    post = {"kind": "marker", "on": "slab", "region": {"points": [[0.1, 0.2]]}}
+    goal = {"kind": "marker", "on": "slab", "region": {"points": [[0.1, 0.2], [-0.2, 0.2], [0.25, -0.2], [0.28, 0.28]]}}
+    for relation, counts in (
+        ({"front_of": "post", "angle": 120}, False),
+        ({"near": "post", "distance": {"max": 1.0}}, True),
+    ):
+        objects = {"slab": slab, "post": post, "goal": {**goal, "relations": [relation]}}
+        compiled = compile_on_cpu({"floor": FLOOR, "objects": objects})
+        rows = make(compiled, 500, seed=9)
+        apart = np.linalg.norm(_at(compiled, rows, "goal") - _at(compiled, rows, "post"), axis=1)
+        assert (apart < 1e-5).any() == counts
+
+
 def test_what_stands_on_a_point_leaves_the_others(tmp_path: Path):
     """Three blocks on three points take all of them, in any order; a fourth finds none."""
     points = [[0.0, 0.0], [0.2, 0.0], [0.0, 0.2]]

@@ -126,11 +126,10 @@ def test_a_collada_mesh_says_what_reads_it(tmp_path: Path):
 
 @pytest.mark.parametrize("name", ["cube.obj", "cube.GLB"])
 def test_a_mesh_is_no_model(tmp_path: Path, name: str):
-    """MuJoCo reads some of them as models without bodies; the error says how to make an asset of one."""
-    path = write(tmp_path / name, TETRAHEDRON)
-    with pytest.raises(
-        SceneFileError, match=rf"here: .* MJCF or URDF file\. `sceniris-gym import {name} -o cube\.xml`"
-    ):
+    """MuJoCo reads some of them as models without bodies; the error has a command that makes an asset of one."""
+    path = write(tmp_path / "my meshes" / name, TETRAHEDRON)
+    says = rf"here: .* MJCF or URDF file\. `sceniris-gym import '{path}' -o cube\.xml`"
+    with pytest.raises(SceneFileError, match=says):
         load_model(path, "here")
 
 

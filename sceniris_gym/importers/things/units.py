@@ -118,5 +118,5 @@ def _choices(size: float) -> str:
             return f"Give its scale: {', '.join(f'--scale {u} makes it {size * UNITS[u]:.3g} m' for u in fit)}"
     return (
         f"It measures {size:.3g} units of the file, so no usual unit fits. Give its scale in metres for each of them, "
-        f"as in --scale {round(0.1 / size, 2):g} if it is 0.1 m long"
+        f"as in --scale {0.1 / size:.6g} if it is 0.1 m long"
     )

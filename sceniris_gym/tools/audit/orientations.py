@@ -15,6 +15,7 @@ from sceniris_gym.tools.audit.outlines import Outline, Outlines
 from sceniris_gym.tools.audit.relations import ROUNDING, wrapped
 
 _LOWEST = 1e-4  # m; points that are at most this far above the lowest one carry the object
+_ONE_POINT = 1e-5  # m; pivots that are no further apart are at one point, but for rounding
 
 
 class OrientationAudit:
@@ -97,7 +98,11 @@ def _off_interval(angle: np.ndarray, rounding: np.ndarray | float, turn: DrawnOr
 
 
 def _from_target(own: Outline, target: Outline) -> tuple[np.ndarray, np.ndarray]:
-    """Return the angle [rad] from the direction of the target to an object's front (-y), and its rounding."""
+    """Return the angle [rad] from the direction of the target to an object's front (-y), and its rounding.
+
+    Where both are at one point, as points of regions allow, there is no direction, and any angle is right.
+    """
     to = target.pivot[:, :2] - own.pivot[:, :2]
-    rounding = ROUNDING / np.maximum(np.linalg.norm(to, axis=1), ROUNDING)
+    apart = np.linalg.norm(to, axis=1)
+    rounding = np.where(apart > _ONE_POINT, ROUNDING / np.maximum(apart, ROUNDING), np.pi)
     return own.heading - np.pi / 2 - np.arctan2(to[:, 1], to[:, 0]), rounding

@@ -36,6 +36,7 @@ def test_a_remedy_is_one_that_helps():
     said = str(refused(0.0001))
     assert "--scale 1000 if it is 0.1 m long" in said and "--scale m" not in said
     assert find_scale(thing(0.0001), "1000", None, "x") == (1000.0, "as given")
+    assert "--scale 1e-07 if it is 0.1 m long" in str(refused(1e6))
     assert "--scale mm makes it 0.005 m" not in str(refused(5.0, "100"))
     assert "--scale m makes it 0.005 m, --scale ft makes it 0.00152 m" in str(refused(0.005, "0.01"))
     assert "export it again" in str(refused(0.0))

@@ -30,6 +30,13 @@ def test_headings_are_measured(orientation: Any, yaw: float, off: float):
     assert found["crate", word].broken == (off > 1e-3)
 
 
+def test_nothing_faces_what_is_at_its_own_pivot():
+    """So any heading is right there; 0.1 mm apart it is not."""
+    for apart, broken in ((0.0, 0), (2e-6, 0), (1e-4, 1)):
+        rows = layout(MJM, can=at(apart, 0), crate=at(0, 0, -1.5))
+        assert kept(rows, crate={"orientation": {"face_to": "can"}})["crate", "face_to rad"].broken == broken
+
+
 def test_what_leans_is_not_upright_and_what_stands_on_an_edge_is_not_stable():
     """A crate that leans by 10 degrees, and one that lies on another face."""
     rows = layout(MJM, 2)
