@@ -76,7 +76,9 @@ def _sentence(error: ErrorDetails) -> str:
     hint = context.get("hint", "")
     if kind == "literal_error" and isinstance(error["input"], str):
         hint = did_you_mean(error["input"], re.findall(r"'([^']*)'", str(context["expected"])))
-    return f"{short(error['input'])} {advice}.{hint}"
+    # the first few words of a whole scene help nobody
+    subject = "it" if not error["loc"] and isinstance(error["input"], dict) else short(error["input"])
+    return f"{subject} {advice}.{hint}"
 
 
 def _unknown_key(key: Any, valid: list[str]) -> str:

@@ -74,3 +74,10 @@ def test_half_of_a_surrogate_pair_is_refused():
     """Pydantic cannot write it into an error, as a key or as a value."""
     for overrides in ({"\ud800": 1}, {"objects.apple.kind": "\ud800"}, {"objects.apple.\ud800": 1}):
         assert refusal(SMALL, overrides, SceneKeyError).startswith("scene: ")
+
+
+def test_what_is_wrong_with_a_whole_scene_is_told_without_its_first_words():
+    """They are the scene's name and floor, whatever is wrong."""
+    words = {"robots": {"left": {"asset": "panda"}}, "objects": {"left": {"asset": "mug", "on": "floor"}}}
+    with pytest.raises(SceneKeyError, match=r"scene: scene: it should have a robot and an object of different names"):
+        SceneConfig.load({"floor": {"size": [1, 1]}, **words})
