@@ -231,7 +231,7 @@ def _check_memory(compiled: CompiledScene, nworld: int, size: SearchSize) -> Non
     """Refuse more worlds than fit into memory, by what the largest arrays of layouts and candidates take."""
     mjm = compiled.mjm
     state = 4 * mjm.nq + 28 * mjm.nbody  # joints, and the poses of all bodies
-    row = state + 36 * len(compiled.slots) + 32 * mjm.nmocap
+    row = state + 36 * len(compiled.slots) + 32 * mjm.nmocap + 4 * len(compiled.placed) * len(Cause)
     what = f"LayoutGenerator: {nworld} worlds of '{compiled.config.name}'"
     needed = (nworld + size.rows) * row + size.candidates * state
     check_memory(what, needed, compiled.device, "Use fewer worlds at once, or another device.")

@@ -6,10 +6,13 @@ import pickle
 from pathlib import Path
 
 import pytest
+import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import MemoryLimitError, ScenirisError
+from sceniris_gym.layout import generate
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.program import memory, pairs
 from sceniris_gym.program.compiled import upload_scene
 from sceniris_gym.scene.model import build_model
@@ -58,6 +61,19 @@ def test_more_worlds_than_memory_are_refused(tmp_path: Path, monkeypatch: pytest
     system(monkeypatch, tmp_path, GIB, "max")
     with pytest.raises(MemoryLimitError, match=r"16777216 worlds of 'mid'.*Use fewer worlds"):
         LayoutGenerator(compile_on_cpu("mid"), 1 << 24)
+
+
+def test_what_worlds_take_is_nearly_all_counted(monkeypatch: pytest.MonkeyPatch):
+    """By the arrays that there are; numbers of a world each may be left out."""
+    counted: list[int] = []
+    monkeypatch.setattr(generate, "check_memory", lambda what, needed, *_: counted.append(needed))
+    compiled, taken = compile_on_cpu("mid"), []
+    counted.clear()
+    for nworld in (1000, 2000):
+        view = LayoutGenerator(compiled, nworld).layouts.view
+        arrays = [a for a in (getattr(view, name) for name in LayoutsView.__annotations__) if isinstance(a, wp.array)]
+        taken.append(sum(a.size * wp.types.type_size_in_bytes(a.dtype) for a in arrays))
+    assert 0.9 < (counted[1] - counted[0]) / (taken[1] - taken[0]) <= 1.0
 
 
 def test_more_pairs_than_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
