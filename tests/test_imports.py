@@ -122,7 +122,8 @@ def test_a_second_start_imports_what_it_uses(tmp_path: Path, monkeypatch: pytest
     sceniris_gym.compile_scene("tabletop_lift", "cpu")
     assert list(tmp_path.rglob("*.npz"))
     second = loaded_by(
-        "import sceniris_gym.vector.vector_env; import sceniris_gym; sceniris_gym.compile_scene('tabletop_lift', 'cpu')"
+        "import sceniris_gym.vector.vector_env; import sceniris_gym;"
+        "sceniris_gym.LayoutGenerator(sceniris_gym.compile_scene('tabletop_lift', 'cpu'), 2)"
     )
     assert "mujoco_warp" in second
     assert not second & {"trimesh", "scipy", "networkx", "matplotlib", "PIL"}

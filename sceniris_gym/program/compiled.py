@@ -136,8 +136,8 @@ class CompiledScene:
         first, number = program.obj_variantadr.numpy(), program.obj_variantnum.numpy()
         parts = self.config.parts
         most = 0
-        for i, o in enumerate(self.plan.objects):
-            region = parts[o.name].region if o.name in parts else None
+        for i, name in enumerate(self.placed):
+            region = parts[name].region if name in parts else None
             of_each = min(int(cuts[i]), 1) if region is not None and region.points is not None else int(cuts[i])
             most = max(most, of_each * int(triangles[first[i] : first[i] + number[i]].max(initial=0)))
         return most
