@@ -198,7 +198,7 @@ def robot_arm(scene: SceneModel, name: str = ROBOT) -> SerialArm:
         prefix, inside = f"{robot.name}/", [home.mjm.body(body).name for body in home.subtree(name)]
         own = [site for site in error.valid if site.startswith(prefix)] + inside
         valid = list(dict.fromkeys(word.removeprefix(prefix) for word in own))
-        raise UnknownNameError(error.kind, error.name, f"{where}: {error.where}", valid) from None
+        raise UnknownNameError(error.kind, error.name.removeprefix(prefix), where, valid) from None
 
 
 def load_map(arm: SerialArm, robot: RobotConfig, where: str) -> ReachMap | None:

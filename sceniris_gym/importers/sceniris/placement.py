@@ -14,6 +14,7 @@ from sceniris_gym.importers.sceniris.relations import Views, note_origins, read_
 _PLANE = "_plane"  # the original's name for its ground
 _SUPPORT_WORDS = {"top": "on", "inside": "inside", "in": "inside"}
 _FIXED = "fixed_world_positions"
+GROUND = 1e-6  # m; what is no further from the height of the ground is on it
 _LIFTED = 1.1e-3  # m over the floor, where nothing carries an object: a little more than its clearance
 
 
@@ -30,11 +31,16 @@ def needed_floor(objects: Mapping[str, KeyReader]) -> np.ndarray:
 
 
 def fixed_points(keys: KeyReader) -> np.ndarray | None:
-    """Return the fixed positions of an object, shape (n, 3), if it has any, without taking them."""
+    """Return the fixed positions of an object, shape (n, 3), if it has any, without taking them.
+
+    Those on the ground have a z of 0, without what rounding made of it.
+    """
     fixed = keys.value(_FIXED)
     if not isinstance(fixed, Sequence | np.ndarray) or len(fixed) == 0:
         return None
-    return np.stack([keys.checked(_FIXED, point, (3,)) for point in fixed])
+    points = np.stack([keys.checked(_FIXED, point, (3,)) for point in fixed])
+    points[np.abs(points[:, 2]) <= GROUND, 2] = 0.0
+    return points
 
 
 def fixed_place(keys: KeyReader, points: np.ndarray) -> dict:
@@ -45,9 +51,16 @@ def fixed_place(keys: KeyReader, points: np.ndarray) -> dict:
     on_floor = points[:, 2] == 0.0
     if on_floor.all():
         return {"on": FLOOR, "region": {"points": points[:, :2]}}
+    told = []
+    if (sunk := ~on_floor & (points[:, 2] < _LIFTED)).any():
+        told.append(
+            f"those below the ground, or too near to it, are never used: {points[sunk].tolist()}; z = 0 is on it"
+        )
     if on_floor.any():
         points = np.where(on_floor[:, None], points + [0.0, 0.0, _LIFTED], points)
-        keys.notes.changed[keys.at(_FIXED)] = f"those on the ground are {1e3 * _LIFTED:g} mm over it, as others are not"
+        told.append(f"those on the ground are {1e3 * _LIFTED:g} mm over it, as others are not")
+    if told:
+        keys.notes.changed[keys.at(_FIXED)] = "; ".join(told)
     return {"region": {"points": points}}
 
 

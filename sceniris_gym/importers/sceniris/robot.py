@@ -12,6 +12,7 @@ from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.config.messages import reading, short
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.importers.sceniris.keys import KeyReader
+from sceniris_gym.importers.sceniris.placement import GROUND
 
 _KEY = "robot_position"
 _NEAR = 1e-9  # m: equal but for rounding
@@ -109,4 +110,5 @@ def _positions(env: KeyReader) -> np.ndarray | None:
     found = found[None] if found.ndim == 1 else found
     if found.shape[1:] != (3,) or not len(found) or not np.isfinite(found).all():
         raise env.wrong(_KEY, f"{short(value)} should be a position [x, y, z], or a list of them")
+    found[np.abs(found[:, 2]) <= GROUND, 2] = 0.0
     return found

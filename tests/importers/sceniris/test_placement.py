@@ -132,6 +132,15 @@ def _blocks_at(positions: list) -> tuple[np.ndarray, list[str]]:
     return table.mocap_pos[:, int(compiled.mjm.body("block").mocapid[0])], left_out
 
 
+def test_positions_at_the_height_of_the_ground_are_on_it_and_those_below_are_told():
+    """Rounding lifts or sinks none; an object that would be in the ground is never put there."""
+    config, _ = read(mug(fixed_world_positions=[(0.1, 0.2, 1e-17), (0.3, 0.3, 0.0)]))
+    assert config.objects["mug"].support == SupportConfig("on", "floor")
+    assert config.objects["mug"].region.points == ((0.1, 0.2), (0.3, 0.3))
+    with pytest.warns(KeysLeftOutWarning, match=r"never used: \[\[0\.1, 0\.2, -0\.3\]\]"):
+        read_sceniris(mug(fixed_world_positions=[(0.1, 0.2, -0.3), (0.3, 0.3, 0.5)]))
+
+
 @pytest.mark.parametrize("limits", [None, [[-0.5, -0.5], [0.5, 0.5]]], ids=str)
 def test_a_fixed_position_may_be_beyond_the_workspace(limits: list | None):
     """The floor is made to hold it; what is drawn on it keeps to the workspace, and layouts can be made."""
