@@ -136,7 +136,7 @@ def test_positions_at_the_height_of_the_ground_are_on_it_and_those_below_are_tol
     """Rounding lifts or sinks none; an object that would be in the ground is never put there."""
     config, _ = read(mug(fixed_world_positions=[(0.1, 0.2, 1e-17), (0.3, 0.3, 0.0)]))
     assert config.objects["mug"].support == SupportConfig("on", "floor")
-    assert config.objects["mug"].region.points == ((0.1, 0.2), (0.3, 0.3))
+    assert config.objects["mug"].region == RegionConfig(points=((0.1, 0.2), (0.3, 0.3)))
     with pytest.warns(KeysLeftOutWarning, match=r"never used: \[\[0\.1, 0\.2, -0\.3\]\]"):
         read_sceniris(mug(fixed_world_positions=[(0.1, 0.2, -0.3), (0.3, 0.3, 0.5)]))
 
