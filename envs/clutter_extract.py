@@ -157,8 +157,11 @@ class ClutterExtract(Task):
         """Return the observations that the class lists."""
         tool, target, others = self.arm.tool(s), s.pose("target"), self.others(s)
         filled, to_tool = self.filled[:, :, None], rotations.conjugate(tool[:, 3:])
-        away, axes, to_others = target[:, :3] - tool[:, :3], rotations.axes(target[:, 3:]), others - tool[:, None]
-        seen = [rotations.rotate(to_tool, part) for part in (away, axes[:, :3], axes[:, 3:])]
+        away, axes = target[:, :3] - tool[:, :3], rotations.axes(target[:, 3:])
+        to_others = others[:, :, :3] - tool[:, None, :3]
+        # all in one rotation: the way to the peg, its two axes, and the ways to the others
+        ways = torch.cat([away[:, None], axes.unflatten(1, (2, 3)), to_others], dim=1)
+        seen = rotations.rotate(to_tool[:, None], ways)
         policy = {
             "arm_qpos": self.arm.qpos(s),
             "arm_qvel": self.arm.qvel(s),
@@ -167,11 +170,11 @@ class ClutterExtract(Task):
             "tool_lead": self.arm.tool_lead(s),
             "tcp_to_target": away,
             "target_axes": axes,
-            "target_from_tool": torch.cat(seen, dim=1),
+            "target_from_tool": seen[:, :3].flatten(1),
             "others_present": self.filled,
             "others_kind": self.kinds[self.slots] * filled,
             "target_to_others": (others[:, :, :3] - target[:, None, :3]) * filled,
-            "others_from_tool": rotations.rotate(to_tool[:, None], to_others[:, :, :3]) * filled,
+            "others_from_tool": seen[:, 3:] * filled,
             "others_up": rotations.axes(others[:, :, 3:])[:, :, 3:] * filled,
             "last_action": self.last_action,
         }
