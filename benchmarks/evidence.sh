@@ -81,6 +81,8 @@ curves() {
   compare ClutterPush-v0 16 256 fresh uniform
   compare TabletopLift-v0 16 fresh
   compare DrawerPick-v0 16 fresh
+  compare TabletopLift-v0 uniform
+  compare DrawerPick-v0 uniform
   compare ClutterExtract-v0 1 4096 65536
 }
 
