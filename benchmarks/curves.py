@@ -5,12 +5,14 @@
 Prints the success on layouts that were not trained on, by the last evaluation of each run: for each kind of run the
 mean and the range over the seeds, and the Wilson interval over all layouts of all seeds; when an evaluation first
 reached what is asked of the task; and success over density: by the number of things that are present, and by how near
-the nearest of them is to the target. A run that has not been evaluated yet is left out. Runs of different sources are
-refused.
+the nearest of them is to the target, in four parts of about as many layouts. The interval is that of these policies on
+any layouts; what another seed of training would give, the range tells. A run that has not been evaluated yet is left
+out. Runs of different sources, and comparisons of a task that differ in more than seed and layouts, are refused.
 """
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -39,8 +41,8 @@ KINDS = ("bank of 1", "bank of 16", "bank of 256", "bank of 4,096", "bank of 65,
 JUDGED = ("valid", "unfiltered")
 """The layouts on which policies are evaluated."""
 
-BINS = ((0, 55), (55, 65), (65, 75), (75, 1000))
-"""How near the nearest thing is to the target [mm], between the middles of both."""
+SAME = ("num_envs", "million_steps", "reachable", "changes", "layouts")
+"""Options in which all comparisons of a task are alike."""
 
 
 @dataclass(frozen=True)
@@ -95,11 +97,25 @@ def read(folder: Path) -> list[Run]:
         found.append(Run(log.parent.name, told["options"], judged, each))
     if len(sources) > 1:
         raise SystemExit(f"{folder}: runs of different sources: {', '.join(sources.values())} begin them.")
+    _check_alike([run for run in found if run.compared])
     tasks, kinds = [*ASKED], [str(kind) for kind in KINDS]
     return sorted(
         found,
         key=lambda run: (tasks.index(run.task) if run.task in tasks else len(tasks), kinds.index(run.kind), run.name),
     )
+
+
+def _check_alike(runs: Sequence[Run]) -> None:
+    first: dict[str, Run] = {}
+    for run in runs:
+        other = first.setdefault(run.task, run)
+        for name in SAME:
+            one, two = other.options.get(name), run.options.get(name)
+            if one != two:
+                raise SystemExit(
+                    f"{other.name} and {run.name} are comparisons of {run.task} with {name} = {one} and {two}. Compare "
+                    "runs that differ in their seed and layouts alone."
+                )
 
 
 def grouped(runs: Sequence[Run]) -> dict[tuple[str, str], list[Run]]:
@@ -126,7 +142,7 @@ def pooled(runs: Sequence[Run], judged: str) -> tuple[float, float]:
 def table(runs: Sequence[Run]) -> str:
     """Return a Markdown table with a row for each task and kind of layouts."""
     rows = [
-        "| task | layouts in training | seeds | steps | valid | its 95% interval | unfiltered | first as asked |",
+        "| task | layouts in training | seeds | steps | valid | 95%, these policies | unfiltered | first as asked |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for (task, kind), members in grouped(runs).items():
@@ -149,7 +165,8 @@ def by_density(runs: Sequence[Run]) -> str:
         "| task | layouts in training | which layouts | successes | share | 95% interval |",
         "|---|---|---|---|---|---|",
     ]
-    for (task, kind), members in grouped([run for run in runs if run.judged]).items():
+    runs = [run for run in runs if run.judged]
+    for (task, kind), members in grouped(runs).items():
         each = [run.judged["valid"]["each"] for run in members]
         success, things, nearest = (
             [value for one in each for value in one[key]] for key in ("success", "things", "nearest")
@@ -157,9 +174,8 @@ def by_density(runs: Sequence[Run]) -> str:
         counts = sorted(set(things))
         parts = [(f"{count} things", [n == count for n in things]) for count in counts if len(counts) > 1]
         parts += [
-            (f"nearest at {low} to {high} mm" if high < 1000 else f"nearest at {low} mm or more", chosen)
-            for low, high in BINS
-            if any(chosen := [d is not None and low <= d < high for d in nearest])
+            (f"nearest at {low} to {high} mm", [d is not None and low <= d < high for d in nearest])
+            for low, high in _quarters([run for run in runs if run.task == task])
         ]
         for label, chosen in parts:
             hits, number = sum(s for s, c in zip(success, chosen, strict=True) if c), sum(chosen)
@@ -167,6 +183,15 @@ def by_density(runs: Sequence[Run]) -> str:
             share = f"{hits / number:.1%} | {low:.1%} to {high:.1%}"
             rows.append(f"| {task} | {kind} | {label} | {hits:,} of {number:,} | {share} |")
     return "\n".join(rows)
+
+
+def _quarters(runs: Sequence[Run]) -> list[tuple[int, int]]:
+    """Return four ranges of how near the nearest thing is [mm], in each of which are about as many layouts."""
+    far = sorted(d for run in runs for d in run.judged["valid"]["each"]["nearest"] if d is not None)
+    if not far:
+        return []
+    edges = sorted({far[0], *(far[len(far) * part // 4] for part in (1, 2, 3)), far[-1] + 1})
+    return list(itertools.pairwise(edges))
 
 
 def draw(runs: Sequence[Run], picture: Path) -> None:

@@ -1,8 +1,10 @@
 #!/usr/bin/env bash
 # The training runs of RESULTS.md: benchmarks/evidence.sh FOLDER [PART]. PART is `figures` (does fresh training reach what
 # it should, in time: one run on each GPU), `curves` (banks of layouts, fresh ones and uniform placement, of equal steps:
-# four runs on each GPU), `resets` (what resets cost, and whether they are honest), `keep` or `all`. Stop it at any time;
-# run again, it resumes. Results of other sources than the present ones are refused. `keep` puts what tables and picture
+# four runs on each GPU), `resets` (what resets cost, and whether they are honest), `keep` or `all`. Stop it at any time,
+# and its runs stop with it; run again, it resumes. A folder that is in use, and results of other sources, steps, worlds
+# or layouts than the present ones, are refused. DrawerPick has no runs of uniform placement: there nothing is ever
+# rejected. `keep` puts what tables and picture
 # need of the runs that are done into an archive; a new folder begins with those, so that another machine can go on.
 #
 # From the environment, for small trials: DEVICE (cuda:0), WORLDS (4096), LAYOUTS (4096), PER_GPU (4), SEEDS ("0 1 2"),
@@ -23,8 +25,16 @@ kept=${KEPT:-benchmarks/training_runs.tar.xz}
 # asked, too, between 7.9 (31.5%) and 14.4 (67.2%; evaluations).
 declare -A steps=([ClutterExtract-v0]=34 [ClutterPush-v0]=5.2 [TabletopLift-v0]=10 [DrawerPick-v0]=13)
 
-sources=$(python -m benchmarks.sources)
+sources="$(python -m benchmarks.sources) worlds ${WORLDS:-4096} layouts ${LAYOUTS:-4096}"
+for task in ClutterExtract-v0 ClutterPush-v0 TabletopLift-v0 DrawerPick-v0; do
+  sources+=" $task ${STEPS:-${steps[$task]}}"
+done
 mkdir -p "$out"
+exec 9> "$out/lock" # runs inherit it
+if ! flock -n 9; then
+  echo "$out is in use: its runs are still going. Stop them, or give another folder." >&2
+  exit 1
+fi
 if [ ! -e "$out/sources" ] && [ -e "$kept" ]; then
   if [ "$(tar -xJOf "$kept" sources)" = "$sources" ]; then
     tar -xJf "$kept" -C "$out"
@@ -47,11 +57,24 @@ train() { # a slot, a folder, then options
 }
 export -f train
 
-# Lines of runs from stdin, so many at a time on each GPU. A run that fails is told of, and left for the next time.
+# Lines of runs from a function, so many at a time on each GPU. A run that fails is told of, and left for the next time.
 run() {
-  xargs -P "$(($1 * gpus))" -L 1 --process-slot-var=SLOT \
-    bash -c 'train "$SLOT" "$@" || echo "failed: $1, see its .txt" >&2' _
+  "$2" > "$out/lines"
+  # a group of its own, which is stopped as a whole
+  setsid xargs -a "$out/lines" -P "$(($1 * gpus))" -L 1 --process-slot-var=SLOT \
+    bash -c 'train "$SLOT" "$@" || echo "failed: $1, see its .txt" >&2' _ &
+  workers=$!
+  wait "$workers"
+  workers=
 }
+
+stop() {
+  trap '' INT TERM
+  [ -z "${workers:-}" ] || kill -TERM -- "-$workers" 2> /dev/null || true
+  exit "$1"
+}
+trap 'stop 130' INT
+trap 'stop 143' TERM
 
 figures() {
   echo "figure_extract_0 ClutterExtract-v0 --minutes 20 $common"
@@ -82,7 +105,6 @@ curves() {
   compare TabletopLift-v0 16 fresh
   compare DrawerPick-v0 16 fresh
   compare TabletopLift-v0 uniform
-  compare DrawerPick-v0 uniform
   compare ClutterExtract-v0 1 4096 65536
 }
 
@@ -95,8 +117,8 @@ keep() {
   mv "$kept.new" "$kept"
 }
 
-case $part in figures | all) figures | run 1 ;; esac
-case $part in curves | all) curves | run "${PER_GPU:-4}" ;; esac
+case $part in figures | all) run 1 figures ;; esac
+case $part in curves | all) run "${PER_GPU:-4}" curves ;; esac
 case $part in
   resets | all)
     python -m benchmarks.honest_resets --layouts 100000 --out "$out/honest.jsonl"

@@ -3,9 +3,9 @@
     python -m benchmarks.judging results/reach_0
 
 loads `model.pt` of the folder, runs the first episodes of 4,096 valid layouts of the split "eval" with the
-deterministic policy, takes success at the last step, and writes `judged.json` beside it: the share with its Wilson
-interval, and for every layout whether it was a success, how many things are present and how near the nearest of them
-is. The same on layouts that are placed uniformly without checks.
+deterministic policy, takes success at the last step, and prints the share with its Wilson interval. `--out` writes the
+same, and for every layout whether it was a success, how many things are present and how near the nearest of them is.
+Then the same on layouts that are placed uniformly without checks. What a training wrote stays as it is.
 """
 
 from __future__ import annotations
@@ -103,13 +103,19 @@ def judge(policy: Any, env: RslRlVecEnv, task: str, layouts: int, seed: int = EV
     }
 
 
-def main(folder: Annotated[Path, tyro.conf.Positional], layouts: int = 4096, device: str | None = None) -> None:
+def main(
+    folder: Annotated[Path, tyro.conf.Positional],
+    layouts: int = 4096,
+    device: str | None = None,
+    out: Path | None = None,
+) -> None:
     """Judge the policy in a folder, and print the shares.
 
     Args:
         folder: of a run of benchmarks.train_rsl_rl
         layouts: how many
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one
+        out: JSON file for the verdicts
     """
     from benchmarks.train_rsl_rl import Settings, as_json, runner_of  # which imports this file
 
@@ -122,7 +128,8 @@ def main(folder: Annotated[Path, tyro.conf.Positional], layouts: int = 4096, dev
         found[name] = judge(runner.get_inference_policy(str(env.device)), env, task, layouts)
         low, high = found[name]["interval"]
         print(f"{name}: {found[name]['success']:.1%} ({low:.1%} to {high:.1%}) of {found[name]['layouts']:,} layouts")
-    (folder / "judged.json").write_text(as_json(found))
+    if out is not None:
+        out.write_text(as_json(found))
 
 
 if __name__ == "__main__":

@@ -6,7 +6,12 @@ import hashlib
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-FOLDERS = {"sceniris_gym": (".py",), "envs": (".py", ".yaml"), "assets": (".xml", ".obj"), "benchmarks": (".py",)}
+FOLDERS = {
+    "sceniris_gym": (".py",),
+    "envs": (".py", ".yaml"),
+    "assets": (".xml", ".obj", ".reach"),
+    "benchmarks": (".py",),
+}
 
 
 def source_hash() -> str:

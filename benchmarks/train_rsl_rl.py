@@ -208,11 +208,14 @@ class Run:
     """A training run that can be stopped and resumed.
 
     Raises:
-        SystemExit: the task has no settings here, or the checkpoint to resume from is of a run with other options
+        SystemExit: the task has no settings here, the bank is none, or the checkpoint to resume from is of a run with
+            other options
     """
 
     def __init__(self, options: Options) -> None:
         self.options, self.settings = options, settings_of(options.task, options.changes)
+        if options.bank is not None and (options.bank < 1 or options.uniform):
+            raise SystemExit(f"--bank takes 1 or more layouts, and no --uniform beside it, got {options.bank}.")
         if self.resumes:
             self._check_same()
         # evaluation layouts do not depend on the training layouts

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from sceniris_gym.errors import ArgumentError
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.arm_controller import ArmController
 from sceniris_gym.vector.bounds import Bounds
@@ -76,8 +77,9 @@ LOST_HEIGHT = -0.05
 class ClutterExtract(Task):
     """A Panda on a table grasps a peg among 5 to 11 other things, lifts it by 10 cm, and moves nothing else.
 
-    At least two of the others are within 3 cm of the peg, so that the fingers often fit on one pair of its sides only:
-    the grasp has to be chosen by what stands around it. In every layout one is free (`reachable: clear`).
+    At least two of the others are within 3 cm of the peg by their bounds, so that the fingers often fit on one pair of
+    its sides only: the grasp has to be chosen by what stands around it. In every layout one is free (`reachable:
+    clear`).
 
     Frames: poses and velocities are in the robot's base frame (on the table's top, x to the front, z up), rotations are
     quaternions wxyz. Every reset draws which of 19 other things are present, the positions and yaws of all of them, and
@@ -135,7 +137,17 @@ class ClutterExtract(Task):
     action_size = 5
 
     def bind(self, s: State) -> None:
-        """Find the arm, its contacts and the peg's bounds, and allocate what is kept between steps."""
+        """Find the arm, its contacts and the peg's bounds, and allocate what is kept between steps.
+
+        Raises:
+            ArgumentError: The scene's groups let more things be present than there are slots.
+        """
+        most = sum(group.count[1] for group in s.scene.config.groups.values())
+        if most > SLOTS:
+            raise ArgumentError(
+                f"ClutterExtract-v0: up to {most} things beside the peg can be present in this scene, and there are "
+                f"{SLOTS} slots for them. Lower `count` of the groups in `overrides`."
+            )
         self.arm = ArmController(s)
         self.touch = Touch(s, FINGERS, ("target",))
         self.bounds = Bounds(s, ("target",))

@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 import tarfile
+import time
 from collections import Counter
 from dataclasses import asdict, replace
 from functools import partial
@@ -47,15 +48,15 @@ def compiled() -> CompiledScene:
 
 
 def test_a_bank_holds_valid_layouts_and_is_replayed_in_turn(compiled: CompiledScene):
-    """World with seed s gets row s + episode; two rows of one bank are two layouts."""
-    rows = layout_sources.valid_rows(compiled, 3, seed=100)
-    assert rows.qpos.shape == (3, compiled.mjm.nq)
-    assert len(np.unique(rows.qpos, axis=0)) == 3
-    generator = layout_sources.replayed(rows)(compiled, 2)
-    generator.reseed([1, 2])
+    """Of three worlds one with seed s gets row s + 2 * episode; two rows of one bank are two layouts."""
+    rows = layout_sources.valid_rows(compiled, 7, seed=100)
+    assert rows.qpos.shape == (7, compiled.mjm.nq)
+    assert len(np.unique(rows.qpos, axis=0)) == 7
+    generator = layout_sources.replayed(rows)(compiled, 3)
+    generator.reseed([1, 2, 3])
     for episode in range(4):
         generator.generate()
-        expected = rows.qpos[[(1 + episode) % 3, (2 + episode) % 3]]
+        expected = rows.qpos[[(seed + 2 * episode) % 7 for seed in (1, 2, 3)]]
         np.testing.assert_array_equal(generator.layouts.qpos.numpy(), expected)
 
 
@@ -301,6 +302,9 @@ def test_placement_without_checks_rejects_nothing():
     assert not any(any(causes.values()) for causes in generator.rejection_counts().values())
 
 
+NEAREST = [50] * 8 + [60] * 8 + [70] * 8 + [80] * 6 + [None] * 10
+
+
 def write_run(folder: Path, name: str, success: float | None, sources: str = "a", **options: Any) -> None:
     """Write what a training run leaves: 40 layouts judged, half of them with 5 things, half with 9."""
     run = folder / name
@@ -311,7 +315,7 @@ def write_run(folder: Path, name: str, success: float | None, sources: str = "a"
     if success is not None:
         hits = round(40 * success)
         judged = {kind: {"success": success, "layouts": 40} for kind in ("valid", "unfiltered")}
-        each = {"success": [1] * hits + [0] * (40 - hits), "things": [5, 9] * 20, "nearest": [60] * 30 + [None] * 10}
+        each = {"success": [1] * hits + [0] * (40 - hits), "things": [5, 9] * 20, "nearest": NEAREST}
         (run / "judged.json").write_text(json.dumps({"valid": {"each": each}}))
         line |= {"kind": "eval", **judged}
     (run / "log.jsonl").write_text(json.dumps(line) + "\n")
@@ -336,10 +340,71 @@ def test_tables_and_picture_are_made_of_the_seeds_that_are_there(tmp_path: Path)
     assert [run.name for run in runs if not run.compared] == ["long"]
     dense = curves.by_density([run for run in runs if run.kind == "uniform"])
     assert "| uniform | 5 things | 15 of 20 | 75.0% | 53.1% to 88.8% |" in dense
-    assert "| uniform | nearest at 55 to 65 mm | 30 of 30 | 100.0% |" in dense
+    for part in ("50 to 60 mm | 8 of 8", "60 to 70 mm | 8 of 8", "70 to 81 mm | 14 of 14"):
+        assert f"| uniform | nearest at {part} | 100.0% |" in dense
     curves.draw(runs, tmp_path / "all.png")
     curves.draw([], tmp_path / "none.png")
     assert (tmp_path / "all.png").stat().st_size > (tmp_path / "none.png").stat().st_size > 0
+
+
+def test_comparisons_of_other_lengths_are_not_mixed(tmp_path: Path):
+    """Nor those of other numbers of worlds; what trained for some time may differ."""
+    write_run(tmp_path, "first", 0.5, million_steps=3.0, num_envs=4096)
+    write_run(tmp_path, "second", 0.5, million_steps=None, num_envs=64)
+    assert len(curves.read(tmp_path)) == 2
+    write_run(tmp_path, "third", 0.5, million_steps=4.0, num_envs=4096)
+    with pytest.raises(SystemExit, match="first and third are comparisons of ClutterExtract-v0 with million_steps"):
+        curves.read(tmp_path)
+
+
+def test_a_bank_has_layouts_and_is_not_uniform():
+    """Refused before anything is compiled."""
+    for options in ({"bank": 0}, {"bank": -3}, {"bank": 4, "uniform": True}):
+        with pytest.raises(SystemExit, match="--bank takes 1 or more layouts"):
+            train_rsl_rl.Run(train_rsl_rl.Options("TabletopReach-v0", **options))
+
+
+def test_a_bank_larger_than_the_worlds_is_served_whole(compiled: CompiledScene):
+    """Four worlds go through nine rows in three episodes."""
+    rows = layout_sources.valid_rows(compiled, 9, seed=100)
+    source, seen = layout_sources.replayed(rows)(compiled, 4), set()
+    source.reseed([5, 6, 7, 8])
+    for _ in range(3):
+        source.generate()
+        seen |= {row.tobytes() for row in source.layouts.qpos.numpy()}
+    assert len(seen) == 9
+
+
+def test_runs_stop_with_their_script(tmp_path: Path):
+    """The trainers too; a folder in which some are still going is not used twice."""
+    script = Path(train_rsl_rl.__file__).with_name("evidence.sh")
+    fake = tmp_path / "python"
+    fake.write_text(
+        f"#!/bin/bash\ncase $2 in benchmarks.train_rsl_rl) echo $$ >> {tmp_path}/pids; exec sleep 60 ;; esac\n"
+        f'exec {sys.executable} "$@"\n'
+    )
+    fake.chmod(0o755)
+    env = os.environ | {
+        "PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}",
+        "PER_GPU": "2",
+        "KEPT": str(tmp_path / "no"),
+    }
+    words = ["bash", str(script), str(tmp_path / "runs"), "curves"]
+    first = subprocess.Popen(words, cwd=script.parents[1], env=env, stderr=subprocess.DEVNULL)
+    pids = tmp_path / "pids"
+    until = time.monotonic() + 60.0
+    while (not pids.exists() or len(pids.read_text().split()) < 2) and time.monotonic() < until:
+        time.sleep(0.05)
+    second = subprocess.run(words, cwd=script.parents[1], env=env, capture_output=True, text=True, check=False)
+    assert (second.returncode, "is in use" in second.stderr) == (1, True)
+    first.terminate()
+    assert first.wait(20.0) == 143
+    started = [Path("/proc", pid) for pid in pids.read_text().split()]
+    assert len(started) == 2
+    until = time.monotonic() + 20.0
+    while any(process.exists() for process in started) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not any(process.exists() for process in started)
 
 
 def test_runs_that_are_done_go_on_elsewhere(tmp_path: Path):

@@ -36,6 +36,7 @@ def _serve(
     # In:
     mask: wp.array[wp.bool],
     seed: wp.array[wp.uint64],
+    stride: int,
     # Layouts out:
     episode_out: wp.array[int],
     qpos_out: wp.array2d[float],
@@ -51,7 +52,7 @@ def _serve(
     if not mask[worldid]:
         return
     episode = episode_out[worldid] + 1
-    row = int((seed[worldid] + wp.uint64(episode)) % wp.uint64(qpos_in.shape[0]))
+    row = int((seed[worldid] + wp.uint64(episode) * wp.uint64(stride)) % wp.uint64(qpos_in.shape[0]))
     for i in range(qpos_in.shape[1]):
         qpos_out[worldid, i] = qpos_in[row, i]
     for i in range(mocap_pos_in.shape[1]):
@@ -69,30 +70,39 @@ def _serve(
 
 
 class StoredLayouts(StaysHere):
-    """Serves row `((seed + episode) mod 2^64) mod nrow` of a table; a `LayoutSource`, as `LayoutGenerator` is.
+    """Serves row `((seed + stride * episode) mod 2^64) mod nrow` of a table; a `LayoutSource`, as `LayoutGenerator` is.
 
     Args:
         compiled: The scene that the layouts are of.
         table: The layouts. A table of states alone (`LayoutTable.from_states`) has no grasps.
         nworld: Number of worlds.
         seed: World i gets seed + i; a sequence of length nworld is used as it is. 64-bit, not negative.
+        stride: How many rows a world goes on with every episode. With 1, worlds whose seeds follow each other see the
+            same rows one after another; with nworld - 1 they go through a table that is larger than their number.
 
     Attributes:
         layouts: The rows served last, with status VALID once a world has one.
 
     Raises:
         ArgumentTypeError: `compiled` is no CompiledScene, or `table` no LayoutTable.
-        CountError: A number of worlds that is no integer, or out of range.
+        CountError: A number of worlds or a stride that is no integer, or out of range.
         SeedError: A seed that is not a 64-bit integer, or a wrong number of them.
         SceneMismatchError: A table without rows, or of another scene.
     """
 
     def __init__(
-        self, compiled: CompiledScene, table: LayoutTable, nworld: int, *, seed: int | Sequence[int] | np.ndarray = 0
+        self,
+        compiled: CompiledScene,
+        table: LayoutTable,
+        nworld: int,
+        *,
+        seed: int | Sequence[int] | np.ndarray = 0,
+        stride: int = 1,
     ) -> None:
         check_type(compiled, CompiledScene, "StoredLayouts: compiled")
         check_type(table, LayoutTable, "StoredLayouts: table")
         nworld = as_count(nworld, "StoredLayouts: nworld")
+        self._stride = as_count(stride, "StoredLayouts: stride")
         self.layouts = Layouts.create(compiled, nworld)
         _check_table(compiled, table)
         _check_rows(compiled, table)
@@ -123,7 +133,7 @@ class StoredLayouts(StaysHere):
         wp.launch(
             _serve,
             dim=out.nworld,
-            inputs=[*self._stored, self._all if mask is None else mask, out.seed],
+            inputs=[*self._stored, self._all if mask is None else mask, out.seed, self._stride],
             outputs=[
                 out.episode,
                 out.qpos,

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.tools.audit.auditor import Auditor
@@ -50,6 +51,12 @@ def test_the_docstring_lists_what_is_observed(compiled):
     assert made.max_episode_steps == 200
     hints = [("touching", (2,)), ("held", (1,)), ("moved", (11,)), ("target_velocity", (6,))]
     check_stated(ClutterExtract, made, [*hints, ("others_velocity", (11, 6)), ("clear_side", (7,))])
+
+
+def test_more_things_than_slots_are_refused():
+    """What had no slot would neither be seen, nor counted where it is moved."""
+    with pytest.raises(ArgumentError, match=r"up to 12 things beside the peg can be present .* there are 11 slots"):
+        gymnasium.make_vec(ENV_ID, num_envs=1, overrides={"groups.around.count": [3, 8], "bank": 8})
 
 
 def test_two_of_five_to_eleven_others_are_within_3_cm(compiled):
