@@ -4,10 +4,11 @@
 
 Prints the success on layouts that were not trained on, by the last evaluation of each run: for each kind of run the
 mean and the range over the seeds, and the Wilson interval over all layouts of all seeds; when an evaluation first
-reached what is asked of the task; and success over density: by the number of things that are present, and by how near
-the nearest of them is to the target, in four parts of about as many layouts. The interval is that of these policies on
-any layouts; what another seed of training would give, the range tells. A run that has not been evaluated yet is left
-out. Runs of different sources, and comparisons of a task that differ in more than seed and layouts, are refused.
+reached what is asked of the task; and success over density: by the number of other things that are present, and by how
+near the nearest of them is to the target, in four parts of about as many layouts. The interval is that of these
+policies on any layouts; what another seed of training would give, the range tells. A run that has not been evaluated
+yet is left out. Runs of different sources, and comparisons of a task that differ in more than seed and layouts, are
+refused.
 """
 
 from __future__ import annotations
@@ -172,7 +173,7 @@ def by_density(runs: Sequence[Run]) -> str:
             [value for one in each for value in one[key]] for key in ("success", "things", "nearest")
         )
         counts = sorted(set(things))
-        parts = [(f"{count} things", [n == count for n in things]) for count in counts if len(counts) > 1]
+        parts = [(f"{count} other things", [n == count for n in things]) for count in counts if len(counts) > 1]
         parts += [
             (f"nearest at {low} to {high} mm", [d is not None and low <= d < high for d in nearest])
             for low, high in _quarters([run for run in runs if run.task == task])

@@ -4,8 +4,8 @@
 
 loads `model.pt` of the folder, runs the first episodes of 4,096 valid layouts of the split "eval" with the
 deterministic policy, takes success at the last step, and prints the share with its Wilson interval. `--out` writes the
-same, and for every layout whether it was a success, how many things are present and how near the nearest of them is.
-Then the same on layouts that are placed uniformly without checks. What a training wrote stays as it is.
+same, and for every layout whether it was a success, how many other things are present and how near the nearest of them
+is. Then the same on layouts that are placed uniformly without checks. What a training wrote stays as it is.
 """
 
 from __future__ import annotations
@@ -33,8 +33,13 @@ EVAL_SEED = 7 * SEED_SPACING
 SPARE = 16
 """A judge has this part of its worlds more: layouts from the bank, of worlds that run out of restarts, do not count."""
 
-TARGETS = {"ClutterExtract-v0": "target", "ClutterPush-v0": "tin", "DrawerPick-v0": "banana"}
-"""What a task is about, the middle of its clutter."""
+TARGETS = {
+    "ClutterExtract-v0": ("target",),
+    "ClutterPush-v0": ("tin",),
+    "DrawerPick-v0": ("banana",),
+    "TabletopLift-v0": ("block", "can", "lemon"),
+}
+"""What a task is about, the middle of its clutter; where it is one of several, in the order of the task's `chosen`."""
 
 
 def judges_of(task: str, layouts: int, device: str | None, **kwargs: Any) -> dict[str, RslRlVecEnv]:
@@ -47,19 +52,26 @@ def judges_of(task: str, layouts: int, device: str | None, **kwargs: Any) -> dic
     return made
 
 
-def density(task: str, s: State) -> tuple[Tensor, Tensor]:
-    """Return how many free objects are present, and how far the nearest is from the task's target [m]; (num_envs,).
+def density(task: str, s: State, chosen: Tensor) -> tuple[Tensor, Tensor]:
+    """Return how many other free objects are present, and how far the nearest is from the target [m]; (num_envs,).
 
-    The distance is between the middles of both, seen from above, and infinite where a task has no single target.
+    The distance is between the middles of both, seen from above, and infinite where a task is not in TARGETS.
+
+    Args:
+        task: An id of this package without its namespace.
+        s: The worlds.
+        chosen: 1 for the target, of those in TARGETS, else 0; shape (num_envs, number of targets).
     """
     names = [name for name, part in s.scene.config.objects.items() if part.kind == "free"]
     present = s.present(names)
     if task not in TARGETS:
         return present.sum(dim=1), torch.full((s.num_envs,), torch.inf, device=s.device)
-    others = [name for name in names if name != TARGETS[task]]
-    flat = s.poses(others)[:, :, :2] - s.pose(TARGETS[task])[:, None, :2]
-    away = torch.where(s.present(others), flat.norm(dim=2), torch.inf)
-    return present.sum(dim=1), away.amin(dim=1)
+    is_target = torch.zeros_like(present)
+    is_target[:, [names.index(name) for name in TARGETS[task]]] = chosen > 0
+    flat = s.poses(names)[:, :, :2]
+    away = (flat - (flat * is_target[:, :, None]).sum(dim=1, keepdim=True)).norm(dim=2)
+    others = present & ~is_target
+    return others.sum(dim=1), torch.where(others, away, torch.inf).amin(dim=1)
 
 
 @torch.inference_mode()
@@ -69,15 +81,15 @@ def judge(policy: Any, env: RslRlVecEnv, task: str, layouts: int, seed: int = EV
     Returns:
         `layouts`, how many there were; `success`, the share of those that ended in one, with `interval`; `return`, the
         mean sum of rewards; `unfinished`; `by_choice`, the success for each object of a task that chooses one; and
-        `each`: `success`, `things` and `nearest` [mm] of every layout.
+        `each`: `success`, `things`, how many others there are, and `nearest` [mm] of every layout.
     """
     obs, _ = env.reset(seed=seed)
     s = env.unwrapped.state
     fresh = s.layout_status == Status.VALID
     counted = fresh & (fresh.cumsum(dim=0) <= layouts)
-    things, nearest = density(task, s)
     chosen = getattr(env.unwrapped.task, "chosen", None)
     chosen = torch.ones(env.num_envs, 1, device=env.device) if chosen is None else chosen.clone()
+    things, nearest = density(task, s, chosen)
     running = counted.clone()
     success, total = torch.zeros_like(running), torch.zeros(env.num_envs, device=env.device)
     for _ in range(env.max_episode_length):

@@ -25,6 +25,7 @@ from benchmarks import (
     curves,
     honest_resets,
     intervals,
+    judging,
     layout_sources,
     physics_options,
     reset_cost,
@@ -302,6 +303,24 @@ def test_placement_without_checks_rejects_nothing():
     assert not any(any(causes.values()) for causes in generator.rejection_counts().values())
 
 
+def test_density_is_about_the_target_that_is_chosen():
+    """How many others there are and how near the nearest is, against the qpos of each; itself does not count."""
+    compiled = compile_scene(SceneConfig.load("tabletop_lift", {"bank": 8}), "cpu")
+    envs = task_scenes.make_env("TabletopLift-v0", 6, compiled)
+    envs.reset(seed=3)
+    chosen = envs.task.chosen
+    assert chosen.sum(dim=0).count_nonzero() > 1
+    things, nearest = judging.density("TabletopLift-v0", envs.state, chosen)
+    qpos, names = envs.batch.data.qpos.numpy(), ("block", "can", "lemon", "tin", "orange")
+    at = [compiled.mjm.joint(f"{name}/free").qposadr[0] for name in names]
+    for world in range(6):
+        target, *_ = np.flatnonzero(chosen[world].numpy())
+        flat = np.array([qpos[world, a : a + 2] for a in at])
+        away = np.delete(np.linalg.norm(flat - flat[target], axis=1), target)
+        assert int(things[world]) == 4
+        assert float(nearest[world]) == pytest.approx(away.min(), abs=1e-5)
+
+
 NEAREST = [50] * 8 + [60] * 8 + [70] * 8 + [80] * 6 + [None] * 10
 
 
@@ -339,7 +358,7 @@ def test_tables_and_picture_are_made_of_the_seeds_that_are_there(tmp_path: Path)
     ]
     assert [run.name for run in runs if not run.compared] == ["long"]
     dense = curves.by_density([run for run in runs if run.kind == "uniform"])
-    assert "| uniform | 5 things | 15 of 20 | 75.0% | 53.1% to 88.8% |" in dense
+    assert "| uniform | 5 other things | 15 of 20 | 75.0% | 53.1% to 88.8% |" in dense
     for part in ("50 to 60 mm | 8 of 8", "60 to 70 mm | 8 of 8", "70 to 81 mm | 14 of 14"):
         assert f"| uniform | nearest at {part} | 100.0% |" in dense
     curves.draw(runs, tmp_path / "all.png")

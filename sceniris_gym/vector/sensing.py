@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import Any
 
 import torch
@@ -25,8 +26,8 @@ class Sensing:
     """How the group `policy` is sensed. All of it depends on a world's seed, episode and step alone, like its layout.
 
     Attributes:
-        noise: Standard deviation of Gaussian noise, by the name of an observation, in its unit. What is exactly 0, such
-            as the slot of an absent object, stays so.
+        noise: Standard deviation of Gaussian noise, by the name of an observation, in its unit. A row of a table, shape
+            (rows, columns), that is 0 throughout stays so: the slot of an absent object.
         delay: Least and greatest delay [control steps], drawn uniformly for each episode. Until so much time has
             passed, the first observation is what is seen.
         dropout: Chance in each step that an observation is the one before again; each name by itself.
@@ -34,6 +35,7 @@ class Sensing:
 
     Raises:
         ArgumentError: A standard deviation or delay below 0, or a chance outside of [0, 1).
+        ArgumentTypeError: What is no mapping of numbers, no pair, no number, or no names.
     """
 
     noise: Mapping[str, float] = field(default_factory=dict)
@@ -42,9 +44,17 @@ class Sensing:
     late: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
+        if not (isinstance(self.noise, Mapping) and all(map(_is_number, self.noise.values()))):
+            raise ArgumentTypeError(f"sensing: noise should map names to numbers, got {self.noise!r}.")
         for name, deviation in self.noise.items():
             if not deviation >= 0.0:
                 raise ArgumentError(f"sensing: the noise of '{name}' should be 0 or more, got {deviation!r}.")
+        if not (isinstance(self.delay, tuple) and len(self.delay) == 2):
+            raise ArgumentTypeError(f"sensing: delay should be a pair (low, high), got {self.delay!r}.")
+        if not _is_number(self.dropout):
+            raise ArgumentTypeError(f"sensing: dropout should be a number, got {self.dropout!r}.")
+        if not (self.late is None or (isinstance(self.late, tuple) and all(isinstance(n, str) for n in self.late))):
+            raise ArgumentTypeError(f"sensing: late should be a list of names or None, got {self.late!r}.")
         low, high = self.delay
         if not (isinstance(low, int) and isinstance(high, int) and 0 <= low <= high):
             raise ArgumentError(f"sensing: delay should be (low, high) with 0 <= low <= high, got {self.delay!r}.")
@@ -69,9 +79,20 @@ def as_sensing(value: Any) -> Sensing | None:
             raise UnknownNameError("attribute", str(key), "sensing", Sensing.__dataclass_fields__)
     given: dict[str, Any] = dict(value)
     for key in ("delay", "late"):
-        if given.get(key) is not None:
+        if isinstance(given.get(key), list):
             given[key] = tuple(given[key])
     return Sensing(**given)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def _there(values: Tensor) -> Tensor:
+    """Return what takes noise: all but the rows of a table that are 0 throughout, since nothing is in them."""
+    if values.ndim < 3:
+        return torch.ones_like(values, dtype=torch.bool)
+    return (values != 0.0).any(dim=-1, keepdim=True).expand_as(values)
 
 
 class Sensors:
@@ -117,18 +138,19 @@ class Sensors:
         """Return the observation with the group `policy` as it is sensed."""
         seen = observation[POLICY]
         exact = torch.cat([values.reshape(len(values), -1).float() for values in seen.values()], dim=1)
-        sensed = self._dropped(s, self._delayed(s, self._noisy(s, exact)))
+        there = torch.cat([_there(values).reshape(len(values), -1) for values in seen.values()], dim=1)
+        sensed = self._dropped(s, self._delayed(s, self._noisy(s, exact, there)))
         pieces = sensed.split([values[0].numel() for values in seen.values()], dim=1)
         shaped = (piece.reshape(values.shape) for piece, values in zip(pieces, seen.values(), strict=True))
         return {**observation, POLICY: dict(zip(seen, shaped, strict=True))}
 
-    def _noisy(self, s: State, exact: Tensor) -> Tensor:
+    def _noisy(self, s: State, exact: Tensor, there: Tensor) -> Tensor:
         if not self.sensing.noise:
             return exact
         # Box and Muller: 1 - u is never 0
         u, v = s.random(2 * exact.shape[1], stream=NOISE).chunk(2, dim=1)
         noise = (-2.0 * torch.log1p(-u)).sqrt() * (2.0 * torch.pi * v).cos()
-        return exact + self._deviation * noise * (exact != 0.0)
+        return exact + self._deviation * noise * there
 
     def _delayed(self, s: State, now: Tensor) -> Tensor:
         low, high = self.sensing.delay

@@ -18,7 +18,7 @@ SCENE = {"floor": {"size": [1.0, 1.0]}, "objects": {"can": {"asset": "can", "on"
 
 
 class Clock(Task):
-    """Observes the time, a constant, and nothing."""
+    """Observes the time, and a table with nothing in its first row."""
 
     scene = "mid"
     action_size = 1
@@ -27,9 +27,10 @@ class Clock(Task):
         """Do nothing."""
 
     def observe(self, s: State) -> Observation:
-        """Return the steps so far from 1 on, as one and as two numbers."""
+        """Return the steps so far from 1 on, as one, as two numbers, and in a table; and a 0 of its own."""
         steps = s.elapsed[:, None] + 1.0
-        seen = {"time": steps, "two": torch.cat([steps, 2.0 * steps], dim=1), "none": torch.zeros_like(steps)}
+        rows = torch.stack([torch.zeros(s.num_envs, 2), torch.cat([steps, 0.0 * steps], dim=1)], dim=1)
+        seen = {"time": steps, "two": torch.cat([steps, 2.0 * steps], dim=1), "rows": rows, "zero": 0.0 * steps}
         return {"policy": seen, "critic": seen}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
@@ -47,7 +48,7 @@ def make(sensing: Any, num_envs: int = 8, **kwargs: Any) -> SceneVectorEnv:
 
 
 def run(envs: SceneVectorEnv, steps: int, seed: int = 5) -> tuple[Tensor, Tensor]:
-    """Return both groups of all steps, each (steps + 1, num_envs, 4)."""
+    """Return both groups of all steps, each (steps + 1, num_envs, 8)."""
     seen = [envs.reset(seed=seed)[0]]
     seen += [envs.step(torch.zeros(envs.num_envs, 1))[0] for _ in range(steps)]
     policy, critic = (torch.stack([each[group] for each in seen]) for group in ("policy", "critic"))
@@ -55,13 +56,14 @@ def run(envs: SceneVectorEnv, steps: int, seed: int = 5) -> tuple[Tensor, Tensor
 
 
 def test_noise_is_gaussian_of_the_given_deviation_and_spares_what_is_masked():
-    """Mean and deviation of 64 worlds' noise; zeros stay zeros, and the critic sees exact values."""
-    policy, critic = run(make({"noise": {"time": 0.1, "none": 0.3}}, 64), 200)
-    noise = (policy - critic)[:, :, 0]
-    assert abs(float(noise.mean())) < 0.004
-    assert float(noise.std()) == pytest.approx(0.1, rel=0.03)
-    assert float((noise.abs() < 0.1).float().mean()) == pytest.approx(0.683, abs=0.015)
-    assert torch.equal(policy[:, :, 1:], critic[:, :, 1:])
+    """Mean and deviation of 64 worlds' noise, also where the value is 0; rows of zeros stay so."""
+    policy, critic = run(make({"noise": {"time": 0.1, "rows": 0.1, "zero": 0.1}}, 64), 200)
+    for place in (0, 5, 6, 7):
+        noise = (policy - critic)[:, :, place]
+        assert abs(float(noise.mean())) < 0.004
+        assert float(noise.std()) == pytest.approx(0.1, rel=0.03)
+        assert float((noise.abs() < 0.1).float().mean()) == pytest.approx(0.683, abs=0.015)
+    assert torch.equal(policy[:, :, 1:5], critic[:, :, 1:5])
     steps = torch.arange(1.0, 202.0)[:, None].expand(-1, 64)
     assert torch.equal(critic[:, :, 0], steps)
 
@@ -126,8 +128,16 @@ def test_wrong_values_are_named():
     ):
         with pytest.raises(ArgumentError, match=text):
             as_sensing(value)
-    with pytest.raises(ArgumentTypeError, match="a Sensing, a mapping"):
-        as_sensing(0.1)
+    for other, text in (
+        (0.1, "a Sensing, a mapping"),
+        ({"noise": 0.01}, "noise should map names to numbers"),
+        ({"noise": {"time": "a lot"}}, "noise should map names to numbers"),
+        ({"delay": 2}, "delay should be a pair"),
+        ({"dropout": "x"}, "dropout should be a number"),
+        ({"late": "time"}, "late should be a list of names"),
+    ):
+        with pytest.raises(ArgumentTypeError, match=text):
+            as_sensing(other)
     with pytest.raises(UnknownNameError, match="unknown attribute 'delays'"):
         as_sensing({"delays": (0, 1)})
     with pytest.raises(UnknownNameError, match="unknown observation 'tim'"):
