@@ -308,7 +308,8 @@ def test_density_is_about_the_target_that_is_chosen():
     compiled = compile_scene(SceneConfig.load("tabletop_lift", {"bank": 8}), "cpu")
     envs = task_scenes.make_env("TabletopLift-v0", 6, compiled)
     envs.reset(seed=3)
-    chosen = envs.task.chosen
+    task: Any = envs.task
+    chosen = task.chosen
     assert chosen.sum(dim=0).count_nonzero() > 1
     things, nearest = judging.density("TabletopLift-v0", envs.state, chosen)
     qpos, names = envs.batch.data.qpos.numpy(), ("block", "can", "lemon", "tin", "orange")
@@ -378,9 +379,9 @@ def test_comparisons_of_other_lengths_are_not_mixed(tmp_path: Path):
 
 def test_a_bank_has_layouts_and_is_not_uniform():
     """Refused before anything is compiled."""
-    for options in ({"bank": 0}, {"bank": -3}, {"bank": 4, "uniform": True}):
+    for bank, uniform in ((0, False), (-3, False), (4, True)):
         with pytest.raises(SystemExit, match="--bank takes 1 or more layouts"):
-            train_rsl_rl.Run(train_rsl_rl.Options("TabletopReach-v0", **options))
+            train_rsl_rl.Run(train_rsl_rl.Options("TabletopReach-v0", bank=bank, uniform=uniform))
 
 
 def test_a_bank_larger_than_the_worlds_is_served_whole(compiled: CompiledScene):
