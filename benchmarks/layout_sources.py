@@ -47,6 +47,11 @@ def home_rows(compiled: CompiledScene, seed: int) -> LayoutTable:
 
 
 def replayed(table: LayoutTable) -> Callable[[CompiledScene, int], StoredLayouts]:
+    """Return a `layout_source` for SceneVectorEnv: a world with seed s gets row s + episode, modulo the row count."""
+    return lambda compiled, num_envs: StoredLayouts(compiled, table, num_envs)
+
+
+def bank(table: LayoutTable) -> Callable[[CompiledScene, int], StoredLayouts]:
     """Return a `layout_source` for SceneVectorEnv that serves all rows of a table, also of one larger than the worlds.
 
     Of n worlds one with seed s gets row s + (n - 1) * episode, modulo the row count: where worlds have seeds one after

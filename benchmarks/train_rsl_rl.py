@@ -224,7 +224,7 @@ class Run:
         seed = (1 + options.seed) * 16 * SEED_SPACING
         generator = None
         if options.bank:
-            generator = layout_sources.replayed(layout_sources.valid_rows(compiled, options.bank, seed))
+            generator = layout_sources.bank(layout_sources.valid_rows(compiled, options.bank, seed))
         elif options.uniform:
             generator = layout_sources.uniform()
         self.env = RslRlVecEnv(make_env(options.task, options.num_envs, compiled, layout_source=generator), seed)

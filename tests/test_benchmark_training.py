@@ -53,7 +53,7 @@ def test_a_bank_holds_valid_layouts_and_is_replayed_in_turn(compiled: CompiledSc
     rows = layout_sources.valid_rows(compiled, 7, seed=100)
     assert rows.qpos.shape == (7, compiled.mjm.nq)
     assert len(np.unique(rows.qpos, axis=0)) == 7
-    generator = layout_sources.replayed(rows)(compiled, 3)
+    generator = layout_sources.bank(rows)(compiled, 3)
     generator.reseed([1, 2, 3])
     for episode in range(4):
         generator.generate()
@@ -387,7 +387,7 @@ def test_a_bank_has_layouts_and_is_not_uniform():
 def test_a_bank_larger_than_the_worlds_is_served_whole(compiled: CompiledScene):
     """Four worlds go through nine rows in three episodes."""
     rows = layout_sources.valid_rows(compiled, 9, seed=100)
-    source, seen = layout_sources.replayed(rows)(compiled, 4), set()
+    source, seen = layout_sources.bank(rows)(compiled, 4), set()
     source.reseed([5, 6, 7, 8])
     for _ in range(3):
         source.generate()
