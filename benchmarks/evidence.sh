@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
-# The training runs of RESULTS.md: benchmarks/evidence.sh FOLDER [PART]. PART is `figures` (does fresh training reach what
-# it should, in time: one run on each GPU), `curves` (banks of layouts, fresh ones and uniform placement, of equal steps:
-# four runs on each GPU), `resets` (what resets cost, and whether they are honest), `keep` or `all`. Stop it at any time,
-# and its runs stop with it; run again, it resumes. A folder that is in use, and results of other sources, steps, worlds
-# or layouts than the present ones, are refused. DrawerPick has no runs of uniform placement: there nothing is ever
-# rejected. `keep` puts what tables and picture
-# need of the runs that are done into an archive; a new folder begins with those, so that another machine can go on.
+# The training runs of RESULTS.md: benchmarks/evidence.sh FOLDER [PART]. PART is `figures` (does fresh training reach
+# what it should, in time: one run on each GPU), `curves` (banks of layouts, fresh ones and uniform placement, of equal
+# steps: four runs on each GPU), `resets` (what resets cost, and whether they are honest), `keep` or `all`. Stop it at
+# any time, and its runs stop with it; run again, it resumes. A folder that is in use, and results of other sources,
+# steps, worlds or layouts than the present ones, are refused. DrawerPick has no runs of uniform placement: there
+# nothing is ever rejected. `keep` puts what tables and picture need of the runs that are done into an archive; a new
+# folder begins with those, so that another machine can go on.
 #
 # From the environment, for small trials: DEVICE (cuda:0), WORLDS (4096), LAYOUTS (4096), PER_GPU (4), SEEDS ("0 1 2"),
 # KEPT, the archive (benchmarks/training_runs.tar.xz), and STEPS, which replaces the millions of steps of every task.

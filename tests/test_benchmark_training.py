@@ -49,6 +49,19 @@ def compiled() -> CompiledScene:
 
 
 def test_a_bank_holds_valid_layouts_and_is_replayed_in_turn(compiled: CompiledScene):
+    """World with seed s gets row s + episode; two rows of one bank are two layouts."""
+    rows = layout_sources.valid_rows(compiled, 3, seed=100)
+    assert rows.qpos.shape == (3, compiled.mjm.nq)
+    assert len(np.unique(rows.qpos, axis=0)) == 3
+    generator = layout_sources.replayed(rows)(compiled, 2)
+    generator.reseed([1, 2])
+    for episode in range(4):
+        generator.generate()
+        expected = rows.qpos[[(1 + episode) % 3, (2 + episode) % 3]]
+        np.testing.assert_array_equal(generator.layouts.qpos.numpy(), expected)
+
+
+def test_a_bank_for_training_goes_on_by_the_number_of_worlds(compiled: CompiledScene):
     """Of three worlds one with seed s gets row s + 2 * episode; two rows of one bank are two layouts."""
     rows = layout_sources.valid_rows(compiled, 7, seed=100)
     assert rows.qpos.shape == (7, compiled.mjm.nq)

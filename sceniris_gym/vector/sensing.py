@@ -138,15 +138,15 @@ class Sensors:
         """Return the observation with the group `policy` as it is sensed."""
         seen = observation[POLICY]
         exact = torch.cat([values.reshape(len(values), -1).float() for values in seen.values()], dim=1)
-        there = torch.cat([_there(values).reshape(len(values), -1) for values in seen.values()], dim=1)
-        sensed = self._dropped(s, self._delayed(s, self._noisy(s, exact, there)))
+        sensed = self._dropped(s, self._delayed(s, self._noisy(s, exact, seen)))
         pieces = sensed.split([values[0].numel() for values in seen.values()], dim=1)
         shaped = (piece.reshape(values.shape) for piece, values in zip(pieces, seen.values(), strict=True))
         return {**observation, POLICY: dict(zip(seen, shaped, strict=True))}
 
-    def _noisy(self, s: State, exact: Tensor, there: Tensor) -> Tensor:
+    def _noisy(self, s: State, exact: Tensor, seen: Mapping[str, Tensor]) -> Tensor:
         if not self.sensing.noise:
             return exact
+        there = torch.cat([_there(values).reshape(len(values), -1) for values in seen.values()], dim=1)
         # Box and Muller: 1 - u is never 0
         u, v = s.random(2 * exact.shape[1], stream=NOISE).chunk(2, dim=1)
         noise = (-2.0 * torch.log1p(-u)).sqrt() * (2.0 * torch.pi * v).cos()
