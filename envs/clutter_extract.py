@@ -49,9 +49,6 @@ SLOTS = 11
 
 FINGERS = ("panda/left_finger", "panda/right_finger")
 
-OPENED = 0.05
-"""Distance between the fingers with which they come down on both sides of the peg [m]; it is 40 mm wide."""
-
 GRASP_HEIGHT = 0.035
 """How high over its underside the peg is grasped [m]; the hand is 37 mm over the TCP."""
 
@@ -118,17 +115,15 @@ class ClutterExtract(Task):
     axes and the larger of them [m]).
 
     Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, how near the
-    tool is to the grasp, or to the funnel above it, down which it should come once it is turned; up to 0.7 less with
-    fingers that are too close to each other to come down), `aligning` (0 to 1, over the peg, how well the fingers close
-    in the direction with more room), `grasping` (up to 2 where both fingers touch the peg, by how well they are aligned
-    and how near the tool is to the grasp), `lifting` (0 to 4, by the root of the share of the way up, while both
-    touch), `holding` (5 while it is up and both touch), `disturbing` (minus a quarter of the sum of the others' speeds
-    in m/s, and half of the largest share in `moved`, -0.75 at the lowest) and `effort` (-0.05 times the mean square of
-    the action). The more is moved, the less `lifting` and `holding` count, down to a fifth. Success means that the peg
-    is 10 cm or more over the table and touched by both fingers at the end of 26 steps in a row, 0.5 s from the first to
-    the last, and that no other thing is more than 2 cm from where it was, or tilted by more than 0.5 rad. It is judged
-    at the last step. The episode terminates when the peg has fallen off the table, and is truncated after 200 steps (4
-    s).
+    tool is to the grasp, or to the funnel above it), `aligning` (0 to 1, over the peg, how well the fingers close in
+    the direction with more room), `grasping` (up to 2 where both fingers touch the peg, by how near the tool is to the
+    grasp), `lifting` (0 to 4, by the root of the share of the way up, while both touch), `holding` (5 while it is up
+    and both touch), `disturbing` (minus a quarter of the sum of the others' speeds in m/s, and half of the largest
+    share in `moved`, -0.75 at the lowest) and `effort` (-0.05 times the mean square of the action). The more is moved,
+    the less `lifting` and `holding` count, down to a fifth. Success means that the peg is 10 cm or more over the table
+    and touched by both fingers at the end of 26 steps in a row, 0.5 s from the first to the last, and that no other
+    thing is more than 2 cm from where it was, or tilted by more than 0.5 rad. It is judged at the last step. The
+    episode terminates when the peg has fallen off the table, and is truncated after 200 steps (4 s).
     """
 
     scene = "clutter_extract"
@@ -210,14 +205,12 @@ class ClutterExtract(Task):
         away = s.pose("target")[:, :3] - tool
         aside = away[:, :2].norm(dim=1)
         aligned = 0.5 + 0.5 * self._turn(s).cos()
-        # a funnel: the further aside, or turned away, the higher the tool should be
-        over = torch.maximum(1.5 * (aside - 0.01), 0.15 * (0.95 - aligned)).clamp(0.0, 0.12)
+        # a funnel: the further aside, the higher the tool should be
+        over = (1.5 * (aside - 0.01)).clamp(0.0, 0.12)
         below = away[:, 2] + GRASP_HEIGHT
         distance = torch.hypot(aside, below + over)
         # fingers that press on the peg from above touch it too
-        around = torch.exp(-(torch.hypot(aside, below) / 0.025).square())
-        # nor can they go any further down before they are opened
-        entry = torch.maximum((self.arm.width(s) / OPENED).clamp(max=1.0), around)
+        around = torch.exp(-(torch.hypot(aside, below) / 0.03).square())
         grasped = self.touching(s).prod(dim=1)
         up = grasped * (height >= LIFTED)
         self.held.copy_((self.held + 1.0) * up)
@@ -225,11 +218,11 @@ class ClutterExtract(Task):
         left = 1.0 - 0.8 * worst
         speeds = (self._gather(s.velocities(OTHERS))[:, :, :3].norm(dim=2) * self.filled).sum(dim=1)
         wide, narrow = torch.exp(-((distance / 0.08) ** 2)), torch.exp(-((distance / 0.025) ** 2))
-        near = 0.3 * (1.0 - torch.tanh(4.0 * distance)) + entry * (0.3 * wide + 0.4 * narrow)
+        near = 0.3 * (1.0 - torch.tanh(4.0 * distance)) + 0.3 * wide + 0.4 * narrow
         return {
             "reaching": s.dt * near,
             "aligning": s.dt * aligned * torch.exp(-((aside / 0.08) ** 2)),
-            "grasping": 2.0 * s.dt * grasped * aligned * around,
+            "grasping": 2.0 * s.dt * grasped * around,
             "lifting": 4.0 * s.dt * grasped * left * (height / LIFTED).clamp(0.0, 1.0).sqrt(),
             "holding": 5.0 * s.dt * up * left,
             "disturbing": -s.dt * (0.25 * speeds.clamp(max=1.0) + 0.5 * worst),

@@ -33,7 +33,7 @@ ENVS = {  # id -> keyword arguments of gymnasium.register
         "kwargs": {
             "task": "sceniris_gym.envs.clutter_extract:ClutterExtract",
             "nconmax": 128,
-            "njmax": 384,
+            "njmax": 512,
             "nvmax": 81,  # the arm's 9, and 6 for the peg and each of the 11 others that are present at most
         },
         "max_episode_steps": 200,
