@@ -5,16 +5,26 @@
 # any time, and its runs stop with it; run again, it resumes. A folder that is in use, and results of other sources,
 # steps, worlds or layouts than the present ones, are refused. DrawerPick has no runs of uniform placement: there
 # nothing is ever rejected. `keep` puts what tables and picture need of the runs that are done into an archive; a new
-# folder begins with those, so that another machine can go on.
+# folder begins with those, so that another machine can go on. The script ends with 1 if a run failed.
 #
-# From the environment, for small trials: DEVICE (cuda:0), WORLDS (4096), LAYOUTS (4096), PER_GPU (4), SEEDS ("0 1 2"),
-# KEPT, the archive (benchmarks/training_runs.tar.xz), and STEPS, which replaces the millions of steps of every task.
+# From the environment: CUDA_VISIBLE_DEVICES, the GPUs to use (all), PER_GPU (4), and KEPT, the archive
+# (benchmarks/training_runs.tar.xz). For small trials DEVICE (cuda:0), WORLDS (4096), LAYOUTS (4096), SEEDS ("0 1 2"), and
+# STEPS, which replaces the millions of steps of every task.
 set -euo pipefail
 export out=${1:?a folder for the results}
 part=${2:-all}
+case $part in
+  figures | curves | resets | keep | all) ;;
+  *)
+    echo "There is no part '$part'. Give figures, curves, resets, keep or all." >&2
+    exit 2
+    ;;
+esac
 export device=${DEVICE:-cuda:0}
-gpus=$({ nvidia-smi -L 2> /dev/null || true; } | wc -l)
-export gpus=$((gpus > 0 ? gpus : 1))
+there=$({ nvidia-smi -L 2> /dev/null || true; } | wc -l)
+export cards=${CUDA_VISIBLE_DEVICES:-$(seq -s , 0 $((there > 0 ? there - 1 : 0)))}
+gpus=$(tr , '\n' <<< "$cards" | wc -l)
+export gpus
 common="--num-envs ${WORLDS:-4096} --layouts ${LAYOUTS:-4096} --device $device"
 seeds=${SEEDS:-0 1 2}
 kept=${KEPT:-benchmarks/training_runs.tar.xz}
@@ -43,6 +53,7 @@ if [ ! -e "$out/sources" ] && [ -e "$kept" ]; then
   fi
 fi
 [ -e "$out/sources" ] || echo "$sources" > "$out/sources"
+rm -f "$out/failed"
 if [ "$(cat "$out/sources")" != "$sources" ]; then
   echo "$out has results of other sources ($(cat "$out/sources"), now $sources). Give another folder." >&2
   exit 1
@@ -52,7 +63,7 @@ train() { # a slot, a folder, then options
   local slot=$1 folder=$out/$2
   shift 2
   [ -e "$folder/done" ] && return
-  CUDA_VISIBLE_DEVICES=$((slot % gpus)) python -m benchmarks.train_rsl_rl "$@" --out "$folder" --resume \
+  CUDA_VISIBLE_DEVICES=$(cut -d , -f $((slot % gpus + 1)) <<< "$cards") python -m benchmarks.train_rsl_rl "$@" --out "$folder" --resume \
     > "$folder.txt" 2>&1 < /dev/null && touch "$folder/done"
 }
 export -f train
@@ -62,7 +73,7 @@ run() {
   "$2" > "$out/lines"
   # a group of its own, which is stopped as a whole
   setsid xargs -a "$out/lines" -P "$(($1 * gpus))" -L 1 --process-slot-var=SLOT \
-    bash -c 'train "$SLOT" "$@" || echo "failed: $1, see its .txt" >&2' _ &
+    bash -c 'train "$SLOT" "$@" || { echo "failed: $1, see its .txt" >&2; touch "$out/failed"; }' _ &
   workers=$!
   wait "$workers"
   workers=
@@ -127,3 +138,6 @@ case $part in
 esac
 case $part in keep) keep ;; esac
 python -m benchmarks.curves "$out" --picture "$out/training.png" | tee "$out/table.md"
+if [ -e "$out/failed" ]; then
+  exit 1
+fi

@@ -440,6 +440,34 @@ def test_runs_stop_with_their_script(tmp_path: Path):
     assert not any(process.exists() for process in started)
 
 
+def test_a_run_that_fails_is_told_of(tmp_path: Path):
+    """Each runs on a GPU out of those that the environment allows; the script goes on, and ends with 1."""
+    script = Path(train_rsl_rl.__file__).with_name("evidence.sh")
+    fake = tmp_path / "python"
+    fake.write_text(
+        f"#!/bin/bash\ncase $2 in benchmarks.train_rsl_rl) echo $CUDA_VISIBLE_DEVICES >> {tmp_path}/cards; "
+        'case "$*" in *"--seed 1"*) exit 3 ;; esac; while [ $1 != --out ]; do shift; done; mkdir -p $2; exit ;; esac\n'
+        f'exec {sys.executable} "$@"\n'
+    )
+    fake.chmod(0o755)
+    path = f"{tmp_path}{os.pathsep}{os.environ['PATH']}"
+    env = os.environ | {"PATH": path, "SEEDS": "0 1", "CUDA_VISIBLE_DEVICES": "3,5", "KEPT": str(tmp_path / "no")}
+
+    def evidence(part: str) -> subprocess.CompletedProcess:
+        words = ["bash", str(script), str(tmp_path / "runs"), part]
+        return subprocess.run(words, cwd=script.parents[1], env=env, capture_output=True, text=True, check=False)
+
+    wrong = evidence("curve")
+    assert (wrong.returncode, "There is no part 'curve'. Give figures" in wrong.stderr) == (2, True)
+    ended = evidence("curves")
+    assert ended.returncode == 1
+    told = [line for line in ended.stderr.splitlines() if line.startswith("failed: clutterextract_fresh")]
+    assert told == ["failed: clutterextract_fresh_1, see its .txt"]
+    assert set((tmp_path / "cards").read_text().split()) == {"3", "5"}
+    env["SEEDS"] = "0"
+    assert evidence("curves").returncode == 0
+
+
 def test_runs_that_are_done_go_on_elsewhere(tmp_path: Path):
     """A new folder begins with them, without their networks; it takes nothing over from other sources."""
     kept, script = tmp_path / "kept.tar.xz", Path(train_rsl_rl.__file__).with_name("evidence.sh")
