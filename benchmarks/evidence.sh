@@ -60,10 +60,11 @@ if [ "$(cat "$out/sources")" != "$sources" ]; then
 fi
 
 train() { # a slot, a folder, then options
-  local slot=$1 folder=$out/$2
+  local card folder=$out/$2
+  card=$(cut -d , -f $(($1 % gpus + 1)) <<< "$cards")
   shift 2
   [ -e "$folder/done" ] && return
-  CUDA_VISIBLE_DEVICES=$(cut -d , -f $((slot % gpus + 1)) <<< "$cards") python -m benchmarks.train_rsl_rl "$@" --out "$folder" --resume \
+  CUDA_VISIBLE_DEVICES=$card python -m benchmarks.train_rsl_rl "$@" --out "$folder" --resume \
     > "$folder.txt" 2>&1 < /dev/null && touch "$folder/done"
 }
 export -f train

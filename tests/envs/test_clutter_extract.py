@@ -206,6 +206,8 @@ def test_terms_of_the_reward(envs, monkeypatch):
     place(envs, nearest(envs, 0), 0, [0.01, 0.0, 0.0])
     place(envs, nearest(envs, 1), 1, [0.05, 0.0, 0.0])
     terms = task.reward(envs.state, torch.ones(2, 5))
+    assert terms["reaching"].tolist() == pytest.approx([0.02, 0.02], rel=1e-3)
+    assert terms["aligning"].tolist() == pytest.approx([0.02 * share for share in alignment(envs)], rel=1e-3)
     assert terms["grasping"].tolist() == pytest.approx([0.04, 0.04], rel=1e-3)
     assert terms["lifting"].tolist() == pytest.approx([0.08 * 0.6, 0.08 * 0.2], rel=1e-3)
     assert terms["holding"].tolist() == pytest.approx([0.1 * 0.6, 0.1 * 0.2], rel=1e-3)
