@@ -8,8 +8,8 @@
 # folder begins with those, so that another machine can go on. The script ends with 1 if a run failed.
 #
 # From the environment: CUDA_VISIBLE_DEVICES, the GPUs to use (all), PER_GPU (4), and KEPT, the archive
-# (benchmarks/training_runs.tar.xz). For small trials DEVICE (cuda:0), WORLDS (4096), LAYOUTS (4096), SEEDS ("0 1 2"), and
-# STEPS, which replaces the millions of steps of every task.
+# (benchmarks/training_runs.tar.xz). For small trials DEVICE (cuda:0), WORLDS (4096), LAYOUTS (4096), SEEDS ("0 1 2"),
+# and STEPS, which replaces the millions of steps of every task.
 set -euo pipefail
 export out=${1:?a folder for the results}
 part=${2:-all}

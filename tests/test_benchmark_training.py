@@ -408,27 +408,34 @@ def test_a_bank_larger_than_the_worlds_is_served_whole(compiled: CompiledScene):
     assert len(seen) == 9
 
 
+SCRIPT = Path(train_rsl_rl.__file__).with_name("evidence.sh")
+
+
+def with_trainer(folder: Path, line: str) -> dict[str, str]:
+    """Return an environment in which a line of bash stands for every training, and nothing is kept from before."""
+    fake = folder / "python"
+    fake.write_text(f'#!/bin/bash\ncase $2 in benchmarks.train_rsl_rl) {line} ;; esac\nexec {sys.executable} "$@"\n')
+    fake.chmod(0o755)
+    path = f"{folder}{os.pathsep}{os.environ['PATH']}"
+    return os.environ | {"PATH": path, "KEPT": str(folder / "no")}
+
+
+def evidence(folder: Path, part: str, env: dict[str, str]) -> subprocess.CompletedProcess:
+    """Run evidence.sh, and return how it ended."""
+    words = ["bash", str(SCRIPT), str(folder), part]
+    return subprocess.run(words, cwd=SCRIPT.parents[1], env=env, capture_output=True, text=True, check=False)
+
+
 def test_runs_stop_with_their_script(tmp_path: Path):
     """The trainers too; a folder in which some are still going is not used twice."""
-    script = Path(train_rsl_rl.__file__).with_name("evidence.sh")
-    fake = tmp_path / "python"
-    fake.write_text(
-        f"#!/bin/bash\ncase $2 in benchmarks.train_rsl_rl) echo $$ >> {tmp_path}/pids; exec sleep 60 ;; esac\n"
-        f'exec {sys.executable} "$@"\n'
-    )
-    fake.chmod(0o755)
-    env = os.environ | {
-        "PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}",
-        "PER_GPU": "2",
-        "KEPT": str(tmp_path / "no"),
-    }
-    words = ["bash", str(script), str(tmp_path / "runs"), "curves"]
-    first = subprocess.Popen(words, cwd=script.parents[1], env=env, stderr=subprocess.DEVNULL)
+    env = with_trainer(tmp_path, f"echo $$ >> {tmp_path}/pids; exec sleep 60") | {"PER_GPU": "2"}
+    words = ["bash", str(SCRIPT), str(tmp_path / "runs"), "curves"]
+    first = subprocess.Popen(words, cwd=SCRIPT.parents[1], env=env, stderr=subprocess.DEVNULL)
     pids = tmp_path / "pids"
     until = time.monotonic() + 60.0
     while (not pids.exists() or len(pids.read_text().split()) < 2) and time.monotonic() < until:
         time.sleep(0.05)
-    second = subprocess.run(words, cwd=script.parents[1], env=env, capture_output=True, text=True, check=False)
+    second = evidence(tmp_path / "runs", "curves", env)
     assert (second.returncode, "is in use" in second.stderr) == (1, True)
     first.terminate()
     assert first.wait(20.0) == 143
@@ -442,41 +449,30 @@ def test_runs_stop_with_their_script(tmp_path: Path):
 
 def test_a_run_that_fails_is_told_of(tmp_path: Path):
     """Each runs on a GPU out of those that the environment allows; the script goes on, and ends with 1."""
-    script = Path(train_rsl_rl.__file__).with_name("evidence.sh")
-    fake = tmp_path / "python"
-    fake.write_text(
-        f"#!/bin/bash\ncase $2 in benchmarks.train_rsl_rl) echo $CUDA_VISIBLE_DEVICES >> {tmp_path}/cards; "
-        'case "$*" in *"--seed 1"*) exit 3 ;; esac; while [ $1 != --out ]; do shift; done; mkdir -p $2; exit ;; esac\n'
-        f'exec {sys.executable} "$@"\n'
-    )
-    fake.chmod(0o755)
-    path = f"{tmp_path}{os.pathsep}{os.environ['PATH']}"
-    env = os.environ | {"PATH": path, "SEEDS": "0 1", "CUDA_VISIBLE_DEVICES": "3,5", "KEPT": str(tmp_path / "no")}
-
-    def evidence(part: str) -> subprocess.CompletedProcess:
-        words = ["bash", str(script), str(tmp_path / "runs"), part]
-        return subprocess.run(words, cwd=script.parents[1], env=env, capture_output=True, text=True, check=False)
-
-    wrong = evidence("curve")
+    fails = 'case "$*" in *"--seed 1"*) exit 3 ;; esac'
+    makes = "while [ $1 != --out ]; do shift; done; mkdir -p $2; exit"
+    line = f"echo $CUDA_VISIBLE_DEVICES >> {tmp_path}/cards; {fails}; {makes}"
+    env = with_trainer(tmp_path, line) | {"SEEDS": "0 1", "CUDA_VISIBLE_DEVICES": "3,5"}
+    runs = tmp_path / "runs"
+    wrong = evidence(runs, "curve", env)
     assert (wrong.returncode, "There is no part 'curve'. Give figures" in wrong.stderr) == (2, True)
-    ended = evidence("curves")
+    ended = evidence(runs, "curves", env)
     assert ended.returncode == 1
     told = [line for line in ended.stderr.splitlines() if line.startswith("failed: clutterextract_fresh")]
     assert told == ["failed: clutterextract_fresh_1, see its .txt"]
     assert set((tmp_path / "cards").read_text().split()) == {"3", "5"}
-    env["SEEDS"] = "0"
-    assert evidence("curves").returncode == 0
+    assert evidence(runs, "curves", env | {"SEEDS": "0"}).returncode == 0
 
 
 def test_runs_that_are_done_go_on_elsewhere(tmp_path: Path):
     """A new folder begins with them, without their networks; it takes nothing over from other sources."""
-    kept, script = tmp_path / "kept.tar.xz", Path(train_rsl_rl.__file__).with_name("evidence.sh")
-    paths = {"KEPT": str(kept), "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+    kept = tmp_path / "kept.tar.xz"
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
 
-    def evidence(folder: Path) -> subprocess.CompletedProcess:
-        words = ["bash", str(script), str(folder), "keep"]
-        root = script.parents[1]
-        return subprocess.run(words, cwd=root, env=os.environ | paths, check=True, capture_output=True, text=True)
+    def keep(folder: Path) -> subprocess.CompletedProcess:
+        ended = evidence(folder, "keep", os.environ | {"KEPT": str(kept), "PATH": path})
+        assert ended.returncode == 0
+        return ended
 
     first = tmp_path / "first"
     first.mkdir()
@@ -484,8 +480,8 @@ def test_runs_that_are_done_go_on_elsewhere(tmp_path: Path):
         write_run(first, name, 0.5, million_steps=3.0)
         (first / name / "model.pt").write_bytes(bytes(100))
     (first / "fresh_0" / "done").touch()
-    evidence(first)
-    second = evidence(tmp_path / "second")
+    keep(first)
+    second = keep(tmp_path / "second")
     assert "| ClutterExtract-v0 | fresh | 1 | 3.0 M | 50.0% |" in second.stdout
     files = {path.name for path in (tmp_path / "second" / "fresh_0").iterdir()}
     assert files == {"config.json", "log.jsonl", "judged.json", "done"}
@@ -494,7 +490,7 @@ def test_runs_that_are_done_go_on_elsewhere(tmp_path: Path):
         told = tarfile.TarInfo("sources")
         told.size = 6
         other.addfile(told, io.BytesIO(b"other\n"))
-    third = evidence(tmp_path / "third")
+    third = keep(tmp_path / "third")
     assert "runs of other sources: none is taken over" in third.stderr
     assert not (tmp_path / "third" / "fresh_0").exists()
 
