@@ -27,16 +27,35 @@ gpus=$(tr , '\n' <<< "$cards" | wc -l)
 export gpus
 common="--num-envs ${WORLDS:-4096} --layouts ${LAYOUTS:-4096} --device $device"
 seeds=${SEEDS:-0 1 2}
-kept=${KEPT:-benchmarks/training_runs.tar.xz}
 
 # Millions of control steps in the comparisons: those after which a pilot run on fresh layouts first passed half of what is
 # asked of the task, fixed before the first run. That of ClutterPush passed 45% after 5.2, that of ClutterExtract 40% after
 # 17.0 (episodes of training). That of DrawerPick passed 40% between 7.9 and 13.1, that of TabletopLift, of which 80% is
 # asked, too, between 7.9 (31.5%) and 14.4 (67.2%; evaluations).
-declare -A steps=([ClutterExtract-v0]=17 [ClutterPush-v0]=5.2 [TabletopLift-v0]=10 [DrawerPick-v0]=13)
+#
+# They end where learning is steepest: of three seeds on fresh layouts one had held nothing up yet. So there is a
+# second comparison of ClutterExtract, after the steps at which its pilot first passed all that is asked (80.4% of an
+# evaluation after 24.9). It was added when the first had been seen, and fixed before the first run of its own.
+case ${ASKED:-half} in
+  half)
+    tasks="ClutterExtract-v0 ClutterPush-v0 TabletopLift-v0 DrawerPick-v0"
+    declare -A steps=([ClutterExtract-v0]=17 [ClutterPush-v0]=5.2 [TabletopLift-v0]=10 [DrawerPick-v0]=13)
+    archive=training_runs.tar.xz
+    ;;
+  whole)
+    tasks=ClutterExtract-v0
+    declare -A steps=([ClutterExtract-v0]=24.9)
+    archive=training_runs_whole.tar.xz
+    ;;
+  *)
+    echo "ASKED is '$ASKED'. Give half or whole." >&2
+    exit 2
+    ;;
+esac
+kept=${KEPT:-benchmarks/$archive}
 
 sources="$(python -m benchmarks.sources) worlds ${WORLDS:-4096} layouts ${LAYOUTS:-4096}"
-for task in ClutterExtract-v0 ClutterPush-v0 TabletopLift-v0 DrawerPick-v0; do
+for task in $tasks; do
   sources+=" $task ${STEPS:-${steps[$task]}}"
 done
 mkdir -p "$out"
@@ -112,6 +131,10 @@ compare() { # task, kinds: fresh, uniform, or the size of a bank
 }
 
 curves() {
+  if [ "${ASKED:-half}" = whole ]; then
+    compare ClutterExtract-v0 16 256 fresh
+    return
+  fi
   compare ClutterExtract-v0 16 256 fresh uniform
   compare ClutterPush-v0 16 256 fresh uniform
   compare TabletopLift-v0 16 fresh

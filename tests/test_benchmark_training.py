@@ -464,6 +464,22 @@ def test_a_run_that_fails_is_told_of(tmp_path: Path):
     assert evidence(runs, "curves", env | {"SEEDS": "0"}).returncode == 0
 
 
+def test_the_longer_comparison_is_of_one_task(tmp_path: Path):
+    """It is not made in a folder of the shorter one."""
+    makes = "while [ $1 != --out ]; do shift; done; mkdir -p $2; exit"
+    env = with_trainer(tmp_path, f'echo "$@" >> {tmp_path}/calls; {makes}')
+    runs = tmp_path / "runs"
+    wrong = evidence(runs, "curves", env | {"ASKED": "all"})
+    assert (wrong.returncode, "ASKED is 'all'. Give half or whole" in wrong.stderr) == (2, True)
+    assert evidence(runs, "curves", env | {"ASKED": "whole"}).returncode == 0
+    kinds = {f"clutterextract_{kind}_{seed}" for kind in ("16", "256", "fresh") for seed in range(3)}
+    assert {path.name for path in runs.iterdir() if path.is_dir()} == kinds
+    calls = (tmp_path / "calls").read_text().splitlines()
+    assert all("ClutterExtract-v0" in call and "--million-steps 24.9" in call for call in calls)
+    other = evidence(runs, "curves", env)
+    assert (other.returncode, "has results of other sources" in other.stderr) == (1, True)
+
+
 def test_runs_that_are_done_go_on_elsewhere(tmp_path: Path):
     """A new folder begins with them, without their networks; it takes nothing over from other sources."""
     kept = tmp_path / "kept.tar.xz"
