@@ -36,7 +36,8 @@ seeds=${SEEDS:-0 1 2}
 # After these steps one of three seeds on fresh layouts hardly held the peg up yet. So there is a second comparison of
 # ClutterExtract, after those at which its pilot first passed all that is asked (80.4% of an evaluation after 24.9). It was
 # added when the first had been seen, and fixed before the first run of its own.
-case ${ASKED:-half} in
+asked=${ASKED:-half}
+case $asked in
   half)
     tasks="ClutterExtract-v0 ClutterPush-v0 TabletopLift-v0 DrawerPick-v0"
     declare -A steps=([ClutterExtract-v0]=17 [ClutterPush-v0]=5.2 [TabletopLift-v0]=10 [DrawerPick-v0]=13)
@@ -48,7 +49,7 @@ case ${ASKED:-half} in
     archive=training_runs_whole.tar.xz
     ;;
   *)
-    echo "ASKED is '$ASKED'. Give half or whole." >&2
+    echo "ASKED is '$asked'. Give half or whole." >&2
     exit 2
     ;;
 esac
@@ -131,7 +132,7 @@ compare() { # task, kinds: fresh, uniform, or the size of a bank
 }
 
 curves() {
-  if [ "${ASKED:-half}" = whole ]; then
+  if [ "$asked" = whole ]; then
     compare ClutterExtract-v0 16 256 fresh
     return
   fi

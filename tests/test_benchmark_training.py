@@ -410,6 +410,9 @@ def test_a_bank_larger_than_the_worlds_is_served_whole(compiled: CompiledScene):
 
 SCRIPT = Path(train_rsl_rl.__file__).with_name("evidence.sh")
 
+MAKES_FOLDER = "while [ $1 != --out ]; do shift; done; mkdir -p $2; exit"
+"""A stand-in for a training: it makes the folder of the run, and is done."""
+
 
 def with_trainer(folder: Path, line: str) -> dict[str, str]:
     """Return an environment in which a line of bash stands for every training, and nothing is kept from before."""
@@ -450,8 +453,7 @@ def test_runs_stop_with_their_script(tmp_path: Path):
 def test_a_run_that_fails_is_told_of(tmp_path: Path):
     """Each runs on a GPU out of those that the environment allows; the script goes on, and ends with 1."""
     fails = 'case "$*" in *"--seed 1"*) exit 3 ;; esac'
-    makes = "while [ $1 != --out ]; do shift; done; mkdir -p $2; exit"
-    line = f"echo $CUDA_VISIBLE_DEVICES >> {tmp_path}/cards; {fails}; {makes}"
+    line = f"echo $CUDA_VISIBLE_DEVICES >> {tmp_path}/cards; {fails}; {MAKES_FOLDER}"
     env = with_trainer(tmp_path, line) | {"SEEDS": "0 1", "CUDA_VISIBLE_DEVICES": "3,5"}
     runs = tmp_path / "runs"
     wrong = evidence(runs, "curve", env)
@@ -466,8 +468,7 @@ def test_a_run_that_fails_is_told_of(tmp_path: Path):
 
 def test_the_longer_comparison_is_of_one_task(tmp_path: Path):
     """It is not made in a folder of the shorter one."""
-    makes = "while [ $1 != --out ]; do shift; done; mkdir -p $2; exit"
-    env = with_trainer(tmp_path, f'echo "$@" >> {tmp_path}/calls; {makes}')
+    env = with_trainer(tmp_path, f'echo "$@" >> {tmp_path}/calls; {MAKES_FOLDER}')
     runs = tmp_path / "runs"
     wrong = evidence(runs, "curves", env | {"ASKED": "all"})
     assert (wrong.returncode, "ASKED is 'all'. Give half or whole" in wrong.stderr) == (2, True)
