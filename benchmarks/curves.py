@@ -1,4 +1,4 @@
-"""Tables and picture for a folder of training runs, as made by benchmarks/evidence.sh.
+"""Tables and picture for folders of training runs, as made by benchmarks/evidence.sh.
 
     python -m benchmarks.curves results --picture results/training.png
 
@@ -7,8 +7,8 @@ mean and the range over the seeds, and the Wilson interval over all layouts of a
 reached what is asked of the task; and success over density: by the number of other things that are present, and by how
 near the nearest of them is to the target, in four parts of about as many layouts. The interval is that of these
 policies on any layouts; what another seed of training would give, the range tells. A run that has not been evaluated
-yet is left out. Runs of different sources, and comparisons of a task that differ in more than seed and layouts, are
-refused.
+yet is left out. Runs of different sources, and comparisons of a task after the same number of steps that differ in more
+than seed and layouts, are refused.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ KINDS = ("bank of 1", "bank of 16", "bank of 256", "bank of 4,096", "bank of 65,
 JUDGED = ("valid", "unfiltered")
 """The layouts on which policies are evaluated."""
 
-SAME = ("num_envs", "million_steps", "reachable", "changes", "layouts")
-"""Options in which all comparisons of a task are alike."""
+SAME = ("num_envs", "reachable", "changes", "layouts")
+"""Options in which all comparisons of a task after the same number of steps are alike."""
 
 
 @dataclass(frozen=True)
@@ -68,9 +68,10 @@ class Run:
         return "uniform" if self.options.get("uniform") else "fresh"
 
     @property
-    def compared(self) -> bool:
-        """Whether it is one of the comparisons, which end after a number of steps; others end after some time."""
-        return self.options.get("million_steps") is not None
+    def million_steps(self) -> float | None:
+        """After how many million steps it was to end, and did; None if it ended after some time."""
+        limit = self.options.get("million_steps")
+        return limit if limit is not None and self.evaluations[-1]["env_steps"] >= 1e6 * limit else None
 
     @property
     def reached(self) -> dict[str, Any] | None:
@@ -79,14 +80,14 @@ class Run:
         return next(good, None)
 
 
-def read(folder: Path) -> list[Run]:
-    """Return the runs in a folder that have been evaluated at least once, by task and kind.
+def read(*folders: Path) -> list[Run]:
+    """Return the runs in folders that have been evaluated at least once, by task, steps and kind.
 
     Raises:
         SystemExit: they are of different sources
     """
     found, sources = [], {}
-    for log in sorted(folder.glob("*/log.jsonl")):
+    for log in sorted(log for folder in folders for log in folder.glob("*/log.jsonl")):
         lines = [json.loads(line) for line in log.read_text().splitlines()]
         judged = [line for line in lines if line["kind"] == "eval"]
         if not judged:
@@ -97,19 +98,22 @@ def read(folder: Path) -> list[Run]:
         each = json.loads(detail.read_text()) if detail.is_file() else {}
         found.append(Run(log.parent.name, told["options"], judged, each))
     if len(sources) > 1:
-        raise SystemExit(f"{folder}: runs of different sources: {', '.join(sources.values())} begin them.")
-    _check_alike([run for run in found if run.compared])
-    tasks, kinds = [*ASKED], [str(kind) for kind in KINDS]
-    return sorted(
-        found,
-        key=lambda run: (tasks.index(run.task) if run.task in tasks else len(tasks), kinds.index(run.kind), run.name),
-    )
+        where = ", ".join(str(folder) for folder in folders)
+        raise SystemExit(f"{where}: runs of different sources: {', '.join(sources.values())} begin them.")
+    _check_alike([run for run in found if run.million_steps])
+    tasks = [*ASKED]
+
+    def place(run: Run) -> tuple[int, float, int, str]:
+        task = tasks.index(run.task) if run.task in tasks else len(tasks)
+        return task, run.million_steps or 0.0, KINDS.index(run.kind), run.name
+
+    return sorted(found, key=place)
 
 
 def _check_alike(runs: Sequence[Run]) -> None:
-    first: dict[str, Run] = {}
+    first: dict[tuple[str, float | None], Run] = {}
     for run in runs:
-        other = first.setdefault(run.task, run)
+        other = first.setdefault((run.task, run.million_steps), run)
         for name in SAME:
             one, two = other.options.get(name), run.options.get(name)
             if one != two:
@@ -119,12 +123,17 @@ def _check_alike(runs: Sequence[Run]) -> None:
                 )
 
 
-def grouped(runs: Sequence[Run]) -> dict[tuple[str, str], list[Run]]:
-    """Return runs by task and kind, in their order."""
-    groups: dict[tuple[str, str], list[Run]] = {}
+def grouped(runs: Sequence[Run]) -> list[list[Run]]:
+    """Return runs by task, steps and kind, in their order."""
+    groups: dict[tuple[str, float | None, str], list[Run]] = {}
     for run in runs:
-        groups.setdefault((run.task, run.kind), []).append(run)
-    return groups
+        groups.setdefault((run.task, run.million_steps, run.kind), []).append(run)
+    return list(groups.values())
+
+
+def steps_of(runs: Sequence[Run]) -> str:
+    """Return after how many steps runs were evaluated last, as text."""
+    return spread([run.evaluations[-1]["env_steps"] / 1e6 for run in runs], "{:.1f} M")
 
 
 def spread(values: list[float], form: str = "{:.1%}") -> str:
@@ -146,28 +155,28 @@ def table(runs: Sequence[Run]) -> str:
         "| task | layouts in training | seeds | steps | valid | 95%, these policies | unfiltered | first as asked |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    for (task, kind), members in grouped(runs).items():
+    for members in grouped(runs):
         last = [run.evaluations[-1] for run in members]
         reached = [line["seconds"] for line in (run.reached for run in members) if line is not None]
         when = spread(reached, "{:.0f} s") if reached else "-"
         if 0 < len(reached) < len(members):
             when += f", {len(reached)} of {len(members)} seeds"
         valid, unfiltered = (spread([line[name]["success"] for line in last]) for name in JUDGED)
-        steps = spread([line["env_steps"] / 1e6 for line in last], "{:.1f} M")
         low, high = pooled(members, "valid")
-        interval = f"{low:.1%} to {high:.1%}"
-        rows.append(f"| {task} | {kind} | {len(members)} | {steps} | {valid} | {interval} | {unfiltered} | {when} |")
+        which = f"{members[0].task} | {members[0].kind} | {len(members)} | {steps_of(members)}"
+        rows.append(f"| {which} | {valid} | {low:.1%} to {high:.1%} | {unfiltered} | {when} |")
     return "\n".join(rows)
 
 
 def by_density(runs: Sequence[Run]) -> str:
     """Return a Markdown table of success on valid layouts over density, for tasks that have some of it."""
     rows = [
-        "| task | layouts in training | which layouts | successes | share | 95% interval |",
-        "|---|---|---|---|---|---|",
+        "| task | layouts in training | steps | which layouts | successes | share | 95% interval |",
+        "|---|---|---|---|---|---|---|",
     ]
     runs = [run for run in runs if run.judged]
-    for (task, kind), members in grouped(runs).items():
+    for members in grouped(runs):
+        task, kind = members[0].task, members[0].kind
         each = [run.judged["valid"]["each"] for run in members]
         success, things, nearest = (
             [value for one in each for value in one[key]] for key in ("success", "things", "nearest")
@@ -182,7 +191,7 @@ def by_density(runs: Sequence[Run]) -> str:
             hits, number = sum(s for s, c in zip(success, chosen, strict=True) if c), sum(chosen)
             low, high = wilson(hits, number)
             share = f"{hits / number:.1%} | {low:.1%} to {high:.1%}"
-            rows.append(f"| {task} | {kind} | {label} | {hits:,} of {number:,} | {share} |")
+            rows.append(f"| {task} | {kind} | {steps_of(members)} | {label} | {hits:,} of {number:,} | {share} |")
     return "\n".join(rows)
 
 
@@ -204,58 +213,64 @@ def draw(runs: Sequence[Run], picture: Path) -> None:
     from matplotlib.ticker import PercentFormatter
 
     plt.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False})
-    compared = [run for run in runs if run.compared]
-    tasks = list(dict.fromkeys(run.task for run in compared))
-    widths = [1.0, *(0.4 + 0.22 * len({run.kind for run in compared if run.task == task}) for task in tasks)]
+    timed = [run for run in runs if not run.million_steps]
+    comparisons = [list(one) for _, one in itertools.groupby(
+        [run for run in runs if run.million_steps], lambda run: (run.task, run.million_steps)
+    )]  # fmt: skip
+    widths = [1.0] * bool(timed) + [0.4 + 0.22 * len({run.kind for run in one}) for one in comparisons]
     figure, axes = plt.subplots(
-        1, len(widths), figsize=(12.0, 3.6), sharey=True, layout="constrained", squeeze=False,
-        gridspec_kw={"width_ratios": widths},
+        1, max(1, len(widths)), figsize=(2.0 + 1.7 * sum(widths), 3.6), sharey=True, layout="constrained",
+        squeeze=False, gridspec_kw={"width_ratios": widths or None},
     )  # fmt: skip
-    draw_curves(axes[0, 0], [run for run in runs if not run.compared])
-    for panel, task in zip(axes[0, 1:], tasks, strict=True):
-        draw_comparison(panel, task, [run for run in compared if run.task == task])
-    axes[0, 0].set(ylabel="success on unseen layouts", ylim=(0.0, 1.03))
-    axes[0, 0].yaxis.set_major_formatter(PercentFormatter(1.0))
-    for panel in axes[0]:
+    panels = list(axes[0])
+    panels[0].set(ylabel="success on unseen layouts", ylim=(0.0, 1.1), yticks=[0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
+    panels[0].yaxis.set_major_formatter(PercentFormatter(1.0))
+    for panel in panels:
         panel.grid(axis="y", alpha=0.3)
         panel.set_axisbelow(True)
+    if timed:
+        draw_curves(panels.pop(0), timed)
+    for panel, one in zip(panels, comparisons, strict=False):
+        draw_comparison(panel, one)
+    if comparisons:
+        handles, labels = panels[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower right", ncols=2, frameon=False, fontsize=8)
     figure.savefig(picture, dpi=130)
     plt.close(figure)
 
 
 def draw_curves(panel: Any, runs: Sequence[Run]) -> None:
     """Draw success on valid layouts over training time, a line for each run, and a dashed one at what is asked."""
-    panel.set(xlabel="training [min]", title="fresh layouts")
+    panel.set(xlabel="training [min]")
+    panel.set_title("on fresh layouts", fontsize=9)
     for run in runs:
         color = COLORS.get(run.task, "tab:gray")
         x = [0.0, *(line["seconds"] / 60.0 for line in run.evaluations)]
         panel.plot(x, [0.0, *(line["valid"]["success"] for line in run.evaluations)], color=color, label=run.task)
         panel.axhline(ASKED.get(run.task, 1.0), color=color, linewidth=0.8, linestyle=(0, (4, 3)))
-    if runs:
-        panel.legend(loc="lower right", frameon=False, fontsize=7)
+    panel.legend(loc="lower right", frameon=False, fontsize=7)
 
 
-def draw_comparison(panel: Any, task: str, runs: Sequence[Run]) -> None:
+def draw_comparison(panel: Any, runs: Sequence[Run]) -> None:
     """Draw the mean success of every kind as bars, with a point for each seed."""
     groups = grouped(runs)
     for name, color, shift in zip(JUDGED, ("tab:blue", "tab:gray"), (-0.2, 0.2), strict=True):
-        for i, members in enumerate(groups.values()):
+        for i, members in enumerate(groups):
             shares = [run.evaluations[-1][name]["success"] for run in members]
-            mean, label = sum(shares) / len(shares), f"judged on {name} layouts"
+            mean, label = sum(shares) / len(shares), f"judged on {name} layouts; points are seeds"
             panel.bar(i + shift, mean, width=0.38, color=color, alpha=0.55, label=None if i else label)
             panel.scatter([i + shift] * len(shares), shares, color=color, s=9, zorder=3)
             panel.annotate(f"{mean:.0%}", (i + shift, max(shares) + 0.02), ha="center", fontsize=7, color="0.25")
-    labels = [kind.removeprefix("bank of ") for _, kind in groups]
+    labels = [members[0].kind.removeprefix("bank of ") for members in groups]
     panel.set_xticks(range(len(labels)), labels, rotation=30)
-    panel.set_title(f"{task}, {runs[0].evaluations[-1]['env_steps'] / 1e6:.0f} M steps", fontsize=9)
-    panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=1, frameon=False, fontsize=7)
+    panel.set_title(f"{runs[0].task}\n{steps_of(runs)} steps", fontsize=9)
 
 
-def main(folder: Annotated[Path, tyro.conf.Positional], picture: Path | None = None) -> None:
+def main(folders: Annotated[list[Path], tyro.conf.Positional], picture: Path | None = None) -> None:
     """Print the tables, and draw the picture if asked."""
-    runs = read(folder)
-    print("Trained for some time:\n", table([run for run in runs if not run.compared]), sep="\n")
-    compared = [run for run in runs if run.compared]
+    runs = read(*folders)
+    print("Trained for some time:\n", table([run for run in runs if not run.million_steps]), sep="\n")
+    compared = [run for run in runs if run.million_steps]
     print("\nCompared after the same number of steps:\n", table(compared), sep="\n")
     print("\nThe same over density:\n", by_density(compared), sep="\n")
     if picture is not None:

@@ -39,12 +39,10 @@ seeds=${SEEDS:-0 1 2}
 asked=${ASKED:-half}
 case $asked in
   half)
-    tasks="ClutterExtract-v0 ClutterPush-v0 TabletopLift-v0 DrawerPick-v0"
     declare -A steps=([ClutterExtract-v0]=17 [ClutterPush-v0]=5.2 [TabletopLift-v0]=10 [DrawerPick-v0]=13)
     archive=training_runs.tar.xz
     ;;
   whole)
-    tasks=ClutterExtract-v0
     declare -A steps=([ClutterExtract-v0]=24.9)
     archive=training_runs_whole.tar.xz
     ;;
@@ -56,7 +54,7 @@ esac
 kept=${KEPT:-benchmarks/$archive}
 
 sources="$(python -m benchmarks.sources) worlds ${WORLDS:-4096} layouts ${LAYOUTS:-4096}"
-for task in $tasks; do
+for task in $(printf '%s\n' "${!steps[@]}" | sort); do
   sources+=" $task ${STEPS:-${steps[$task]}}"
 done
 mkdir -p "$out"

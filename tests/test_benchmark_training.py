@@ -363,30 +363,45 @@ def test_tables_and_picture_are_made_of_the_seeds_that_are_there(tmp_path: Path)
     write_run(tmp_path, "uniform_0", 0.75, million_steps=3.0, uniform=True)
     write_run(tmp_path, "long", 0.85, million_steps=None)
     runs = curves.read(tmp_path)
-    _, _, *rows = curves.table([run for run in runs if run.compared]).splitlines()
+    _, _, *rows = curves.table([run for run in runs if run.million_steps]).splitlines()
     start, both = "| ClutterExtract-v0 |", "72.5% (50.0% to 95.0%)"
     assert rows == [
         f"{start} bank of 4,096 | 1 | 3.0 M | 25.0% | 14.2% to 40.2% | 25.0% | - |",
         f"{start} fresh | 2 | 3.0 M | {both} | 61.9% to 81.1% | {both} | 9 s, 1 of 2 seeds |",
         f"{start} uniform | 1 | 3.0 M | 75.0% | 59.8% to 85.8% | 75.0% | - |",
     ]
-    assert [run.name for run in runs if not run.compared] == ["long"]
+    assert [run.name for run in runs if not run.million_steps] == ["long"]
     dense = curves.by_density([run for run in runs if run.kind == "uniform"])
-    assert "| uniform | 5 other things | 15 of 20 | 75.0% | 53.1% to 88.8% |" in dense
+    assert "| uniform | 3.0 M | 5 other things | 15 of 20 | 75.0% | 53.1% to 88.8% |" in dense
     for part in ("50 to 60 mm | 8 of 8", "60 to 70 mm | 8 of 8", "70 to 81 mm | 14 of 14"):
-        assert f"| uniform | nearest at {part} | 100.0% |" in dense
+        assert f"| uniform | 3.0 M | nearest at {part} | 100.0% |" in dense
     curves.draw(runs, tmp_path / "all.png")
     curves.draw([], tmp_path / "none.png")
     assert (tmp_path / "all.png").stat().st_size > (tmp_path / "none.png").stat().st_size > 0
 
 
-def test_comparisons_of_other_lengths_are_not_mixed(tmp_path: Path):
-    """Nor those of other numbers of worlds; what trained for some time may differ."""
+def test_comparisons_of_other_lengths_have_rows_of_their_own(tmp_path: Path):
+    """Also from another folder; a run that has not come to its end counts by its time."""
+    first, second = tmp_path / "first", tmp_path / "second"
+    for folder in (first, second):
+        folder.mkdir()
+    write_run(first, "fresh_0", 0.5, million_steps=2.5)
+    write_run(second, "fresh_0", 0.75, million_steps=3.0)
+    write_run(second, "fresh_1", 1.0, million_steps=4.0)
+    runs = curves.read(second, first)
+    assert [run.million_steps for run in runs] == [None, 2.5, 3.0]
+    _, _, *rows = curves.table(runs[1:]).splitlines()
+    assert [row.split(" | ")[4] for row in rows] == ["50.0%", "75.0%"]
+
+
+def test_comparisons_of_other_numbers_of_worlds_are_not_mixed(tmp_path: Path):
+    """What trained for some time, or for other steps, may differ."""
     write_run(tmp_path, "first", 0.5, million_steps=3.0, num_envs=4096)
     write_run(tmp_path, "second", 0.5, million_steps=None, num_envs=64)
-    assert len(curves.read(tmp_path)) == 2
-    write_run(tmp_path, "third", 0.5, million_steps=4.0, num_envs=4096)
-    with pytest.raises(SystemExit, match="first and third are comparisons of ClutterExtract-v0 with million_steps"):
+    write_run(tmp_path, "third", 0.5, million_steps=2.0, num_envs=64)
+    assert len(curves.read(tmp_path)) == 3
+    write_run(tmp_path, "fourth", 0.5, million_steps=3.0, num_envs=64)
+    with pytest.raises(SystemExit, match="first and fourth are comparisons of ClutterExtract-v0 with num_envs"):
         curves.read(tmp_path)
 
 
