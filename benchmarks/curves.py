@@ -2,13 +2,12 @@
 
     python -m benchmarks.curves results --picture results/training.png
 
-Prints the success on layouts that were not trained on, by the last evaluation of each run: for each kind of run the
-mean and the range over the seeds, and the Wilson interval over all layouts of all seeds; when an evaluation first
-reached what is asked of the task; and success over density: by the number of other things that are present, and by how
-near the nearest of them is to the target, in four parts of about as many layouts. The interval is that of these
-policies on any layouts; what another seed of training would give, the range tells. A run that has not been evaluated
-yet is left out. Runs of different sources, and comparisons of a task after the same number of steps that differ in more
-than seed and layouts, are refused.
+Prints the success on layouts that were not trained on, by the last evaluation of each run, with its Wilson interval;
+when an evaluation first reached what is asked of the task; and success over density, all seeds together: by the number
+of other things that are present, and by how near the nearest of them is to the target, in four parts of about as many
+layouts. An interval is that of these policies on any layouts; what another seed of training would give, seeds tell. A
+run that has not been evaluated yet is left out. Runs of different sources, and comparisons of a task after the same
+number of steps that differ in more than seed and layouts, are refused.
 """
 
 from __future__ import annotations
@@ -142,29 +141,29 @@ def spread(values: list[float], form: str = "{:.1%}") -> str:
     return mean if low == high else f"{mean} ({low} to {high})"
 
 
-def pooled(runs: Sequence[Run], judged: str) -> tuple[float, float]:
-    """Return the Wilson interval of the share of successes among all layouts of the last evaluations."""
-    last = [run.evaluations[-1][judged] for run in runs]
-    number = sum(one["layouts"] for one in last)
-    return wilson(sum(round(one["success"] * one["layouts"]) for one in last), number)
+def by_seed(runs: Sequence[Run], judged: str) -> str:
+    """Return the share of successes of each run's last evaluation with its 95% Wilson interval, as text."""
+    shares = [run.evaluations[-1][judged] for run in runs]
+    ends = [wilson(round(one["success"] * one["layouts"]), one["layouts"]) for one in shares]
+    return "; ".join(
+        f"{one['success']:.1%} ({low:.1%} to {high:.1%})" for one, (low, high) in zip(shares, ends, strict=True)
+    )
 
 
 def table(runs: Sequence[Run]) -> str:
-    """Return a Markdown table with a row for each task and kind of layouts."""
+    """Return a Markdown table with a row for each task, number of steps and kind of layouts."""
     rows = [
-        "| task | layouts in training | seeds | steps | valid | 95%, these policies | unfiltered | first as asked |",
-        "|---|---|---|---|---|---|---|---|",
+        "| task | layouts in training | seeds | steps | valid, by seed | unfiltered, by seed | first as asked |",
+        "|---|---|---|---|---|---|---|",
     ]
     for members in grouped(runs):
-        last = [run.evaluations[-1] for run in members]
-        reached = [line["seconds"] for line in (run.reached for run in members) if line is not None]
+        # comparisons are evaluated at their end alone
+        reached = [run.reached["seconds"] for run in members if run.reached and not run.million_steps]
         when = spread(reached, "{:.0f} s") if reached else "-"
         if 0 < len(reached) < len(members):
             when += f", {len(reached)} of {len(members)} seeds"
-        valid, unfiltered = (spread([line[name]["success"] for line in last]) for name in JUDGED)
-        low, high = pooled(members, "valid")
         which = f"{members[0].task} | {members[0].kind} | {len(members)} | {steps_of(members)}"
-        rows.append(f"| {which} | {valid} | {low:.1%} to {high:.1%} | {unfiltered} | {when} |")
+        rows.append(f"| {which} | {by_seed(members, 'valid')} | {by_seed(members, 'unfiltered')} | {when} |")
     return "\n".join(rows)
 
 
