@@ -251,12 +251,12 @@ def draw_curves(panel: Any, runs: Sequence[Run]) -> None:
 
 
 def draw_comparison(panel: Any, runs: Sequence[Run]) -> None:
-    """Draw the mean success of every kind as bars, with a point for each seed."""
+    """Draw the mean success of every kind as a bar with its figure over the highest point, and a point for each seed."""
     groups = grouped(runs)
     for name, color, shift in zip(JUDGED, ("tab:blue", "tab:gray"), (-0.2, 0.2), strict=True):
         for i, members in enumerate(groups):
             shares = [run.evaluations[-1][name]["success"] for run in members]
-            mean, label = sum(shares) / len(shares), f"judged on {name} layouts; points are seeds"
+            mean, label = sum(shares) / len(shares), f"on {name} layouts; bars, figures: means; points: seeds"
             panel.bar(i + shift, mean, width=0.38, color=color, alpha=0.55, label=None if i else label)
             panel.scatter([i + shift] * len(shares), shares, color=color, s=9, zorder=3)
             panel.annotate(f"{mean:.0%}", (i + shift, max(shares) + 0.02), ha="center", fontsize=7, color="0.25")
