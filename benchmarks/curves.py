@@ -251,7 +251,7 @@ def draw_curves(panel: Any, runs: Sequence[Run]) -> None:
 
 
 def draw_comparison(panel: Any, runs: Sequence[Run]) -> None:
-    """Draw the mean success of every kind as a bar with its figure over the highest point, and a point for each seed."""
+    """Draw the mean success of every kind as a bar, its figure over the points, one for each seed."""
     groups = grouped(runs)
     for name, color, shift in zip(JUDGED, ("tab:blue", "tab:gray"), (-0.2, 0.2), strict=True):
         for i, members in enumerate(groups):

@@ -50,11 +50,13 @@ def temporary(make: Callable[[], T], remove: Callable[[T], object]) -> Iterator[
 def ending_at_signals(name: str) -> Iterator[None]:
     """Let SIGINT and SIGTERM end the process within the block, with a line on stderr and 128 + signal, as shells do.
 
-    A signal that is ignored, as Ctrl-C is for a shell's background jobs, stays ignored.
+    The line goes to what is standard error now, wherever that leads later. A signal that is ignored, as Ctrl-C is for a
+    shell's background jobs, stays ignored.
 
     Args:
         name: The program, for that line.
     """
+    stderr = _standard_error()
     heard, tell = os.pipe()
     os.set_blocking(tell, False)
     kept = {number: signal.getsignal(number) for number in _WORDS}
@@ -62,7 +64,7 @@ def ending_at_signals(name: str) -> Iterator[None]:
     for number, handler in kept.items():
         if handler is not signal.SIG_IGN:
             signal.signal(number, _nothing)  # Python writes to the pipe before it gets to this
-    threading.Thread(target=_listen, args=(heard, name), name="signals", daemon=True).start()
+    threading.Thread(target=_listen, args=(heard, stderr, name), name="signals", daemon=True).start()
     try:
         yield
     finally:
@@ -70,6 +72,14 @@ def ending_at_signals(name: str) -> Iterator[None]:
         for number, handler in kept.items():
             signal.signal(number, handler)
         os.close(tell)
+
+
+def _standard_error() -> int | None:
+    """Return a file of its own for what is standard error now; None where that is closed."""
+    try:
+        return os.dup(2)
+    except OSError:
+        return None
 
 
 def _nothing(*_: object) -> None:
@@ -105,12 +115,16 @@ def _remove_temporary() -> None:
             remove()
 
 
-def _listen(heard: int, name: str) -> None:
+def _listen(heard: int, stderr: int | None, name: str) -> None:
     """Wait for a signal, and end the process; or end with the block, when the other end is closed."""
     while number := os.read(heard, 1):
         if number[0] in _WORDS:
             _end_children()
             _remove_temporary()
-            os.write(2, f"\n{name}: {_WORDS[signal.Signals(number[0])]}\n".encode())
+            if stderr is not None:
+                with contextlib.suppress(OSError):  # nobody may read it any more
+                    os.write(stderr, f"\n{name}: {_WORDS[signal.Signals(number[0])]}\n".encode())
             os._exit(128 + number[0])
     os.close(heard)
+    if stderr is not None:
+        os.close(stderr)
