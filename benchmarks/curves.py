@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,11 +36,8 @@ ASKED = {
 
 COLORS = dict(zip(ASKED, ("tab:red", "tab:green", "tab:orange", "tab:blue", "tab:cyan", "tab:purple"), strict=True))
 
-KINDS = ("bank of 1", "bank of 16", "bank of 256", "bank of 4,096", "bank of 65,536", "fresh", "uniform")
-"""Where layouts come from, in the order in which they are shown."""
-
-JUDGED = ("valid", "unfiltered")
-"""The layouts on which policies are evaluated."""
+JUDGED = {"valid": "valid layouts", "unfiltered": "layouts placed without checks"}
+"""The layouts on which policies are evaluated, and their names in the picture."""
 
 SAME = ("num_envs", "reachable", "changes", "layouts")
 """Options in which all comparisons of a task after the same number of steps are alike."""
@@ -61,7 +59,7 @@ class Run:
 
     @property
     def kind(self) -> str:
-        """Where its layouts came from, one of KINDS."""
+        """Where its layouts came from: a bank of so many, "fresh" or "uniform"."""
         if self.options.get("bank"):
             return f"bank of {self.options['bank']:,}"
         return "uniform" if self.options.get("uniform") else "fresh"
@@ -83,10 +81,13 @@ def read(*folders: Path) -> list[Run]:
     """Return the runs in folders that have been evaluated at least once, by task, steps and kind.
 
     Raises:
-        SystemExit: they are of different sources
+        SystemExit: a folder is not there, or they are of different sources
     """
+    for folder in folders:
+        if not folder.is_dir():
+            raise SystemExit(f"{folder}: there is no such folder. Give folders of training runs.")
     found, sources = [], {}
-    for log in sorted(log for folder in folders for log in folder.glob("*/log.jsonl")):
+    for log in sorted(path for folder in folders for path in folder.glob("*/log.jsonl")):
         lines = [json.loads(line) for line in log.read_text().splitlines()]
         judged = [line for line in lines if line["kind"] == "eval"]
         if not judged:
@@ -102,9 +103,9 @@ def read(*folders: Path) -> list[Run]:
     _check_alike([run for run in found if run.million_steps])
     tasks = [*ASKED]
 
-    def place(run: Run) -> tuple[int, float, int, str]:
+    def place(run: Run) -> tuple[int, float, bool, float, str]:
         task = tasks.index(run.task) if run.task in tasks else len(tasks)
-        return task, run.million_steps or 0.0, KINDS.index(run.kind), run.name
+        return task, run.million_steps or 0.0, run.kind == "uniform", run.options.get("bank") or math.inf, run.name
 
     return sorted(found, key=place)
 
@@ -222,7 +223,7 @@ def draw(runs: Sequence[Run], picture: Path) -> None:
         squeeze=False, gridspec_kw={"width_ratios": widths or None},
     )  # fmt: skip
     panels = list(axes[0])
-    panels[0].set(ylabel="success on unseen layouts", ylim=(0.0, 1.1), yticks=[0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
+    panels[0].set(ylabel="success on unseen layouts", ylim=(-0.02, 1.02), yticks=[0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
     panels[0].yaxis.set_major_formatter(PercentFormatter(1.0))
     for panel in panels:
         panel.grid(axis="y", alpha=0.3)
@@ -241,27 +242,31 @@ def draw(runs: Sequence[Run], picture: Path) -> None:
 def draw_curves(panel: Any, runs: Sequence[Run]) -> None:
     """Draw success on valid layouts over training time, a line for each run, and a dashed one at what is asked."""
     panel.set(xlabel="training [min]")
-    panel.set_title("on fresh layouts", fontsize=9)
-    for run in runs:
-        color = COLORS.get(run.task, "tab:gray")
-        x = [0.0, *(line["seconds"] / 60.0 for line in run.evaluations)]
-        panel.plot(x, [0.0, *(line["valid"]["success"] for line in run.evaluations)], color=color, label=run.task)
-        panel.axhline(ASKED.get(run.task, 1.0), color=color, linewidth=0.8, linestyle=(0, (4, 3)))
+    panel.set_title("on fresh layouts,\na line for each run", fontsize=9)
+    for task, one in itertools.groupby(runs, lambda run: run.task):
+        color, label = COLORS.get(task, "tab:gray"), task
+        for run in one:
+            x = [0.0, *(line["seconds"] / 60.0 for line in run.evaluations)]
+            y = [0.0, *(line["valid"]["success"] for line in run.evaluations)]
+            panel.plot(x, y, color=color, marker=".", label=label)
+            label = None
+        asked = ASKED.get(task, 1.0)
+        panel.axhline(asked, color=color, linewidth=0.8, linestyle=(0, (4, 3)))
+        panel.annotate("asked", (0.0, asked + 0.01), fontsize=7, color=color)
     panel.legend(loc="lower right", frameon=False, fontsize=7)
 
 
 def draw_comparison(panel: Any, runs: Sequence[Run]) -> None:
-    """Draw the mean success of every kind as a bar, its figure over the points, one for each seed."""
+    """Draw the success of every seed as a point, and the range of each kind's as a line."""
     groups = grouped(runs)
-    for name, color, shift in zip(JUDGED, ("tab:blue", "tab:gray"), (-0.2, 0.2), strict=True):
+    for name, color, shift in zip(JUDGED, ("tab:blue", "tab:gray"), (-0.15, 0.15), strict=True):
         for i, members in enumerate(groups):
             shares = [run.evaluations[-1][name]["success"] for run in members]
-            mean, label = sum(shares) / len(shares), f"on {name} layouts; bars, figures: means; points: seeds"
-            panel.bar(i + shift, mean, width=0.38, color=color, alpha=0.55, label=None if i else label)
-            panel.scatter([i + shift] * len(shares), shares, color=color, s=9, zorder=3)
-            panel.annotate(f"{mean:.0%}", (i + shift, max(shares) + 0.02), ha="center", fontsize=7, color="0.25")
-    labels = [members[0].kind.removeprefix("bank of ") for members in groups]
-    panel.set_xticks(range(len(labels)), labels, rotation=30)
+            panel.vlines(i + shift, min(shares), max(shares), color=color, alpha=0.4, linewidth=4.0)
+            label = None if i else f"on {JUDGED[name]}, a point for each seed"
+            panel.scatter([i + shift] * len(shares), shares, color=color, s=14, zorder=3, label=label)
+    panel.set_xticks(range(len(groups)), [members[0].kind for members in groups], rotation=30, ha="right")
+    panel.set_xlim(-0.5, len(groups) - 0.5)
     panel.set_title(f"{runs[0].task}\n{steps_of(runs)} steps", fontsize=9)
 
 

@@ -4,12 +4,14 @@
 # steps: four runs on each GPU), `resets` (what resets cost, and whether they are honest), `keep` or `all`. Stop it at
 # any time, and its runs stop with it; run again, it resumes. A folder that is in use, and results of other sources,
 # steps, worlds or layouts than the present ones, are refused. DrawerPick has no runs of uniform placement: there
-# nothing is ever rejected. `keep` puts what tables and picture need of the runs that are done into an archive; a new
-# folder begins with those, so that another machine can go on. The script ends with 1 if a run failed.
+# nothing is ever rejected. `keep` puts what tables and picture need of the runs that are done into an archive, unless
+# that has runs of other sources, or some that the folder lacks; a new folder of the same sources begins with those, so
+# that another machine can go on. The script ends with 1 if a run failed.
 #
-# From the environment: CUDA_VISIBLE_DEVICES, the GPUs to use (all), PER_GPU (4), and KEPT, the archive
-# (benchmarks/training_runs.tar.xz). For small trials DEVICE (cuda:0), WORLDS (4096), LAYOUTS (4096), SEEDS ("0 1 2"),
-# and STEPS, which replaces the millions of steps of every task.
+# From the environment: CUDA_VISIBLE_DEVICES, the GPUs to use (all), PER_GPU (4), ASKED (half, or whole for the longer
+# comparison), and KEPT, the archive (benchmarks/training_runs.tar.xz; training_runs_whole.tar.xz). For small trials
+# DEVICE (cuda:0), WORLDS (4096), LAYOUTS (4096), SEEDS ("0 1 2"), and STEPS, which replaces the millions of steps of
+# every task.
 set -euo pipefail
 export out=${1:?a folder for the results}
 part=${2:-all}
@@ -144,6 +146,16 @@ curves() {
 
 keep() {
   local folder files=(sources)
+  if [ -e "$kept" ] && [ "$(tar -xJOf "$kept" sources)" != "$sources" ]; then
+    echo "$kept keeps runs of other sources. Name another file in KEPT." >&2
+    exit 1
+  fi
+  for folder in $([ ! -e "$kept" ] || tar -tJf "$kept" | sed -n 's,/done$,,p'); do
+    if [ ! -e "$out/$folder/done" ]; then
+      echo "$kept keeps $folder, which $out does not have. Name another file in KEPT." >&2
+      exit 1
+    fi
+  done
   for folder in $(cd "$out" && find . -mindepth 2 -maxdepth 2 -name "done" -printf '%P\n' | sort | xargs -r dirname); do
     files+=("$folder"/{config.json,log.jsonl,judged.json,done})
   done

@@ -400,6 +400,15 @@ def test_comparisons_of_other_lengths_have_rows_of_their_own(tmp_path: Path):
     assert [row.split(" | ")[4][:5] for row in rows] == ["50.0%", "75.0%"]
 
 
+def test_kinds_are_in_order_whatever_the_size_of_a_bank(tmp_path: Path):
+    """Small banks first, then fresh layouts, uniform placement last; a folder that is not there is told of."""
+    for name, bank, uniform in (("a", None, True), ("b", None, False), ("c", 4096, False), ("d", 8, False)):
+        write_run(tmp_path, name, 0.5, million_steps=3.0, bank=bank, uniform=uniform)
+    assert [run.kind for run in curves.read(tmp_path)] == ["bank of 8", "bank of 4,096", "fresh", "uniform"]
+    with pytest.raises(SystemExit, match="none: there is no such folder"):
+        curves.read(tmp_path, tmp_path / "none")
+
+
 def test_comparisons_of_other_numbers_of_worlds_are_not_mixed(tmp_path: Path):
     """What trained for some time, or for other steps, may differ."""
     write_run(tmp_path, "first", 0.5, million_steps=3.0, num_envs=4096)
@@ -503,13 +512,13 @@ def test_the_longer_comparison_is_of_one_task(tmp_path: Path):
 
 
 def test_runs_that_are_done_go_on_elsewhere(tmp_path: Path):
-    """A new folder begins with them, without their networks; it takes nothing over from other sources."""
+    """A new folder begins with them, without their networks. Neither other sources nor fewer runs replace them."""
     kept = tmp_path / "kept.tar.xz"
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
 
-    def keep(folder: Path) -> subprocess.CompletedProcess:
+    def keep(folder: Path, status: int = 0) -> subprocess.CompletedProcess:
         ended = evidence(folder, "keep", os.environ | {"KEPT": str(kept), "PATH": path})
-        assert ended.returncode == 0
+        assert ended.returncode == status
         return ended
 
     first = tmp_path / "first"
@@ -524,13 +533,20 @@ def test_runs_that_are_done_go_on_elsewhere(tmp_path: Path):
     files = {path.name for path in (tmp_path / "second" / "fresh_0").iterdir()}
     assert files == {"config.json", "log.jsonl", "judged.json", "done"}
     assert not (tmp_path / "second" / "fresh_1").exists()
+    before = kept.read_bytes()
+    (tmp_path / "second" / "fresh_0" / "done").unlink()
+    assert f"{kept} keeps fresh_0, which {tmp_path / 'second'} does not have" in keep(tmp_path / "second", 1).stderr
+    assert kept.read_bytes() == before
     with tarfile.open(kept, "w:xz") as other:
         told = tarfile.TarInfo("sources")
         told.size = 6
         other.addfile(told, io.BytesIO(b"other\n"))
-    third = keep(tmp_path / "third")
+    before = kept.read_bytes()
+    third = keep(tmp_path / "third", 1)
     assert "runs of other sources: none is taken over" in third.stderr
+    assert f"{kept} keeps runs of other sources. Name another file in KEPT" in third.stderr
     assert not (tmp_path / "third" / "fresh_0").exists()
+    assert kept.read_bytes() == before
 
 
 def test_runs_of_different_sources_are_not_mixed(tmp_path: Path):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import select
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -18,7 +19,7 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-_PATIENCE = 1.0  # [s] for a file system that does not answer
+_PATIENCE = 1.0  # [s] for a file system, or a reader of standard error, that does not answer
 _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 _temporary: dict[object, Callable[[], object]] = {}
 _making = threading.Lock()
@@ -115,6 +116,15 @@ def _remove_temporary() -> None:
             remove()
 
 
+def _say(file: int, text: str) -> None:
+    """Write a short text, unless nobody reads it."""
+    room = select.poll()
+    room.register(file, select.POLLOUT)
+    with contextlib.suppress(OSError):
+        if room.poll(1000.0 * _PATIENCE):
+            os.write(file, text.encode())
+
+
 def _listen(heard: int, stderr: int | None, name: str) -> None:
     """Wait for a signal, and end the process; or end with the block, when the other end is closed."""
     while number := os.read(heard, 1):
@@ -122,8 +132,7 @@ def _listen(heard: int, stderr: int | None, name: str) -> None:
             _end_children()
             _remove_temporary()
             if stderr is not None:
-                with contextlib.suppress(OSError):  # nobody may read it any more
-                    os.write(stderr, f"\n{name}: {_WORDS[signal.Signals(number[0])]}\n".encode())
+                _say(stderr, f"\n{name}: {_WORDS[signal.Signals(number[0])]}\n")
             os._exit(128 + number[0])
     os.close(heard)
     if stderr is not None:

@@ -85,6 +85,31 @@ def test_a_program_without_stderr_ends_too(number: int, word: str, closed: str):
         assert word not in process.stdout.read()
 
 
+def test_a_program_whose_stderr_is_full_ends_too():
+    """A pipe that is open and never read: the line would wait for ever."""
+    program = f"""{START}
+reader, full = os.pipe()
+os.set_blocking(full, False)
+try:
+    while True:
+        os.write(full, bytes(4096))
+except BlockingIOError:
+    os.set_blocking(full, True)
+os.dup2(full, 2)
+with ending_at_signals("it"):
+    print("ready", flush=True)
+    time.sleep(60)
+"""
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        process.terminate()
+        try:
+            assert process.wait(5.0) == 128 + signal.SIGTERM
+        finally:
+            process.kill()
+
+
 def test_a_forked_child_ends_as_ever(tmp_path: Path):
     """By the signal itself; its parent hears nothing of it."""
     program = f"""{START}
