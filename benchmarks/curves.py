@@ -3,11 +3,12 @@
     python -m benchmarks.curves results --picture results/training.png
 
 Prints the success on layouts that were not trained on, by the last evaluation of each run, with its Wilson interval;
-when an evaluation first reached what is asked of the task; and success over density, all seeds together: by the number
-of other things that are present, and by how near the nearest of them is to the target, in four parts of about as many
-layouts. An interval is that of these policies on any layouts; what another seed of training would give, seeds tell. A
-run that has not been evaluated yet is left out. Runs of different sources, and comparisons of a task after the same
-number of steps that differ in more than seed and layouts, are refused.
+for runs that trained for some time, when an evaluation first reached what is asked of the task; and for comparisons
+success over density, all seeds together: by the number of other things that are present, and by how near the nearest of
+them is to the target, in four parts of about equal size. An interval is that of these policies on any layouts; the
+seeds show how much another training may differ. A run that has not been evaluated yet is left out. Runs of different
+sources are refused, and so are comparisons of a task after the same number of steps that differ in more than seed and
+layouts, or in nothing.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ class Run:
 
     @property
     def million_steps(self) -> float | None:
-        """After how many million steps it was to end, and did; None if it ended after some time."""
+        """After how many million steps it was to end, and did; None if it ended otherwise, and counts by its time."""
         limit = self.options.get("million_steps")
         return limit if limit is not None and self.evaluations[-1]["env_steps"] >= 1e6 * limit else None
 
@@ -81,7 +82,7 @@ def read(*folders: Path) -> list[Run]:
     """Return the runs in folders that have been evaluated at least once, by task, steps and kind.
 
     Raises:
-        SystemExit: a folder is not there, or they are of different sources
+        SystemExit: a folder is not there, or they are of different sources, or comparisons that are not alike
     """
     for folder in folders:
         if not folder.is_dir():
@@ -112,6 +113,7 @@ def read(*folders: Path) -> list[Run]:
 
 def _check_alike(runs: Sequence[Run]) -> None:
     first: dict[tuple[str, float | None], Run] = {}
+    seeds: dict[tuple[str, float | None, str, int], Run] = {}
     for run in runs:
         other = first.setdefault((run.task, run.million_steps), run)
         for name in SAME:
@@ -121,6 +123,12 @@ def _check_alike(runs: Sequence[Run]) -> None:
                     f"{other.name} and {run.name} are comparisons of {run.task} with {name} = {one} and {two}. Compare "
                     "runs that differ in their seed and layouts alone."
                 )
+        seed = run.options["seed"]
+        twin = seeds.setdefault((run.task, run.million_steps, run.kind, seed), run)
+        if twin is not run:
+            raise SystemExit(
+                f"{twin.name} and {run.name} are both {run.task}, {run.kind}, seed {seed}. Give one of them."
+            )
 
 
 def grouped(runs: Sequence[Run]) -> list[list[Run]]:
@@ -242,17 +250,18 @@ def draw(runs: Sequence[Run], picture: Path) -> None:
 def draw_curves(panel: Any, runs: Sequence[Run]) -> None:
     """Draw success on valid layouts over training time, a line for each run, and a dashed one at what is asked."""
     panel.set(xlabel="training [min]")
-    panel.set_title("on fresh layouts,\na line for each run", fontsize=9)
-    for task, one in itertools.groupby(runs, lambda run: run.task):
-        color, label = COLORS.get(task, "tab:gray"), task
-        for run in one:
-            x = [0.0, *(line["seconds"] / 60.0 for line in run.evaluations)]
-            y = [0.0, *(line["valid"]["success"] for line in run.evaluations)]
-            panel.plot(x, y, color=color, marker=".", label=label)
-            label = None
-        asked = ASKED.get(task, 1.0)
-        panel.axhline(asked, color=color, linewidth=0.8, linestyle=(0, (4, 3)))
-        panel.annotate("asked", (0.0, asked + 0.01), fontsize=7, color=color)
+    panel.set_title("over time,\na line for each run", fontsize=9)
+    for task, of_task in itertools.groupby(runs, lambda run: run.task):
+        color = COLORS.get(task, "tab:gray")
+        for kind, one in itertools.groupby(of_task, lambda run: run.kind):
+            label = f"{task},\ntrained on {kind}"
+            for run in one:
+                x = [line["seconds"] / 60.0 for line in run.evaluations]
+                y = [line["valid"]["success"] for line in run.evaluations]
+                panel.plot(x, y, color=color, marker=".", label=label)
+                label = None
+        panel.axhline(ASKED.get(task, 1.0), color=color, linewidth=0.8, linestyle=(0, (4, 3)))
+    panel.set_xlim(left=0.0)
     panel.legend(loc="lower right", frameon=False, fontsize=7)
 
 

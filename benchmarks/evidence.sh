@@ -1,12 +1,13 @@
 #!/usr/bin/env bash
 # The training runs of RESULTS.md: benchmarks/evidence.sh FOLDER [PART]. PART is `figures` (does fresh training reach
-# what it should, in time: one run on each GPU), `curves` (banks of layouts, fresh ones and uniform placement, of equal
-# steps: four runs on each GPU), `resets` (what resets cost, and whether they are honest), `keep` or `all`. Stop it at
-# any time, and its runs stop with it; run again, it resumes. A folder that is in use, and results of other sources,
-# steps, worlds or layouts than the present ones, are refused. DrawerPick has no runs of uniform placement: there
-# nothing is ever rejected. `keep` puts what tables and picture need of the runs that are done into an archive, unless
-# that has runs of other sources, or some that the folder lacks; a new folder of the same sources begins with those, so
-# that another machine can go on. The script ends with 1 if a run failed.
+# what it should, in time: one run on each GPU), `curves` (banks of layouts, fresh ones and uniform placement, of
+# equal steps: four runs on each GPU), `resets` (what resets cost, and whether they are honest), `keep` or `all`. Stop
+# it at any time, and its runs stop with it; run again, it resumes. A folder that is in use, and results of other
+# sources, steps, worlds or layouts than the present ones, are refused. DrawerPick has no runs of uniform placement:
+# next to nothing is ever rejected there. `keep` puts what tables and picture need of the runs that are done into an
+# archive, unless that has runs of other sources, or some that the folder lacks; a new folder of the same sources
+# begins with those, so that another machine can go on. The script ends with 1 if a run failed, or something is
+# refused.
 #
 # From the environment: CUDA_VISIBLE_DEVICES, the GPUs to use (all), PER_GPU (4), ASKED (half, or whole for the longer
 # comparison), and KEPT, the archive (benchmarks/training_runs.tar.xz; training_runs_whole.tar.xz). For small trials
@@ -30,14 +31,14 @@ export gpus
 common="--num-envs ${WORLDS:-4096} --layouts ${LAYOUTS:-4096} --device $device"
 seeds=${SEEDS:-0 1 2}
 
-# Millions of control steps in the comparisons: those after which a pilot run on fresh layouts first passed half of what is
-# asked of the task, fixed before the first run. That of ClutterPush passed 45% after 5.2, that of ClutterExtract 40% after
-# 17.0 (episodes of training). That of DrawerPick passed 40% between 7.9 and 13.1, that of TabletopLift, of which 80% is
-# asked, too, between 7.9 (31.5%) and 14.4 (67.2%; evaluations).
+# Millions of control steps in the comparisons: those after which a pilot run on fresh layouts first passed half of
+# what is asked of the task, fixed before the first run. That of ClutterPush passed 45% after 5.2, that of
+# ClutterExtract 40% after 17.0 (episodes of training). That of DrawerPick passed 40% between 7.9 and 13.1, that of
+# TabletopLift, of which 80% is asked, too, between 7.9 (31.5%) and 14.4 (67.2%; evaluations).
 #
 # After these steps one of three seeds on fresh layouts hardly held the peg up yet. So there is a second comparison of
-# ClutterExtract, after those at which its pilot first passed all that is asked (80.4% of an evaluation after 24.9). It was
-# added when the first had been seen, and fixed before the first run of its own.
+# ClutterExtract, after those at which its pilot first passed all that is asked (80.4% of an evaluation after 24.9).
+# It was added when the first had been seen, and fixed before the first run of its own.
 asked=${ASKED:-half}
 case $asked in
   half)

@@ -400,6 +400,13 @@ def test_comparisons_of_other_lengths_have_rows_of_their_own(tmp_path: Path):
     assert [row.split(" | ")[4][:5] for row in rows] == ["50.0%", "75.0%"]
 
 
+def test_no_run_counts_twice(tmp_path: Path):
+    """Neither by a folder that is given again, nor by a copy."""
+    write_run(tmp_path, "fresh_0", 0.5, million_steps=3.0)
+    with pytest.raises(SystemExit, match="fresh_0 and fresh_0 are both ClutterExtract-v0, fresh, seed 0"):
+        curves.read(tmp_path, tmp_path)
+
+
 def test_kinds_are_in_order_whatever_the_size_of_a_bank(tmp_path: Path):
     """Small banks first, then fresh layouts, uniform placement last; a folder that is not there is told of."""
     for name, bank, uniform in (("a", None, True), ("b", None, False), ("c", 4096, False), ("d", 8, False)):

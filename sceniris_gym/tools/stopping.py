@@ -51,8 +51,8 @@ def temporary(make: Callable[[], T], remove: Callable[[T], object]) -> Iterator[
 def ending_at_signals(name: str) -> Iterator[None]:
     """Let SIGINT and SIGTERM end the process within the block, with a line on stderr and 128 + signal, as shells do.
 
-    The line goes to what is standard error now, wherever that leads later. A signal that is ignored, as Ctrl-C is for a
-    shell's background jobs, stays ignored.
+    The line goes to what is standard error now, even if that is redirected later. A signal that is ignored, as Ctrl-C
+    is for a shell's background jobs, stays ignored.
 
     Args:
         name: The program, for that line.
@@ -76,7 +76,7 @@ def ending_at_signals(name: str) -> Iterator[None]:
 
 
 def _standard_error() -> int | None:
-    """Return a file of its own for what is standard error now; None where that is closed."""
+    """Return a duplicate descriptor of what is standard error now; None where that is closed."""
     try:
         return os.dup(2)
     except OSError:
