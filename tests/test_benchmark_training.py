@@ -530,8 +530,8 @@ def test_runs_that_are_done_go_on_elsewhere(tmp_path: Path):
 
     first = tmp_path / "first"
     first.mkdir()
-    for name in ("fresh_0", "fresh_1"):
-        write_run(first, name, 0.5, million_steps=3.0)
+    for seed, name in enumerate(("fresh_0", "fresh_1")):
+        write_run(first, name, 0.5, million_steps=3.0, seed=seed)
         (first / name / "model.pt").write_bytes(bytes(100))
     (first / "fresh_0" / "done").touch()
     keep(first)
