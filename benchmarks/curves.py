@@ -72,6 +72,11 @@ class Run:
         return limit if limit is not None and self.evaluations[-1]["env_steps"] >= 1e6 * limit else None
 
     @property
+    def comparison(self) -> tuple[str, float | None]:
+        """The comparison that it belongs to: its task, and after how many million steps."""
+        return self.task, self.million_steps
+
+    @property
     def reached(self) -> dict[str, Any] | None:
         """The first evaluation that reached the target, if any."""
         good = (line for line in self.evaluations if line["valid"]["success"] >= ASKED.get(self.task, 1.0))
@@ -113,9 +118,9 @@ def read(*folders: Path) -> list[Run]:
 
 def _check_alike(runs: Sequence[Run]) -> None:
     first: dict[tuple[str, float | None], Run] = {}
-    seeds: dict[tuple[str, float | None, str, int], Run] = {}
+    seeds: dict[tuple[Any, ...], Run] = {}
     for run in runs:
-        other = first.setdefault((run.task, run.million_steps), run)
+        other = first.setdefault(run.comparison, run)
         for name in SAME:
             one, two = other.options.get(name), run.options.get(name)
             if one != two:
@@ -124,7 +129,7 @@ def _check_alike(runs: Sequence[Run]) -> None:
                     "runs that differ in their seed and layouts alone."
                 )
         seed = run.options["seed"]
-        twin = seeds.setdefault((run.task, run.million_steps, run.kind, seed), run)
+        twin = seeds.setdefault((run.comparison, run.kind, seed), run)
         if twin is not run:
             raise SystemExit(
                 f"{twin.name} and {run.name} are both {run.task}, {run.kind}, seed {seed}. Give one of them."
@@ -133,9 +138,9 @@ def _check_alike(runs: Sequence[Run]) -> None:
 
 def grouped(runs: Sequence[Run]) -> list[list[Run]]:
     """Return runs by task, steps and kind, in their order."""
-    groups: dict[tuple[str, float | None, str], list[Run]] = {}
+    groups: dict[tuple[Any, ...], list[Run]] = {}
     for run in runs:
-        groups.setdefault((run.task, run.million_steps, run.kind), []).append(run)
+        groups.setdefault((run.comparison, run.kind), []).append(run)
     return list(groups.values())
 
 
@@ -152,11 +157,8 @@ def spread(values: list[float], form: str = "{:.1%}") -> str:
 
 def by_seed(runs: Sequence[Run], judged: str) -> str:
     """Return the share of successes of each run's last evaluation with its 95% Wilson interval, as text."""
-    shares = [run.evaluations[-1][judged] for run in runs]
-    ends = [wilson(round(one["success"] * one["layouts"]), one["layouts"]) for one in shares]
-    return "; ".join(
-        f"{one['success']:.1%} ({low:.1%} to {high:.1%})" for one, (low, high) in zip(shares, ends, strict=True)
-    )
+    last = [run.evaluations[-1][judged] for run in runs]
+    return "; ".join("{:.1%} ({:.1%} to {:.1%})".format(one["success"], *one["interval"]) for one in last)
 
 
 def table(runs: Sequence[Run]) -> str:
@@ -172,7 +174,8 @@ def table(runs: Sequence[Run]) -> str:
         if 0 < len(reached) < len(members):
             when += f", {len(reached)} of {len(members)} seeds"
         which = f"{members[0].task} | {members[0].kind} | {len(members)} | {steps_of(members)}"
-        rows.append(f"| {which} | {by_seed(members, 'valid')} | {by_seed(members, 'unfiltered')} | {when} |")
+        shares = " | ".join(by_seed(members, judged) for judged in JUDGED)
+        rows.append(f"| {which} | {shares} | {when} |")
     return "\n".join(rows)
 
 
@@ -222,9 +225,8 @@ def draw(runs: Sequence[Run], picture: Path) -> None:
 
     plt.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False})
     timed = [run for run in runs if not run.million_steps]
-    comparisons = [list(one) for _, one in itertools.groupby(
-        [run for run in runs if run.million_steps], lambda run: (run.task, run.million_steps)
-    )]  # fmt: skip
+    compared = [run for run in runs if run.million_steps]
+    comparisons = [list(one) for _, one in itertools.groupby(compared, lambda run: run.comparison)]
     widths = [1.0] * bool(timed) + [0.4 + 0.22 * len({run.kind for run in one}) for one in comparisons]
     figure, axes = plt.subplots(
         1, max(1, len(widths)), figsize=(2.0 + 1.7 * sum(widths), 3.6), sharey=True, layout="constrained",

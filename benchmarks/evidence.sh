@@ -66,8 +66,9 @@ if ! flock -n 9; then
   echo "$out is in use: its runs are still going. Stop them, or give another folder." >&2
   exit 1
 fi
+kept_is_ours() { [ "$(tar -xJOf "$kept" sources)" = "$sources" ]; }
 if [ ! -e "$out/sources" ] && [ -e "$kept" ]; then
-  if [ "$(tar -xJOf "$kept" sources)" = "$sources" ]; then
+  if kept_is_ours; then
     tar -xJf "$kept" -C "$out"
   else
     echo "$kept has runs of other sources: none is taken over." >&2
@@ -147,7 +148,7 @@ curves() {
 
 keep() {
   local folder files=(sources)
-  if [ -e "$kept" ] && [ "$(tar -xJOf "$kept" sources)" != "$sources" ]; then
+  if [ -e "$kept" ] && ! kept_is_ours; then
     echo "$kept keeps runs of other sources. Name another file in KEPT." >&2
     exit 1
   fi

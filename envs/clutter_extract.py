@@ -29,9 +29,9 @@ HAND = ((0.025, 0.034, 0.011), (0.030, 0.050, 0.009), (0.0, 0.101, 0.031))
 CLOSE = ("can", "can_2", "tin", "tin_2", "apple", "orange", "pear", "lemon")
 
 AROUND = (
-    *("can_3", "can_4", "tin_3", "tin_4", "tin_5"),
-    *("apple_2", "apple_3", "orange_2", "orange_3", "pear_2", "lemon_2"),
-)
+    "can_3", "can_4", "tin_3", "tin_4", "tin_5",
+    "apple_2", "apple_3", "orange_2", "orange_3", "pear_2", "lemon_2",
+)  # fmt: skip
 
 OTHERS = (*CLOSE, *AROUND)
 

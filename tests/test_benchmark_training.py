@@ -347,7 +347,8 @@ def write_run(folder: Path, name: str, success: float | None, sources: str = "a"
     line: dict[str, Any] = {"kind": "train", "seconds": 9.0, "env_steps": 3_000_000}
     if success is not None:
         hits = round(40 * success)
-        judged = {kind: {"success": success, "layouts": 40} for kind in ("valid", "unfiltered")}
+        told_of = {"success": success, "layouts": 40, "interval": intervals.wilson(hits, 40)}
+        judged = dict.fromkeys(("valid", "unfiltered"), told_of)
         each = {"success": [1] * hits + [0] * (40 - hits), "things": [5, 9] * 20, "nearest": NEAREST}
         (run / "judged.json").write_text(json.dumps({"valid": {"each": each}}))
         line |= {"kind": "eval", **judged}

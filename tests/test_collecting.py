@@ -25,9 +25,9 @@ def test_it_is_as_before_afterwards(collecting: bool):
         (gc.enable if was else gc.disable)()
 
 
-def collected(thing: object) -> bool:
-    """Whether the garbage collector looks at a thing."""
-    return any(one is thing for one in gc.get_objects())
+def collected(thing: object, generation: int | None = None) -> bool:
+    """Whether the garbage collector looks at a thing, in one of its generations or in any."""
+    return any(one is thing for one in gc.get_objects(generation))
 
 
 def test_what_a_program_froze_stays_frozen():
@@ -46,4 +46,4 @@ def test_what_a_program_froze_stays_frozen():
     with uncollected():
         made = [[]]
     assert gc.get_freeze_count() == 0
-    assert any(one is made for one in gc.get_objects(generation=2))
+    assert collected(made, generation=2)

@@ -75,12 +75,12 @@ def ending_at_signals(name: str) -> Iterator[None]:
         os.close(tell)
 
 
-def _standard_error() -> int | None:
-    """Return a duplicate descriptor of what is standard error now; None where that is closed."""
+def _standard_error() -> int:
+    """Return a duplicate descriptor of what is standard error now; of nothing where that is closed."""
     try:
         return os.dup(2)
     except OSError:
-        return None
+        return os.open(os.devnull, os.O_WRONLY)
 
 
 def _nothing(*_: object) -> None:
@@ -125,15 +125,13 @@ def _say(file: int, text: str) -> None:
             os.write(file, text.encode())
 
 
-def _listen(heard: int, stderr: int | None, name: str) -> None:
+def _listen(heard: int, stderr: int, name: str) -> None:
     """Wait for a signal, and end the process; or end with the block, when the other end is closed."""
     while number := os.read(heard, 1):
         if number[0] in _WORDS:
             _end_children()
             _remove_temporary()
-            if stderr is not None:
-                _say(stderr, f"\n{name}: {_WORDS[signal.Signals(number[0])]}\n")
+            _say(stderr, f"\n{name}: {_WORDS[signal.Signals(number[0])]}\n")
             os._exit(128 + number[0])
     os.close(heard)
-    if stderr is not None:
-        os.close(stderr)
+    os.close(stderr)

@@ -34,15 +34,27 @@ BUSY = {
 STOPS = [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")]
 
 
-def ended(program: str, number: int, path: Path) -> tuple[int, str]:
-    """Run a program that says when it is ready, send it a signal, and return its status and its stderr."""
-    command = [sys.executable, "-c", program.replace("NUMBER", str(int(number))), str(path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+def stopped(command: list[str], number: int, seconds: float, stderr: int | None = None) -> tuple[int, str, str]:
+    """Run a program that says when it is ready, send it a signal, and return its status, stdout after that and stderr.
+
+    It must end within some seconds.
+    """
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=stderr, text=True) as process:
         assert process.stdout is not None
-        process.stdout.readline()
+        assert process.stdout.readline() == "ready\n"
         process.send_signal(number)
-        _, said = process.communicate(timeout=30)
-    return process.returncode, said
+        try:
+            said = process.communicate(timeout=seconds)
+        finally:
+            process.kill()
+    return process.returncode, *said
+
+
+def ended(program: str, number: int, path: Path) -> tuple[int, str]:
+    """Return the status and the stderr of a program that is ready, and then gets a signal."""
+    command = [sys.executable, "-c", program.replace("NUMBER", str(int(number))), str(path)]
+    status, _, said = stopped(command, number, 30.0, subprocess.PIPE)
+    return status, said
 
 
 @pytest.mark.parametrize("busy", BUSY)
@@ -74,15 +86,9 @@ def test_a_program_without_stderr_ends_too(number: int, word: str, closed: str):
     """Its line is lost, and nothing else: a signal ends it at once."""
     program = f"{START}\nwith ending_at_signals('it'):\n    print('ready', flush=True)\n    time.sleep(60)"
     command = ["bash", "-c", f'exec "$0" -c "$1" {closed}', sys.executable, program]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "ready\n"
-        process.send_signal(number)
-        try:
-            assert process.wait(5.0) == 128 + number
-        finally:
-            process.kill()
-        assert word not in process.stdout.read()
+    status, said, _ = stopped(command, number, 5.0)
+    assert status == 128 + number
+    assert word not in said
 
 
 def test_a_program_whose_stderr_is_full_ends_too():
@@ -100,14 +106,7 @@ with ending_at_signals("it"):
     print("ready", flush=True)
     time.sleep(60)
 """
-    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "ready\n"
-        process.terminate()
-        try:
-            assert process.wait(5.0) == 128 + signal.SIGTERM
-        finally:
-            process.kill()
+    assert stopped([sys.executable, "-c", program], signal.SIGTERM, 5.0)[0] == 128 + signal.SIGTERM
 
 
 def test_a_forked_child_ends_as_ever(tmp_path: Path):
