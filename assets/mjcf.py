@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 import trimesh
 
-from sceniris_gym.tools.files import replacing
+from sceniris_gym.files import replacing
 
 from .paths import mjcf_file
 from .shapes import Mesh

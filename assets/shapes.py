@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 from scipy.interpolate import PchipInterpolator
 
-from sceniris_gym.tools.files import replacing
+from sceniris_gym.files import replacing
 
 from .paths import mesh_file
 

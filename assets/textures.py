@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from PIL import Image
 
-from sceniris_gym.tools.files import replacing
+from sceniris_gym.files import replacing
 
 from .paths import mesh_file
 

@@ -23,7 +23,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from benchmarks.intervals import wilson
+from sceniris_gym.training.intervals import wilson
 
 ASKED = {
     "ClutterExtract-v0": 0.8,

@@ -56,7 +56,7 @@ case $asked in
 esac
 kept=${KEPT:-benchmarks/$archive}
 
-sources="$(python -m benchmarks.sources) worlds ${WORLDS:-4096} layouts ${LAYOUTS:-4096}"
+sources="$(python -m sceniris_gym.training.sources) worlds ${WORLDS:-4096} layouts ${LAYOUTS:-4096}"
 for task in $(printf '%s\n' "${!steps[@]}" | sort); do
   sources+=" $task ${STEPS:-${steps[$task]}}"
 done
@@ -86,7 +86,7 @@ train() { # a slot, a folder, then options
   card=$(cut -d , -f $(($1 % gpus + 1)) <<< "$cards")
   shift 2
   [ -e "$folder/done" ] && return
-  CUDA_VISIBLE_DEVICES=$card python -m benchmarks.train_rsl_rl "$@" --out "$folder" --resume \
+  CUDA_VISIBLE_DEVICES=$card python -m sceniris_gym.training.train "$@" --out "$folder" --resume \
     > "$folder.txt" 2>&1 < /dev/null && touch "$folder/done"
 }
 export -f train

@@ -22,8 +22,6 @@ import mujoco
 import numpy as np
 import tyro
 
-from benchmarks import layout_sources
-from benchmarks.task_scenes import SEED_SPACING, scene_of
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
@@ -34,6 +32,8 @@ from sceniris_gym.scene.model import subtree
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.versions import OverflowType
+from sceniris_gym.training import layout_sources
+from sceniris_gym.training.task_scenes import SEED_SPACING, scene_of
 
 FASTEST = 1.0
 """Speed of an object above which a reset counts as exploded [m/s]."""

@@ -30,11 +30,11 @@ import warp as wp
 from mujoco_warp import BroadphaseFilter, BroadphaseType
 from torch import Tensor
 
-from benchmarks.task_scenes import SEED_SPACING, make_env, scene_of
 from benchmarks.timing import captured, spread, wait
 from sceniris_gym.errors import ContactBudgetError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.prepared import PreparedLayouts
+from sceniris_gym.training.task_scenes import SEED_SPACING, make_env, scene_of
 from sceniris_gym.vector.task import FRICTION_PYRAMIDS
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 

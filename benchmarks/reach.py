@@ -37,13 +37,13 @@ import numpy as np
 import warp as wp
 from scipy.spatial.transform import Rotation
 
+from benchmarks.sampled_map import SampledMap, sampled_map
+from sceniris_gym.commands.reach import judge_poses, read_arm
+from sceniris_gym.config.tier import Tier, Verdict
 from sceniris_gym.layout.compile import device_name
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.map import ReachMap, default_tier, map_file
-from sceniris_gym.reach.sampled import SampledMap, sampled_map
 from sceniris_gym.reach.solve import POS_TOL, ROT_TOL, solve
-from sceniris_gym.reach.tier import Tier, Verdict
-from sceniris_gym.tools.commands.reach import judge_poses, read_arm
 from tests.oracle.exact_ik import ExactIk
 
 # Radius and height [m] of the cylinders of set A: as far as the TCP gets, with a little room for the Panda.

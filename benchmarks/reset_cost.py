@@ -22,11 +22,11 @@ import numpy as np
 import torch
 import tyro
 
-from benchmarks import layout_sources
-from benchmarks.task_scenes import SEED_SPACING, make_env, scene_of
 from benchmarks.timing import wait
+from sceniris_gym.files import replacing
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.tools.files import replacing
+from sceniris_gym.training import layout_sources
+from sceniris_gym.training.task_scenes import SEED_SPACING, make_env, scene_of
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 

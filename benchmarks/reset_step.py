@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from benchmarks import layout_sources
 from benchmarks.timing import spread
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
+from sceniris_gym.training import layout_sources
 
 _ARM = {"asset": "panda", "base": [-0.6, 0.0, 0.0]}
 _STEPS = 100

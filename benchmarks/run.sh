@@ -28,6 +28,6 @@ cli audit mid --layouts "$layouts" --rejected 0 --set objects.apple.ratio_on_sup
   --set objects.banana.ratio_on_support=1 >"$folder/audit_mid_on_support.json" &
 wait
 cat "$folder"/audit_*.json
-python3 -m benchmarks.relations --layouts "$((5 * layouts))" --device "$device" | tee "$folder/relations.txt"
+python3 -m tests.stress.relations --layouts "$((5 * layouts))" --device "$device" | tee "$folder/relations.txt"
 python3 -m benchmarks.sb3_bytes --env-id sceniris_gym/DrawerPick-v0 --steps 6 --episode 5 --device "$device" \
   2>>"$folder/errors.log" | tee "$folder/sb3_bytes.jsonl"

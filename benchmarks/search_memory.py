@@ -13,7 +13,7 @@ import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.layouts import Layouts, LayoutsView
-from sceniris_gym.layout.search import GPU_SIZE, Search, create_search
+from sceniris_gym.layout.wave.search import GPU_SIZE, Search, create_search
 from sceniris_gym.program.compiled import upload_scene
 from sceniris_gym.scene.model import build_model
 

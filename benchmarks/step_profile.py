@@ -16,10 +16,10 @@ from typing import Any
 import torch
 import tyro
 
-from benchmarks.task_scenes import make_env, scene_of
 from benchmarks.timing import captured, wait
 from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
 from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.training.task_scenes import make_env, scene_of
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 

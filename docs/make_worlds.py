@@ -13,7 +13,7 @@ import warp as wp
 from PIL import Image, ImageDraw, ImageFont
 
 from sceniris_gym import CompiledScene, LayoutGenerator, compile_scene
-from sceniris_gym.sim.pictures import FrameCamera
+from sceniris_gym.pictures.camera import FrameCamera
 
 PICTURE = Path(__file__).parent / "worlds.jpg"
 SCENES = ("clutter", "kitchen", "mid")

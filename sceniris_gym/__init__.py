@@ -12,6 +12,7 @@ from sceniris_gym import registration
 
 if TYPE_CHECKING:
     from sceniris_gym.config.scene import SceneConfig as SceneConfig
+    from sceniris_gym.dataset.reader import LayoutDataset as LayoutDataset
     from sceniris_gym.errors import ArmError as ArmError
     from sceniris_gym.errors import AttemptsWarning as AttemptsWarning
     from sceniris_gym.errors import ContactBudgetError as ContactBudgetError
@@ -50,7 +51,6 @@ if TYPE_CHECKING:
     from sceniris_gym.scene.model import SceneModel as SceneModel
     from sceniris_gym.scene.model import build_model as build_model
     from sceniris_gym.sim.randomizer import ResetRandomizer as ResetRandomizer
-    from sceniris_gym.tools.dataset.reader import LayoutDataset as LayoutDataset
     from sceniris_gym.vector.arm_controller import ArmController as ArmController
     from sceniris_gym.vector.bounds import Bounds as Bounds
     from sceniris_gym.vector.evaluation import EpisodeResult as EpisodeResult
@@ -79,7 +79,7 @@ _HOME = {  # public name -> the module it lives in
     "SceneVectorEnv": "vector.vector_env",
     "State": "vector.state",
     "Task": "vector.task",
-    "LayoutDataset": "tools.dataset.reader",
+    "LayoutDataset": "dataset.reader",
     "ArmController": "vector.arm_controller",
     "Bounds": "vector.bounds",
     "EpisodeResult": "vector.evaluation",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sceniris_gym.tools.stopping import ending_at_signals
+from sceniris_gym.stopping import ending_at_signals
 
 
 def main() -> None:

@@ -12,14 +12,12 @@ from contextlib import contextmanager
 from json import dumps
 from math import radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn, ParamSpec
+from typing import Annotated, Any, Literal, NoReturn, ParamSpec
 
 import tyro
 
 import sceniris_gym
-from sceniris_gym.errors import NotSupportedError, ScenirisError
-from sceniris_gym.reach.tier import Tier, TierWord
-from sceniris_gym.tools.options import (
+from sceniris_gym.commands.options import (
     Changes,
     Device,
     Json,
@@ -32,10 +30,9 @@ from sceniris_gym.tools.options import (
     read_changes,
     scene_config,
 )
+from sceniris_gym.config.tier import Tier, TierWord
+from sceniris_gym.errors import NotSupportedError, ScenirisError
 from sceniris_gym.viewer.server import HOST, MOST_SHOWN, PORT
-
-if TYPE_CHECKING:
-    from sceniris_gym.tools.paper.peers import Peer
 
 P = ParamSpec("P")
 _UNWRITABLE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG})
@@ -50,8 +47,8 @@ def _command(work: Callable[P, str]) -> Callable[P, str]:
 
     @functools.wraps(work)
     def quiet(*args: P.args, **kwargs: P.kwargs) -> str:
-        from sceniris_gym.tools.bars import shown
-        from sceniris_gym.tools.warp_start import start_warp
+        from sceniris_gym.commands.bars import shown
+        from sceniris_gym.commands.warp_start import start_warp
 
         start_warp()
         with _stdout_to_stderr(), shown(quiet=bool(kwargs.get("json"))):
@@ -76,7 +73,7 @@ def _stdout_to_stderr() -> Iterator[None]:
 @_command
 def demo(out: Path = Path("demo/layouts.png"), device: Device = None, json: Json = False) -> str:
     """Reset 64 worlds of the Mid scene three times, print figures, and write a picture of 16 worlds."""
-    from sceniris_gym.tools.commands import demo as tool
+    from sceniris_gym.commands import demo as tool
 
     checked_target(out)
     figures = tool.demo(out, device)
@@ -126,14 +123,14 @@ def generate(
     check_counts(1, n=n, most=_MOST_LAYOUTS)
     check_counts(1, chunk=1 if chunk is None else chunk)
     check_seed(seed)
-    from sceniris_gym.tools.dataset.formats import check_formats, parse_formats
-    from sceniris_gym.tools.dataset.share import Share
+    from sceniris_gym.dataset.formats import check_formats, parse_formats
+    from sceniris_gym.dataset.share import Share
 
     formats = () if format_ is None else parse_formats(format_)
     check_formats(formats)
     part = Share.current() if share is None else Share.parse(share)
-    from sceniris_gym.tools.commands import generate as tool
-    from sceniris_gym.tools.dataset.manifest import MANIFEST, SCENE
+    from sceniris_gym.commands import generate as tool
+    from sceniris_gym.dataset.manifest import MANIFEST, SCENE
 
     for file in (MANIFEST, SCENE):
         checked_target(out / file)
@@ -152,7 +149,7 @@ def _verified(folder: Path, json: bool) -> str:
     """Verify a data set, and say what it is."""
     from tqdm import tqdm
 
-    from sceniris_gym.tools.dataset.reader import verify
+    from sceniris_gym.dataset.reader import verify
 
     with tqdm(unit="layout", unit_scale=True, file=sys.stderr) as bar:
         held = verify(folder, bar.update)
@@ -177,7 +174,7 @@ def audit(
     check_counts(1, layouts=layouts)
     check_counts(0, rejected=rejected, settled=settled or 0)
     check_seed(seed)
-    from sceniris_gym.tools.commands import audit as tool
+    from sceniris_gym.commands import audit as tool
 
     if rows is not None:
         if save is not None:
@@ -202,46 +199,22 @@ def audit(
 
 @_command
 def bench(
-    scene: Annotated[
-        str | None, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE", help="name of a shipped scene, or a path")
-    ] = None,
+    scene: Scene,
     num_envs: int = 4096,
     geometry: Annotated[
         Literal["physics", "visual"] | None, tyro.conf.arg(help="kind of geometry; by default the scene's own")
     ] = None,
     seed: int = 0,
     picture: Picture = None,
-    suite: Annotated[
-        Literal["paper"] | None, tyro.conf.arg(help="instead of a scene: the experiments of the Sceniris paper")
-    ] = None,
-    quick: Annotated[
-        bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="of a suite, only what takes minutes on a CPU")
-    ] = False,
-    peer: Annotated[
-        tyro.conf.UseAppendAction[tuple[Literal["scene_synthesizer", "uniform"], ...]],
-        tyro.conf.arg(help="with a suite: measure this too, on the same meshes"),
-    ] = (),
-    out: Annotated[
-        Path | None, tyro.conf.arg(aliases=["-o"], help="with a suite: folder for paper.json and paper.png")
-    ] = None,
     device: Device = None,
     changes: Changes = (),
     json: Json = False,
 ) -> str:
-    """Measure how fast layouts are made and worlds are reset, of a scene or of a whole suite."""
-    if suite is not None:
-        own = (scene, geometry, picture) != (None, None, None) or (num_envs, seed) != (4096, 0)
-        if own or changes:
-            raise NotSupportedError("bench: --suite has scenes of its own. Leave out SCENE and what belongs to one.")
-        return _paper(device, quick, peer, out, json)
-    if scene is None:
-        raise NotSupportedError("bench: nothing to measure. Give a SCENE, or --suite paper.")
-    if quick or peer or out is not None:
-        raise NotSupportedError("bench: --quick, --peer and --out belong to a suite. Add --suite paper, without SCENE.")
+    """Measure how fast layouts of a scene are made and its worlds are reset."""
     check_counts(1, num_envs=num_envs)
     check_seed(seed)
-    from sceniris_gym.tools.commands import bench as tool
-    from sceniris_gym.tools.files import check_picture
+    from sceniris_gym.commands import bench as tool
+    from sceniris_gym.files import check_picture
 
     if picture is not None:
         check_picture(picture)
@@ -249,18 +222,6 @@ def bench(
     overrides = read_changes(changes) | ({} if geometry is None else {"geometry": geometry})
     measured = tool.bench(scene, num_envs, device, seed, overrides, picture)
     return dumps(measured) if json else _listing(measured)
-
-
-def _paper(device: str | None, quick: bool, peers: Sequence[Peer], out: Path | None, json: bool) -> str:
-    """Measure the experiments of the paper, and write them as JSON and as a picture."""
-    from sceniris_gym.tools.paper import report, suite
-
-    if out is not None:
-        report.check(out)
-    found = suite.run(device, quick, peers, suite.progress)
-    if out is not None:
-        report.write(found, out)
-    return report.as_json(found) if json else report.as_text(found)
 
 
 @_command
@@ -273,9 +234,9 @@ def replay(
     json: Json = False,
 ) -> str:
     """Make one layout again from its id, and show it as numbers and as a picture."""
+    from sceniris_gym.commands import replay as tool
     from sceniris_gym.layout.compile import compile_scene
-    from sceniris_gym.tools.commands import replay as tool
-    from sceniris_gym.tools.render import captioned, save
+    from sceniris_gym.pictures.render import captioned, save
 
     name = tool.LayoutId.parse(layout)
     picture = checked_target(out, tool.default_picture(layout))
@@ -300,8 +261,8 @@ def check(
     """Say why a scene is hard: how many candidates were rejected, per object and cause."""
     check_counts(1, layouts=layouts)
     check_seed(seed)
-    from sceniris_gym.tools.commands import check as tool
-    from sceniris_gym.tools.files import check_picture
+    from sceniris_gym.commands import check as tool
+    from sceniris_gym.files import check_picture
 
     if picture is not None:
         check_picture(picture)
@@ -336,7 +297,7 @@ def reach(
 ) -> str:
     """Describe and draw what an arm reaches, build its map, or judge poses."""
     check_seed(seed)
-    from sceniris_gym.tools.commands import reach as tool
+    from sceniris_gym.commands import reach as tool
 
     asked = [f"--{word}" for word, value in (("build", build), ("poses", poses), ("scene", scene)) if value]
     if len(asked) > 1:
@@ -449,9 +410,9 @@ def import_(
     json: Json = False,
 ) -> str:
     """Make assets of meshes, URDF and USD: convex parts, mass, resting poses, grasps, a picture and a manifest."""
+    from sceniris_gym.commands import import_things as tool
     from sceniris_gym.importers.things.importer import Options
     from sceniris_gym.importers.things.units import ask_on_terminal
-    from sceniris_gym.tools.commands import import_things as tool
 
     check_counts(1, jobs=1 if jobs is None else jobs)
     options = Options(scale, up, density, tolerance, shell)
@@ -474,7 +435,7 @@ def init(
 
     What cannot be placed is commented out, with the reason. The scene is tried before it is written.
     """
-    from sceniris_gym.tools.commands import init as tool
+    from sceniris_gym.commands import init as tool
 
     target = None if out is None else checked_target(out)
     scene = tool.init(model, device)
@@ -503,7 +464,7 @@ def settle(
     check_seed(seed)
     from tqdm import tqdm
 
-    from sceniris_gym.tools.commands import settle as tool
+    from sceniris_gym.commands import settle as tool
 
     with tqdm(total=n, unit="heap", file=sys.stderr, disable=json or not sys.stderr.isatty()) as bar:
         found = tool.settle(scene_config(scene, changes), heap, n, out, seed, lambda done, of: bar.update())

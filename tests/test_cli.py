@@ -7,7 +7,6 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import mujoco
@@ -18,8 +17,6 @@ from PIL import Image
 import sceniris_gym
 from sceniris_gym import cli
 from sceniris_gym.errors import SceneKeyError
-from sceniris_gym.tools.paper import suite
-from tests.tools.paper.results import FOUND
 
 
 def answer(capfd: pytest.CaptureFixture, *arguments: str, device: str = "cpu") -> dict:
@@ -100,44 +97,6 @@ def test_bench_takes_the_other_geometry(capfd: pytest.CaptureFixture):
     found = answer(capfd, "bench", "mid", "--num-envs", "8", "--geometry", "visual")
     assert found["geometry"] == "visual"
     assert found["faces"]["apple"] >= 1000
-
-
-def test_bench_runs_a_suite(capfd: pytest.CaptureFixture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """With its peers and files; rows are told on stderr, stdout is one line of JSON."""
-    asked = []
-
-    def run(device: str, quick: bool, peers: tuple[str, ...], tell: Callable) -> dict:
-        asked.extend((device, quick, peers))
-        tell(FOUND["rows"][0])
-        return FOUND
-
-    monkeypatch.setattr(suite, "run", run)
-    words = ("bench", "--suite", "paper", "--quick", "--peer", "uniform", "--peer", "scene_synthesizer")
-    found = answer(capfd, *words, "-o", str(tmp_path))
-    assert asked == ["cpu", True, ("uniform", "scene_synthesizer")]
-    assert [row["worlds"] for row in found["rows"]] == [1024, 0]
-    assert json.loads((tmp_path / "paper.json").read_text()) == found
-    assert Image.open(tmp_path / "paper.png").size[0] > 1000
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ((), "Give a SCENE, or --suite paper"),
-        (("mid", "--suite", "paper"), "Leave out SCENE"),
-        (("--suite", "paper", "--set", "attempts=3"), "Leave out SCENE"),
-        (("--suite", "paper", "--num-envs", "64"), "Leave out SCENE"),
-        (("mid", "--quick"), "Add --suite paper"),
-        (("mid", "--peer", "uniform"), "Add --suite paper"),
-        (("mid", "-o", "results"), "Add --suite paper"),
-    ],
-    ids=" ".join,
-)
-def test_bench_takes_a_scene_or_a_suite(words: tuple[str, ...], message: str, capfd: pytest.CaptureFixture):
-    """Never both, and never neither."""
-    with pytest.raises(SystemExit):
-        cli.main(["bench", *words])
-    assert message in capfd.readouterr().err
 
 
 def test_generated_rows_depend_on_their_seed_alone(capfd: pytest.CaptureFixture, tmp_path: Path):
@@ -290,7 +249,7 @@ def test_a_folder_for_kernels_that_cannot_be_written_is_told_with_the_way_out(
     def start() -> None:
         raise OSError(code, os.strerror(code), str(file))
 
-    monkeypatch.setattr("sceniris_gym.tools.warp_start.start_warp", start)
+    monkeypatch.setattr("sceniris_gym.commands.warp_start.start_warp", start)
     for cache, unwritable in ((tmp_path / "kernels" / "1.0", True), (tmp_path, False)):
         monkeypatch.setattr("warp.config.kernel_cache_dir", str(cache))
         with pytest.raises(SystemExit) as stop:

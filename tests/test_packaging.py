@@ -33,7 +33,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     tree = tmp_path_factory.mktemp("tree")
     for name in ("sceniris_gym", *MAPPED):
         shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
+    for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, tree)
     run(sys.executable, "-m", "build", "--no-isolation", cwd=tree)
     return tree / "dist"
@@ -55,14 +55,13 @@ def python(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return python
 
 
-def test_the_package_list_is_the_tree():
-    """Every folder with an __init__.py is a package of pyproject.toml, and no other."""
-    found = {
-        ".".join(path.parent.relative_to(ROOT).parts)
-        for folder in ("sceniris_gym", *MAPPED)
-        for path in (ROOT / folder).rglob("__init__.py")
-    }
-    assert {MAPPED.get(name, name) for name in found} == set(PROJECT["tool"]["setuptools"]["packages"])
+def test_the_wheel_holds_every_module(built: Path):
+    """All Python files of the tree are in it, those of the folders beside the package too, and no other package."""
+    wheel = zipfile.ZipFile(next(built.glob("*.whl")))
+    packed = {name for name in wheel.namelist() if name.endswith(".py")}
+    own = {str(path.relative_to(ROOT)) for path in (ROOT / "sceniris_gym").rglob("*.py")}
+    beside = {f"sceniris_gym/{path.relative_to(ROOT)}" for name in MAPPED for path in (ROOT / name).rglob("*.py")}
+    assert packed == own | beside
     assert {v: k for k, v in MAPPED.items()} == PROJECT["tool"]["setuptools"]["package-dir"]
 
 

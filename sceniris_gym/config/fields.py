@@ -14,8 +14,8 @@ from pydantic_core import PydanticCustomError
 from sceniris_gym.config.bounds import BOUNDS, LEAST_GAP
 from sceniris_gym.config.limits import MAX_POINTS
 from sceniris_gym.config.messages import ADVICE
+from sceniris_gym.config.tier import TIERS
 from sceniris_gym.errors import did_you_mean
-from sceniris_gym.reach.tier import TIERS
 
 FLOOR = "floor"
 ROBOT = "robot"

@@ -9,12 +9,12 @@ from itertools import product
 import mujoco
 import numpy as np
 
+from sceniris_gym.collide.leaves import SKIN
 from sceniris_gym.geometry.colliders import collect_colliders
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.leaves import SKIN
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.home_touch import HomeTouch
-from sceniris_gym.program.pairs import PairRules, collider_pairs
+from sceniris_gym.program.pack.home_touch import HomeTouch
+from sceniris_gym.program.pack.pairs import PairRules, collider_pairs
 
 _WORLDS = 64
 _RECORDED = 512

@@ -15,14 +15,14 @@ import warp as wp
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.relations import Relation
 from sceniris_gym.config.scene import AUTO, SceneConfig
+from sceniris_gym.device.kernel_log import use_kernel_log
+from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.errors import FallbackWarning, InfeasibleSceneError, UnknownNameError
 from sceniris_gym.layout.attempts import find_attempts
 from sceniris_gym.layout.blame import obstructions
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.kernel_log import use_kernel_log
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.scene_cache import UNREADABLE, load_arrays, scene_key, store_arrays
-from sceniris_gym.layout.turns import launching
 from sceniris_gym.program.archive import from_arrays, to_arrays
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Cause, Program, copied, fill_struct

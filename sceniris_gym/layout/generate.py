@@ -9,21 +9,25 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.messages import short
+from sceniris_gym.device.fixed import Fixed
+from sceniris_gym.device.launch_lock import launching
+from sceniris_gym.device.pickling import StaysHere
+from sceniris_gym.device.random import SPLITS
+from sceniris_gym.device.sequence import LaunchSequence, repeat_launches
 from sceniris_gym.errors import ArgumentError, MaskError, MaskTypeError, check_type
-from sceniris_gym.layout.accept import launch_accept
-from sceniris_gym.layout.collision import launch_test_collisions
-from sceniris_gym.layout.containment import launch_test_containment
 from sceniris_gym.layout.counts import as_count
-from sceniris_gym.layout.draw import launch_draw
-from sceniris_gym.layout.fixed import Fixed
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.loading import load_kernels
-from sceniris_gym.layout.pickling import StaysHere
-from sceniris_gym.layout.points import launch_draw_points
-from sceniris_gym.layout.random import SPLITS
-from sceniris_gym.layout.reachability import ReachStage
-from sceniris_gym.layout.region_pieces import launch_find_pieces, launch_measure_pieces
-from sceniris_gym.layout.rounds import (
+from sceniris_gym.layout.reaching.stage import ReachStage
+from sceniris_gym.layout.seeds import launch_reseed, seeds_on_device
+from sceniris_gym.layout.wave.accept import launch_accept
+from sceniris_gym.layout.wave.collision import launch_test_collisions
+from sceniris_gym.layout.wave.containment import launch_test_containment
+from sceniris_gym.layout.wave.draw import launch_draw
+from sceniris_gym.layout.wave.points import launch_draw_points
+from sceniris_gym.layout.wave.prefilter import launch_screen
+from sceniris_gym.layout.wave.region_pieces import launch_find_pieces, launch_measure_pieces
+from sceniris_gym.layout.wave.rounds import (
     launch_finish,
     launch_open_candidates,
     launch_open_rows,
@@ -31,16 +35,12 @@ from sceniris_gym.layout.rounds import (
     launch_settle,
     launch_start,
 )
-from sceniris_gym.layout.screen import launch_screen
-from sceniris_gym.layout.search import SearchSize, create_search, default_size
-from sceniris_gym.layout.seeds import launch_reseed, seeds_on_device
-from sceniris_gym.layout.sequence import LaunchSequence, repeat_launches
-from sceniris_gym.layout.sides import launch_build_sides
-from sceniris_gym.layout.turns import launching
+from sceniris_gym.layout.wave.search import SearchSize, create_search, default_size
+from sceniris_gym.layout.wave.sides import launch_build_sides
+from sceniris_gym.program.checks.memory import check_memory
 from sceniris_gym.program.compiled import USER_SPLITS, CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
 from sceniris_gym.program.device_reach import Reach
-from sceniris_gym.program.memory import check_memory
 
 # Regions of more pieces than this make a candidate so dear that fewer restarts are tried at once.
 _MOST_PIECES = 1024

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sceniris_gym.layout.pickling import StaysHere
+from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause
 from sceniris_gym.program.reach import Reaching

@@ -7,22 +7,19 @@ from pathlib import Path
 
 import warp as wp
 
-from sceniris_gym.layout import (
+from sceniris_gym.device.kernel_log import tell_of_compiling
+from sceniris_gym.layout.reaching import hits, ik, poses, waves
+from sceniris_gym.layout.wave import (
     accept,
     collision,
     containment,
     draw,
     points,
-    reach_hits,
-    reach_ik,
-    reach_poses,
-    reach_waves,
+    prefilter,
     region_pieces,
     rounds,
-    screen,
     sides,
 )
-from sceniris_gym.layout.kernel_log import tell_of_compiling
 
 
 def kernel_modules(
@@ -36,9 +33,9 @@ def kernel_modules(
         staged: Whether there is a stage after placing.
         together: Whether blocks have more than one lane, as on a GPU.
     """
-    by_lane = [draw, screen, rounds, *([sides, region_pieces] if related else [])]
-    by_lane += [reach_waves, reach_poses, reach_ik] if staged else []
-    by_block = [accept, *([points] if related else []), *([reach_hits] if staged else [])]
+    by_lane = [draw, prefilter, rounds, *([sides, region_pieces] if related else [])]
+    by_lane += [waves, poses, ik] if staged else []
+    by_block = [accept, *([points] if related else []), *([hits] if staged else [])]
     lanes = [wp.get_module(m.__name__) for m in by_lane]
     lanes += [k.module for k in collision.lane_kernels(faces, together) + (containment.LANE_KERNELS if faces else ())]
     blocks = [wp.get_module(m.__name__) for m in by_block]

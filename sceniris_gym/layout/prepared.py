@@ -13,14 +13,14 @@ from typing import Any
 
 import warp as wp
 
+from sceniris_gym.device.launch_lock import launching
+from sceniris_gym.device.pickling import StaysHere
+from sceniris_gym.device.sequence import LaunchSequence, repeat_launches, repeats_in_graphs
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_type
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.pickling import StaysHere
-from sceniris_gym.layout.rounds import count_rejections
 from sceniris_gym.layout.seeds import launch_reseed
-from sceniris_gym.layout.sequence import LaunchSequence, repeat_launches, repeats_in_graphs
-from sceniris_gym.layout.turns import launching
+from sceniris_gym.layout.wave.rounds import count_rejections
 
 wp.set_module_options({"enable_backward": False})
 

@@ -24,7 +24,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
-from sceniris_gym.reach import stored_arrays
+from sceniris_gym.config import stored_arrays
 from sceniris_gym.scene.model import SceneModel
 
 VARIABLE = "SCENIRIS_GYM_CACHE"

@@ -5,13 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 import warp as wp
 
+from sceniris_gym.device.launch_lock import launching
+from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.errors import SceneMismatchError, check_type
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.generate import check_mask
 from sceniris_gym.layout.layouts import Layouts, Status
-from sceniris_gym.layout.pickling import StaysHere
 from sceniris_gym.layout.seeds import launch_reseed, seeds_on_device
-from sceniris_gym.layout.turns import launching
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.scene.layout_table import LayoutTable

@@ -15,13 +15,13 @@ from sceniris_gym.config.scene import AUTO, SceneConfig
 from sceniris_gym.errors import ArgumentError, SeedError
 from sceniris_gym.geometry.colliders import collect_colliders, collider_arrays
 from sceniris_gym.geometry.pieces import ROUND
+from sceniris_gym.program.checks.distance import check_distances
+from sceniris_gym.program.checks.oddities import warn_of_oddities
 from sceniris_gym.program.device import Program, fill_struct
 from sceniris_gym.program.device_reach import Reach
-from sceniris_gym.program.distance_check import check_distances
-from sceniris_gym.program.oddities import warn_of_oddities
-from sceniris_gym.program.pack import pack_program
-from sceniris_gym.program.pack_objects import ARM_LISTS
-from sceniris_gym.program.pack_relations import most_sides
+from sceniris_gym.program.pack.objects import ARM_LISTS
+from sceniris_gym.program.pack.program import pack_program
+from sceniris_gym.program.pack.relations import most_sides
 from sceniris_gym.program.plan import Plan, build_plan, placement_order, slot_names
 from sceniris_gym.program.reach import Reaching, build_reaching
 from sceniris_gym.scene.model import SceneModel

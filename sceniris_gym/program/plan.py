@@ -20,12 +20,12 @@ from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
 from sceniris_gym.geometry.resting_poses import HomeShape, Variant, heading_of, of_heading_zero
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.geometry.supports import SupportSurface
-from sceniris_gym.program.constraints import check_constraints
+from sceniris_gym.program.checks.constraints import check_constraints
+from sceniris_gym.program.checks.tendon_limits import check_tendon_limits
 from sceniris_gym.program.couplings import Follower, followers_of
 from sceniris_gym.program.device import ObjectKind, Roof
 from sceniris_gym.program.heap_poses import HeapPoses, heap_poses
 from sceniris_gym.program.resting import stable_poses
-from sceniris_gym.program.tendon_limits import check_tendon_limits
 from sceniris_gym.scene.couplings import free_range
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import Support, static_supports

@@ -11,6 +11,7 @@ import warp as wp
 
 from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.robot import RobotConfig
+from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import ArmError, MapError, ReachWarning, SceneKeyError, UnknownNameError
 from sceniris_gym.geometry.ragged import ranges
 from sceniris_gym.grasping.grasps import Graspable, GraspSet
@@ -24,7 +25,6 @@ from sceniris_gym.reach.arm import MAX_JOINTS, SerialArm
 from sceniris_gym.reach.lookup import MapView
 from sceniris_gym.reach.map import ReachMap, build_command, default_tier, why_not_map
 from sceniris_gym.reach.solve import arm_view
-from sceniris_gym.reach.tier import Tier
 from sceniris_gym.scene.identity import map_of
 from sceniris_gym.scene.model import SceneModel
 

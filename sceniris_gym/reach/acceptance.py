@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import warp as wp
 
+from sceniris_gym.config.tier import Tier
 from sceniris_gym.reach.lookup import look_up
 from sceniris_gym.reach.map import ReachMap
 from sceniris_gym.reach.solve import ITERATIONS, RESTARTS, solve
-from sceniris_gym.reach.tier import Tier
 
 POSES = 4096
 """Accepted poses that are solved in each set: a share of 0.5% is known to 0.1% (standard error)."""

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from sceniris_gym.config.stored_arrays import UNREADABLE, read_arrays
 from sceniris_gym.errors import MapError
-from sceniris_gym.reach.stored_arrays import UNREADABLE, read_arrays
 
 _AGAIN = "Remove the file to start over."
 _SECONDS = 60.0  # between two writes

@@ -11,9 +11,9 @@ import math
 
 import warp as wp
 
-from sceniris_gym.reach.angles import angle_of, unit_circle
+from sceniris_gym.device.angles import angle_of, unit_circle
+from sceniris_gym.device.quaternions import mul_quat, neg_quat, z_axis
 from sceniris_gym.reach.arm import MAX_JOINTS
-from sceniris_gym.reach.quaternions import mul_quat, neg_quat, z_axis
 from sceniris_gym.reach.solve import vec8
 
 wp.set_module_options({"enable_backward": False})

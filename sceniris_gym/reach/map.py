@@ -19,13 +19,13 @@ from typing import Any, BinaryIO
 import numpy as np
 import warp as wp
 
+from sceniris_gym.config.stored_arrays import UNREADABLE, read_arrays
+from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import MapError
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.labels import base_turn, wrist_turn
 from sceniris_gym.reach.lookup import MapView, look_up, vec8h
 from sceniris_gym.reach.solve import as_vec8, vec8
-from sceniris_gym.reach.stored_arrays import UNREADABLE, read_arrays
-from sceniris_gym.reach.tier import Tier
 
 SUFFIX = ".reach"
 """Suffix of map files."""

@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.heaps import HeapConfig
+from sceniris_gym.config.stored_arrays import UNREADABLE, read_arrays
 from sceniris_gym.errors import HeapError, NotSupportedError
-from sceniris_gym.reach.stored_arrays import UNREADABLE, read_arrays
 from sceniris_gym.scene.model import SceneModel
 
 DEEPEST = 1e-3

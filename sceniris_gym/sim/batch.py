@@ -11,9 +11,9 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
+from sceniris_gym.device.fixed import Fixed
+from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import ContactBudgetError, UnknownNameError
-from sceniris_gym.layout.fixed import Fixed
-from sceniris_gym.layout.sequence import LaunchSequence
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.versions import OverflowType, room_for_dofs, silence_iterations
 

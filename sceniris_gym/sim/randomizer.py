@@ -10,6 +10,10 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
+from sceniris_gym.device.fixed import Fixed
+from sceniris_gym.device.launch_lock import launching
+from sceniris_gym.device.pickling import StaysHere
+from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import (
     ArgumentError,
     ArgumentTypeError,
@@ -18,15 +22,11 @@ from sceniris_gym.errors import (
     UnknownNameError,
     check_type,
 )
-from sceniris_gym.layout.fixed import Fixed
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts
-from sceniris_gym.layout.pickling import StaysHere
 from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.layout.seeds import seeds_on_device
-from sceniris_gym.layout.sequence import LaunchSequence
 from sceniris_gym.layout.source import LayoutSource
-from sceniris_gym.layout.turns import launching
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import check_budget, update_stages

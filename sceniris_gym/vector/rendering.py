@@ -9,8 +9,8 @@ import numpy as np
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.pictures.camera import FrameCamera
 from sceniris_gym.sim.batch import Batch
-from sceniris_gym.sim.pictures import FrameCamera
 from sceniris_gym.vector import window
 from sceniris_gym.vector.arguments import as_size
 from sceniris_gym.vector.window import Window

@@ -10,8 +10,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from sceniris_gym.device.random import STREAM_BITS
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, UnknownNameError
-from sceniris_gym.layout.random import STREAM_BITS
 from sceniris_gym.vector.state import State
 
 NOISE, DELAY, DROPOUT = (2**STREAM_BITS - i for i in (1, 2, 3))

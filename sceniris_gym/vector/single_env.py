@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from sceniris_gym.layout.fixed import Fixed
+from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.vector.rendering import RENDER_MODES
 from sceniris_gym.vector.task import Task
 from sceniris_gym.vector.vector_env import SceneVectorEnv

@@ -2,8 +2,8 @@
 
 import warp as wp
 
+from sceniris_gym.device.random import SPLITS, STREAM_BITS, TASK_STREAM, uniforms
 from sceniris_gym.errors import ArgumentError
-from sceniris_gym.layout.random import SPLITS, STREAM_BITS, TASK_STREAM, uniforms
 
 wp.set_module_options({"enable_backward": False})
 

@@ -17,13 +17,13 @@ from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.device.fixed import Fixed
+from sceniris_gym.device.launch_lock import Turn, in_turn, launching
+from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.counts import as_count
-from sceniris_gym.layout.fixed import Fixed
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.layout.pickling import StaysHere
 from sceniris_gym.layout.source import LayoutSource
-from sceniris_gym.layout.turns import Turn, in_turn, launching
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer

@@ -14,10 +14,10 @@ from sceniris_gym.layout.blame import Blame, Hit
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.tables import read_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.tools.tables import read_table
 
 MOST_RECORDED = 1024
 _COUNTED = 256  # layouts that the table of a scene begins with

@@ -7,7 +7,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from sceniris_gym.layout.reach_search import PREGRASP_DISTANCE
+from sceniris_gym.layout.reaching.search import PREGRASP_DISTANCE
 from sceniris_gym.program.reach import ReachTarget
 from sceniris_gym.reach.solve import random_joints, solve
 from sceniris_gym.scene.layout_table import LayoutTable

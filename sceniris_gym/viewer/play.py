@@ -5,8 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from sceniris_gym.audit.physics import hold
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.tools.audit.physics import hold
 
 _LONGEST = 0.1  # s of physics between two pictures; a slow machine falls behind rather than freeze
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import ScenirisError
 from sceniris_gym.program.reach import load_map, robot_arm
 from sceniris_gym.reach.map import ReachMap
-from sceniris_gym.reach.tier import Tier
 from sceniris_gym.scene.model import SceneModel
 
 _PIXELS = 96

@@ -12,7 +12,7 @@ from shapely.geometry.base import BaseGeometry
 
 from sceniris_gym.config.relations import Relation
 from sceniris_gym.geometry.supports import SupportSurface, triangulate
-from sceniris_gym.program.pack_relations import relations_of
+from sceniris_gym.program.pack.relations import relations_of
 from sceniris_gym.viewer.roofs import under_right_roof
 from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.sketch import GREY, PALETTE, Sketch

@@ -21,7 +21,7 @@ from sceniris_gym.config.orientation import Orientation, Stable
 from sceniris_gym.config.relations import Distance, Relation
 from sceniris_gym.config.robot import RobotConfig, TcpConfig
 from sceniris_gym.config.scene import Floor, SceneConfig
-from sceniris_gym.program import oddities
+from sceniris_gym.program.checks import oddities
 from sceniris_gym.program.device import Cause
 from tests.oracle.hostile_judge import KICK
 
@@ -119,7 +119,14 @@ def _texts(*nodes: ast.AST) -> str:
 
 OF_MODELS = {"ArmError", "ErodedSupportError", "MeshError", "NoSupportError", "NotSupportedError"}
 OWN_WORDS = {"GraspError", "InfeasibleSceneError"}  # made in errors.py
-LIMITS = {"distance_check.py", "parking_check.py", "pack_regions.py", "pack_relations.py", "parking.py"}
+LIMITS = {
+    Path("program/checks/distance.py"),
+    Path("program/checks/parking.py"),
+    Path("program/pack/regions.py"),
+    Path("program/pack/relations.py"),
+    Path("scene/parking.py"),
+}
+ELSEWHERE = ("audit", "commands", "dataset", "pictures", "training", "importers")
 
 
 def _about_models() -> Iterator[str]:
@@ -138,7 +145,7 @@ def _about_models() -> Iterator[str]:
         is_ours = name in OF_MODELS and not any(other in words for other in others) and file.name != "errors.py"
         is_ours = is_ours or (name in OWN_WORDS and file.name == "errors.py")
         is_ours = is_ours or (name == "SceneKeyError" and file.parts[0] in ("scene", "geometry", "program"))
-        elsewhere = file.name in LIMITS or file.parts[0] in ("tools", "importers")
+        elsewhere = file in LIMITS or file.parts[0] in ELSEWHERE
         if is_ours and not elsewhere and words.strip(": ."):
             yield words
 

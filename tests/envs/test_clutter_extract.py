@@ -13,12 +13,12 @@ import pytest
 import torch
 from torch import Tensor
 
+from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.tools.audit.auditor import Auditor
-from sceniris_gym.tools.tables import make_table
 from sceniris_gym.vector.arm_controller import TOOL_STEP, TURN_STEP
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.envs.stated import check_stated, values

@@ -14,18 +14,18 @@ import numpy as np
 import torch
 import warp as wp
 
+from sceniris_gym.commands.reach import read_poses
+from sceniris_gym.commands.replay import LayoutId
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.dataset.manifest import MANIFEST, part_name, row_of
+from sceniris_gym.dataset.reader import LayoutDataset, verify
 from sceniris_gym.layout.compile import compile_scene, device_name
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.map import ReachMap
 from sceniris_gym.sim.masks import as_mask, as_rows
-from sceniris_gym.tools.commands.reach import read_poses
-from sceniris_gym.tools.commands.replay import LayoutId
-from sceniris_gym.tools.dataset.manifest import MANIFEST, part_name, row_of
-from sceniris_gym.tools.dataset.reader import LayoutDataset, verify
 from sceniris_gym.vector.arguments import as_action, as_autoreset_mode, as_reset_mask, as_reset_seeds, as_size
 from tests.fuzz.scenes import base_scene, write_assets
 from tests.fuzz.values import value

@@ -14,8 +14,8 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.grasping.grasps import Grasp
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.layouts import Layouts, Status
-from sceniris_gym.layout.reach_poses import OPENING_MARGIN
-from sceniris_gym.layout.reach_search import PREGRASP_DISTANCE
+from sceniris_gym.layout.reaching.poses import OPENING_MARGIN
+from sceniris_gym.layout.reaching.search import PREGRASP_DISTANCE
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.reach import ReachTarget
 from tests.layout.scenes import box_mjcf, write_mjcf

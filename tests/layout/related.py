@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from sceniris_gym.audit.auditor import Auditor
+from sceniris_gym.audit.language import Kept
+from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.tools.audit.auditor import Auditor
-from sceniris_gym.tools.audit.language import Kept
-from sceniris_gym.tools.tables import make_table
 from tests.layout.scenes import box_mjcf, compile_on_cpu, write_mjcf
 
 FLOOR = {"size": [2.0, 2.0]}

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
+from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.search import SearchSize, default_size
-from sceniris_gym.layout.sequence import LaunchSequence
+from sceniris_gym.layout.wave.search import SearchSize, default_size
 from sceniris_gym.program.compiled import CompiledScene
 
 # busy, candidates, rows, lanes

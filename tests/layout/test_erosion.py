@@ -12,11 +12,11 @@ from scipy import stats
 from shapely.geometry import box
 from shapely.geometry.base import BaseGeometry
 
+from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.errors import ErodedSupportError, SceneKeyError
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.tools.audit.auditor import Auditor
-from sceniris_gym.tools.tables import make_table
 from tests.layout.related import drawer_mjcf
 from tests.layout.scenes import Rows, box_mjcf, compile_on_cpu, make, posed, write_mjcf
 from tests.oracle.solids import Solids

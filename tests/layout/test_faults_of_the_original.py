@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.errors import ErodedSupportError, InfeasibleSceneError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.tools.audit.auditor import Auditor
-from sceniris_gym.tools.tables import make_table
+from sceniris_gym.layout.tables import make_table
 from tests.layout.related import Shapes, judged, near_middle, related, scene, table_of
 from tests.layout.scenes import FLOOR, box_mjcf, compile_on_cpu, make
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.reach_search import Step
+from sceniris_gym.layout.reaching.search import Step
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.grasped import arm_mjcf, taken
 from tests.layout.scenes import ANYWHERE, Rows, box_mjcf, compile_on_cpu, make, read, write_mjcf

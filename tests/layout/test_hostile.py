@@ -6,9 +6,9 @@ from functools import cache
 
 import pytest
 
-from benchmarks.hostile import try_model
 from tests.oracle.hostile_features import FEATURES
 from tests.oracle.hostile_models import make
+from tests.stress.hostile import try_model
 from tests.versions import OLD
 
 CANDIDATES = 200
@@ -34,7 +34,7 @@ def test_the_sample_has_most_features():
 
 @pytest.mark.parametrize("number", range(12))
 def test_hostile_models_are_placed_or_refused_by_name(number: int):
-    """Sixteen layouts each, judged by MuJoCo C; `python -m benchmarks.hostile --show SEED` writes one to a folder."""
+    """Sixteen layouts each, judged by MuJoCo C; `python -m tests.stress.hostile --show SEED` writes one to a folder."""
     outcome = try_model(sample(12)[number], 16)
     if OLD and "with MULTICCD enabled" in str(outcome):
         pytest.skip("MuJoCo before 4.0: mujoco_warp takes no margins with MULTICCD")

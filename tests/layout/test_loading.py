@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 import warp as wp
 
-from sceniris_gym.layout import kernel_log
+from sceniris_gym.device import kernel_log
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.loading import kernel_modules, load_kernels
-from sceniris_gym.layout.search import default_size
+from sceniris_gym.layout.wave.search import default_size
 from tests.layout.grasped import cluttered
 
 

@@ -9,12 +9,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.errors import NoSupportError, SceneKeyError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.tools.audit.auditor import Auditor
-from sceniris_gym.tools.tables import make_table
 from tests.scene.memory import NEAR, cubes_on, model_text, spec_of
 
 NWORLD = 500

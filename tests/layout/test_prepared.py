@@ -14,12 +14,12 @@ import pytest
 import torch
 import warp as wp
 
+from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError
 from sceniris_gym.layout import prepared
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.prepared import PreparedLayouts
-from sceniris_gym.layout.sequence import LaunchSequence
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.reaching import crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf

@@ -11,11 +11,11 @@ import warp as wp
 from scipy import stats
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import GraspError, InfeasibleSceneError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.reach.tier import Tier
 from sceniris_gym.scene.model import build_model
 from tests.layout.reaching import HEIGHT, RADIUS, crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, compile_on_cpu, read, write_mjcf

@@ -11,7 +11,7 @@ from scipy import stats
 
 from sceniris_gym.errors import ErodedSupportError, InfeasibleSceneError
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.layout.search import default_size
+from sceniris_gym.layout.wave.search import default_size
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import FLOOR, Rows, box_mjcf, compile_on_cpu, make, posed
 

@@ -9,10 +9,10 @@ import pytest
 import shapely
 from scipy import stats
 
-from sceniris_gym.tools.audit.auditor import Auditor
-from sceniris_gym.tools.audit.geometry import poses_of
-from sceniris_gym.tools.audit.relations import support_headings
-from sceniris_gym.tools.tables import make_table
+from sceniris_gym.audit.auditor import Auditor
+from sceniris_gym.audit.geometry import poses_of
+from sceniris_gym.audit.relations import support_headings
+from sceniris_gym.layout.tables import make_table
 from tests.layout.related import Shapes, scene
 from tests.oracle.regions import region
 from tests.oracle.uniformity import spread_p_value, turned_back

@@ -9,18 +9,18 @@ import mujoco
 import numpy as np
 import pytest
 
+from sceniris_gym.audit.auditor import Auditor
+from sceniris_gym.commands.audit import judge_reach, reach_claims
 from sceniris_gym.config.loader import shipped
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import CycleError, UnknownNameError
 from sceniris_gym.geometry.rotations import pose_matrix
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.reach.solve import POS_TOL
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.tools.audit.auditor import Auditor
-from sceniris_gym.tools.commands.audit import judge_reach, reach_claims
-from sceniris_gym.tools.tables import make_table
 from tests.layout.grasped import taken
 from tests.oracle.exact_ik import ExactIk
 

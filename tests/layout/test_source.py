@@ -13,10 +13,10 @@ from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.stored import StoredLayouts
+from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
-from sceniris_gym.tools.tables import make_table
 from tests.layout.scenes import compile_on_cpu
 
 NWORLD = 4

@@ -16,11 +16,11 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.stored import StoredLayouts
+from sceniris_gym.layout.tables import make_table, read_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
-from sceniris_gym.tools.tables import make_table, read_table
 from sceniris_gym.vector.state import State
 from tests.layout.reaching import crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import FLOOR, box_mjcf, compile_on_cpu

@@ -9,8 +9,8 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from sceniris_gym.audit.outlines import Outline
 from sceniris_gym.config.relations import Relation
-from sceniris_gym.tools.audit.outlines import Outline
 
 _SEGMENTS = 32  # of a quarter circle
 _ENDLESS = 10.0  # m

@@ -9,7 +9,7 @@ import numpy as np
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.geometry.colliders import Colliders, collect_colliders
-from sceniris_gym.program.pack import pack_program
+from sceniris_gym.program.pack.program import pack_program
 from sceniris_gym.program.plan import PlacedObject, Plan, build_plan
 from sceniris_gym.scene.model import SceneModel, build_model
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import warp as wp
 
+from sceniris_gym.collide.boxes import OWN_STACK
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, SeedError
-from sceniris_gym.layout.boxes import OWN_STACK
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Program
 from sceniris_gym.scene.model import build_model

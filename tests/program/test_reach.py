@@ -12,10 +12,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import MapError, ReachWarning, UnknownNameError
 from sceniris_gym.program.plan import build_plan
 from sceniris_gym.program.reach import build_reaching
-from sceniris_gym.reach.tier import Tier
 from sceniris_gym.scene.model import build_model
 from tests.layout.grasped import arm_mjcf
 from tests.layout.reaching import crane_map, crane_mjcf, crane_scene

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from sceniris_gym.config.tier import Tier, Verdict
 from sceniris_gym.reach import acceptance
 from sceniris_gym.reach.acceptance import POSES, measure_false_accepts
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.build import build_map
 from sceniris_gym.reach.map import MOST_FALSE_ACCEPTS, ReachMap, default_tier, map_path, why_not_map
-from sceniris_gym.reach.tier import Tier, Verdict
 from tests.oracle.exact_ik import ExactIk
 from tests.reach.arms import ASSETS
 from tests.reach.shapes import drum, drum_reaches

@@ -10,12 +10,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from sceniris_gym.config.tier import Verdict
 from sceniris_gym.errors import ArmError, MapError
 from sceniris_gym.reach import checkpoint
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.build import build_map, reach_ball, turn_error
 from sceniris_gym.reach.map import ReachMap
-from sceniris_gym.reach.tier import Verdict
 from tests.reach.arms import ASSETS, hinge, link, model, site, tcp_poses
 from tests.reach.shapes import gantry, gantry_depths, gantry_reaches, poses, turn
 

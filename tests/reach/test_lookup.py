@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import warp as wp
 
+from benchmarks.sampled_map import canonical
+from sceniris_gym.config.tier import Verdict
 from sceniris_gym.reach.lookup import MapView, witness
 from sceniris_gym.reach.map import ReachMap
-from sceniris_gym.reach.sampled import canonical
 from sceniris_gym.reach.solve import as_vec8, random_joints, vec8
-from sceniris_gym.reach.tier import Verdict
 from tests.reach.arms import tcp_poses
 from tests.reach.shapes import ball, gantry, map_of, poses, random_axes, turn
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import MapError
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.map import (
@@ -21,7 +22,6 @@ from sceniris_gym.reach.map import (
     pack,
     why_not_map,
 )
-from sceniris_gym.reach.tier import Tier
 from tests.reach.shapes import ball, gantry, map_of, poses, random_axes
 
 

@@ -4,9 +4,9 @@ import mujoco
 import pytest
 
 from benchmarks.reach import ACCURACY, CYLINDERS, FALSE, draw
+from sceniris_gym.config.tier import Verdict
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.map import ReachMap, map_path
-from sceniris_gym.reach.tier import Verdict
 from tests.oracle.exact_ik import ExactIk
 from tests.reach.arms import ASSETS
 

@@ -8,10 +8,10 @@ import pytest
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.tables import make_table
 from sceniris_gym.scene.backdrop import OVERVIEW
 from sceniris_gym.scene.model import SceneModel, build_model
 from sceniris_gym.scene.overview import seen
-from sceniris_gym.tools.tables import make_table
 
 WITH_ROBOT = ["tabletop_lift", "tabletop_reach", "clutter_push", "drawer_pick"]
 GROUPS = np.array([1, 1, 1, 0, 0, 0], np.uint8)

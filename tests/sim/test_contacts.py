@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sceniris_gym.layout.sequence import LaunchSequence
+from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.sim.contacts import ContactList
 
 NWORLD = 5

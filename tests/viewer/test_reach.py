@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sceniris_gym.reach.tier import Tier
+from sceniris_gym.config.tier import Tier
 from sceniris_gym.viewer.reach import ReachSlice
 from tests.viewer.worlds_on_show import compiled_scene
 

@@ -11,9 +11,9 @@ from scipy import stats
 from sceniris_gym import compile_scene, read_sceniris
 from sceniris_gym.config.objects import RegionConfig, SupportConfig
 from sceniris_gym.errors import KeysLeftOutWarning, SceneKeyError, ScenirisError, UnknownNameError
+from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.plan import build_plan
 from sceniris_gym.scene.model import build_model
-from sceniris_gym.tools.tables import make_table
 from tests.importers.sceniris.configurations import mug, read
 
 

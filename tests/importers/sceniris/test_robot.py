@@ -10,7 +10,7 @@ import pytest
 
 from sceniris_gym import compile_scene, read_sceniris
 from sceniris_gym.errors import KeysLeftOutWarning, SceneKeyError
-from sceniris_gym.tools.tables import make_table
+from sceniris_gym.layout.tables import make_table
 from tests.importers.sceniris.configurations import mug, read
 
 AT = [-0.6, 0.1, 0.0]

@@ -1,0 +1,137 @@
+"""How fast a generator that is warm makes layouts, and where its time goes."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+import re
+import statistics
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+import sceniris_gym.layout
+from sceniris_gym.device.sequence import LaunchSequence
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.program.compiled import CompiledScene
+
+_KINDS = {
+    "draw": "draw",
+    "points": "regions",
+    "sides": "regions",
+    "region_pieces": "regions",
+    "screen": "screen",
+    "collision": "collision",
+    "containment": "containment",
+    "accept": "accept",
+    "rounds": "rows and rounds",
+}
+"""What the kernels of a file of layout/ do."""
+
+_HASH = re.compile("_[0-9a-f]{8}$")  # at the end of a kernel's name on a GPU
+
+
+@dataclass(frozen=True)
+class Warm:
+    """Layouts of one batch, made again and again.
+
+    Attributes:
+        seconds: Median time of a batch [s].
+        valid: Share of layouts that are fresh and valid.
+        candidates: Candidates for a layout.
+        ns_per_candidate: Time for each of them [ns].
+    """
+
+    seconds: float
+    valid: float
+    candidates: float
+    ns_per_candidate: float
+
+
+def warm(compiled: CompiledScene, worlds: int, rounds: int) -> Warm:
+    """Measure batches of layouts: one to warm up, then `rounds` of which the median counts."""
+    generator = LayoutGenerator(compiled, worlds)
+    generator.generate()
+    times, valid, attempts = [], 0, 0
+    for _ in range(rounds):
+        wp.synchronize_device(compiled.device)
+        start = time.perf_counter()
+        generator.generate()
+        wp.synchronize_device(compiled.device)
+        times.append(time.perf_counter() - start)
+        valid += int((generator.layouts.status.numpy() == Status.VALID).sum())
+        attempts += int(generator.layouts.attempts.numpy().sum(dtype=np.int64))
+    seconds, made = statistics.median(times), rounds * worlds
+    return Warm(seconds, valid / made, attempts / made, 1e9 * seconds * rounds / attempts)
+
+
+def shares(compiled: CompiledScene, worlds: int) -> dict[str, float]:
+    """Return the share of a batch's time that each kind of kernel takes, the largest first.
+
+    Kernels are launched one by one rather than from a graph. On a GPU the device times them; on a CPU, where a launch
+    returns when its kernel is done, the clock around it does. Scenes whose tier of reach has a stage of its own are not
+    told apart so.
+    """
+    generator = LayoutGenerator(compiled, worlds)
+    make = LaunchSequence(lambda: generator.launch_generate(None), wp.get_device(compiled.device), graph=False)
+    make()  # loads the kernels
+    kinds = _kinds_of_kernels()
+    times: Counter[str] = Counter()
+
+    def add(kernel: str, seconds: float) -> None:
+        times[kinds.get(_key(kernel), "other")] += seconds  # type: ignore[assignment]
+
+    if wp.get_device(compiled.device).is_cuda:
+        wp.timing_begin(cuda_filter=wp.TIMING_KERNEL)
+        make()
+        for result in wp.timing_end():
+            add(result.name, result.elapsed)
+    else:
+        with _timed_launches(add):
+            make()
+    whole = sum(times.values())
+    return {kind: seconds / whole for kind, seconds in times.most_common()}
+
+
+def _key(activity: str) -> str:
+    """Return the key of a kernel, which a GPU's timing tells with a hash."""
+    return _HASH.sub("", activity.removeprefix("forward kernel "))
+
+
+def _kinds_of_kernels() -> dict[str, str]:
+    """Return what the kernels of layout/ do, by their keys."""
+    found = {}
+    for module in pkgutil.iter_modules(sceniris_gym.layout.__path__):
+        members = vars(importlib.import_module(f"sceniris_gym.layout.{module.name}")).values()
+        kernels = (member for member in members if isinstance(member, wp.Kernel))
+        own = (k for k in kernels if k.func.__module__ == f"sceniris_gym.layout.{module.name}")
+        found |= {kernel.key: _KINDS[module.name] for kernel in own if module.name in _KINDS}
+    return found
+
+
+@contextmanager
+def _timed_launches(add: Callable[[str, float], None]) -> Iterator[None]:
+    """Tell `add` the key of every kernel that is launched meanwhile, and how long that took [s]."""
+
+    def timed(launch: Callable) -> Callable:
+        def work(kernel: wp.Kernel, *arguments, **words) -> None:
+            start = time.perf_counter()
+            launch(kernel, *arguments, **words)
+            add(kernel.key, time.perf_counter() - start)
+
+        return work
+
+    kept = {name: getattr(wp, name) for name in ("launch", "launch_tiled")}
+    for name, launch in kept.items():
+        setattr(wp, name, timed(launch))
+    try:
+        yield
+    finally:
+        for name, launch in kept.items():
+            setattr(wp, name, launch)

@@ -1,0 +1,242 @@
+"""`Auditor`: all checks of layouts except reach, as one report.
+
+There is one verdict on collisions. With `geometry: physics` MuJoCo C has a say: a contact deeper than 0.01 mm is a
+missed collision, so the deepest penetration of a layout without any is less than that; contacts that are allowed for
+are listed with the reason. FCL adds what MuJoCo does not report: clearances, and fixtures in each other or in the
+static scene. With `geometry: visual` FCL alone decides, on the meshes that are drawn, and contacts of the shapes that
+collide are listed as allowed for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.audit.collisions import CollisionAudit, Conflict, FalseAlarm
+from sceniris_gym.audit.contacts import Allowed, Contact, ContactAudit, ContactTally
+from sceniris_gym.audit.geometry import home_of, pose_of, poses_of, solids_of
+from sceniris_gym.audit.heaps import HeapAudit
+from sceniris_gym.audit.language import Kept, LanguageAudit
+from sceniris_gym.audit.outlines import Outlines
+from sceniris_gym.audit.pairs import Tree
+from sceniris_gym.audit.physics import FAST, STILL, limp_joints, settle
+from sceniris_gym.audit.presence import presence
+from sceniris_gym.audit.standing import Misplaced, StandingAudit, hulls_of
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.scene.layout_table import LayoutTable
+
+CHUNK = 500  # rows whose poses are held at once
+
+
+@dataclass(frozen=True)
+class Report:
+    """The findings of the audit.
+
+    Attributes:
+        layouts: Number of layouts that were judged.
+        conflicts: Missed collisions, one entry per pair of geoms.
+        misplaced: Objects that do not stand where the scene says.
+        penetration: The deepest contact that is not allowed for, None if there is none.
+        allowed: Pairs of bodies whose contacts are allowed for, and had some.
+        kept: How well every relation, orientation and group is kept.
+        settled: Number of layouts that were stepped.
+        frozen: Names of joints that no position actuator holds, and that were kept where they are meanwhile.
+        moved: Object name -> number of layouts in which it moved more than 1 cm while settling.
+        fast: Object name -> number of layouts in which it was faster than 1 m/s.
+        top_speed: The largest speed of any free object [m/s].
+        unstable: Kind of MuJoCo's warning -> number of layouts whose stepping it ended, and the first of its texts.
+            These layouts count as neither moved nor fast.
+    """
+
+    layouts: int
+    conflicts: list[Conflict]
+    misplaced: list[Misplaced]
+    penetration: Contact | None = None
+    allowed: list[Allowed] = field(default_factory=list)
+    kept: list[Kept] = field(default_factory=list)
+    settled: int = 0
+    frozen: tuple[str, ...] = ()
+    moved: dict[str, int] = field(default_factory=dict)
+    fast: dict[str, int] = field(default_factory=dict)
+    top_speed: float = 0.0
+    unstable: dict[str, tuple[int, str]] = field(default_factory=dict)
+
+    @property
+    def colliding(self) -> int:
+        """Number of layouts with a missed collision."""
+        return len({conflict.row for conflict in self.conflicts})
+
+    @property
+    def depth(self) -> float:
+        """Depth of the deepest contact beyond what is allowed for [m]."""
+        return self.penetration.excess if self.penetration is not None else 0.0
+
+    @property
+    def relation_violations(self) -> int:
+        """Number of relations, orientations and groups that are not kept, over all layouts."""
+        return sum(kept.broken for kept in self.kept)
+
+
+class Auditor:
+    """Judges layouts of one scene.
+
+    Args:
+        mjm: The model.
+        config: The scene.
+        bodies: Object name -> root body id.
+        progress: Called with what is being done, how many are done, and how many there are.
+
+    Raises:
+        NotSupportedError: A geom has a type that the audit does not know.
+    """
+
+    def __init__(
+        self,
+        mjm: mujoco.MjModel,
+        config: SceneConfig,
+        bodies: Mapping[str, int],
+        progress: Callable[[str, int, int], object] = lambda what, done, total: None,
+    ) -> None:
+        self.mjm, self.progress = mjm, progress
+        self.tree = Tree(mjm, bodies, config.home)
+        markers = {name for name, part in config.objects.items() if part.kind == "marker"}
+        solids = [
+            solid
+            for solid in solids_of(mjm, config.geometry)
+            if self.tree.owner[mjm.geom_bodyid[solid.geom]] not in markers
+        ]
+        placed = {name: part for name, part in config.parts.items() if part.kind in ("free", "fixture")}
+        clearances = {name: part.clearance for name, part in placed.items()}
+        clearances |= {name: robot.clearance for name, robot in config.all_robots.items()}
+        drawn = {name: bodies[name] for name, part in placed.items() if part.is_placed}
+        self.contacts = ContactAudit(self.tree, drawn, markers)
+        heaps = HeapAudit(config, mjm, bodies)
+        self.heaped = heaps.may_touch()
+        self.contacts.at_home |= self.heaped
+        jointed = {name for name, part in config.objects.items() if part.joints}
+        jointed |= {name for name, robot in config.all_robots.items() if robot.joints}
+        self.collisions = CollisionAudit(
+            self.tree, solids, config.geometry, clearances, jointed, self.contacts.at_home, {*drawn, *jointed}, drawn
+        )
+        home = home_of(mjm, config.home)
+        outlines = Outlines(self.tree, solids, config, bodies, pose_of(home))
+        self.standing = StandingAudit(self.tree, solids, config, outlines, pose_of(home), heaps)
+        self.outlines = outlines
+        hulls = self.standing.hulls
+        if config.geometry != "physics":  # visual geoms keep objects apart, colliding ones carry them
+            names = self.standing.placed
+            hulls = hulls_of(self.tree, solids_of(mjm, "physics"), {n: bodies[n] for n in names}, pose_of(home))
+        self.language = LanguageAudit(config, outlines, hulls, home)
+        self.config = config
+        self.free = {name: bodies[name] for name, part in placed.items() if part.kind == "free"}
+
+    def judge(self, table: LayoutTable, *, settled: int = 0) -> Report:
+        """Check layouts. Of absent objects only their groups, contacts and settling are checked.
+
+        Args:
+            table: The layouts.
+            settled: Number of layouts, from the first on, that are also stepped for half a second.
+        """
+        conflicts: list[Conflict] = []
+        misplaced: list[Misplaced] = []
+        kept: list[Kept] = []
+        tally = ContactTally(self.mjm, self.config.geometry, self.heaped)
+        for start, some in table.chunks(CHUNK):
+            poses = poses_of(self.mjm, some)
+            there = presence(self.config, some)
+            found, supporting = self.standing.check(poses)
+            misplaced += [Misplaced(start + m.row, m.name, m.cause) for m in found if there[m.name][m.row]]
+            nearer = {
+                (c.row, c.geoms): Conflict(start + c.row, c.geoms, c.owners, c.distance, c.clearance)
+                for c in self.collisions.missed(poses, supporting)
+                if all(there[owner][c.row] for owner in c.owners if owner in there)
+            }
+            for c in tally.add(start, self.contacts.contacts(some, supporting)):
+                nearer.setdefault(
+                    (c.row, c.geoms), Conflict(start + c.row, c.geoms, c.owners, -c.depth, -(c.home or 0.0))
+                )
+            conflicts += [nearer[key] for key in sorted(nearer)]
+            kept = self.language.add(kept, start, poses, there)
+            self.progress("layouts judged", start + len(some), len(table))
+        report = Report(len(table), conflicts, misplaced, tally.deepest, tally.allowed(), kept)
+        return self._settle(report, table[slice(0, settled)])
+
+    def _settle(self, report: Report, table: LayoutTable) -> Report:
+        """Return the report with what becomes of the free objects of some layouts."""
+        if not len(table) or not self.free:
+            return report
+        limp = limp_joints(self.mjm, self._robots())
+        motion = settle(self.mjm, self.free, table, frozen=limp)
+        unstable: dict[str, tuple[int, str]] = {}
+        for kind, text in motion.warnings.values():
+            count, earlier = unstable.get(kind, (0, text))
+            unstable[kind] = (count + 1, earlier)
+        return replace(
+            report,
+            settled=len(table),
+            frozen=tuple(self.mjm.joint(j).name or f"joint {j}" for j in limp),
+            moved={name: int((d > STILL).sum()) for name, d in motion.moved.items()},
+            fast={name: int((v > FAST).sum()) for name, v in motion.speed.items()},
+            top_speed=float(max(v.max(initial=0.0, where=~np.isnan(v)) for v in motion.speed.values())),
+            unstable=unstable,
+        )
+
+    def _robots(self) -> set[int]:
+        """Return the bodies of the robots, and of whatever else is no object of the scene but has actuators."""
+        mjm, owner = self.mjm, self.tree.owner
+        joints = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+        names = {
+            owner[mjm.jnt_bodyid[driven[0]]]
+            for kind, driven in zip(mjm.actuator_trntype.tolist(), mjm.actuator_trnid.tolist(), strict=True)
+            if kind in joints
+        }
+        names = set(self.config.all_robots) | names - set(self.config.objects)
+        return {body for body, name in enumerate(owner) if name in names}
+
+    def judge_language(self, table: LayoutTable) -> list[Kept]:
+        """Check only relations, orientations and groups, which is fast."""
+        kept: list[Kept] = []
+        for start, some in table.chunks(CHUNK):
+            kept = self.language.add(kept, start, poses_of(self.mjm, some), presence(self.config, some))
+        return kept
+
+    def judge_rejected(self, table: LayoutTable, candidate: Sequence[str], order: Sequence[str]) -> list[FalseAlarm]:
+        """Check candidates that were rejected for collision.
+
+        Args:
+            table: Layouts in which the rejected object stands at its candidate pose.
+            candidate: Name of the rejected object of each row.
+            order: Names of the placed objects in placement order; those after the candidate are not there yet.
+
+        Returns:
+            The candidates that keep their clearance from everything, and have no contact that is not allowed for.
+        """
+        alarms = []
+        names = np.asarray(candidate)
+        rank = {name: i for i, name in enumerate(order)}
+        for start, some in table.chunks(CHUNK):
+            poses = poses_of(self.mjm, some)
+            mine = names[start : start + len(some)].tolist()
+            _, supporting = self.standing.check(poses)
+            found = self.collisions.false_alarms(poses, supporting, mine, order)
+            if found and self.config.geometry == "physics":
+                rows = np.array([a.row for a in found])
+                carrying = {name: bodies[rows] for name, bodies in supporting.items()}
+                hit = {
+                    int(rows[c.row])
+                    for c in self.contacts.contacts(some[rows], carrying)
+                    if c.acts and _takes_part(c, mine[rows[c.row]], rank)
+                }
+                found = [a for a in found if a.row not in hit]
+            alarms += [FalseAlarm(start + a.row, a.owners, a.surplus) for a in found]
+            self.progress("candidates judged", start + len(some), len(table))
+        return alarms
+
+
+def _takes_part(contact: Contact, candidate: str, rank: Mapping[str, int]) -> bool:
+    """Return whether a contact is one of the candidate with something that is already there, or with itself."""
+    others = [owner for owner in contact.owners if owner != candidate]
+    return len(others) < 2 and all(rank.get(owner, -1) < rank[candidate] for owner in others)

@@ -1,0 +1,228 @@
+"""Checks distances: layouts for pairs nearer than their clearance, and rejected candidates for false alarms."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sceniris_gym.audit.distance import Narrow
+from sceniris_gym.audit.geometry import Form, Poses, Solid
+from sceniris_gym.audit.pairs import Judged, Tree, judged_pairs
+
+MISSED_TOLERANCE = 1e-5  # m; a layout may be this much nearer than its clearance
+POLYHEDRON_TOLERANCE = 1e-5  # m; a rejected candidate may be this much farther than its clearance
+CURVED_TOLERANCE = 1e-4  # m; the same where a sphere, capsule, cylinder or ellipsoid takes part
+
+
+@dataclass(frozen=True)
+class Conflict:
+    """Two solids that are nearer than their clearance.
+
+    Attributes:
+        row: The layout.
+        geoms: Ids of the two geoms.
+        owners: Names of the two objects.
+        distance: Distance [m]; at most 0 if the surfaces cross, minus infinity if one is inside the other.
+        clearance: The least distance that they must keep [m]; negative where they may be as deep as they are at home.
+    """
+
+    row: int
+    geoms: tuple[int, int]
+    owners: tuple[str, str]
+    distance: float
+    clearance: float
+
+
+@dataclass(frozen=True)
+class FalseAlarm:
+    """A candidate that was rejected for collision although it keeps its clearance from everything.
+
+    Attributes:
+        row: The candidate.
+        owners: Names of the nearest pair, None if nothing is near.
+        surplus: Distance beyond the clearance [m], infinite if nothing is near.
+    """
+
+    row: int
+    owners: tuple[str, str] | None
+    surplus: float
+
+
+class CollisionAudit:
+    """Exact pairwise collision checks of layouts.
+
+    Args:
+        tree: Owners of the bodies.
+        solids: The solids of the model.
+        geometry: "physics" or "visual".
+        clearances: Clearance [m] of each placed object.
+        jointed: Names of the objects whose joints are drawn.
+        at_home: Pairs of geoms that touch at home, which are not judged here.
+        moved: Names of the objects that layouts move, None for all that can move; pairs of others are not judged here.
+        placed: Names of the objects that layouts place, None for all; two others keep no clearance.
+    """
+
+    def __init__(
+        self,
+        tree: Tree,
+        solids: list[Solid],
+        geometry: str,
+        clearances: Mapping[str, float],
+        jointed: Collection[str] = (),
+        at_home: Collection[tuple[int, int]] = (),
+        moved: Collection[str] | None = None,
+        placed: Collection[str] | None = None,
+    ) -> None:
+        self.tree, self.solids = tree, solids
+        self.pairs = judged_pairs(
+            tree, solids, geometry, clearances, jointed=jointed, at_home=at_home, moved=moved, placed=placed
+        )
+        self._narrow = Narrow(solids)
+        self._body = [int(tree.mjm.geom_bodyid[s.geom]) for s in solids]
+
+    def missed(self, poses: Poses, supporting: Mapping[str, np.ndarray]) -> list[Conflict]:
+        """Return all pairs of solids that are nearer than their clearance.
+
+        An object and the body that supports it may touch, but must not intersect: they are tested with the object
+        raised by the tolerance, as FCL gives no penetration depth for meshes.
+
+        Args:
+            poses: World poses of the rows.
+            supporting: Object name -> id of the body that supports it in each row, shape (nrow,), -1 for none.
+        """
+        conflicts = []
+        for pair in self.pairs:
+            bound = self._lower_bound(pair, poses)
+            lifted = self._lifted(pair, supporting, len(bound))
+            clearance = np.where(lifted != 0, 0.0, pair.clearance)
+            allowed = clearance - MISSED_TOLERANCE
+            if self._over_halfspace(pair) is not None:
+                found = [(row, bound[row]) for row in np.flatnonzero(bound < allowed)]
+            else:
+                near = np.flatnonzero(bound < np.where(lifted != 0, MISSED_TOLERANCE, allowed))
+                exact = [(int(row), self._exact(pair, poses, int(row), lifted[row])) for row in near]
+                found = [(row, d) for row, d in exact if (d <= 0 if lifted[row] else d < allowed[row])]
+            conflicts += [
+                Conflict(int(row), self._geoms(pair), pair.owners, float(d), float(clearance[row])) for row, d in found
+            ]
+        return sorted(conflicts, key=lambda c: (c.row, c.geoms))
+
+    def false_alarms(
+        self, poses: Poses, supporting: Mapping[str, np.ndarray], candidate: Sequence[str], order: Sequence[str]
+    ) -> list[FalseAlarm]:
+        """Return the rejected candidates that keep their clearance and more than a tolerance from everything.
+
+        Args:
+            poses: World poses of the rows; in each, the candidate stands where it was rejected.
+            supporting: Object name -> id of the body that supports it in each row, shape (nrow,), -1 for none.
+            candidate: Name of the rejected object of each row.
+            order: Names of the placed objects; those after the candidate are not there yet.
+        """
+        rank = {name: i for i, name in enumerate(order)}
+        names = np.array(candidate)
+        free = np.ones(len(names), bool)
+        for pair in self.pairs:
+            rows = np.flatnonzero(free & self._takes_part(pair, names, rank))
+            surplus = self._lower_bound(pair, poses, rows) - self._required(pair, supporting, rows)
+            tolerance = self._tolerance(pair)
+            near = rows[surplus <= tolerance]
+            if self._over_halfspace(pair) is None:
+                exact = np.array([self._exact(pair, poses, int(row), 0) for row in near])
+                near = near[exact - self._required(pair, supporting, near) <= tolerance]
+            free[near] = False
+        return [self._nearest(int(row), poses, supporting, names, rank) for row in np.flatnonzero(free)]
+
+    def _nearest(
+        self, row: int, poses: Poses, supporting: Mapping[str, np.ndarray], names: np.ndarray, rank: Mapping[str, int]
+    ) -> FalseAlarm:
+        """Return how far beyond the clearance the candidate of a row is from what is nearest to it."""
+        found = FalseAlarm(row, None, np.inf)
+        rows = np.array([row])
+        for pair in self.pairs:
+            if not self._takes_part(pair, names[rows], rank)[0]:
+                continue
+            required = self._required(pair, supporting, rows)[0]
+            surplus = self._lower_bound(pair, poses, rows)[0] - required
+            if surplus < found.surplus and self._over_halfspace(pair) is None:
+                surplus = self._exact(pair, poses, row, 0) - required
+            if surplus < found.surplus:
+                found = FalseAlarm(row, pair.owners, float(surplus))
+        return found
+
+    def _required(self, pair: Judged, supporting: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
+        """Return the distance [m] that the pair must keep in each of the rows."""
+        nrow = len(next(iter(supporting.values()))) if supporting else int(rows.max(initial=-1)) + 1
+        return np.where(self._lifted(pair, supporting, nrow)[rows] != 0, 0.0, max(pair.clearance, pair.margin))
+
+    def _tolerance(self, pair: Judged) -> float:
+        forms = {self.solids[i].form for i in (pair.first, pair.second)}
+        return POLYHEDRON_TOLERANCE if forms <= {Form.POLYHEDRON, Form.HALFSPACE} else CURVED_TOLERANCE
+
+    def _takes_part(self, pair: Judged, candidate: np.ndarray, rank: Mapping[str, int]) -> np.ndarray:
+        """Return the rows in which the pair is the candidate and something that is already there, shape (nrow,)."""
+        mine = [candidate == owner for owner in pair.owners]
+        if pair.owners[0] == pair.owners[1]:
+            return mine[0]
+        ranks = np.array([rank[name] for name in candidate])
+        there = [rank.get(owner, -1) < ranks for owner in pair.owners]
+        return (mine[0] & there[1]) | (mine[1] & there[0])
+
+    def _lifted(self, pair: Judged, supporting: Mapping[str, np.ndarray], nrow: int) -> np.ndarray:
+        """Return per row 1 or 2 if the pair's first or second solid is supported by the other's body, else 0."""
+        lifted = np.zeros(nrow, int)
+        for side, (solid, other) in enumerate(((pair.first, pair.second), (pair.second, pair.first)), start=1):
+            owner = self.tree.owner[self._body[solid]]
+            if owner in supporting:
+                lifted[supporting[owner] == self._body[other]] = side
+        return lifted
+
+    def _over_halfspace(self, pair: Judged) -> int | None:
+        """Return the solid over a half-space, None where no half-space takes part."""
+        if self.solids[pair.first].form is Form.HALFSPACE:
+            return pair.second
+        return pair.first if self.solids[pair.second].form is Form.HALFSPACE else None
+
+    def _geoms(self, pair: Judged) -> tuple[int, int]:
+        return self.solids[pair.first].geom, self.solids[pair.second].geom
+
+    def _lower_bound(self, pair: Judged, poses: Poses, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Return a lower bound of the distance [m] in each row: exact for half-spaces, else of the boxes."""
+        geoms = self._geoms(pair)
+        pos = [poses.geom_xpos[rows, g] for g in geoms]
+        mat = [poses.geom_xmat[rows, g] for g in geoms]
+        above = self._over_halfspace(pair)
+        if above is not None:
+            over, plane = (0, 1) if above == pair.first else (1, 0)
+            normal = mat[plane][:, :, 2]
+            height = np.einsum("ni,ni->n", pos[over] - pos[plane], normal)
+            return height + self.solids[above].lowest(np.einsum("nij,ni->nj", mat[over], normal))
+        return _box_gap(self.solids[pair.first], self.solids[pair.second], pos, mat)
+
+    def _exact(self, pair: Judged, poses: Poses, row: int, lifted: int) -> float:
+        """Return the distance [m] of a pair in a row; minus infinity if one solid is inside the other."""
+        placed = []
+        for side, i in enumerate((pair.first, pair.second), start=1):
+            pos = poses.geom_xpos[row, self.solids[i].geom]
+            if side == lifted:
+                pos = pos + np.array([0.0, 0.0, MISSED_TOLERANCE])
+            placed.append((pos, poses.geom_xmat[row, self.solids[i].geom]))
+            self._narrow.place(i, *placed[-1])
+        distance = self._narrow.distance(pair.first, pair.second)
+        if distance > 0 and (
+            self._narrow.contains(pair.first, pair.second, placed[0], placed[1])
+            or self._narrow.contains(pair.second, pair.first, placed[1], placed[0])
+        ):
+            return -np.inf
+        return distance
+
+
+def _box_gap(first: Solid, second: Solid, pos: list[np.ndarray], mat: list[np.ndarray]) -> np.ndarray:
+    """Return the largest separation [m] of two oriented boxes along their six face normals, shape (nrow,)."""
+    centers = [p + m @ s.center for p, m, s in zip(pos, mat, (first, second), strict=True)]
+    relative = np.abs(np.einsum("nij,nik->njk", mat[0], mat[1]))
+    offset = centers[1] - centers[0]
+    along1 = np.abs(np.einsum("ni,nij->nj", offset, mat[0])) - first.half - relative @ second.half
+    along2 = np.abs(np.einsum("ni,nij->nj", offset, mat[1])) - second.half - np.swapaxes(relative, 1, 2) @ first.half
+    return np.maximum(along1.max(1), along2.max(1))

@@ -1,0 +1,108 @@
+"""Checks the orientation of every object: its yaw, what it faces, and whether it rests stably."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+import shapely
+
+from sceniris_gym.audit.geometry import Poses
+from sceniris_gym.audit.outlines import Outline, Outlines
+from sceniris_gym.audit.relations import ROUNDING, wrapped
+from sceniris_gym.config.orientation import DrawnOrientation
+from sceniris_gym.config.scene import SceneConfig
+
+_LOWEST = 1e-4  # m; points that are at most this far above the lowest one carry the object
+_ONE_POINT = 1e-5  # m; pivots that are no further apart are at one point, but for rounding
+
+
+class OrientationAudit:
+    """Measures by how much orientations are missed.
+
+    Args:
+        config: The scene.
+        outlines: Outlines of the objects.
+        hulls: Object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
+        home: The model at the start pose.
+    """
+
+    def __init__(
+        self, config: SceneConfig, outlines: Outlines, hulls: Mapping[str, np.ndarray], home: mujoco.MjData
+    ) -> None:
+        self.config, self.outlines, self.hulls = config, outlines, hulls
+        self._mass_at = {
+            name: home.xmat[root].reshape(3, 3).T @ (_center_of_weight(home, root) - home.xpos[root])
+            for name, root in outlines.bodies.items()
+        }
+
+    def excess(
+        self,
+        poses: Poses,
+        seen: Mapping[str, Outline],
+        present: Mapping[str, np.ndarray],
+        support_heading: Mapping[str, np.ndarray],
+    ) -> dict[tuple[str, str, str], np.ndarray]:
+        """Measure the orientation of every placed object.
+
+        Args:
+            poses: Poses in the rows.
+            seen: Object name -> its outline in each row.
+            present: Object name -> rows in which it is present, shape (nrow,).
+            support_heading: Object name -> heading of what it stands on [rad], shape (nrow,).
+
+        Returns:
+            (object, word, unit) -> by how much it is missed in each row [m or rad], at most 0 where it is right, NaN
+            where the object is absent. Shape (nrow,).
+        """
+        found = {}
+        for name, part in self.config.parts.items():
+            if not part.is_placed or part.drawn_orientation.kind == "any":
+                continue
+            turn, rotation = part.drawn_orientation, self.outlines.turn(name, poses)
+            missed = {("yaw", "rad"): _off_interval(seen[name].heading - support_heading[name], 0.0, turn)}
+            if turn.kind == "stable":
+                missed["stable", "m"] = self._off_balance(name, poses)
+            else:
+                missed["upright", "rad"] = np.arctan2(np.linalg.norm(rotation[:, :2, 2], axis=1), rotation[:, 2, 2])
+            if turn.target is not None:
+                facing = _off_interval(*_from_target(seen[name], seen[turn.target]), turn)
+                yaw = missed.pop(("yaw", "rad"))
+                missed["face_to", "rad"] = np.where(present[turn.target], facing, yaw)
+            found |= {(name, *key): np.where(present[name], amount, np.nan) for key, amount in missed.items()}
+        return found
+
+    def _off_balance(self, name: str, poses: Poses) -> np.ndarray:
+        """Return how far [m] the centre of mass is outside the hull of the lowest points, seen from above."""
+        mat = poses.xmat[:, self.outlines.bodies[name]]
+        points = np.einsum("nij,kj->nki", mat, self.hulls[name])
+        row, corner = np.nonzero(points[:, :, 2] <= points[:, :, 2].min(1)[:, None] + _LOWEST)
+        carried = shapely.convex_hull(shapely.multipoints(points[row, corner, :2], indices=row))
+        return shapely.distance(shapely.points((mat @ self._mass_at[name])[:, :2]), carried)
+
+
+def _center_of_weight(home: mujoco.MjData, root: int) -> np.ndarray:
+    """Return the point [m] at which gravity pulls at what hangs on a root, less what `gravcomp` takes away."""
+    mjm = home.model
+    weight = np.where(mjm.body_rootid == root, mjm.body_mass * (1.0 - mjm.body_gravcomp), 0.0)
+    if not mjm.body_gravcomp.any() or weight.sum() <= 0.0:
+        return home.subtree_com[root].copy()
+    return weight @ home.xipos / weight.sum()
+
+
+def _off_interval(angle: np.ndarray, rounding: np.ndarray | float, turn: DrawnOrientation) -> np.ndarray:
+    """Return how far [rad] angles, which are known up to `rounding`, are outside the yaw interval of `turn`."""
+    low, high = turn.yaw
+    return np.abs(wrapped(angle - (low + high) / 2)) - (high - low) / 2 - rounding
+
+
+def _from_target(own: Outline, target: Outline) -> tuple[np.ndarray, np.ndarray]:
+    """Return the angle [rad] from the direction of the target to an object's front (-y), and its rounding.
+
+    Where both are at one point, as points of regions allow, there is no direction, and any angle is right.
+    """
+    to = target.pivot[:, :2] - own.pivot[:, :2]
+    apart = np.linalg.norm(to, axis=1)
+    rounding = np.where(apart > _ONE_POINT, ROUNDING / np.maximum(apart, ROUNDING), np.pi)
+    return own.heading - np.pi / 2 - np.arctan2(to[:, 1], to[:, 0]), rounding

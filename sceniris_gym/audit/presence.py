@@ -1,0 +1,39 @@
+"""Checks groups: how many members are present, and that absent ones are parked far away."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from sceniris_gym.audit.outlines import Outline
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.scene.layout_table import LayoutTable
+
+FAR = 38.0  # m; beyond this along both axes an object is parked, and present ones are nearer to the origin
+
+
+def presence(config: SceneConfig, table: LayoutTable) -> dict[str, np.ndarray]:
+    """Return object name (and that of robots) -> rows in which it is present, shape (nrow,)."""
+    names = [*config.objects, *config.all_robots]
+    return {name: table.present[:, i].astype(bool) for i, name in enumerate(names)}
+
+
+def excess(
+    config: SceneConfig, outlines: Mapping[str, Outline], present: Mapping[str, np.ndarray]
+) -> dict[tuple[str, str, str], np.ndarray]:
+    """Count the violations of groups.
+
+    Returns:
+        (group or object, word, "objects") -> in each row by how many members a group is too large or too small, and for
+        every member 1 if it is parked although present, or not parked although absent. Shape (nrow,).
+    """
+    found = {}
+    for name, group in config.groups.items():
+        count = np.sum([present[member] for member in group.of], axis=0)
+        low, high = group.count
+        found[name, "count", "objects"] = np.maximum(np.maximum(low - count, count - high), 0).astype(float)
+        for member in group.of:
+            away = outlines[member].pivot[:, :2].min(1) > FAR
+            found[member, "present", "objects"] = (away == present[member]).astype(float)
+    return found

@@ -1,0 +1,239 @@
+"""Checks claims that the arm reaches objects: with MuJoCo C where joints are given, else by searching for joints.
+
+Joints, limits and hand are taken from the MjModel: the chain from the robot's root body to its TCP, a site. The search
+is that of chain.py, from random joints. How wide
+the fingers open for a grasp is taken as claimed; opened so, the arm must not touch anything but the object, and that
+with its hand alone (what its last joint carries), in the grasp alone. Parts of the robot that touch each other at home
+may be as deep as they are there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.audit.chain import POSITION, ROTATION, Chain
+from sceniris_gym.audit.geometry import home_of
+from sceniris_gym.config.tier import Tier
+from sceniris_gym.scene.layout_table import LayoutTable
+
+BACK = 0.08  # m, from the pre-grasp to the grasp along its approach
+_LIMIT = 1e-6  # rad or m
+_DEEP = 1e-5  # m; bodies that overlap by more than this touch
+_OFF = 0.03  # m; most distance from the TCP of a grasp to the nearest box of the object's geoms
+_STARTS, _STEPS = 64, 40  # of the search
+
+
+@dataclass(frozen=True)
+class Claim:
+    """How an object is claimed to be reached, one entry per row; NaN where nothing is claimed.
+
+    Attributes:
+        name: The object.
+        robot: The robot that is claimed to reach it.
+        tier: How thoroughly it was checked.
+        pose: TCP in the world frame, position [m] and orientation (w, x, y, z), shape (nrow, 7).
+        qpos: Joints of the arm in the grasp [rad or m], from its base on, shape (nrow, njoint).
+        pregrasp_qpos: The same for the pre-grasp.
+        fingers: Positions of the fingers' joints, shape (nrow, nfinger).
+        finger_adr: Their addresses in qpos, shape (nfinger,).
+        pattern: The glob that the word `grasp` chooses the object's grasps with; None if all of them count.
+    """
+
+    name: str
+    robot: str
+    tier: Tier
+    pose: np.ndarray
+    qpos: np.ndarray
+    pregrasp_qpos: np.ndarray
+    fingers: np.ndarray
+    finger_adr: np.ndarray
+    pattern: str | None = None
+
+
+@dataclass(frozen=True)
+class Unreached:
+    """An object that is claimed to be reachable but is not: row, name and cause."""
+
+    row: int
+    name: str
+    cause: str
+
+
+class ReachAudit:
+    """Judges claims of reach.
+
+    Args:
+        mjm: The model.
+        root: Id of the robot's root body.
+        bodies: Object name -> root body id.
+        tcp: Name of the site that is the robot's tool centre point.
+        chain: The chain of a robot that is not in the model, where there is a body at its base alone; no joints are
+            judged then.
+    """
+
+    def __init__(
+        self, mjm: mujoco.MjModel, root: int, bodies: dict[str, int], tcp: str, chain: Chain | None = None
+    ) -> None:
+        self.mjm, self.root, self.data = mjm, root, mujoco.MjData(mjm)
+        self.site = mjm.site(tcp).id if chain is None else -1
+        self.chain = Chain(mjm, root, self.site) if chain is None else chain
+        self.joints = self.chain.joints if chain is None else []
+        self.adr = mjm.jnt_qposadr[self.joints].astype(int)
+        self.lower, self.upper = self.chain.lower.numpy(), self.chain.upper.numpy()
+        self._of = {name: _inside(mjm, body) for name, body in bodies.items()}
+        self._robot = _inside(mjm, root)
+        self._hand = _inside(mjm, int(mjm.jnt_bodyid[self.joints[-1]])) if chain is None else set()
+        self._at_home = self._touching_at_home()
+
+    def judge(self, table: LayoutTable, claims: Sequence[Claim], present: dict[str, np.ndarray]) -> list[Unreached]:
+        """Check the claims about layouts.
+
+        Args:
+            table: The layouts.
+            claims: One for each object with `reachable` by this robot.
+            present: Object name -> rows in which it is present, shape (nrow,).
+        """
+        found, asked = [], []
+        for claim in claims:
+            for row in np.flatnonzero(present[claim.name]).tolist():
+                table.put(self.data, row)
+                mujoco.mj_kinematics(self.mjm, self.data)
+                cause = self._wrong(claim, row)
+                if cause is not None:
+                    found.append(Unreached(row, claim.name, cause))
+                elif claim.tier.needs_map:
+                    asked.append((Unreached(row, claim.name, "no joints found"), self._from_base(claim.pose[row])))
+        if asked:
+            _, ok = self.chain.ik(np.stack([pose for _, pose in asked]), restarts=_STARTS, iterations=_STEPS)
+            found += [unreached for (unreached, _), solved in zip(asked, ok.tolist(), strict=True) if not solved]
+        return found
+
+    def _from_base(self, pose: np.ndarray) -> np.ndarray:
+        """Return a pose of the world in the frame of the base in `data`, as a matrix (4, 4)."""
+        base = np.eye(4)
+        base[:3, :3], base[:3, 3] = self.data.xmat[self.root].reshape(3, 3), self.data.xpos[self.root]
+        return np.linalg.inv(base) @ _matrix(pose)
+
+    def _wrong(self, claim: Claim, row: int) -> str | None:
+        """Return what is wrong with a claim in the layout in `data`, except whether joints can be found."""
+        pose = claim.pose[row]
+        if np.isnan(pose).any():
+            return "no grasp"
+        if self._distance(claim.name, pose[:3]) > _OFF:
+            return "off the object"
+        if not self._is_chosen(claim, _matrix(pose)):
+            return "another grasp"
+        if claim.tier.needs_map:
+            return None
+        self.data.qpos[claim.finger_adr] = claim.fingers[row]
+        cause = self._wrong_joints(claim, claim.qpos[row], _matrix(pose))
+        if cause is None and claim.tier == Tier.CLEAR:
+            before = _matrix(pose)
+            before[:3, 3] -= BACK * before[:3, 2]
+            cause = self._wrong_joints(claim, claim.pregrasp_qpos[row], before, grasping=False)
+            return None if cause is None else f"pre-grasp: {cause}"
+        return cause
+
+    def _is_chosen(self, claim: Claim, pose: np.ndarray) -> bool:
+        """Whether a pose (4, 4) is at a site `grasp_*` that counts, or half a turn from it; true without sites."""
+        sites = np.flatnonzero(np.isin(self.mjm.site_bodyid, list(self._of[claim.name]))).tolist()
+        names = {s: self.mjm.site(s).name.rsplit("/", 1)[-1] for s in sites}
+        own = {s: name for s, name in names.items() if name.startswith("grasp_")}
+        for s, name in own.items():
+            if claim.pattern and not fnmatchcase(name, claim.pattern) and not fnmatchcase(name[6:], claim.pattern):
+                continue
+            axes, shift = self.data.site_xmat[s].reshape(3, 3).T @ pose[:3, :3], pose[:3, 3] - self.data.site_xpos[s]
+            rolled = axes @ np.diag([-1.0, -1.0, 1.0])
+            if np.linalg.norm(shift) < POSITION and max(np.trace(axes), np.trace(rolled)) > 1.0 + 2.0 * np.cos(
+                ROTATION
+            ):
+                return True
+        return not own
+
+    def _wrong_joints(self, claim: Claim, qpos: np.ndarray, pose: np.ndarray, *, grasping: bool = True) -> str | None:
+        mjm, data = self.mjm, self.data
+        if np.isnan(qpos).any():
+            return "no joints"
+        if np.any(qpos < self.lower - _LIMIT) or np.any(qpos > self.upper + _LIMIT):
+            return "limits"
+        data.qpos[self.adr] = qpos
+        mujoco.mj_fwdPosition(mjm, data)
+        shift, turn = self._away(pose)
+        if np.linalg.norm(shift) > POSITION or np.linalg.norm(turn) > ROTATION:
+            return "another pose"
+        for contact in data.contact[: data.ncon]:
+            first, second = (int(mjm.geom_bodyid[g]) for g in contact.geom)
+            mine = (first in self._robot) + (second in self._robot)
+            if contact.dist > -_DEEP or not mine:
+                continue
+            if mine == 2:
+                if contact.dist > self._at_home.get(frozenset(contact.geom.tolist()), 0.0) - _DEEP:
+                    continue
+                return "hits itself"
+            if claim.tier < Tier.CLEAR:
+                continue
+            if not {first, second} & self._of[claim.name]:
+                return "hits something"
+            if not grasping or not {first, second} & self._hand:
+                return "hits its target"
+        return None
+
+    def _touching_at_home(self) -> dict[frozenset[int], float]:
+        """Return the geoms of the robot that are in contact with each other at home, and their least distance [m]."""
+        alone = copy(self.mjm)  # all that is placed is at the origin there
+        others = ~np.isin(alone.geom_bodyid, list(self._robot))
+        alone.geom_contype[others] = alone.geom_conaffinity[others] = 0
+        data = home_of(alone)
+        mujoco.mj_collision(alone, data)
+        found: dict[frozenset[int], float] = {}
+        for contact in data.contact[: data.ncon]:
+            geoms = frozenset(contact.geom.tolist())
+            found[geoms] = min(float(contact.dist), found.get(geoms, 0.0))
+        return found
+
+    def _distance(self, name: str, point: np.ndarray) -> float:
+        """Return the distance [m] from a point to the nearest box of an object's geoms; 0 for one without geoms."""
+        mjm, data = self.mjm, self.data
+        away = [
+            np.linalg.norm(
+                np.maximum(
+                    np.abs(data.geom_xmat[g].reshape(3, 3).T @ (point - data.geom_xpos[g]) - mjm.geom_aabb[g, :3])
+                    - mjm.geom_aabb[g, 3:],
+                    0.0,
+                )
+            )
+            for g in range(mjm.ngeom)
+            if int(mjm.geom_bodyid[g]) in self._of[name]
+        ]
+        return float(min(away, default=0.0))
+
+    def _away(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return shift [m] and rotation vector [rad] from the current TCP to a pose (4, 4), in the world frame."""
+        quat, turn = np.zeros(4), np.zeros(3)
+        mujoco.mju_mat2Quat(quat, (pose[:3, :3] @ self.data.site_xmat[self.site].reshape(3, 3).T).ravel())
+        mujoco.mju_quat2Vel(turn, quat, 1.0)
+        return pose[:3, 3] - self.data.site_xpos[self.site], turn
+
+
+def _inside(mjm: mujoco.MjModel, root: int) -> set[int]:
+    """Return a body and all bodies below it."""
+    inside = {root}
+    for body in range(root + 1, mjm.nbody):
+        if int(mjm.body_parentid[body]) in inside:
+            inside.add(body)
+    return inside
+
+
+def _matrix(pose: np.ndarray) -> np.ndarray:
+    """Return a pose, position [m] and orientation (wxyz), as a matrix (4, 4)."""
+    frame, mat = np.eye(4), np.zeros(9)
+    quat = np.asarray(pose[3:], float)
+    mujoco.mju_quat2Mat(mat, quat / np.linalg.norm(quat))
+    frame[:3, :3], frame[:3, 3] = mat.reshape(3, 3), pose[:3]
+    return frame

@@ -1,0 +1,305 @@
+"""Checks that every placed object stands where the scene says: on its parent, in its region, covered or not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from sceniris_gym.audit.carriers import Carrier, carrier_of, is_ground
+from sceniris_gym.audit.geometry import Form, Poses, Solid
+from sceniris_gym.audit.heaps import HeapAudit
+from sceniris_gym.audit.outlines import Outlines
+from sceniris_gym.audit.pairs import Tree
+from sceniris_gym.audit.supports import (
+    EDGE_TOLERANCE,
+    HEIGHT_TOLERANCE,
+    LevelSurface,
+    footprint_points,
+    hit_above,
+    inside,
+    level_surfaces,
+    plane_surface,
+    surface_of,
+    upright_frame,
+)
+from sceniris_gym.config.objects import ObjectConfig
+from sceniris_gym.config.scene import SceneConfig
+
+_AROUND = np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]]) * EDGE_TOLERANCE
+
+
+@dataclass(frozen=True)
+class Misplaced:
+    """An object that does not stand where the scene says.
+
+    Attributes:
+        row: The layout.
+        name: The object.
+        cause: "support" (its pivot is on no surface of its parent, or not in its region), "footprint" (part of it
+            overhangs), "roof" (it is covered although it should be open above, or the other way round) or "heap" (it
+            lies as in no settled row).
+    """
+
+    row: int
+    name: str
+    cause: str
+
+
+def hulls_of(tree: Tree, solids: list[Solid], bodies: Mapping[str, int], home: Poses) -> dict[str, np.ndarray]:
+    """Return the corners of the convex hulls of objects in their roots' frames at home [m], shape (n, 3), by name.
+
+    Args:
+        tree: Owners of the bodies.
+        solids: What the objects are made of; one that has none is a point.
+        bodies: Object name -> root body id.
+        home: The start pose, one row.
+    """
+    parts: dict[str, list[np.ndarray]] = {name: [] for name in bodies}
+    for solid in solids:
+        name = tree.owner[tree.mjm.geom_bodyid[solid.geom]]
+        if name in parts and solid.form is not Form.HALFSPACE:
+            world = surface_of(solid)[0] @ home.geom_xmat[0, solid.geom].T + home.geom_xpos[0, solid.geom]
+            parts[name].append((world - home.xpos[0, bodies[name]]) @ home.xmat[0, bodies[name]])
+    return {name: footprint_points(found) if found else np.zeros((1, 3)) for name, found in parts.items()}
+
+
+class StandingAudit:
+    """Checks how objects stand in layouts.
+
+    Args:
+        tree: Owners of the bodies.
+        solids: The solids of the model.
+        config: The scene.
+        outlines: Outlines of the objects.
+        home: The start pose, one row.
+        heaps: Judges the things of heaps; None if there are none.
+
+    Attributes:
+        placed: Object name -> its ObjectConfig, for all placed objects.
+        hulls: Object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
+    """
+
+    def __init__(
+        self,
+        tree: Tree,
+        solids: list[Solid],
+        config: SceneConfig,
+        outlines: Outlines,
+        home: Poses,
+        heaps: HeapAudit | None = None,
+    ) -> None:
+        self._heaps = heaps
+        self.tree, self.config, self.bodies, self.outlines = tree, config, outlines.bodies, outlines
+        self.placed = {name: part for name, part in config.parts.items() if part.is_placed}
+        self._planes = [s.geom for s in solids if s.form is Form.HALFSPACE]
+        self._surface = {s.geom: surface_of(s) for s in solids if s.form is not Form.HALFSPACE}
+        self._home = home
+        self.hulls = hulls_of(tree, solids, {name: self.bodies[name] for name in self.placed}, home)
+        self._levels: dict[tuple, list[LevelSurface]] = {}
+
+    def check(self, poses: Poses) -> tuple[list[Misplaced], dict[str, np.ndarray]]:
+        """Judge all placed objects in all rows.
+
+        Returns:
+            The misplaced objects, and object name -> id of its supporting body in each row, shape (nrow,), -1 for none.
+        """
+        found: list[Misplaced] = []
+        supporting = {}
+        elsewhere = {} if self._heaps is None else self._heaps.elsewhere(poses)
+        for name, rows in elsewhere.items():
+            found += [Misplaced(int(row), name, "heap") for row in np.flatnonzero(rows)]
+        for name, part in self.placed.items():
+            if name in elsewhere:
+                continue
+            outline = self.outlines.outline(name, poses)
+            pivots, erosion = outline.pivot, part.ratio_on_support / 2 * (outline.high - outline.low).min(1)
+            if part.support is None:
+                outside = ~_in_space(part, pivots)
+                found += [Misplaced(int(row), name, "support") for row in np.flatnonzero(outside)]
+                continue
+            if name in self.config.all_robots:  # it stands on what is lowest of it, which need not be its origin
+                pivots = np.column_stack([pivots[:, :2], self._corners(name, poses)[:, :, 2].min(axis=1)])
+            supporting[name], stands = self._supporting(name, part, poses, pivots, erosion)
+            wrong = {
+                "support": supporting[name] < 0,
+                "footprint": (supporting[name] >= 0) & ~stands,
+                "roof": self._wrong_roof(part, poses, pivots),
+            }
+            for cause, rows in wrong.items():
+                found += [Misplaced(int(row), name, cause) for row in np.flatnonzero(rows)]
+        return sorted(found, key=lambda m: (m.row, m.name)), supporting
+
+    def _supporting(
+        self, name: str, part: ObjectConfig, poses: Poses, pivots: np.ndarray, erosion: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the supporting body in each row (-1 for none), and whether the whole footprint is on it if required.
+
+        Pivots (nrow, 3) keep a distance `erosion` (nrow,) from the edge of their surface.
+        """
+        assert part.support is not None
+        carrier = self._carrier(part)
+        ground = carrier.body
+        body, stands = np.full(len(pivots), -1), np.zeros(len(pivots), bool)
+        turned = self._in_frame(ground, poses, pivots[:, None])[:, 0]
+        whole = part.ratio_on_support == 1.0
+        corners = self._in_frame(ground, poses, self._corners(name, poses))[:, :, :2] if whole else turned[:, None, :2]
+        for rows, surfaces in self._surfaces(part, carrier, poses):
+            bounds = shapely.total_bounds([surface.area for surface in surfaces])
+            for surface in surfaces:
+                level = rows[np.abs(turned[rows, 2] - surface.height - part.gap) <= HEIGHT_TOLERANCE]
+                allowed = inside(surface.area, turned[level, :2], erosion[level])
+                allowed &= _in_region(surface.area, bounds, part, turned[level, :2])
+                on = level[allowed]
+                body[on] = ground
+                stands[on] = not whole or _all_inside(surface.area, corners[on])
+        return body, stands
+
+    def _in_frame(self, body: int, poses: Poses, points: np.ndarray) -> np.ndarray:
+        """Return world points (nrow, n, 3) in the upright frame of a body in each row, the same shape."""
+        ups, index = _directions(poses.xmat[:, body, 2])
+        frames = np.stack([upright_frame(up) for up in ups])[index]
+        return (points - poses.xpos[:, body, None]) @ poses.xmat[:, body] @ frames.transpose(0, 2, 1)
+
+    def _corners(self, name: str, poses: Poses) -> np.ndarray:
+        """Return the corners of an object's hull in each row [m], world frame, shape (nrow, n, 3)."""
+        root = self.bodies[name]
+        return self.hulls[name] @ poses.xmat[:, root].transpose(0, 2, 1) + poses.xpos[:, root, None]
+
+    def _carrier(self, part: ObjectConfig) -> Carrier:
+        assert part.support is not None
+        return carrier_of(self.tree.mjm, self.bodies, self.config, part.support.parent)
+
+    def _surfaces(
+        self, part: ObjectConfig, carrier: Carrier, poses: Poses
+    ) -> list[tuple[np.ndarray, list[LevelSurface]]]:
+        """Return the level surfaces of a support for each group of rows in which the same direction of it points up."""
+        assert part.support is not None
+        body, geom = carrier.body, carrier.geom
+        if is_ground(self.config, part.support.parent):
+            assert self.config.floor is not None
+            x, y = (extent / 2 for extent in self.config.floor.size)
+            return [(np.arange(len(poses.xpos)), [LevelSurface(0.0, shapely.box(-x, -y, x, y))])]
+        ups, index = _directions(poses.xmat[:, body, 2])
+        groups = []
+        # what never moves is open wherever there is room: what stands over it is in the way, or is not
+        open_above = part.support.word == "on" and carrier.owner is not None
+        for k, up in enumerate(ups):
+            key = (body, geom, open_above, *np.round(up, 6))
+            if key not in self._levels:
+                solids = self._triangles(body)
+                only = None if geom is None else [list(solids).index(geom)] if geom in solids else []
+                found = level_surfaces([*solids.values()], up, open_above=open_above, only=only)
+                self._levels[key] = found + self._level_planes(carrier, up)
+            groups.append((np.flatnonzero(index == k), self._levels[key]))
+        return groups
+
+    def _level_planes(self, carrier: Carrier, up: np.ndarray) -> list[LevelSurface]:
+        """Return the planes of a support that are level where `up` (3,) of its body's frame points up."""
+        mjm = self.tree.mjm
+        wanted = [g for g in self._planes if mjm.geom_bodyid[g] == carrier.body and carrier.geom in (None, g)]
+        found = []
+        for geom in wanted:
+            mat = self._home.xmat[0, carrier.body].T @ self._home.geom_xmat[0, geom]
+            pos = self._home.xmat[0, carrier.body].T @ (
+                self._home.geom_xpos[0, geom] - self._home.xpos[0, carrier.body]
+            )
+            found.append(plane_surface(mjm.geom_size[geom], pos, mat, up))
+        return [surface for surface in found if surface is not None]
+
+    def _triangles(self, body: int) -> dict[int, np.ndarray]:
+        """Return the outward triangles (n, 3, 3) of each solid of a body, in the body's frame [m], by geom."""
+        parts = {}
+        for geom, (vertices, faces) in self._surface.items():
+            if self.tree.mjm.geom_bodyid[geom] == body:
+                world = vertices @ self._home.geom_xmat[0, geom].T + self._home.geom_xpos[0, geom]
+                parts[geom] = ((world - self._home.xpos[0, body]) @ self._home.xmat[0, body])[faces]
+        return parts
+
+    def _wrong_roof(self, part: ObjectConfig, poses: Poses, pivots: np.ndarray) -> np.ndarray:
+        """Return the rows, shape (nrow,), in which the parent covers the object but should not, or the reverse.
+
+        A ray that passes an edge within the tolerance is not conclusive, so its four neighbours must agree.
+        """
+        assert part.support is not None
+        wrong = np.zeros(len(pivots), bool)
+        word, carrier = part.support.word, self._carrier(part)
+        ground = is_ground(self.config, part.support.parent)
+        if word == "in" or ground or (word == "on" and carrier.owner is None):
+            return wrong
+        rows = np.arange(len(pivots))
+        for shift in _AROUND:
+            covered = self._covered(carrier, poses, rows, pivots[rows] + shift)
+            rows = rows[covered if word == "on" else ~covered]
+        wrong[rows] = True
+        return wrong
+
+    def _covered(self, carrier: Carrier, poses: Poses, rows: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Return whether any solid of the parent, an object or a body, is above each point (n, 3) of the rows (n,)."""
+        covered = np.zeros(len(rows), bool)
+        for geom, surface in self._surface.items():
+            body = int(self.tree.mjm.geom_bodyid[geom])
+            if self.tree.owner[body] != carrier.owner if carrier.owner is not None else body != carrier.body:
+                continue
+            mat = poses.geom_xmat[rows, geom]
+            origin = np.einsum("nij,ni->nj", mat, points - poses.geom_xpos[rows, geom])
+            covered |= hit_above(surface, origin, mat[:, 2])
+        return covered
+
+
+def _in_space(part: ObjectConfig, points: np.ndarray) -> np.ndarray:
+    """Return which points (n, 3) are in the object's box in space, or at one of its points there."""
+    assert part.region is not None
+    if part.region.points is not None:
+        return _at_one_of(part.region.points, points)
+    assert part.region.box is not None
+    low, high = np.array(part.region.box)
+    return np.all((points >= low - EDGE_TOLERANCE) & (points <= high + EDGE_TOLERANCE), axis=1)
+
+
+def _directions(up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distinct directions among `up` (n, 3), up to 1e-6, and the index of each one among them."""
+    _, first, index = np.unique(np.round(up, 6) + 0.0, axis=0, return_index=True, return_inverse=True)
+    return up[first], index.reshape(-1)
+
+
+def _at_one_of(allowed: tuple[tuple[float, ...], ...], points: np.ndarray) -> np.ndarray:
+    """Return which points (n, k) are at one of those that are allowed, along each axis."""
+    found = np.zeros(len(points), bool)
+    for at in allowed:
+        found |= (np.abs(points - np.array(at)) <= EDGE_TOLERANCE).all(axis=1)
+    return found
+
+
+def _in_region(area: shapely.Geometry, bounds: np.ndarray, part: ObjectConfig, points: np.ndarray) -> np.ndarray:
+    """Return which points (n, 2) of a surface the object's region allows; `bounds` (4,) are of the whole support."""
+    if part.region is not None and part.region.points is not None:
+        return _at_one_of(part.region.points, points)
+    return inside(_cropped(area, bounds, part), points)
+
+
+def _cropped(area: shapely.Geometry, bounds: np.ndarray, part: ObjectConfig) -> shapely.Geometry:
+    """Return the part of a surface that the object's region allows; `bounds` (4,) are those of the whole support."""
+    if (region := part.region) is None:
+        return area
+    if region.polygon is not None:
+        return shapely.intersection(area, shapely.Polygon(region.polygon))
+    if region.box is not None:
+        (x0, y0), (x1, y1) = region.box
+    else:
+        assert region.fraction is not None
+        left, low, right, high = bounds
+        (x0, y0), (x1, y1) = ((left + (right - left) * x, low + (high - low) * y) for x, y in region.fraction)
+    return shapely.intersection(area, shapely.box(x0, y0, x1, y1))
+
+
+def _all_inside(area: shapely.Geometry, corners: np.ndarray) -> np.ndarray:
+    """Return for each row of corners (n, k, 2) whether their hull lies inside the area."""
+    whole = np.atleast_1d(inside(area, corners.reshape(-1, 2)).reshape(corners.shape[:2]).all(1))
+    if not shapely.equals(area, shapely.convex_hull(area)):
+        grown = shapely.buffer(area, EDGE_TOLERANCE, join_style="mitre")
+        for row in np.flatnonzero(whole):
+            whole[row] = shapely.covers(grown, shapely.convex_hull(shapely.multipoints(corners[row])))
+    return whole

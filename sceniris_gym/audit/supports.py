@@ -1,0 +1,192 @@
+"""Finds the level surfaces of bodies, what is inside them and what covers them, by shapely and rays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from sceniris_gym.audit.geometry import Form, Solid, convex_hull
+
+LEVEL = np.cos(np.radians(1.0))  # least cosine between a face's normal and up at which it can carry something
+NARROW = 0.02  # m; narrower strips carry nothing
+HEIGHT_TOLERANCE = 1e-4  # m
+EDGE_TOLERANCE = 1e-5  # m
+_SEGMENTS = 128
+_ABOVE = 5e-4  # m; height above a surface at which it is checked what stands on it
+
+
+@dataclass(frozen=True)
+class LevelSurface:
+    """A level surface of a body.
+
+    Attributes:
+        height: Height over the body's origin [m], along `up`.
+        area: The region, in coordinates (x, y) of the body's frame turned so that `up` is z.
+    """
+
+    height: float
+    area: shapely.Geometry
+
+
+def surface_of(solid: Solid) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices and outward triangles of a solid; a curved one is approximated by the hull of its points."""
+    if solid.form is Form.POLYHEDRON:
+        return solid.vertices, solid.faces
+    turn = np.linspace(0, 2 * np.pi, _SEGMENTS, endpoint=False)
+    ring = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], 1)
+    if solid.form is Form.CYLINDER:
+        rim = ring * solid.size[0]
+        return convex_hull(np.concatenate([rim + [0, 0, z] for z in (-solid.size[1], solid.size[1])]))
+    tilt = np.linspace(-np.pi / 2, np.pi / 2, _SEGMENTS // 2 + 1)
+    ball = (ring[None] * np.cos(tilt)[:, None, None] + [0, 0, 1] * np.sin(tilt)[:, None, None]).reshape(-1, 3)
+    if solid.form is Form.ELLIPSOID:
+        return convex_hull(ball * solid.size)
+    return convex_hull(np.concatenate([ball * solid.radius + end for end in solid.vertices]))
+
+
+def upright_frame(up: np.ndarray) -> np.ndarray:
+    """Return the rotation (3, 3) whose rows are x, y and z axes with z = `up`; x turns as little as possible."""
+    x = np.array([1.0, 0.0, 0.0]) - up[0] * up
+    if np.linalg.norm(x) < 0.5:
+        x = np.array([0.0, 1.0, 0.0]) - up[1] * up
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(up, x), up])
+
+
+def plane_surface(size: np.ndarray, pos: np.ndarray, mat: np.ndarray, up: np.ndarray) -> LevelSurface | None:
+    """Return the rectangle that a plane is drawn as, without end where a size is 0; None if it is not level.
+
+    Args:
+        size: MuJoCo's sizes of the plane [m].
+        pos: Its position [m] in the body's frame.
+        mat: Its orientation there, shape (3, 3).
+        up: Unit vector (3,) of the body's frame that points up in the world.
+    """
+    if mat[:, 2] @ up <= LEVEL:
+        return None
+    half = np.where(size[:2] > 0.0, size[:2], 1e4)
+    corners = (np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half) @ mat[:, :2].T + pos
+    turned = corners @ upright_frame(up).T
+    return LevelSurface(float(pos @ up), shapely.Polygon(turned[:, :2]))
+
+
+def level_surfaces(
+    parts: list[np.ndarray], up: np.ndarray, *, open_above: bool, only: list[int] | None = None
+) -> list[LevelSurface]:
+    """Return the level surfaces of a body, joined where they have the same height.
+
+    Areas on which another part of the body stands are left out, and with `open_above` also those below another part.
+
+    Args:
+        parts: Outward triangles (n, 3, 3) of each solid of the body, in the body's frame [m].
+        up: Unit vector (3,) of the body's frame that points up in the world.
+        open_above: Whether nothing of the body may be above the surfaces.
+        only: The solids whose surfaces are wanted, as numbers among `parts`; all if None.
+    """
+    turned = [triangles @ upright_frame(up).T for triangles in parts]
+    triangles = np.concatenate([np.zeros((0, 3, 3)), *(t for i, t in enumerate(turned) if only is None or i in only)])
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    level = triangles[normal[:, 2] > LEVEL * np.maximum(np.linalg.norm(normal, axis=1), 1e-16)]
+    level = level[np.argsort(level[:, :, 2].mean(1))]
+    if not len(level):
+        return []
+    heights = level[:, :, 2].mean(1)
+    surfaces = []
+    for group in np.split(np.arange(len(level)), np.flatnonzero(np.diff(heights) > EDGE_TOLERANCE) + 1):
+        height = float(heights[group].mean())
+        above = height + _ABOVE
+        taken = [_shadow(t, above) if open_above else _section(t, above) for t in turned]
+        area = shapely.union_all(shapely.polygons(level[group][:, :, :2])).difference(shapely.union_all(taken))
+        wide = [part for part in shapely.get_parts(area) if not part.buffer(-NARROW / 2).is_empty]
+        if wide:
+            surfaces.append(LevelSurface(height, shapely.union_all(wide)))
+    return surfaces
+
+
+def _section(triangles: np.ndarray, z: float) -> shapely.Geometry:
+    """Return what the horizontal plane at `z` cuts out of a closed surface."""
+    above = triangles[:, :, 2] > z
+    cut = triangles[above.any(1) & ~above.all(1)]
+    ends = []
+    for i in range(3):
+        a, b = cut[:, i], cut[:, (i + 1) % 3]
+        low = np.where((a[:, 2] < b[:, 2])[:, None], a, b)  # both triangles of an edge must find the same point
+        high = np.where((a[:, 2] < b[:, 2])[:, None], b, a)
+        crosses = (low[:, 2] <= z) & (high[:, 2] > z)
+        t = (z - low[:, 2:]) / np.where(crosses, high[:, 2] - low[:, 2], 1.0)[:, None]
+        ends.append(np.where(crosses[:, None], low[:, :2] + t * (high[:, :2] - low[:, :2]), np.nan))
+    points = np.stack(ends, 1)
+    pairs = points[~np.isnan(points[:, :, 0])].reshape(-1, 2, 2)
+    segments = [shapely.LineString(pair) for pair in np.round(pairs, 9) if np.any(pair[0] != pair[1])]
+    return shapely.build_area(shapely.GeometryCollection(segments))
+
+
+def _shadow(triangles: np.ndarray, z: float) -> shapely.Geometry:
+    """Return the vertical projection of the part of a closed surface above `z`, its section included."""
+    seen = triangles[(triangles[:, :, 2] > z).any(1)]
+    return shapely.union_all([*(_clipped(triangle, z) for triangle in seen), _section(triangles, z)])
+
+
+def _clipped(triangle: np.ndarray, z: float) -> shapely.Geometry:
+    """Return the vertical projection of the part of a triangle above `z`."""
+    points = []
+    for a, b in zip(triangle, np.roll(triangle, -1, axis=0), strict=True):
+        if a[2] > z:
+            points.append(a[:2])
+        if (a[2] > z) != (b[2] > z):
+            points.append((a + (z - a[2]) / (b[2] - a[2]) * (b - a))[:2])
+    return shapely.MultiPoint(np.array(points)).convex_hull
+
+
+def inside(area: shapely.Geometry, points: np.ndarray, erosion: np.ndarray | None = None) -> np.ndarray:
+    """Return which points (n, 2) are in the area, and at least `erosion` [m] (n,) from its boundary if that is given.
+
+    Both hold up to the edge tolerance.
+    """
+    grown = shapely.buffer(area, EDGE_TOLERANCE, join_style="mitre")
+    shapely.prepare(grown)
+    found = shapely.intersects_xy(grown, points[:, 0], points[:, 1])
+    if erosion is not None and erosion.any():
+        edge = shapely.boundary(area)
+        shapely.prepare(edge)
+        found &= shapely.distance(edge, shapely.points(points)) >= erosion - EDGE_TOLERANCE
+    return found
+
+
+def hit_above(surface: tuple[np.ndarray, np.ndarray], origin: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Return which rays hit the triangles of a surface.
+
+    Args:
+        surface: Vertices (nvert, 3) and triangles (nface, 3).
+        origin: Origins of the rays in the frame of the vertices [m], shape (n, 3).
+        up: Directions of the rays, shape (n, 3).
+    """
+    vertices, faces = surface
+    hit = np.zeros(len(origin), bool)
+    for i in np.flatnonzero(_enters_box(vertices.min(0), vertices.max(0), origin, up)):
+        a, b, c = vertices[faces].transpose(1, 0, 2)
+        across = np.cross(up[i], c - a)
+        det = np.einsum("ij,ij->i", b - a, across)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u = ((origin[i] - a) * across).sum(1) / det
+            beside = np.cross(origin[i] - a, b - a)
+            v = beside @ up[i] / det
+            t = ((c - a) * beside).sum(1) / det
+            hit[i] = bool(np.any((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)))
+    return hit
+
+
+def _enters_box(low: np.ndarray, high: np.ndarray, origin: np.ndarray, up: np.ndarray) -> np.ndarray:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t1, t2 = (low - origin) / up, (high - origin) / up
+    near, far = np.fmin(t1, t2), np.fmax(t1, t2)
+    return (near.max(1) <= far.min(1) + 1e-9) & (far.min(1) > 0)
+
+
+def footprint_points(parts: Iterable[np.ndarray]) -> np.ndarray:
+    """Return the points of an object that can be corners of its footprint: the vertices of its convex hull."""
+    points = np.concatenate(list(parts))
+    return convex_hull(points)[0]

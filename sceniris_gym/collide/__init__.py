@@ -1,0 +1,1 @@
+"""Device code that tells whether two things are too near each other."""

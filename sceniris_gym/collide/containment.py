@@ -1,0 +1,72 @@
+"""Surfaces that do not meet may still enclose one another: points of each against the winding number of the other."""
+
+import warp as wp
+
+from sceniris_gym.collide.leaves import PairPoses, pair_poses
+from sceniris_gym.device.blocks import block_any
+from sceniris_gym.device.transforms import Pose, relative
+from sceniris_gym.program.device import Program
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def in_solid(program: Program, collider: int, p: wp.vec3) -> bool:
+    """Is a point, in the frame of a collider's body, inside its solid?"""
+    query = wp.mesh_query_point_sign_winding_number(
+        program.collider_mesh[collider], p, program.collider_depth[collider]
+    )
+    return query.result and query.sign < 0.0
+
+
+@wp.func
+def in_bounds(program: Program, collider: int, p: wp.vec3) -> bool:
+    """Is it inside its box?"""
+    root = program.collider_root[collider]
+    d = p - program.node_center[root]
+    half = program.node_half[root]
+    return wp.abs(d[0]) <= half[0] and wp.abs(d[1]) <= half[1] and wp.abs(d[2]) <= half[2]
+
+
+@wp.func
+def _has_points_inside(program: Program, a: int, b: int, rel: Pose) -> bool:
+    """Is a component of collider a inside the solid of b? `rel` is b in a's frame."""
+    at = wp.transpose(rel.rot)
+    for i in range(program.collider_pointnum[a]):
+        p = at * (program.point[program.collider_pointadr[a] + i] - rel.pos)
+        if in_bounds(program, b, p):
+            if in_solid(program, b, p):
+                return True
+    return False
+
+
+@wp.func
+def _is_one_inside(program: Program, pair: int, poses: PairPoses) -> bool:
+    """Is one collider of a pair inside the other?"""
+    a = program.pair_a[pair]
+    b = program.pair_b[pair]
+    if program.collider_plane[b] >= 0:
+        return False
+    if _has_points_inside(program, a, b, relative(poses.a, poses.b)):
+        return True
+    return _has_points_inside(program, b, a, relative(poses.b, poses.a))
+
+
+@wp.func
+def encloses(
+    program: Program,
+    pairadr: int,
+    pairnum: int,
+    lane: int,
+    own_pos: wp.array(dtype=wp.vec3),
+    own_quat: wp.array(dtype=wp.vec4),
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+) -> bool:
+    """Is one collider of any pair of a list inside the other? All lanes of a block call it together; see `collides`."""
+    inside = int(0)
+    for pair in range(pairadr + lane, pairadr + pairnum, wp.block_dim()):
+        if _is_one_inside(program, pair, pair_poses(program, pair, own_pos, own_quat, body_pos, body_quat)):
+            inside = 1
+            break
+    return block_any(inside) != 0

@@ -1,0 +1,279 @@
+"""Leaves of box trees against each other: convex pieces, triangles, and planes.
+
+With `geometry: physics` a leaf is a convex piece, with `geometry: visual` a triangle or a round piece. A candidate with
+one pair of leaves that are not further apart than they have to be is rejected, so the order of the pairs cannot matter.
+"""
+
+import warp as wp
+
+from sceniris_gym.collide.convex import Shape, least_extent, piece_shape
+from sceniris_gym.collide.inner_boxes import cores_within
+from sceniris_gym.collide.near_part import near_parts_separated
+from sceniris_gym.collide.triangles import triangles_separated
+from sceniris_gym.device.transforms import Pose, apply, compose, pose_of, relative
+from sceniris_gym.geometry.colliders import PIECE_LEAF
+from sceniris_gym.geometry.pieces import PieceType
+from sceniris_gym.program.device import ObjectKind, Program
+
+wp.set_module_options({"enable_backward": False})
+
+# Distances are compared with the margin plus this [m]: above the rounding of float32 poses and vertices within a few
+# metres, below the 10 um to which a rejection must be right.
+SKIN = 5.0e-6
+
+_PIECE_LEAF = wp.constant(PIECE_LEAF)
+_HULL = wp.constant(int(PieceType.HULL))
+_STATIC = wp.constant(int(ObjectKind.STATIC))
+_OWN_A = wp.constant(1)
+_OWN_B = wp.constant(2)
+
+
+@wp.struct
+class PairPoses:
+    """The bodies of a pair of colliders in the world, and b's in the frame of a's."""
+
+    a: Pose
+    b: Pose
+    rel: Pose
+
+
+@wp.struct
+class OverPlane:
+    """A plane seen from a body: its normal in the body's frame, and the height of the body's origin over it."""
+
+    normal: wp.vec3
+    height: float
+
+
+@wp.func
+def pair_poses(
+    program: Program,
+    pair: int,
+    own_pos: wp.array(dtype=wp.vec3),
+    own_quat: wp.array(dtype=wp.vec4),
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+) -> PairPoses:
+    """Where a pair's bodies are: those of what is tested as it is posed, all others as they stand."""
+    bodies = program.pair_bodies[pair]
+    a = bodies[0]
+    b = bodies[1]
+    own = bodies[2]
+    p = PairPoses()
+    if (own & _OWN_A) != 0:
+        p.a = pose_of(own_pos[a], own_quat[a])
+    else:
+        p.a = pose_of(body_pos[a], body_quat[a])
+    if (own & _OWN_B) != 0:
+        p.b = pose_of(own_pos[b], own_quat[b])
+    else:
+        p.b = pose_of(body_pos[b], body_quat[b])
+    p.rel = relative(p.a, p.b)
+    return p
+
+
+@wp.func
+def margin_of(program: Program, pair: int, support_body: int) -> float:
+    """The least distance [m] of a pair, negative for a depth; without clearance to the body that it stands on."""
+    margin = program.pair_margin[pair]
+    if program.pair_bodies[pair][1] == support_body:
+        margin = program.pair_touch[pair]
+    return margin + wp.static(SKIN)
+
+
+@wp.func
+def support_of(program: Program, obj: int) -> int:
+    """The body that an object stands on, to which its clearance does not apply; -1 for none."""
+    if program.obj_kind[obj] == _STATIC:
+        return -1
+    return program.obj_ground[obj]
+
+
+@wp.func
+def piece_pose(program: Program, piece: int) -> Pose:
+    """A piece's frame in its body's."""
+    return pose_of(program.piece_pos[piece], program.piece_quat[piece])
+
+
+@wp.func
+def lowest(program: Program, piece: int, in_body: wp.vec3) -> float:
+    """Least extent of a convex piece along the direction `in_body`, both in the body's frame."""
+    return least_extent(program.vert, piece_shape(program, piece), piece_pose(program, piece), in_body)
+
+
+@wp.func
+def over_plane(program: Program, pose: Pose, plane_pose: Pose, plane: int) -> OverPlane:
+    """A plane seen from a body, both bodies posed in the world."""
+    up = compose(plane_pose, piece_pose(program, plane))
+    axis = wp.vec3(up.rot[0, 2], up.rot[1, 2], up.rot[2, 2])
+    over = OverPlane()
+    over.normal = wp.transpose(pose.rot) * axis
+    over.height = wp.dot(axis, pose.pos - up.pos)
+    return over
+
+
+@wp.func
+def _shapes_separated(
+    program: Program,
+    pair: int,
+    a: Shape,
+    b: Shape,
+    radius_a: float,
+    radius_b: float,
+    pose_a: Pose,
+    pose_b: Pose,
+    rel: Pose,
+    margin: float,
+) -> bool:
+    """Are two shapes, posed in their bodies, further apart than `margin` [m]? `rel` is b's body in a's frame.
+
+    They are no deeper in each other than a negative margin allows if they are apart, or would be with b moved by so
+    much in any direction. Those of the pair are tried.
+    """
+    frame = relative(pose_a, compose(rel, pose_b))
+    here = frame.pos
+    num = wp.where(margin < 0.0, program.pair_waynum[pair], 0)
+    for i in range(1 + num):
+        if i > 0:
+            way = program.way[program.pair_wayadr[pair] + i - 1]
+            if 2 * i > num:
+                way = rel.rot * way
+            frame.pos = here - margin * (wp.transpose(pose_a.rot) * way)
+        if near_parts_separated(program.vert, a, b, radius_a, radius_b, frame, wp.max(margin, 0.0)):
+            return True
+    return False
+
+
+@wp.func
+def _pieces_separated(program: Program, pair: int, a: int, b: int, rel: Pose, margin: float) -> bool:
+    """Are two convex pieces further apart than `margin` [m]? `rel` is b's body in a's frame."""
+    return _shapes_separated(
+        program,
+        pair,
+        piece_shape(program, a),
+        piece_shape(program, b),
+        program.piece_radius[a],
+        program.piece_radius[b],
+        piece_pose(program, a),
+        piece_pose(program, b),
+        rel,
+        margin,
+    )
+
+
+@wp.func
+def _piece_of(program: Program, leaf: int) -> int:
+    """The piece that a leaf is, or -1 for a triangle."""
+    if program.faces == 0:
+        return leaf
+    return wp.max(leaf - _PIECE_LEAF, -1)
+
+
+@wp.func
+def _leaf_shape(program: Program, leaf: int) -> Shape:
+    """The shape of a leaf: that of a piece, or of a triangle as the hull of its corners."""
+    s = Shape()
+    piece = _piece_of(program, leaf)
+    if piece >= 0:
+        s = piece_shape(program, piece)
+    else:
+        s.kind = _HULL
+        s.size = wp.vec3(0.0)
+        s.vertadr = program.face_vertadr + 3 * leaf
+        s.vertnum = int(3)
+        s.radius = float(0.0)
+    return s
+
+
+@wp.func
+def _leaf_radius(program: Program, leaf: int) -> float:
+    """Radius [m] of a sphere around its frame's origin that holds it; of triangles none is known."""
+    piece = _piece_of(program, leaf)
+    if piece >= 0:
+        return program.piece_radius[piece]
+    return 1.0e30
+
+
+@wp.func
+def _leaf_pose(program: Program, leaf: int) -> Pose:
+    """Its frame in its body's."""
+    p = Pose()
+    p.pos = wp.vec3(0.0)
+    p.rot = wp.identity(n=3, dtype=float)
+    piece = _piece_of(program, leaf)
+    if piece >= 0:
+        p = piece_pose(program, piece)
+    return p
+
+
+@wp.func
+def _leaves_separated(program: Program, pair: int, a: int, b: int, rel: Pose, margin: float) -> bool:
+    """The same of two leaves of any geometry."""
+    if _piece_of(program, a) < 0 and _piece_of(program, b) < 0:
+        return triangles_separated(
+            program.face_a[a],
+            program.face_b[a],
+            program.face_c[a],
+            apply(rel, program.face_a[b]),
+            apply(rel, program.face_b[b]),
+            apply(rel, program.face_c[b]),
+            margin,
+        )
+    return _shapes_separated(
+        program,
+        pair,
+        _leaf_shape(program, a),
+        _leaf_shape(program, b),
+        _leaf_radius(program, a),
+        _leaf_radius(program, b),
+        _leaf_pose(program, a),
+        _leaf_pose(program, b),
+        rel,
+        margin,
+    )
+
+
+@wp.func
+def _lowest_of_leaf(program: Program, leaf: int, in_body: wp.vec3) -> float:
+    """Least extent [m] of a leaf along a direction, both in the body's frame."""
+    piece = _piece_of(program, leaf)
+    if piece >= 0:
+        return lowest(program, piece, in_body)
+    return wp.min(
+        wp.min(wp.dot(in_body, program.face_a[leaf]), wp.dot(in_body, program.face_b[leaf])),
+        wp.dot(in_body, program.face_c[leaf]),
+    )
+
+
+@wp.func
+def cores_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> bool:
+    """Do the cores of an entry (pair, node of a, node of b) say that its leaves touch? Triangles have none."""
+    if program.faces != 0 or margin < 0.0 or program.pair_bodies[entry[0]][3] >= 0:
+        return False
+    a = ~program.node_child[entry[1]]
+    b = ~program.node_child[entry[2]]
+    return cores_within(program, a, b, poses.rel, margin)
+
+
+@wp.func
+def pieces_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> bool:
+    """Are the pieces of an entry (pair, node of a, node of b) no further apart than `margin` [m]?"""
+    a = ~program.node_child[entry[1]]
+    plane = program.pair_bodies[entry[0]][3]
+    if plane >= 0:
+        over = over_plane(program, poses.a, poses.b, plane)
+        return over.height + lowest(program, a, over.normal) <= margin
+    b = ~program.node_child[entry[2]]
+    return not _pieces_separated(program, entry[0], a, b, poses.rel, margin)
+
+
+@wp.func
+def leaves_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> bool:
+    """The same of leaves of any geometry."""
+    a = ~program.node_child[entry[1]]
+    plane = program.pair_bodies[entry[0]][3]
+    if plane >= 0:
+        over = over_plane(program, poses.a, poses.b, plane)
+        return over.height + _lowest_of_leaf(program, a, over.normal) <= margin
+    b = ~program.node_child[entry[2]]
+    return not _leaves_separated(program, entry[0], a, b, poses.rel, margin)

@@ -1,0 +1,297 @@
+"""The `audit` command: makes layouts and rejected candidates of a scene, and lets the audit judge them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sceniris_gym.audit.auditor import Auditor
+from sceniris_gym.audit.chain import Chain
+from sceniris_gym.audit.contacts import Allowed
+from sceniris_gym.audit.equalities import equalities
+from sceniris_gym.audit.physics import without_log
+from sceniris_gym.audit.reach import Claim, ReachAudit, Unreached
+from sceniris_gym.config.stored_arrays import UNREADABLE, read_arrays
+from sceniris_gym.errors import SceneFileError, SceneMismatchError, UnknownNameError
+from sceniris_gym.files import replacing
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.reaching.poses import OPENING_MARGIN
+from sceniris_gym.layout.tables import make_table
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.progress import tell
+from sceniris_gym.scene.layout_table import LayoutTable
+
+_WORLDS = 1024  # worlds that are reset until enough candidates were rejected
+_EPISODES = 1000  # resets after which a scene is taken to reject hardly anything
+
+
+def rejected_candidates(compiled: CompiledScene, n: int, seed: int) -> tuple[LayoutTable, list[str]]:
+    """Make layouts until n candidates were rejected for collision.
+
+    Returns:
+        The layouts in which the rejected objects stand at their candidate poses, and the names of these objects; fewer
+        than n if the scene rejects hardly anything.
+    """
+    generator = LayoutGenerator(compiled, _WORLDS, seed=seed, rejected=n)
+    view, nmocap = generator.layouts.view, compiled.mjm.nmocap
+    count = 0
+    for _ in range(_EPISODES):
+        generator.generate()
+        count = min(int(view.rejected_count.numpy()[0]), n)
+        if count == n:
+            break
+    qpos, pos, quat = (
+        a.numpy()[:count] for a in (view.rejected_qpos, view.rejected_mocap_pos, view.rejected_mocap_quat)
+    )
+    names = [compiled.placed[i] for i in view.rejected_object.numpy()[:count]]
+    present = np.ones((count, len(compiled.slots)), bool)
+    return LayoutTable.from_states(qpos, pos[:, :nmocap], quat[:, :nmocap], present), names
+
+
+def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
+    """Return how a table says its objects are reached, with the gripper opened 1 cm wider than a grasp needs."""
+    if compiled.reaching is None:
+        return []
+    claims = []
+    for k, target in enumerate(compiled.reaching.targets):
+        one = compiled.reaching.arm_of(target)
+        gripper, joints = one.gripper, slice(0, len(one.arm.joints))
+        needed = np.array([g.opening for g in target.grasp_set.grasps])[np.maximum(table.grasp[:, k], 0)]
+        gap = np.minimum(needed + OPENING_MARGIN, gripper.opening)
+        share = np.clip((gap - gripper.closed) / max(gripper.opening - gripper.closed, 1e-6), 0.0, 1.0)
+        finger_adr, fingers = gripper.poses(share)
+        claims.append(
+            Claim(
+                name=target.name,
+                robot=one.robot,
+                tier=target.tier,
+                pose=table.grasp_pose[:, k],
+                qpos=table.grasp_qpos[:, k, joints],
+                pregrasp_qpos=table.pregrasp_qpos[:, k, joints],
+                fingers=fingers,
+                finger_adr=finger_adr,
+                pattern=compiled.scene.config.objects[target.name].grasp,
+            )
+        )
+    return claims
+
+
+def judge_reach(compiled: CompiledScene, table: LayoutTable, claims: list[Claim]) -> list[Unreached]:
+    """Return the claims of a table about reach that the audit finds to be wrong."""
+    if not claims:
+        return []
+    scene, found = compiled.scene, []
+    present = {claim.name: table.present[:, compiled.slots.index(claim.name)] for claim in claims}
+    for robot in dict.fromkeys(claim.robot for claim in claims):
+        home, name = scene.home_of(robot)
+        tcp, chain = home.tcps[name], None
+        if home is not scene:
+            chain = Chain(home.mjm, home.bodies[name], home.mjm.site(tcp).id)
+        audit = ReachAudit(compiled.mjm, scene.bodies[robot], scene.bodies, tcp, chain)
+        found += audit.judge(table, [claim for claim in claims if claim.robot == robot], present)
+    return found
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What the audit judges: layouts, and candidates that were rejected for collision.
+
+    Attributes:
+        table: The layouts.
+        rejected: Layouts in which the rejected objects stand at their candidate poses.
+        names: Names of these objects.
+        split: "train" or "eval".
+        seed: Seed of the first layout.
+    """
+
+    table: LayoutTable
+    rejected: LayoutTable
+    names: list[str]
+    split: str
+    seed: int
+
+
+def make_rows(compiled: CompiledScene, layouts: int, rejected: int, seed: int) -> Rows:
+    """Make layouts and rejected candidates of a scene, on its device."""
+    table = make_table(compiled, layouts, seed)
+    candidates, names = rejected_candidates(compiled, rejected, seed) if rejected else (table[slice(0, 0)], [])
+    return Rows(table, candidates, names, "train", seed)
+
+
+def save_rows(compiled: CompiledScene, rows: Rows, path: Path) -> None:
+    """Write rows to an npz file, whole or not at all, with all that tells which scene and seeds they are of."""
+    columns: dict[str, Any] = {f"layouts_{f.name}": getattr(rows.table, f.name) for f in fields(LayoutTable)}
+    columns |= {f"rejected_{f.name}": getattr(rows.rejected, f.name) for f in fields(LayoutTable)}
+    columns |= {
+        "rejected_object": np.array(rows.names, str),
+        "rejected_cause": np.array(["collision"] * len(rows.names), str),
+        "hash": np.array(compiled.hash),
+        "config": np.array(compiled.config.canonical()),
+        "split": np.array(rows.split),
+        "seed": np.array(rows.seed % 2**64, np.uint64),
+    }
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **columns)
+
+
+def load_rows(compiled: CompiledScene, path: Path) -> Rows:
+    """Read rows that `save_rows` has written.
+
+    Raises:
+        SceneFileError: The file is missing, or is something else.
+        SceneMismatchError: Its rows are of another scene.
+        UnknownNameError: A rejected object is not one that the scene places.
+    """
+    try:
+        columns = read_arrays(path)
+        found = str(columns["hash"])
+        table, rejected = (
+            LayoutTable(**{f.name: columns[f"{part}_{f.name}"] for f in fields(LayoutTable)})
+            for part in ("layouts", "rejected")
+        )
+        names, split, seed = columns["rejected_object"], str(columns["split"]), int(columns["seed"])
+    except UNREADABLE as error:
+        raise SceneFileError(
+            f"--rows {path}: should be a file that 'sceniris-gym audit SCENE --save FILE' has written: {error}"
+        ) from error
+    if found != compiled.hash:
+        raise SceneMismatchError(
+            f"--rows {path}: its rows are of the scene with hash {found}, but '{compiled.config.name}' has hash "
+            f"{compiled.hash}. Give the scene, and the changes by --set, that the rows were made with."
+        )
+    _check_columns(compiled, path, table, rejected, names)
+    return Rows(table, rejected, names.tolist(), split, seed)
+
+
+def _check_columns(
+    compiled: CompiledScene, path: Path, table: LayoutTable, rejected: LayoutTable, names: np.ndarray
+) -> None:
+    """Refuse columns that are not those of the scene: shapes, types, and names of rejected objects."""
+    mjm, reaching = compiled.mjm, compiled.reaching
+    nreach, njoint = (0, 0) if reaching is None else (len(reaching.targets), reaching.njoint)
+    columns = [("rejected_object", names, (len(np.atleast_1d(rejected.valid)),), "<U1")]
+    for part, rows in (("layouts", table), ("rejected", rejected)):
+        n = len(np.atleast_1d(rows.valid))
+        like = LayoutTable.from_states(
+            np.zeros((n, mjm.nq), np.float32),
+            np.zeros((n, mjm.nmocap, 3), np.float32),
+            np.zeros((n, mjm.nmocap, 4), np.float32),
+            np.zeros((n, len(compiled.slots)), bool),
+        )
+        reach = {"grasp": (n, nreach), "grasp_pose": (n, nreach, 7)}
+        reach |= dict.fromkeys(("grasp_qpos", "pregrasp_qpos"), (n, nreach, njoint))
+        for f in fields(LayoutTable):
+            if rows is rejected and f.name in reach:
+                continue  # not read
+            model = getattr(like, f.name)
+            shape = reach.get(f.name, model.shape)
+            columns.append((f"{part}_{f.name}", getattr(rows, f.name), shape, model.dtype))
+    for name, found, shape, dtype in columns:
+        if found.shape != shape:
+            raise SceneFileError(f"--rows {path}: {name} has shape {found.shape}, but should have {shape}.")
+        if not np.can_cast(found.dtype, dtype, "same_kind"):
+            raise SceneFileError(f"--rows {path}: {name} has type {found.dtype}, but should have {dtype}.")
+    for name in names.tolist():
+        if name not in compiled.placed:
+            raise UnknownNameError("object", name, f"--rows {path}: rejected_object", compiled.placed)
+
+
+def _finite(rows: Rows) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
+    """Return which layouts and candidates are finite numbers, and by column which rows are not."""
+    found, by = [], {}
+    for part, table in (("layouts", rows.table), ("rejected", rows.rejected)):
+        finite = np.ones(len(table), bool)
+        for name in ("qpos", "mocap_pos", "mocap_quat"):
+            column = getattr(table, name)
+            sound = np.isfinite(column).all(axis=tuple(range(1, column.ndim)))
+            finite &= sound
+            if not sound.all():
+                by[f"{part} {name}"] = f"rows {_runs(np.flatnonzero(~sound))}"
+        found.append(finite)
+    return found[0], found[1], by
+
+
+def _runs(numbers: np.ndarray) -> str:
+    """Return ascending numbers in words: "0 3-5 9"."""
+    runs = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
+    return " ".join(str(run[0]) if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs)
+
+
+def judge(compiled: CompiledScene, layouts: int, rejected: int, settled: int, seed: int) -> dict:
+    """Make layouts and rejected candidates, and return the findings of the audit as plain numbers and names.
+
+    Args:
+        compiled: The compiled scene.
+        layouts: Number of layouts.
+        rejected: Number of rejected candidates.
+        settled: Number of layouts that are stepped for half a second.
+        seed: Seed of the first layout.
+    """
+    return judge_rows(compiled, make_rows(compiled, layouts, rejected, seed), settled)
+
+
+@without_log()
+def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) -> dict:
+    """Return the findings of the audit on rows, without making any; `settled` as in `judge`, None for all of them.
+
+    Rows with a number that is not finite are invalid; only the others are judged.
+    """
+    finite, finite_candidates, invalid_by = _finite(rows)
+    table, candidates = rows.table[finite], rows.rejected[finite_candidates]
+    names = np.array(rows.names, str)[finite_candidates].tolist()
+    settled = len(rows.table) if settled is None else settled
+    auditor = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies, tell)
+    ties = equalities(compiled.mjm, table)
+    report = auditor.judge(table, settled=int(finite[:settled].sum()))
+    claims = reach_claims(compiled, table)
+    unreached = judge_reach(compiled, table, claims)
+    unstable = sum(count for count, _ in report.unstable.values())
+    alarms = auditor.judge_rejected(candidates, names, compiled.placed)
+    return {
+        "scene": compiled.config.name,
+        "hash": compiled.hash,
+        "geometry": compiled.config.geometry,
+        "device": compiled.device,
+        "seed": rows.seed,
+        "layouts": len(rows.table),
+        "valid": int(table.valid.sum()),
+        "invalid": int((~finite).sum() + (~finite_candidates).sum()),
+        "invalid_by": invalid_by,
+        "missed_collisions": report.colliding,
+        "missed_pairs": dict(Counter(" ".join(c.owners) for c in report.conflicts)),
+        "rejected": len(rows.rejected),
+        "false_alarms": len(alarms),
+        "false_alarm_pairs": dict(Counter(" ".join(a.owners or ()) for a in alarms)),
+        "broken_equalities": ties.broken,
+        "equality_worst": ties.worst,
+        "worst_equality": ties.name,
+        "deepest_penetration_m": report.depth,
+        "deepest_pair": " ".join(report.penetration.owners) if report.penetration else "",
+        "allowed_contacts": {" ".join(a.names): f"{a.why}; {_depth(a)}" for a in report.allowed},
+        "misplaced": len({m.row for m in report.misplaced}),
+        "misplaced_by": dict(Counter(f"{m.name} {m.cause}" for m in report.misplaced)),
+        "relation_violations": report.relation_violations,
+        "relations_by": {f"{k.name} {k.word}": k.broken for k in report.kept if k.broken},
+        "relation_worst_m": max((k.worst for k in report.kept if k.unit == "m"), default=0.0),
+        "relation_worst_rad": max((k.worst for k in report.kept if k.unit == "rad"), default=0.0),
+        "reach_claims": int(sum(np.isfinite(claim.pose[:, 0]).sum() for claim in claims)),
+        "unreached": len(unreached),
+        "unreached_by": dict(Counter(f"{u.name} {u.cause}" for u in unreached)),
+        "settled": report.settled,
+        "unstable": unstable,
+        "unstable_by": {kind: f"{n} layouts, the first: {text}" for kind, (n, text) in report.unstable.items()},
+        "frozen_joints": list(report.frozen),
+        "moved": report.moved,
+        "moved_share": sum(report.moved.values()) / max((report.settled - unstable) * len(report.moved), 1),
+        "fast": report.fast,
+        "top_speed_m_s": report.top_speed,
+    }
+
+
+def _depth(allowed: Allowed) -> str:
+    """Return how deep contacts are that are allowed for."""
+    return f"{allowed.home:.2g} m deep there, {allowed.depth:.2g} m in layouts"

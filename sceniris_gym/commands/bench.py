@@ -1,0 +1,143 @@
+"""The `bench` command: measures how fast layouts are made and worlds are reset."""
+
+from __future__ import annotations
+
+import resource
+import statistics
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from sceniris_gym.audit.geometry import solids_of
+from sceniris_gym.audit.pairs import Tree
+from sceniris_gym.commands.narrowing import narrow
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.device.sequence import LaunchSequence
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.sim.batch import Batch
+from sceniris_gym.sim.randomizer import ResetRandomizer
+
+REPEATS = 20
+_WARM_UP = 3
+_NARROWED = 4096  # most layouts in which it is measured where objects lie
+_PARTIAL = 0.02  # share of the worlds in a partial reset
+
+
+def bench(
+    scene: str | Path,
+    num_envs: int,
+    device: str | None,
+    seed: int,
+    overrides: Mapping[str, Any] | None = None,
+    picture: Path | None = None,
+) -> dict:
+    """Measure a scene.
+
+    Times are wall-clock times, with the device idle before and after; warm ones are medians of 20 replays of a captured
+    graph. Rates and shares are those of the layouts made in these 20 replays.
+
+    Args:
+        scene: Name of a shipped scene, or a path.
+        num_envs: Number of worlds.
+        device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
+        seed: Seed of the first world.
+        overrides: Parts of the scene to change.
+        picture: Where to write a picture of how `reachable` narrows where objects lie; None for no picture.
+    """
+    wp.init()
+    start = time.perf_counter()
+    compiled = compile_scene(SceneConfig.load(scene, overrides), device, cache=False)
+    generator = LayoutGenerator(compiled, num_envs, seed=seed)
+    generator.generate()
+    wp.synchronize_device(compiled.device)
+    cold = time.perf_counter() - start
+
+    counts: Counter[str] = Counter()
+
+    def count() -> None:
+        status = generator.layouts.status.numpy()
+        counts["valid"] += int((status == Status.VALID).sum())
+        counts["fallbacks"] += int((status == Status.FALLBACK).sum())
+        counts["candidates"] += int(generator.layouts.attempts.numpy().sum())
+        counts["first_pass"] += int(generator.layouts.first_pass_valid.numpy().sum())
+
+    warm = _median(LaunchSequence(generator.generate, wp.get_device(compiled.device)), compiled.device, count)
+    made = REPEATS * num_envs
+    return {
+        "scene": compiled.config.name,
+        "hash": compiled.hash,
+        "device": wp.get_device(compiled.device).name,
+        "num_envs": num_envs,
+        "geometry": compiled.config.geometry,
+        "faces": faces(compiled),
+        "attempts": compiled.attempts,
+        "restarts": compiled.config.restarts,
+        "cold_s": cold,
+        "warm_s": warm,
+        "first_pass_valid": counts["first_pass"] / made,
+        "valid": counts["valid"] / made,
+        "fallbacks": counts["fallbacks"],
+        "valid_per_s": counts["valid"] / REPEATS / warm,
+        "candidates_per_layout": counts["candidates"] / made,
+        "ns_per_candidate": 1e9 * REPEATS * warm / counts["candidates"],
+        **_resets(compiled, generator),
+        "peak_bytes": peak_bytes(compiled.device),
+        **narrow(compiled, min(num_envs, _NARROWED), seed, picture),
+    }
+
+
+def faces(compiled: CompiledScene) -> dict[str, int]:
+    """Return the number of triangles of each object in the scene's geometry; for `physics`, those of the hulls."""
+    tree = Tree(compiled.mjm, compiled.scene.bodies)
+    total = dict.fromkeys(compiled.scene.bodies, 0)
+    for solid in solids_of(compiled.mjm, compiled.config.geometry):
+        owner = tree.owner[compiled.mjm.geom_bodyid[solid.geom]]
+        if owner in total:
+            total[owner] += len(solid.faces)
+    return total
+
+
+def peak_bytes(device: str) -> int:
+    """Return the peak memory in use [bytes]: of Warp's pool on a GPU, of the process on a CPU."""
+    where = wp.get_device(device)
+    if where.is_cuda:
+        return int(wp.get_mempool_used_mem_high(where))
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024  # kibibytes on Linux
+
+
+def _resets(compiled: CompiledScene, generator: LayoutGenerator) -> dict[str, float]:
+    """Return the times [us] to reset all worlds and 2% of them: layouts, the masked write and kinematics."""
+    batch = Batch(compiled.scene, generator.nworld, compiled.device)
+    randomizer = ResetRandomizer(compiled, batch.model, batch.data, layout_source=generator)
+    few = np.zeros(generator.nworld, bool)
+    step = max(round(1 / _PARTIAL), 1)
+    few[::step] = True
+    masks = {
+        name: wp.array(mask, dtype=bool, device=compiled.device)
+        for name, mask in (("full_reset_us", np.ones_like(few)), ("partial_reset_us", few))
+    }
+    return {
+        name: 1e6 * _median(lambda mask=mask: randomizer.reset(mask), compiled.device) for name, mask in masks.items()
+    }
+
+
+def _median(work: Callable[[], object], device: str, after: Callable[[], object] = lambda: None) -> float:
+    """Return the median time [s] of `work` over 20 repeats after a few to warm up; `after` runs untimed after each."""
+    times = []
+    for i in range(_WARM_UP + REPEATS):
+        wp.synchronize_device(device)
+        start = time.perf_counter()
+        work()
+        wp.synchronize_device(device)
+        if i >= _WARM_UP:
+            times.append(time.perf_counter() - start)
+            after()
+    return statistics.median(times)

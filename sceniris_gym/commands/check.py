@@ -1,0 +1,63 @@
+"""The `check` command: says why a scene is hard, by the rejections per object and cause."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from sceniris_gym.commands.narrowing import narrow
+from sceniris_gym.layout.blame import obstructions
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.tables import read_table
+from sceniris_gym.program.compiled import CompiledScene
+
+
+def check(compiled: CompiledScene, layouts: int, seed: int, picture: Path | None = None) -> dict:
+    """Make layouts, and return the share of valid ones and the rejections per object and cause.
+
+    For a scene with `reachable`, also measure how much that narrows where objects lie, and draw it if asked.
+    """
+    generator = LayoutGenerator(compiled, layouts, seed=seed)
+    generator.generate()
+    table = read_table(generator)
+    return {
+        "scene": compiled.config.name,
+        "hash": compiled.hash,
+        "first_id": compiled.layout_id(seed, 0),
+        "layouts": layouts,
+        "attempts": compiled.attempts,
+        "valid": float(table.valid.mean()),
+        "first_pass_valid": float(table.first_pass_valid.mean()),
+        "attempts_per_layout": float(table.attempts.mean()),
+        "rejections": generator.rejection_counts(),
+        "in_the_way": {name: str(found) for name, found in obstructions(compiled, "train").items()},
+        **narrow(compiled, layouts, seed, picture),
+    }
+
+
+def report(found: Mapping) -> str:
+    """Return the findings of `check` as text."""
+    shares = (
+        f"{found['layouts']} layouts of '{found['scene']}': {found['valid']:.2%} valid, "
+        f"{found['first_pass_valid']:.2%} on the first pass, {found['attempts_per_layout']:.2f} candidates per layout"
+    )
+    lines = [
+        shares,
+        f"each object gets {found['attempts']} attempts before a layout starts again",
+        f"the first one is {found['first_id']}",
+        table_of_rejections(found["rejections"]),
+        *(f"most in the way of {name}: {pair}" for name, pair in found["in_the_way"].items()),
+    ]
+    lines += [
+        f"{name}: {part['kept']:.1%} of {part['candidates']} candidates are within reach"
+        for name, part in found.get("narrowing", {}).items()
+    ]
+    return "\n".join(lines + ([f"picture: {found['picture']}"] if "picture" in found else []))
+
+
+def table_of_rejections(counts: Mapping[str, Mapping[str, int]]) -> str:
+    """Return rejection counts as a table: a row for each object, a column for each cause."""
+    causes = list(next(iter(counts.values()), {}))
+    lines = [f"{'rejected':<14}" + "".join(f"{cause:>12}" for cause in causes)]
+    lines += [f"{name:<14}" + "".join(f"{by_cause[c]:>12}" for c in causes) for name, by_cause in counts.items()]
+    return "\n".join(lines)

@@ -1,0 +1,75 @@
+"""The `generate` command: writes a data set of layouts, together with their model, or verifies one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from sceniris_gym.dataset.manifest import DatasetPlan, counts
+from sceniris_gym.dataset.share import Share
+from sceniris_gym.dataset.writer import DatasetWriter
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.progress import tell
+
+# Layouts that are made at once: what keeps a GPU busy, and on a CPU no more than its caches hold.
+_CHUNK, _CHUNK_CUDA = 4096, 16_384
+
+
+def generate(
+    compiled: CompiledScene,
+    n: int,
+    folder: Path,
+    *,
+    seed: int = 0,
+    split: str = "train",
+    chunk: int | None = None,
+    share: Share | None = None,
+    resume: bool = False,
+    formats: tuple[str, ...] = (),
+) -> dict[str, Any]:
+    """Write a data set, or a process's share of it, and return its figures.
+
+    Args:
+        compiled: The compiled scene.
+        n: Number of layouts: row i is episode 0 of seed + i.
+        folder: The folder to write to; created if it does not exist.
+        seed: Seed of the first row.
+        split: "train" or "eval".
+        chunk: Layouts that are made at once, which changes nothing else; None for what suits the device.
+        share: Which parts this process writes; None for all of them.
+        resume: Go on with a data set that was begun.
+        formats: What is written beside the parts: some of `dataset.formats.ENCODERS`, in alphabetical order.
+
+    Raises:
+        DatasetError, MissingExtraError: See `DatasetWriter`.
+        OutputError: A file cannot be written.
+        SceneKeyError: The scene's model is a MjModel, of which no `scene.zip` can be written.
+    """
+    plan, share = DatasetPlan.of(compiled, n, seed, split, formats), share or Share()
+    if chunk is None:
+        chunk = _CHUNK if compiled.device == "cpu" else _CHUNK_CUDA
+    writer = DatasetWriter(compiled, plan, folder, share, resume=resume)
+    own = sum(len(plan.rows(part)) for part in range(share.number, plan.parts, share.size))
+    written = 0
+
+    def progress(rows: int) -> None:
+        nonlocal written
+        written += rows
+        tell("layouts", written, own)
+
+    writer.write(chunk=chunk, progress=progress)
+    records = writer.records()
+    rows, valid, first = counts(records)
+    figures = {
+        "scene": compiled.config.name,
+        "hash": compiled.hash,
+        "first_id": compiled.layout_id(seed, 0, split),
+        "layouts": n,
+        "valid": valid / max(rows, 1),
+        "first_pass_valid": first / max(rows, 1),
+        "folder": str(folder),
+        "parts": plan.parts,
+        "formats": list(formats),
+        "complete": writer.complete,
+    }
+    return figures if writer.complete else figures | {"missing_parts": plan.parts - len(records)}

@@ -1,0 +1,96 @@
+"""The `init` command: a first scene file for a model, tried before it is written."""
+
+from __future__ import annotations
+
+import os
+import re
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from sceniris_gym.config.fields import ROBOT
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import InfeasibleSceneError, ScenirisError
+from sceniris_gym.files import replacing
+from sceniris_gym.importers.models.first_scene import FirstScene, first_scene, reach_note
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.scene.model import build_model
+
+# A scene is tried with a small bank: whether layouts are found at all is what counts.
+_BANK = 8
+_OBJECT = re.compile(r"objects\.([A-Za-z_][A-Za-z0-9_-]*)|robot")
+
+
+def init(model: Path, device: str | None = None) -> FirstScene:
+    """Work out a first scene of a model that compiles, and of which layouts are found.
+
+    What cannot be placed is commented out, with the reason.
+
+    Args:
+        model: An MJCF or URDF file.
+        device: The device that layouts are tried on.
+
+    Raises:
+        ScenirisError: The model cannot be read, or no scene can be made of it, whatever is placed.
+    """
+    scene = first_scene(model)
+    scene = _tried(scene, build_model)
+    if scene.robot is not None and not scene.robot.why:
+        built = build_model(SceneConfig.load(scene.words()))
+        scene = scene.with_note(ROBOT, reach_note(built.mjm, str(scene.robot.words["in_model"]), built.tcps[ROBOT]))
+    return _tried(scene, lambda config: compile_scene(config, device))
+
+
+def text(scene: FirstScene, out: Path | None) -> str:
+    """Return the scene file, which names its model relative to the folder that it is written to."""
+    if out is None:
+        return scene.text(str(scene.model))
+    return scene.text(os.path.relpath(scene.model.resolve(), out.resolve().parent))
+
+
+def write(scene: FirstScene, out: Path) -> None:
+    """Write the scene file, whole or not at all."""
+    with replacing(out) as temporary:
+        temporary.write_text(text(scene, out))
+
+
+def summary(scene: FirstScene, out: Path | None) -> dict[str, Any]:
+    """Return what was written: the robot or None, what is placed, and the reasons of what is commented out."""
+    robot = None if scene.robot is None or scene.robot.why else scene.robot.words["in_model"]
+    placed = [entry.name for entry in scene.objects if not entry.why]
+    left = {entry.name: entry.why for entry in scene.objects if entry.why}
+    return {"scene": None if out is None else str(out), "robot": robot, "placed": placed, "commented_out": left}
+
+
+def report(found: dict[str, Any]) -> str:
+    """Say the same in words."""
+    robot = "no robot" if found["robot"] is None else f"robot '{found['robot']}'"
+    left = ", ".join(found["commented_out"])
+    commented = f"; commented out, with reasons: {left}" if left else ""
+    return f"{found['scene']}: {robot}; placed: {', '.join(found['placed']) or 'nothing'}{commented}"
+
+
+def _tried(scene: FirstScene, make: Callable[[SceneConfig], object]) -> FirstScene:
+    """The scene without what an error names, until there is none."""
+    while True:
+        config = SceneConfig.load(scene.words(), {"bank": _BANK, "name": scene.model.stem})
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                make(config)
+        except ScenirisError as error:
+            name = error.name if isinstance(error, InfeasibleSceneError) else _blamed(str(error))
+            left = {entry.name for entry in scene.objects if not entry.why}
+            left |= {ROBOT} if scene.robot is not None and not scene.robot.why else set()
+            if name not in left:
+                raise
+            scene = scene.without(name, str(error).removeprefix(f"{config.where}: "))
+        else:
+            return scene
+
+
+def _blamed(message: str) -> str | None:
+    """The object, or the robot, whose key an error names."""
+    found = _OBJECT.search(message)
+    return None if found is None else found.group(1) or ROBOT

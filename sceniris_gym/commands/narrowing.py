@@ -1,0 +1,226 @@
+"""How much `reachable` narrows where objects lie: compares a scene with it and without, in numbers and a picture.
+
+The share that is kept is measured on one set of candidates, so apart from chance it does not depend on their number:
+it is the share of the layouts made without `reachable` in which the arm's map accepts a grasp of the object. For the
+tiers `ik` and `clear` it is multiplied by the share of finished layouts that passed them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import SceneKeyError
+from sceniris_gym.geometry.rotations import matrix, pose_matrix
+from sceniris_gym.grasping.grasps import comes_from_below
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.tables import read_table
+from sceniris_gym.pictures.render import save
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.layout_table import LayoutTable
+
+_REASONS = ("unreachable", "no_ik", "blocked")
+_SCALE = 320  # pixels a metre, as far as a panel is no larger than _PANEL
+_PANEL = 620
+_GAP, _STRIP = 12, 26
+_INK, _PAPER, _PALE, _ARM = (40, 44, 50), (255, 255, 255), (226, 229, 233), (90, 96, 104)
+_COLOURS = ((214, 96, 36), (38, 110, 184), (62, 140, 74), (150, 78, 158), (186, 148, 24), (30, 150, 150))
+
+
+@dataclass(frozen=True)
+class Narrowing:
+    """Where the objects that should be reachable lie, without `reachable` and with it.
+
+    Attributes:
+        before: Object name -> its world positions [m] in the layouts with it, shape (n, 2), without `reachable`.
+        after: The same with `reachable`.
+        kept: Object name -> share of its candidates that `reachable` accepts.
+        rejections: Rejections per object and cause, with `reachable`.
+        bases: Position [m] and heading [rad] of the bases of robots that stand where they are, shape (n, 3).
+        lower: Corner of all that is drawn [m], shape (2,).
+        upper: The opposite corner [m], shape (2,).
+    """
+
+    before: Mapping[str, np.ndarray]
+    after: Mapping[str, np.ndarray]
+    kept: Mapping[str, float]
+    rejections: Mapping[str, Mapping[str, int]]
+    bases: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+
+    def figures(self) -> dict[str, dict[str, float | int]]:
+        """Return for each object the share of candidates kept, their number, and the rejections by cause of reach."""
+        return {
+            name: {
+                "kept": round(self.kept[name], 4),
+                "candidates": len(self.before[name]),
+                **{reason: self.rejections[name][reason] for reason in _REASONS},
+            }
+            for name in self.after
+        }
+
+
+def narrow(compiled: CompiledScene, layouts: int, seed: int, path: Path | None = None) -> dict:
+    """Return what the commands print: `narrowing`, and `picture` if one was drawn; nothing without `reachable`.
+
+    Args:
+        compiled: The compiled scene.
+        layouts: Number of layouts to make with `reachable`, and as many without.
+        seed: Seed of the first layout.
+        path: Where to write a picture; None for no picture.
+
+    Raises:
+        SceneKeyError: A picture is asked for, but no object of the scene has `reachable`.
+    """
+    if compiled.reaching is None:
+        if path is not None:
+            raise SceneKeyError(
+                f"{compiled.config.where}: --picture shows what 'reachable' does, and no object has it. "
+                "Add it, e.g. with --set objects.apple.reachable=map, or leave out --picture."
+            )
+        return {}
+    found = narrowing(compiled, layouts, seed)
+    if path is None:
+        return {"narrowing": found.figures()}
+    save(picture(found, compiled.config.name), path)
+    return {"narrowing": found.figures(), "picture": str(path)}
+
+
+def narrowing(compiled: CompiledScene, layouts: int, seed: int) -> Narrowing:
+    """Make layouts of a scene as it is, and of the same scene without `reachable`.
+
+    Args:
+        compiled: The compiled scene.
+        layouts: Number of layouts of each.
+        seed: Seed of the first layout.
+    """
+    names = () if compiled.reaching is None else compiled.reaching.names
+    changes = {f"objects.{name}.reachable": False for name in names}
+    plain = compile_scene(SceneConfig.load(compiled.config, changes), compiled.device) if names else compiled
+    tables, counts = [], []
+    for each in (plain, compiled):
+        generator = LayoutGenerator(each, layouts, seed=seed)
+        generator.generate()
+        tables.append(read_table(generator))
+        counts.append(generator.rejection_counts())
+    before, after = ({name: _positions(compiled, table, name) for name in names} for table in tables)
+    still = [compiled.slots.index(name) for name in compiled.config.all_robots if name not in compiled.config.parts]
+    bases = compiled.plan.place[still][:, [0, 1, 3]]
+    lower, upper = _frame(compiled, [*before.values(), *after.values(), bases[:, :2]])
+    passed = _staged(compiled, tables[1], counts[1])
+    kept = {name: passed[name] * _on_map(compiled, plain, tables[0], name) for name in names}
+    return Narrowing(before, after, kept, counts[1], bases, lower, upper)
+
+
+def picture(found: Narrowing, title: str) -> Image.Image:
+    """Draw from above where objects lie: without `reachable` on the left, with it on the right; x points right."""
+    size = found.upper - found.lower
+    scale = min(_SCALE, _PANEL / float(size.max()))
+    width, height = (int(np.ceil(scale * edge)) for edge in size)
+    sheet = Image.new("RGB", (2 * width + 3 * _GAP, height + 2 * _STRIP + _GAP), _PAPER)
+    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(size=14)
+    for i, (words, positions) in enumerate((("without reachable", found.before), ("with reachable", found.after))):
+        left, top = _GAP + i * (width + _GAP), _STRIP
+        draw.rectangle((left, top, left + width, top + height), fill=(246, 247, 249), outline=_PALE)
+        draw.text((left + 2, 4), f"{title}: {words}" if i == 0 else words, _INK, font)
+        origin = np.array([left - scale * found.lower[0], top + height + scale * found.lower[1]])
+        for k, name in enumerate(positions):
+            for x, y in positions[name]:
+                px, py = origin[0] + scale * x, origin[1] - scale * y
+                draw.ellipse((px - 1.5, py - 1.5, px + 1.5, py + 1.5), fill=_COLOURS[k % len(_COLOURS)])
+        for base in found.bases:
+            _draw_base(draw, origin, scale, base)
+    x = float(_GAP)
+    for k, (name, part) in enumerate(found.figures().items()):
+        text = f"{name}: {part['kept']:.0%} of {part['candidates']} are within reach"
+        draw.text((x, height + _STRIP + 4), text, _COLOURS[k % len(_COLOURS)], font)
+        x += draw.textlength(text, font) + 2 * _GAP
+    return sheet
+
+
+def _draw_base(draw: ImageDraw.ImageDraw, origin: np.ndarray, scale: float, base: np.ndarray) -> None:
+    """Draw a disc at the robot's base, and a tick along its x axis."""
+    x, y = origin[0] + scale * base[0], origin[1] - scale * base[1]
+    tip = (x + 18 * np.cos(base[2]), y - 18 * np.sin(base[2]))
+    draw.ellipse((x - 7, y - 7, x + 7, y + 7), fill=_ARM)
+    draw.line((x, y, *tip), fill=_ARM, width=3)
+
+
+def _positions(compiled: CompiledScene, table: LayoutTable, name: str) -> np.ndarray:
+    """Return the positions of an object's root [m] in the valid layouts in which it is present, shape (n, 2)."""
+    mjm, body = compiled.mjm, compiled.scene.bodies[name]
+    there = table.present[:, compiled.slots.index(name)] & table.valid
+    mocap = int(mjm.body_mocapid[body])
+    if mocap >= 0:
+        return table.mocap_pos[there, mocap, :2]
+    joint = int(mjm.body_jntadr[body])
+    assert mjm.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE
+    adr = int(mjm.jnt_qposadr[joint])
+    return table.qpos[there, adr : adr + 2]
+
+
+def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, name: str) -> float:
+    """Return the share of the layouts of `plain` with an object in which the arm's map accepts a grasp of it."""
+    reaching = compiled.reaching
+    assert reaching is not None
+    target = reaching.targets[reaching.names.index(name)]
+    one = reaching.arm_of(target)
+    placed = compiled.plan.objects[target.number]
+    grasps = [np.concatenate([g.pos, g.quat]) for g in target.grasp_set.grasps]
+    ups = np.array([matrix(v.quat)[2] for v in placed.variants])  # world's z in the root's frame
+    rows = np.flatnonzero(table.present[:, plain.slots.index(name)] & table.valid)
+    poses, of = [], []
+    data = mujoco.MjData(plain.mjm)
+    for row in rows.tolist():
+        table.put(data, row)
+        mujoco.mj_kinematics(plain.mjm, data)
+        root = _frame_of(data, plain.scene.bodies[name])
+        first, number = target.grasp_set.spans[int((ups @ root[2, :3]).argmax())]
+        base = np.linalg.inv(_frame_of(data, plain.scene.bodies[one.robot]))
+        for k in range(first, first + number):
+            tcp = _frame_of(data, target.grasp_set.grasps[k].body) @ pose_matrix(grasps[k][:3], grasps[k][3:])
+            if placed.ground is None or not comes_from_below(tcp[2, 2]):
+                poses.append(base @ tcp)
+                of.append(row)
+    through = np.array(of, int)
+    if one.map is not None and poses:
+        through = through[one.map.verdict(np.stack(poses), compiled.device) >= target.tier.least_verdict]
+    return len(np.unique(through)) / max(len(rows), 1)
+
+
+def _staged(
+    compiled: CompiledScene, table: LayoutTable, rejections: Mapping[str, Mapping[str, int]]
+) -> dict[str, float]:
+    """Return the share of finished layouts that passed `ik` or `clear`, by object, which are tested in order.
+
+    A layout that failed at a later object had passed at the earlier ones.
+    """
+    assert compiled.reaching is not None
+    shares, later = {}, 0
+    for name in reversed(compiled.reaching.names):
+        failed = rejections[name]["no_ik"] + rejections[name]["blocked"]
+        passed = later + int((table.present[:, compiled.slots.index(name)] & table.valid).sum())
+        shares[name] = passed / max(passed + failed, 1)
+        later += failed
+    return shares
+
+
+def _frame_of(data: mujoco.MjData, body: int) -> np.ndarray:
+    return pose_matrix(data.xpos[body], data.xquat[body])
+
+
+def _frame(compiled: CompiledScene, points: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the corners of the smallest rectangle around points and the floor, plus a margin."""
+    every = np.concatenate(points)
+    if compiled.config.floor is not None:
+        half = 0.5 * np.array(compiled.config.floor.size)
+        every = np.concatenate([every, [-half, half]])
+    return every.min(axis=0) - 0.05, every.max(axis=0) + 0.05

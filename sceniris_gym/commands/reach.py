@@ -1,0 +1,326 @@
+"""The `reach` command: builds an arm's map, judges poses, and draws what the arm reaches."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.commands.narrowing import narrow
+from sceniris_gym.config.loader import SHIPPED_NAME, shipped
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.config.stored_arrays import UNREADABLE, read_array
+from sceniris_gym.config.tier import Tier
+from sceniris_gym.errors import (
+    MapError,
+    NotSupportedError,
+    PosesError,
+    ReachWarning,
+    SceneKeyError,
+    UnknownNameError,
+)
+from sceniris_gym.files import check_picture, check_writable, replacing
+from sceniris_gym.layout.compile import compile_scene, device_name
+from sceniris_gym.pictures.reach_picture import draw
+from sceniris_gym.pictures.render import save
+from sceniris_gym.program.reach import robot_arm
+from sceniris_gym.progress import tell
+from sceniris_gym.reach.arm import TCP, SerialArm
+from sceniris_gym.reach.build import TILT_STEP, build_map
+from sceniris_gym.reach.checkpoint import remove_state
+from sceniris_gym.reach.map import SUFFIX, ReachMap, build_command, default_tier, map_file, map_path, why_not_map
+from sceniris_gym.reach.solve import solve
+from sceniris_gym.scene.model import build_model
+
+_ROUNDING = 1e-5  # m; how much deeper than at home parts of an arm may be in each other
+_ROUNDS = 32  # attempts at poses for which the joints found so far make the arm hit itself
+
+
+def read_arm(name: str, changes: Mapping[str, Any] | None = None) -> tuple[mujoco.MjModel, SerialArm]:
+    """Read an arm: a shipped asset, or the path of an MJCF or URDF file.
+
+    Args:
+        name: The asset or the path.
+        changes: Words of a scene, such as `robot.tcp` for an arm without a site 'tcp'.
+
+    Raises:
+        UnknownNameError: There is no such asset, or it has no such TCP.
+        SceneFileError: The file is missing, or cannot be read.
+        ArmError: It is not a serial arm.
+    """
+    if SHIPPED_NAME.fullmatch(name) and name not in shipped("assets", ".xml"):
+        raise UnknownNameError("arm", name, "reach", _shipped_arms())
+    scene = build_model(SceneConfig.load({"robot": {"asset": name}}, changes))
+    return scene.mjm, robot_arm(scene)
+
+
+def _shipped_arms() -> list[str]:
+    """Return the names of the shipped assets that have a TCP site."""
+    return [name for name, path in shipped("assets", ".xml").items() if f'<site name="{TCP}"' in path.read_text()]
+
+
+def build(
+    name: str,
+    out: Path,
+    device: str | None = None,
+    *,
+    step: float | None = None,
+    tilt_step: float = TILT_STEP,
+    seed: int = 0,
+    changes: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Build the map of an arm into a file, tell how far it is, and describe it.
+
+    Until the map is written, progress is saved in a file beside `out`, from which a later build resumes.
+    """
+    check_writable(out)
+    _, arm = read_arm(name, changes)
+    state = out.with_name(f".{out.name}.state")
+    start = time.perf_counter()
+    chosen = device_name(device, "reach")
+    built = build_map(arm, chosen, step=step, tilt_step=tilt_step, seed=seed, state=state, progress=tell)
+    with replacing(out) as temporary:
+        built.save(temporary)
+    remove_state(state)
+    figures = {"seconds": round(time.perf_counter() - start, 1), "file": str(out), "file_bytes": out.stat().st_size}
+    if out.resolve() != map_path(name).resolve():
+        figures["used_with"] = f"--map {out}"
+    return describe(name, arm, built) | figures
+
+
+def default_map(name: str) -> Path:
+    """Return where a map is written by default: beside your own file, but in the working folder for a shipped arm."""
+    return Path(f"{name}{SUFFIX}") if SHIPPED_NAME.fullmatch(name) else map_path(name)
+
+
+def judge(
+    name: str,
+    path: Path | None,
+    poses: Path,
+    out: Path,
+    tier: Tier | None = None,
+    device: str | None = None,
+    changes: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Judge the TCP poses of a file, shape (N, 4, 4), write verdicts, shape (N,), bool, and count the reached ones.
+
+    Without `tier`, the arm's default tier decides.
+    """
+    check_writable(out)
+    mjm, arm = read_arm(name, changes)
+    asked = read_poses(poses)
+    by_map = tier is not None and tier.needs_map
+    needed = path is not None or by_map
+    reach_map = find_map(name, arm, path) if needed or _has_map(name, arm) else None
+    used = default_tier(arm, reach_map) if tier is None else tier
+    why = why_not_map(arm, reach_map, name)
+    if tier is not None and by_map and why is not None:
+        warnings.warn(f"reach {name} --tier {tier.word}: {why}.", ReachWarning, stacklevel=2)
+    verdicts = judge_poses(mjm, arm, reach_map, asked, used, device_name(device, "reach"))
+    with replacing(out) as temporary, temporary.open("wb") as file:
+        np.save(file, verdicts)
+    found = {"arm": arm.name, "tier": used.word, "poses": len(asked), "reached": int(verdicts.sum()), "file": str(out)}
+    return found if why is None or tier is not None else found | {"why_ik": why}
+
+
+def show(
+    name: str,
+    path: Path | None,
+    out: Path,
+    height: float,
+    device: str | None = None,
+    changes: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Describe an arm and its map, and draw the map. An arm without a map is described without a picture.
+
+    Raises:
+        MapError: There is no map at `path`, or `height` is above or below the map.
+    """
+    _, arm = read_arm(name, changes)
+    if path is None and not _has_map(name, arm):
+        return describe(name, arm, None)
+    check_picture(out)
+    reach_map = find_map(name, arm, path)
+    low, high = reach_map.z_low, reach_map.z_low + reach_map.step * (reach_map.nz - 1)
+    if not low <= height <= high:  # NaN, too
+        raise MapError(f"reach {name} --height {height:g}: should be from {low:.2f} to {high:.2f} m, as the map is.")
+    save(draw(reach_map, height, device_name(device, "reach")), out)
+    return describe(name, arm, reach_map) | {"picture": str(out)}
+
+
+def narrowed(
+    name: str, config: SceneConfig, out: Path, device: str | None = None, *, layouts: int = 1024, seed: int = 0
+) -> dict[str, Any]:
+    """Measure how much `reachable` narrows where the objects of a scene with the arm lie, and draw it from above.
+
+    Raises:
+        SceneKeyError: The scene has another robot or none, or no object of it has `reachable`.
+    """
+    robots = [robot.file or robot.name for robot in config.all_robots.values()]
+    if not any(_same(name, robot) for robot in robots):
+        has = f"the robot {' and '.join(f'{robot!r}' for robot in robots)}" if robots else "no robot"
+        raise SceneKeyError(f"reach {name} --scene {config.where}: this scene has {has}. Name a scene with '{name}'.")
+    check_picture(out)
+    compiled = compile_scene(config, device)
+    if compiled.reaching is None:
+        raise SceneKeyError(
+            f"reach {name} --scene {config.where}: no object of this scene has 'reachable'. "
+            "Add it, e.g. with --set objects.apple.reachable=map."
+        )
+    return narrow(compiled, layouts, seed, out)
+
+
+def _same(name: str, asset: str) -> bool:
+    """Return whether both name the same shipped arm or the same file."""
+    return name == asset or (not SHIPPED_NAME.fullmatch(name) and Path(name).resolve() == Path(asset).resolve())
+
+
+def _has_map(name: str, arm: SerialArm) -> bool:
+    return arm.no_map is None and map_file(name) is not None
+
+
+def find_map(name: str, arm: SerialArm, path: Path | None) -> ReachMap:
+    """Load a map: from `path`, else the one that belongs to the arm.
+
+    Raises:
+        MapError: There is none, or it does not fit the arm.
+    """
+    if arm.no_map is not None:
+        raise MapError(f"reach: '{name}' cannot have a map: {arm.no_map}. Use --tier ik.")
+    own = map_file(name)
+    if path is not None:
+        another = f"Build one: {build_command(name)}." if own is None else "Leave out --map: this arm has its own."
+        return ReachMap.load(path, arm, another)
+    if own is None:
+        raise MapError(f"reach: '{name}': {why_not_map(arm, None, name)}.")
+    return ReachMap.load(own, arm, f"Build it again: {build_command(name)}.")
+
+
+def describe(name: str, arm: SerialArm, reach_map: ReachMap | None) -> dict[str, Any]:
+    """Return the properties of an arm and its map, by name."""
+    found: dict[str, Any] = {
+        "arm": arm.name,
+        "hash": arm.hash,
+        "joints": len(arm.joints),
+        "full_turn_of_base": arm.free_base,
+        "full_turn_of_wrist": arm.free_wrist,
+    }
+    if reach_map is None:
+        found["map"] = None
+    else:
+        memory, witnesses = reach_map.nbytes
+        found |= {
+            "step_m": reach_map.step,
+            "tilt_step_degrees": float(np.degrees(reach_map.tilt_step)),
+            "map_bytes": memory,
+            "witness_bytes": witnesses,
+            "turn_error": reach_map.turn_error,
+            "false_accepts": reach_map.false_accepts,
+        }
+    found["default_tier"] = default_tier(arm, reach_map).word
+    why = why_not_map(arm, reach_map, name)
+    return found if why is None else found | {"why_ik": why}
+
+
+def read_poses(path: Path) -> np.ndarray:
+    """Read TCP poses in the arm's base frame from a .npy file, shape (N, 4, 4).
+
+    Raises:
+        PosesError: The file is missing or holds something else.
+    """
+    form = "should be a .npy file with an array of shape (N, 4, 4): rigid TCP poses in the arm's base frame"
+    if not path.is_file():
+        raise PosesError(f"--poses {path}: there is no such file. It {form}.")
+    try:
+        poses = read_array(path)
+    except UNREADABLE as error:
+        raise PosesError(f"--poses {path}: NumPy cannot read it ({error}). It {form}.") from error
+    if poses.ndim != 3 or poses.shape[1:] != (4, 4) or poses.dtype.kind not in "fiu":
+        raise PosesError(f"--poses {path}: holds {poses.dtype} of shape {poses.shape}. It {form}.")
+    poses = poses.astype(np.float64)
+    turns = poses[:, :3, :3]
+    with np.errstate(invalid="ignore"):  # NaN compares as false
+        rigid = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) < 1e-3
+        rigid &= (np.linalg.det(turns) > 0.0) & (np.abs(poses[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-6)
+    rigid &= np.isfinite(poses[:, :3, 3]).all(axis=1)
+    if not rigid.all():
+        raise PosesError(f"--poses {path}: pose {np.argmin(rigid)} is not a rotation and a position. It {form}.")
+    return poses
+
+
+def judge_poses(
+    mjm: mujoco.MjModel, arm: SerialArm, reach_map: ReachMap | None, poses: np.ndarray, tier: Tier, device: str
+) -> np.ndarray:
+    """Return which TCP poses in the base frame an arm reaches, shape (N,), bool.
+
+    Raises:
+        NotSupportedError: The tier is `clear`, which depends on a layout.
+        MapError: The tier needs a map, and there is none.
+    """
+    if tier == Tier.CLEAR:
+        raise NotSupportedError(
+            "reach --tier clear: this tier asks whether the arm hits a layout, and poses alone have none. "
+            "Use `reachable: clear` in a scene, or --tier ik here."
+        )
+    if tier == Tier.IK:
+        return _solvable(mjm, arm, poses, device)
+    if reach_map is None:
+        raise MapError(
+            f"reach --tier {tier.word}: '{arm.name}' has no map. Use --tier ik, or build the map with --build."
+        )
+    return reach_map.verdict(poses, device) >= tier.least_verdict
+
+
+def _solvable(mjm: mujoco.MjModel, arm: SerialArm, poses: np.ndarray, device: str) -> np.ndarray:
+    """Return which poses have joints within limits at which the arm does not hit itself, shape (N,), bool."""
+    reached = np.zeros(len(poses), bool)
+    left = np.arange(len(poses))
+    flat = np.zeros((len(poses), 7))
+    flat[:, :3] = poses[:, :3, 3]
+    for pose, turn in zip(flat, poses, strict=True):
+        mujoco.mju_mat2Quat(pose[3:], turn[:3, :3].ravel())
+    for seed in range(_ROUNDS):
+        joints, ok = solve(arm, flat[left], device, seed=seed)
+        left, joints = left[ok], joints[ok]  # poses that no start solved stay unreached
+        hits = hits_itself(mjm, arm, joints)
+        reached[left[~hits]] = True
+        left = left[hits]
+        if not len(left):
+            break
+    return reached
+
+
+def hits_itself(mjm: mujoco.MjModel, arm: SerialArm, joints: np.ndarray) -> np.ndarray:
+    """Return for which joints of shape (N, njoint) the arm touches itself according to MuJoCo, shape (N,), bool.
+
+    Parts that are in each other at home already may be as deep as there.
+    """
+    data = mujoco.MjData(mjm)
+    if mjm.nkey:
+        mujoco.mj_resetDataKeyframe(mjm, data, 0)
+    home = _depths(mjm, data)
+    hits = np.zeros(len(joints), bool)
+    for i, q in enumerate(joints):
+        data.qpos[arm.qposadr] = q
+        hits[i] = any(depth > home.get(geoms, 0.0) + _ROUNDING for geoms, depth in _depths(mjm, data).items())
+    return hits
+
+
+def _depths(mjm: mujoco.MjModel, data: mujoco.MjData) -> dict[tuple[int, int], float]:
+    """Return pairs of geoms that are in each other in a state, and how deep [m]."""
+    mujoco.mj_kinematics(mjm, data)
+    mujoco.mj_comPos(mjm, data)
+    mujoco.mj_collision(mjm, data)
+    found: dict[tuple[int, int], float] = {}
+    for geoms, dist in zip(
+        data.contact.geom[: data.ncon].tolist(), data.contact.dist[: data.ncon].tolist(), strict=True
+    ):
+        pair = (geoms[0], geoms[1])
+        if dist < 0.0:
+            found[pair] = max(found.get(pair, 0.0), -dist)
+    return found

@@ -1,0 +1,94 @@
+"""The `replay` command: makes one layout again from its id `scenehash:split:seed:episode`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.config.loader import shipped
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layout_id import LayoutId
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.tables import read_table
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.scene.model import SceneModel, build_model
+
+
+def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
+    """Return the scene with a hash: `config` if that is given, else one of the shipped scenes.
+
+    Raises:
+        UnknownNameError: No scene has this hash.
+    """
+    configs = [config] if config is not None else [SceneConfig.load(name) for name in shipped("envs", ".yaml")]
+    known = {}
+    for candidate in configs:
+        model = build_model(candidate)
+        if model.hash == scenehash:
+            return model
+        known[model.hash] = candidate.name
+    raise UnknownNameError("scene hash", scenehash, "replay", [f"{h} ({name})" for h, name in known.items()])
+
+
+def replay(compiled: CompiledScene, layout: LayoutId) -> LayoutTable:
+    """Make the layout again; the table has one row."""
+    generator = LayoutGenerator(compiled, 1, seed=[layout.seed], split=layout.split)
+    generator.layouts.episode.fill_(layout.episode - 1)
+    generator.generate()
+    return read_table(generator)
+
+
+def describe(compiled: CompiledScene, table: LayoutTable) -> dict:
+    """Return the first layout of a table as names and numbers: poses in the world frame, joints in m and rad."""
+    mjm, data = compiled.mjm, mujoco.MjData(compiled.mjm)
+    table.put(data, 0)
+    mujoco.mj_kinematics(mjm, data)
+    objects = {}
+    for name, body in compiled.scene.bodies.items():
+        joints = {joint: float(data.qpos[mjm.jnt_qposadr[i]]) for joint, i in compiled.scene.joints(name).items()}
+        objects[name] = {"pos": data.xpos[body].tolist(), "quat": data.xquat[body].tolist(), "joints": joints}
+    for k, target in enumerate(() if compiled.reaching is None else compiled.reaching.targets):
+        if table.grasp[0, k] >= 0:
+            objects[target.name]["grasp"] = {
+                "name": target.grasp_set.grasps[table.grasp[0, k]].name,
+                "pos": table.grasp_pose[0, k, :3].tolist(),
+                "quat": table.grasp_pose[0, k, 3:].tolist(),
+                "qpos": _known(table.grasp_qpos[0, k]),
+                "pregrasp_qpos": _known(table.pregrasp_qpos[0, k]),
+            }
+    return {
+        "scene": compiled.config.name,
+        "status": Status(int(table.status[0])).name.lower(),
+        "first_pass_valid": bool(table.first_pass_valid[0]),
+        "attempts": int(table.attempts[0]),
+        "objects": objects,
+    }
+
+
+def _known(qpos: np.ndarray) -> list[float] | None:
+    return None if np.isnan(qpos).any() else qpos.tolist()
+
+
+def report(found: Mapping) -> str:
+    """Return a layout as text, angles in degrees."""
+    lines = [f"{found['id']} of scene '{found['scene']}': {found['status']}, {found['attempts']} candidates"]
+    for name, part in found["objects"].items():
+        x, y, z = part["pos"]
+        rotation = np.zeros(9)
+        mujoco.mju_quat2Mat(rotation, np.array(part["quat"]))
+        yaw = np.degrees(np.arctan2(rotation[3], rotation[0]))
+        joints = "".join(f"  {joint} {value:.4f}" for joint, value in part["joints"].items())
+        grasp = f"  grasp '{part['grasp']['name']}'" if "grasp" in part else ""
+        lines.append(f"  {name:<12} x {x:+.4f}  y {y:+.4f}  z {z:+.4f} m  yaw {yaw:+7.1f} deg{joints}{grasp}")
+    return "\n".join([*lines, f"picture: {found['picture']}"])
+
+
+def default_picture(layout: str) -> Path:
+    """Return where the picture of the layout with this id is written by default."""
+    return Path("demo") / f"{layout}.png".replace(":", "-")

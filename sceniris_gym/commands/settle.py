@@ -1,0 +1,59 @@
+"""The `settle` command: heaps of a scene are settled by MuJoCo C, and written as rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import NotSupportedError, UnknownNameError
+from sceniris_gym.files import check_writable, replacing
+from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.settling import settle as settled
+
+
+def settle(
+    config: SceneConfig,
+    heap: str | None,
+    num: int,
+    out: Path | None,
+    seed: int,
+    progress: Callable[[int, int], object] = lambda done, of: None,
+) -> dict[str, Any]:
+    """Settle a heap of a scene, and write its rows.
+
+    Args:
+        config: The scene.
+        heap: The name of the heap; None for the only one.
+        num: Number of rows.
+        out: File to write; None for the one that the heap names.
+        seed: Row i depends on the seed and on i alone.
+        progress: Called with how many rows are done, and how many there are.
+
+    Raises:
+        UnknownNameError: There is no such heap.
+        NotSupportedError: It is not said which heap, or where to write to.
+        HeapError: The container does not hold the things.
+    """
+    if heap is None and len(config.heaps) != 1:
+        listed = ", ".join(config.heaps) or "none"
+        raise NotSupportedError(f"settle: should say which heap, by --heap NAME. Heaps of {config.where}: {listed}.")
+    heap = next(iter(config.heaps)) if heap is None else heap
+    if heap not in config.heaps:
+        raise UnknownNameError("heap", heap, config.where, config.heaps)
+    named = config.heaps[heap].rows
+    if out is None and named is None:
+        raise NotSupportedError(f"settle: nowhere to write to. Give -o ROWS.npz, or heaps.{heap}.rows in the scene.")
+    path = out if out is not None else Path(str(named))
+    check_writable(path)
+    rows = settled(build_model(config), heap, num, seed, progress)
+    with replacing(path) as temporary:
+        rows.write(temporary)
+    return {"heap": heap, "things": list(rows.names), "rows": len(rows.pos), "file": str(path)}
+
+
+def report(found: dict[str, Any]) -> str:
+    """Say in words what was settled."""
+    things = f"{len(found['things'])} things"
+    return f"{found['file']}: {found['rows']} heaps of {things}; name it in the scene: heaps.{found['heap']}.rows"

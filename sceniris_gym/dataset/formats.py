@@ -1,0 +1,130 @@
+"""Parts of a data set in other formats beside `.npy`: npz and JSON with states by name, and USD.
+
+What they hold follows from the rows of the part alone, so that every process writes the same bytes.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections.abc import Callable
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.dataset import usd_stage
+from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.body_poses import body_poses
+
+Encoder = Callable[[CompiledScene, np.ndarray], bytes]
+"""Makes the bytes of a file of a compiled scene and the rows of a part."""
+
+
+def parse_formats(words: str) -> tuple[str, ...]:
+    """Read names of formats, separated by commas; return them in alphabetical order.
+
+    Raises:
+        UnknownNameError: There is no such format.
+    """
+    names = [word.strip() for word in words.split(",")]
+    for name in names:
+        if name not in ENCODERS:
+            raise UnknownNameError("format", name, "generate: --format", ENCODERS)
+    return tuple(sorted(set(names)))
+
+
+def check_formats(formats: tuple[str, ...]) -> None:
+    """Make sure that what formats need is installed.
+
+    Raises:
+        MissingExtraError: usd-core is not.
+    """
+    if "usd" in formats:
+        usd_stage.need_usd()
+
+
+def poses_by_name(compiled: CompiledScene, rows: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the poses of all objects, and of the robot as 'robot', in the world frame.
+
+    Args:
+        compiled: The compiled scene.
+        rows: Rows of a part, shape (n,).
+
+    Returns:
+        Position [m] and orientation (wxyz) of each root body, shape (n, 7), float32. Where an object is absent, this is
+        where it is parked.
+    """
+    states = (rows["qpos"], rows["mocap_pos"], rows["mocap_quat"])
+    return {
+        name: np.hstack(body_poses(compiled.mjm, compiled.scene.bodies[name], *states)).astype(np.float32)
+        for name in compiled.slots
+    }
+
+
+def joints_by_name(compiled: CompiledScene, rows: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the positions of all joints with names but free ones, as the model names them.
+
+    Args:
+        compiled: The compiled scene.
+        rows: Rows of a part, shape (n,).
+
+    Returns:
+        Positions [rad or m], shape (n,); of a ball joint its quaternion (wxyz), shape (n, 4).
+    """
+    mjm, found = compiled.mjm, {}
+    for joint in range(mjm.njnt):
+        name, kind, adr = mjm.joint(joint).name, mjm.jnt_type[joint], mjm.jnt_qposadr[joint]
+        if kind == mujoco.mjtJoint.mjJNT_BALL:
+            found[name] = rows["qpos"][:, adr : adr + 4]
+        elif kind != mujoco.mjtJoint.mjJNT_FREE:
+            found[name] = rows["qpos"][:, adr]
+    found.pop("", None)
+    return found
+
+
+def as_npz(compiled: CompiledScene, rows: np.ndarray) -> bytes:
+    """All columns, and beside them `pose/OBJECT`, shape (n, 7), and `joint/JOINT`, shape (n,)."""
+    arrays: dict[str, Any] = {name: np.ascontiguousarray(rows[name]) for name in rows.dtype.names or ()}
+    arrays |= {f"pose/{name}": values for name, values in poses_by_name(compiled, rows).items()}
+    arrays |= {f"joint/{name}": np.ascontiguousarray(v) for name, v in joints_by_name(compiled, rows).items()}
+    file = io.BytesIO()
+    np.savez(file, **arrays)
+    return file.getvalue()
+
+
+def as_json(compiled: CompiledScene, rows: np.ndarray) -> bytes:
+    """A list of layouts, one a line: the columns, `poses` and `joints` by name, and who is `present`."""
+    columns = {name: rows[name].tolist() for name in rows.dtype.names or () if name != "present"}
+    poses = {name: values.tolist() for name, values in poses_by_name(compiled, rows).items()}
+    joints = {name: values.tolist() for name, values in joints_by_name(compiled, rows).items()}
+    lines = [
+        json.dumps(
+            {
+                **{name: _exact(values[i]) for name, values in columns.items()},
+                "present": dict(zip(compiled.slots, rows["present"][i].tolist(), strict=True)),
+                "poses": {name: _exact(values[i]) for name, values in poses.items()},
+                "joints": {name: _exact(values[i]) for name, values in joints.items()},
+            },
+            allow_nan=False,
+        )
+        for i in range(len(rows))
+    ]
+    return ("[\n" + ",\n".join(lines) + "\n]\n").encode()
+
+
+def _exact(value: Any) -> Any:
+    """A value with as many digits as give the same float32 again; None for what is not a number."""
+    if isinstance(value, list):
+        return [_exact(part) for part in value]
+    if isinstance(value, float):
+        return float(f"{value:.9g}") if math.isfinite(value) else None
+    return value
+
+
+ENCODERS: dict[str, Encoder] = {"json": as_json, "npz": as_npz, "usd": usd_stage.part_bytes}
+"""What writes each format."""
+SUFFIXES = {"json": ".json", "npz": ".npz", "usd": ".usdc"}
+"""The files of formats: those of the parts, with these suffixes."""

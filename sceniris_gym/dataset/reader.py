@@ -1,0 +1,231 @@
+"""`LayoutDataset`: a data set of layouts as torch's data loaders take it, and its verification."""
+
+from __future__ import annotations
+
+import hashlib
+import operator
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from sceniris_gym.config.messages import short
+from sceniris_gym.config.stored_arrays import UNREADABLE
+from sceniris_gym.dataset.manifest import MANIFEST, SCENE, part_name, read_manifest, row_of
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, DatasetError, UnknownNameError
+from sceniris_gym.scene.layout_table import LayoutTable
+
+_OPEN = 64  # memory maps at once: each keeps a file open
+_BLOCK = 1 << 24  # bytes that are read at once for a checksum
+_AGAIN = "Remove the file, and repeat the data set's `sceniris-gym generate` with --resume."
+
+
+class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
+    """The layouts in a folder that `sceniris-gym generate` wrote, read from memory maps when they are asked for.
+
+    Args:
+        folder: The folder.
+        columns: What a layout is to have, of the columns of `LayoutTable`; None is all that were written.
+
+    Attributes:
+        manifest: What `dataset.json` says: the scene and its hash, the split, seed, names and columns.
+        columns: Names of the columns.
+
+    Raises:
+        DatasetError: The data set is not whole, or its files are others.
+        UnknownNameError: There is no such column.
+        ArgumentTypeError: What is no path, or no names.
+    """
+
+    def __init__(self, folder: str | Path, columns: Sequence[str] | None = None) -> None:
+        if not isinstance(folder, str | Path):
+            raise ArgumentTypeError(f"LayoutDataset: folder should be a path, got {short(folder)}.")
+        if columns is not None and not isinstance(columns, Iterable):
+            raise ArgumentTypeError(f"LayoutDataset: columns should be names, got {short(columns)}.")
+        self.folder = Path(folder)
+        self.manifest = read_manifest(self.folder)
+        self._row = self._read_row()
+        known = tuple(self._row.names or ())
+        self.columns = known if columns is None else tuple(columns)
+        for name in self.columns:
+            if name not in known:
+                raise UnknownNameError("column", str(name), f"LayoutDataset({str(folder)!r})", known)
+        self._ends = np.cumsum([part["rows"] for part in self.manifest["parts"]])
+        self._check_parts()
+        self._maps: OrderedDict[int, np.ndarray] = OrderedDict()
+
+    def _read_row(self) -> np.dtype:
+        try:
+            row = row_of(self.manifest["columns"])
+        except (TypeError, ValueError, KeyError, AttributeError, SyntaxError, OverflowError) as error:
+            raise DatasetError(f"{self.folder / MANIFEST}: 'columns' cannot be read ({error}).") from error
+        if row.hasobject or not row.names:
+            raise DatasetError(f"{self.folder / MANIFEST}: 'columns' should be columns of numbers.")
+        return row
+
+    def _check_parts(self) -> None:
+        """Compare the number and the sizes of the files with what the manifest says, before anything is allocated."""
+        rows = [part["rows"] for part in self.manifest["parts"]]
+        if min(rows, default=0) < 1 or sum(rows) != self.manifest["layouts"]:
+            raise DatasetError(
+                f"{self.folder / MANIFEST}: its parts do not add up to {short(self.manifest['layouts'])} rows."
+            )
+        missing = [
+            path.name
+            for path, nrow in zip(map(self.folder.joinpath, map(part_name, range(len(rows)))), rows, strict=True)
+            if not path.is_file() or path.stat().st_size < nrow * self._row.itemsize
+        ]
+        if missing:
+            raise DatasetError(
+                f"{self.folder}: {len(missing)} of its {len(rows)} parts are missing or cut off, among them "
+                f"{missing[0]}. Repeat the data set's `sceniris-gym generate` with --resume."
+            )
+
+    def __len__(self) -> int:
+        return self.manifest["layouts"]
+
+    def __getitem__(self, index: int) -> dict[str, torch.Tensor]:
+        """Return one layout: a tensor for each column.
+
+        Raises:
+            IndexError: There is no such row.
+            ArgumentTypeError: It is no integer.
+        """
+        try:
+            row = operator.index(index)
+        except TypeError:
+            raise ArgumentTypeError(f"LayoutDataset: a row should be an integer, got {short(index)}.") from None
+        return {name: torch.from_numpy(values)[0] for name, values in self.rows([row]).items()}
+
+    def __getitems__(self, indices: Sequence[int]) -> list[dict[str, torch.Tensor]]:
+        """Return several layouts, which takes a data loader less time than one after the other."""
+        found = {name: torch.from_numpy(values) for name, values in self.rows(indices).items()}
+        return [{name: values[i] for name, values in found.items()} for i in range(len(indices))]
+
+    def rows(self, indices: Sequence[int] | np.ndarray) -> dict[str, np.ndarray]:
+        """Return rows in the order asked for: an array of shape (len(indices), ...) for each column, copied.
+
+        Raises:
+            IndexError: There is no such row.
+            ArgumentTypeError: What are no integers.
+            DatasetError: A file is damaged.
+        """
+        wanted = self._numbers(indices)
+        found = np.zeros(len(wanted), self._row)
+        parts = np.searchsorted(self._ends, wanted, side="right")
+        for part in np.unique(parts):
+            here = parts == part
+            start = self._ends[part] - self.manifest["parts"][part]["rows"]
+            found[here] = self._part(int(part))[wanted[here] - start]
+        return {name: np.ascontiguousarray(found[name]) for name in self.columns}
+
+    def _numbers(self, indices: Any) -> np.ndarray:
+        """Return row numbers, those from the end as numbers from the start, int64, shape (n,)."""
+        try:
+            asked = np.asarray(indices).reshape(-1)
+        except ValueError:  # lists of different lengths
+            asked = np.array([indices], object)
+        if asked.dtype == object and all(isinstance(number, int) for number in asked):  # beyond 64 bits
+            asked = np.array([len(self)])
+        if asked.size and asked.dtype.kind not in "iu":
+            raise ArgumentTypeError(f"LayoutDataset: rows should be integers, got {short(indices)}.")
+        if ((asked < -len(self)) | (asked >= len(self))).any():
+            raise IndexError(f"{self.folder} has rows 0 to {len(self) - 1}.")
+        return asked.astype(np.int64) % len(self)
+
+    def table(self, first: int = 0, count: int | None = None) -> LayoutTable:
+        """Return `count` rows (None: all) from row `first` on as a LayoutTable, as `StoredLayouts` takes it.
+
+        Raises:
+            ArgumentError: There are no such rows, or `columns` leaves some of a table's out.
+            ArgumentTypeError: What are no integers.
+        """
+        try:
+            first, count = operator.index(first), None if count is None else operator.index(count)
+        except TypeError:
+            raise ArgumentTypeError(
+                f"LayoutDataset.table: first and count should be integers, got {short(first)} and {short(count)}."
+            ) from None
+        count = len(self) - first if count is None else count
+        if first < 0 or count < 0 or first + count > len(self):
+            raise ArgumentError(f"LayoutDataset.table: rows should be among 0 to {len(self) - 1}.")
+        if set(self.columns) != set(self._row.names or ()):
+            raise ArgumentError("LayoutDataset.table: a table has all columns. Open the data set without 'columns'.")
+        rows = self.rows(np.arange(first, first + count))
+        states = LayoutTable.from_states(rows["qpos"], rows["mocap_pos"], rows["mocap_quat"], rows["present"])
+        return replace(states, **{f.name: rows[f.name] for f in fields(LayoutTable) if f.name in rows})
+
+    def _part(self, part: int) -> np.ndarray:
+        """The rows of a part, shape (nrow,), as a memory map of which the last ones used stay open."""
+        found = self._maps.pop(part, None)
+        if found is None:
+            path = self.folder / part_name(part)
+            found = _mapped(path, self._row, self.manifest["parts"][part]["rows"])
+        self._maps[part] = found
+        if len(self._maps) > _OPEN:
+            self._maps.popitem(last=False)
+        return found
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Worker processes open the files for themselves."""
+        return {**self.__dict__, "_maps": OrderedDict()}
+
+
+def _mapped(path: Path, row: np.dtype, nrow: int) -> np.ndarray:
+    try:
+        rows = np.load(path, mmap_mode="r", allow_pickle=False)
+    except UNREADABLE as error:
+        raise DatasetError(f"{path}: NumPy cannot read it ({error}). {_AGAIN}") from error
+    if getattr(rows, "dtype", None) != row or rows.shape != (nrow,):
+        raise DatasetError(f"{path}: holds other columns, or another number of rows, than {MANIFEST} tells. {_AGAIN}")
+    return rows
+
+
+def verify(folder: str | Path, progress: Callable[[int], object] = lambda _: None) -> dict[str, Any]:
+    """Compare all files of a data set with the checksums of its manifest; return the manifest.
+
+    Args:
+        folder: The folder.
+        progress: Called with the number of rows read since the last call.
+
+    Raises:
+        DatasetError: The data set is not whole, or a file is damaged; the message names all of those.
+        ArgumentTypeError: What is no path.
+    """
+    dataset = LayoutDataset(folder)
+    folder, held, damaged = dataset.folder, dataset.manifest, []
+
+    def compare(sums: dict[str, Any]) -> None:
+        damaged.extend(name for name, told in sums.items() if _sha256(folder / name) != told)
+
+    compare({SCENE: held["scene_sha256"], **held["files"]})
+    for part, record in enumerate(held["parts"]):
+        compare({part_name(part): record["sha256"], **record["files"]})
+        progress(record["rows"])
+    if damaged:
+        raise DatasetError(
+            f"{folder}: {_listed(damaged)} not as {MANIFEST} tells. Remove them, and repeat the data set's "
+            "`sceniris-gym generate` with --resume."
+        )
+    return held
+
+
+def _listed(names: Iterable[str]) -> str:
+    kept = list(names)
+    more = f" and {len(kept) - 5} others" if len(kept) > 5 else ""
+    return ", ".join(kept[:5]) + more + (" is" if len(kept) == 1 else " are")
+
+
+def _sha256(path: Path) -> str:
+    """The checksum of a file, and none of what is no file, such as a pipe that would be read without end."""
+    if not path.is_file():
+        return "missing"
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(_BLOCK):
+            digest.update(block)
+    return digest.hexdigest()

@@ -1,0 +1,244 @@
+"""Layouts as USD: the scene's geometry once, and a stage over it for each part, whose frame i is row i.
+
+Stages are z up, in metres. Every body is an Xform below that of its parent, and an object of the scene is
+`/World/<name>`. What a user needs to play the scene is in `scene.zip`: the stages are for the eye and have no physics.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.dataset.manifest import SCENE_USD
+from sceniris_gym.errors import MissingExtraError
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.body_poses import body_poses, product, rotated
+
+WORLD = "/World"
+_SEEN_GROUPS = 3  # MuJoCo shows the groups below; the others are colliders, which USD calls guides
+_ENDLESS = 10.0  # m, half the edge of a plane without end
+_UNSET = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of geoms that name none: that of the material counts
+_SCALAR = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+_SIDES = {mujoco.mjtGeom.mjGEOM_SPHERE: "Sphere", mujoco.mjtGeom.mjGEOM_ELLIPSOID: "Sphere"}
+_SIDES |= {mujoco.mjtGeom.mjGEOM_CAPSULE: "Capsule", mujoco.mjtGeom.mjGEOM_CYLINDER: "Cylinder"}
+_SIDES |= {mujoco.mjtGeom.mjGEOM_BOX: "Cube"}
+
+
+def need_usd() -> None:
+    """Make sure that usd-core is installed.
+
+    Raises:
+        MissingExtraError: It is not.
+    """
+    try:
+        import pxr  # noqa: F401
+    except ImportError:
+        raise MissingExtraError("usd-core", "import") from None
+
+
+def scene_bytes(compiled: CompiledScene) -> bytes:
+    """The stage of the scene: bodies at the start pose with their geometry, as the bytes of a .usdc file."""
+    from pxr import Sdf, Usd, UsdGeom
+
+    mjm, paths = compiled.mjm, body_paths(compiled)
+    layer = Sdf.Layer.CreateAnonymous(".usdc")
+    stage = Usd.Stage.Open(layer)
+    _describe(layer)
+    UsdGeom.Xform.Define(stage, WORLD)
+    pos, quat = compiled.home_xpos.astype(float), compiled.home_xquat.astype(float)
+    for body in range(1, mjm.nbody):
+        xform = UsdGeom.Xform.Define(stage, paths[body])
+        parent = int(mjm.body_parentid[body])
+        _place(xform, *(v[0] for v in _seen_from(pos[parent, None], quat[parent, None], pos[body], quat[body])))
+        xform.GetPrim().SetCustomDataByKey("mujoco:body", mjm.body(body).name)
+    taken: set[str] = set(paths)
+    for geom in range(mjm.ngeom):
+        kind = mujoco.mjtGeom(int(mjm.geom_type[geom])).name.removeprefix("mjGEOM_").lower()
+        body = int(mjm.geom_bodyid[geom])
+        name = _local(mjm, body, mjm.geom(geom).name) or f"{kind}_{geom}"
+        path = _free_path(f"{paths[body]}/", name, taken)
+        _define_geom(stage, mjm, geom, path)
+    return _exported(layer)
+
+
+def part_bytes(compiled: CompiledScene, rows: np.ndarray) -> bytes:
+    """The stage of a part, over `scene.usdc` beside it, as the bytes of a .usdc file.
+
+    At time i bodies are where they are in row i, absent objects are invisible, `/World` has the attributes
+    `layout:seed`, `layout:episode` and `layout:valid`, and bodies have `joint:NAME` [rad or m].
+    """
+    from pxr import Gf, Sdf
+
+    mjm, paths = compiled.mjm, body_paths(compiled)
+    layer = Sdf.Layer.CreateAnonymous(".usdc")
+    layer.subLayerPaths.append(f"./{SCENE_USD}")
+    _describe(layer)
+    layer.startTimeCode, layer.endTimeCode = 0.0, float(len(rows) - 1)
+    types = Sdf.ValueTypeNames
+    for name, kind in (("seed", types.UInt64), ("episode", types.Int), ("valid", types.Bool)):
+        _write(layer, WORLD, f"layout:{name}", kind, rows[name].tolist(), custom=True)
+    states = (rows["qpos"], rows["mocap_pos"], rows["mocap_quat"])
+    for body in np.flatnonzero((mjm.body_jntnum > 0) | (mjm.body_mocapid >= 0)).tolist():
+        pos, quat = _seen_from(*body_poses(mjm, int(mjm.body_parentid[body]), *states), *body_poses(mjm, body, *states))
+        _write(layer, paths[body], "xformOp:translate", types.Double3, [Gf.Vec3d(*v) for v in pos.tolist()])
+        _write(layer, paths[body], "xformOp:orient", types.Quatd, [Gf.Quatd(*v) for v in quat.tolist()])
+        for joint in range(mjm.body_jntadr[body], mjm.body_jntadr[body] + mjm.body_jntnum[body]):
+            if mujoco.mjtJoint(int(mjm.jnt_type[joint])) in _SCALAR:
+                name, values = _local(mjm, body, mjm.joint(joint).name), rows["qpos"][:, mjm.jnt_qposadr[joint]]
+                _write(layer, paths[body], f"joint:{name}", types.Float, values.tolist(), custom=True)
+    for slot, name in enumerate(compiled.slots):
+        if not rows["present"][:, slot].all():
+            seen = ["inherited" if present else "invisible" for present in rows["present"][:, slot]]
+            _write(layer, paths[compiled.scene.bodies[name]], "visibility", types.Token, seen)
+    return _exported(layer)
+
+
+def body_paths(compiled: CompiledScene) -> list[str]:
+    """The prims of all bodies, by id: objects and the robot by their names in the scene, parts without the prefix."""
+    mjm = compiled.mjm
+    names = {body: name for name, body in compiled.scene.bodies.items()}
+    paths, taken = [WORLD], {WORLD}
+    for body in range(1, mjm.nbody):
+        parent = int(mjm.body_parentid[body])
+        name = names.get(body) or _local(mjm, parent, mjm.body(body).name) or f"body_{body}"
+        paths.append(_free_path(f"{paths[parent]}/", name, taken))
+    return paths
+
+
+def _local(mjm: mujoco.MjModel, body: int, name: str) -> str:
+    """A name without the prefix of the object that it is a part of."""
+    from pxr import Tf
+
+    prefix = mjm.body(body).name.partition("/")[0] + "/"
+    return Tf.MakeValidIdentifier(name.removeprefix(prefix)) if name else ""
+
+
+def _free_path(folder: str, name: str, taken: set[str]) -> str:
+    """A path for a name in a folder that no other prim has, and mark it as taken."""
+    from pxr import Tf
+
+    path = first = folder + Tf.MakeValidIdentifier(name)
+    number = 1
+    while path in taken:
+        path, number = f"{first}_{number}", number + 1
+    taken.add(path)
+    return path
+
+
+def _describe(layer: Any) -> None:
+    """Say which prim is meant by the file, the unit of length and the axis that points up."""
+    layer.defaultPrim = WORLD[1:]
+    root = layer.pseudoRoot
+    root.SetInfo("metersPerUnit", 1.0)
+    root.SetInfo("upAxis", "Z")
+
+
+def _seen_from(
+    parent_pos: np.ndarray, parent_quat: np.ndarray, pos: np.ndarray, quat: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Poses in the frame of the parent, shapes (n, 3) and (n, 4) wxyz."""
+    back = parent_quat * [1.0, -1.0, -1.0, -1.0]
+    return rotated(pos - parent_pos, back), product(back, quat)
+
+
+def _write(layer: Any, prim: str, name: str, kind: Any, values: list, *, custom: bool = False) -> None:
+    """Write an attribute: a sample for each row, or a default where all are the same."""
+    from pxr import Sdf
+
+    spec = Sdf.CreatePrimInLayer(layer, prim)
+    attribute = Sdf.AttributeSpec(spec, name, kind, Sdf.VariabilityVarying, custom)
+    if all(value == values[0] for value in values):
+        attribute.default = values[0]
+        return
+    for i, value in enumerate(values):
+        layer.SetTimeSample(attribute.path, float(i), value)
+
+
+def _place(xform: Any, pos: np.ndarray, quat: np.ndarray, scale: np.ndarray | None = None) -> None:
+    from pxr import Gf, UsdGeom
+
+    xform.AddTranslateOp().Set(Gf.Vec3d(*pos.tolist()))
+    # USD turns quaternions into angles by the arc cosine: of single ones it loses angles below 0.02 degrees.
+    xform.AddOrientOp(UsdGeom.XformOp.PrecisionDouble).Set(Gf.Quatd(*quat.tolist()))
+    if scale is not None:
+        xform.AddScaleOp().Set(Gf.Vec3f(*scale.tolist()))
+
+
+def _define_geom(stage: Any, mjm: mujoco.MjModel, geom: int, path: str) -> None:
+    """Add a geom to the body that it belongs to."""
+    from pxr import UsdGeom
+
+    kind, size = mujoco.mjtGeom(int(mjm.geom_type[geom])), mjm.geom_size[geom]
+    scale = None
+    if kind in _SIDES:
+        shape = getattr(UsdGeom, _SIDES[kind]).Define(stage, path)
+        if kind == mujoco.mjtGeom.mjGEOM_BOX:
+            shape.CreateSizeAttr(2.0)
+            scale = size
+        elif kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+            shape.CreateRadiusAttr(1.0)
+            scale = size
+        else:
+            shape.CreateRadiusAttr(float(size[0]))
+        if kind in (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER):
+            shape.CreateHeightAttr(2.0 * float(size[1]))
+            shape.CreateAxisAttr("Z")
+    else:
+        shape = UsdGeom.Mesh.Define(stage, path)
+        vertices, faces = _triangles(mjm, geom, kind)
+        shape.CreatePointsAttr(vertices.astype(np.float32))
+        shape.CreateFaceVertexCountsAttr([3] * len(faces))
+        shape.CreateFaceVertexIndicesAttr(faces.ravel().astype(np.int32))
+        shape.CreateSubdivisionSchemeAttr("none")
+        shape.CreateDoubleSidedAttr(True)
+    shape.CreateExtentAttr(UsdGeom.Boundable.ComputeExtentFromPlugins(shape, 0.0))
+    _place(shape, mjm.geom_pos[geom], mjm.geom_quat[geom], scale)
+    rgba = _colour(mjm, geom)
+    shape.CreateDisplayColorAttr([tuple(rgba[:3].tolist())])
+    shape.CreateDisplayOpacityAttr([float(rgba[3])])
+    if mjm.geom_group[geom] >= _SEEN_GROUPS:
+        shape.CreatePurposeAttr("guide")
+
+
+def _triangles(mjm: mujoco.MjModel, geom: int, kind: mujoco.mjtGeom) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices [m] in the frame of the geom, and faces, of a mesh, a plane or a field of heights."""
+    if kind == mujoco.mjtGeom.mjGEOM_PLANE:
+        x, y = np.where(mjm.geom_size[geom, :2] > 0.0, mjm.geom_size[geom, :2], _ENDLESS)
+        return np.array([[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]]), np.array([[0, 1, 2], [0, 2, 3]])
+    data = int(mjm.geom_dataid[geom])
+    if kind != mujoco.mjtGeom.mjGEOM_HFIELD:
+        vert, face = mjm.mesh_vertadr[data], mjm.mesh_faceadr[data]
+        return mjm.mesh_vert[vert : vert + mjm.mesh_vertnum[data]], mjm.mesh_face[face : face + mjm.mesh_facenum[data]]
+    nrow, ncol, adr = int(mjm.hfield_nrow[data]), int(mjm.hfield_ncol[data]), int(mjm.hfield_adr[data])
+    sx, sy, height, _ = mjm.hfield_size[data]
+    x, y = np.meshgrid(np.linspace(-sx, sx, ncol), np.linspace(-sy, sy, nrow))
+    z = height * mjm.hfield_data[adr : adr + nrow * ncol]
+    corner = (np.arange(nrow - 1)[:, None] * ncol + np.arange(ncol - 1)).ravel()
+    lower = np.column_stack([corner, corner + 1, corner + ncol + 1])
+    upper = np.column_stack([corner, corner + ncol + 1, corner + ncol])
+    return np.column_stack([x.ravel(), y.ravel(), z]), np.concatenate([lower, upper])
+
+
+def _colour(mjm: mujoco.MjModel, geom: int) -> np.ndarray:
+    """The colour of a geom, shape (4,); of a textured one that of its picture on average."""
+    rgba, material = mjm.geom_rgba[geom], int(mjm.geom_matid[geom])
+    if material < 0 or not np.allclose(rgba, _UNSET):
+        return rgba
+    found = mjm.mat_rgba[material].copy()
+    texture = int(mjm.mat_texid[material].max())
+    if texture >= 0:
+        adr, channels = int(mjm.tex_adr[texture]), int(mjm.tex_nchannel[texture])
+        pixels = mjm.tex_data[adr : adr + int(mjm.tex_width[texture]) * int(mjm.tex_height[texture]) * channels]
+        found[:3] *= pixels.reshape(-1, channels)[:, :3].mean(axis=0) / 255.0
+    return found
+
+
+def _exported(layer: Any) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "layer.usdc"
+        layer.Export(str(path))
+        return path.read_bytes()

@@ -1,0 +1,248 @@
+"""Writes the parts of a data set so that it can be killed at any moment, and resumes to the same bytes.
+
+While a data set is being made, the hidden folder `.progress` holds its plan and a record of every part that is whole.
+`dataset.json` is written once all parts are there, by whichever process writes the last one, and `.progress` goes. All
+files are replaced as a whole, and what two processes write by chance is the same.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.lib import format as npy
+
+from sceniris_gym.dataset import usd_stage
+from sceniris_gym.dataset.formats import ENCODERS, SUFFIXES, check_formats
+from sceniris_gym.dataset.manifest import (
+    MANIFEST,
+    PART_ROWS,
+    SCENE,
+    DatasetPlan,
+    as_json,
+    part_name,
+    read_manifest,
+    read_record,
+)
+from sceniris_gym.dataset.share import Share
+from sceniris_gym.errors import DatasetError, SceneKeyError
+from sceniris_gym.files import replacing
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.seeds import as_seeds
+from sceniris_gym.layout.tables import read_table
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.archive import write_zip
+
+PROGRESS = ".progress"
+
+
+class DatasetWriter:
+    """Writes a process's share of a data set, or what is left of it.
+
+    Args:
+        compiled: The compiled scene.
+        plan: What the data set is to hold.
+        folder: Where; created if it does not exist.
+        share: Which parts this process writes.
+        resume: Go on with a data set that was begun. Processes that share one always do.
+
+    Raises:
+        DatasetError: The folder holds a data set and `resume` is false, or it holds another one.
+        MissingExtraError: A format needs a library that is not installed.
+    """
+
+    def __init__(
+        self, compiled: CompiledScene, plan: DatasetPlan, folder: Path, share: Share, *, resume: bool = False
+    ) -> None:
+        self.compiled, self.plan, self.folder, self.share = compiled, plan, folder, share
+        self._progress = folder / PROGRESS
+        self._manifest: dict[str, Any] | None = None
+        check_formats(plan.formats)
+        self._begin(resume or share.size > 1)
+
+    def _begin(self, resume: bool) -> None:
+        """See what is there, and leave the plan for those that come later."""
+        begun = self._progress / MANIFEST
+        for path in (self.folder / MANIFEST, begun):
+            if path.exists():
+                self._compare(path, resume)
+        if (self.folder / MANIFEST).exists():
+            self._manifest = read_manifest(self.folder)
+        else:
+            with replacing(begun) as file:
+                file.write_text(as_json(self.plan.words))
+
+    def _compare(self, path: Path, resume: bool) -> None:
+        if not resume:
+            raise DatasetError(
+                f"{self.folder}: a data set is here already. Add --resume to finish it, or give another folder."
+            )
+        try:
+            held = json.loads(path.read_text())
+        except FileNotFoundError:  # another process finished the data set meanwhile
+            return
+        except (ValueError, OSError, RecursionError) as error:
+            raise DatasetError(f"{path}: cannot be read ({error}). Remove the data set to begin anew.") from error
+        for name, value in self.plan.words.items():
+            if not isinstance(held, dict) or held.get(name) != value:
+                before = held.get(name) if isinstance(held, dict) else held
+                raise DatasetError(
+                    f"{path}: the data set here has {name} = {before!s:.200}, not {value!s:.200}. Repeat its own "
+                    "command to finish it, or give another folder."
+                )
+
+    def write(self, *, chunk: int, progress: Callable[[int], object] = lambda _: None) -> None:
+        """Make and write what is missing of this share, `chunk` layouts at once; `progress` is told of rows.
+
+        Raises:
+            OutputError: A file cannot be written.
+            DatasetError: A part was to be written again, and came out otherwise.
+        """
+        if self._manifest is None or not all((self.folder / name).is_file() for name in (SCENE, *self.plan.files)):
+            self._write_scene()
+        maker = None
+        for part in range(self.share.number, self.plan.parts, self.share.size):
+            rows = self.plan.rows(part)
+            if self._record(part) is None:
+                maker = maker or _Rows(self.compiled, self.plan, chunk)
+                self._write_part(part, maker.make(rows, progress))
+            else:
+                progress(len(rows))
+        self._finish()
+
+    def records(self) -> list[dict[str, Any]]:
+        """What is kept of the parts that are there, whoever wrote them."""
+        if self._manifest is not None:
+            return self._manifest["parts"]
+        return [record for part in range(self.plan.parts) if (record := self._record(part)) is not None]
+
+    @property
+    def complete(self) -> bool:
+        """Whether all parts are there."""
+        return self._manifest is not None
+
+    def _record(self, part: int) -> dict[str, Any] | None:
+        """What is kept of a part; None if the part is not there, or not whole."""
+        path, rows = self.folder / part_name(part), len(self.plan.rows(part))
+        record = read_record(self._progress / f"{part:05}.json")
+        if self._manifest is not None:
+            record = self._manifest["parts"][part]
+        size = len(_header(self.plan.row, rows)) + rows * self.plan.row.itemsize
+        others = (self.folder / part_name(part, SUFFIXES[name]) for name in self.plan.formats)
+        there = path.is_file() and path.stat().st_size == size and all(other.is_file() for other in others)
+        return record if there and record is not None and record["rows"] == rows else None
+
+    def _write_scene(self) -> None:
+        spec = self.compiled.scene.spec
+        if spec is None:
+            raise SceneKeyError(
+                f"{self.compiled.config.where}: model: scene.zip cannot be written of a MjModel, which MuJoCo cannot "
+                "turn back into MJCF. Give 'model' as a mujoco.MjSpec or as the path of an MJCF file."
+            )
+        with replacing(self.folder / SCENE) as path, path.open("wb") as file:
+            write_zip(spec, file)
+            _sync(file)
+        for name in self.plan.files:
+            _write(self.folder / name, usd_stage.scene_bytes(self.compiled))
+
+    def _write_part(self, part: int, rows: np.ndarray) -> None:
+        files = {
+            name: _write(self.folder / name, ENCODERS[word](self.compiled, rows))
+            for word in self.plan.formats
+            for name in [part_name(part, SUFFIXES[word])]
+        }
+        record = {
+            "rows": len(rows),
+            "sha256": _write(
+                self.folder / part_name(part), _header(self.plan.row, len(rows)), rows.view(np.uint8).data
+            ),
+            "files": files,
+            "valid": int(rows["valid"].sum()),
+            "first_pass_valid": int(rows["first_pass_valid"].sum()),
+        }
+        if self._manifest is None:
+            with replacing(self._progress / f"{part:05}.json") as path:
+                path.write_text(json.dumps(record))
+        elif record != self._manifest["parts"][part]:
+            raise DatasetError(
+                f"{self.folder / part_name(part)}: was missing, and what was made in its place are not the bytes that "
+                f"{MANIFEST} tells. Make it with the kind of device that made the others."
+            )
+
+    def _finish(self) -> None:
+        """Write the manifest if all parts are there, and remove what is needed no more."""
+        path = self.folder / MANIFEST
+        if self._manifest is None and not path.exists():
+            records = self.records()
+            if len(records) < self.plan.parts:
+                return
+            sums = {name: _sha256(self.folder / name) for name in (SCENE, *self.plan.files)}
+            told = {"scene_sha256": sums.pop(SCENE), "files": sums, "parts": records}
+            with replacing(path) as file:
+                file.write_text(as_json(self.plan.words | told))
+        self._manifest = read_manifest(self.folder)
+        shutil.rmtree(self._progress, ignore_errors=True)
+        for left in self.folder.glob(".*.tmp"):  # of processes that were killed, on this machine or another
+            if left.name.startswith((f".{MANIFEST}.", ".scene.", ".layouts-")):
+                left.unlink(missing_ok=True)
+
+
+class _Rows:
+    """Makes rows of a data set, a whole part at a time."""
+
+    def __init__(self, compiled: CompiledScene, plan: DatasetPlan, chunk: int) -> None:
+        self._plan = plan
+        nworld = min(chunk, plan.layouts, PART_ROWS)
+        self._generator = LayoutGenerator(compiled, nworld, split=plan.words["split"])
+
+    def make(self, rows: range, progress: Callable[[int], object]) -> np.ndarray:
+        """Return the rows as records, shape (len(rows),)."""
+        generator, made = self._generator, np.zeros(len(rows), self._plan.row)
+        seeds = as_seeds((self._plan.seed + rows.start) % (1 << 64), len(rows))
+        wanted = np.arange(generator.nworld)
+        for start in range(0, len(rows), generator.nworld):
+            part = made[start : start + generator.nworld]
+            generator.reseed(np.resize(seeds[start : start + len(part)], generator.nworld))
+            generator.generate(wp.array(wanted < len(part), dtype=bool, device=generator.compiled.device))
+            table = read_table(generator, len(part))
+            for name in made.dtype.names or ():
+                part[name] = getattr(table, name)
+            progress(len(part))
+        return made
+
+
+def _header(row: np.dtype, nrow: int) -> bytes:
+    """What stands before the rows in a .npy file."""
+    file = io.BytesIO()
+    told = {"descr": npy.dtype_to_descr(row), "fortran_order": False, "shape": (nrow,)}
+    npy.write_array_header_1_0(file, told)
+    return file.getvalue()
+
+
+def _write(path: Path, *pieces: bytes | memoryview) -> str:
+    """Write a file whole, and return its SHA-256."""
+    digest = hashlib.sha256()
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        for data in pieces:
+            digest.update(data)
+            file.write(data)
+        _sync(file)
+    return digest.hexdigest()
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _sync(file: Any) -> None:
+    """Wait until a file is on the disk: a record of it must never outlive it."""
+    file.flush()
+    os.fsync(file.fileno())

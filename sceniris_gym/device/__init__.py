@@ -1,0 +1,1 @@
+"""Anything that any kernel may use: poses, random numbers, launches."""

@@ -1,0 +1,110 @@
+"""Writes files completely or not at all, and checks beforehand that they can be written."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import socket
+import tempfile
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+
+from sceniris_gym.errors import NotSupportedError, OutputError
+from sceniris_gym.stopping import temporary
+
+UNWRITABLE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO})
+"""What the operating system says where nothing can be written."""
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Yield the path of a temporary file beside `path`, which replaces `path` if the block succeeds.
+
+    If it fails, or the program is stopped by a signal, the temporary file is removed and `path` stays as it was. What a
+    process left behind that was killed is removed by the next one on the same machine.
+
+    Raises:
+        OutputError: The file cannot be written.
+    """
+    with _file_beside(path) as file:
+        try:
+            yield file
+        except OSError as error:
+            if error.errno not in UNWRITABLE or isinstance(error, OutputError):
+                raise
+            raise OutputError(str(path), str(error.strerror).lower()) from error
+        file.chmod(0o644)
+        with _in_words(path):
+            os.replace(file, path)
+
+
+def check_writable(path: Path) -> None:
+    """Make sure that `path` can be written, before the work whose result it will hold. Leaves nothing behind.
+
+    Raises:
+        OutputError: It cannot.
+    """
+    if path.is_dir():
+        raise OutputError(str(path), "it is a folder")
+    folder = next(folder for folder in path.parents if folder.exists())
+    with _file_beside(folder / path.name):
+        pass
+
+
+def check_picture(path: Path) -> None:
+    """Make sure that `path` ends in .png and can be written.
+
+    Raises:
+        NotSupportedError: It has another suffix.
+        OutputError: It cannot.
+    """
+    if path.suffix.lower() != ".png":
+        raise NotSupportedError(f"{path}: a picture should be a PNG. Give a path that ends in .png.")
+    check_writable(path)
+
+
+def _file_beside(path: Path) -> AbstractContextManager[Path]:
+    """Make an empty file beside `path`, for as long as the block lasts."""
+    return temporary(lambda: _make_beside(path), lambda file: file.unlink(missing_ok=True))
+
+
+def _make_beside(path: Path) -> Path:
+    with _in_words(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _remove_orphans(path)
+        handle, name = tempfile.mkstemp(prefix=_prefix(path), suffix=".tmp", dir=path.parent)
+    os.close(handle)
+    return Path(name)
+
+
+def _prefix(path: Path) -> str:
+    return f".{path.name}.{socket.gethostname()}-{os.getpid()}."
+
+
+def _remove_orphans(path: Path) -> None:
+    """Remove temporary files of this path whose process, on this machine, has ended."""
+    form = re.compile(rf"\.{re.escape(path.name)}\.{re.escape(socket.gethostname())}-(\d+)\.\w+\.tmp")
+    for other in path.parent.iterdir():
+        found = form.fullmatch(other.name)
+        if found is not None and not _is_running(int(found[1])):
+            other.unlink(missing_ok=True)
+
+
+def _is_running(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        pass
+    return True
+
+
+@contextmanager
+def _in_words(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(str(path), (error.strerror or str(error)).lower()) from error

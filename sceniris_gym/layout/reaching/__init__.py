@@ -1,0 +1,1 @@
+"""The stages `ik` and `clear`, which follow placing."""

@@ -1,0 +1,128 @@
+"""The robot of a candidate is posed, a lane for each: its hand alone, or all of it, in a grasp or in its pre-grasp."""
+
+import warp as wp
+
+from sceniris_gym.device.quaternions import mul_quat, rot_vec_quat, z_axis
+from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.reaching.search import PREGRASP_DISTANCE, ReachSearch, Step, reach_candidate_num, takes_step
+from sceniris_gym.placement.grasps import tcp_of
+from sceniris_gym.placement.kinematics import follow_joint, pose_body
+from sceniris_gym.program.device import Program
+from sceniris_gym.program.device_reach import Reach
+from sceniris_gym.reach.arm import MAX_JOINTS
+
+wp.set_module_options({"enable_backward": False})
+
+OPENING_MARGIN = 0.01
+"""Gap [m] that the gripper is opened by beyond what the grasp needs, as far as it goes."""
+
+_SELF_AT_PREGRASP = wp.constant(int(Step.SELF_AT_PREGRASP))
+
+
+@wp.func
+def _take_joints(
+    program: Program, bodies: wp.array(dtype=int), from_qpos: wp.array(dtype=float), qpos: wp.array(dtype=float)
+):
+    """Take the joints of bodies as they are in the layout."""
+    for i in range(bodies.shape[0]):
+        body = bodies[i]
+        for joint in range(program.body_jntadr[body], program.body_jntadr[body] + program.body_jntnum[body]):
+            adr = program.jnt_qposadr[joint]
+            qpos[adr] = from_qpos[adr]
+
+
+@wp.func
+def _open_gripper(reach: Reach, grasp: int, qpos: wp.array(dtype=float)):
+    """Open the gripper to the gap [m] that a grasp needs and the margin."""
+    gap = wp.min(reach.grasp_opening[grasp] + wp.static(OPENING_MARGIN), reach.gap_open)
+    share = (gap - reach.gap_closed) / wp.max(reach.gap_open - reach.gap_closed, 1.0e-6)
+    for i in range(reach.grip_qposadr.shape[0]):
+        joint = reach.grip_closed[i] + wp.clamp(share, 0.0, 1.0) * (reach.grip_open[i] - reach.grip_closed[i])
+        qpos[reach.grip_qposadr[i]] = joint
+    for i in range(reach.grip_followadr.shape[0]):
+        follow_joint(reach.grip_driveradr, reach.grip_followadr, reach.grip_coef, i, qpos)
+
+
+@wp.kernel(grid_stride=False)
+def _pose_hand(
+    program: Program,
+    reach: Reach,
+    step: int,
+    back: float,
+    lanes: int,
+    layouts: LayoutsView,
+    # Search in and out:
+    search: ReachSearch,
+):
+    for c in range(wp.tid(), reach_candidate_num(search), lanes):
+        if not takes_step(reach, search, c, step):
+            continue
+        worldid = search.world[c]
+        grasp = search.grasp[c]
+        qpos = search.qpos[c]
+        _take_joints(program, reach.hand_body, layouts.qpos[worldid], qpos)
+        _open_gripper(reach, grasp, qpos)
+        pos, quat = tcp_of(reach, grasp, layouts.body_pos[worldid], layouts.body_quat[worldid])
+        root = reach.hand_body[0]
+        search.body_pos[c, root] = pos - back * z_axis(quat) + rot_vec_quat(reach.hand_pos, quat)
+        search.body_quat[c, root] = wp.normalize(mul_quat(quat, reach.hand_quat))
+        for i in range(1, reach.hand_body.shape[0]):
+            pose_body(program, reach.hand_body[i], qpos, search.body_pos[c], search.body_quat[c])
+
+
+def launch_pose_hand(
+    program: Program,
+    reach: Reach,
+    step: Step,
+    lanes: int,
+    layouts: LayoutsView,
+    search: ReachSearch,
+    device: str,
+) -> None:
+    """Pose what the arm's last joint carries as a step tests it: in the grasp, or back along its approach."""
+    back = 0.0 if step == Step.HAND_AT_GRASP else PREGRASP_DISTANCE
+    inputs = [program, reach, int(step), back, lanes, layouts]
+    wp.launch(_pose_hand, dim=lanes, inputs=inputs, outputs=[search], device=device)
+
+
+@wp.kernel(grid_stride=False)
+def _pose_arm(
+    program: Program,
+    reach: Reach,
+    step: int,
+    lanes: int,
+    layouts: LayoutsView,
+    # Search in and out:
+    search: ReachSearch,
+):
+    for c in range(wp.tid(), reach_candidate_num(search), lanes):
+        if not takes_step(reach, search, c, step):
+            continue
+        worldid = search.world[c]
+        qpos = search.qpos[c]
+        joints = search.grasp_qpos[c]
+        if step >= _SELF_AT_PREGRASP:
+            joints = search.pregrasp_qpos[c]
+        _take_joints(program, reach.arm_body, layouts.qpos[worldid], qpos)
+        for i in range(MAX_JOINTS):
+            if i < reach.arm.njoint:
+                qpos[reach.arm_qposadr[i]] = joints[i]
+        _open_gripper(reach, search.grasp[c], qpos)
+        search.body_pos[c, reach.base_body] = layouts.body_pos[worldid, reach.base_body]
+        search.body_quat[c, reach.base_body] = layouts.body_quat[worldid, reach.base_body]
+        for i in range(reach.arm_body.shape[0]):
+            pose_body(program, reach.arm_body[i], qpos, search.body_pos[c], search.body_quat[c])
+
+
+def launch_pose_arm(
+    program: Program,
+    reach: Reach,
+    step: Step,
+    lanes: int,
+    layouts: LayoutsView,
+    search: ReachSearch,
+    device: str,
+) -> None:
+    """Pose the robot as a step tests it: with the joints of the grasp or of the pre-grasp."""
+    inputs = [program, reach, int(step), lanes, layouts]
+    wp.launch(_pose_arm, dim=lanes, inputs=inputs, outputs=[search], device=device)

@@ -1,0 +1,274 @@
+"""Waves of the stages `ik` and `clear`: worlds that wait get candidates, and keep the first one that passes.
+
+The candidates of a world are its next grasps and starts. What comes after the one that is kept is not counted, so that
+nothing depends on how many are tried at once.
+"""
+
+import warp as wp
+
+from sceniris_gym.config.tier import Tier
+from sceniris_gym.device.transforms import pose_of
+from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.reaching.search import (
+    MOST_AT_ONCE,
+    STARTS,
+    ReachSearch,
+    Step,
+    queue_world,
+    reach_candidate_num,
+    takes_step,
+)
+from sceniris_gym.layout.wave.bank import fall_back
+from sceniris_gym.layout.wave.search import Search, SearchSize
+from sceniris_gym.placement.grasps import first_through, passes_map
+from sceniris_gym.program.device import Cause, Program
+from sceniris_gym.program.device_reach import Reach
+from sceniris_gym.reach.arm import MAX_JOINTS
+
+wp.set_module_options({"enable_backward": False})
+
+_TIER_IK = wp.constant(int(Tier.IK))
+_TIER_CLEAR = wp.constant(int(Tier.CLEAR))
+_NO_IK = wp.constant(int(Cause.NO_IK))
+_BLOCKED = wp.constant(int(Cause.BLOCKED))
+_MAP = wp.constant(int(Step.MAP))
+_IK_AT_GRASP = wp.constant(int(Step.IK_AT_GRASP))
+_SELF_AT_GRASP = wp.constant(int(Step.SELF_AT_GRASP))
+_PASSED = wp.constant(int(Step.PASSED))
+
+
+@wp.func
+def _take_first_through(reach: Reach, layouts: LayoutsView, worldid: int, column: int):
+    """Take the grasp that the base of its arm was accepted for, which was placed after the target."""
+    body_pos = layouts.body_pos[worldid]
+    body_quat = layouts.body_quat[worldid]
+    base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
+    grasp = first_through(reach, column, layouts.variant[worldid, column], base, body_pos, body_quat)
+    layouts.grasp[worldid, column] = wp.max(grasp, layouts.grasp[worldid, column])
+
+
+@wp.func
+def _go_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, worldid: int, column: int):
+    """Let a world go on with the first target of the arm from `column` on that is there and that this stage decides.
+
+    Absent ones on the way have no grasp. After the last one it is the next arm's turn; after that of the last arm the
+    world waits no longer.
+    """
+    found = int(column)
+    columns = layouts.grasp.shape[1]
+    while found < columns:
+        if layouts.present[worldid, reach.reach_slot[found]] == 0:
+            layouts.grasp[worldid, found] = -1
+            for i in range(MAX_JOINTS):
+                layouts.grasp_qpos[worldid, found, i] = wp.nan
+                layouts.pregrasp_qpos[worldid, found, i] = wp.nan
+        elif reach.reach_arm[found] == reach.number:
+            if reach.reach_tier[found] >= _TIER_IK:
+                break
+            if reach.reach_late[found] != 0:
+                _take_first_through(reach, layouts, worldid, found)
+        found += 1
+    if found == columns:
+        reach_search.arm[worldid] = reach.number + 1
+        if reach.number == reach.last:
+            search.waiting[worldid] = False
+        return
+    reach_search.column[worldid] = found
+    reach_search.number[worldid] = 0
+    reach_search.tried[worldid] = 0
+    reach_search.furthest[worldid] = _MAP
+    queue_world(reach_search, worldid)
+
+
+@wp.kernel
+def _open_worlds(
+    reach: Reach,
+    # Layouts in and out:
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+    reach_search: ReachSearch,
+):
+    worldid = wp.tid()
+    if reach.number == 0:
+        reach_search.arm[worldid] = 0
+    if search.waiting[worldid] and reach_search.arm[worldid] == reach.number:
+        _go_to(reach, layouts, search, reach_search, worldid, 0)
+
+
+def launch_open_worlds(
+    reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, device: str
+) -> None:
+    """Let worlds that wait, and in which it is the arm's turn, take part in waves."""
+    dim = search.waiting.shape[0]
+    wp.launch(_open_worlds, dim=dim, inputs=[reach], outputs=[layouts, search, reach_search], device=device)
+
+
+@wp.func
+def _first_grasp(reach: Reach, layouts: LayoutsView, worldid: int, column: int) -> int:
+    """The first grasp of a target that is tried: placing has found that the map lets none through before it."""
+    return reach.reach_graspadr[column] + layouts.grasp[worldid, column]
+
+
+@wp.func
+def _start_num(reach: Reach, layouts: LayoutsView, worldid: int, column: int) -> int:
+    """How many starts the grasps from there on have."""
+    variant = layouts.variant[worldid, column]
+    last = reach.variant_graspadr[variant] + reach.variant_graspnum[variant]
+    return (last - _first_grasp(reach, layouts, worldid, column)) * wp.static(STARTS)
+
+
+@wp.kernel
+def _plan_wave(
+    busy: int,
+    # Search in and out:
+    search: ReachSearch,
+):
+    worlds = search.worlds_left[0]
+    room = wp.min(busy, search.failed.shape[0])
+    search.at_once[0] = wp.clamp(room // wp.max(worlds, 1), 1, wp.static(MOST_AT_ONCE))
+    search.candidates[0] = 0
+    search.worlds[0] = worlds
+    search.source[0] = 1 - search.source[0]
+    search.worlds_left[0] = 0
+
+
+@wp.kernel(grid_stride=False)
+def _open_candidates(
+    reach: Reach,
+    lanes: int,
+    layouts: LayoutsView,
+    # Search in and out:
+    search: ReachSearch,
+):
+    for i in range(wp.tid(), search.worlds[0], lanes):
+        worldid = search.queue[search.source[0], i]
+        column = search.column[worldid]
+        number = search.number[worldid]
+        # half as many as have been tried in vain: at most half as much again in fewer waves, of which each costs a CPU
+        # core 10 to 20 us, and a start 4 us
+        trials = wp.clamp(search.tried[worldid] // 2, search.at_once[0], wp.static(MOST_AT_ONCE))
+        trials = wp.min(trials, _start_num(reach, layouts, worldid, column) - number)
+        first = wp.atomic_add(search.candidates, 0, trials)
+        trials = wp.clamp(search.failed.shape[0] - first, 0, trials)
+        search.first[worldid] = first
+        search.trials[worldid] = trials
+        for t in range(trials):
+            search.world[first + t] = worldid
+            search.grasp[first + t] = _first_grasp(reach, layouts, worldid, column) + (number + t) // wp.static(STARTS)
+            search.start[first + t] = (number + t) % wp.static(STARTS)
+            search.failed[first + t] = _PASSED
+
+
+@wp.kernel(grid_stride=False)
+def _look_up(
+    reach: Reach,
+    lanes: int,
+    layouts: LayoutsView,
+    # Search in and out:
+    search: ReachSearch,
+):
+    for c in range(wp.tid(), reach_candidate_num(search), lanes):
+        if takes_step(reach, search, c, _MAP):
+            worldid = search.world[c]
+            body_pos = layouts.body_pos[worldid]
+            body_quat = layouts.body_quat[worldid]
+            base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
+            if not passes_map(reach, search.column[worldid], search.grasp[c], base, body_pos, body_quat):
+                search.failed[c] = _MAP
+
+
+def launch_open_wave(
+    reach: Reach, size: SearchSize, layouts: LayoutsView, reach_search: ReachSearch, device: str
+) -> None:
+    """Give worlds candidates, the more, the fewer worlds there are, and look their grasps up in the arm's map."""
+    wp.launch(_plan_wave, dim=1, inputs=[size.busy], outputs=[reach_search], device=device)
+    words = {"dim": size.lanes, "inputs": [reach, size.lanes, layouts], "outputs": [reach_search], "device": device}
+    wp.launch(_open_candidates, **words)
+    wp.launch(_look_up, **words)
+
+
+@wp.func
+def _keep(reach: Reach, layouts: LayoutsView, search: ReachSearch, worldid: int, column: int, c: int):
+    """Write the joints of a candidate that has passed; pre-grasps are found for the tier `clear` alone."""
+    layouts.grasp[worldid, column] = search.grasp[c] - reach.reach_graspadr[column]
+    clear = reach.reach_tier[column] == _TIER_CLEAR
+    for i in range(MAX_JOINTS):
+        there = i < reach.arm.njoint
+        layouts.grasp_qpos[worldid, column, i] = wp.where(there, search.grasp_qpos[c][i], wp.nan)
+        layouts.pregrasp_qpos[worldid, column, i] = wp.where(there and clear, search.pregrasp_qpos[c][i], wp.nan)
+
+
+@wp.func
+def _accept_first(reach: Reach, layouts: LayoutsView, search: ReachSearch, worldid: int, column: int) -> bool:
+    """Keep the first of a world's candidates that has passed. If none has, the next start is the one after them."""
+    after = search.number[worldid]
+    for c in range(search.first[worldid], search.first[worldid] + search.trials[worldid]):
+        failed = search.failed[c]
+        search.furthest[worldid] = wp.max(search.furthest[worldid], failed)
+        if failed == _PASSED:
+            _keep(reach, layouts, search, worldid, column, c)
+            return True
+        after = search.number[worldid] + c + 1 - search.first[worldid]
+        if failed < _IK_AT_GRASP:  # and so do all starts of this grasp
+            after += wp.static(STARTS) - 1 - search.start[c]
+        else:
+            search.tried[worldid] += 1
+    search.number[worldid] = after
+    return False
+
+
+@wp.func
+def _why_none(reach: Reach, search: ReachSearch, worldid: int) -> int:
+    """Why no grasp of a world's target has passed: for want of joints, or since something is in the way.
+
+    For the tier `clear` something is in the way of the hand in all its grasps, or of an arm that is clear of itself.
+    """
+    furthest = search.furthest[worldid]
+    if reach.reach_tier[search.column[worldid]] == _TIER_CLEAR and (
+        furthest < _IK_AT_GRASP or furthest > _SELF_AT_GRASP
+    ):
+        return _BLOCKED
+    return _NO_IK
+
+
+@wp.kernel(grid_stride=False)
+def _accept(
+    program: Program,
+    reach: Reach,
+    split: wp.uint32,
+    lanes: int,
+    # Layouts in and out:
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+    reach_search: ReachSearch,
+):
+    for i in range(wp.tid(), reach_search.worlds[0], lanes):
+        worldid = reach_search.queue[reach_search.source[0], i]
+        column = reach_search.column[worldid]
+        if _accept_first(reach, layouts, reach_search, worldid, column):
+            _go_to(reach, layouts, search, reach_search, worldid, column + 1)
+        elif reach_search.number[worldid] < _start_num(reach, layouts, worldid, column):
+            queue_world(reach_search, worldid)
+        else:
+            layouts.row_rejections[worldid, reach.reach_obj[column], _why_none(reach, reach_search, worldid)] += 1
+            layouts.first_pass_valid[worldid] = 0
+            if search.restart[worldid] > program.restarts:
+                layouts.status[worldid] = fall_back(program, reach, layouts, worldid, split)
+                search.waiting[worldid] = False
+
+
+def launch_accept_grasps(
+    program: Program,
+    reach: Reach,
+    split: int,
+    lanes: int,
+    layouts: LayoutsView,
+    search: Search,
+    reach_search: ReachSearch,
+    device: str,
+) -> None:
+    """Keep what has passed. Worlds without it go on, or fail: these still wait, or fall back if out of restarts."""
+    inputs = [program, reach, split, lanes]
+    wp.launch(_accept, dim=lanes, inputs=inputs, outputs=[layouts, search, reach_search], device=device)

@@ -1,0 +1,1 @@
+"""A wave of candidates: drawn, tested and accepted."""

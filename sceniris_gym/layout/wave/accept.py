@@ -1,0 +1,230 @@
+"""Candidates are accepted: the lowest trial that passed every test stays, and its row goes on to the next object."""
+
+import warp as wp
+
+from sceniris_gym.device.blocks import block_sync
+from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.wave.groups import next_object
+from sceniris_gym.layout.wave.search import Search, SearchSize, queue_row
+from sceniris_gym.placement.kinematics import write_root
+from sceniris_gym.program.device import Cause, ObjectKind, Program
+from sceniris_gym.program.device_reach import Reach
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+_STATIC = wp.constant(int(ObjectKind.STATIC))
+_NONE = wp.constant(int(Cause.NONE))
+_EMPTY = wp.constant(int(Cause.EMPTY))
+_REGION = wp.constant(int(Cause.REGION))
+_COLLISION = wp.constant(int(Cause.COLLISION))
+_PLACED = wp.constant(-1)
+
+
+@wp.func
+def _write_state(
+    program: Program,
+    search: Search,
+    c: int,
+    obj: int,
+    lane: int,
+    lanes: int,
+    qpos: wp.array(dtype=float),
+    mocap_pos: wp.array(dtype=wp.vec3),
+    mocap_quat: wp.array(dtype=wp.quat),
+):
+    """Write a candidate's joints and the pose of its root: the part of one of so many lanes."""
+    for i in range(lane, program.obj_drawnum[obj], lanes):
+        adr = program.draw_qposadr[program.obj_drawadr[obj] + i]
+        qpos[adr] = search.qpos[c, adr]
+    for i in range(lane, program.obj_follownum[obj], lanes):
+        adr = program.follow_qposadr[program.obj_followadr[obj] + i]
+        qpos[adr] = search.qpos[c, adr]
+    if lane > 0 or program.obj_kind[obj] == _STATIC:
+        return
+    root = program.obj_body[obj]
+    write_root(program, obj, search.body_pos[c, root], search.body_quat[c, root], qpos, mocap_pos, mocap_quat)
+
+
+@wp.func
+def _place(
+    program: Program,
+    reach: Reach,
+    layouts: LayoutsView,
+    search: Search,
+    c: int,
+    row: int,
+    obj: int,
+    lane: int,
+    lanes: int,
+):
+    """Write a candidate into its row: the part of one of so many lanes."""
+    qpos = layouts.qpos[row]
+    _write_state(program, search, c, obj, lane, lanes, qpos, layouts.mocap_pos[row], layouts.mocap_quat[row])
+    for i in range(lane, program.obj_bodynum[obj], lanes):
+        body = program.body_list[program.obj_bodyadr[obj] + i]
+        layouts.body_pos[row, body] = search.body_pos[c, body]
+        layouts.body_quat[row, body] = search.body_quat[c, body]
+    if lane > 0:
+        return
+    slot = program.obj_slot[obj]
+    if program.obj_kind[obj] != _STATIC:
+        layouts.place[row, slot] = search.place[c]
+        layouts.bounds[row, slot] = search.bounds[c]
+    elif program.obj_measured[obj] != 0:
+        layouts.bounds[row, slot] = search.bounds[c]
+    if reach.obj_reach.shape[0] > 0:
+        column = reach.obj_reach[obj]
+        if column >= 0:
+            layouts.variant[row, column] = search.turn[c].variant
+            layouts.grasp[row, column] = search.grasp[c]
+
+
+@wp.func
+def _leaves_nothing(cause: int) -> bool:
+    """Was nothing of the region left to draw from?"""
+    if cause == _EMPTY:
+        return True
+    return cause == _REGION
+
+
+@wp.func
+def _is_recorded(layouts: LayoutsView, cause: int) -> bool:
+    """Is a candidate with this cause kept: one that collided, or any that got as far as a pose?"""
+    if layouts.rejected_object.shape[0] == 0 or cause == _NONE:
+        return False
+    if cause == _COLLISION:
+        return True
+    return layouts.record_all != 0 and not _leaves_nothing(cause)
+
+
+@wp.func
+def _record(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int):
+    """Keep a candidate that was rejected, as long as there is room for it."""
+    slot = wp.atomic_add(layouts.rejected_count, 0, 1)
+    if slot >= layouts.rejected_object.shape[0]:
+        return
+    layouts.rejected_object[slot] = obj
+    layouts.rejected_cause[slot] = search.cause[c]
+    for i in range(layouts.qpos.shape[1]):
+        layouts.rejected_qpos[slot, i] = layouts.qpos[row, i]
+    for i in range(layouts.mocap_pos.shape[1]):
+        layouts.rejected_mocap_pos[slot, i] = layouts.mocap_pos[row, i]
+        layouts.rejected_mocap_quat[slot, i] = layouts.mocap_quat[row, i]
+    _write_state(
+        program,
+        search,
+        c,
+        obj,
+        0,
+        1,
+        layouts.rejected_qpos[slot],
+        layouts.rejected_mocap_pos[slot],
+        layouts.rejected_mocap_quat[slot],
+    )
+
+
+@wp.func
+def _queue_trial(search: Search, row: int, trial: int):
+    """Queue a row for its next trial, unless an earlier restart of its world has placed everything already."""
+    search.row_trial[row] = trial
+    if search.best[search.row_world[row]] > search.row_restart[row]:
+        queue_row(search, row)
+
+
+@wp.func
+def _ends_row(program: Program, obj: int, cause: int) -> bool:
+    """Is a trial the last one of its object: one that passed, or one that no other draw could better?"""
+    if cause == _NONE:
+        return True
+    return program.obj_retry_if_empty[obj] == 0 and _leaves_nothing(cause)
+
+
+@wp.func
+def _accept_first(
+    program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, obj: int, lane: int, lanes: int
+) -> int:
+    """Place the first of a row's candidates that passed. Returns the row's next trial, or PLACED.
+
+    One lane does all of it, or all lanes of a block call it together.
+    """
+    first = search.row_first[row]
+    trials = search.row_trials[row]
+    end = int(trials)
+    for t in range(lane, trials, lanes):
+        if t < end and _ends_row(program, obj, search.cause[first + t]):
+            end = t
+    if lanes > 1:
+        end = wp.tile_extract(wp.tile_min(wp.tile(end)), 0)
+    for t in range(lane, wp.min(end + 1, trials), lanes):
+        cause = search.cause[first + t]
+        if cause != _NONE:
+            wp.atomic_add(layouts.row_rejections, row, obj, cause, 1)
+        if _is_recorded(layouts, cause):
+            _record(program, layouts, search, first + t, row, obj)
+    if lane == 0:
+        search.row_attempts[row] += wp.min(end + 1, trials)
+    if end == trials:
+        return search.row_trial[row] + trials
+    if search.cause[first + end] != _NONE:
+        return program.attempts
+    _place(program, reach, layouts, search, first + end, row, obj, lane, lanes)
+    return _PLACED
+
+
+@wp.func
+def _go_on_from(program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, obj: int, trial: int):
+    """Send a row on: to a trial of its object, or to the next one; or nowhere, if it has come to an end."""
+    if trial != _PLACED:
+        if trial < program.attempts:
+            _queue_trial(search, row, trial)
+        return
+    following = next_object(program, reach, layouts, row, obj + 1)
+    search.row_object[row] = following
+    if following < program.nobject:
+        _queue_trial(search, row, 0)
+    else:
+        wp.atomic_min(search.best, search.row_world[row], search.row_restart[row])
+
+
+@wp.kernel(grid_stride=False)
+def _accept(
+    program: Program,
+    reach: Reach,
+    blocks: int,
+    # Layouts in and out:
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+):
+    block, lane = wp.tid()
+    if block == 0 and lane == 0:
+        search.candidates[0] = 0  # of the next wave
+    # A block for each row is sooner done with it, a lane for each gets through many rows.
+    first = int(block)
+    step = int(blocks)
+    lanes = int(wp.block_dim())
+    if search.rows[0] > blocks:
+        first = block * lanes + lane
+        step = blocks * lanes
+        lane = 0
+        lanes = 1
+    for i in range(first, search.rows[0], step):
+        row = search.queue[search.source[0], i]
+        obj = search.row_object[row]
+        trial = int(search.row_trial[row])
+        if search.row_trials[row] > 0:  # else the wave had no room for it
+            trial = _accept_first(program, reach, layouts, search, row, obj, lane, lanes)
+        if lanes > 1:
+            block_sync()  # all lanes have read what is written here, and written what is read
+        if lane == 0:
+            _go_on_from(program, reach, layouts, search, row, obj, trial)
+
+
+def launch_accept(
+    program: Program, reach: Reach, size: SearchSize, layouts: LayoutsView, search: Search, device: str
+) -> None:
+    """Accept the candidates of this wave that passed every test."""
+    inputs = [program, reach, size.blocks]
+    outputs = [layouts, search]
+    words = {"block_dim": size.block_dim, "device": device}
+    wp.launch_tiled(_accept, dim=[size.blocks], inputs=inputs, outputs=outputs, **words)

@@ -1,0 +1,81 @@
+"""Candidates of a wave are tested for enclosing, or being enclosed by, what stands; for `geometry: visual`."""
+
+import warp as wp
+
+from sceniris_gym.collide.containment import in_bounds, in_solid
+from sceniris_gym.device.transforms import Pose, relative
+from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.wave.posing import candidate_poses
+from sceniris_gym.layout.wave.search import Search, SearchSize, candidate_num
+from sceniris_gym.program.device import Cause, Program
+
+wp.set_module_options({"enable_backward": False})
+
+_NONE = wp.constant(int(Cause.NONE))
+_COLLISION = wp.constant(int(Cause.COLLISION))
+
+
+@wp.func
+def _queue_points(program: Program, search: Search, c: int, a: int, b: int, rel: Pose):
+    """Queue the components of collider a that are in the box of b. `rel` is b in a's frame."""
+    at = wp.transpose(rel.rot)
+    for i in range(program.collider_pointnum[a]):
+        p = at * (program.point[program.collider_pointadr[a] + i] - rel.pos)
+        if in_bounds(program, b, p):
+            slot = wp.atomic_add(search.enclosed, 0, 1)
+            if slot >= 0 and slot < search.enclosed_point.shape[0]:
+                search.enclosed_candidate[slot] = c
+                search.enclosed_by[slot] = b
+                search.enclosed_point[slot] = p
+            elif in_solid(program, b, p):  # no room for it
+                search.cause[c] = _COLLISION
+
+
+@wp.kernel(module="unique", enable_backward=False, grid_stride=False)
+def _queue_enclosed(
+    program: Program,
+    lanes: int,
+    parts: int,
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+):
+    for i in range(wp.tid(), parts * candidate_num(search), lanes):
+        c = i // parts
+        row = search.row[c]
+        obj = search.obj[c]
+        adr = program.obj_pairadr[obj]
+        for pair in range(adr + i % parts, adr + program.obj_pairnum[obj], parts):
+            a = program.pair_a[pair]
+            b = program.pair_b[pair]
+            if search.cause[c] == _NONE and program.collider_plane[b] < 0:
+                poses = candidate_poses(program, layouts, search, c, row, pair)
+                _queue_points(program, search, c, a, b, relative(poses.a, poses.b))
+                _queue_points(program, search, c, b, a, relative(poses.b, poses.a))
+
+
+@wp.kernel(module="unique", enable_backward=False, grid_stride=False)
+def _test_enclosed(
+    program: Program,
+    lanes: int,
+    # Search in and out:
+    search: Search,
+):
+    for i in range(wp.tid(), wp.min(search.enclosed[0], search.enclosed_point.shape[0]), lanes):
+        c = search.enclosed_candidate[i]
+        if search.cause[c] == _NONE:
+            if in_solid(program, search.enclosed_by[i], search.enclosed_point[i]):
+                search.cause[c] = _COLLISION  # other lanes write the same
+
+
+LANE_KERNELS = (_queue_enclosed, _test_enclosed)
+"""What is launched, by lanes."""
+
+
+def launch_test_containment(
+    program: Program, size: SearchSize, layouts: LayoutsView, search: Search, device: str
+) -> None:
+    """Test whether a candidate encloses, or is enclosed by, what stands; for `geometry: visual`."""
+    inputs = [program, size.lanes, size.parts, layouts, search]
+    wp.launch(_queue_enclosed, dim=size.lanes, inputs=inputs, device=device)
+    wp.launch(_test_enclosed, dim=size.lanes, inputs=[program, size.lanes, search], device=device)

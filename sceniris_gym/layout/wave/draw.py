@@ -1,0 +1,160 @@
+"""Candidates are drawn: a lane for each trial of each row's object. Joints first, then orientation, then a point.
+
+Where relations leave a different region in every world, `points.py` draws the point.
+"""
+
+import warp as wp
+
+from sceniris_gym.device.angles import angle_of
+from sceniris_gym.device.quaternions import mul_quat
+from sceniris_gym.device.random import uniforms
+from sceniris_gym.device.transforms import apply, pose_of, quat_mat, quat_z
+from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.wave.points import draw_in_triangle, draw_triangle
+from sceniris_gym.layout.wave.posing import pose_candidate
+from sceniris_gym.layout.wave.search import (
+    Search,
+    begin_wave,
+    candidate_num,
+    first_trial_of,
+    numbered_stream,
+    stream_of,
+    trial_of,
+)
+from sceniris_gym.layout.wave.sides import LEVEL
+from sceniris_gym.placement.kinematics import draw_joints, pose_bodies
+from sceniris_gym.placement.measure import bounds_of, measure
+from sceniris_gym.placement.orientations import draw_turn, heading_of
+from sceniris_gym.program.device import Cause, Measure, ObjectKind, OrientationType, Program
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+_STATIC = wp.constant(int(ObjectKind.STATIC))
+_ANY = wp.constant(int(OrientationType.ANY))
+_WHOLE = wp.constant(int(Measure.WHOLE))
+_NONE = wp.constant(int(Cause.NONE))
+_EMPTY = wp.constant(int(Cause.EMPTY))
+
+
+@wp.func
+def _draw_static(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int):
+    """Pose what stays where the model has it, its joints drawn."""
+    pose_bodies(program, obj, 0, search.qpos[c], search.body_pos[c], search.body_quat[c])
+    if program.obj_measured[obj] == _WHOLE:
+        place = layouts.place[row, program.obj_slot[obj]]
+        search.bounds[c] = bounds_of(program, obj, place, search.body_pos[c], search.body_quat[c])
+
+
+@wp.func
+def _draw_point(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, u: wp.vec4):
+    """Draw the point under the pivot, and the heading, in a region that is the same in every world."""
+    turn = search.turn[c]
+    ground = program.obj_ground[obj]
+    box = program.obj_box_upper[obj] - program.obj_box_lower[obj]
+    search.point[c] = program.obj_box_lower[obj] + wp.cw_mul(wp.vec3(u[1], u[2], u[3]), box)
+    beside = program.obj_beside[obj]
+    is_joined = False
+    if beside >= 0:
+        is_joined = layouts.present[row, beside] != 0
+    search.heading[c] = turn.yaw
+    if is_joined:
+        search.heading[c] = turn.yaw + layouts.place[row, beside][3]
+    if ground < 0:
+        return
+    frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])
+    if program.obj_orientation[obj] != _ANY and not is_joined:
+        search.heading[c] = turn.yaw + angle_of(frame.rot[0, 0], frame.rot[1, 0])
+    if program.obj_cutnum[obj] > 0:
+        return
+    if program.variant_trinum[turn.variant] == 0:
+        search.cause[c] = _EMPTY
+        return
+    tri = draw_triangle(program, turn.variant, u[1])
+    at = draw_in_triangle(program, tri, u[2], u[3])
+    surface = program.tri_surface[tri]
+    search.surface[c] = surface
+    search.point[c] = apply(frame, wp.vec3(at[0], at[1], program.surface_height[surface]))
+
+
+@wp.func
+def _draw_from_heap(
+    program: Program,
+    layouts: LayoutsView,
+    search: Search,
+    c: int,
+    row: int,
+    obj: int,
+    u: float,
+):
+    """Pose a thing of a heap as a settled row has it in what it fills.
+
+    All things of the heap take the same row, which another restart draws anew and another trial does not.
+    """
+    heap = program.obj_heap[obj]
+    settled = program.heap_pose[heap[0] + wp.min(int(u * float(heap[1])), heap[1] - 1)]
+    settled_quat = wp.vec4(settled[3], settled[4], settled[5], settled[6])
+    ground = program.obj_ground[obj]
+    frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])
+    if frame.rot[2, 2] < LEVEL:
+        search.cause[c] = _EMPTY
+        return
+    quat = wp.normalize(mul_quat(layouts.body_quat[row, ground], settled_quat))
+    turn = search.turn[c]
+    turn.yaw = heading_of(quat)
+    turn.quat = mul_quat(quat_z(-turn.yaw), quat)
+    if program.obj_measured[obj] != 0:
+        turn = measure(program, obj, turn, search.qpos[c], search.body_pos[c], search.body_quat[c])
+    search.turn[c] = turn
+    search.heading[c] = turn.yaw
+    search.point[c] = apply(frame, wp.vec3(settled[0], settled[1], settled[2])) + quat_mat(quat) * turn.pivot
+    search.surface[c] = program.tri_surface[program.variant_triadr[turn.variant]]
+    pose_candidate(program, layouts, search, c, row, obj)
+
+
+@wp.kernel(grid_stride=False)
+def _draw(
+    program: Program,
+    split: wp.uint32,
+    lanes: int,
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+):
+    if wp.tid() == 0:
+        begin_wave(search)
+    for c in range(wp.tid(), candidate_num(search), lanes):
+        row = search.row[c]
+        obj = search.obj[c]
+        trial = trial_of(program, search, c)
+        seed = layouts.seed[search.row_world[row]]
+        episode = layouts.making[search.row_world[row]]
+        stream = stream_of(program, split, obj)
+        search.cause[c] = _NONE
+        search.missed[c] = 0
+        search.surface[c] = -1
+        draw_joints(program, obj, seed, episode, stream, trial, search.qpos[c])
+        if program.obj_kind[obj] == _STATIC:
+            _draw_static(program, layouts, search, c, row, obj)
+            continue
+        u = uniforms(seed, episode, stream, trial, 0)
+        w = wp.vec4(0.0)
+        if program.obj_orientation[obj] == _ANY or program.obj_variantnum[obj] > 1:
+            w = uniforms(seed, episode, stream, trial, 1)
+        turn = draw_turn(program, obj, u, w)
+        if program.obj_heap[obj][0] >= 0:
+            search.turn[c] = turn
+            of_heap = numbered_stream(split, program.obj_heap[obj][2])
+            share = uniforms(seed, episode, of_heap, first_trial_of(program, search, c), 0)[0]
+            _draw_from_heap(program, layouts, search, c, row, obj, share)
+            continue
+        if program.obj_measured[obj] != 0:
+            turn = measure(program, obj, turn, search.qpos[c], search.body_pos[c], search.body_quat[c])
+        search.turn[c] = turn
+        _draw_point(program, layouts, search, c, row, obj, u)
+        if program.obj_cutnum[obj] == 0 and search.cause[c] == _NONE:
+            pose_candidate(program, layouts, search, c, row, obj)
+
+
+def launch_draw(program: Program, split: int, lanes: int, layouts: LayoutsView, search: Search, device: str) -> None:
+    """Draw the candidates of this wave."""
+    wp.launch(_draw, dim=lanes, inputs=[program, split, lanes, layouts], outputs=[search], device=device)

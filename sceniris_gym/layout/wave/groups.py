@@ -1,0 +1,84 @@
+"""Which members of a group are in a world, and where the others are parked: untested, since nothing placed gets there.
+
+`program.parking_check` refuses scenes in which something might.
+"""
+
+import warp as wp
+
+from sceniris_gym.device.random import GROUP_STREAM, STREAM_BITS, uniforms
+from sceniris_gym.device.transforms import quat_mat
+from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.placement.kinematics import follow_joints, pose_bodies, write_root
+from sceniris_gym.program.device import Program
+from sceniris_gym.program.device_reach import Reach
+from sceniris_gym.scene.parking import PARKING_COLUMNS, PARKING_FROM, PARKING_SPACING
+
+_STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
+_GROUP_STREAM = wp.constant(wp.uint32(GROUP_STREAM))
+_FAR = wp.constant(PARKING_FROM)
+_SPACING = wp.constant(PARKING_SPACING)
+_COLUMNS = wp.constant(PARKING_COLUMNS)
+
+
+@wp.func
+def draw_groups(program: Program, seed: wp.uint64, episode: int, split: wp.uint32, present: wp.array(dtype=int)):
+    """Draw which objects of each group are present: k uniform in its interval, then k members without repetition.
+
+    The draw belongs to the episode and not to a trial: restarts must not favour small sets, which are easier to place.
+    """
+    stream = (split << _STREAM_BITS) + _GROUP_STREAM
+    for g in range(program.ngroup):
+        adr = program.group_adr[g]
+        num = program.group_num[g]
+        low = program.group_low[g]
+        left = low + int(uniforms(seed, episode, stream, g, 0)[0] * float(program.group_high[g] - low + 1))
+        left = wp.min(left, program.group_high[g])
+        # selection sampling: D. Knuth, "The Art of Computer Programming", vol. 2, algorithm 3.4.2 S
+        for i in range(num):
+            u = uniforms(seed, episode, stream, g, 1 + i // 4)[i % 4]
+            chosen = int(0)
+            if u * float(num - i) < float(left):
+                chosen = int(1)
+            present[program.group_slot[adr + i]] = chosen
+            left -= chosen
+
+
+@wp.func
+def _parking_place(slot: int) -> wp.vec3:
+    """Where an absent object's pivot lies [m], world frame, on the ground plane."""
+    return wp.vec3(_FAR + _SPACING * float(slot % _COLUMNS), _FAR + _SPACING * float(slot // _COLUMNS), 0.0)
+
+
+@wp.func
+def _park_absent(program: Program, layouts: LayoutsView, row: int, obj: int):
+    """Park an absent object, its joints at home."""
+    qpos = layouts.qpos[row]
+    for i in range(program.obj_drawadr[obj], program.obj_drawadr[obj] + program.obj_drawnum[obj]):
+        adr = program.draw_qposadr[i]
+        qpos[adr] = program.home_qpos[adr]
+    follow_joints(program, obj, qpos)
+    variant = program.obj_variantadr[obj]
+    slot = program.obj_slot[obj]
+    pivot = _parking_place(slot) + wp.vec3(0.0, 0.0, program.obj_gap[obj])
+    quat = wp.normalize(program.variant_quat[variant])
+    pos = pivot - quat_mat(quat) * program.variant_pivot[variant]
+    root = program.obj_body[obj]
+    layouts.body_pos[row, root] = pos
+    layouts.body_quat[row, root] = quat
+    pose_bodies(program, obj, 1, qpos, layouts.body_pos[row], layouts.body_quat[row])
+    layouts.place[row, slot] = wp.vec4(pivot[0], pivot[1], pivot[2], 0.0)
+    layouts.bounds[row, slot] = program.variant_bounds[variant]
+    write_root(program, obj, pos, quat, qpos, layouts.mocap_pos[row], layouts.mocap_quat[row])
+
+
+@wp.func
+def next_object(program: Program, reach: Reach, layouts: LayoutsView, row: int, obj: int) -> int:
+    """The first object from `obj` on that is present; absent ones on the way are parked."""
+    found = int(obj)
+    while found < program.nobject and layouts.present[row, program.obj_slot[found]] == 0:
+        _park_absent(program, layouts, row, found)
+        if reach.obj_reach.shape[0] > 0:
+            if reach.obj_reach[found] >= 0:
+                layouts.grasp[row, reach.obj_reach[found]] = -1
+        found += 1
+    return found

@@ -1,0 +1,51 @@
+"""A candidate's bodies are posed where it was drawn."""
+
+import warp as wp
+
+from sceniris_gym.collide.leaves import PairPoses, pair_poses
+from sceniris_gym.device.quaternions import mul_quat
+from sceniris_gym.device.transforms import quat_mat, quat_z
+from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.wave.search import NO_GRASP, Search
+from sceniris_gym.placement.kinematics import pose_bodies
+from sceniris_gym.placement.orientations import facing
+from sceniris_gym.program.device import OrientationType, Program
+
+wp.set_module_options({"enable_backward": False})
+
+_FACE_TO = wp.constant(int(OrientationType.FACE_TO))
+_NO_GRASP = wp.constant(NO_GRASP)
+
+
+@wp.func
+def pose_candidate(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int):
+    """Pose the object's bodies with its pivot over the candidate's point."""
+    turn = search.turn[c]
+    heading = search.heading[c]
+    point = search.point[c]
+    if program.obj_orientation[obj] == _FACE_TO:
+        target = program.obj_target[obj]
+        if layouts.present[row, target] != 0:
+            at = layouts.place[row, target]
+            heading = turn.yaw + facing(wp.vec2(point[0], point[1]), wp.vec2(at[0], at[1]))
+    pivot = point
+    if program.obj_ground[obj] >= 0:
+        pivot = point + wp.vec3(0.0, 0.0, program.obj_gap[obj])
+    root = program.obj_body[obj]
+    quat = wp.normalize(mul_quat(quat_z(heading), turn.quat))
+    search.body_pos[c, root] = pivot - quat_mat(quat) * turn.pivot
+    search.body_quat[c, root] = quat
+    pose_bodies(program, obj, 1, search.qpos[c], search.body_pos[c], search.body_quat[c])
+    search.place[c] = wp.vec4(pivot[0], pivot[1], pivot[2], heading)
+    search.bounds[c] = turn.bounds
+    search.grasp[c] = _NO_GRASP
+    search.covered[c] = 0
+    search.off[c] = 0
+
+
+@wp.func
+def candidate_poses(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, pair: int) -> PairPoses:
+    """Where the bodies of a pair are for a candidate of a row, beside what stands there."""
+    own_pos = search.body_pos[c]
+    own_quat = search.body_quat[c]
+    return pair_poses(program, pair, own_pos, own_quat, layouts.body_pos[row], layouts.body_quat[row])

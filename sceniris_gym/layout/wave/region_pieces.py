@@ -1,0 +1,209 @@
+"""The region that relations leave of a support, then: its triangles are cut, and what is left of each runs a race.
+
+A piece is what is left of a triangle within one convex piece of every relation, a *combination* of such. Its number is
+combination * triangles + triangle. Lanes share the pieces of a candidate, and more of them the fewer candidates there
+are.
+"""
+
+import warp as wp
+
+from sceniris_gym.config.limits import MAX_CORNERS
+from sceniris_gym.device.transforms import Pose, apply
+from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.wave.race import NOBODY, finish, numbers_of
+from sceniris_gym.layout.wave.search import Search, SearchSize
+from sceniris_gym.layout.wave.sides import support_pose
+from sceniris_gym.placement.polygons import HalfPlane, area, clip, set_triangle
+from sceniris_gym.program.device import Program
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+_MAX_CORNERS = wp.constant(MAX_CORNERS)
+# Pieces below this area [m^2] are rounding: a line of 1 mm, drawn 40 um wide, has 4e-8.
+LEAST_AREA = wp.constant(1.0e-10)
+# A triangle further beyond a side than this [m] has nothing left, and one that is further inside is left as it is: ten
+# times what rounds off within a few metres; 100 m away heights round to 0.03 mm, which moves a cut by no more.
+_SURE = wp.constant(1.0e-5)
+
+
+@wp.struct
+class Triangle:
+    """A triangle of the region, seen from above in the world [m]."""
+
+    a: wp.vec2
+    b: wp.vec2
+    c: wp.vec2
+
+
+@wp.func
+def is_point(program: Program, tri: int) -> bool:
+    """Is a triangle of the region one of its points? Those that are not have corners that differ."""
+    a = program.tri_a[tri]
+    return program.tri_b[tri] == a and program.tri_c[tri] == a
+
+
+@wp.func
+def _xy(frame: Pose, p: wp.vec2, height: float) -> wp.vec2:
+    w = apply(frame, wp.vec3(p[0], p[1], height))
+    return wp.vec2(w[0], w[1])
+
+
+@wp.func
+def posed_triangle(program: Program, tri: int, frame: Pose) -> Triangle:
+    """Triangle `tri` of the support that is posed at `frame`."""
+    height = program.surface_height[program.tri_surface[tri]]
+    t = Triangle()
+    t.a = _xy(frame, program.tri_a[tri], height)
+    t.b = _xy(frame, program.tri_b[tri], height)
+    t.c = _xy(frame, program.tri_c[tri], height)
+    return t
+
+
+@wp.func
+def _is_out_of_reach(program: Program, search: Search, c: int, obj: int, t: Triangle) -> bool:
+    """Do the bounds of a triangle lie beyond the circle that holds all pieces of one of the relations?"""
+    low = wp.min(wp.min(t.a, t.b), t.c)
+    high = wp.max(wp.max(t.a, t.b), t.c)
+    for i in range(program.obj_relnum[obj]):
+        resolved = search.relations[c, i]
+        if resolved.active:
+            off = wp.max(wp.max(low - resolved.apex, resolved.apex - high), wp.vec2(0.0))
+            if wp.length(off) > resolved.reach:
+                return True
+    return False
+
+
+@wp.func
+def _depth(h: HalfPlane, t: Triangle) -> wp.vec2:
+    """How far outside of a half-plane the corners of a triangle lie, least and most, in lengths of its normal."""
+    limit = h.offset + wp.dot(h.normal, h.origin)
+    a = wp.dot(h.normal, t.a)
+    b = wp.dot(h.normal, t.b)
+    c = wp.dot(h.normal, t.c)
+    return wp.vec2(wp.min(wp.min(a, b), c) - limit, wp.max(wp.max(a, b), c) - limit)
+
+
+@wp.func
+def _is_surely_empty(program: Program, search: Search, c: int, obj: int, combination: int, t: Triangle) -> bool:
+    """Does a triangle lie wholly beyond a side of one of the pieces? Most do, so it is asked before anything is cut."""
+    rest = int(combination)
+    for i in range(program.obj_relnum[obj]):
+        rel = program.obj_reladr[obj] + i
+        piece = rest % program.rel_piecenum[rel]
+        rest = rest // program.rel_piecenum[rel]
+        sides = search.side_num[c, i]
+        # a relation that is not active has one piece, the whole plane
+        if sides < 0 and piece > 0:
+            return True
+        adr = program.rel_sideadr[rel] + piece * sides
+        for k in range(adr, adr + sides):
+            if _depth(search.sides[c, k], t)[0] > _SURE:
+                return True
+    return False
+
+
+@wp.func
+def cut_triangle(
+    program: Program,
+    search: Search,
+    c: int,
+    obj: int,
+    combination: int,
+    t: Triangle,
+    polygon: wp.array(dtype=wp.vec2),
+) -> int:
+    """What is left of a triangle within one convex piece of every relation: the number of corners of `polygon`."""
+    num = set_triangle(polygon, t.a, t.b, t.c)
+    rest = int(combination)
+    for i in range(program.obj_relnum[obj]):
+        rel = program.obj_reladr[obj] + i
+        piece = rest % program.rel_piecenum[rel]
+        rest = rest // program.rel_piecenum[rel]
+        sides = search.side_num[c, i]
+        adr = program.rel_sideadr[rel] + piece * sides
+        for k in range(adr, adr + sides):
+            plane = search.sides[c, k]
+            # the whole plane cuts nothing
+            if num > 0 and (plane.normal[0] != 0.0 or plane.normal[1] != 0.0):
+                if _depth(plane, t)[1] > -_SURE:
+                    num = clip(polygon, num, plane)
+    return num
+
+
+@wp.kernel(grid_stride=False)
+def _find_pieces(
+    program: Program,
+    lanes: int,
+    least_parts: int,
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+):
+    num = search.cuts[0]
+    parts = wp.max(lanes // wp.max(num, 1), least_parts)
+    for i in range(wp.tid(), parts * num, lanes):
+        c = search.cut[i // parts]
+        obj = search.obj[c]
+        frame = support_pose(program, layouts, search.row[c], obj)
+        variant = search.turn[c].variant
+        triangles = program.variant_trinum[variant]
+        for tri in range(i % parts, triangles, parts):
+            t = posed_triangle(program, program.variant_triadr[variant] + tri, frame)
+            if _is_out_of_reach(program, search, c, obj, t):
+                continue
+            single = is_point(program, program.variant_triadr[variant] + tri)
+            for combination in range(program.obj_cutnum[obj]):
+                if not _is_surely_empty(program, search, c, obj, combination, t):
+                    search.piece[c, wp.atomic_add(search.pieces, c, 1)] = combination * triangles + tri
+                    if single:  # in one race, though it may lie where two combinations meet
+                        break
+
+
+def launch_find_pieces(program: Program, size: SearchSize, layouts: LayoutsView, search: Search, device: str) -> None:
+    """List the pieces of listed candidates that may have any area."""
+    inputs = [program, size.lanes, size.parts, layouts]
+    wp.launch(_find_pieces, dim=size.lanes, inputs=inputs, outputs=[search], device=device)
+
+
+# Apart from the search for pieces: what is found there is shared out among lanes here, and all of them cut at once.
+@wp.kernel(grid_stride=False)
+def _measure_pieces(
+    program: Program,
+    split: wp.uint32,
+    lanes: int,
+    least_parts: int,
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+):
+    num = search.cuts[0]
+    parts = wp.max(lanes // wp.max(num, 1), least_parts)
+    for i in range(wp.tid(), parts * num, lanes):
+        c = search.cut[i // parts]
+        obj = search.obj[c]
+        frame = support_pose(program, layouts, search.row[c], obj)
+        numbers = numbers_of(program, split, layouts, search, c)
+        variant = search.turn[c].variant
+        triangles = program.variant_trinum[variant]
+        polygon = wp.zeros(shape=(_MAX_CORNERS,), dtype=wp.vec2)
+        best = NOBODY
+        for k in range(i % parts, search.pieces[c], parts):
+            index = search.piece[c, k]
+            tri = program.variant_triadr[variant] + index % triangles
+            size = float(1.0)
+            if not is_point(program, tri):
+                t = posed_triangle(program, tri, frame)
+                size = area(polygon, cut_triangle(program, search, c, obj, index // triangles, t, polygon))
+            search.piece_area[c, k] = size
+            if size > LEAST_AREA:
+                best = wp.min(best, finish(numbers, 0, index, size))
+        if best != NOBODY:
+            wp.atomic_min(search.winner, c, best)
+
+
+def launch_measure_pieces(
+    program: Program, split: int, size: SearchSize, layouts: LayoutsView, search: Search, device: str
+) -> None:
+    """Measure the pieces that are listed, and let them run the first race."""
+    inputs = [program, split, size.lanes, size.parts, layouts]
+    wp.launch(_measure_pieces, dim=size.lanes, inputs=inputs, outputs=[search], device=device)

@@ -1,0 +1,297 @@
+"""Rounds of restarts: every pending world tries one restart, or several where rows are free.
+
+The lowest restart that placed everything is the world's layout; what later ones drew is not counted. A layout that is
+not sound is never served: its world falls back at once.
+"""
+
+import warp as wp
+
+from sceniris_gym.layout.layouts import LayoutsView, Status
+from sceniris_gym.layout.wave.bank import fall_back
+from sceniris_gym.layout.wave.groups import draw_groups, next_object
+from sceniris_gym.layout.wave.search import Search, SearchSize, queue_row
+from sceniris_gym.layout.wave.soundness import is_sound
+from sceniris_gym.program.device import Cause, Program
+from sceniris_gym.program.device_reach import Reach
+
+wp.set_module_options({"enable_backward": False})
+
+_VALID = wp.constant(int(Status.VALID))
+_UNSOUND = wp.constant(int(Cause.UNSOUND))
+_NEVER = wp.constant(1 << 30)
+
+
+@wp.func
+def _clear_rejections(layouts: LayoutsView, row: int):
+    """Count rejections of a row from zero on."""
+    for i in range(layouts.row_rejections.shape[1]):
+        for j in range(layouts.row_rejections.shape[2]):
+            layouts.row_rejections[row, i, j] = 0
+
+
+@wp.kernel
+def _start(
+    program: Program,
+    mask: wp.array(dtype=bool),
+    split: wp.uint32,
+    # Layouts in and out:
+    layouts: LayoutsView,
+    # Search out:
+    search: Search,
+):
+    worldid = wp.tid()
+    # Nothing is left of what was begun before, unless somebody interrupted the launches.
+    search.pending[worldid] = False
+    search.waiting[worldid] = False
+    if worldid == 0:
+        search.rows_left[0] = 0
+        search.candidates[0] = 0
+    if mask:
+        if not mask[worldid]:
+            return
+    episode = layouts.episode[worldid] + 1
+    layouts.making[worldid] = episode
+    layouts.attempts[worldid] = 0
+    _clear_rejections(layouts, worldid)
+    search.pending[worldid] = True
+    search.restart[worldid] = 0
+    wp.atomic_add(search.worlds_left, 0, 1)
+    draw_groups(program, layouts.seed[worldid], episode, split, layouts.present[worldid])
+
+
+def launch_start(
+    program: Program, mask: wp.array | None, split: int, layouts: LayoutsView, search: Search, device: str
+) -> None:
+    """Let the masked worlds be pending, for the episode that follows theirs."""
+    dim = search.pending.shape[0]
+    search.worlds_left.zero_()
+    wp.launch(_start, dim=dim, inputs=[program, mask, split], outputs=[layouts, search], device=device)
+
+
+@wp.kernel
+def _plan_round(
+    program: Program,
+    # Search in and out:
+    search: Search,
+):
+    worlds = wp.max(search.worlds_left[0], 1)
+    extra = search.row_world.shape[0] - search.pending.shape[0]
+    # so many that less than half a world is expected to be left
+    wanted = int(wp.ceil(wp.log(2.0 * float(worlds)) / -wp.log(program.restart_rate)))
+    search.restarts_at_once[0] = wp.clamp(wp.min(extra // worlds + 1, wanted), 1, program.restarts + 1)
+    search.worlds_left[0] = 0
+    search.tickets[0] = 0
+
+
+@wp.func
+def _open_row(
+    program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, worldid: int, restart: int
+):
+    """Let a row try a restart of a world."""
+    nworld = search.pending.shape[0]
+    if row >= nworld:
+        for i in range(layouts.present.shape[1]):
+            layouts.present[row, i] = layouts.present[worldid, i]
+        _clear_rejections(layouts, row)
+    search.row_world[row] = worldid
+    search.row_restart[row] = restart
+    search.row_trial[row] = 0
+    search.row_attempts[row] = 0
+    search.row_object[row] = next_object(program, reach, layouts, row, 0)
+    if search.row_object[row] < program.nobject:
+        queue_row(search, row)
+    else:
+        wp.atomic_min(search.best, worldid, restart)
+
+
+@wp.func
+def _row_of_restart(search: Search, worldid: int, number: int) -> int:
+    """The row of a world's restart of this round, by its number among them."""
+    if number == 0:
+        return worldid
+    return search.pending.shape[0] + search.ticket[worldid] * (search.restarts_at_once[0] - 1) + number - 1
+
+
+@wp.kernel
+def _open_rows(
+    program: Program,
+    reach: Reach,
+    # Layouts in and out:
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+):
+    worldid = wp.tid()
+    if not search.pending[worldid]:
+        return
+    search.ticket[worldid] = wp.atomic_add(search.tickets, 0, 1)
+    search.best[worldid] = _NEVER
+    for i in range(search.restarts_at_once[0]):
+        restart = search.restart[worldid] + i
+        if restart <= program.restarts:
+            _open_row(program, reach, layouts, search, _row_of_restart(search, worldid, i), worldid, restart)
+
+
+def launch_open_rows(program: Program, reach: Reach, layouts: LayoutsView, search: Search, device: str) -> None:
+    """Give the pending worlds rows."""
+    wp.launch(_plan_round, dim=1, inputs=[program], outputs=[search], device=device)
+    dim = search.pending.shape[0]
+    wp.launch(_open_rows, dim=dim, inputs=[program, reach], outputs=[layouts, search], device=device)
+
+
+@wp.kernel(grid_stride=False)
+def _open_candidates(
+    program: Program,
+    busy: int,
+    lanes: int,
+    # Search in and out:
+    search: Search,
+):
+    rows = search.rows_left[0]
+    scale = float(busy) / float(wp.max(rows, 1))
+    capacity = search.cause.shape[0]
+    for i in range(wp.tid(), rows, lanes):
+        row = search.queue[1 - search.source[0], i]
+        obj = search.row_object[row]
+        trials = wp.clamp(int(scale * program.obj_effort[obj]), 1, program.attempts - search.row_trial[row])
+        first = wp.atomic_add(search.candidates, 0, trials)
+        trials = wp.clamp(capacity - first, 0, trials)
+        search.row_first[row] = first
+        search.row_trials[row] = trials
+        for t in range(trials):
+            search.row[first + t] = row
+            search.obj[first + t] = obj
+            search.trial[first + t] = search.row_trial[row] + t
+
+
+def launch_open_candidates(program: Program, size: SearchSize, search: Search, device: str) -> None:
+    """Give rows candidates: the more, the fewer rows there are, and the more their objects usually need."""
+    inputs = [program, size.busy, size.lanes]
+    wp.launch(_open_candidates, dim=size.lanes, inputs=inputs, outputs=[search], device=device)
+
+
+@wp.func
+def _count_row(layouts: LayoutsView, search: Search, worldid: int, row: int):
+    """Count the attempts and rejections of a restart that was reached among those of its world."""
+    layouts.attempts[worldid] += search.row_attempts[row]
+    if row != worldid:
+        for i in range(layouts.row_rejections.shape[1]):
+            for j in range(layouts.row_rejections.shape[2]):
+                layouts.row_rejections[worldid, i, j] += layouts.row_rejections[row, i, j]
+
+
+@wp.func
+def _copy_row(layouts: LayoutsView, row: int, worldid: int):
+    """Copy a finished row into that of its world."""
+    for i in range(layouts.qpos.shape[1]):
+        layouts.qpos[worldid, i] = layouts.qpos[row, i]
+    for i in range(layouts.mocap_pos.shape[1]):
+        layouts.mocap_pos[worldid, i] = layouts.mocap_pos[row, i]
+        layouts.mocap_quat[worldid, i] = layouts.mocap_quat[row, i]
+    for i in range(layouts.place.shape[1]):
+        layouts.place[worldid, i] = layouts.place[row, i]
+        layouts.bounds[worldid, i] = layouts.bounds[row, i]
+    for i in range(layouts.grasp.shape[1]):
+        layouts.grasp[worldid, i] = layouts.grasp[row, i]
+        layouts.variant[worldid, i] = layouts.variant[row, i]
+    for i in range(layouts.body_pos.shape[1]):
+        layouts.body_pos[worldid, i] = layouts.body_pos[row, i]
+        layouts.body_quat[worldid, i] = layouts.body_quat[row, i]
+
+
+@wp.kernel
+def _settle(
+    program: Program,
+    reach: Reach,
+    split: wp.uint32,
+    staged: bool,
+    # Layouts in and out:
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+):
+    worldid = wp.tid()
+    if not search.pending[worldid]:
+        return
+    first = search.restart[worldid]
+    best = search.best[worldid]
+    last = wp.min(wp.min(first + search.restarts_at_once[0] - 1, program.restarts), best)
+    row = worldid
+    for i in range(last - first + 1):
+        row = _row_of_restart(search, worldid, i)
+        _count_row(layouts, search, worldid, row)
+    search.restart[worldid] = last + 1
+    sound = True
+    if best < _NEVER:
+        sound = is_sound(program, layouts, row)
+    if best < _NEVER and sound:
+        if row != worldid:
+            _copy_row(layouts, row, worldid)
+        layouts.status[worldid] = _VALID
+        layouts.first_pass_valid[worldid] = wp.where(best == 0, 1, 0)
+        search.pending[worldid] = False
+        search.waiting[worldid] = staged
+    elif last == program.restarts or not sound:
+        if not sound:
+            layouts.row_rejections[worldid, wp.max(program.nobject - 1, 0), _UNSOUND] += 1
+        layouts.status[worldid] = fall_back(program, reach, layouts, worldid, split)
+        layouts.first_pass_valid[worldid] = 0
+        search.pending[worldid] = False
+    else:
+        wp.atomic_add(search.worlds_left, 0, 1)
+
+
+def launch_settle(
+    program: Program, reach: Reach, split: int, staged: bool, layouts: LayoutsView, search: Search, device: str
+) -> None:
+    """End a round: worlds with a layout are done, those out of restarts fall back, and the others stay pending."""
+    inputs = [program, reach, split, staged]
+    dim = search.pending.shape[0]
+    wp.launch(_settle, dim=dim, inputs=inputs, outputs=[layouts, search], device=device)
+
+
+@wp.kernel
+def _reopen(
+    # Search in and out:
+    search: Search,
+):
+    worldid = wp.tid()
+    if search.waiting[worldid]:
+        search.waiting[worldid] = False
+        search.pending[worldid] = True
+        wp.atomic_add(search.worlds_left, 0, 1)
+
+
+def launch_reopen(search: Search, device: str) -> None:
+    """Let worlds that still wait for a layout within reach go on with their next restart."""
+    wp.launch(_reopen, dim=search.pending.shape[0], inputs=[], outputs=[search], device=device)
+
+
+@wp.func
+def count_rejections(made: LayoutsView, worldid: int, obj: int, rejections: wp.array2d(dtype=wp.int64)):
+    """Count what was rejected of an object for a layout that is served."""
+    for cause in range(made.row_rejections.shape[2]):
+        number = made.row_rejections[worldid, obj, cause]
+        if number > 0:
+            wp.atomic_add(rejections, obj, cause, wp.int64(number))
+
+
+@wp.kernel
+def _finish(
+    mask: wp.array(dtype=bool),
+    # Layouts in and out:
+    layouts: LayoutsView,
+):
+    worldid, obj = wp.tid()
+    if mask:
+        if not mask[worldid]:
+            return
+    if obj == 0:
+        layouts.episode[worldid] = layouts.making[worldid]
+    count_rejections(layouts, worldid, obj, layouts.rejections)
+
+
+def launch_finish(mask: wp.array | None, layouts: LayoutsView, device: str) -> None:
+    """Advance the masked worlds to the episode that was made, all of them at once, and count what was rejected."""
+    dim = (layouts.seed.shape[0], layouts.rejections.shape[0])
+    wp.launch(_finish, dim=dim, inputs=[mask], outputs=[layouts], device=device)

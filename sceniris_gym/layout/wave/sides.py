@@ -1,0 +1,88 @@
+"""The region that relations leave of a support, first: what they come to for each candidate, and its half-planes.
+
+A lane for each relation of each candidate. Candidates whose region is another one in every world are listed.
+"""
+
+import warp as wp
+
+from sceniris_gym.config.limits import MAX_ANCHORS, MAX_RELATIONS
+from sceniris_gym.device.angles import angle_of
+from sceniris_gym.device.transforms import Pose, pose_of
+from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.wave.race import NOBODY
+from sceniris_gym.layout.wave.search import Search, candidate_num
+from sceniris_gym.placement.placed import placed
+from sceniris_gym.placement.relations import resolve, side_num, write_sides
+from sceniris_gym.program.device import Cause, ObjectKind, Program
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+_MAX_ANCHORS = wp.constant(MAX_ANCHORS)
+_MAX_RELATIONS = wp.constant(MAX_RELATIONS)
+_NONE = wp.constant(int(Cause.NONE))
+_EMPTY = wp.constant(int(Cause.EMPTY))
+_STATIC = wp.constant(int(ObjectKind.STATIC))
+# A surface carries as long as it is level to 0.1 degree.
+LEVEL = wp.constant(0.9999985)
+
+
+@wp.func
+def support_pose(program: Program, layouts: LayoutsView, row: int, obj: int) -> Pose:
+    """The pose of what carries the object; that of the world where nothing does."""
+    frame = pose_of(wp.vec3(0.0), wp.vec4(1.0, 0.0, 0.0, 0.0))
+    ground = program.obj_ground[obj]
+    if ground >= 0:
+        frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])
+    return frame
+
+
+@wp.func
+def _resolve(program: Program, layouts: LayoutsView, search: Search, c: int, i: int, row: int, obj: int, frame: Pose):
+    """What relation `i` of a candidate's object comes to in its row, and the half-planes around all its pieces."""
+    rel = program.obj_reladr[obj] + i
+    hull = search.hulls[c]
+    resolved = resolve(
+        program,
+        rel,
+        placed(wp.vec2(0.0), search.heading[c], search.turn[c].bounds),
+        angle_of(frame.rot[0, 0], frame.rot[1, 0]),
+        layouts.place[row],
+        layouts.bounds[row],
+        layouts.present[row],
+        hull,
+        i * _MAX_ANCHORS,
+    )
+    search.relations[c, i] = resolved
+    search.side_num[c, i] = side_num(resolved)
+    write_sides(program, rel, resolved, hull, i * _MAX_ANCHORS, search.sides[c], program.rel_sideadr[rel])
+
+
+@wp.kernel(grid_stride=False)
+def _build_sides(
+    program: Program,
+    lanes: int,
+    layouts: LayoutsView,
+    # Search in and out:
+    search: Search,
+):
+    for k in range(wp.tid(), _MAX_RELATIONS * candidate_num(search), lanes):
+        c = k // _MAX_RELATIONS
+        i = k % _MAX_RELATIONS
+        obj = search.obj[c]
+        if search.cause[c] == _NONE and program.obj_kind[obj] != _STATIC and program.obj_cutnum[obj] > 0:
+            row = search.row[c]
+            frame = support_pose(program, layouts, row, obj)
+            if frame.rot[2, 2] < LEVEL:
+                search.cause[c] = _EMPTY
+                continue
+            if i == 0:
+                search.pieces[c] = 0
+                search.winner[c] = NOBODY
+                search.cut[wp.atomic_add(search.cuts, 0, 1)] = c
+            if i < program.obj_relnum[obj]:
+                _resolve(program, layouts, search, c, i, row, obj, frame)
+
+
+def launch_build_sides(program: Program, lanes: int, layouts: LayoutsView, search: Search, device: str) -> None:
+    """List the candidates of this wave whose region differs between worlds, and bound it by half-planes."""
+    wp.launch(_build_sides, dim=lanes, inputs=[program, lanes, layouts], outputs=[search], device=device)

@@ -1,0 +1,80 @@
+"""Draws a reachability map: a side view and a top view, for any approach direction and for one from above."""
+
+from __future__ import annotations
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from sceniris_gym.config.tier import Tier, Verdict
+from sceniris_gym.reach.map import ReachMap
+
+_PIXELS = 240  # of a panel's side
+_DIRECTIONS = 100
+_GAP, _STRIP = 24, 22
+_INK, _PAPER, _AXES = (40, 44, 50), (255, 255, 255), (150, 155, 162)
+_NEVER = np.array([238.0, 240.0, 243.0])
+_OFTEN = np.array([22.0, 98.0, 160.0])
+_COLOURS = {
+    Verdict.NO: _NEVER,
+    Verdict.MIXED_NO: (226, 205, 178),
+    Verdict.MIXED_YES: (127, 186, 150),
+    Verdict.YES: (38, 133, 84),
+}
+
+
+def draw(reach_map: ReachMap, height: float, device: str) -> Image.Image:
+    """Draw two rows of two panels. Left: the plane y = 0 of the base frame; right: the plane z = `height` [m].
+
+    Above: the share of approach directions that are reached, light to dark. Below: approach from straight above; dark
+    green is a certain yes, light green and brown are the interpolated yes and no in cells that the surface crosses.
+    """
+    span, low = -reach_map.u_low, reach_map.z_low
+    ticks = np.linspace(-span, span, _PIXELS)
+    across, down = np.meshgrid(ticks, -ticks)
+    side = np.stack([across, np.zeros_like(across), down + low + span], axis=-1)
+    top = np.stack([across, down, np.full_like(across, height)], axis=-1)
+    directions = _directions()
+    sheet = Image.new("RGB", (2 * _PIXELS + 3 * _GAP, 2 * (_PIXELS + _STRIP) + 3 * _GAP), _PAPER)
+    titles = (("side, y = 0", side, low + span), (f"top, z = {height:g} m", top, 0.0))
+    for column, (title, points, middle) in enumerate(titles):
+        points = points + [*reach_map.arm.axis_xy, 0.0]
+        share = np.mean([_verdicts(reach_map, points, d, device) >= Tier.MAP.least_verdict for d in directions], axis=0)
+        _panel(sheet, column, 0, _NEVER + share[..., None] * (_OFTEN - _NEVER), f"any approach: {title}", span, middle)
+        verdicts = _verdicts(reach_map, points, np.array([0.0, 0.0, -1.0]), device)
+        colours = np.array([_COLOURS[v] for v in Verdict])[verdicts]
+        _panel(sheet, column, 1, colours, f"from above: {title}", span, middle)
+    return sheet
+
+
+def _verdicts(reach_map: ReachMap, points: np.ndarray, approach: np.ndarray, device: str) -> np.ndarray:
+    """Return the verdicts for an approach direction at points of shape (..., 3); the roll about it does not matter."""
+    poses = np.zeros((points[..., 0].size, 4, 4))
+    poses[:, :3, 3], poses[:, :3, 2] = points.reshape(-1, 3), approach
+    return reach_map.verdict(poses, device).reshape(points.shape[:-1])
+
+
+def _directions() -> np.ndarray:
+    """Return unit vectors spread evenly over the sphere (a Fibonacci lattice), shape (N, 3)."""
+    z = 1.0 - (2.0 * np.arange(_DIRECTIONS) + 1.0) / _DIRECTIONS
+    angle = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(_DIRECTIONS)
+    return np.stack([np.sqrt(1.0 - z**2) * np.cos(angle), np.sqrt(1.0 - z**2) * np.sin(angle), z], axis=1)
+
+
+def _panel(
+    sheet: Image.Image, column: int, row: int, colours: np.ndarray, title: str, span: float, middle: float
+) -> None:
+    """Paste one panel with its title and a labelled line every half metre."""
+    x, y = _GAP + column * (_PIXELS + _GAP), _GAP + row * (_PIXELS + _STRIP + _GAP)
+    sheet.paste(Image.fromarray(np.round(colours).astype(np.uint8)), (x, y + _STRIP))
+    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(size=11)
+    draw.text((x, y + 4), title, _INK, font)
+    y += _STRIP
+    for mark in np.arange(-2.0, 2.01, 0.5):
+        right = (mark + span) / (2.0 * span) * _PIXELS
+        if 0.0 < right < _PIXELS:
+            draw.line([(x + right, y), (x + right, y + _PIXELS)], _AXES)
+            draw.text((x + right + 2, y + _PIXELS - 14), f"{mark:g}", _INK, font)
+        below = (span - (mark - middle)) / (2.0 * span) * _PIXELS
+        if 0.0 < below < _PIXELS:
+            draw.line([(x, y + below), (x + _PIXELS, y + below)], _AXES)
+            draw.text((x + 2, y + below), f"{mark:g}", _INK, font)

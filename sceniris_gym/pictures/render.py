@@ -1,0 +1,151 @@
+"""Renders pictures of layouts with mujoco_warp's ray caster, without OpenGL, on a CPU or a GPU.
+
+The poses of geoms, cameras and lights come from MuJoCo C, so that only the ray caster's own kernels are compiled
+(8 s once on one CPU core).
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import warp as wp
+from PIL import Image, ImageDraw, ImageFont
+
+from sceniris_gym.config.fields import FLOOR
+from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.files import replacing
+from sceniris_gym.geometry.framing import box_corners, frame
+from sceniris_gym.scene.assemble import MARK_GROUP
+from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.sim.versions import render_context
+
+CAMERA = "overview"
+SIZE = (480, 360)  # pixels
+VIEW = (0.4, -1.0, 2.0)  # from the scene to the eye: in front, a little to the right, and well above
+_VISIBLE_GROUPS = (0, 1, 2)
+_SAMPLES = 2  # rays for each pixel, along each axis
+_APRON = 1.6  # m of ground drawn around the floor, whose plane is infinite in physics but drawn as a workspace
+_GAP, _STRIP = 6, 22  # pixels between tiles, and below each for its caption
+_INK, _PAPER = (40, 44, 50), (255, 255, 255)
+
+
+def render(
+    mjm: mujoco.MjModel, table: LayoutTable, *, size: tuple[int, int] = SIZE, device: str | None = None
+) -> np.ndarray:
+    """Render each layout with the same camera, placed so that it just sees everything in all of them.
+
+    Args:
+        mjm: The model; its camera 'overview' gives the field of view.
+        table: The layouts.
+        size: Width and height of a picture [pixels].
+        device: Warp's name of the device; None is Warp's default.
+
+    Returns:
+        Pictures, uint8, shape (nrow, height, width, 3).
+
+    Raises:
+        UnknownNameError: The model has no camera 'overview'.
+    """
+    camera = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_CAMERA, CAMERA)
+    if camera < 0:
+        raise UnknownNameError("camera", CAMERA, "render", [mjm.camera(i).name for i in range(mjm.ncam)])
+    poses = _poses(mjm, table)
+    eye, axes = frame(_corners(mjm, poses), np.array(VIEW), mjm.cam_fovy[camera], size[0] / size[1])
+    poses["cam_xpos"][:, camera], poses["cam_xmat"][:, camera] = eye, axes.reshape(9)
+    width, height = size
+    with wp.ScopedDevice(device):
+        mjm = _with_apron(mjm)
+        m, d = mjw.put_model(mjm), mjw.make_data(mjm, nworld=len(table))
+        for name, values in poses.items():
+            field = getattr(d, name)
+            field.assign(values.reshape(field.shape + tuple(getattr(field.dtype, "_shape_", ()))))
+        context = render_context(
+            mjm,
+            len(table),
+            CAMERA,
+            cam_res=size,
+            render_rgb=True,
+            render_depth=False,
+            render_seg=False,
+            use_shadows=True,
+            enabled_geom_groups=[*_VISIBLE_GROUPS, MARK_GROUP],
+            render_skybox=True,
+            enable_backface_culling=False,
+            samples_per_pixel=_SAMPLES,
+        )
+        mjw.refit_bvh(m, d, context)
+        mjw.render(m, d, context)
+        pixels = wp.zeros((len(table), height, width), dtype=wp.vec3)
+        mjw.get_rgb(context, 0, pixels)
+        return (pixels.numpy() * 255.0 + 0.5).astype(np.uint8)
+
+
+def contact_sheet(pictures: np.ndarray, captions: Sequence[str], *, columns: int = 4) -> Image.Image:
+    """Arrange pictures (n, height, width, 3) in rows of `columns`, each above its caption."""
+    height, width = pictures.shape[1:3]
+    nrow = -(-len(pictures) // columns)
+    cell = np.array([width + _GAP, height + _STRIP + _GAP])
+    sheet = Image.new("RGB", (int(columns * cell[0] + _GAP), int(nrow * cell[1] + _GAP)), _PAPER)
+    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(size=14)
+    for i, (picture, caption) in enumerate(zip(pictures, captions, strict=True)):
+        x, y = (int(_GAP + n * c) for n, c in zip((i % columns, i // columns), cell, strict=True))
+        sheet.paste(Image.fromarray(picture), (x, y))
+        draw.text((x + 2, y + height + 2), caption, _INK, font)
+    return sheet
+
+
+def captioned(
+    mjm: mujoco.MjModel, table: LayoutTable, captions: Sequence[str], *, device: str | None = None
+) -> Image.Image:
+    """Render layouts as one contact sheet, or a single layout as one larger picture."""
+    size = SIZE if len(table) > 1 else (2 * SIZE[0], 2 * SIZE[1])
+    return contact_sheet(render(mjm, table, size=size, device=device), captions, columns=min(4, len(table)))
+
+
+def save(image: Image.Image, path: Path) -> None:
+    """Write a PNG; if stopped, leave no half-written file."""
+    with replacing(path) as temporary:
+        image.save(temporary, format="PNG", optimize=True)
+
+
+def _with_apron(mjm: mujoco.MjModel) -> mujoco.MjModel:
+    """Return the model with a larger floor, so that nothing at the edge of the workspace seems to float."""
+    floor = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_GEOM, FLOOR)
+    if floor < 0 or mjm.geom_type[floor] != mujoco.mjtGeom.mjGEOM_PLANE or not mjm.geom_size[floor, 0] > 0:
+        return mjm
+    wide = copy.copy(mjm)
+    wide.geom_size[floor, :2] += _APRON
+    return wide
+
+
+def _poses(mjm: mujoco.MjModel, table: LayoutTable) -> dict[str, np.ndarray]:
+    """Return the arrays of MjData that the ray caster reads, by name, each with a leading nrow."""
+    data = mujoco.MjData(mjm)
+    names = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
+    poses = {name: np.empty((len(table), *getattr(data, name).shape)) for name in names}
+    for i in range(len(table)):
+        table.put(data, i)
+        mujoco.mj_kinematics(mjm, data)
+        mujoco.mj_comPos(mjm, data)
+        mujoco.mj_camlight(mjm, data)
+        for name in names:
+            poses[name][i] = getattr(data, name)
+    return poses
+
+
+def _corners(mjm: mujoco.MjModel, poses: dict[str, np.ndarray]) -> np.ndarray:
+    """Return the corners of the boxes of all visible geoms in all layouts [m], world frame, shape (n, 3)."""
+    corners = []
+    for geom in np.flatnonzero(np.isin(mjm.geom_group, _VISIBLE_GROUPS)):
+        center, half = mjm.geom_aabb[geom, :3], mjm.geom_aabb[geom, 3:]
+        if mjm.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
+            center, half = np.zeros(3), mjm.geom_size[geom] * [1, 1, 0]
+        box = box_corners(center, half)
+        corners.append(box @ poses["geom_xmat"][:, geom].reshape(-1, 3, 3).transpose(0, 2, 1))
+        corners[-1] += poses["geom_xpos"][:, None, geom]
+    return np.concatenate(corners).reshape(-1, 3)

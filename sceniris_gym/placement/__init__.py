@@ -1,0 +1,1 @@
+"""The words of a scene file in one world, as device code."""

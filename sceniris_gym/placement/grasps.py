@@ -1,0 +1,83 @@
+"""Grasps on the device: where the TCP is to be, and which of them the arm's map lets through."""
+
+import warp as wp
+
+from sceniris_gym.device.quaternions import mul_quat, rot_vec_quat
+from sceniris_gym.device.transforms import Pose, apply, pose_of, quat_mat, relative
+from sceniris_gym.grasping.grasps import MOST_RISING
+from sceniris_gym.program.device_reach import Reach
+from sceniris_gym.reach.lookup import map_verdict
+
+wp.set_module_options({"enable_backward": False})
+
+_RISING = wp.constant(MOST_RISING)
+
+
+@wp.func
+def grasp_pose(
+    reach: Reach, grasp: int, base: Pose, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
+) -> Pose:
+    """The TCP of a grasp in the frame of the arm's base, both in the poses of their world."""
+    body = reach.grasp_body[grasp]
+    quat = mul_quat(body_quat[body], reach.grasp_quat[grasp])
+    return relative(base, pose_of(apply(pose_of(body_pos[body], body_quat[body]), reach.grasp_pos[grasp]), quat))
+
+
+@wp.func
+def tcp_of(reach: Reach, grasp: int, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)):
+    """Position and orientation of the TCP in the world when it stands at a grasp."""
+    body = reach.grasp_body[grasp]
+    quat = body_quat[body]
+    return body_pos[body] + rot_vec_quat(reach.grasp_pos[grasp], quat), mul_quat(quat, reach.grasp_quat[grasp])
+
+
+@wp.func
+def from_below(reach: Reach, grasp: int, body_quat: wp.array(dtype=wp.vec4)) -> bool:
+    """Whether the approach of a grasp rises in the world, so that it comes through what the object stands on."""
+    turn = quat_mat(mul_quat(body_quat[reach.grasp_body[grasp]], reach.grasp_quat[grasp]))
+    return turn[2, 2] > _RISING
+
+
+@wp.func
+def approaches(reach: Reach, column: int, grasp: int, body_quat: wp.array(dtype=wp.vec4)) -> bool:
+    """Whether a grasp does not come through what its object stands on."""
+    if reach.reach_below[column] == 0:
+        return True
+    return not from_below(reach, grasp, body_quat)
+
+
+@wp.func
+def first_through(
+    reach: Reach,
+    column: int,
+    variant: int,
+    base: Pose,
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+) -> int:
+    """The first grasp of a placed target, counted from its own first one, that the map lets through; -1 for none."""
+    adr = reach.variant_graspadr[variant]
+    for grasp in range(adr, adr + reach.variant_graspnum[variant]):
+        if passes_map(reach, column, grasp, base, body_pos, body_quat):
+            return grasp - reach.reach_graspadr[column]
+    return -1
+
+
+@wp.func
+def passes_map(
+    reach: Reach,
+    column: int,
+    grasp: int,
+    base: Pose,
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+) -> bool:
+    """Whether a grasp does not come from below, and the arm's map, if there is one, lets it through."""
+    through = bool(True)
+    if reach.reach_below[column] != 0:
+        through = not from_below(reach, grasp, body_quat)
+    if reach.mapped != 0 and through:
+        tcp = grasp_pose(reach, grasp, base, body_pos, body_quat)
+        approach = wp.vec3(tcp.rot[0, 2], tcp.rot[1, 2], tcp.rot[2, 2])
+        through = map_verdict(reach.map, tcp.pos, approach) >= reach.reach_least[column]
+    return through

@@ -1,0 +1,123 @@
+"""Joint positions and body poses of one object, as `mj_kinematics` computes them."""
+
+import warp as wp
+
+from sceniris_gym.device.quaternions import mul_quat, rot_vec_quat
+from sceniris_gym.device.random import uniforms
+from sceniris_gym.device.transforms import axis_angle_quat
+from sceniris_gym.program.device import ObjectKind, Program
+
+_FREE = wp.constant(int(ObjectKind.FREE))
+# The first draw of a trial is the pose's; joints follow, four numbers a draw.
+_FIRST_DRAW = wp.constant(2)
+
+
+@wp.func
+def draw_joints(
+    program: Program,
+    obj: int,
+    seed: wp.uint64,
+    episode: int,
+    stream: wp.uint32,
+    trial: int,
+    qpos: wp.array(dtype=float),
+):
+    """Draw the object's joint positions into its world's `qpos`."""
+    adr = program.obj_drawadr[obj]
+    u = wp.vec4(0.0)
+    for i in range(program.obj_drawnum[obj]):
+        if i % 4 == 0:
+            u = uniforms(seed, episode, stream, trial, _FIRST_DRAW + i // 4)
+        num = program.draw_choicenum[adr + i]
+        interval = program.draw_range[adr + i]
+        value = interval[0] + u[i % 4] * (interval[1] - interval[0])
+        if num > 0:
+            value = program.choice[program.draw_choiceadr[adr + i] + wp.min(int(u[i % 4] * float(num)), num - 1)]
+        qpos[program.draw_qposadr[adr + i]] = value
+    follow_joints(program, obj, qpos)
+
+
+@wp.func
+def follow_joints(program: Program, obj: int, qpos: wp.array(dtype=float)):
+    """Put the joints that follow the object's drawn ones where these are."""
+    adr = program.obj_followadr[obj]
+    for i in range(adr, adr + program.obj_follownum[obj]):
+        follow_joint(program.follow_driveradr, program.follow_qposadr, program.follow_coef, i, qpos)
+
+
+@wp.func
+def follow_joint(
+    driveradr: wp.array(dtype=int),
+    qposadr: wp.array(dtype=int),
+    coef: wp.array2d(dtype=wp.float64),
+    i: int,
+    qpos: wp.array(dtype=float),
+):
+    """Put one joint where its equality has it, as MuJoCo computes that."""
+    x = wp.float64(qpos[driveradr[i]]) - coef[i, 0]
+    y = coef[i, 1] + x * (coef[i, 2] + x * (coef[i, 3] + x * (coef[i, 4] + x * coef[i, 5])))
+    qpos[qposadr[i]] = float(y)
+
+
+@wp.func
+def pose_body(
+    program: Program,
+    body: int,
+    qpos: wp.array(dtype=float),
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+):
+    """Pose one body, its parent being posed."""
+    parent = program.body_parent[body]
+    quat = mul_quat(body_quat[parent], program.body_quat[body])
+    pos = body_pos[parent] + rot_vec_quat(program.body_pos[body], body_quat[parent])
+    for j in range(program.body_jntnum[body]):
+        joint = program.body_jntadr[body] + j
+        q = qpos[program.jnt_qposadr[joint]] - program.jnt_qpos0[joint]
+        axis = program.jnt_axis[joint]
+        if program.jnt_slide[joint] != 0:
+            pos += rot_vec_quat(axis, quat) * q
+        else:
+            anchor = program.jnt_pos[joint]
+            pivot = pos + rot_vec_quat(anchor, quat)
+            quat = mul_quat(quat, axis_angle_quat(axis, q))
+            pos = pivot - rot_vec_quat(anchor, quat)
+    body_pos[body] = pos
+    body_quat[body] = wp.normalize(quat)
+
+
+@wp.func
+def pose_bodies(
+    program: Program,
+    obj: int,
+    first: int,
+    qpos: wp.array(dtype=float),
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+):
+    """Pose the object's bodies from `first` on in its list (1: its root is posed already), parents before children."""
+    adr = program.obj_bodyadr[obj]
+    for i in range(first, program.obj_bodynum[obj]):
+        pose_body(program, program.body_list[adr + i], qpos, body_pos, body_quat)
+
+
+@wp.func
+def write_root(
+    program: Program,
+    obj: int,
+    pos: wp.vec3,
+    quat: wp.vec4,
+    qpos: wp.array(dtype=float),
+    mocap_pos: wp.array(dtype=wp.vec3),
+    mocap_quat: wp.array(dtype=wp.quat),
+):
+    """Write the pose of an object's root where MuJoCo reads it: its free joint, or its mocap body."""
+    adr = program.obj_adr[obj]
+    if program.obj_kind[obj] == _FREE:
+        for i in range(3):
+            qpos[adr + i] = pos[i]
+        for i in range(4):
+            qpos[adr + 3 + i] = quat[i]
+    else:
+        mocap_pos[adr] = pos
+        mocap_quat[adr] = wp.quat(quat[0], quat[1], quat[2], quat[3])

@@ -1,0 +1,119 @@
+"""Where the objects of a world stand: what relations see of those that were placed before."""
+
+import warp as wp
+
+from sceniris_gym.device.angles import unit_circle
+
+
+@wp.struct
+class Placed:
+    """One object seen from above: its pivot [m], its x axis, and its bounds along its axes around the pivot."""
+
+    at: wp.vec2
+    axis: wp.vec2
+    low: wp.vec2
+    high: wp.vec2
+
+
+@wp.func
+def placed(at: wp.vec2, heading: float, bounds: wp.vec4) -> Placed:
+    """An object with its pivot at `at`, this heading [rad] and bounds: low x, low y, high x, high y."""
+    p = Placed()
+    p.at = at
+    p.axis = unit_circle(heading)
+    p.low = wp.vec2(bounds[0], bounds[1])
+    p.high = wp.vec2(bounds[2], bounds[3])
+    return p
+
+
+@wp.func
+def _turned_to(v: wp.vec2, to: wp.vec2) -> wp.vec2:
+    """A plane vector turned as the x axis is turned to the unit vector `to`."""
+    return wp.vec2(to[0] * v[0] - to[1] * v[1], to[1] * v[0] + to[0] * v[1])
+
+
+@wp.func
+def along_axes(p: Placed, v: wp.vec2) -> wp.vec2:
+    """A vector in the axes of an object as one in the world."""
+    return _turned_to(v, p.axis)
+
+
+@wp.func
+def turned(v: wp.vec2, angle: float) -> wp.vec2:
+    """A plane vector turned counter-clockwise by `angle` [rad]."""
+    return _turned_to(v, unit_circle(angle))
+
+
+@wp.func
+def bounds_corner(p: Placed, i: int) -> wp.vec2:
+    """Corner `i` (0 to 3, counter-clockwise) of an object's bounds in the world."""
+    x = p.low[0]
+    y = p.low[1]
+    if i == 1 or i == 2:
+        x = p.high[0]
+    if i >= 2:
+        y = p.high[1]
+    return p.at + _turned_to(wp.vec2(x, y), p.axis)
+
+
+@wp.func
+def bounds_radius(p: Placed) -> float:
+    """Distance [m] from the pivot to the furthest corner of the bounds."""
+    x = wp.max(wp.abs(p.low[0]), wp.abs(p.high[0]))
+    y = wp.max(wp.abs(p.low[1]), wp.abs(p.high[1]))
+    return wp.sqrt(x * x + y * y)
+
+
+@wp.func
+def bounds_extent(p: Placed, direction: wp.vec2) -> wp.vec2:
+    """Least and greatest extent [m] of the bounds along a unit vector, counted from the pivot."""
+    low = float(1.0e30)
+    high = float(-1.0e30)
+    for i in range(4):
+        along = wp.dot(bounds_corner(p, i) - p.at, direction)
+        low = wp.min(low, along)
+        high = wp.max(high, along)
+    return wp.vec2(low, high)
+
+
+@wp.func
+def _outside_sq(p: Placed, x: wp.vec2) -> float:
+    """Squared distance of a point from the bounds, 0 inside."""
+    local = _turned_to(x - p.at, wp.vec2(p.axis[0], -p.axis[1]))
+    dx = wp.max(wp.max(p.low[0] - local[0], local[0] - p.high[0]), 0.0)
+    dy = wp.max(wp.max(p.low[1] - local[1], local[1] - p.high[1]), 0.0)
+    return dx * dx + dy * dy
+
+
+@wp.func
+def bounds_offset(p: Placed) -> float:
+    """How far [m] the pivot is outside of the bounds, where drawn joints carried all of an object away from it."""
+    return wp.sqrt(_outside_sq(p, p.at))
+
+
+@wp.func
+def _apart_along(a: Placed, b: Placed, direction: wp.vec2) -> bool:
+    shift = wp.dot(b.at - a.at, direction)
+    ea = bounds_extent(a, direction)
+    eb = bounds_extent(b, direction)
+    return ea[1] < shift + eb[0] or shift + eb[1] < ea[0]
+
+
+@wp.func
+def bounds_distance(a: Placed, b: Placed) -> float:
+    """Distance [m] of two bounds seen from above; 0 if they overlap.
+
+    Two convex polygons that are apart are closest at a corner of one of them.
+    """
+    apart = (
+        _apart_along(a, b, a.axis)
+        or _apart_along(a, b, wp.vec2(-a.axis[1], a.axis[0]))
+        or _apart_along(a, b, b.axis)
+        or _apart_along(a, b, wp.vec2(-b.axis[1], b.axis[0]))
+    )
+    if not apart:
+        return 0.0
+    best = float(1.0e30)
+    for i in range(4):
+        best = wp.min(best, wp.min(_outside_sq(a, bounds_corner(b, i)), _outside_sq(b, bounds_corner(a, i))))
+    return wp.sqrt(best)

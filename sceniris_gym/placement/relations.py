@@ -1,0 +1,296 @@
+"""Spatial relations as regions of the plane: convex pieces that hold them, and the exact test of a point.
+
+A wedge with distances is cut into slices of at most 30 degrees, of fewer where the ring is thin, each held by four
+half-planes: two rays, a chord inside the inner circle and a tangent outside the outer one. The slices do not overlap,
+so areas add up; what they hold too much, less than there is, is drawn again after the exact test.
+"""
+
+import math
+
+import warp as wp
+
+from sceniris_gym.config.limits import MAX_ANCHORS
+from sceniris_gym.device.angles import angle_of, unit_circle
+from sceniris_gym.placement.placed import (
+    Placed,
+    along_axes,
+    bounds_distance,
+    bounds_extent,
+    bounds_offset,
+    bounds_radius,
+    placed,
+    turned,
+)
+from sceniris_gym.placement.polygons import HalfPlane, convex_hull, cross2, half_plane
+from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, Program, RelationType
+
+_SECTOR = wp.constant(int(RelationType.SECTOR))
+_BETWEEN = wp.constant(int(RelationType.BETWEEN))
+_JOINED = wp.constant(int(RelationType.JOINED))
+_FRAME_SUPPORT = wp.constant(FRAME_SUPPORT)
+_FRAME_WORLD = wp.constant(FRAME_WORLD)
+_MAX_ANCHORS = wp.constant(MAX_ANCHORS)
+_PI = wp.constant(math.pi)
+_NO_LIMIT = wp.constant(1.0e29)
+# Anchors whose hull is thinner than this [m] are collinear: a strip takes the hull's place. If they are no further
+# apart than that they are one point: a square along the world's axes takes the strip's.
+_THIN = wp.constant(1.0e-3)
+# Beside is a line, and joined a point; both are drawn as strips of this half width [m], a fifth of what a violation
+# would be.
+_LINE = wp.constant(2.0e-5)
+# What is no further [m] than this from its anchor is in no direction from it, but for rounding.
+_NO_DIRECTION = wp.constant(1.0e-5)
+
+
+@wp.struct
+class ResolvedRelation:
+    """What one relation comes to in one world.
+
+    A sector: apex, direction of its axis and half angle [rad], least and greatest distance that its pieces hold [m]. A
+    strip or a line: `apex` and the unit vector `along`, from `low` to `high` along it and `half` to both sides. A hull:
+    its number of corners, which are kept beside. `reach` is a radius around `apex` that holds all pieces [m].
+    """
+
+    active: bool
+    hullnum: int
+    apex: wp.vec2
+    axis: float
+    half_angle: float
+    along: wp.vec2
+    low: float
+    high: float
+    half: float
+    reach: float
+
+
+@wp.func
+def load_placed(place: wp.array(dtype=wp.vec4), bounds: wp.array(dtype=wp.vec4), slot: int) -> Placed:
+    """The object in a slot of one world, from (x, y, z, heading) and its bounds (low x, low y, high x, high y)."""
+    return placed(wp.vec2(place[slot][0], place[slot][1]), place[slot][3], bounds[slot])
+
+
+@wp.func
+def _between(
+    width: float, points: wp.array(dtype=wp.vec2), num: int, hull: wp.array(dtype=wp.vec2), first: int
+) -> ResolvedRelation:
+    """The hull of the anchors; a strip around the longest segment if they lie on a line; a square around one point."""
+    s = ResolvedRelation()
+    s.active = num >= 2
+    s.reach = _NO_LIMIT
+    a = int(0)
+    b = int(0)
+    longest = float(0.0)
+    for i in range(num):
+        for j in range(i):
+            length = wp.length(points[i] - points[j])
+            if length > longest:
+                longest = length
+                a = i
+                b = j
+    s.apex = 0.5 * (points[a] + points[b])
+    s.half = 0.5 * width
+    s.along = wp.vec2(1.0, 0.0)
+    s.low = -s.half
+    s.high = s.half
+    if longest > _THIN:
+        s.apex = points[a]
+        s.along = (points[b] - points[a]) / longest
+        s.low = 0.0
+        s.high = longest
+    left = float(0.0)
+    right = float(0.0)
+    for i in range(num):
+        off = cross2(s.along, points[i] - s.apex)
+        left = wp.max(left, off)
+        right = wp.min(right, off)
+    if left - right > _THIN:
+        s.hullnum = convex_hull(points, num, hull, first)
+    return s
+
+
+@wp.func
+def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float) -> ResolvedRelation:
+    """The line on which the pivot lies where the bounds are `gap` apart and the narrower lies within the wider."""
+    s = ResolvedRelation()
+    s.active = True
+    s.reach = _NO_LIMIT
+    side = turned(wp.vec2(1.0, 0.0), axis)
+    s.along = wp.vec2(-side[1], side[0])
+    offset = bounds_extent(anchor, side)[1] + program.rel_gap[rel] - bounds_extent(own, side)[0]
+    wide = bounds_extent(anchor, s.along)
+    narrow = bounds_extent(own, s.along)
+    s.apex = anchor.at + side * offset
+    # wider by as much at its ends: it is a point where both are of one width
+    s.low = wp.min(wide[0] - narrow[0], wide[1] - narrow[1]) - _LINE
+    s.high = wp.max(wide[0] - narrow[0], wide[1] - narrow[1]) + _LINE
+    s.half = _LINE
+    return s
+
+
+@wp.func
+def _joined(program: Program, rel: int, own: Placed, anchor: Placed) -> ResolvedRelation:
+    """The point at which the pivot lies where the sites meet."""
+    s = ResolvedRelation()
+    s.active = True
+    sites = program.rel_sites[rel]
+    s.apex = anchor.at + along_axes(anchor, wp.vec2(sites[0], sites[1])) - along_axes(own, wp.vec2(sites[2], sites[3]))
+    s.along = wp.vec2(1.0, 0.0)
+    s.low = -_LINE
+    s.high = _LINE
+    s.half = _LINE
+    s.reach = 2.0 * _LINE
+    return s
+
+
+@wp.func
+def resolve(
+    program: Program,
+    rel: int,
+    own: Placed,
+    support_heading: float,
+    place: wp.array(dtype=wp.vec4),
+    bounds: wp.array(dtype=wp.vec4),
+    present: wp.array(dtype=int),
+    hull: wp.array(dtype=wp.vec2),
+    first: int,
+) -> ResolvedRelation:
+    """What a relation comes to for an object (its bounds and heading; where it is does not matter) in one world.
+
+    Absent anchors count as not named; a relation that is left without enough of them is not active. The corners of a
+    hull go into `hull` from `first` on.
+    """
+    adr = program.rel_anchoradr[rel]
+    points = wp.zeros(shape=(_MAX_ANCHORS,), dtype=wp.vec2)
+    num = int(0)
+    for i in range(program.rel_anchornum[rel]):
+        slot = program.rel_anchor[adr + i]
+        if present[slot] != 0:
+            points[num] = wp.vec2(place[slot][0], place[slot][1])
+            num += 1
+    if program.rel_type[rel] == _BETWEEN:
+        width = program.rel_width[rel]
+        if width < 0.0:
+            size = own.high - own.low
+            width = wp.min(size[0], size[1])
+        return _between(width, points, num, hull, first)
+
+    s = ResolvedRelation()
+    s.reach = _NO_LIMIT
+    frame = program.rel_frame[rel]
+    axis = program.rel_heading[rel]
+    s.active = num > 0
+    if frame == _FRAME_SUPPORT:
+        axis += support_heading
+    elif frame != _FRAME_WORLD:
+        axis += place[frame][3]
+        s.active = s.active and present[frame] != 0
+    if not s.active:
+        return s
+    anchor = load_placed(place, bounds, program.rel_anchor[adr])
+    if program.rel_type[rel] == _JOINED:
+        return _joined(program, rel, own, anchor)
+    if program.rel_type[rel] != _SECTOR:
+        return _beside(program, rel, own, anchor, axis)
+    s.apex = anchor.at
+    s.axis = axis
+    s.half_angle = program.rel_half_angle[rel]
+    s.low = program.rel_low[rel]
+    s.high = program.rel_high[rel]
+    if program.rel_bounds[rel] != 0:
+        s.low -= bounds_offset(anchor) + bounds_offset(own)
+        s.high += bounds_radius(anchor) + bounds_radius(own)
+    if s.high < _NO_LIMIT:
+        # where the tangents of two slices meet, and more than what rounds
+        s.reach = 1.001 * s.high / unit_circle(s.half_angle / float(program.rel_piecenum[rel]))[0]
+    return s
+
+
+@wp.func
+def side_num(s: ResolvedRelation) -> int:
+    """How many half-planes hold one piece of a relation; -1 where it is not active."""
+    if not s.active:
+        return -1
+    if s.hullnum > 0:
+        return s.hullnum
+    return 4
+
+
+@wp.func
+def _slice_sides(program: Program, rel: int, s: ResolvedRelation, sides: wp.array(dtype=HalfPlane), first: int):
+    """Write the four half-planes that hold each slice of a sector: two rays, a chord and a tangent."""
+    pieces = program.rel_piecenum[rel]
+    slice = 2.0 * s.half_angle / float(pieces)
+    inner = s.low * unit_circle(0.5 * slice)[0]
+    everything = half_plane(wp.vec2(0.0, 0.0), s.apex, 0.0)
+    for piece in range(pieces):
+        adr = first + 4 * piece
+        start = s.axis - s.half_angle + slice * float(piece)
+        sides[adr] = everything
+        sides[adr + 1] = everything
+        sides[adr + 2] = everything
+        sides[adr + 3] = everything
+        if s.half_angle < _PI or pieces > 1:
+            sides[adr] = half_plane(turned(wp.vec2(0.0, -1.0), start), s.apex, 0.0)
+            sides[adr + 1] = half_plane(turned(wp.vec2(0.0, 1.0), start + slice), s.apex, 0.0)
+        middle = turned(wp.vec2(1.0, 0.0), start + 0.5 * slice)
+        if s.low > 0.0:
+            sides[adr + 2] = half_plane(-middle, s.apex, -inner)
+        if s.high < _NO_LIMIT:
+            sides[adr + 3] = half_plane(middle, s.apex, s.high)
+
+
+@wp.func
+def write_sides(
+    program: Program,
+    rel: int,
+    s: ResolvedRelation,
+    hull: wp.array(dtype=wp.vec2),
+    corner: int,
+    sides: wp.array(dtype=HalfPlane),
+    first: int,
+):
+    """Write the half-planes that hold all pieces of a relation into `sides` from `first` on.
+
+    The corners of its hull are those of `hull` from `corner` on.
+    """
+    if not s.active:
+        return
+    if s.hullnum > 0:
+        for k in range(s.hullnum):
+            a = hull[corner + k]
+            edge = hull[corner + (k + 1) % s.hullnum] - a
+            sides[first + k] = half_plane(wp.vec2(edge[1], -edge[0]), a, 0.0)
+    elif program.rel_type[rel] == _SECTOR:
+        _slice_sides(program, rel, s, sides, first)
+    else:
+        across = wp.vec2(-s.along[1], s.along[0])
+        sides[first] = half_plane(s.along, s.apex, s.high)
+        sides[first + 1] = half_plane(-s.along, s.apex, -s.low)
+        sides[first + 2] = half_plane(across, s.apex, s.half)
+        sides[first + 3] = half_plane(-across, s.apex, s.half)
+
+
+@wp.func
+def relation_holds(
+    program: Program,
+    rel: int,
+    s: ResolvedRelation,
+    own: Placed,
+    place: wp.array(dtype=wp.vec4),
+    bounds: wp.array(dtype=wp.vec4),
+) -> bool:
+    """Does a relation hold exactly, with the object where `own` has it? One of its pieces holds the point already."""
+    if not s.active or program.rel_type[rel] != _SECTOR:
+        return True
+    v = own.at - s.apex
+    distance = wp.length(v)
+    if program.rel_bounds[rel] != 0:
+        distance = bounds_distance(own, load_placed(place, bounds, program.rel_anchor[program.rel_anchoradr[rel]]))
+    if distance < program.rel_low[rel] or distance > program.rel_high[rel]:
+        return False
+    if s.half_angle >= _PI:
+        return True
+    if wp.length(v) <= _NO_DIRECTION:
+        return False
+    axis = turned(wp.vec2(1.0, 0.0), s.axis)
+    return wp.abs(angle_of(wp.dot(axis, v), cross2(axis, v))) <= s.half_angle

@@ -1,0 +1,202 @@
+"""What is above a point of a support, and whether a footprint lies on it."""
+
+import warp as wp
+
+from sceniris_gym.collide.convex import least_extent, piece_shape, segment_shape, separated
+from sceniris_gym.collide.leaves import piece_pose
+from sceniris_gym.device.quaternions import rot_vec_quat
+from sceniris_gym.device.transforms import Pose, compose, pose_of, relative
+from sceniris_gym.geometry.pieces import PieceType
+from sceniris_gym.program.device import Program
+
+_BOX = wp.constant(int(PieceType.BOX))
+_SHADOW = wp.constant(wp.vec3(1.0, 1.0, 0.0))
+_SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
+# How far up a roof is looked for [m], and how far over the surface the look begins: surfaces of one height but of two
+# geoms may differ by rounding.
+_ROOF_REACH = wp.constant(5.0)
+_ROOF_START = wp.constant(1.0e-4)
+# A footprint may graze the rim of its support by the skin of the collision test.
+_RIM = wp.constant(-1.0e-6)
+# Of a radius and the distances that it is compared with [m].
+_ROUNDING = wp.constant(1.0e-5)
+
+
+@wp.func
+def _upward(point: wp.vec3) -> Pose:
+    """A frame whose x axis runs up from `point`, centred on the segment in which a roof is looked for."""
+    p = Pose()
+    p.pos = point + wp.vec3(0.0, 0.0, _ROOF_START + 0.5 * _ROOF_REACH)
+    p.rot = wp.mat33(0.0, 0.0, -1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0)
+    return p
+
+
+@wp.func
+def _crosses_box(half: wp.vec3, rel: Pose) -> bool:
+    """Does the segment in which a roof is looked for cross a box, posed in the segment's frame? By slabs."""
+    start = -(wp.transpose(rel.rot) * rel.pos)
+    low = float(-0.5 * _ROOF_REACH)
+    high = float(0.5 * _ROOF_REACH)
+    for i in range(3):
+        along = rel.rot[0, i]
+        if wp.abs(along) < 1.0e-9:
+            if wp.abs(start[i]) > half[i]:
+                return False
+        else:
+            a = (-half[i] - start[i]) / along
+            b = (half[i] - start[i]) / along
+            low = wp.max(low, wp.min(a, b))
+            high = wp.min(high, wp.max(a, b))
+    return low <= high
+
+
+@wp.func
+def _origin(
+    program: Program, piece: int, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
+) -> wp.vec3:
+    """The origin of a piece's frame in the world, around which `piece_radius` holds it."""
+    body = program.piece_body[piece]
+    return body_pos[body] + rot_vec_quat(program.piece_pos[piece], body_quat[body])
+
+
+@wp.func
+def _is_under_piece(
+    program: Program, piece: int, point: wp.vec3, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
+) -> bool:
+    """Is a convex piece above `point` (world frame)?"""
+    beside = _origin(program, piece, body_pos, body_quat) - point
+    if wp.length(wp.vec2(beside[0], beside[1])) > program.piece_radius[piece] + _ROUNDING:  # most are
+        return False
+    body = program.piece_body[piece]
+    frame = compose(pose_of(body_pos[body], body_quat[body]), piece_pose(program, piece))
+    rel = relative(_upward(point), frame)
+    if program.piece_type[piece] == _BOX:
+        return _crosses_box(program.piece_size[piece], rel)
+    return not separated(program.vert, segment_shape(0.5 * _ROOF_REACH), piece_shape(program, piece), rel, _SPACE, 0.0)
+
+
+@wp.func
+def _is_under_faces(
+    program: Program,
+    collider: int,
+    point: wp.vec3,
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+) -> bool:
+    """Is a triangle of the collider above `point` (world frame)?"""
+    body = program.collider_body[collider]
+    frame = pose_of(body_pos[body], body_quat[body])
+    back = wp.transpose(frame.rot)
+    start = back * (point + wp.vec3(0.0, 0.0, _ROOF_START) - frame.pos)
+    return wp.mesh_query_ray(program.collider_mesh[collider], start, back * wp.vec3(0.0, 0.0, 1.0), _ROOF_REACH).result
+
+
+@wp.func
+def is_under_roof(
+    program: Program, entry: int, point: wp.vec3, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
+) -> bool:
+    """Is an entry of `roof_list` above `point` (world frame): a convex piece, or where faces are tested a collider?"""
+    if program.faces != 0:
+        return _is_under_faces(program, entry, point, body_pos, body_quat)
+    return _is_under_piece(program, entry, point, body_pos, body_quat)
+
+
+@wp.func
+def inside_outline(program: Program, surface: int, p: wp.vec2) -> bool:
+    """Does `p` lie inside the surface's outline? Crossings of a ray along x; holes are edges like any other."""
+    inside = bool(False)
+    for i in range(program.surface_edgenum[surface]):
+        a = program.edge_a[program.surface_edgeadr[surface] + i]
+        b = program.edge_b[program.surface_edgeadr[surface] + i]
+        if (a[1] > p[1]) != (b[1] > p[1]) and p[0] < a[0] + (b[0] - a[0]) * (p[1] - a[1]) / (b[1] - a[1]):
+            inside = not inside
+    return inside
+
+
+@wp.func
+def outline_distance(program: Program, surface: int, p: wp.vec2) -> float:
+    """Distance [m] of `p` from the nearest edge of the surface's outline."""
+    least = float(1.0e30)
+    for i in range(program.surface_edgenum[surface]):
+        a = program.edge_a[program.surface_edgeadr[surface] + i]
+        along = program.edge_b[program.surface_edgeadr[surface] + i] - a
+        share = wp.clamp(wp.dot(p - a, along) / wp.dot(along, along), 0.0, 1.0)
+        least = wp.min(least, wp.length(p - a - share * along))
+    return least
+
+
+@wp.func
+def shadow_on_edge(program: Program, piece: int, edge: int, rel: Pose) -> bool:
+    """Does an edge of an outline pass through the shadow of a piece? `rel`: the piece in the outline's frame, z up.
+
+    A convex shadow lies in an outline if one of its points does and no edge of the outline passes through it.
+    """
+    a = program.edge_a[edge]
+    b = program.edge_b[edge]
+    along = b - a
+    length = wp.length(along)
+    c = along[0] / length
+    s = along[1] / length
+    frame = Pose()
+    frame.pos = wp.vec3(0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.0)
+    frame.rot = wp.mat33(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
+    seen = relative(frame, rel)
+    beside = wp.max(wp.abs(seen.pos[0]) - 0.5 * length, 0.0)
+    if wp.length(wp.vec2(beside, seen.pos[1])) > program.piece_radius[piece]:
+        return False
+    return not separated(program.vert, segment_shape(0.5 * length), piece_shape(program, piece), seen, _SHADOW, _RIM)
+
+
+@wp.func
+def _inward(program: Program, edge: int, turn: int) -> wp.vec3:
+    """The unit vector across an edge of a convex outline, inwards. `turn`: -1 if it runs clockwise, else 1."""
+    along = wp.normalize(program.edge_b[edge] - program.edge_a[edge])
+    return float(turn) * wp.vec3(-along[1], along[0], 0.0)
+
+
+@wp.func
+def _lies_inside(program: Program, edge: int, turn: int, at: wp.vec3, radius: float) -> bool:
+    """Does a sphere, in the outline's frame, lie well inside of an edge of a convex outline?"""
+    a = program.edge_a[edge]
+    inward = _inward(program, edge, turn)
+    return wp.dot(inward, at) - inward[0] * a[0] - inward[1] * a[1] > radius + _ROUNDING
+
+
+@wp.func
+def _extends_beyond(program: Program, piece: int, edge: int, turn: int, rel: Pose) -> bool:
+    """Does a piece extend beyond an edge of a convex outline? `turn`: -1 if it runs clockwise, else 1."""
+    a = program.edge_a[edge]
+    inward = _inward(program, edge, turn)
+    least = least_extent(program.vert, piece_shape(program, piece), rel, inward)
+    return least < inward[0] * a[0] + inward[1] * a[1] + _RIM
+
+
+@wp.func
+def overhangs(
+    program: Program,
+    obj: int,
+    surface: int,
+    index: int,
+    ground: Pose,
+    body_pos: wp.array(dtype=wp.vec3),
+    body_quat: wp.array(dtype=wp.vec4),
+) -> bool:
+    """Does a piece of the posed object's footprint lie off the surface at an edge? `index`: of both, edges first.
+
+    `ground` is the pose of the surface's body. A footprint lies on the surface if none of its pieces does that.
+    """
+    sides = program.surface_edgenum[surface]
+    piece = program.shadow_list[program.obj_shadowadr[obj] + index // sides]
+    body = program.piece_body[piece]
+    edge = program.surface_edgeadr[surface] + index % sides
+    turn = program.surface_convex[surface]
+    if turn != 0:
+        at = wp.transpose(ground.rot) * (_origin(program, piece, body_pos, body_quat) - ground.pos)
+        if _lies_inside(program, edge, turn, at, program.piece_radius[piece]):  # most do
+            return False
+    rel = relative(ground, compose(pose_of(body_pos[body], body_quat[body]), piece_pose(program, piece)))
+    if turn != 0:
+        return _extends_beyond(program, piece, edge, turn, rel)
+    if shadow_on_edge(program, piece, edge, rel):
+        return True
+    return index % sides == 0 and not inside_outline(program, surface, wp.vec2(rel.pos[0], rel.pos[1]))

@@ -1,0 +1,1 @@
+"""A Plan as the flat arrays of the device."""

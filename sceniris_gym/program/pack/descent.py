@@ -1,0 +1,83 @@
+"""Where the collision test begins: pairs of boxes of two trees, see `collide/boxes.py`."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from sceniris_gym.geometry.colliders import Colliders
+
+
+def first_nodes(c: Colliders, entries: Sequence[tuple[int, int, int]], lanes: int) -> list[tuple[int, int, int]]:
+    """Where the descent of both trees begins: (pair, node of a, node of b).
+
+    The largest boxes are opened ahead of time, whatever the poses, until there is an entry for every lane: that saves
+    the first passes of every test, in which most lanes would have nothing to do.
+
+    Args:
+        c: All colliders.
+        entries: What is to be tested for one object, in as few entries as possible.
+        lanes: How many lanes share the work; a single one does best with the fewest entries.
+    """
+    half, child = _half(c), _child(c)
+    found = list(entries)
+    while 0 < len(found) < lanes:
+        sizes = [max(half[node].max() if child[node] >= 0 else 0.0 for node in e[1:]) for e in found]
+        widest = int(np.argmax(sizes))
+        if sizes[widest] <= 0.0:
+            break
+        pair, a, b = found.pop(widest)
+        found += [(pair, *nodes) for nodes in _opened(half, child, a, b)]
+    return found
+
+
+def nodes_without(c: Colliders, a: int, b: int, left_out: Collection[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Pairs of nodes below two colliders that together cover all pairs of their leaves but those left out.
+
+    Args:
+        c: All colliders.
+        a: One collider.
+        b: The other one.
+        left_out: Pairs of leaves, as nodes of a and of b.
+    """
+    half, child = _half(c), _child(c)
+
+    def below(first: int, second: int, out: Collection[tuple[int, int]]) -> list[tuple[int, int]]:
+        within = [(x, y) for x, y in out if x in _leaves(child, first) and y in _leaves(child, second)]
+        if not within:
+            return [(first, second)]
+        if child[first] < 0 and child[second] < 0:
+            return []
+        return [found for nodes in _opened(half, child, first, second) for found in below(*nodes, within)]
+
+    return below(c.root[a], c.root[b], left_out)
+
+
+def leaf_nodes(c: Colliders, collider: int) -> dict[int, int]:
+    """The leaves of a collider by their nodes: pieces, also where it is a plane."""
+    if c.plane[collider] >= 0:
+        return {c.root[collider]: c.plane[collider]}
+    child = _child(c)
+    return {node: int(~child[node]) for node in _leaves(child, c.root[collider])}
+
+
+def _half(c: Colliders) -> np.ndarray:
+    return np.concatenate([*c.half, np.zeros((0, 3))])
+
+
+def _child(c: Colliders) -> np.ndarray:
+    return np.concatenate([*c.child, np.zeros(0, int)])
+
+
+def _leaves(child: np.ndarray, node: int) -> list[int]:
+    """Leaves below a node."""
+    first = int(child[node])
+    return [node] if first < 0 else _leaves(child, first) + _leaves(child, first + 1)
+
+
+def _opened(half: np.ndarray, child: np.ndarray, a: int, b: int) -> list[tuple[int, int]]:
+    """The two smaller pairs of boxes that a pair of boxes consists of, not both of which are leaves."""
+    if child[b] < 0 or (child[a] >= 0 and half[a].max() > half[b].max()):
+        return [(int(child[a]), b), (int(child[a]) + 1, b)]
+    return [(a, int(child[b])), (a, int(child[b]) + 1)]

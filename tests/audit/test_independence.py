@@ -1,0 +1,36 @@
+"""The audit shares no code with what it judges, but for the reading of the scene file."""
+
+import subprocess
+import sys
+
+# What the audit and the generator have in common: the words of a scene file and the numbers that they stand for, which
+# tests/config/test_relations.py holds to literal ones. Where things are each of them works out by itself.
+READING = {
+    "scene",  # SceneConfig
+    "objects",  # who stands where, and on what
+    "relations",  # a relation's anchors, heading, half-angle and distances
+    "orientation",  # the DrawnOrientation that an orientation means
+    "groups",
+    "heaps",  # which things fill what, and the file of their rows
+    "robot",  # which arm, and where its base and TCP are
+    "fields",
+    "section",  # mistakes in a scene file, and files
+    "messages",
+    "validation",
+    "loader",
+    "limits",
+    "bounds",  # of numbers in a scene file
+    "expansion",  # how much a file says by its aliases
+    "paths",  # how users give them
+    "tier",  # the names of tiers
+}
+
+
+def test_the_audit_imports_nothing_that_makes_layouts():
+    """In a fresh process the whole audit is imported: config/, the names of tiers, and the table that holds layouts."""
+    program = "import sys; from sceniris_gym.audit import auditor, reach; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
+    own = [name.removeprefix("sceniris_gym.").split(".") for name in loaded if name.startswith("sceniris_gym.")]
+    assert {path[0] for path in own} == {"errors", "registration", "config", "scene", "audit"}
+    assert {path[1] for path in own if path[0] == "config" and len(path) > 1} == READING
+    assert {path[1] for path in own if path[0] == "scene" and len(path) > 1} == {"layout_table"}

@@ -1,0 +1,125 @@
+"""The audit of relations, on rows whose faults are known."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sceniris_gym.audit.auditor import Auditor
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.scene.model import build_model
+from tests.audit.judging import at, missed
+
+
+@pytest.mark.parametrize(
+    ("word", "angle", "crate", "off"),
+    [
+        ("left_of", 30, (-0.5, 0.0), -30.0),
+        ("left_of", 30, (-0.5, -0.01), -30.0 + np.degrees(np.arctan(0.02))),
+        ("left_of", 30, (-0.5, 0.5), 15.0),
+        ("right_of", 90, (-0.5, 0.0), 90.0),
+        ("front_of", 90, (0.3, -0.3), -45.0),
+        ("back_of", 120, (0.3, -0.3), 15.0),
+    ],
+)
+@pytest.mark.parametrize("yaw", [0.0, 2.5])
+def test_angles_are_measured_from_the_heading_of_the_frame(word: str, angle: float, crate, off: float, yaw: float):
+    """In the world's frame whatever the anchor's yaw is, and in the anchor's when all is turned with it."""
+    relation = {word: "can", "angle": angle}
+    fixed = missed({**relation, "frame": "world"}, can=at(0, 0, yaw), crate=at(*crate))
+    assert np.degrees(fixed["rad"]) == pytest.approx(off, abs=1e-3)
+    c, s = np.cos(yaw), np.sin(yaw)
+    turned = missed(relation, can=at(0, 0, yaw), crate=at(c * crate[0] - s * crate[1], s * crate[0] + c * crate[1]))
+    assert np.degrees(turned["rad"]) == pytest.approx(off, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("side", "at_yaw_0", "at_yaw_90"),
+    [
+        ("right", (0.5, 0.0), (0.0, 0.5)),
+        ("back", (0.0, 0.5), (-0.5, 0.0)),
+        ("left", (-0.5, 0.0), (0.0, -0.5)),
+        ("front", (0.0, -0.5), (0.5, 0.0)),
+    ],
+)
+def test_each_side_is_where_it_should_be(side: str, at_yaw_0: tuple, at_yaw_90: tuple):
+    """In literal numbers, all the places of the other sides are wrong by a quarter or a half of a turn."""
+    relation = {f"{side}_of": "can", "angle": 1}
+    for yaw, place in ((0.0, at_yaw_0), (np.pi / 2, at_yaw_90)):
+        for quarters, off in ((0, -1.0), (1, 89.0), (2, 179.0), (3, 89.0)):
+            x, y = ((1, 0), (0, 1), (-1, 0), (0, -1))[quarters]
+            crate = (x * place[0] - y * place[1], y * place[0] + x * place[1])
+            found = missed(relation, can=at(0, 0, yaw), crate=at(*crate))
+            assert np.degrees(found["rad"]) == pytest.approx(off, abs=1e-3)
+
+
+def test_distances_are_between_pivots_or_between_bounds():
+    """Crates of 8 cm and cans of 6 cm; a crate that is turned by 45 degrees comes nearer with its corner."""
+    ring = {"min": 0.2, "max": 0.3}
+    assert missed({"near": "can", "distance": ring}, can=at(0, 0), crate=at(0, 0.4))["m"] == pytest.approx(0.1)
+    assert missed({"near": "can", "distance": ring}, can=at(0, 0), crate=at(0, 0.15))["m"] == pytest.approx(0.05)
+    assert missed({"near": "can", "distance": ring}, can=at(0, 0), crate=at(0, 0.25))["m"] == pytest.approx(-0.05)
+    bounds = {"near": "can", "measure": "bounds", "distance": ring}
+    assert missed(bounds, can=at(0, 0), crate=at(0, 0.4))["m"] == pytest.approx(0.4 - 0.07 - 0.3)
+    turned = missed(bounds, can=at(0, 0), crate=at(0, 0.4, np.pi / 4))["m"]
+    assert turned == pytest.approx(0.4 - 0.03 - 0.04 * np.sqrt(2) - 0.3)
+    assert missed(bounds, can=at(0, 0), crate=at(0, 0.01))["m"] == pytest.approx(0.2)
+
+
+def test_beside_is_a_gap_and_one_span_within_the_other():
+    """Too near, too far, on the wrong side, and pushed past the edge."""
+    beside = {"beside": "can", "side": "right", "gap": 0.01}
+    right = 0.03 + 0.01 + 0.04
+    assert missed(beside, can=at(0, 0), crate=at(right, 0.01))["m"] == pytest.approx(0.0, abs=1e-9)
+    assert missed(beside, can=at(0, 0), crate=at(right + 0.02, 0))["m"] == pytest.approx(0.02)
+    assert missed(beside, can=at(0, 0), crate=at(right - 0.02, 0))["m"] == pytest.approx(0.02)
+    assert missed(beside, can=at(0, 0), crate=at(-right, 0))["m"] == pytest.approx(2 * right)
+    assert missed(beside, can=at(0, 0), crate=at(right, 0.025))["m"] == pytest.approx(0.015)
+    turned = at(right * np.cos(0.7), right * np.sin(0.7), 0.7)
+    assert missed(beside, can=at(0, 0, 0.7), crate=turned)["m"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_between_is_a_hull_or_a_strip():
+    """Two anchors make a strip of a width, three a triangle, three on a line a strip again."""
+    two = {"between": ["can", "gem"], "width": 0.1}
+    ends = {"can": at(-0.5, 0.5), "gem": at(0.5, 0.5)}
+    assert missed(two, **ends, crate=at(0.1, 0.56))["m"] == pytest.approx(0.01)
+    assert missed(two, **ends, crate=at(0.52, 0.5))["m"] == pytest.approx(0.02)
+    assert missed(two, **ends, crate=at(0.49, 0.54))["m"] == pytest.approx(0.0)
+    own = {"between": ["can", "gem"]}
+    assert missed(own, **ends, crate=at(0.1, 0.56, 0.3))["m"] == pytest.approx(0.02)
+    three = {"between": ["can", "shelf", "gem"], "width": 0.1}
+    assert missed(three, **ends, shelf=at(0, -0.5), crate=at(0, 0.52))["m"] == pytest.approx(0.02)
+    assert missed(three, **ends, shelf=at(0, -0.5), crate=at(0, 0.49))["m"] == pytest.approx(0.0)
+    on_line = at(0, 0.5024)  # its tray makes its bounds reach 5 mm further to the front than to the back
+    assert missed(three, **ends, shelf=on_line, crate=at(0, 0.56))["m"] == pytest.approx(0.01, abs=1e-4)
+
+
+def test_sites_that_should_meet_are_found_where_they_are(tmp_path: Path):
+    """In rows written by hand: as they should be, moved by 3 mm, and turned by 2 degrees about the site."""
+    (tmp_path / "block.xml").write_text(
+        '<mujoco><worldbody><body name="block"><geom type="box" size=".1 .1 .1"/><site name="end" pos=".1 .02 0"/>'
+        "</body></worldbody></mujoco>"
+    )
+    words = {"asset": str(tmp_path / "block.xml"), "kind": "fixture", "on": "floor"}
+    relation = {"beside": {"of": "a", "my": "end", "its": "end"}, "gap": 0.05}
+    scene = build_model(
+        SceneConfig.load({"floor": {"size": [2, 2]}, "objects": {"a": words, "b": {**words, "relations": [relation]}}})
+    )
+    yaw = np.radians([180.0, 180.0, 182.0])
+    turned = np.stack([np.cos(yaw) * 0.1 - np.sin(yaw) * 0.02, np.sin(yaw) * 0.1 + np.cos(yaw) * 0.02], 1)
+    at_site = np.array([[0.15, 0.02], [0.15, 0.023], [0.15, 0.02]])
+    places = np.zeros((3, 2, 3))
+    places[:, 1, :2] = at_site - turned
+    quats = np.zeros((3, 2, 4))
+    quats[:, 0, 0], quats[:, 1, 0], quats[:, 1, 3] = 1.0, np.cos(yaw / 2), np.sin(yaw / 2)
+    table = LayoutTable.from_states(np.zeros((3, 0)), places, quats, np.ones((3, 2), bool))
+    auditor = Auditor(scene.mjm, scene.config, scene.bodies)
+    for row, (metres, radians) in enumerate([(0.0, 0.0), (0.003, 0.0), (0.0, np.radians(2.0))]):
+        found = {k.unit: k for k in auditor.judge_language(table[slice(row, row + 1)]) if k.word.startswith("0")}
+        assert found["m"].worst == pytest.approx(metres, abs=1e-6)
+        assert found["rad"].worst == pytest.approx(radians, abs=1e-6)
+        assert (found["m"].broken, found["rad"].broken) == (metres > 0.0, radians > 0.0)

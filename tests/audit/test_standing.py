@@ -1,0 +1,79 @@
+"""Whether objects stand where the scene says: off the edge, above and below it, under a roof, in a region."""
+
+import numpy as np
+import pytest
+
+from tests.audit.judging import MJM, auditor, causes
+from tests.commands.scenes import GAP, layout, with_row
+
+
+def test_objects_off_their_support_are_misplaced():
+    """Beside the board, above it, below it and off the floor."""
+    top = GAP + 0.02 + GAP
+    rows = layout(MJM, 6)
+    rows = with_row(rows, 1, layout(MJM, gem=(0.1501, -0.04, top, 0)))
+    rows = with_row(rows, 2, layout(MJM, gem=(0, -0.04, top + 0.0002, 0)))
+    rows = with_row(rows, 3, layout(MJM, gem=(0, -0.04, top - 0.0002, 0)))
+    rows = with_row(rows, 4, layout(MJM, can=(-0.5001, 0, GAP, 0)))
+    rows = with_row(rows, 5, layout(MJM, gem=(0.1499, -0.04, top, 0)))
+    assert causes(rows) == [(1, "gem", "support"), (2, "gem", "support"), (3, "gem", "support"), (4, "can", "support")]
+
+
+def test_the_shelf_carries_its_objects_wherever_it_stands():
+    """A turned and moved shelf, with the gem at the same place on it."""
+    yaw, (x, y) = 1.1, (-0.1, 0.2)
+    at = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]) @ [0.14, -0.09] + [x, y]
+    rows = layout(MJM, shelf=(x, y, GAP, yaw), gem=(*at, GAP + 0.02 + GAP, 0), can=(-0.4, -0.4, GAP, 0))
+    report = auditor().judge(rows)
+    assert not report.misplaced
+    assert not report.conflicts
+
+
+def test_the_roof_is_judged_by_the_word():
+    """Under the shelf's roof `on` is wrong and `inside` right, else the other way round, `in` is always right."""
+    top = GAP + 0.02 + GAP
+    rows = with_row(layout(MJM, 2), 1, layout(MJM, gem=(0, 0.04, top, 0)))
+    assert causes(rows) == [(1, "gem", "support"), (1, "gem", "roof")]
+    assert causes(rows, gem={"on": None, "inside": "shelf"}) == [(0, "gem", "roof")]
+    assert causes(rows, gem={"on": None, "in": "shelf"}) == []
+
+
+def test_a_footprint_must_lie_on_its_support_at_ratio_one():
+    """At the board's edge the pivot is allowed at ratio 0, at the eroded edge a turned crate overhangs."""
+    top = GAP + 0.02 + GAP
+    outside, overhanging = layout(MJM, gem=(0.149, -0.04, top, 0)), layout(MJM, gem=(0.1205, -0.04, top, np.pi / 4))
+    assert causes(outside) == []
+    assert causes(outside, gem={"ratio_on_support": 0.5}) == [(0, "gem", "support")]
+    assert causes(overhanging, gem={"ratio_on_support": 0.9}) == []
+    turned = layout(MJM, crate=(0.459, 0, GAP, np.pi / 4))
+    assert causes(turned, crate={"ratio_on_support": 1.0}) == [(0, "crate", "footprint")]
+    assert causes(layout(MJM, crate=(0.459, 0, GAP, 0)), crate={"ratio_on_support": 1.0}) == []
+
+
+@pytest.mark.parametrize(
+    "region",
+    [
+        {"box": [[0.0, -0.1], [0.1, 0.0]]},
+        {"fraction": [[0.5, 0.0], [0.8, 0.5]]},
+        {"polygon": [[0, -0.1], [0.1, -0.1], [0.1, 0.0], [0.0, 0.0]]},
+        {"points": [[0.1, 0.05], [0.05, -0.04]]},
+    ],
+)
+def test_regions_crop_the_support(region: dict):
+    """The four forms of a region, in the shelf's frame."""
+    top = GAP + 0.02 + GAP
+    rows = with_row(layout(MJM, 2, gem=(0.05, -0.04, top, 0)), 1, layout(MJM, gem=(-0.05, -0.04, top, 0)))
+    assert causes(rows, gem={"region": region}) == [(1, "gem", "support")]
+
+
+def test_points_are_exact():
+    """On the board and in space: 0.1 mm beside a point, and at its mirror image, an object is misplaced."""
+    top = GAP + 0.02 + GAP
+    rows = with_row(layout(MJM, 3, gem=(0.05, -0.04, top, 0)), 1, layout(MJM, gem=(0.0501, -0.04, top, 0)))
+    rows = with_row(rows, 2, layout(MJM, gem=(-0.05, -0.04, top, 0)))
+    wrong = [(1, "gem", "support"), (2, "gem", "support")]
+    assert causes(rows, gem={"region": {"points": [[0.05, -0.04]]}}) == wrong
+    in_space = {"on": None, "region": {"points": [[0.4, 0.4, 0.4], [0.05, -0.04, top]]}}
+    assert causes(rows, gem=in_space) == wrong
+    in_space["region"] = {"points": [[0.05, -0.04, top + 1e-4]]}
+    assert len(causes(rows, gem=in_space)) == 3

@@ -1,0 +1,32 @@
+"""The program of the suite: its options reach the suite, and its rows the files and stdout."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from benchmarks.paper import suite
+from benchmarks.paper.__main__ import main
+from tests.benchmarks.paper.results import FOUND
+
+
+def test_the_suite_writes_its_rows(capsys: pytest.CaptureFixture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """With its peers and files; rows are told on stderr, stdout is one line of JSON."""
+    asked = []
+
+    def run(device: str, quick: bool, peers: tuple[str, ...], tell: Callable) -> dict:
+        asked.extend((device, quick, peers))
+        tell(FOUND["rows"][0])
+        return FOUND
+
+    monkeypatch.setattr(suite, "run", run)
+    main("cpu", True, ("uniform", "scene_synthesizer"), tmp_path, json=True)
+    found = json.loads(capsys.readouterr().out)
+    assert asked == ["cpu", True, ("uniform", "scene_synthesizer")]
+    assert [row["worlds"] for row in found["rows"]] == [1024, 0]
+    assert json.loads((tmp_path / "paper.json").read_text()) == found
+    assert Image.open(tmp_path / "paper.png").size[0] > 1000

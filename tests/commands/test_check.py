@@ -1,0 +1,80 @@
+"""Why a scene is hard: shares, causes, and what they look like as text and as a picture."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from ruamel.yaml import YAML
+
+from sceniris_gym.cli import main
+from sceniris_gym.commands.check import check, report, table_of_rejections
+from tests.layout.reaching import crane_map, crane_mjcf, crane_scene
+from tests.layout.scenes import box_mjcf, compile_on_cpu
+
+
+def test_the_command_check_tells_and_draws_it(tmp_path: Path, capsys: pytest.CaptureFixture):
+    """`sceniris-gym check SCENE --picture FILE`: causes of reach, areas, and a picture with both panels."""
+    asset, cube = crane_mjcf(tmp_path), box_mjcf(tmp_path, "cube", 0.04, 0.04, 0.04)
+    crane_map(asset)
+    file, picture = tmp_path / "ring.yaml", tmp_path / "ring.png"
+    with file.open("w") as stream:
+        YAML().dump(crane_scene(asset, cube), stream)
+    command = ["check", str(file), "--layouts", "200", "--device", "cpu", "--picture", str(picture)]
+    main([*command, "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert found["rejections"]["thing"]["unreachable"] == found["narrowing"]["thing"]["unreachable"] > 0
+    assert found["picture"] == str(picture)
+    drawn = np.asarray(Image.open(picture).convert("RGB")).astype(int)
+    orange = (drawn[..., 0] > 190) & (drawn[..., 1] < 130) & (drawn[..., 2] < 80)
+    middle = drawn.shape[1] // 2
+    assert orange[:, middle:].sum() > 0
+    assert orange[:, :middle].sum() > 0
+
+
+def test_every_candidate_of_a_single_object_is_rejected_or_stays(tmp_path: Path):
+    """One cube that a crane must reach: candidates are layouts and rejections, and most of them are out of reach."""
+    asset, cube = crane_mjcf(tmp_path), box_mjcf(tmp_path, "cube", 0.04, 0.04, 0.04)
+    crane_map(asset)
+    compiled = compile_on_cpu({**crane_scene(asset, cube), "attempts": 2, "restarts": 60}, bank=4)
+    found = check(compiled, 200, 7)
+    rejected = found["rejections"]["thing"]
+    assert (found["valid"], found["attempts"]) == (1.0, 2)
+    assert 0.2 < found["first_pass_valid"] < 0.6  # two candidates, of which a fifth each is within reach
+    assert found["attempts_per_layout"] * 200 == pytest.approx(200 + sum(rejected.values()))
+    assert rejected["unreachable"] > 200
+    assert found["first_id"] == f"{compiled.hash}:train:7:0"
+    assert "picture" not in found
+
+
+def test_the_report_has_shares_causes_and_the_picture():
+    """As text: percentages, a table of objects and causes with its columns in line, and what is within reach."""
+    counts = {"mug": {"collision": 7, "roof": 0}, "long_named_pan": {"collision": 12345, "roof": 3}}
+    found = {
+        **{
+            "scene": "desk",
+            "hash": "0123",
+            "first_id": "0123:train:4:0",
+            "layouts": 8,
+            "rejections": counts,
+            "in_the_way": {},
+        },
+        **{"valid": 0.875, "first_pass_valid": 0.5, "attempts_per_layout": 2.25, "attempts": 40},
+        "narrowing": {"mug": {"kept": 0.25, "candidates": 40}},
+    }
+    lines = report(found).split("\n")
+    assert lines[0].startswith("8 layouts of 'desk': 87.50% valid, 50.00% on the first pass, 2.25 candidates")
+    assert "40 attempts" in lines[1]
+    assert lines[2].endswith("0123:train:4:0")
+    assert [line.split() for line in lines[3:6]] == [
+        ["rejected", "collision", "roof"],
+        ["mug", "7", "0"],
+        ["long_named_pan", "12345", "3"],
+    ]
+    assert len({len(line) for line in lines[3:6]}) == 1
+    assert lines[6:] == ["mug: 25.0% of 40 candidates are within reach"]
+    assert report({**found, "picture": "a.png"}).split("\n")[7:] == ["picture: a.png"]
+    assert table_of_rejections({}).split() == ["rejected"]

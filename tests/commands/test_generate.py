@@ -1,0 +1,30 @@
+"""The `generate` command's work: figures of what was written, alone or in shares."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from sceniris_gym.commands.generate import generate
+from sceniris_gym.dataset import manifest
+from sceniris_gym.dataset.share import Share
+from sceniris_gym.layout.tables import make_table
+from tests.layout.scenes import compile_on_cpu
+
+
+def test_figures_are_those_of_all_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Shares of valid rows, the first id, and how many parts are left for the others."""
+    monkeypatch.setattr(manifest, "PART_ROWS", 8)
+    monkeypatch.setattr("sceniris_gym.dataset.writer.PART_ROWS", 8)
+    compiled = compile_on_cpu("clutter")
+    found = generate(compiled, 20, tmp_path, seed=5, share=Share(1, 2))
+    assert (found["complete"], found["missing_parts"]) == (False, 2)
+    found = generate(compiled, 20, tmp_path, seed=5, share=Share(0, 2))
+    table = make_table(compiled, 20, 5)
+    assert found["complete"]
+    assert "missing_parts" not in found
+    assert found["valid"] == table.valid.mean()
+    assert found["first_pass_valid"] == table.first_pass_valid.mean()
+    assert found["first_id"] == compiled.layout_id(5, 0)
+    assert (found["layouts"], found["parts"], found["folder"]) == (20, 3, str(tmp_path))

@@ -1,0 +1,103 @@
+"""Layout ids: what they say, and that they make the same layout again."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from sceniris_gym.commands.replay import LayoutId, default_picture, describe, find_scene, replay, report
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import LayoutIdError, UnknownNameError
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.tables import make_table, read_table
+from sceniris_gym.program.compiled import CompiledScene
+from tests.layout.scenes import box_mjcf
+
+
+@pytest.mark.parametrize("split", ["train", "eval"])
+def test_an_id_makes_the_same_layout_again(split: str):
+    """World 5 of 8 in its third episode, and the same from its id alone."""
+    compiled = compile_scene("mid", "cpu")
+    generator = LayoutGenerator(compiled, 8, seed=2**63, split=split)
+    for _ in range(3):
+        generator.generate()
+    table = read_table(generator)
+    again = replay(compiled, LayoutId.parse(compiled.layout_id(2**63 + 5, 2, split)))
+    for name in ("qpos", "mocap_pos", "mocap_quat", "status", "attempts", "seed", "episode"):
+        assert np.array_equal(getattr(again, name)[0], getattr(table, name)[5]), name
+
+
+def test_a_shipped_scene_is_found_by_its_hash():
+    """The hash of a shipped scene is enough."""
+    assert find_scene(compile_scene("mid", "cpu").hash).config.name == "mid"
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "abc:train:1", "abc:test:1:2", "abc:bank:1:2", "abc:train:-1:2", "abc:train:x:2", f"abc:train:{2**64}:0"]
+    + ["a:eval:0:1:2"],
+)
+def test_other_texts_are_no_ids(text: str):
+    """The error says what an id looks like, and names the splits that there are for users."""
+    with pytest.raises(LayoutIdError, match=r"scenehash:split:seed:episode.* Splits: train, eval\."):
+        LayoutId.parse(text)
+
+
+def test_an_id_is_read_as_it_is_written():
+    """Of numbers, and of what an environment's info gives: tensors, with seeds in two's complement."""
+    compiled = compile_scene("mid", "cpu")
+    assert LayoutId.parse(compiled.layout_id(42, 7, "eval")) == LayoutId(compiled.hash, "eval", 42, 7)
+    assert compiled.layout_id(42, 7) == f"{compiled.hash}:train:42:7"
+    seed, episode = torch.tensor([5, -1]), torch.tensor([0, 3], dtype=torch.int32)
+    assert compiled.layout_id(seed[1], episode[1]) == compiled.layout_id(2**64 - 1, 3)
+    assert compiled.layout_id(np.uint64(2**64 - 1), np.int32(3)) == compiled.layout_id(2**64 - 1, 3)
+
+
+def test_a_replay_names_the_grasp(crane: CompiledScene):
+    """In numbers and in the report; joints are null where none were solved for."""
+    table = make_table(crane, 1, 0)
+    found = describe(crane, table)
+    grasp = found["objects"]["thing"]["grasp"]
+    assert grasp["name"] == "top 0"
+    assert grasp["pos"] == pytest.approx(table.grasp_pose[0, 0, :3].tolist())
+    assert grasp["qpos"] is grasp["pregrasp_qpos"] is None
+    assert "grasp" not in found["objects"]["other"]
+    assert "grasp 'top 0'" in report({"id": "x", "picture": "y", **found})
+
+
+def test_a_scene_of_ones_own_is_found_by_its_hash(tmp_path: Path):
+    """If it is given; the hash of another one is refused with those that there are."""
+    cube = box_mjcf(tmp_path, "cube", 0.04, 0.04, 0.04)
+    config = SceneConfig.load({"floor": {"size": [1.0, 1.0]}, "objects": {"thing": {"asset": cube, "on": "floor"}}})
+    own = compile_scene(config, "cpu").hash
+    assert find_scene(own, config).config is config
+    with pytest.raises(UnknownNameError, match=r"\(mid\)"):
+        find_scene(own)
+    with pytest.raises(UnknownNameError, match=own):
+        find_scene(compile_scene("mid", "cpu").hash, config)
+
+
+def test_poses_are_told_in_words_and_numbers():
+    """Of a cabinet with drawers and of fruit: what MuJoCo says of the row; in the report the yaw is in degrees."""
+    compiled = compile_scene("mid", "cpu")
+    table = make_table(compiled, 1, 4)
+    found = describe(compiled, table)
+    data = mujoco.MjData(compiled.mjm)
+    table.put(data, 0)
+    mujoco.mj_forward(compiled.mjm, data)
+    for name in ("cabinet", "apple", "banana"):
+        assert found["objects"][name]["pos"] == data.body(name).xpos.tolist()
+        assert found["objects"][name]["quat"] == data.body(name).xquat.tolist()
+    assert found["objects"]["cabinet"]["joints"]["upper"] == data.joint("cabinet/upper").qpos[0]
+    lines = report({"id": "x", "picture": "y", **found}).split("\n")
+    (apple,) = [line for line in lines if line.split()[0] == "apple"]
+    x = data.body("apple").xmat.reshape(3, 3)[:, 0]
+    assert f"yaw {np.degrees(np.arctan2(x[1], x[0])):+7.1f} deg" in apple
+
+
+def test_the_picture_of_a_layout_is_named_after_its_id():
+    """Without the colons, which not every file system takes."""
+    assert default_picture("0123:eval:4:5").name == "0123-eval-4-5.png"

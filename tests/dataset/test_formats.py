@@ -1,0 +1,130 @@
+"""npz and JSON beside the parts: what is in them is what MuJoCo makes of `qpos`; and the bytes are the same again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from sceniris_gym.dataset import manifest, usd_stage, writer
+from sceniris_gym.dataset.formats import parse_formats
+from sceniris_gym.dataset.manifest import DatasetPlan
+from sceniris_gym.dataset.reader import LayoutDataset, verify
+from sceniris_gym.dataset.share import Share
+from sceniris_gym.dataset.writer import DatasetWriter
+from sceniris_gym.errors import DatasetError, MissingExtraError, UnknownNameError
+from sceniris_gym.program.compiled import CompiledScene
+from tests.layout.scenes import compile_on_cpu
+
+ALL = ("json", "npz", "usd")
+
+
+@pytest.fixture(autouse=True)
+def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Parts of a few rows."""
+    monkeypatch.setattr(manifest, "PART_ROWS", 16)
+    monkeypatch.setattr(writer, "PART_ROWS", 16)
+
+
+def write(
+    compiled: CompiledScene,
+    folder: Path,
+    formats: tuple[str, ...] = ("json", "npz"),
+    share: Share | None = None,
+    resume: bool = False,
+) -> DatasetWriter:
+    """Write forty layouts."""
+    plan = DatasetPlan.of(compiled, 40, 3, "train", formats)
+    made = DatasetWriter(compiled, plan, folder, share or Share(), resume=resume)
+    made.write(chunk=64)
+    return made
+
+
+def contents(folder: Path) -> dict[str, str]:
+    """Checksums of all files of a folder."""
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.iterdir()}
+
+
+def check_poses(compiled: CompiledScene, layout: dict, poses: dict) -> None:
+    """Compare poses by name with those of MuJoCo C."""
+    mjm, data = compiled.mjm, mujoco.MjData(compiled.mjm)
+    data.qpos[:] = layout["qpos"]
+    data.mocap_pos.flat, data.mocap_quat.flat = np.ravel(layout["mocap_pos"]), np.ravel(layout["mocap_quat"])
+    mujoco.mj_kinematics(mjm, data)
+    assert set(poses) == set(compiled.slots)
+    for name, pose in poses.items():
+        body = compiled.scene.bodies[name]
+        np.testing.assert_allclose(pose[:3], data.xpos[body], atol=1e-6)
+        assert abs(np.dot(pose[3:], data.xquat[body])) == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("scene", ["mid", "clutter", "tabletop_lift"])
+def test_states_by_name_are_those_of_mujoco(scene: str, tmp_path: Path):
+    """Objects on joints of fixtures, members that are absent, a robot; and every column beside them."""
+    compiled = compile_on_cpu(scene)
+    write(compiled, tmp_path)
+    rows, arrays = np.load(tmp_path / "layouts-00001.npy"), np.load(tmp_path / "layouts-00001.npz")
+    layouts = json.loads((tmp_path / "layouts-00001.json").read_text())
+    assert len(layouts) == len(rows) == 16
+    for name in rows.dtype.names or ():
+        np.testing.assert_array_equal(arrays[name], rows[name], err_msg=name)
+        if name != "present":
+            told = np.array([layout[name] for layout in layouts])
+            told = told.astype(float).astype(rows[name].dtype) if told.dtype == object else told  # null is nan
+            np.testing.assert_array_equal(told.astype(rows[name].dtype).ravel(), rows[name].ravel(), err_msg=name)
+    mjm = compiled.mjm
+    for i, layout in enumerate(layouts):
+        assert layout["present"] == dict(zip(compiled.slots, rows["present"][i], strict=True))
+        check_poses(compiled, layout, layout["poses"])
+        by_name = {key.removeprefix("pose/"): arrays[key][i] for key in arrays if key.startswith("pose/")}
+        check_poses(compiled, layout, by_name)
+        for joint in np.flatnonzero(mjm.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE)):
+            name, position = mjm.joint(joint).name, rows["qpos"][i, mjm.jnt_qposadr[joint]]
+            assert np.float32(layout["joints"][name]) == arrays[f"joint/{name}"][i] == position
+
+
+def test_all_formats_are_resumed_shared_and_verified(tmp_path: Path):
+    """The same bytes in shares, and after files were lost; damage to any of them is told by name."""
+    pytest.importorskip("pxr", reason="usd-core is not installed (extra 'import')")
+    compiled, alone, shared = compile_on_cpu("mid"), tmp_path / "alone", tmp_path / "shared"
+    assert write(compiled, alone, ALL).complete
+    names = [f"layouts-{i:05}{end}" for i in range(3) for end in (".json", ".npy", ".npz", ".usdc")]
+    assert sorted(path.name for path in alone.iterdir()) == ["dataset.json", *names, "scene.usdc", "scene.zip"]
+    for number in (1, 0):
+        write(compiled, shared, ALL, Share(number, 2))
+    before = contents(alone)
+    assert contents(shared) == before
+    assert verify(shared)["formats"] == list(ALL)
+    lost = ("scene.usdc", "layouts-00000.usdc", "layouts-00002.json")
+    for name in lost:
+        (alone / name).write_bytes(b"damaged")
+    with pytest.raises(DatasetError, match=r"scene\.usdc, layouts-00000\.usdc, layouts-00002\.json are not as"):
+        verify(alone)
+    for name in lost:
+        (alone / name).unlink()
+    write(compiled, alone, ALL, resume=True)
+    assert contents(alone) == before
+    with pytest.raises(DatasetError, match=r"formats = \['json', 'npz', 'usd'\], not \['npz'\]"):
+        write(compiled, alone, ("npz",), resume=True)
+    assert len(LayoutDataset(alone)) == 40
+
+
+def test_formats_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    """In any order, once each; others are unknown, and one that needs a library says how to install it."""
+    assert parse_formats("usd, npz,npz") == ("npz", "usd")
+    with pytest.raises(UnknownNameError, match=r"--format: unknown format 'nzp'.*'npz'"):
+        parse_formats("nzp")
+    for nothing in ("", "npz,"):
+        with pytest.raises(UnknownNameError, match="unknown format ''"):
+            parse_formats(nothing)
+    monkeypatch.setitem(__import__("sys").modules, "pxr", None)
+    with pytest.raises(MissingExtraError, match=r"usd-core is not installed.*sceniris-gym\[import\]"):
+        usd_stage.need_usd()
+    compiled = compile_on_cpu("mid")
+    with pytest.raises(MissingExtraError):
+        DatasetWriter(compiled, DatasetPlan.of(compiled, 4, 0, "train", ("usd",)), tmp_path / "none", Share())
+    assert not (tmp_path / "none").exists()

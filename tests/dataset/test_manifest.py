@@ -1,0 +1,72 @@
+"""What a data set says of itself."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sceniris_gym.dataset.manifest import (
+    DatasetPlan,
+    checked,
+    counts,
+    read_manifest,
+    read_record,
+    row_of,
+)
+from sceniris_gym.errors import DatasetError
+from sceniris_gym.program.compiled import CompiledScene
+from tests.layout.scenes import compile_on_cpu
+
+RECORD = {"rows": 3, "sha256": "0" * 64, "files": {}, "valid": 3, "first_pass_valid": 2}
+
+
+def test_a_plan_names_the_rows_and_their_columns(crane: CompiledScene):
+    """Columns of reach are there where something is to be reached, and no number lies at an odd address."""
+    plain, reaching = (DatasetPlan.of(scene, 70_000, 5, "train") for scene in (compile_on_cpu("mid"), crane))
+    assert "grasp" not in (plain.row.names or ())
+    assert {"grasp", "grasp_pose", "grasp_qpos", "pregrasp_qpos"} <= set(reaching.row.names or ())
+    assert (plain.words["object_names"], reaching.words["reachable_names"]) == (
+        ["cabinet", "apple", "banana"],
+        ["thing"],
+    )
+    for plan in (plain, reaching):
+        assert plan.row == row_of(json.loads(json.dumps(plan.words["columns"])))
+        for kind, offset, *_ in (plan.row.fields or {}).values():
+            assert offset % kind.base.alignment == 0
+        rows = np.zeros(2, plan.row)
+        assert rows.itemsize == rows[:1].nbytes
+    assert plain.parts == 2
+    assert (plain.rows(0), plain.rows(1)) == (range(65_536), range(65_536, 70_000))
+
+
+def test_a_manifest_of_something_else_is_refused(tmp_path: Path):
+    """Missing, no JSON, no mapping, a field too few, a part without its rows: each by file and field."""
+    with pytest.raises(DatasetError, match=r"no whole data set is here.*--resume"):
+        read_manifest(tmp_path)
+    for text, words in (("{", "cannot be read"), ("[]", "'format'"), ('{"format": "1"}', "'format' should be of type")):
+        (tmp_path / "dataset.json").write_text(text)
+        with pytest.raises(DatasetError, match=words):
+            read_manifest(tmp_path)
+    (tmp_path / "dataset.json").write_text("[" * 100_000)
+    with pytest.raises(DatasetError, match="cannot be read"):
+        read_manifest(tmp_path)
+
+
+def test_a_record_that_is_not_whole_is_none(tmp_path: Path):
+    """So its part is made again."""
+    path = tmp_path / "00000.json"
+    assert read_record(path) is None
+    for text in ("", '{"rows": 3', json.dumps(RECORD | {"rows": "3"}), "[]"):
+        path.write_text(text)
+        assert read_record(path) is None
+    path.write_text(json.dumps(RECORD))
+    assert read_record(path) == RECORD == checked(path, RECORD, {"rows": int})
+
+
+def test_counts_add_up():
+    """Rows, valid ones, and those without a restart."""
+    assert counts([RECORD, RECORD]) == (6, 6, 4)
+    assert counts([]) == (0, 0, 0)

@@ -1,0 +1,84 @@
+"""Tables of layouts: copies of what a generator has made, the same rows however they are made, and TCP poses."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sceniris_gym.errors import SeedError
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.tables import grasp_poses, make_table, read_table
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.layout_table import LayoutTable
+
+
+def assert_same(left: LayoutTable, right: LayoutTable) -> None:
+    """Check that two tables agree to the bit."""
+    for field in fields(LayoutTable):
+        np.testing.assert_array_equal(getattr(left, field.name), getattr(right, field.name), err_msg=field.name)
+
+
+def test_a_table_is_a_copy_of_the_batch(crane: CompiledScene):
+    """Column by column, of all worlds or of the first ones, and later resets do not change it."""
+    generator = LayoutGenerator(crane, 6, seed=2)
+    generator.generate()
+    table, layouts = read_table(generator), generator.layouts
+    for name in ("qpos", "attempts", "status", "seed", "episode", "grasp"):
+        np.testing.assert_array_equal(getattr(table, name), getattr(layouts, name).numpy(), err_msg=name)
+    np.testing.assert_array_equal(table.valid, layouts.status.numpy() == Status.VALID)
+    assert table.present.dtype == table.valid.dtype == table.first_pass_valid.dtype == bool
+    assert table.mocap_pos.shape == (6, crane.mjm.nmocap, 3)
+    assert table.grasp_qpos.shape == (6, 1, 4)  # the crane's own joints, not the room that there is for others
+    assert_same(read_table(generator, 4), table[slice(0, 4)])
+    before = [getattr(table, field.name).copy() for field in fields(LayoutTable)]
+    generator.generate()
+    for field, values in zip(fields(LayoutTable), before, strict=True):
+        np.testing.assert_array_equal(getattr(table, field.name), values, err_msg=field.name)
+    assert not np.array_equal(read_table(generator).qpos, table.qpos)
+
+
+def test_rows_do_not_depend_on_how_many_are_made_at_once(crane: CompiledScene):
+    """Ten at once, in threes, or the last six alone; progress is told until all are there."""
+    whole, told = make_table(crane, 10, 40), []
+    assert_same(make_table(crane, 10, 40, chunk=3, progress=told.append), whole)
+    assert told == [3, 3, 3, 1]
+    assert_same(make_table(crane, 6, 44), whole[slice(4, 10)])
+    assert whole.seed.tolist() == list(range(40, 50))
+    assert not whole.episode.any()
+
+
+def test_seeds_go_round_and_splits_differ(crane: CompiledScene):
+    """Behind the largest seed comes 0; the other split has other layouts; what is no seed is refused."""
+    around = make_table(crane, 3, 2**64 - 1)
+    assert around.seed.tolist() == [2**64 - 1, 0, 1]
+    np.testing.assert_array_equal(around.qpos[1:], make_table(crane, 2, 0).qpos)
+    assert not np.array_equal(make_table(crane, 2, 0, split="eval").qpos, around.qpos[1:])
+    with pytest.raises(SeedError, match="seed=-1"):
+        make_table(crane, 2, -1)
+
+
+def test_a_tcp_is_where_the_grasp_is_on_the_object(crane: CompiledScene):
+    """The object's pose times the grasp's, by SciPy; nan where there is none."""
+    assert crane.reaching is not None
+    (target,) = crane.reaching.targets
+    table = make_table(crane, 8, 0)
+    chosen = table.grasp.copy()
+    chosen[3] = -1
+    found = grasp_poses(crane, table, chosen)
+    assert np.isnan(found[3]).all()
+    adr = crane.mjm.jnt_qposadr[crane.mjm.joint("thing/free").id]
+    for row in (0, 1, 2, 4, 5, 6, 7):
+        grasp = target.grasp_set.grasps[chosen[row, 0]]
+        assert grasp.body == mujoco.mj_name2id(crane.mjm, mujoco.mjtObj.mjOBJ_BODY, "thing")
+        turn = Rotation.from_quat(np.roll(table.qpos[row, adr + 3 : adr + 7], -1))
+        tcp = turn * Rotation.from_quat(np.roll(grasp.quat, -1))
+        np.testing.assert_allclose(found[row, 0, :3], table.qpos[row, adr : adr + 3] + turn.apply(grasp.pos), atol=1e-6)
+        np.testing.assert_allclose(
+            Rotation.from_quat(np.roll(found[row, 0, 3:], -1)).as_matrix(), tcp.as_matrix(), atol=1e-6
+        )
+    np.testing.assert_array_equal(make_table(crane, 8, 0).grasp_pose[[0, 7]], found[[0, 7]])

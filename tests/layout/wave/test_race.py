@@ -1,0 +1,74 @@
+"""The race in which a piece of a region is chosen: by area, also for a 0, and of equals the first."""
+
+import numpy as np
+import warp as wp
+
+from sceniris_gym.layout.wave.race import NOBODY, Numbers, finish, race_time, winner_index
+
+STEP = 2.0**-24  # of a uniform number
+
+
+@wp.kernel(enable_backward=False)
+def _race(u: wp.array(dtype=float), size: wp.array(dtype=float), time_out: wp.array(dtype=float)):
+    i = wp.tid()
+    time_out[i] = race_time(u[i], size[i])
+
+
+@wp.kernel(enable_backward=False)
+def _plain(u: wp.array(dtype=float), size: wp.array(dtype=float), time_out: wp.array(dtype=float)):
+    i = wp.tid()
+    time_out[i] = -wp.log(1.0 - u[i]) / size[i]
+
+
+def _times(kernel: wp.Kernel, u: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Times at which pieces finish, compared as the race does: by their bits."""
+    inputs = [wp.array(a, dtype=float, device="cpu") for a in (u, size)]
+    out = wp.zeros(len(u), dtype=float, device="cpu")
+    wp.launch(kernel, dim=len(u), inputs=inputs, outputs=[out], device="cpu")
+    return out.numpy().view(np.uint32)
+
+
+def test_zero_is_judged_by_area_like_its_neighbours():
+    """It neither wins over a piece many times as large nor loses to one that is smaller and later."""
+    u, size = np.array([0.0, STEP, 0.0, STEP, 0.5]), np.array([1e-6, 1.0, 1.0, 1.0, 1.0])
+    tiny, large, zero, first, late = _times(_race, u, size).tolist()
+    assert large < tiny
+    assert zero < first < late
+
+
+def test_all_other_numbers_keep_their_bits():
+    """The times are those of the plain formula."""
+    rng = np.random.default_rng(0)
+    u = np.concatenate([rng.integers(1, 1 << 24, 100_000), [1, 2, 3, (1 << 24) - 1]]) * STEP
+    size = 10.0 ** rng.uniform(-9, 2, len(u))
+    assert (_times(_race, u, size) == _times(_plain, u, size)).all()
+
+
+def test_zero_takes_its_share_of_the_race():
+    """Its time is the middle of those of numbers below the first step: half of that one's."""
+    zero, first = _times(_race, np.array([0.0, STEP]), np.ones(2)).view(np.float32)
+    assert zero == first / 2
+
+
+@wp.kernel(enable_backward=False)
+def _finish(numbers: Numbers, size: wp.array(dtype=float), key: wp.array(dtype=wp.uint64), index: wp.array(dtype=int)):
+    i = wp.tid()
+    key[i] = finish(numbers, 2, i, size[i])
+    index[i] = winner_index(key[i])
+
+
+def test_the_least_key_is_that_of_the_first_to_finish():
+    """In the upper word is the time, in the lower the number, and everybody is before nobody."""
+    numbers = Numbers()
+    numbers.seed, numbers.episode, numbers.stream, numbers.trial = wp.uint64(3), 1, wp.uint32(4), 5
+    size = np.tile(np.array([1e-9, 1e-3, 0.5, 2.0], np.float32), 5000)
+    inputs = [numbers, wp.array(size, dtype=float, device="cpu")]
+    key = wp.zeros(len(size), dtype=wp.uint64, device="cpu")
+    index = wp.zeros(len(size), dtype=int, device="cpu")
+    wp.launch(_finish, dim=len(size), inputs=inputs, outputs=[key, index], device="cpu")
+    assert (index.numpy() == np.arange(len(size))).all()
+    assert (key.numpy() < np.uint64(NOBODY)).all()
+    time = (key.numpy() >> np.uint64(32)).astype(np.uint32).view(np.float32)
+    assert (np.diff(time[np.argsort(key.numpy())]) >= 0.0).all()
+    means = (time * size).reshape(-1, 4).mean(0)
+    assert np.abs(means - 1.0).max() < 5 / np.sqrt(5000)

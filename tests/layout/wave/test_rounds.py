@@ -1,0 +1,110 @@
+"""How many restarts and trials are tried at once: as many as there is room for, at least one, never beyond the last."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import warp as wp
+
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.wave import rounds
+from sceniris_gym.layout.wave.search import Search, begin_wave, create_search, default_size
+from sceniris_gym.program.compiled import CompiledScene
+from tests.layout.scenes import box_mjcf, compile_on_cpu
+
+ATTEMPTS, RESTARTS = 6, 9
+
+
+@wp.kernel(enable_backward=False)
+def _begin(search: Search):
+    begin_wave(search)
+
+
+@pytest.fixture(scope="module")
+def tray(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
+    """Three crates on a tray with little room."""
+    folder: Path = tmp_path_factory.mktemp("tray")
+    crate = box_mjcf(folder, "crate", 0.1, 0.1, 0.05)
+    objects = {f"crate_{i}": {"asset": crate, "on": "floor", "orientation": "fixed"} for i in range(3)}
+    words = {"floor": {"size": [0.2, 0.2]}, "attempts": ATTEMPTS, "restarts": RESTARTS, "objects": objects}
+    return compile_on_cpu(words, bank=8)
+
+
+@pytest.mark.parametrize("rows", [0, 1, 7, 100, 5000])
+def test_restarts_at_once_have_rows_of_their_own(tray: CompiledScene, rows: int):
+    """For any number of worlds that are left: the last row of the last world exists, and no more are of use."""
+    search = create_search(tray, 100, replace(default_size("cpu"), rows=rows))
+    for worlds in (1, 2, 3, 10, 33, 100):
+        search.worlds_left.fill_(worlds)
+        wp.launch(rounds._plan_round, dim=1, inputs=[tray.program], outputs=[search], device="cpu")
+        at_once = int(search.restarts_at_once.numpy()[0])
+        most = min(math.ceil(math.log(2 * worlds) / -math.log(tray.program.restart_rate)), RESTARTS + 1)
+        assert 1 <= at_once <= most
+        assert worlds * (at_once - 1) <= rows
+        assert worlds * at_once > rows or at_once == most
+        assert search.worlds_left.numpy()[0] == search.tickets.numpy()[0] == 0
+
+
+@pytest.mark.parametrize("lanes", [1, 3])
+@pytest.mark.parametrize("candidates", [3, 64, 512])
+@pytest.mark.parametrize("busy", [1, 7, 64, 4096])
+def test_candidates_fit_into_a_wave(tray: CompiledScene, busy: int, candidates: int, lanes: int):
+    """Those of a row are its next trials, one after the other, none beyond its last; rows without room have none."""
+    size = replace(default_size("cpu"), candidates=candidates, busy=busy, lanes=lanes)
+    search = create_search(tray, 1000, size)
+    trial = np.arange(1000) % ATTEMPTS
+    search.row_trial.assign(trial)
+    for number in (1, 2, 3, 10, 63, 64, 65, 1000):
+        source = int(search.source.numpy()[0])
+        search.candidates.zero_()
+        rows = np.random.default_rng(number).permutation(1000)[:number]
+        queue = np.zeros((2, 1000), int)
+        queue[1 - source, :number] = rows
+        search.queue.assign(queue)
+        search.rows_left.fill_(number)
+        rounds.launch_open_candidates(tray.program, size, search, "cpu")
+        first, trials = search.row_first.numpy()[rows], search.row_trials.numpy()[rows]
+        assert (trials <= ATTEMPTS - trial[rows]).all()
+        assert trials.sum() == min(search.candidates.numpy()[0], candidates)
+        assert (trials > 0).all() or trials.sum() == candidates
+        of, turn = search.row.numpy(), search.trial.numpy()
+        for row, a, n in zip(rows, first, trials, strict=True):
+            assert (of[a : a + n] == row).all()
+            assert (turn[a : a + n] == trial[row] + np.arange(n)).all()
+        wp.launch(_begin, dim=1, outputs=[search], device="cpu")
+        assert search.rows.numpy()[0] == number
+        assert search.source.numpy()[0] == 1 - source
+        assert search.rows_left.numpy()[0] == search.leaves.numpy()[0] == 0
+
+
+def test_the_first_restart_that_places_everything_is_the_layout(tray: CompiledScene):
+    """Each world alone, one restart at a time: as many candidates as it draws, and whether it needed a restart."""
+    size = replace(default_size("cpu"), rows=500, busy=4096, candidates=4096)
+    many = LayoutGenerator(tray, 50, seed=3, size=size)
+    many.generate()
+    for i in range(50):
+        one = LayoutGenerator(tray, 1, seed=3 + i)
+        one.generate()
+        for name in ("qpos", "attempts", "first_pass_valid", "status"):
+            assert (getattr(one.layouts, name).numpy()[0] == getattr(many.layouts, name).numpy()[i]).all()
+    first = many.layouts.first_pass_valid.numpy()
+    assert 0 < first.sum() < 50
+    assert (many.layouts.attempts.numpy()[first == 1] <= 3 * ATTEMPTS).all()
+    assert (many.layouts.status.numpy()[first == 1] == Status.VALID).all()
+    assert many.layouts.attempts.numpy().max() > 3 * ATTEMPTS
+
+
+def test_worlds_that_wait_go_on_with_their_next_restart(tray: CompiledScene):
+    """They are pending again, and no others are."""
+    search = create_search(tray, 10, default_size("cpu"))
+    waits = np.arange(10) % 3 == 0
+    search.waiting.assign(waits)
+    search.restart.assign(np.arange(10))
+    rounds.launch_reopen(search, "cpu")
+    assert (search.pending.numpy() == waits).all()
+    assert not search.waiting.numpy().any()
+    assert search.worlds_left.numpy()[0] == waits.sum()
+    assert (search.restart.numpy() == np.arange(10)).all()

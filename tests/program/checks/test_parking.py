@@ -1,0 +1,139 @@
+"""Absent objects have room where they are parked, and what may get there is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import SceneKeyError
+from sceniris_gym.program.checks.parking import check_parking
+from sceniris_gym.program.plan import build_plan
+from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.parking import PARKING_FROM, PARKING_SPACING
+from tests.layout.scenes import box_mjcf, write_mjcf
+
+GROUPS = {"some": {"of": ["small"], "count": [0, 1]}}
+
+
+def _scene(folder: Path, objects: dict[str, Any], groups: dict[str, Any] | None = None, **others: Any) -> SceneModel:
+    """A scene of a small box that may be absent, and these objects."""
+    small = {"asset": box_mjcf(folder, "small", 0.1, 0.1, 0.1), "region": {"box": [[0, 0, 1], [1, 1, 2]]}}
+    config = {"objects": {"small": small, **objects}, "groups": GROUPS if groups is None else groups, **others}
+    return build_model(SceneConfig.load(config))
+
+
+def _check(scene: SceneModel) -> None:
+    check_parking(scene, build_plan(scene))
+
+
+def _crane(folder: Path, reach: float) -> str:
+    """Write a post with a boom that swings all around and slides out as far as this; return the file's path."""
+    slide = f'<joint name="out" type="slide" axis="1 0 0" range="0 {reach}"/>'
+    tip = f'<body pos="0 0 .1">{slide}<geom type="box" size=".5 .05 .05"/></body>'
+    boom = f'<body name="boom" pos="0 0 2"><joint name="swing" axis="0 0 1" range="-180 180"/>{tip}</body>'
+    inertia = '<geom type="box" size=".1 .1 1" pos="0 0 1"/>'
+    return write_mjcf(folder, f"crane_{reach}", inertia + boom.replace("<joint", '<geom size=".05"/><joint', 1))
+
+
+def _farthest(scene: SceneModel, name: str, half: np.ndarray) -> float:
+    """The larger of the least coordinates [m] at which MuJoCo finds a corner of an object that stands anywhere."""
+    mjm, data, draws = scene.mjm, mujoco.MjData(scene.mjm), np.random.default_rng(0)
+    bodies, mocap = scene.subtree(name), int(scene.mjm.body_mocapid[scene.bodies[name]])
+    geoms = [g for g in range(mjm.ngeom) if mjm.geom_bodyid[g] in bodies]
+    joints = [j for j in range(mjm.njnt) if mjm.jnt_bodyid[j] in bodies]
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    best = -np.inf
+    for _ in range(300):
+        low, high = mjm.jnt_range[joints].T
+        data.qpos[mjm.jnt_qposadr[joints]] = np.where(draws.random(len(joints)) < 0.3, high, draws.uniform(low, high))
+        data.mocap_pos[mocap, :2] = half * draws.choice([1.0, 0.9], 2)
+        mujoco.mj_kinematics(mjm, data)
+        for g in geoms:
+            points = (corners * mjm.geom_size[g]) @ data.geom_xmat[g].reshape(3, 3).T + data.geom_xpos[g]
+            best = max(best, float(points[:, :2].min(axis=1).max()))
+    return best
+
+
+@pytest.mark.parametrize("reach", [0.5, 5.0, 20.0, 60.0])
+@pytest.mark.parametrize("size", [2.0, 50.0, 70.0, 76.5])
+def test_what_can_reach_the_places_is_refused(tmp_path: Path, size: float, reach: float):
+    """A crane anywhere on a floor: whenever MuJoCo finds a state in which it gets there, and never far from it."""
+    joints = {"*": {"fraction": [0, 1]}}
+    crane = {"asset": _crane(tmp_path, reach), "kind": "fixture", "on": "floor", "joints": joints}
+    scene = _scene(tmp_path, {"crane": crane}, floor={"size": [size, size]})
+    reached = _farthest(scene, "crane", np.full(2, 0.5 * size))
+    if reached > PARKING_FROM - PARKING_SPACING:
+        with pytest.raises(SceneKeyError, match=r"objects\.crane: reaches as far as .* are parked from \(40, 40\) m"):
+            _check(scene)
+    elif reached < 0.3 * PARKING_FROM:
+        _check(scene)
+
+
+@pytest.mark.parametrize("far", [10.0, 39.0])
+def test_the_points_of_a_region_are_where_an_object_can_get(tmp_path: Path, far: float):
+    """In space, where the farthest of them counts, along each axis by itself."""
+    stone = {"asset": box_mjcf(tmp_path, "stone", 0.1, 0.1, 0.1), "kind": "fixture"}
+    scene = _scene(tmp_path, {"stone": {**stone, "region": {"points": [[far, 0.0, 1.0], [0.0, far, 1.0]]}}})
+    if far < PARKING_FROM - PARKING_SPACING:
+        _check(scene)
+    else:
+        with pytest.raises(SceneKeyError, match=r"objects\.stone: reaches as far as"):
+            _check(scene)
+
+
+def test_what_swings_about_a_far_off_point_is_refused(tmp_path: Path):
+    """A small thing whose hinge is 15 m beside it; MuJoCo sees it go ten metres farther than it stands."""
+    swing = '<joint name="swing" axis="0 0 1" pos="15 0 0" range="-180 180"/><geom type="box" size=".1 .1 .1"/>'
+    rock = write_mjcf(tmp_path, "rock", f'<geom type="box" size=".1 .1 .1"/><body name="swing">{swing}</body>')
+    thing = {"asset": rock, "kind": "fixture", "on": "floor", "joints": {"swing": {"fraction": [0, 1]}}}
+    scene = _scene(tmp_path, {"rock": thing}, floor={"size": [60, 60]})
+    assert _farthest(scene, "rock", np.full(2, 30.0)) > PARKING_FROM
+    with pytest.raises(SceneKeyError, match=r"objects\.rock: "):
+        _check(scene)
+
+
+def test_what_stays_at_the_places_is_refused_by_its_name(tmp_path: Path):
+    """A tower that nobody places, and one of the user's own model; beside one of the two axes they may stand."""
+    body = '<geom type="box" size="1 1 1" pos="{0} {1} 1"/>'
+    for at, fits in (((41, 41), False), ((41, 10), True), ((10, 60), True), ((-45, -45), True)):
+        tower = {"asset": write_mjcf(tmp_path, f"tower_{at[0]}_{at[1]}", body.format(*at)), "kind": "static"}
+        scene = _scene(tmp_path, {"tower": tower})
+        if fits:
+            _check(scene)
+        else:
+            with pytest.raises(SceneKeyError, match=r"objects\.tower: reaches as far as \(42, 42\) m"):
+                _check(scene)
+    own = tmp_path / "own.xml"
+    own.write_text(f'<mujoco><worldbody><body name="mast">{body.format(41, 41)}</body></worldbody></mujoco>')
+    with pytest.raises(SceneKeyError, match="body 'mast': reaches as far as"):
+        _check(_scene(tmp_path, {}, model=str(own)))
+
+
+def test_what_lies_flat_on_the_ground_is_in_nobody_s_way(tmp_path: Path):
+    """A sheet that ends at the height of the ground, under the places."""
+    sheet = write_mjcf(tmp_path, "sheet", '<geom type="box" size="60 60 .01" pos="0 0 -.01"/>')
+    _check(_scene(tmp_path, {"sheet": {"asset": sheet, "kind": "static"}}))
+
+
+@pytest.mark.parametrize(("width", "fits"), [(PARKING_SPACING - 0.01, True), (PARKING_SPACING + 0.01, False)])
+def test_what_may_be_absent_is_narrower_than_the_places_are_apart(tmp_path: Path, width: float, fits: bool):
+    """Else neighbours would touch; a group that is always whole asks nothing of its members."""
+    slab = {"asset": box_mjcf(tmp_path, "slab", width, 0.5, 0.1), "region": {"box": [[0, 0, 1], [1, 1, 2]]}}
+    groups = {"some": {"of": ["slab"], "count": [0, 1]}}
+    if fits:
+        _check(_scene(tmp_path, {"slab": slab}, groups))
+    else:
+        with pytest.raises(SceneKeyError, match=rf"objects\.slab: is {width:.3g} m wide and may be absent"):
+            _check(_scene(tmp_path, {"slab": slab}, groups))
+    _check(_scene(tmp_path, {"slab": slab}, {"all": {"of": ["slab"], "count": 1}}))
+
+
+def test_without_groups_anything_may_stand_there(tmp_path: Path):
+    """Nothing is parked, so nothing is in the way."""
+    tower = {"asset": write_mjcf(tmp_path, "tower", '<geom type="box" size="1 1 1" pos="41 41 1"/>'), "kind": "static"}
+    _check(_scene(tmp_path, {"tower": tower}, {}))

@@ -1,0 +1,83 @@
+"""Where the collision test begins: every pair of leaves is met once, or left out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sceniris_gym.geometry.box_tree import build_tree
+from sceniris_gym.geometry.colliders import Colliders
+from sceniris_gym.program.pack.descent import first_nodes, leaf_nodes, nodes_without
+
+
+def _leaves(child: np.ndarray, node: int) -> list[int]:
+    """Leaves below a node of the trees of all colliders."""
+    return [node] if child[node] < 0 else _leaves(child, child[node]) + _leaves(child, child[node] + 1)
+
+
+def _random_colliders(sizes: list[int]) -> Colliders:
+    """Colliders, one a body, over so many random boxes each."""
+    colliders, draws = Colliders(), np.random.default_rng(3)
+    for body, size in enumerate(sizes):
+        middle, half = draws.normal(size=(size, 3)), draws.uniform(0.0, 0.3, (size, 3))
+        tree = build_tree(middle - half, middle + half)
+        colliders.body.append(body)
+        colliders.plane.append(-1)
+        colliders.root.append(colliders.nodes)
+        colliders.half.append(tree.half)
+        colliders.child.append(np.where(tree.child < 0, tree.child, tree.child + colliders.nodes))
+        colliders.nodes += len(tree.child)
+    return colliders
+
+
+@pytest.mark.parametrize("lanes", [1, 4, 32, 33, 10_000])
+@pytest.mark.parametrize("sizes", [[1, 1], [1, 40], [7, 13, 1, 30]], ids=str)
+def test_lanes_begin_with_what_meets_every_pair_of_leaves_once(sizes: list[int], lanes: int):
+    """Whatever is opened ahead of time: nothing is left out and nothing tested twice, and no lane is without work."""
+    colliders = _random_colliders(sizes)
+    pairs = [(a, b) for a in range(len(sizes)) for b in range(a + 1, len(sizes))]
+    roots = [(5 + i, colliders.root[a], colliders.root[b]) for i, (a, b) in enumerate(pairs)]
+    entries = first_nodes(colliders, roots, lanes)
+    child = np.concatenate(colliders.child)
+    for i, (a, b) in enumerate(pairs):
+        met = [
+            (x, y)
+            for pair, node, other in entries
+            if pair == 5 + i
+            for x in _leaves(child, node)
+            for y in _leaves(child, other)
+        ]
+        wanted = [(x, y) for x in _leaves(child, colliders.root[a]) for y in _leaves(child, colliders.root[b])]
+        assert sorted(met) == sorted(wanted)
+    every = sum(sizes[a] * sizes[b] for a, b in pairs)
+    assert min(max(lanes, len(pairs)), every) <= len(entries) <= max(lanes, len(pairs))
+
+
+def test_without_pairs_no_lane_has_anything_to_begin_with():
+    """An object that meets nothing is an object."""
+    assert first_nodes(_random_colliders([3]), [], 32) == []
+
+
+@pytest.mark.parametrize("lanes", [1, 32])
+@pytest.mark.parametrize(("sizes", "count"), [([1, 1], 1), ([1, 40], 3), ([7, 13], 5), ([7, 13], 91)], ids=str)
+def test_what_is_left_out_is_met_by_nothing(sizes: list[int], count: int, lanes: int):
+    """All other pairs of leaves are met once, before and after boxes are opened for more lanes."""
+    colliders = _random_colliders(sizes)
+    child = np.concatenate(colliders.child)
+    every = [(x, y) for x in _leaves(child, colliders.root[0]) for y in _leaves(child, colliders.root[1])]
+    chosen = np.random.default_rng(1).permutation(len(every))[:count]
+    left_out = [every[i] for i in chosen]
+    nodes = nodes_without(colliders, 0, 1, left_out)
+    entries = first_nodes(colliders, [(0, *pair) for pair in nodes], lanes)
+    met = [(x, y) for _, a, b in entries for x in _leaves(child, a) for y in _leaves(child, b)]
+    assert sorted(met + left_out) == sorted(every)
+
+
+def test_leaves_are_found_by_their_nodes():
+    """Each piece at one node without children; a plane at its root."""
+    colliders = _random_colliders([5])
+    found = leaf_nodes(colliders, 0)
+    assert sorted(found.values()) == [0, 1, 2, 3, 4]
+    assert sorted(found) == np.flatnonzero(colliders.child[0] < 0).tolist()
+    colliders.plane[0] = 7
+    assert leaf_nodes(colliders, 0) == {0: 7}

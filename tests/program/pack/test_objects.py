@@ -1,0 +1,189 @@
+"""The objects of a plan as flat arrays: what is drawn for each, where its pose is written, and what it is tested by."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sceniris_gym.geometry.pieces import PieceType
+from sceniris_gym.program.device import Measure, ObjectKind, OrientationType, Roof
+from sceniris_gym.program.pack.objects import footprint_hulls
+from sceniris_gym.program.pack.pairs import arm_pairs, collider_pairs
+from tests.layout.scenes import box_mjcf
+from tests.program.scenes import pack, scene_of
+
+
+@pytest.fixture
+def objects(folder: Path) -> dict[str, Any]:
+    """One object of each kind, some of them with joints that are drawn."""
+    box, gadget = str(folder / "box.xml"), str(folder / "gadget.xml")
+    return {
+        "free": {"asset": box, "on": "floor"},
+        "still": {"asset": gadget, "kind": "static", "joints": {"slide": {"choice": [0.1, -0.05, 0.2]}}},
+        "goal": {"kind": "marker", "on": "floor"},
+        "gadget": {"asset": gadget, "kind": "fixture", "on": "floor", "joints": {"*": {"fraction": [0, 1]}}},
+        "second": {"asset": box, "on": "floor"},
+    }
+
+
+def test_poses_are_written_where_mujoco_keeps_them(objects: dict[str, Any]):
+    """A free object's to the address of its freejoint, that of a fixture or a marker to its mocap body."""
+    packed = pack(scene_of(objects))
+    mjm = packed.scene.mjm
+    for name in ("free", "second"):
+        i = packed.number(name)
+        assert packed["obj_adr"][i] == mjm.joint(f"{name}/free").qposadr[0]
+        assert packed["obj_kind"][i] == ObjectKind.FREE
+    for name, kind in (("gadget", ObjectKind.FIXTURE), ("goal", ObjectKind.MARKER)):
+        i = packed.number(name)
+        assert packed["obj_adr"][i] == mjm.body(name).mocapid[0]
+        assert packed["obj_kind"][i] == kind
+    assert packed["obj_kind"][packed.number("still")] == ObjectKind.STATIC
+    assert [[*objects][slot] for slot in packed["obj_slot"]] == [o.name for o in packed.plan.objects]
+    assert [mjm.body(body).name for body in packed["obj_body"]] == [o.name for o in packed.plan.objects]
+
+
+def test_drawn_joints_are_intervals_or_one_of_some_values(objects: dict[str, Any]):
+    """Found by their address in qpos; a joint without a word in the scene is not among them."""
+    packed = pack(scene_of(objects))
+    mjm = packed.scene.mjm
+    assert packed.listed("still", "draw", "draw_qposadr") == [mjm.joint("still/slide").qposadr[0]]
+    assert packed.listed("free", "draw", "draw_qposadr") == []
+    first = int(packed["obj_drawadr"][packed.number("still")])
+    adr, num = packed["draw_choiceadr"][first], packed["draw_choicenum"][first]
+    assert packed["choice"][adr : adr + num].tolist() == [0.1, -0.05, 0.2]
+    for joint, limits in zip(("slide", "hinge"), packed.listed("gadget", "draw", "draw_range"), strict=True):
+        assert limits == pytest.approx(mjm.joint(f"gadget/{joint}").range)
+    assert packed["draw_choicenum"].tolist().count(0) == 2
+
+
+def test_a_variant_is_drawn_as_often_as_it_is_probable(tmp_path: Path):
+    """The steps of an object's cumulated shares are the probabilities of its poses, and the last one is 1."""
+    brick = {"asset": box_mjcf(tmp_path, "brick", 0.1, 0.06, 0.04), "on": "floor"}
+    packed = pack(scene_of({"a": {**brick, "orientation": "stable"}, "b": brick}))
+    for name, count in (("a", 6), ("b", 1)):
+        variants = packed.object(name).variants
+        shares = packed.listed(name, "variant", "variant_cdf")
+        assert len(shares) == count
+        assert np.diff([0.0, *shares]) == pytest.approx([v.probability for v in variants])
+        assert shares[-1] == pytest.approx(1.0)
+        np.testing.assert_array_equal(packed.listed(name, "variant", "variant_quat"), [v.quat for v in variants])
+        np.testing.assert_array_equal(packed.listed(name, "variant", "variant_pivot"), [v.pivot for v in variants])
+
+
+@pytest.mark.parametrize(
+    ("orientation", "kind", "yaw"),
+    [
+        ("fixed", OrientationType.YAW, (0, 0)),
+        ({"yaw": [-30, 90]}, OrientationType.YAW, (-30, 90)),
+        ({"stable": {"yaw": [10, 20]}}, OrientationType.YAW, (10, 20)),
+        ("any", OrientationType.ANY, (-180, 180)),
+        ({"face_to": "goal", "yaw": [5, 6]}, OrientationType.FACE_TO, (5, 6)),
+    ],
+    ids=str,
+)
+def test_how_an_orientation_is_drawn(tmp_path: Path, orientation: Any, kind: OrientationType, yaw: tuple):
+    """Angles in radians, and whom it faces as a slot; what has no orientation in its words turns all around."""
+    brick = {"asset": box_mjcf(tmp_path, "brick", 0.1, 0.06, 0.04), "on": "floor"}
+    goal = {"kind": "marker", "on": "floor"}
+    packed = pack(scene_of({"b": brick, "a": {**brick, "orientation": orientation}, "goal": goal}))
+    i, other = packed.number("a"), packed.number("b")
+    assert packed["obj_orientation"][i] == kind
+    assert packed["obj_yaw"][i] == pytest.approx(np.radians(yaw))
+    assert packed["obj_yaw"][other] == pytest.approx([-np.pi, np.pi])
+    if kind == OrientationType.FACE_TO:
+        assert packed.plan.slots[packed["obj_target"][i]] == "goal"
+
+
+@pytest.mark.parametrize("geometry", ["physics", "visual"])
+@pytest.mark.parametrize(("word", "roof"), [("on", Roof.OPEN), ("in", Roof.EITHER), ("inside", Roof.COVERED)])
+def test_a_roof_may_be_any_part_of_the_parent(word: str, roof: Roof, geometry: str):
+    """All bodies of the cabinet for what is in a drawer of it, and nothing else; with `in` nobody looks up."""
+    objects = {
+        "cabinet": {"asset": "cabinet", "kind": "fixture", "on": "floor"},
+        "block": {"asset": "block", word: "cabinet/upper_drawer"},
+    }
+    packed = pack(scene_of(objects, geometry=geometry))
+    assert packed["obj_roof"][packed.number("block")] == roof
+    assert packed["obj_roof"][packed.number("cabinet")] == Roof.EITHER
+    assert packed.listed("cabinet", "roof", "roof_list") == []
+    found = packed.listed("block", "roof", "roof_list")
+    bodies = packed.colliders.body if geometry == "visual" else [p.body for p in packed.plan.pieces]
+    own = packed.scene.subtree("cabinet")
+    expected = [i for i, body in enumerate(bodies) if body in own]
+    assert found == (expected if roof != Roof.EITHER else [])
+    assert len(own) == 3
+
+
+MEASURED = {
+    "rigid": ({}, "slab", Measure.NOTHING),
+    "rigid, and seen by its bounds": ({"seen": "bounds"}, "slab", Measure.NOTHING),
+    "any": ({"orientation": "any"}, "slab", Measure.WHOLE),
+    "stable": ({"orientation": "stable"}, "slab", Measure.NOTHING),
+    "joints": ({"joints": True}, "gadget", Measure.LOWEST),
+    "joints, kept from an edge": ({"joints": True, "ratio_on_support": 0.5}, "gadget", Measure.WHOLE),
+    "joints, seen by its origin": ({"joints": True, "seen": "origin"}, "gadget", Measure.LOWEST),
+    "joints, seen by its bounds": ({"joints": True, "seen": "bounds"}, "gadget", Measure.WHOLE),
+    "nothing to measure": ({"orientation": "any"}, None, Measure.NOTHING),
+}
+
+
+@pytest.mark.parametrize("case", MEASURED)
+def test_only_what_may_change_and_is_looked_at_is_measured(case: str, folder: Path):
+    """What is drawn decides the lowest point of what has joints, and the bounds where something looks at them."""
+    words, asset, measure = MEASURED[case]
+    words = dict(words)
+    seen, joints = words.pop("seen", None), words.pop("joints", False)
+    box_mjcf(folder, "slab", 0.1, 0.06, 0.04)
+    words |= {"joints": {"*": {"fraction": [0, 1]}}} if joints else {}
+    path = None if asset is None else str(folder / f"{asset}.xml")
+    kind = "marker" if asset is None else "fixture"
+    objects: dict[str, Any] = {"thing": {"asset": path, "kind": kind, "on": "floor", **words}}
+    if seen:
+        relation = {"near": "thing", "distance": {"max": 1.0}, "measure": seen}
+        objects["other"] = {"asset": str(folder / "slab.xml"), "on": "floor", "relations": [relation]}
+    packed = pack(scene_of(objects))
+    assert packed["obj_measured"][packed.number("thing")] == measure
+
+
+def test_pairs_are_those_of_objects_and_then_those_of_the_arm(tmp_path: Path):
+    """Every list at its address, with its margins; entries to begin with belong to the pairs of their own list."""
+    cube = {"asset": box_mjcf(tmp_path, "cube", 0.05, 0.05, 0.05), "on": "floor"}
+    objects = {"a": {**cube, "clearance": 0.02, "reachable": "ik"}, "b": cube}
+    for lanes in (1, 32):
+        packed = pack(scene_of(objects, robot={"asset": "panda"}), lanes)
+        expected = [("obj", i, p) for i, p in enumerate(collider_pairs(packed.scene, packed.plan, packed.colliders))]
+        assert len(packed["obj_pairadr"]) == len(packed["obj_startadr"]) == len(expected) == 2
+        arm = arm_pairs(packed.scene, packed.plan, packed.colliders)
+        assert arm is not None
+        itself = [arm.itself["robot"]]
+        named = {"arm_self": itself, "arm_scene": arm.scene, "arm_hand": arm.hand, "arm_target": arm.target}
+        expected += [("arm", packed[name][i], p) for name, lists in named.items() for i, p in enumerate(lists)]
+        assert len(packed["arm_pairadr"]) == len(packed["arm_startadr"]) == 4
+        rows = list(zip(packed["pair_a"], packed["pair_b"], packed["pair_margin"], strict=True))
+        for of, i, pairs in expected:
+            adr, num = packed[f"{of}_pairadr"][i], packed[f"{of}_pairnum"][i]
+            assert rows[adr : adr + num] == [(p.a, p.b, p.margin) for p in pairs]
+            start = packed["start"][packed[f"{of}_startadr"][i] :][: packed[f"{of}_startnum"][i]]
+            assert set(start[:, 0]) == set(range(adr, adr + num))
+            assert len(start) == num if lanes == 1 else len(start) >= min(num, lanes)
+
+
+def test_a_footprint_is_a_piece_of_its_own_only_where_all_of_it_must_be_carried(folder: Path):
+    """Of what has several pieces, with a ratio of 1, and no joints that are drawn; else each piece has a shadow."""
+    gadget = {"asset": str(folder / "gadget.xml"), "kind": "fixture", "on": "floor"}
+    objects = {
+        "whole": {**gadget, "ratio_on_support": 1.0},
+        "part": {**gadget, "ratio_on_support": 0.9},
+        "moving": {**gadget, "ratio_on_support": 1.0, "joints": {"*": {"fraction": [0, 1]}}},
+        "single": {"asset": str(folder / "box.xml"), "on": "floor", "ratio_on_support": 1.0},
+    }
+    packed = pack(scene_of(objects))
+    assert [hull.type for hull in footprint_hulls(packed.plan)] == [PieceType.HULL]
+    assert packed.listed("whole", "shadow", "shadow_list") == [len(packed.plan.pieces)]
+    for name in ("part", "moving", "single"):
+        assert packed.listed(name, "shadow", "shadow_list") == packed.listed(name, "piece", "piece_list")
+    assert packed["obj_footprint"].tolist() == [name != "part" for name in (o.name for o in packed.plan.objects)]

@@ -1,0 +1,165 @@
+"""The whole program as flat arrays: nothing is missing, bodies move as in MuJoCo, and pieces are found again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import warp as wp
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+from sceniris_gym.geometry.colliders import collider_arrays
+from sceniris_gym.geometry.pieces import PieceType
+from sceniris_gym.program.device import Program
+from sceniris_gym.program.device_reach import Reach
+from sceniris_gym.program.pack.objects import ARM_LISTS, pack_objects
+from sceniris_gym.program.pack.regions import pack_regions
+from sceniris_gym.program.pack.relations import pack_relations
+from tests.layout.scenes import write_mjcf
+from tests.program.scenes import Packed, pack, scene_of
+
+BANK = {"bank_present", "bank_qpos", "bank_mocap_pos", "bank_mocap_quat"}
+# What turns, slides, hangs on a ball joint and stands beside it all, in frames that are turned and moved.
+MOBILE = """
+<body name="arm" pos=".1 0 .2" quat=".8 .1 .5 .2"><joint name="turn" axis="1 2 0" pos="0 .1 0" range="-2 2" ref=".3"/>
+  <joint name="push" type="slide" axis="0 1 1" range="-.2 .4" ref="-.1"/><geom size=".03"/>
+  <body name="hand" pos="0 .2 0"><joint name="roll" axis="0 0 1" pos=".05 0 0" range="-1 3"/><geom size=".03"/></body>
+</body>
+<body name="bob" pos="0 0 .5"><joint name="knot" type="ball"/><geom size=".03" pos="0 0 -.1"/></body>
+<body name="fixed" pos="0 .4 0" euler="0 0 40"><geom size=".03"/></body>"""
+
+
+@pytest.fixture
+def mobile(folder: Path) -> Packed:
+    """A mobile that stands as a fixture, and one that is loose and not placed."""
+    key = '<keyframe><key name="home" qpos=".5 .1 -.4 .6 0 .8 0"/></keyframe>'
+    asset = write_mjcf(folder, "mobile", MOBILE, key)
+    loose = f'<freejoint/><geom type="box" size=".1 .1 .1"/>{MOBILE}'
+    key = '<keyframe><key name="home" qpos="0 0 0 1 0 0 0 .7 .2 .3 -.6 .8 0 0"/></keyframe>'
+    other = write_mjcf(folder, "loose", loose, key)
+    objects = {
+        "mobile": {"asset": asset, "kind": "fixture", "on": "floor", "joints": {"push": {"fraction": [0, 1]}}},
+        "loose": {"asset": other},
+    }
+    return pack(scene_of(objects))
+
+
+def _kinematics(packed: Packed, qpos: np.ndarray) -> tuple[np.ndarray, Rotation]:
+    """Poses of all bodies from the packed arrays alone: a body's pose, then its joints one after the other."""
+    a, n = packed.arrays, len(packed["body_parent"])
+    pos, turn = np.zeros((n, 3)), [Rotation.identity()] * n
+    for body in range(1, n):
+        parent = int(a["body_parent"][body])
+        pos[body] = pos[parent] + turn[parent].apply(a["body_pos"][body])
+        turn[body] = turn[parent] * Rotation.from_quat(a["body_quat"][body], scalar_first=True)
+        for joint in range(a["body_jntadr"][body], a["body_jntadr"][body] + a["body_jntnum"][body]):
+            moved = qpos[a["jnt_qposadr"][joint]] - a["jnt_qpos0"][joint]
+            if a["jnt_slide"][joint]:
+                pos[body] += turn[body].apply(a["jnt_axis"][joint]) * moved
+                continue
+            anchor = pos[body] + turn[body].apply(a["jnt_pos"][joint])
+            turn[body] = turn[body] * Rotation.from_rotvec(a["jnt_axis"][joint] * moved)
+            pos[body] = anchor - turn[body].apply(a["jnt_pos"][joint])
+    return pos, Rotation.concatenate(turn)
+
+
+def test_bodies_move_as_mujoco_moves_them(mobile: Packed):
+    """With random hinges and slides; free and ball joints, which are never drawn, stand where they start."""
+    mjm, data, draws = mobile.scene.mjm, mujoco.MjData(mobile.scene.mjm), np.random.default_rng(0)
+    kinds = [int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)]
+    scalar = np.flatnonzero(np.isin(mjm.jnt_type, kinds))
+    assert len(scalar) == 6
+    assert mjm.njnt == 9
+    for _ in range(20):
+        data.qpos[:] = mobile.scene.home_qpos
+        data.qpos[mjm.jnt_qposadr[scalar]] = draws.uniform(*mjm.jnt_range[scalar].T)
+        mujoco.mj_kinematics(mjm, data)
+        pos, turn = _kinematics(mobile, data.qpos)
+        np.testing.assert_allclose(pos, data.xpos, atol=1e-9)
+        np.testing.assert_allclose(turn.as_matrix().reshape(-1, 9), data.xmat, atol=1e-9)
+
+
+def test_what_is_loose_and_not_placed_stands_where_the_model_starts(folder: Path):
+    """Its freejoint is gone, and its body is where an own model's keyframe has it, turned and all."""
+    body = '<body name="stone" pos="0 0 .2"><freejoint/><geom size=".1"/></body>'
+    key = '<keyframe><key name="home" qpos="1 -2 .5 .6 0 .8 0"/></keyframe>'
+    (folder / "own.xml").write_text(f"<mujoco><worldbody>{body}</worldbody>{key}</mujoco>")
+    packed = pack(scene_of({"stone": {}}, model=str(folder / "own.xml")))
+    stone = packed.scene.bodies["stone"]
+    pos, turn = _kinematics(packed, np.zeros(packed.scene.mjm.nq))
+    assert packed["body_jntnum"][stone] == 0
+    np.testing.assert_allclose(pos[stone], [1.0, -2.0, 0.5])
+    np.testing.assert_allclose(turn[stone].as_quat(scalar_first=True), [0.6, 0.0, 0.8, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("geometry", ["physics", "visual"])
+def test_every_field_of_the_program_is_packed_and_by_one_packer(folder: Path, geometry: str):
+    """Colliders and the bank apart, which others fill; nothing more but the lists of an arm, which are `Reach`'s."""
+    objects = {
+        "gadget": {"asset": str(folder / "gadget.xml"), "kind": "fixture", "on": "floor"},
+        "box": {"asset": str(folder / "box.xml"), "on": "floor", "relations": [{"left_of": "gadget"}]},
+    }
+    packed = pack(scene_of(objects, geometry=geometry))
+    declared = {name for name, var in Program.vars.items() if isinstance(var.type, wp.array)}
+    assert set(packed.arrays) | set(collider_arrays(packed.colliders)) | BANK == declared.union(ARM_LISTS)
+    assert set(ARM_LISTS) <= set(Reach.vars) - declared
+    assert not set(packed.arrays) & set(collider_arrays(packed.colliders))
+    parts = [
+        pack_objects(packed.scene, packed.plan, packed.colliders, 1),
+        pack_relations(packed.scene, packed.plan),
+        pack_regions(packed.plan, "here"),
+    ]
+    names = [name for part in parts for name in part]
+    assert len(names) == len(set(names))
+
+
+def test_an_empty_scene_is_packed_too():
+    """Without objects and without a floor: every array keeps its number of columns."""
+    packed, full = pack(scene_of({}, floor=None)), pack(scene_of({"apple": {"asset": "apple", "on": "floor"}}))
+    for name, values in packed.arrays.items():
+        assert values.shape[1:] == full[name].shape[1:], name
+
+
+def test_pieces_are_those_of_the_plan_and_footprints_come_after_them(folder: Path):
+    """Hulls are found again at their addresses; the footprint of what is made of several pieces is one hull more."""
+    objects = {
+        "gadget": {"asset": str(folder / "gadget.xml"), "kind": "fixture", "on": "floor", "ratio_on_support": 1.0},
+        "mug": {"asset": "mug", "on": "floor", "ratio_on_support": 1.0},
+        "apple": {"asset": "apple", "on": "floor"},
+    }
+    packed = pack(scene_of(objects))
+    pieces = packed.plan.pieces
+    assert packed["piece_type"].tolist()[: len(pieces)] == [p.type for p in pieces]
+    assert packed["piece_body"].tolist()[: len(pieces)] == [p.body for p in pieces]
+    vertices = [
+        packed["vert"][adr : adr + num]
+        for adr, num in zip(packed["piece_vertadr"], packed["piece_vertnum"], strict=True)
+    ]
+    for piece, found in zip(pieces, vertices, strict=False):
+        np.testing.assert_array_equal(found, piece.vertices)
+        assert (len(found) > 3) == (piece.type == PieceType.HULL)
+    assert packed["piece_type"][len(pieces) :].tolist() == [PieceType.HULL] * 2
+    for name, i in (("gadget", len(pieces)), ("mug", len(pieces) + 1)):
+        assert packed.listed(name, "shadow", "shadow_list") == [i]
+        hull = ConvexHull(vertices[i] + packed["piece_pos"][i])
+        own = [p.mesh.vertices for p in pieces if p.body == packed.scene.bodies[name] and p.mesh is not None]
+        outside = np.concatenate(own) @ hull.equations[:, :3].T + hull.equations[:, 3]
+        assert outside.max() < 1e-6
+    assert packed.listed("apple", "shadow", "shadow_list") == packed.listed("apple", "piece", "piece_list")
+
+
+def test_groups_are_their_members_slots_and_counts(folder: Path):
+    """A slot is a place in the scene file, whatever the order of placement."""
+    box = {"asset": str(folder / "box.xml"), "on": "floor"}
+    objects = {"a": {**box, "on": "d"}, "b": box, "c": box, "d": {**box, "kind": "fixture"}}
+    groups = {"first": {"of": ["c", "a"], "count": [0, 2]}, "second": {"of": ["b"], "count": 1}}
+    packed = pack(scene_of(objects, groups=groups))
+    members = [
+        [list(objects)[slot] for slot in packed["group_slot"][adr : adr + num]]
+        for adr, num in zip(packed["group_adr"], packed["group_num"], strict=True)
+    ]
+    assert members == [["c", "a"], ["b"]]
+    assert (packed["group_low"].tolist(), packed["group_high"].tolist()) == ([0, 1], [2, 1])

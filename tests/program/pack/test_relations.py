@@ -1,0 +1,197 @@
+"""Relations as flat arrays: what each means in numbers, and into how many slices a ring is cut."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+from sceniris_gym.config.relations import Relation
+from sceniris_gym.errors import SceneKeyError
+from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, RelationType
+from sceniris_gym.program.pack.relations import MOST_SLICES, region_pieces
+from tests.program.scenes import Packed, pack, scene_of
+
+SIDES = ("front", "back", "left", "right")
+# Seen from above, x to the right and y to the back.
+DIRECTIONS = {"front": (0, -1), "back": (0, 1), "left": (-1, 0), "right": (1, 0)}
+
+
+@pytest.fixture
+def packed(folder: Path) -> Packed:
+    """An object with a relation of each kind, one whose only relation names it, and one without any."""
+    box = {"asset": str(folder / "box.xml"), "on": "floor"}
+    relations = [
+        {"left_of": "robot", "angle": 30, "frame": "world", "distance": {"min": 0.1}},
+        {"near": "post", "distance": {"equal": 0.5, "tolerance": 0.02}, "measure": "bounds"},
+        {"between": ["tail", "post", "robot"], "width": 0.3},
+        {"beside": "post", "side": "front", "gap": 0.07, "frame": "tail"},
+    ]
+    objects = {
+        "box": {**box, "relations": relations},
+        "last": {**box, "relations": [{"direction": [1, 1], "of": "box", "frame": "support"}]},
+        "post": {**box, "kind": "fixture"},
+        "tail": {"asset": box["asset"], "kind": "static"},
+    }
+    return pack(scene_of(objects, robot={"asset": "panda"}))
+
+
+def _rows(packed: Packed, name: str) -> list[dict[str, Any]]:
+    """The packed relations of an object, one after the other, anchors as names."""
+    keys = ("type", "frame", "heading", "half_angle", "low", "high", "bounds", "width", "gap")
+    lists = {key: packed.listed(name, "rel", f"rel_{key}") for key in (*keys, "anchoradr", "anchornum")}
+    rows = [{key: lists[key][i] for key in lists} for i in range(len(lists["type"]))]
+    for row in rows:
+        adr = row.pop("anchoradr")
+        slots = packed["rel_anchor"][adr : adr + row.pop("anchornum")]
+        row["anchors"] = [packed.plan.slots[slot] for slot in slots]
+    return rows
+
+
+def test_relations_stand_with_their_object_in_the_order_of_the_file(packed: Packed):
+    """Whatever the order of placement; an object without any has none."""
+    assert [r["type"] for r in _rows(packed, "box")] == [
+        RelationType.SECTOR, RelationType.SECTOR, RelationType.BETWEEN, RelationType.BESIDE,
+    ]  # fmt: skip
+    assert [r["type"] for r in _rows(packed, "last")] == [RelationType.SECTOR]
+    assert _rows(packed, "post") == []
+    assert sum(packed["obj_relnum"]) == len(packed["rel_type"]) == 5
+
+
+def test_what_the_file_says_is_there_in_metres_and_radians(packed: Packed):
+    """Anchors and frames by name, what has no limit far away, and every direction by the heading that it means."""
+    left, near, between, beside = _rows(packed, "box")
+    (last,) = _rows(packed, "last")
+    assert [r["anchors"] for r in (left, near, between, beside, last)] == [
+        ["robot"], ["post"], ["tail", "post", "robot"], ["post"], ["box"],
+    ]  # fmt: skip
+    assert (left["heading"], left["half_angle"]) == pytest.approx((math.pi, math.radians(30)))
+    assert left["low"] == 0.1
+    assert left["high"] > 1e20
+    assert left["frame"] == FRAME_WORLD
+    assert (near["low"], near["high"], near["bounds"]) == pytest.approx((0.48, 0.52, 1))
+    assert near["half_angle"] == pytest.approx(math.pi)
+    assert between["width"] == 0.3
+    assert beside["heading"] == pytest.approx(-0.5 * math.pi)
+    assert beside["gap"] == 0.07
+    assert packed.plan.slots[beside["frame"]] == "tail"
+    assert packed.plan.slots[near["frame"]] == "post"
+    assert last["frame"] == FRAME_SUPPORT
+    assert (last["heading"], last["half_angle"]) == pytest.approx((0.25 * math.pi, 0.5 * math.pi))
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_side_is_its_direction(side: str, folder: Path):
+    """The heading points where the word says, for `..._of` and for `beside`; frames that are not named are anchors."""
+    box = {"asset": str(folder / "box.xml"), "on": "floor"}
+    relations = [{f"{side}_of": "post"}, {"beside": "post", "side": side}]
+    packed = pack(scene_of({"post": {**box, "kind": "fixture"}, "box": {**box, "relations": relations}}))
+    for row in _rows(packed, "box"):
+        assert (math.cos(row["heading"]), math.sin(row["heading"])) == pytest.approx(DIRECTIONS[side], abs=1e-9)
+        assert packed.plan.slots[row["frame"]] == "post"
+
+
+def _slices(relation: Relation) -> list[shapely.Polygon]:
+    """The slices of a sector about the origin: between two rays, the inner arc's chord and the outer one's tangent."""
+    n = region_pieces(relation)
+    half = relation.half_angle / n
+    inner, outer = relation.low, relation.high / math.cos(half)
+    found = []
+    for i in range(n):
+        low, high = (-relation.half_angle + 2.0 * half * k for k in (i, i + 1))
+        rays = [(math.cos(a), math.sin(a)) for a in (low, high)]
+        corners = [rays[0], rays[1]], [rays[1], rays[0]]
+        points = [(inner * x, inner * y) for x, y in corners[0]] + [(outer * x, outer * y) for x, y in corners[1]]
+        found.append(shapely.Polygon(points).buffer(0.0))
+    return found
+
+
+@pytest.mark.parametrize(
+    "distance",
+    [
+        {"max": 1.0},
+        {"min": 0.4, "max": 0.5},
+        {"min": 0.01, "max": 2.0},
+        {"equal": 1.0, "tolerance": 0.01},
+        {"equal": 0.2, "tolerance": 0.001},
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("angle", [None, 10, 90, 135], ids=str)
+def test_slices_hold_their_ring_and_little_more(distance: dict, angle: float | None):
+    """By areas: all of the ring is in them, and half of them is ring; they are convex, apart and 30 degrees at most."""
+    words: dict[str, Any] = {"near": "a"} if angle is None else {"front_of": "a", "angle": angle}
+    relation = Relation.model_validate({**words, "distance": distance})
+    half, low, high = relation.half_angle, relation.low, relation.high
+    turn = np.linspace(-half, half, 4001)
+    arcs = [np.stack([r * np.cos(t), r * np.sin(t)], axis=1) for r, t in ((high, turn), (low, turn[::-1]))]
+    ring = shapely.Polygon(np.concatenate(arcs)).buffer(0.0)
+    slices = _slices(relation)
+    assert 2.0 * half / len(slices) <= math.radians(30.0) + 1e-9
+    assert shapely.union_all(slices).buffer(1e-6).covers(ring)
+    assert sum(s.area for s in slices) == pytest.approx(shapely.union_all(slices).area, rel=1e-6)
+    assert all(s.convex_hull.area == pytest.approx(s.area, rel=1e-6) for s in slices)
+    assert half * (high**2 - low**2) > 0.5 * sum(s.area for s in slices)
+
+
+def test_slices_are_never_more_than_there_is_room_for_nor_wider_than_half_a_turn():
+    """The thinnest ring has the most; without a distance two half planes are all around, and one is a half."""
+    thinnest = {"near": "a", "distance": {"equal": 100.0, "tolerance": 1e-4}}
+    assert region_pieces(Relation.model_validate(thinnest)) == MOST_SLICES
+    counts = [region_pieces(Relation.model_validate({"front_of": "a", "angle": a})) for a in (1, 90, 91, 180)]
+    assert counts == [1, 1, 2, 2]
+    assert region_pieces(Relation.model_validate({"between": ["a", "b"]})) == 1
+    assert region_pieces(Relation.model_validate({"beside": "a", "side": "left"})) == 1
+
+
+INSISTS = {
+    "nothing": ({}, False),
+    "a distance between origins": ({"relations": [{"near": "post", "distance": {"max": 1}}]}, False),
+    "a distance between bounds": (
+        {"relations": [{"near": "post", "distance": {"max": 1}, "measure": "bounds"}]},
+        True,
+    ),
+    "beside": ({"relations": [{"beside": "post", "side": "left"}]}, True),
+    "a strip of a given width": (
+        {"relations": [{"between": ["post", "tail"], "width": 0.1}], "orientation": "any"},
+        False,
+    ),
+    "a strip as wide as itself": ({"relations": [{"between": ["post", "tail"]}], "orientation": "any"}, True),
+    "a strip as wide as what never turns over": ({"relations": [{"between": ["post", "tail"]}]}, False),
+    "an edge that any turn keeps from": ({"ratio_on_support": 1.0, "orientation": "any"}, True),
+    "an edge that one of several poses may fit": ({"ratio_on_support": 1.0, "orientation": "stable"}, True),
+    "an edge for the only pose": ({"ratio_on_support": 1.0}, False),
+}
+
+
+@pytest.mark.parametrize("case", INSISTS)
+def test_an_object_insists_where_its_own_draw_may_open_a_region(case: str, folder: Path):
+    """Where nothing that it draws could, an empty region is empty, and is not asked again."""
+    words, insists = INSISTS[case]
+    box = {"asset": str(folder / "box.xml"), "on": "floor"}
+    objects = {"post": {**box, "kind": "fixture"}, "tail": {**box, "kind": "fixture"}, "thing": {**box, **words}}
+    packed = pack(scene_of(objects))
+    assert bool(packed["obj_retry_if_empty"][packed.number("thing")]) is insists
+
+
+def test_what_does_not_know_its_turn_cannot_be_beside(folder: Path):
+    """`face_to` needs to know where it is first; the message names the relations."""
+    box = {"asset": str(folder / "box.xml"), "on": "floor"}
+    words = {"orientation": {"face_to": "post"}, "relations": [{"beside": "post", "side": "left"}]}
+    with pytest.raises(SceneKeyError, match=r"objects\.thing\.relations: 'beside' depends on how .* 'face_to'"):
+        pack(scene_of({"post": {**box, "kind": "fixture"}, "thing": {**box, **words}}))
+
+
+def test_what_has_no_bounds_needs_a_width(folder: Path):
+    """A marker that touches nothing, between two posts; the message names the width that is missing."""
+    box = {"asset": str(folder / "box.xml"), "on": "floor", "kind": "fixture"}
+    mark: dict[str, Any] = {**box, "kind": "marker", "relations": [{"between": ["a", "b"]}]}
+    with pytest.raises(SceneKeyError, match=r"objects\.mark\.relations\.0\.width: is missing\. 'mark' has nothing"):
+        pack(scene_of({"a": box, "b": box, "mark": mark}))
+    assert pack(scene_of({"a": box, "b": box, "mark": mark}, geometry="visual"))["rel_width"].tolist() == [-1.0]
+    mark["relations"] = [{"between": ["a", "b"], "width": 0.1}]
+    assert pack(scene_of({"a": box, "b": box, "mark": mark}))["rel_width"].tolist() == [0.1]

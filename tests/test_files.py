@@ -1,0 +1,109 @@
+"""Files that are whole or not there, and paths that are refused before the work."""
+
+import errno
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sceniris_gym.errors import NotSupportedError, OutputError
+from sceniris_gym.files import check_picture, check_writable, replacing
+
+
+def test_a_file_is_replaced_when_the_block_ends(tmp_path: Path):
+    """Until then the old one is there; nothing is left beside it, and others may read it."""
+    path = tmp_path / "new" / "folder" / "file.txt"
+    for words in ("first", "second"):
+        before = path.read_text() if path.exists() else None
+        with replacing(path) as temporary:
+            temporary.write_text(words)
+            assert (path.read_text() if path.exists() else None) == before
+        assert path.read_text() == words
+    assert list(path.parent.iterdir()) == [path]
+    assert path.stat().st_mode & 0o777 == 0o644
+
+
+@pytest.mark.parametrize("stop", [ValueError, KeyboardInterrupt, SystemExit])
+def test_a_block_that_is_stopped_leaves_the_old_file(tmp_path: Path, stop: type[BaseException]):
+    """By an error or by the user: half of the new one is nowhere."""
+    path = tmp_path / "file.txt"
+    path.write_text("old")
+
+    def write() -> None:
+        with replacing(path) as temporary:
+            temporary.write_text("half of the ne")
+            raise stop
+
+    with pytest.raises(stop):
+        write()
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_path_that_can_be_written_is_let_through_and_left_alone(tmp_path: Path):
+    """Neither the file nor its folders are made, and one that is there is not touched."""
+    check_writable(tmp_path / "a" / "b" / "file.txt")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "old.txt").write_text("old")
+    check_writable(tmp_path / "old.txt")
+    assert (tmp_path / "old.txt").read_text() == "old"
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_path_that_cannot_be_written_is_named(tmp_path: Path):
+    """A folder, and a file inside of a file; checked before, or found out when written."""
+    (tmp_path / "file").write_text("kept")
+    with pytest.raises(OutputError, match=f"{tmp_path}.* folder"):
+        check_writable(tmp_path)
+    inside = tmp_path / "file" / "inside.txt"
+    with pytest.raises(OutputError, match=r"inside\.txt"):
+        check_writable(inside)
+    with pytest.raises(OutputError, match=r"inside\.txt"), replacing(inside):
+        pytest.fail("there is nothing to write to")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("name", ["picture.jpg", "picture", "picture.png.pdf"])
+def test_a_picture_ends_with_png(tmp_path: Path, name: str):
+    """In capitals too; another suffix is named, with the right one."""
+    check_picture(tmp_path / "picture.png")
+    check_picture(tmp_path / "picture.PNG")
+    with pytest.raises(NotSupportedError, match=rf"{name}.*\.png"):
+        check_picture(tmp_path / name)
+    (tmp_path / "folder.png").mkdir()
+    with pytest.raises(OutputError, match="folder"):
+        check_picture(tmp_path / "folder.png")
+
+
+def test_what_a_killed_process_left_behind_is_removed(tmp_path: Path):
+    """By the next one that writes the same file; files of running processes and of other machines stay."""
+    script = (
+        "import os, sys; from pathlib import Path; from sceniris_gym.files import replacing\n"
+        "with replacing(Path(sys.argv[1])) as file: file.write_text('half'); os.kill(os.getpid(), 9)"
+    )
+    target = tmp_path / "layouts.npz"
+    subprocess.run([sys.executable, "-c", script, str(target)], check=False)
+    (left,) = tmp_path.iterdir()
+    assert left.name.endswith(".tmp")
+    other = tmp_path / left.name.replace(socket.gethostname(), "another")
+    other.touch()
+    with replacing(target) as file:
+        assert not left.exists()
+        assert file.exists()
+        with replacing(target) as beside:
+            assert file.exists()
+            beside.write_text("first")
+        file.write_text("whole")
+    assert target.read_text() == "whole"
+    assert sorted(tmp_path.iterdir()) == sorted([target, other])
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS])
+def test_a_full_disk_is_told_with_its_file(tmp_path: Path, number: int):
+    """And nothing is left behind."""
+    with pytest.raises(OutputError, match=r"a\.png cannot be written: .*Give --out"), replacing(tmp_path / "a.png"):
+        raise OSError(number, os.strerror(number))
+    assert not list(tmp_path.iterdir())
