@@ -271,7 +271,7 @@ def test_a_scene_launches_the_steps_of_its_tiers_alone(
         launch = getattr(wp, name)
 
         def recorded(kernel: wp.Kernel, *args: Any, **words: Any) -> None:
-            if "reach_" in kernel.module.name:
+            if ".reaching." in kernel.module.name:
                 steps = "-".join(map(str, words["inputs"][2:4]))
                 launched.append(f"_test {steps}" if kernel.key == "_test" else kernel.key)
             launch(kernel, *args, **words)
