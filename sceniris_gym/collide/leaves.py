@@ -21,9 +21,6 @@ wp.set_module_options({"enable_backward": False})
 # metres, below the 10 um to which a rejection must be right.
 SKIN = 5.0e-6
 
-_PIECE_LEAF = wp.constant(PIECE_LEAF)
-_HULL = wp.constant(int(PieceType.HULL))
-_STATIC = wp.constant(int(ObjectKind.STATIC))
 _OWN_A = wp.constant(1)
 _OWN_B = wp.constant(2)
 
@@ -49,10 +46,10 @@ class OverPlane:
 def pair_poses(
     program: Program,
     pair: int,
-    own_pos: wp.array(dtype=wp.vec3),
-    own_quat: wp.array(dtype=wp.vec4),
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
+    own_pos: wp.array[wp.vec3],
+    own_quat: wp.array[wp.vec4],
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
 ) -> PairPoses:
     """Where a pair's bodies are: those of what is tested as it is posed, all others as they stand."""
     bodies = program.pair_bodies[pair]
@@ -84,7 +81,7 @@ def margin_of(program: Program, pair: int, support_body: int) -> float:
 @wp.func
 def support_of(program: Program, obj: int) -> int:
     """The body that an object stands on, to which its clearance does not apply; -1 for none."""
-    if program.obj_kind[obj] == _STATIC:
+    if program.obj_kind[obj] == ObjectKind.STATIC:
         return -1
     return program.obj_ground[obj]
 
@@ -166,7 +163,7 @@ def _piece_of(program: Program, leaf: int) -> int:
     """The piece that a leaf is, or -1 for a triangle."""
     if program.faces == 0:
         return leaf
-    return wp.max(leaf - _PIECE_LEAF, -1)
+    return wp.max(leaf - PIECE_LEAF, -1)
 
 
 @wp.func
@@ -177,7 +174,7 @@ def _leaf_shape(program: Program, leaf: int) -> Shape:
     if piece >= 0:
         s = piece_shape(program, piece)
     else:
-        s.kind = _HULL
+        s.kind = PieceType.HULL
         s.size = wp.vec3(0.0)
         s.vertadr = program.face_vertadr + 3 * leaf
         s.vertnum = int(3)

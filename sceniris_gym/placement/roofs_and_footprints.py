@@ -9,7 +9,6 @@ from sceniris_gym.device.transforms import Pose, compose, pose_of, relative
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.program.device import Program
 
-_BOX = wp.constant(int(PieceType.BOX))
 _SHADOW = wp.constant(wp.vec3(1.0, 1.0, 0.0))
 _SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
 # How far up a roof is looked for [m], and how far over the surface the look begins: surfaces of one height but of two
@@ -51,9 +50,7 @@ def _crosses_box(half: wp.vec3, rel: Pose) -> bool:
 
 
 @wp.func
-def _origin(
-    program: Program, piece: int, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
-) -> wp.vec3:
+def _origin(program: Program, piece: int, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]) -> wp.vec3:
     """The origin of a piece's frame in the world, around which `piece_radius` holds it."""
     body = program.piece_body[piece]
     return body_pos[body] + rot_vec_quat(program.piece_pos[piece], body_quat[body])
@@ -61,7 +58,7 @@ def _origin(
 
 @wp.func
 def _is_under_piece(
-    program: Program, piece: int, point: wp.vec3, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
+    program: Program, piece: int, point: wp.vec3, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> bool:
     """Is a convex piece above `point` (world frame)?"""
     beside = _origin(program, piece, body_pos, body_quat) - point
@@ -70,7 +67,7 @@ def _is_under_piece(
     body = program.piece_body[piece]
     frame = compose(pose_of(body_pos[body], body_quat[body]), piece_pose(program, piece))
     rel = relative(_upward(point), frame)
-    if program.piece_type[piece] == _BOX:
+    if program.piece_type[piece] == PieceType.BOX:
         return _crosses_box(program.piece_size[piece], rel)
     return not separated(program.vert, segment_shape(0.5 * _ROOF_REACH), piece_shape(program, piece), rel, _SPACE, 0.0)
 
@@ -80,8 +77,8 @@ def _is_under_faces(
     program: Program,
     collider: int,
     point: wp.vec3,
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
 ) -> bool:
     """Is a triangle of the collider above `point` (world frame)?"""
     body = program.collider_body[collider]
@@ -93,7 +90,7 @@ def _is_under_faces(
 
 @wp.func
 def is_under_roof(
-    program: Program, entry: int, point: wp.vec3, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
+    program: Program, entry: int, point: wp.vec3, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> bool:
     """Is an entry of `roof_list` above `point` (world frame): a convex piece, or where faces are tested a collider?"""
     if program.faces != 0:
@@ -178,8 +175,8 @@ def overhangs(
     surface: int,
     index: int,
     ground: Pose,
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
 ) -> bool:
     """Does a piece of the posed object's footprint lie off the surface at an edge? `index`: of both, edges first.
 

@@ -22,14 +22,14 @@ N = 6000
 
 @wp.kernel
 def _within(
-    ca: wp.array(dtype=wp.vec3),
-    ha: wp.array(dtype=wp.vec3),
-    cb: wp.array(dtype=wp.vec3),
-    hb: wp.array(dtype=wp.vec3),
-    pos: wp.array(dtype=wp.vec3),
-    rot: wp.array(dtype=wp.mat33),
+    ca: wp.array[wp.vec3],
+    ha: wp.array[wp.vec3],
+    cb: wp.array[wp.vec3],
+    hb: wp.array[wp.vec3],
+    pos: wp.array[wp.vec3],
+    rot: wp.array[wp.mat33],
     margin: float,
-    out: wp.array(dtype=bool),
+    out: wp.array[bool],
 ):
     i = wp.tid()
     rel = Pose()
@@ -43,10 +43,10 @@ def _cores_within(
     program: Program,
     a: int,
     b: int,
-    pos: wp.array(dtype=wp.vec3),
-    rot: wp.array(dtype=wp.mat33),
+    pos: wp.array[wp.vec3],
+    rot: wp.array[wp.mat33],
     margin: float,
-    out: wp.array(dtype=bool),
+    out: wp.array[bool],
 ):
     i = wp.tid()
     rel = Pose()

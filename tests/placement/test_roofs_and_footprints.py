@@ -272,11 +272,11 @@ def test_a_roof_of_another_object_does_not_count(tmp_path: Path):
 
 @wp.kernel(enable_backward=False)
 def _crosses(
-    point: wp.array(dtype=wp.vec3),
-    half: wp.array(dtype=wp.vec3),
-    pos: wp.array(dtype=wp.vec3),
-    rot: wp.array(dtype=wp.mat33),
-    out: wp.array(dtype=bool),
+    point: wp.array[wp.vec3],
+    half: wp.array[wp.vec3],
+    pos: wp.array[wp.vec3],
+    rot: wp.array[wp.mat33],
+    out: wp.array[bool],
 ):
     i = wp.tid()
     frame = Pose()
@@ -322,13 +322,13 @@ def test_a_box_is_a_roof_where_a_line_straight_up_crosses_it():
 @wp.kernel(enable_backward=False)
 def _extends(
     program: Program,
-    piece: wp.array(dtype=int),
-    first: wp.array(dtype=int),
-    number: wp.array(dtype=int),
-    turn: wp.array(dtype=int),
-    pos: wp.array(dtype=wp.vec3),
-    rot: wp.array(dtype=wp.mat33),
-    out: wp.array(dtype=bool),
+    piece: wp.array[int],
+    first: wp.array[int],
+    number: wp.array[int],
+    turn: wp.array[int],
+    pos: wp.array[wp.vec3],
+    rot: wp.array[wp.mat33],
+    out: wp.array[bool],
 ):
     i = wp.tid()
     rel = Pose()

@@ -17,19 +17,19 @@ class Held:
     """An array field of each kind."""
 
     count: int
-    numbers: wp.array(dtype=int)
-    lengths: wp.array(dtype=float)
-    ids: wp.array(dtype=wp.uint64)
-    pairs: wp.array(dtype=wp.vec2)
-    triples: wp.array(dtype=wp.vec3i)
-    turns: wp.array(dtype=wp.vec4)
-    rows: wp.array2d(dtype=int)
-    places: wp.array2d(dtype=wp.vec3)
-    blocks: wp.array3d(dtype=float)
+    numbers: wp.array[int]
+    lengths: wp.array[float]
+    ids: wp.array[wp.uint64]
+    pairs: wp.array[wp.vec2]
+    triples: wp.array[wp.vec3i]
+    turns: wp.array[wp.vec4]
+    rows: wp.array2d[int]
+    places: wp.array2d[wp.vec3]
+    blocks: wp.array3d[float]
 
 
 @wp.kernel(enable_backward=False, module="unique")
-def _total(held: Held, out: wp.array(dtype=float)):
+def _total(held: Held, out: wp.array[float]):
     """Sum all that a kernel sees, each entry once."""
     total = float(0.0)
     for i in range(held.numbers.shape[0]):

@@ -26,9 +26,9 @@ from tests.layout.scenes import box_mjcf
 def _read(
     reach: Reach,
     # Out:
-    numbers: wp.array(dtype=int),
-    home: wp.array(dtype=wp.vec3),
-    grasp: wp.array(dtype=wp.vec3),
+    numbers: wp.array[int],
+    home: wp.array[wp.vec3],
+    grasp: wp.array[wp.vec3],
 ):
     """Follow addresses through the struct and those inside of it."""
     column = wp.tid()

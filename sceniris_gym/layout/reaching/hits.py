@@ -12,26 +12,19 @@ from sceniris_gym.program.device_reach import Reach
 
 wp.set_module_options({"enable_backward": False})
 
-_COLLISION = wp.constant(int(Cause.COLLISION))
-_UNPROVEN = wp.constant(UNPROVEN)
-_HAND_AND_TARGET = wp.constant(int(Step.HAND_AND_TARGET))
-_SELF_AT_GRASP = wp.constant(int(Step.SELF_AT_GRASP))
-_SELF_AT_PREGRASP = wp.constant(int(Step.SELF_AT_PREGRASP))
-_TARGET_AT_PREGRASP = wp.constant(int(Step.TARGET_AT_PREGRASP))
-
 
 @wp.func
 def _pairs_of(reach: Reach, step: int, column: int) -> int:
     """The list of pairs that a step tests for a reach target."""
-    if step < _HAND_AND_TARGET:
+    if step < Step.HAND_AND_TARGET:
         return reach.arm_hand[column]
-    if step == _HAND_AND_TARGET:
+    if step == Step.HAND_AND_TARGET:
         return reach.arm_target[column]
-    if step == _SELF_AT_GRASP:
+    if step == Step.SELF_AT_GRASP:
         return reach.arm_self[column]
-    if step == _SELF_AT_PREGRASP:
+    if step == Step.SELF_AT_PREGRASP:
         return reach.arm_self[column]
-    if step == _TARGET_AT_PREGRASP:
+    if step == Step.TARGET_AT_PREGRASP:
         return reach.arm_target[column]
     return reach.arm_scene[column]
 
@@ -64,8 +57,8 @@ def _test(
                 adr = reach.arm_startadr[pairs]
                 num = reach.arm_startnum[pairs]
                 found = collides(program, adr, num, -1, nodes, leaves, lane, own_pos, own_quat, pos, quat)
-                hit = found == _COLLISION
-                if found == _UNPROVEN:
+                hit = found == Cause.COLLISION
+                if found == UNPROVEN:
                     hit = collides_without_stack(program, adr, num, -1, lane, own_pos, own_quat, pos, quat)
             step += 1
         if lane == 0 and hit:  # all lanes have read what is written here

@@ -28,8 +28,6 @@ SAME_BRANCH = 0.8
 WITNESSES = 4
 """How many starts of a grasp are witnesses of the arm's map, if it has one. They follow the pose that the arm has."""
 
-_IK_AT_GRASP = wp.constant(int(Step.IK_AT_GRASP))
-_IK_AT_PREGRASP = wp.constant(int(Step.IK_AT_PREGRASP))
 _REACH_STREAM = wp.constant(wp.uint32(REACH_STREAM))
 _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
 _PI = wp.constant(wp.pi)
@@ -91,9 +89,9 @@ def _start(
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
         of_grasp = first_start(reach_search, c)
         if of_grasp >= 0:
-            if reach_search.failed[of_grasp] < _IK_AT_GRASP:
+            if reach_search.failed[of_grasp] < Step.IK_AT_GRASP:
                 reach_search.failed[c] = reach_search.failed[of_grasp]
-        if not takes_step(reach, reach_search, c, _IK_AT_GRASP):
+        if not takes_step(reach, reach_search, c, Step.IK_AT_GRASP):
             continue
         worldid = reach_search.world[c]
         column = reach_search.column[worldid]
@@ -128,11 +126,11 @@ def _solve(
         if not takes_step(reach, search, c, step):
             continue
         pos, quat = _target(reach, layouts, search.world[c], search.grasp[c])
-        if step == _IK_AT_PREGRASP:
+        if step == Step.IK_AT_PREGRASP:
             pos = pos - wp.static(PREGRASP_DISTANCE) * z_axis(quat)
         found = refine(reach.arm, pos, quat, search.grasp_qpos[c], wp.static(ITERATIONS))
         passed = accepted(found)
-        if step == _IK_AT_PREGRASP:
+        if step == Step.IK_AT_PREGRASP:
             q, near = _same_branch(reach.arm, search.grasp_qpos[c], found.q)
             search.pregrasp_qpos[c] = q
             passed = passed and near

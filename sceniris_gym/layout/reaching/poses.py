@@ -16,13 +16,9 @@ wp.set_module_options({"enable_backward": False})
 OPENING_MARGIN = 0.01
 """Gap [m] that the gripper is opened by beyond what the grasp needs, as far as it goes."""
 
-_SELF_AT_PREGRASP = wp.constant(int(Step.SELF_AT_PREGRASP))
-
 
 @wp.func
-def _take_joints(
-    program: Program, bodies: wp.array(dtype=int), from_qpos: wp.array(dtype=float), qpos: wp.array(dtype=float)
-):
+def _take_joints(program: Program, bodies: wp.array[int], from_qpos: wp.array[float], qpos: wp.array[float]):
     """Take the joints of bodies as they are in the layout."""
     for i in range(bodies.shape[0]):
         body = bodies[i]
@@ -32,7 +28,7 @@ def _take_joints(
 
 
 @wp.func
-def _open_gripper(reach: Reach, grasp: int, qpos: wp.array(dtype=float)):
+def _open_gripper(reach: Reach, grasp: int, qpos: wp.array[float]):
     """Open the gripper to the gap [m] that a grasp needs and the margin."""
     gap = wp.min(reach.grasp_opening[grasp] + wp.static(OPENING_MARGIN), reach.gap_open)
     share = (gap - reach.gap_closed) / wp.max(reach.gap_open - reach.gap_closed, 1.0e-6)
@@ -101,7 +97,7 @@ def _pose_arm(
         worldid = search.world[c]
         qpos = search.qpos[c]
         joints = search.grasp_qpos[c]
-        if step >= _SELF_AT_PREGRASP:
+        if step >= Step.SELF_AT_PREGRASP:
             joints = search.pregrasp_qpos[c]
         _take_joints(program, reach.arm_body, layouts.qpos[worldid], qpos)
         for i in range(MAX_JOINTS):

@@ -50,42 +50,36 @@ class Step(IntEnum):
     PASSED = 11
 
 
-_CLEAR = wp.constant(int(Tier.CLEAR))
-_MAP = wp.constant(int(Step.MAP))
-_IK_AT_GRASP = wp.constant(int(Step.IK_AT_GRASP))
-_SELF_AT_GRASP = wp.constant(int(Step.SELF_AT_GRASP))
-
-
 @wp.struct
 class ReachSearch:
     """The arrays of a search for joints as device code takes them."""
 
     # Worlds
-    arm: wp.array(dtype=int)  # the arm whose turn it is
-    column: wp.array(dtype=int)  # the reach target that it is at
-    number: wp.array(dtype=int)  # the next start to try, those of all grasps that are left by the map one by one
-    tried: wp.array(dtype=int)  # how many starts of this target have been tried in vain
-    furthest: wp.array(dtype=int)  # the last step that any candidate of this target came to
-    first: wp.array(dtype=int)  # its first candidate in this wave
-    trials: wp.array(dtype=int)  # and how many it has; 0 if the wave has no room for it
-    queue: wp.array2d(dtype=int)  # worlds that go on; two lists, of which one is read and one written
+    arm: wp.array[int]  # the arm whose turn it is
+    column: wp.array[int]  # the reach target that it is at
+    number: wp.array[int]  # the next start to try, those of all grasps that are left by the map one by one
+    tried: wp.array[int]  # how many starts of this target have been tried in vain
+    furthest: wp.array[int]  # the last step that any candidate of this target came to
+    first: wp.array[int]  # its first candidate in this wave
+    trials: wp.array[int]  # and how many it has; 0 if the wave has no room for it
+    queue: wp.array2d[int]  # worlds that go on; two lists, of which one is read and one written
     # Counts
-    worlds_left: wp.array(dtype=int)
-    source: wp.array(dtype=int)  # which list of `queue` is read
-    worlds: wp.array(dtype=int)  # number of worlds in it
-    at_once: wp.array(dtype=int)  # candidates of each world
-    candidates: wp.array(dtype=int)
+    worlds_left: wp.array[int]
+    source: wp.array[int]  # which list of `queue` is read
+    worlds: wp.array[int]  # number of worlds in it
+    at_once: wp.array[int]  # candidates of each world
+    candidates: wp.array[int]
     # Candidates
-    world: wp.array(dtype=int)
-    grasp: wp.array(dtype=int)
-    start: wp.array(dtype=int)
-    failed: wp.array(dtype=int)  # the step that it failed at, PASSED for none
-    grasp_qpos: wp.array(dtype=vec8)  # of the arm's joints: where the search starts, then in the grasp
-    pregrasp_qpos: wp.array(dtype=vec8)
+    world: wp.array[int]
+    grasp: wp.array[int]
+    start: wp.array[int]
+    failed: wp.array[int]  # the step that it failed at, PASSED for none
+    grasp_qpos: wp.array[vec8]  # of the arm's joints: where the search starts, then in the grasp
+    pregrasp_qpos: wp.array[vec8]
     # The robot as it is posed for a test; nothing else is posed here.
-    qpos: wp.array2d(dtype=float)
-    body_pos: wp.array2d(dtype=wp.vec3)
-    body_quat: wp.array2d(dtype=wp.vec4)
+    qpos: wp.array2d[float]
+    body_pos: wp.array2d[wp.vec3]
+    body_quat: wp.array2d[wp.vec4]
 
 
 @wp.func
@@ -114,15 +108,15 @@ def takes_step(reach: Reach, search: ReachSearch, c: int, step: int) -> bool:
     """Whether a candidate has come to a step, and goes through it itself."""
     if search.failed[c] < step:
         return False
-    if step < _IK_AT_GRASP and search.start[c] != 0:
+    if step < Step.IK_AT_GRASP and search.start[c] != 0:
         return False
-    if step == _MAP:
+    if step == Step.MAP:
         return True
-    if step == _IK_AT_GRASP:
+    if step == Step.IK_AT_GRASP:
         return True
-    if step == _SELF_AT_GRASP:
+    if step == Step.SELF_AT_GRASP:
         return True
-    return reach.reach_tier[search.column[search.world[c]]] == _CLEAR
+    return reach.reach_tier[search.column[search.world[c]]] == Tier.CLEAR
 
 
 def create_reach_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> ReachSearch:

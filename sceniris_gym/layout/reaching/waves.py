@@ -27,15 +27,6 @@ from sceniris_gym.reach.arm import MAX_JOINTS
 
 wp.set_module_options({"enable_backward": False})
 
-_TIER_IK = wp.constant(int(Tier.IK))
-_TIER_CLEAR = wp.constant(int(Tier.CLEAR))
-_NO_IK = wp.constant(int(Cause.NO_IK))
-_BLOCKED = wp.constant(int(Cause.BLOCKED))
-_MAP = wp.constant(int(Step.MAP))
-_IK_AT_GRASP = wp.constant(int(Step.IK_AT_GRASP))
-_SELF_AT_GRASP = wp.constant(int(Step.SELF_AT_GRASP))
-_PASSED = wp.constant(int(Step.PASSED))
-
 
 @wp.func
 def _take_first_through(reach: Reach, layouts: LayoutsView, worldid: int, column: int):
@@ -63,7 +54,7 @@ def _go_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: Rea
                 layouts.grasp_qpos[worldid, found, i] = wp.nan
                 layouts.pregrasp_qpos[worldid, found, i] = wp.nan
         elif reach.reach_arm[found] == reach.number:
-            if reach.reach_tier[found] >= _TIER_IK:
+            if reach.reach_tier[found] >= Tier.IK:
                 break
             if reach.reach_late[found] != 0:
                 _take_first_through(reach, layouts, worldid, found)
@@ -76,7 +67,7 @@ def _go_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: Rea
     reach_search.column[worldid] = found
     reach_search.number[worldid] = 0
     reach_search.tried[worldid] = 0
-    reach_search.furthest[worldid] = _MAP
+    reach_search.furthest[worldid] = Step.MAP
     queue_world(reach_search, worldid)
 
 
@@ -157,7 +148,7 @@ def _open_candidates(
             search.world[first + t] = worldid
             search.grasp[first + t] = _first_grasp(reach, layouts, worldid, column) + (number + t) // wp.static(STARTS)
             search.start[first + t] = (number + t) % wp.static(STARTS)
-            search.failed[first + t] = _PASSED
+            search.failed[first + t] = Step.PASSED
 
 
 @wp.kernel(grid_stride=False)
@@ -169,13 +160,13 @@ def _look_up(
     search: ReachSearch,
 ):
     for c in range(wp.tid(), reach_candidate_num(search), lanes):
-        if takes_step(reach, search, c, _MAP):
+        if takes_step(reach, search, c, Step.MAP):
             worldid = search.world[c]
             body_pos = layouts.body_pos[worldid]
             body_quat = layouts.body_quat[worldid]
             base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
             if not passes_map(reach, search.column[worldid], search.grasp[c], base, body_pos, body_quat):
-                search.failed[c] = _MAP
+                search.failed[c] = Step.MAP
 
 
 def launch_open_wave(
@@ -192,7 +183,7 @@ def launch_open_wave(
 def _keep(reach: Reach, layouts: LayoutsView, search: ReachSearch, worldid: int, column: int, c: int):
     """Write the joints of a candidate that has passed; pre-grasps are found for the tier `clear` alone."""
     layouts.grasp[worldid, column] = search.grasp[c] - reach.reach_graspadr[column]
-    clear = reach.reach_tier[column] == _TIER_CLEAR
+    clear = reach.reach_tier[column] == Tier.CLEAR
     for i in range(MAX_JOINTS):
         there = i < reach.arm.njoint
         layouts.grasp_qpos[worldid, column, i] = wp.where(there, search.grasp_qpos[c][i], wp.nan)
@@ -206,11 +197,11 @@ def _accept_first(reach: Reach, layouts: LayoutsView, search: ReachSearch, world
     for c in range(search.first[worldid], search.first[worldid] + search.trials[worldid]):
         failed = search.failed[c]
         search.furthest[worldid] = wp.max(search.furthest[worldid], failed)
-        if failed == _PASSED:
+        if failed == Step.PASSED:
             _keep(reach, layouts, search, worldid, column, c)
             return True
         after = search.number[worldid] + c + 1 - search.first[worldid]
-        if failed < _IK_AT_GRASP:  # and so do all starts of this grasp
+        if failed < Step.IK_AT_GRASP:  # and so do all starts of this grasp
             after += wp.static(STARTS) - 1 - search.start[c]
         else:
             search.tried[worldid] += 1
@@ -225,11 +216,11 @@ def _why_none(reach: Reach, search: ReachSearch, worldid: int) -> int:
     For the tier `clear` something is in the way of the hand in all its grasps, or of an arm that is clear of itself.
     """
     furthest = search.furthest[worldid]
-    if reach.reach_tier[search.column[worldid]] == _TIER_CLEAR and (
-        furthest < _IK_AT_GRASP or furthest > _SELF_AT_GRASP
+    if reach.reach_tier[search.column[worldid]] == Tier.CLEAR and (
+        furthest < Step.IK_AT_GRASP or furthest > Step.SELF_AT_GRASP
     ):
-        return _BLOCKED
-    return _NO_IK
+        return Cause.BLOCKED
+    return Cause.NO_IK
 
 
 @wp.kernel(grid_stride=False)

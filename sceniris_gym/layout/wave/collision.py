@@ -28,21 +28,17 @@ from sceniris_gym.program.device_reach import Reach
 
 wp.set_module_options({"enable_backward": False})
 
-_NONE = wp.constant(int(Cause.NONE))
-_COLLISION = wp.constant(int(Cause.COLLISION))
-_UNPROVEN = wp.constant(UNPROVEN)
-
 
 @wp.func
 def _passes_screen(program: Program, reach: Reach, search: Search, c: int, lane: int) -> bool:
     """Does a candidate pass the screen? If not, the cause is kept. All lanes of a block call it together."""
     cause = search.cause[c]
     block_sync()  # all lanes have read it
-    if cause == _NONE:
+    if cause == Cause.NONE:
         cause = why_not(program, reach, search, c, search.obj[c])
-        if lane == 0 and cause != _NONE:
+        if lane == 0 and cause != Cause.NONE:
             search.cause[c] = cause
-    return cause == _NONE
+    return cause == Cause.NONE
 
 
 @wp.func
@@ -101,10 +97,10 @@ def _test_cores(
     for i in range(wp.tid(), leaf_num(search), lanes):
         c = search.leaf[i][0]
         entry = wp.vec3i(search.leaf[i][1], search.leaf[i][2], search.leaf[i][3])
-        if search.cause[c] == _NONE:
+        if search.cause[c] == Cause.NONE:
             poses = candidate_poses(program, layouts, search, c, search.row[c], entry[0])
             if cores_touch(program, entry, poses, margin_of(program, entry[0], support_of(program, search.obj[c]))):
-                search.cause[c] = _COLLISION
+                search.cause[c] = Cause.COLLISION
 
 
 # With all the registers that it would take, a multiprocessor holds few warps, and each waits for its own arithmetic.
@@ -125,7 +121,7 @@ def _test_leaves(
         if base < num and wp.tile_stack_count(waiting) < wp.block_dim():
             i = wp.min(base + lane, num - 1)
             c = search.leaf[i][0]
-            undecided = base + lane < num and search.cause[c] == _NONE
+            undecided = base + lane < num and search.cause[c] == Cause.NONE
             if wp.tile_stack_push(waiting, i, undecided) < 0 and undecided:
                 _miss(search, c)
             base += blocks * wp.block_dim()
@@ -138,7 +134,7 @@ def _test_leaves(
                 if pieces_touch(
                     program, entry, poses, margin_of(program, entry[0], support_of(program, search.obj[c]))
                 ):
-                    search.cause[c] = _COLLISION
+                    search.cause[c] = Cause.COLLISION
 
 
 @wp.kernel(module="unique", enable_backward=False, grid_stride=False, cuda_max_registers=128)
@@ -165,9 +161,9 @@ def _test_together(
             pos = layouts.body_pos[row]
             quat = layouts.body_quat[row]
             found = collides(program, adr, num, support, nodes, leaves, lane, own_pos, own_quat, pos, quat)
-            if lane == 0 and found == _COLLISION:
-                search.cause[c] = _COLLISION
-            if lane == 0 and found == _UNPROVEN:
+            if lane == 0 and found == Cause.COLLISION:
+                search.cause[c] = Cause.COLLISION
+            if lane == 0 and found == UNPROVEN:
                 _miss(search, c)
 
 
@@ -199,11 +195,11 @@ def _test_alone(
     if missed and search.unproven[0] == 0:
         return
     for c in range(wp.tid(), candidate_num(search), lanes):
-        if not missed and search.cause[c] == _NONE:
+        if not missed and search.cause[c] == Cause.NONE:
             search.cause[c] = why_not(program, reach, search, c, search.obj[c])
-        if search.cause[c] == _NONE and (not missed or search.missed[c] != 0):
+        if search.cause[c] == Cause.NONE and (not missed or search.missed[c] != 0):
             if _collides_alone(program, layouts, search, c):
-                search.cause[c] = _COLLISION
+                search.cause[c] = Cause.COLLISION
 
 
 def lane_kernels(faces: bool, together: bool) -> tuple[wp.Kernel, ...]:

@@ -14,16 +14,6 @@ from sceniris_gym.program.device_reach import UNASKED, Reach
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-_STATIC = wp.constant(int(ObjectKind.STATIC))
-_EITHER = wp.constant(int(Roof.EITHER))
-_COVERED = wp.constant(int(Roof.COVERED))
-_NO_GRASP = wp.constant(NO_GRASP)
-_UNASKED = wp.constant(UNASKED)
-_NONE = wp.constant(int(Cause.NONE))
-_ROOF = wp.constant(int(Cause.ROOF))
-_FOOTPRINT = wp.constant(int(Cause.FOOTPRINT))
-_UNREACHABLE = wp.constant(int(Cause.UNREACHABLE))
-
 
 @wp.func
 def _look_up(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int):
@@ -109,15 +99,15 @@ def _look(
         c = i // parts
         row = search.row[c]
         obj = search.obj[c]
-        if search.cause[c] == _NONE and program.obj_kind[obj] != _STATIC:
+        if search.cause[c] == Cause.NONE and program.obj_kind[obj] != ObjectKind.STATIC:
             if reach.obj_reach.shape[0] > 0:
-                if reach.obj_reach[obj] != _UNASKED:
+                if reach.obj_reach[obj] != UNASKED:
                     _look_at_map(reach, layouts, search, c, row, obj, i % parts, parts)
-                    if parts == 1 and search.grasp[c] == _NO_GRASP:
+                    if parts == 1 and search.grasp[c] == NO_GRASP:
                         continue
-            if program.obj_roof[obj] != _EITHER:
+            if program.obj_roof[obj] != Roof.EITHER:
                 _look_up_to_roofs(program, layouts, search, c, row, obj, i % parts, parts)
-                if parts == 1 and (search.covered[c] != 0) != (program.obj_roof[obj] == _COVERED):
+                if parts == 1 and (search.covered[c] != 0) != (program.obj_roof[obj] == Roof.COVERED):
                     continue
             if program.obj_footprint[obj] != 0 and search.surface[c] >= 0:
                 _look_at_footprint(program, layouts, search, c, row, obj, i % parts, parts)
@@ -135,25 +125,25 @@ def _look_at_map_of(
     for i in range(wp.tid(), parts * candidate_num(search), lanes):
         c = i // parts
         obj = search.obj[c]
-        if search.cause[c] == _NONE and reach.obj_reach[obj] != _UNASKED:
+        if search.cause[c] == Cause.NONE and reach.obj_reach[obj] != UNASKED:
             _look_at_map(reach, layouts, search, c, search.row[c], obj, i % parts, parts)
 
 
 @wp.func
 def why_not(program: Program, reach: Reach, search: Search, c: int, obj: int) -> int:
     """Why a candidate does not pass the screen, or NONE."""
-    if program.obj_kind[obj] == _STATIC:
-        return _NONE
+    if program.obj_kind[obj] == ObjectKind.STATIC:
+        return Cause.NONE
     if reach.obj_reach.shape[0] > 0:
-        if reach.obj_reach[obj] != _UNASKED and search.grasp[c] == _NO_GRASP:
-            return _UNREACHABLE
+        if reach.obj_reach[obj] != UNASKED and search.grasp[c] == NO_GRASP:
+            return Cause.UNREACHABLE
     rule = program.obj_roof[obj]
-    if rule != _EITHER:
-        if (search.covered[c] != 0) != (rule == _COVERED):
-            return _ROOF
+    if rule != Roof.EITHER:
+        if (search.covered[c] != 0) != (rule == Roof.COVERED):
+            return Cause.ROOF
     if search.off[c] != 0:
-        return _FOOTPRINT
-    return _NONE
+        return Cause.FOOTPRINT
+    return Cause.NONE
 
 
 def launch_screen(

@@ -18,7 +18,6 @@ from sceniris_gym.program.device import Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-_MAX_CORNERS = wp.constant(MAX_CORNERS)
 # Pieces below this area [m^2] are rounding: a line of 1 mm, drawn 40 um wide, has 4e-8.
 LEAST_AREA = wp.constant(1.0e-10)
 # A triangle further beyond a side than this [m] has nothing left, and one that is further inside is left as it is: ten
@@ -110,7 +109,7 @@ def cut_triangle(
     obj: int,
     combination: int,
     t: Triangle,
-    polygon: wp.array(dtype=wp.vec2),
+    polygon: wp.array[wp.vec2],
 ) -> int:
     """What is left of a triangle within one convex piece of every relation: the number of corners of `polygon`."""
     num = set_triangle(polygon, t.a, t.b, t.c)
@@ -185,7 +184,7 @@ def _measure_pieces(
         numbers = numbers_of(program, split, layouts, search, c)
         variant = search.turn[c].variant
         triangles = program.variant_trinum[variant]
-        polygon = wp.zeros(shape=(_MAX_CORNERS,), dtype=wp.vec2)
+        polygon = wp.zeros(shape=(MAX_CORNERS,), dtype=wp.vec2)
         best = NOBODY
         for k in range(i % parts, search.pieces[c], parts):
             index = search.piece[c, k]

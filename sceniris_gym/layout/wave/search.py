@@ -35,64 +35,64 @@ class Search:
     """The arrays of a search as device code takes them."""
 
     # Worlds
-    pending: wp.array(dtype=bool)  # no layout yet
-    waiting: wp.array(dtype=bool)  # placed, but whether the arm reaches it is open
-    restart: wp.array(dtype=int)  # the next one to try
-    ticket: wp.array(dtype=int)  # number among the pending worlds of this round
-    best: wp.array(dtype=int)  # the lowest restart of this round that has placed everything
+    pending: wp.array[bool]  # no layout yet
+    waiting: wp.array[bool]  # placed, but whether the arm reaches it is open
+    restart: wp.array[int]  # the next one to try
+    ticket: wp.array[int]  # number among the pending worlds of this round
+    best: wp.array[int]  # the lowest restart of this round that has placed everything
     # Rows
-    row_world: wp.array(dtype=int)
-    row_restart: wp.array(dtype=int)
-    row_object: wp.array(dtype=int)  # the object to place next; all are placed if there is no such object
-    row_trial: wp.array(dtype=int)  # its next trial, from 0
-    row_first: wp.array(dtype=int)  # its first candidate in this wave
-    row_trials: wp.array(dtype=int)  # and how many it has; 0 if the wave has no room for it
-    row_attempts: wp.array(dtype=int)  # candidates drawn in this restart
-    queue: wp.array2d(dtype=int)  # rows that still place objects; two lists, of which one is read and one written
+    row_world: wp.array[int]
+    row_restart: wp.array[int]
+    row_object: wp.array[int]  # the object to place next; all are placed if there is no such object
+    row_trial: wp.array[int]  # its next trial, from 0
+    row_first: wp.array[int]  # its first candidate in this wave
+    row_trials: wp.array[int]  # and how many it has; 0 if the wave has no room for it
+    row_attempts: wp.array[int]  # candidates drawn in this restart
+    queue: wp.array2d[int]  # rows that still place objects; two lists, of which one is read and one written
     # Counts
-    worlds_left: wp.array(dtype=int)
-    rows_left: wp.array(dtype=int)
-    tickets: wp.array(dtype=int)
-    restarts_at_once: wp.array(dtype=int)
-    source: wp.array(dtype=int)  # which list of `queue` is read
-    rows: wp.array(dtype=int)  # number of rows in it
-    candidates: wp.array(dtype=int)
-    cuts: wp.array(dtype=int)  # number of candidates in `cut`
-    leaves: wp.array(dtype=int)
-    enclosed: wp.array(dtype=int)
-    unproven: wp.array(dtype=int)  # 1: some candidate's test missed something
+    worlds_left: wp.array[int]
+    rows_left: wp.array[int]
+    tickets: wp.array[int]
+    restarts_at_once: wp.array[int]
+    source: wp.array[int]  # which list of `queue` is read
+    rows: wp.array[int]  # number of rows in it
+    candidates: wp.array[int]
+    cuts: wp.array[int]  # number of candidates in `cut`
+    leaves: wp.array[int]
+    enclosed: wp.array[int]
+    unproven: wp.array[int]  # 1: some candidate's test missed something
     # Candidates
-    row: wp.array(dtype=int)
-    obj: wp.array(dtype=int)
-    trial: wp.array(dtype=int)  # which trial of its object in this restart, from 0
-    cause: wp.array(dtype=int)
-    turn: wp.array(dtype=DrawnVariant)
-    heading: wp.array(dtype=float)
-    point: wp.array(dtype=wp.vec3)  # under the pivot [m]
-    surface: wp.array(dtype=int)
-    place: wp.array(dtype=wp.vec4)
-    bounds: wp.array(dtype=wp.vec4)
-    grasp: wp.array(dtype=int)
-    missed: wp.array(dtype=int)  # 1: there was no room for all of its test, and one lane has to make it
-    covered: wp.array(dtype=int)  # 1: something is above its point
-    off: wp.array(dtype=int)  # 1: some of its footprint is off the support
-    qpos: wp.array2d(dtype=float)
-    body_pos: wp.array2d(dtype=wp.vec3)
-    body_quat: wp.array2d(dtype=wp.vec4)
-    relations: wp.array2d(dtype=ResolvedRelation)
-    hulls: wp.array2d(dtype=wp.vec2)
-    sides: wp.array2d(dtype=HalfPlane)  # around the pieces of its relations
-    side_num: wp.array2d(dtype=int)  # how many of them each piece of a relation has; -1 where that is not active
-    pieces: wp.array(dtype=int)  # pieces of its region that may have any area
-    piece: wp.array2d(dtype=int)  # their numbers
-    piece_area: wp.array2d(dtype=float)  # [m^2]
-    winner: wp.array(dtype=wp.uint64)  # the piece that wins the first race: its time and its number
-    cut: wp.array(dtype=int)  # candidates whose region is another one in every world
-    leaf: wp.array(dtype=wp.vec4i)  # (candidate, pair, node of a, node of b)
+    row: wp.array[int]
+    obj: wp.array[int]
+    trial: wp.array[int]  # which trial of its object in this restart, from 0
+    cause: wp.array[int]
+    turn: wp.array[DrawnVariant]
+    heading: wp.array[float]
+    point: wp.array[wp.vec3]  # under the pivot [m]
+    surface: wp.array[int]
+    place: wp.array[wp.vec4]
+    bounds: wp.array[wp.vec4]
+    grasp: wp.array[int]
+    missed: wp.array[int]  # 1: there was no room for all of its test, and one lane has to make it
+    covered: wp.array[int]  # 1: something is above its point
+    off: wp.array[int]  # 1: some of its footprint is off the support
+    qpos: wp.array2d[float]
+    body_pos: wp.array2d[wp.vec3]
+    body_quat: wp.array2d[wp.vec4]
+    relations: wp.array2d[ResolvedRelation]
+    hulls: wp.array2d[wp.vec2]
+    sides: wp.array2d[HalfPlane]  # around the pieces of its relations
+    side_num: wp.array2d[int]  # how many of them each piece of a relation has; -1 where that is not active
+    pieces: wp.array[int]  # pieces of its region that may have any area
+    piece: wp.array2d[int]  # their numbers
+    piece_area: wp.array2d[float]  # [m^2]
+    winner: wp.array[wp.uint64]  # the piece that wins the first race: its time and its number
+    cut: wp.array[int]  # candidates whose region is another one in every world
+    leaf: wp.array[wp.vec4i]  # (candidate, pair, node of a, node of b)
     # Points that are inside the box of a collider, in the frame of its body; for `geometry: visual`
-    enclosed_candidate: wp.array(dtype=int)
-    enclosed_by: wp.array(dtype=int)
-    enclosed_point: wp.array(dtype=wp.vec3)
+    enclosed_candidate: wp.array[int]
+    enclosed_by: wp.array[int]
+    enclosed_point: wp.array[wp.vec3]
 
 
 @wp.func

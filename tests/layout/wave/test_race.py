@@ -9,13 +9,13 @@ STEP = 2.0**-24  # of a uniform number
 
 
 @wp.kernel(enable_backward=False)
-def _race(u: wp.array(dtype=float), size: wp.array(dtype=float), time_out: wp.array(dtype=float)):
+def _race(u: wp.array[float], size: wp.array[float], time_out: wp.array[float]):
     i = wp.tid()
     time_out[i] = race_time(u[i], size[i])
 
 
 @wp.kernel(enable_backward=False)
-def _plain(u: wp.array(dtype=float), size: wp.array(dtype=float), time_out: wp.array(dtype=float)):
+def _plain(u: wp.array[float], size: wp.array[float], time_out: wp.array[float]):
     i = wp.tid()
     time_out[i] = -wp.log(1.0 - u[i]) / size[i]
 
@@ -51,7 +51,7 @@ def test_zero_takes_its_share_of_the_race():
 
 
 @wp.kernel(enable_backward=False)
-def _finish(numbers: Numbers, size: wp.array(dtype=float), key: wp.array(dtype=wp.uint64), index: wp.array(dtype=int)):
+def _finish(numbers: Numbers, size: wp.array[float], key: wp.array[wp.uint64], index: wp.array[int]):
     i = wp.tid()
     key[i] = finish(numbers, 2, i, size[i])
     index[i] = winner_index(key[i])

@@ -225,7 +225,7 @@ def test_the_worst_case_of_waves_is_enough(tmp_path: Path, monkeypatch: pytest.M
 
 
 @wp.kernel(enable_backward=False)
-def _test_all(program: Program, layouts: LayoutsView, search: Search, hit: wp.array(dtype=bool)):
+def _test_all(program: Program, layouts: LayoutsView, search: Search, hit: wp.array[bool]):
     c = wp.tid()
     row = search.row[c]
     obj = search.obj[c]
