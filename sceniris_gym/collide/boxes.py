@@ -11,7 +11,7 @@ import warp as wp
 from sceniris_gym.collide.axes import absolute, gap_across_edges, gap_at_faces
 from sceniris_gym.collide.leaves import (
     PairPoses,
-    cores_touch,
+    inner_boxes_touch,
     leaves_touch,
     margin_of,
     over_plane,
@@ -117,7 +117,7 @@ def leaves_below_touch(
         entry = stack[count]
         step = next_step(program, entry, poses, margin)
         if step.leaf:
-            if cores_touch(program, entry, poses, margin) or leaves_touch(program, entry, poses, margin):
+            if inner_boxes_touch(program, entry, poses, margin) or leaves_touch(program, entry, poses, margin):
                 return True
         elif step.inner:
             stack[count] = step.left
@@ -151,7 +151,7 @@ def collides(
     missed = int(0)
     while base < last or wp.tile_stack_count(nodes) + wp.tile_stack_count(leaves) > 0:
         if wp.tile_stack_count(nodes) == 0 and base < last:
-            wp.tile_stack_push(nodes, program.start[wp.min(base + lane, last - 1)], base + lane < last)
+            wp.tile_stack_push(nodes, program.broad_pair[wp.min(base + lane, last - 1)], base + lane < last)
             base += wp.block_dim()
         elif wp.tile_stack_count(leaves) >= wp.block_dim() or wp.tile_stack_count(nodes) == 0:
             entry, slot = wp.tile_stack_pop(leaves)
@@ -198,7 +198,7 @@ def collides_without_stack(
     hit = int(0)
     stack = wp.zeros(shape=(wp.static(OWN_STACK),), dtype=wp.vec3i)
     for i in range(startadr + lane, startadr + startnum, wp.block_dim()):
-        entry = program.start[i]
+        entry = program.broad_pair[i]
         poses = pair_poses(program, entry[0], own_pos, own_quat, body_pos, body_quat)
         if leaves_below_touch(program, entry, poses, margin_of(program, entry[0], support), stack):
             hit = 1

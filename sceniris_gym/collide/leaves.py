@@ -7,7 +7,7 @@ one pair of leaves that are not further apart than they have to be is rejected, 
 import warp as wp
 
 from sceniris_gym.collide.convex import Shape, least_extent, piece_shape
-from sceniris_gym.collide.inner_boxes import cores_within
+from sceniris_gym.collide.inner_boxes import inner_boxes_within
 from sceniris_gym.collide.near_part import near_parts_separated
 from sceniris_gym.collide.triangles import triangles_separated
 from sceniris_gym.device.transforms import Pose, apply, compose, pose_of, relative
@@ -129,10 +129,10 @@ def _shapes_separated(
     """
     frame = relative(pose_a, compose(rel, pose_b))
     here = frame.pos
-    num = wp.where(margin < 0.0, program.pair_waynum[pair], 0)
+    num = wp.where(margin < 0.0, program.pair_directionnum[pair], 0)
     for i in range(1 + num):
         if i > 0:
-            way = program.way[program.pair_wayadr[pair] + i - 1]
+            way = program.direction[program.pair_directionadr[pair] + i - 1]
             if 2 * i > num:
                 way = rel.rot * way
             frame.pos = here - margin * (wp.transpose(pose_a.rot) * way)
@@ -161,7 +161,7 @@ def _pieces_separated(program: Program, pair: int, a: int, b: int, rel: Pose, ma
 @wp.func
 def _piece_of(program: Program, leaf: int) -> int:
     """The piece that a leaf is, or -1 for a triangle."""
-    if program.faces == 0:
+    if program.visual == 0:
         return leaf
     return wp.max(leaf - PIECE_LEAF, -1)
 
@@ -243,13 +243,13 @@ def _lowest_of_leaf(program: Program, leaf: int, in_body: wp.vec3) -> float:
 
 
 @wp.func
-def cores_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> bool:
+def inner_boxes_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> bool:
     """Do the cores of an entry (pair, node of a, node of b) say that its leaves touch? Triangles have none."""
-    if program.faces != 0 or margin < 0.0 or program.pair_bodies[entry[0]][3] >= 0:
+    if program.visual != 0 or margin < 0.0 or program.pair_bodies[entry[0]][3] >= 0:
         return False
     a = ~program.node_child[entry[1]]
     b = ~program.node_child[entry[2]]
-    return cores_within(program, a, b, poses.rel, margin)
+    return inner_boxes_within(program, a, b, poses.rel, margin)
 
 
 @wp.func

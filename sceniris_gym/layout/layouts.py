@@ -43,7 +43,7 @@ class LayoutsView:
     grasp_qpos: wp.array3d[float]
     pregrasp_qpos: wp.array3d[float]
     rejections: wp.array2d[wp.int64]  # more than 32 bits in long runs
-    making: wp.array[int]  # the episode that is being made
+    pending_episode: wp.array[int]  # the episode that is being made
     row_rejections: wp.array3d[int]  # candidates that were rejected for the row, by object and cause
     place: wp.array2d[wp.vec4]
     bounds: wp.array2d[wp.vec4]
@@ -169,7 +169,7 @@ class Layouts(StaysHere):
             view.attempts = wp.zeros(nworld, dtype=int)
             view.first_pass_valid = wp.zeros(nworld, dtype=int)
             view.rejections = wp.zeros((max(len(compiled.placed), 1), len(Cause)), dtype=wp.int64)
-            view.making = wp.full(nworld, -1, dtype=int)
+            view.pending_episode = wp.full(nworld, -1, dtype=int)
             view.row_rejections = wp.zeros((nrow, *view.rejections.shape), dtype=int)
             view.present = wp.ones((nrow, nslot), dtype=int)
             view.place = wp.array(np.tile(compiled.home_place, (nrow, 1, 1)), dtype=wp.vec4, shape=(nrow, nslot))

@@ -85,7 +85,7 @@ def _serve(
     # the launches, none.
     if missing[worldid]:
         if i == 0:
-            served.episode[worldid] = served.making[worldid]
+            served.episode[worldid] = served.pending_episode[worldid]
         if i < served.rejections.shape[0]:
             count_rejections(served, worldid, i, served.rejections)
         return

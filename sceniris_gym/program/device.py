@@ -21,7 +21,7 @@ class ObjectKind(IntEnum):
     MARKER = 3
 
 
-class Roof(IntEnum):
+class Cover(IntEnum):
     """What is required above the drawn point: `on` open space, `inside` a cover, `in` either."""
 
     EITHER = 0
@@ -33,7 +33,7 @@ class Cause(IntEnum):
     """Why a candidate was rejected."""
 
     NONE = 0
-    ROOF = 1
+    OVERHEAD = 1
     FOOTPRINT = 2
     COLLISION = 3
     EMPTY = 4
@@ -90,7 +90,7 @@ class Program:
     attempts: int
     restarts: int
     restart_rate: float  # share of restarts that place not everything
-    faces: int  # 1: leaves are faces, and round pieces beside them; 0: leaves are convex pieces
+    visual: int  # 1: leaves are faces, and round pieces beside them; 0: leaves are convex pieces
     face_vertadr: int  # where `vert` has the corners of faces, if the scene shows round primitives
     # Bodies and joints: what forward kinematics needs, as in mjModel.
     body_parent: wp.array[int]
@@ -133,7 +133,7 @@ class Program:
     obj_gap: wp.array[float]
     obj_box_lower: wp.array[wp.vec3]
     obj_box_upper: wp.array[wp.vec3]
-    obj_roof: wp.array[int]
+    obj_cover: wp.array[int]
     obj_footprint: wp.array[int]
     obj_drawadr: wp.array[int]
     obj_drawnum: wp.array[int]
@@ -145,8 +145,8 @@ class Program:
     obj_piecenum: wp.array[int]
     obj_shadowadr: wp.array[int]
     obj_shadownum: wp.array[int]
-    obj_roofadr: wp.array[int]
-    obj_roofnum: wp.array[int]
+    obj_overheadadr: wp.array[int]
+    obj_overheadnum: wp.array[int]
     obj_cutnum: wp.array[int]  # pieces that relations cut a triangle into; 0: the same region in every world
     obj_erosion: wp.array[float]  # distance from the outline, in shares of the drawn bounds' shorter edge
     obj_effort: wp.array[float]  # candidates that it usually takes to place it
@@ -155,12 +155,12 @@ class Program:
     obj_relnum: wp.array[int]
     obj_pairadr: wp.array[int]
     obj_pairnum: wp.array[int]
-    obj_startadr: wp.array[int]
-    obj_startnum: wp.array[int]
+    obj_broadadr: wp.array[int]
+    obj_broadnum: wp.array[int]
     body_list: wp.array[int]
     piece_list: wp.array[int]
     shadow_list: wp.array[int]  # pieces whose shadows must lie on the support
-    roof_list: wp.array[int]  # pieces (physics) or colliders (visual)
+    overhead_list: wp.array[int]  # pieces (physics) or colliders (visual)
     # Poses that an orientation is drawn from, at heading 0: pivot in the root's frame, bounds around it in xy.
     variant_quat: wp.array[wp.vec4]
     variant_pivot: wp.array[wp.vec3]
@@ -213,8 +213,8 @@ class Program:
     piece_vertadr: wp.array[int]
     piece_vertnum: wp.array[int]
     piece_radius: wp.array[float]  # of the sphere around its frame's origin that holds it [m]
-    core_center: wp.array[wp.vec3]  # of each piece a box inside of it, in its frame
-    core_half: wp.array[wp.vec3]  # zeros: none
+    inner_center: wp.array[wp.vec3]  # of each piece a box inside of it, in its frame
+    inner_half: wp.array[wp.vec3]  # zeros: none
     vert: wp.array[wp.vec3]
     # Colliders: a binary tree of boxes in the body's frame. `node_child` is the left child (the right one follows it),
     # or ~leaf: a piece (physics) or a face (visual).
@@ -239,10 +239,10 @@ class Program:
     pair_bodies: wp.array[wp.vec4i]
     pair_margin: wp.array[float]  # negative: how deep two pieces may be that are in each other at home
     pair_touch: wp.array[float]  # the least distance [m] where the pair is an object and its support
-    pair_wayadr: wp.array[int]
-    pair_waynum: wp.array[int]
-    way: wp.array[wp.vec3]  # unit vectors out of a: half in the frame of a's body, half in that of b's
-    start: wp.array[wp.vec3i]  # (pair, node of a, node of b) that the collision test begins with
+    pair_directionadr: wp.array[int]
+    pair_directionnum: wp.array[int]
+    direction: wp.array[wp.vec3]  # unit vectors out of a: half in the frame of a's body, half in that of b's
+    broad_pair: wp.array[wp.vec3i]  # (pair, node of a, node of b) that the collision test begins with
     # What a world holds before anything is drawn.
     home_qpos: wp.array[float]
     home_place: wp.array[wp.vec4]

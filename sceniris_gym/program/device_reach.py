@@ -61,8 +61,8 @@ class Reach:
     # Lists of pairs of `Program` for an arm in a grasp, and which of them is what, for reach targets:
     arm_pairadr: wp.array[int]
     arm_pairnum: wp.array[int]
-    arm_startadr: wp.array[int]
-    arm_startnum: wp.array[int]
+    arm_broadadr: wp.array[int]
+    arm_broadnum: wp.array[int]
     arm_self: wp.array[int]  # the robot with itself
     arm_scene: wp.array[int]  # the robot with all but markers; its hand may touch the target
     arm_hand: wp.array[int]  # the hand alone with all but markers and the target

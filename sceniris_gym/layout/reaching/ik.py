@@ -109,7 +109,7 @@ def _start(
             stream = (split << _STREAM_BITS) + _REACH_STREAM
             trial = (search.restart[worldid] - 1) * layouts.grasp.shape[1] + column
             draw = (grasp - reach.reach_graspadr[column]) * wp.static(STARTS) + start
-            q = _drawn(reach.arm, layouts.seed[worldid], layouts.making[worldid], stream, trial, draw)
+            q = _drawn(reach.arm, layouts.seed[worldid], layouts.pending_episode[worldid], stream, trial, draw)
         reach_search.grasp_qpos[c] = q
 
 
@@ -120,24 +120,24 @@ def _solve(
     lanes: int,
     layouts: LayoutsView,
     # Search in and out:
-    search: ReachSearch,
+    reach_search: ReachSearch,
 ):
-    for c in range(wp.tid(), reach_candidate_num(search), lanes):
-        if not takes_step(reach, search, c, step):
+    for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
+        if not takes_step(reach, reach_search, c, step):
             continue
-        pos, quat = _target(reach, layouts, search.world[c], search.grasp[c])
+        pos, quat = _target(reach, layouts, reach_search.world[c], reach_search.grasp[c])
         if step == Step.IK_AT_PREGRASP:
             pos = pos - wp.static(PREGRASP_DISTANCE) * z_axis(quat)
-        found = refine(reach.arm, pos, quat, search.grasp_qpos[c], wp.static(ITERATIONS))
+        found = refine(reach.arm, pos, quat, reach_search.grasp_qpos[c], wp.static(ITERATIONS))
         passed = accepted(found)
         if step == Step.IK_AT_PREGRASP:
-            q, near = _same_branch(reach.arm, search.grasp_qpos[c], found.q)
-            search.pregrasp_qpos[c] = q
+            q, near = _same_branch(reach.arm, reach_search.grasp_qpos[c], found.q)
+            reach_search.pregrasp_qpos[c] = q
             passed = passed and near
         else:
-            search.grasp_qpos[c] = found.q
+            reach_search.grasp_qpos[c] = found.q
         if not passed:
-            search.failed[c] = step
+            reach_search.failed[c] = step
 
 
 def launch_ik(

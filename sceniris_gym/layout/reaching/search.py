@@ -83,32 +83,32 @@ class ReachSearch:
 
 
 @wp.func
-def reach_candidate_num(search: ReachSearch) -> int:
+def reach_candidate_num(reach_search: ReachSearch) -> int:
     """How many candidates this wave has: those that worlds asked for, as far as there is room."""
-    return wp.min(search.candidates[0], search.failed.shape[0])
+    return wp.min(reach_search.candidates[0], reach_search.failed.shape[0])
 
 
 @wp.func
-def queue_world(search: ReachSearch, worldid: int):
+def queue_world(reach_search: ReachSearch, worldid: int):
     """Let a world take part in the next wave."""
-    search.queue[1 - search.source[0], wp.atomic_add(search.worlds_left, 0, 1)] = worldid
+    reach_search.queue[1 - reach_search.source[0], wp.atomic_add(reach_search.worlds_left, 0, 1)] = worldid
 
 
 @wp.func
-def first_start(search: ReachSearch, c: int) -> int:
+def first_start(reach_search: ReachSearch, c: int) -> int:
     """The candidate that goes through the steps of a grasp for all its starts; -1: it has passed in an earlier wave."""
-    found = c - search.start[c]
-    if found < search.first[search.world[c]]:
+    found = c - reach_search.start[c]
+    if found < reach_search.first[reach_search.world[c]]:
         return -1
     return found
 
 
 @wp.func
-def takes_step(reach: Reach, search: ReachSearch, c: int, step: int) -> bool:
+def takes_step(reach: Reach, reach_search: ReachSearch, c: int, step: int) -> bool:
     """Whether a candidate has come to a step, and goes through it itself."""
-    if search.failed[c] < step:
+    if reach_search.failed[c] < step:
         return False
-    if step < Step.IK_AT_GRASP and search.start[c] != 0:
+    if step < Step.IK_AT_GRASP and reach_search.start[c] != 0:
         return False
     if step == Step.MAP:
         return True
@@ -116,7 +116,7 @@ def takes_step(reach: Reach, search: ReachSearch, c: int, step: int) -> bool:
         return True
     if step == Step.SELF_AT_GRASP:
         return True
-    return reach.reach_tier[search.column[search.world[c]]] == Tier.CLEAR
+    return reach.reach_tier[reach_search.column[reach_search.world[c]]] == Tier.CLEAR
 
 
 def create_reach_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> ReachSearch:

@@ -29,7 +29,8 @@ def _bank_row(program: Program, layouts: LayoutsView, worldid: int, split: wp.ui
         return -1
     stream = (split << _STREAM_BITS) + _BANK_STREAM
     words = philox(
-        layouts.seed[worldid], wp.vec4ui(wp.uint32(layouts.making[worldid]), stream, wp.uint32(0), wp.uint32(0))
+        layouts.seed[worldid],
+        wp.vec4ui(wp.uint32(layouts.pending_episode[worldid]), stream, wp.uint32(0), wp.uint32(0)),
     )
     return first + int(words[0] % wp.uint32(num))
 

@@ -121,7 +121,7 @@ def _draw(
         obj = search.obj[c]
         trial = trial_of(program, search, c)
         seed = layouts.seed[search.row_world[row]]
-        episode = layouts.making[search.row_world[row]]
+        episode = layouts.pending_episode[search.row_world[row]]
         stream = stream_of(program, split, obj)
         search.cause[c] = Cause.NONE
         search.missed[c] = 0

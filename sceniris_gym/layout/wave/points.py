@@ -12,15 +12,15 @@ from sceniris_gym.device.blocks import block_any
 from sceniris_gym.device.transforms import Pose, apply
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.posing import pose_candidate
-from sceniris_gym.layout.wave.race import NOBODY, finish, numbers_of, point_numbers, winner_index
+from sceniris_gym.layout.wave.race import NO_PIECE, finish, numbers_of, point_numbers, winner_index
 from sceniris_gym.layout.wave.region_pieces import LEAST_AREA, cut_triangle, is_point, posed_triangle
 from sceniris_gym.layout.wave.search import Search, SearchSize
 from sceniris_gym.layout.wave.sides import support_pose
+from sceniris_gym.placement.cover_and_footprint import outline_distance
 from sceniris_gym.placement.orientations import facing
 from sceniris_gym.placement.placed import Placed, placed
 from sceniris_gym.placement.polygons import draw_in_polygon
 from sceniris_gym.placement.relations import relation_holds
-from sceniris_gym.placement.roofs_and_footprints import outline_distance
 from sceniris_gym.program.device import Cause, OrientationType, Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -147,13 +147,13 @@ def _race_again(
 
     Lists may have hundreds of pieces, so all lanes of the block run the race of one candidate after the other.
     """
-    own = NOBODY
+    own = NO_PIECE
     wanted = wp.tile(wp.where(needs != 0, c, -1))
     for other in range(wp.block_dim()):
         racing = wp.tile_extract(wanted, other)
         if racing >= 0:
             numbers = numbers_of(program, split, layouts, search, racing)
-            best = NOBODY
+            best = NO_PIECE
             for k in range(lane, search.pieces[racing], wp.block_dim()):
                 size = search.piece_area[racing, k]
                 if size > LEAST_AREA:
@@ -181,7 +181,7 @@ def _draw_points(
         row = search.row[c]
         obj = search.obj[c]
         winner = search.winner[c]
-        if winner == NOBODY and needs != 0:
+        if winner == NO_PIECE and needs != 0:
             search.cause[c] = Cause.EMPTY
             needs = 0
         redraw = int(0)

@@ -10,7 +10,7 @@ import warp as wp
 from sceniris_gym.config.limits import MAX_CORNERS
 from sceniris_gym.device.transforms import Pose, apply
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.wave.race import NOBODY, finish, numbers_of
+from sceniris_gym.layout.wave.race import NO_PIECE, finish, numbers_of
 from sceniris_gym.layout.wave.search import Search, SearchSize
 from sceniris_gym.layout.wave.sides import support_pose
 from sceniris_gym.placement.polygons import HalfPlane, area, clip, set_triangle
@@ -185,7 +185,7 @@ def _measure_pieces(
         variant = search.turn[c].variant
         triangles = program.variant_trinum[variant]
         polygon = wp.zeros(shape=(MAX_CORNERS,), dtype=wp.vec2)
-        best = NOBODY
+        best = NO_PIECE
         for k in range(i % parts, search.pieces[c], parts):
             index = search.piece[c, k]
             tri = program.variant_triadr[variant] + index % triangles
@@ -196,7 +196,7 @@ def _measure_pieces(
             search.piece_area[c, k] = size
             if size > LEAST_AREA:
                 best = wp.min(best, finish(numbers, 0, index, size))
-        if best != NOBODY:
+        if best != NO_PIECE:
             wp.atomic_min(search.winner, c, best)
 
 

@@ -48,7 +48,7 @@ def _start(
         if not mask[worldid]:
             return
     episode = layouts.episode[worldid] + 1
-    layouts.making[worldid] = episode
+    layouts.pending_episode[worldid] = episode
     layouts.attempts[worldid] = 0
     _clear_rejections(layouts, worldid)
     search.pending[worldid] = True
@@ -285,7 +285,7 @@ def _finish(
         if not mask[worldid]:
             return
     if obj == 0:
-        layouts.episode[worldid] = layouts.making[worldid]
+        layouts.episode[worldid] = layouts.pending_episode[worldid]
     count_rejections(layouts, worldid, obj, layouts.rejections)
 
 

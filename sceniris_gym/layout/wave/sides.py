@@ -9,7 +9,7 @@ from sceniris_gym.config.limits import MAX_ANCHORS, MAX_RELATIONS
 from sceniris_gym.device.angles import angle_of
 from sceniris_gym.device.transforms import Pose, pose_of
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.wave.race import NOBODY
+from sceniris_gym.layout.wave.race import NO_PIECE
 from sceniris_gym.layout.wave.search import Search, candidate_num
 from sceniris_gym.placement.placed import placed
 from sceniris_gym.placement.relations import resolve, side_num, write_sides
@@ -72,7 +72,7 @@ def _build_sides(
                 continue
             if i == 0:
                 search.pieces[c] = 0
-                search.winner[c] = NOBODY
+                search.winner[c] = NO_PIECE
                 search.cut[wp.atomic_add(search.cuts, 0, 1)] = c
             if i < program.obj_relnum[obj]:
                 _resolve(program, layouts, search, c, i, row, obj, frame)

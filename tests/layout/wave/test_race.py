@@ -3,7 +3,7 @@
 import numpy as np
 import warp as wp
 
-from sceniris_gym.layout.wave.race import NOBODY, Numbers, finish, race_time, winner_index
+from sceniris_gym.layout.wave.race import NO_PIECE, Numbers, finish, race_time, winner_index
 
 STEP = 2.0**-24  # of a uniform number
 
@@ -67,7 +67,7 @@ def test_the_least_key_is_that_of_the_first_to_finish():
     index = wp.zeros(len(size), dtype=int, device="cpu")
     wp.launch(_finish, dim=len(size), inputs=inputs, outputs=[key, index], device="cpu")
     assert (index.numpy() == np.arange(len(size))).all()
-    assert (key.numpy() < np.uint64(NOBODY)).all()
+    assert (key.numpy() < np.uint64(NO_PIECE)).all()
     time = (key.numpy() >> np.uint64(32)).astype(np.uint32).view(np.float32)
     assert (np.diff(time[np.argsort(key.numpy())]) >= 0.0).all()
     means = (time * size).reshape(-1, 4).mean(0)
