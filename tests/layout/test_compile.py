@@ -101,7 +101,7 @@ def test_every_field_of_the_device_program_is_set(scene: str | dict, geometry: s
     """Arrays that nobody filled would be null pointers in a kernel; float arrays hold numbers only."""
     compiled = compile_on_cpu(scene, {"geometry": geometry})
     for name, field in Program.vars.items():
-        if isinstance(field.type, wp.array):
+        if wp.types.is_array(field.type):
             values = getattr(compiled.program, name)
             assert values is not None, name
             assert values.dtype == field.type.dtype, name

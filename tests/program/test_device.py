@@ -103,7 +103,7 @@ def test_a_field_that_is_not_declared_is_an_error():
 @pytest.mark.parametrize("declared", [Program, Reach], ids=["Program", "Reach"])
 def test_every_field_of_a_scene_can_be_empty(declared: Any):
     """A list without entries is an array without entries of the same kind, and no null pointer."""
-    fields = {name: var.type for name, var in declared.vars.items() if isinstance(var.type, wp.array)}
+    fields = {name: var.type for name, var in declared.vars.items() if wp.types.is_array(var.type)}
     assert len(fields) > 20
     instance = declared()
     empty = {}

@@ -45,7 +45,7 @@ def _arrays(view: Any, name: str = "Reach") -> Iterator[tuple[str, Any, Any]]:
     """Name, declared type and value of all array fields, those of structs inside too."""
     for key, var in view._cls.vars.items():
         value = getattr(view, key)
-        if isinstance(var.type, wp.array):
+        if wp.types.is_array(var.type):
             yield f"{name}.{key}", var.type, value
         elif hasattr(value, "_cls"):
             yield from _arrays(value, f"{name}.{key}")
