@@ -163,9 +163,9 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
     arrays = pack_program(scene, plan, colliders, lanes) | collider_arrays(colliders)
     mocap = max(scene.mjm.nmocap, 1)
     program = Program()
-    program.faces = int(scene.config.geometry == "visual")
+    program.visual = int(scene.config.geometry == "visual")
     program.face_vertadr = 0
-    if program.faces and any(p.type in ROUND for p in plan.pieces):  # triangles are hulls as well
+    if program.visual and any(p.type in ROUND for p in plan.pieces):  # triangles are hulls as well
         program.face_vertadr = len(arrays["vert"])
         corners = np.stack([arrays[name] for name in ("face_a", "face_b", "face_c")], axis=1)
         arrays["vert"] = np.concatenate([arrays["vert"], corners.reshape(-1, 3)])

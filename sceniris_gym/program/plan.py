@@ -23,7 +23,7 @@ from sceniris_gym.geometry.supports import SupportSurface
 from sceniris_gym.program.checks.constraints import check_constraints
 from sceniris_gym.program.checks.tendon_limits import check_tendon_limits
 from sceniris_gym.program.couplings import Follower, followers_of
-from sceniris_gym.program.device import ObjectKind, Roof
+from sceniris_gym.program.device import Cover, ObjectKind
 from sceniris_gym.program.heap_poses import HeapPoses, heap_poses
 from sceniris_gym.program.resting import stable_poses
 from sceniris_gym.scene.couplings import free_range
@@ -31,7 +31,7 @@ from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import Support, static_supports
 
 _KINDS = {"free": ObjectKind.FREE, "fixture": ObjectKind.FIXTURE, "marker": ObjectKind.MARKER}
-_ROOFS = {"in": Roof.EITHER, "on": Roof.OPEN, "inside": Roof.COVERED}
+_COVER = {"in": Cover.EITHER, "on": Cover.OPEN, "inside": Cover.COVERED}
 UPRIGHT = float(np.cos(np.radians(0.1)))
 """Least z component of a support's z axis: 0.1 degree is 0.1 mm under an object of 8 cm, a fifth of the default gap."""
 
@@ -96,18 +96,18 @@ class PlacedObject:
         return None if self.support is None else self.support.body
 
     @property
-    def roof(self) -> Roof:
+    def cover(self) -> Cover:
         """What is required above the point that it is placed on.
 
         What never moves and is no object, such as the world with its walls and ceilings, is open wherever there is
         room.
         """
         if self.support is None or self.support.is_floor:
-            return Roof.EITHER
+            return Cover.EITHER
         assert self.config is not None
         assert self.config.support is not None
-        roof = _ROOFS[self.config.support.word]
-        return Roof.EITHER if roof == Roof.OPEN and self.support.owner is None else roof
+        cover = _COVER[self.config.support.word]
+        return Cover.EITHER if cover == Cover.OPEN and self.support.owner is None else cover
 
 
 @dataclass(frozen=True)
@@ -350,8 +350,8 @@ def _surfaces(
 def _found(support: Support, pieces: list[Piece], *, open_above: bool) -> list[SupportSurface]:
     """The level surfaces of a support. What stands over what never moves is no roof of it: it is in the way or not."""
     own = [p for p in pieces if p.body == support.body]
-    roofed = open_above and support.owner is not None
-    return supports.level_surfaces(support.body, own, open_above=roofed, geom=support.geom)
+    covered = open_above and support.owner is not None
+    return supports.level_surfaces(support.body, own, open_above=covered, geom=support.geom)
 
 
 def _with_surfaces(scene: SceneModel, pieces: list[Piece], home: mujoco.MjData, word: str) -> str:

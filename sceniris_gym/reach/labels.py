@@ -78,15 +78,15 @@ def _label(
     wrist: JointTurn,
     axis_xy: wp.vec2,
     # In:
-    coords: wp.array(dtype=wp.vec4),
-    warm: wp.array2d(dtype=vec8),
-    starts: wp.array(dtype=vec8),
+    coords: wp.array[wp.vec4],
+    warm: wp.array2d[vec8],
+    starts: wp.array[vec8],
     iterations: int,
     pos_tol: float,
     rot_tol: float,
     # Out:
-    count_out: wp.array(dtype=int),
-    joints_out: wp.array(dtype=vec8),
+    count_out: wp.array[int],
+    joints_out: wp.array[vec8],
 ):
     poseid = wp.tid()
     c = coords[poseid]  # z, tilt, u, v

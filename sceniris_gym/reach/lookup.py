@@ -64,23 +64,23 @@ class MapView:
     u_low: float  # that of v, too
     per_meter: float
     per_radian: float
-    rows: wp.array(dtype=wp.vec3i)
-    codes: wp.array(dtype=wp.uint32)  # eight in a word, the first one lowest
-    values: wp.array(dtype=float)  # of the 16 codes
+    rows: wp.array[wp.vec3i]
+    codes: wp.array[wp.uint32]  # eight in a word, the first one lowest
+    values: wp.array[float]  # of the 16 codes
     # Poles, approach axis up and down: codes by (pole, z, radius), four bits as above:
     pole_nz: int
     pole_nr: int
     pole_z_low: float
     pole_per_meter: float
-    poles: wp.array(dtype=wp.uint32)
+    poles: wp.array[wp.uint32]
     # Witnesses:
     wit_nz: int
     wit_ntilt: int
     wit_nu: int
     wit_per_meter: float
     wit_per_radian: float
-    wit_cells: wp.array(dtype=wp.vec2i)  # (address, number) by (z, tilt, u, v)
-    wit_joints: wp.array(dtype=vec8h)
+    wit_cells: wp.array[wp.vec2i]  # (address, number) by (z, tilt, u, v)
+    wit_joints: wp.array[vec8h]
     home: vec8
     njoint: int
     base: JointTurn
@@ -94,7 +94,7 @@ def turned(turn: JointTurn, angle: float) -> float:
 
 
 @wp.func
-def _code(words: wp.array(dtype=wp.uint32), n: int) -> int:
+def _code(words: wp.array[wp.uint32], n: int) -> int:
     return int((words[n >> 3] >> wp.uint32(4 * (n & 7))) & wp.uint32(15))
 
 
@@ -257,10 +257,10 @@ def _look_up(
     # Map:
     view: MapView,
     # In:
-    pos: wp.array(dtype=wp.vec3),
-    approach: wp.array(dtype=wp.vec3),
+    pos: wp.array[wp.vec3],
+    approach: wp.array[wp.vec3],
     # Out:
-    verdict_out: wp.array(dtype=wp.uint8),
+    verdict_out: wp.array[wp.uint8],
 ):
     poseid = wp.tid()
     verdict_out[poseid] = wp.uint8(map_verdict(view, pos[poseid], approach[poseid]))

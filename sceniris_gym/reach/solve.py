@@ -56,11 +56,11 @@ class ArmView:
     """An arm as device code takes it. All joints act along or about the z axis of their frame, and are 0 in it."""
 
     njoint: int
-    link_pos: wp.array(dtype=wp.vec3)  # njoint + 1: from one joint's frame to the next one's; the last to the TCP
-    link_quat: wp.array(dtype=wp.vec4)
-    slide: wp.array(dtype=int)
-    lower: wp.array(dtype=float)
-    upper: wp.array(dtype=float)
+    link_pos: wp.array[wp.vec3]  # njoint + 1: from one joint's frame to the next one's; the last to the TCP
+    link_quat: wp.array[wp.vec4]
+    slide: wp.array[int]
+    lower: wp.array[float]
+    upper: wp.array[float]
 
 
 @wp.struct
@@ -287,13 +287,13 @@ def _solve(
     # Arm:
     arm: ArmView,
     # In:
-    pos: wp.array(dtype=wp.vec3),
-    quat: wp.array(dtype=wp.vec4),
-    starts: wp.array(dtype=vec8),
+    pos: wp.array[wp.vec3],
+    quat: wp.array[wp.vec4],
+    starts: wp.array[vec8],
     iterations: int,
     # Out:
-    joints_out: wp.array(dtype=vec8),
-    ok_out: wp.array(dtype=bool),
+    joints_out: wp.array[vec8],
+    ok_out: wp.array[bool],
 ):
     poseid = wp.tid()
     best = refine(arm, pos[poseid], quat[poseid], starts[0], iterations)

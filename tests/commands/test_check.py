@@ -52,7 +52,7 @@ def test_every_candidate_of_a_single_object_is_rejected_or_stays(tmp_path: Path)
 
 def test_the_report_has_shares_causes_and_the_picture():
     """As text: percentages, a table of objects and causes with its columns in line, and what is within reach."""
-    counts = {"mug": {"collision": 7, "roof": 0}, "long_named_pan": {"collision": 12345, "roof": 3}}
+    counts = {"mug": {"collision": 7, "overhead": 0}, "long_named_pan": {"collision": 12345, "overhead": 3}}
     found = {
         **{
             "scene": "desk",
@@ -70,7 +70,7 @@ def test_the_report_has_shares_causes_and_the_picture():
     assert "40 attempts" in lines[1]
     assert lines[2].endswith("0123:train:4:0")
     assert [line.split() for line in lines[3:6]] == [
-        ["rejected", "collision", "roof"],
+        ["rejected", "collision", "overhead"],
         ["mug", "7", "0"],
         ["long_named_pan", "12345", "3"],
     ]

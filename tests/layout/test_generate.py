@@ -392,7 +392,7 @@ def test_rejections_and_attempts_add_up(restarts: int, tmp_path: Path):
         causes = [c for c in Cause if c not in (Cause.NONE, Cause.UNSOUND, *REACH_CAUSES)]
         assert named[name] == {c.name.lower(): counts[i, c] for c in causes}
     assert counts[:, Cause.NONE].sum() == 0
-    assert {c for c in Cause if counts[:, c].any()} == {Cause.ROOF, Cause.FOOTPRINT, Cause.COLLISION}
+    assert {c for c in Cause if counts[:, c].any()} == {Cause.OVERHEAD, Cause.FOOTPRINT, Cause.COLLISION}
     assert attempts.sum() - counts.sum() >= 6 * (status == Status.VALID).sum()
 
 

@@ -98,10 +98,10 @@ def test_beside_a_pole_the_grid_agrees_with_the_pole(shell: ReachMap):
 @wp.kernel(enable_backward=False)
 def _witnesses(
     view: MapView,
-    pos: wp.array(dtype=wp.vec3),
-    quat: wp.array(dtype=wp.vec4),
+    pos: wp.array[wp.vec3],
+    quat: wp.array[wp.vec4],
     k: int,
-    joints: wp.array(dtype=vec8),
+    joints: wp.array[vec8],
 ):
     i = wp.tid()
     joints[i] = witness(view, pos[i], quat[i], k)

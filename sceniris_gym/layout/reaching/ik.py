@@ -28,8 +28,6 @@ SAME_BRANCH = 0.8
 WITNESSES = 4
 """How many starts of a grasp are witnesses of the arm's map, if it has one. They follow the pose that the arm has."""
 
-_IK_AT_GRASP = wp.constant(int(Step.IK_AT_GRASP))
-_IK_AT_PREGRASP = wp.constant(int(Step.IK_AT_PREGRASP))
 _REACH_STREAM = wp.constant(wp.uint32(REACH_STREAM))
 _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
 _PI = wp.constant(wp.pi)
@@ -91,9 +89,9 @@ def _start(
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
         of_grasp = first_start(reach_search, c)
         if of_grasp >= 0:
-            if reach_search.failed[of_grasp] < _IK_AT_GRASP:
+            if reach_search.failed[of_grasp] < Step.IK_AT_GRASP:
                 reach_search.failed[c] = reach_search.failed[of_grasp]
-        if not takes_step(reach, reach_search, c, _IK_AT_GRASP):
+        if not takes_step(reach, reach_search, c, Step.IK_AT_GRASP):
             continue
         worldid = reach_search.world[c]
         column = reach_search.column[worldid]
@@ -111,7 +109,7 @@ def _start(
             stream = (split << _STREAM_BITS) + _REACH_STREAM
             trial = (search.restart[worldid] - 1) * layouts.grasp.shape[1] + column
             draw = (grasp - reach.reach_graspadr[column]) * wp.static(STARTS) + start
-            q = _drawn(reach.arm, layouts.seed[worldid], layouts.making[worldid], stream, trial, draw)
+            q = _drawn(reach.arm, layouts.seed[worldid], layouts.pending_episode[worldid], stream, trial, draw)
         reach_search.grasp_qpos[c] = q
 
 
@@ -122,24 +120,24 @@ def _solve(
     lanes: int,
     layouts: LayoutsView,
     # Search in and out:
-    search: ReachSearch,
+    reach_search: ReachSearch,
 ):
-    for c in range(wp.tid(), reach_candidate_num(search), lanes):
-        if not takes_step(reach, search, c, step):
+    for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
+        if not takes_step(reach, reach_search, c, step):
             continue
-        pos, quat = _target(reach, layouts, search.world[c], search.grasp[c])
-        if step == _IK_AT_PREGRASP:
+        pos, quat = _target(reach, layouts, reach_search.world[c], reach_search.grasp[c])
+        if step == Step.IK_AT_PREGRASP:
             pos = pos - wp.static(PREGRASP_DISTANCE) * z_axis(quat)
-        found = refine(reach.arm, pos, quat, search.grasp_qpos[c], wp.static(ITERATIONS))
+        found = refine(reach.arm, pos, quat, reach_search.grasp_qpos[c], wp.static(ITERATIONS))
         passed = accepted(found)
-        if step == _IK_AT_PREGRASP:
-            q, near = _same_branch(reach.arm, search.grasp_qpos[c], found.q)
-            search.pregrasp_qpos[c] = q
+        if step == Step.IK_AT_PREGRASP:
+            q, near = _same_branch(reach.arm, reach_search.grasp_qpos[c], found.q)
+            reach_search.pregrasp_qpos[c] = q
             passed = passed and near
         else:
-            search.grasp_qpos[c] = found.q
+            reach_search.grasp_qpos[c] = found.q
         if not passed:
-            search.failed[c] = step
+            reach_search.failed[c] = step
 
 
 def launch_ik(

@@ -50,79 +50,73 @@ class Step(IntEnum):
     PASSED = 11
 
 
-_CLEAR = wp.constant(int(Tier.CLEAR))
-_MAP = wp.constant(int(Step.MAP))
-_IK_AT_GRASP = wp.constant(int(Step.IK_AT_GRASP))
-_SELF_AT_GRASP = wp.constant(int(Step.SELF_AT_GRASP))
-
-
 @wp.struct
 class ReachSearch:
     """The arrays of a search for joints as device code takes them."""
 
     # Worlds
-    arm: wp.array(dtype=int)  # the arm whose turn it is
-    column: wp.array(dtype=int)  # the reach target that it is at
-    number: wp.array(dtype=int)  # the next start to try, those of all grasps that are left by the map one by one
-    tried: wp.array(dtype=int)  # how many starts of this target have been tried in vain
-    furthest: wp.array(dtype=int)  # the last step that any candidate of this target came to
-    first: wp.array(dtype=int)  # its first candidate in this wave
-    trials: wp.array(dtype=int)  # and how many it has; 0 if the wave has no room for it
-    queue: wp.array2d(dtype=int)  # worlds that go on; two lists, of which one is read and one written
+    arm: wp.array[int]  # the arm whose turn it is
+    column: wp.array[int]  # the reach target that it is at
+    number: wp.array[int]  # the next start to try, those of all grasps that are left by the map one by one
+    tried: wp.array[int]  # how many starts of this target have been tried in vain
+    furthest: wp.array[int]  # the last step that any candidate of this target came to
+    first: wp.array[int]  # its first candidate in this wave
+    trials: wp.array[int]  # and how many it has; 0 if the wave has no room for it
+    queue: wp.array2d[int]  # worlds that go on; two lists, of which one is read and one written
     # Counts
-    worlds_left: wp.array(dtype=int)
-    source: wp.array(dtype=int)  # which list of `queue` is read
-    worlds: wp.array(dtype=int)  # number of worlds in it
-    at_once: wp.array(dtype=int)  # candidates of each world
-    candidates: wp.array(dtype=int)
+    worlds_left: wp.array[int]
+    source: wp.array[int]  # which list of `queue` is read
+    worlds: wp.array[int]  # number of worlds in it
+    at_once: wp.array[int]  # candidates of each world
+    candidates: wp.array[int]
     # Candidates
-    world: wp.array(dtype=int)
-    grasp: wp.array(dtype=int)
-    start: wp.array(dtype=int)
-    failed: wp.array(dtype=int)  # the step that it failed at, PASSED for none
-    grasp_qpos: wp.array(dtype=vec8)  # of the arm's joints: where the search starts, then in the grasp
-    pregrasp_qpos: wp.array(dtype=vec8)
+    world: wp.array[int]
+    grasp: wp.array[int]
+    start: wp.array[int]
+    failed: wp.array[int]  # the step that it failed at, PASSED for none
+    grasp_qpos: wp.array[vec8]  # of the arm's joints: where the search starts, then in the grasp
+    pregrasp_qpos: wp.array[vec8]
     # The robot as it is posed for a test; nothing else is posed here.
-    qpos: wp.array2d(dtype=float)
-    body_pos: wp.array2d(dtype=wp.vec3)
-    body_quat: wp.array2d(dtype=wp.vec4)
+    qpos: wp.array2d[float]
+    body_pos: wp.array2d[wp.vec3]
+    body_quat: wp.array2d[wp.vec4]
 
 
 @wp.func
-def reach_candidate_num(search: ReachSearch) -> int:
+def reach_candidate_num(reach_search: ReachSearch) -> int:
     """How many candidates this wave has: those that worlds asked for, as far as there is room."""
-    return wp.min(search.candidates[0], search.failed.shape[0])
+    return wp.min(reach_search.candidates[0], reach_search.failed.shape[0])
 
 
 @wp.func
-def queue_world(search: ReachSearch, worldid: int):
+def queue_world(reach_search: ReachSearch, worldid: int):
     """Let a world take part in the next wave."""
-    search.queue[1 - search.source[0], wp.atomic_add(search.worlds_left, 0, 1)] = worldid
+    reach_search.queue[1 - reach_search.source[0], wp.atomic_add(reach_search.worlds_left, 0, 1)] = worldid
 
 
 @wp.func
-def first_start(search: ReachSearch, c: int) -> int:
+def first_start(reach_search: ReachSearch, c: int) -> int:
     """The candidate that goes through the steps of a grasp for all its starts; -1: it has passed in an earlier wave."""
-    found = c - search.start[c]
-    if found < search.first[search.world[c]]:
+    found = c - reach_search.start[c]
+    if found < reach_search.first[reach_search.world[c]]:
         return -1
     return found
 
 
 @wp.func
-def takes_step(reach: Reach, search: ReachSearch, c: int, step: int) -> bool:
+def takes_step(reach: Reach, reach_search: ReachSearch, c: int, step: int) -> bool:
     """Whether a candidate has come to a step, and goes through it itself."""
-    if search.failed[c] < step:
+    if reach_search.failed[c] < step:
         return False
-    if step < _IK_AT_GRASP and search.start[c] != 0:
+    if step < Step.IK_AT_GRASP and reach_search.start[c] != 0:
         return False
-    if step == _MAP:
+    if step == Step.MAP:
         return True
-    if step == _IK_AT_GRASP:
+    if step == Step.IK_AT_GRASP:
         return True
-    if step == _SELF_AT_GRASP:
+    if step == Step.SELF_AT_GRASP:
         return True
-    return reach.reach_tier[search.column[search.world[c]]] == _CLEAR
+    return reach.reach_tier[reach_search.column[reach_search.world[c]]] == Tier.CLEAR
 
 
 def create_reach_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> ReachSearch:

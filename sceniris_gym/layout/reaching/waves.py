@@ -27,15 +27,6 @@ from sceniris_gym.reach.arm import MAX_JOINTS
 
 wp.set_module_options({"enable_backward": False})
 
-_TIER_IK = wp.constant(int(Tier.IK))
-_TIER_CLEAR = wp.constant(int(Tier.CLEAR))
-_NO_IK = wp.constant(int(Cause.NO_IK))
-_BLOCKED = wp.constant(int(Cause.BLOCKED))
-_MAP = wp.constant(int(Step.MAP))
-_IK_AT_GRASP = wp.constant(int(Step.IK_AT_GRASP))
-_SELF_AT_GRASP = wp.constant(int(Step.SELF_AT_GRASP))
-_PASSED = wp.constant(int(Step.PASSED))
-
 
 @wp.func
 def _take_first_through(reach: Reach, layouts: LayoutsView, worldid: int, column: int):
@@ -63,7 +54,7 @@ def _go_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: Rea
                 layouts.grasp_qpos[worldid, found, i] = wp.nan
                 layouts.pregrasp_qpos[worldid, found, i] = wp.nan
         elif reach.reach_arm[found] == reach.number:
-            if reach.reach_tier[found] >= _TIER_IK:
+            if reach.reach_tier[found] >= Tier.IK:
                 break
             if reach.reach_late[found] != 0:
                 _take_first_through(reach, layouts, worldid, found)
@@ -76,7 +67,7 @@ def _go_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: Rea
     reach_search.column[worldid] = found
     reach_search.number[worldid] = 0
     reach_search.tried[worldid] = 0
-    reach_search.furthest[worldid] = _MAP
+    reach_search.furthest[worldid] = Step.MAP
     queue_world(reach_search, worldid)
 
 
@@ -122,15 +113,15 @@ def _start_num(reach: Reach, layouts: LayoutsView, worldid: int, column: int) ->
 def _plan_wave(
     busy: int,
     # Search in and out:
-    search: ReachSearch,
+    reach_search: ReachSearch,
 ):
-    worlds = search.worlds_left[0]
-    room = wp.min(busy, search.failed.shape[0])
-    search.at_once[0] = wp.clamp(room // wp.max(worlds, 1), 1, wp.static(MOST_AT_ONCE))
-    search.candidates[0] = 0
-    search.worlds[0] = worlds
-    search.source[0] = 1 - search.source[0]
-    search.worlds_left[0] = 0
+    worlds = reach_search.worlds_left[0]
+    room = wp.min(busy, reach_search.failed.shape[0])
+    reach_search.at_once[0] = wp.clamp(room // wp.max(worlds, 1), 1, wp.static(MOST_AT_ONCE))
+    reach_search.candidates[0] = 0
+    reach_search.worlds[0] = worlds
+    reach_search.source[0] = 1 - reach_search.source[0]
+    reach_search.worlds_left[0] = 0
 
 
 @wp.kernel(grid_stride=False)
@@ -139,25 +130,27 @@ def _open_candidates(
     lanes: int,
     layouts: LayoutsView,
     # Search in and out:
-    search: ReachSearch,
+    reach_search: ReachSearch,
 ):
-    for i in range(wp.tid(), search.worlds[0], lanes):
-        worldid = search.queue[search.source[0], i]
-        column = search.column[worldid]
-        number = search.number[worldid]
+    for i in range(wp.tid(), reach_search.worlds[0], lanes):
+        worldid = reach_search.queue[reach_search.source[0], i]
+        column = reach_search.column[worldid]
+        number = reach_search.number[worldid]
         # half as many as have been tried in vain: at most half as much again in fewer waves, of which each costs a CPU
         # core 10 to 20 us, and a start 4 us
-        trials = wp.clamp(search.tried[worldid] // 2, search.at_once[0], wp.static(MOST_AT_ONCE))
+        trials = wp.clamp(reach_search.tried[worldid] // 2, reach_search.at_once[0], wp.static(MOST_AT_ONCE))
         trials = wp.min(trials, _start_num(reach, layouts, worldid, column) - number)
-        first = wp.atomic_add(search.candidates, 0, trials)
-        trials = wp.clamp(search.failed.shape[0] - first, 0, trials)
-        search.first[worldid] = first
-        search.trials[worldid] = trials
+        first = wp.atomic_add(reach_search.candidates, 0, trials)
+        trials = wp.clamp(reach_search.failed.shape[0] - first, 0, trials)
+        reach_search.first[worldid] = first
+        reach_search.trials[worldid] = trials
         for t in range(trials):
-            search.world[first + t] = worldid
-            search.grasp[first + t] = _first_grasp(reach, layouts, worldid, column) + (number + t) // wp.static(STARTS)
-            search.start[first + t] = (number + t) % wp.static(STARTS)
-            search.failed[first + t] = _PASSED
+            reach_search.world[first + t] = worldid
+            reach_search.grasp[first + t] = _first_grasp(reach, layouts, worldid, column) + (number + t) // wp.static(
+                STARTS
+            )
+            reach_search.start[first + t] = (number + t) % wp.static(STARTS)
+            reach_search.failed[first + t] = Step.PASSED
 
 
 @wp.kernel(grid_stride=False)
@@ -166,16 +159,16 @@ def _look_up(
     lanes: int,
     layouts: LayoutsView,
     # Search in and out:
-    search: ReachSearch,
+    reach_search: ReachSearch,
 ):
-    for c in range(wp.tid(), reach_candidate_num(search), lanes):
-        if takes_step(reach, search, c, _MAP):
-            worldid = search.world[c]
+    for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
+        if takes_step(reach, reach_search, c, Step.MAP):
+            worldid = reach_search.world[c]
             body_pos = layouts.body_pos[worldid]
             body_quat = layouts.body_quat[worldid]
             base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
-            if not passes_map(reach, search.column[worldid], search.grasp[c], base, body_pos, body_quat):
-                search.failed[c] = _MAP
+            if not passes_map(reach, reach_search.column[worldid], reach_search.grasp[c], base, body_pos, body_quat):
+                reach_search.failed[c] = Step.MAP
 
 
 def launch_open_wave(
@@ -189,47 +182,47 @@ def launch_open_wave(
 
 
 @wp.func
-def _keep(reach: Reach, layouts: LayoutsView, search: ReachSearch, worldid: int, column: int, c: int):
+def _keep(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, worldid: int, column: int, c: int):
     """Write the joints of a candidate that has passed; pre-grasps are found for the tier `clear` alone."""
-    layouts.grasp[worldid, column] = search.grasp[c] - reach.reach_graspadr[column]
-    clear = reach.reach_tier[column] == _TIER_CLEAR
+    layouts.grasp[worldid, column] = reach_search.grasp[c] - reach.reach_graspadr[column]
+    clear = reach.reach_tier[column] == Tier.CLEAR
     for i in range(MAX_JOINTS):
         there = i < reach.arm.njoint
-        layouts.grasp_qpos[worldid, column, i] = wp.where(there, search.grasp_qpos[c][i], wp.nan)
-        layouts.pregrasp_qpos[worldid, column, i] = wp.where(there and clear, search.pregrasp_qpos[c][i], wp.nan)
+        layouts.grasp_qpos[worldid, column, i] = wp.where(there, reach_search.grasp_qpos[c][i], wp.nan)
+        layouts.pregrasp_qpos[worldid, column, i] = wp.where(there and clear, reach_search.pregrasp_qpos[c][i], wp.nan)
 
 
 @wp.func
-def _accept_first(reach: Reach, layouts: LayoutsView, search: ReachSearch, worldid: int, column: int) -> bool:
+def _accept_first(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, worldid: int, column: int) -> bool:
     """Keep the first of a world's candidates that has passed. If none has, the next start is the one after them."""
-    after = search.number[worldid]
-    for c in range(search.first[worldid], search.first[worldid] + search.trials[worldid]):
-        failed = search.failed[c]
-        search.furthest[worldid] = wp.max(search.furthest[worldid], failed)
-        if failed == _PASSED:
-            _keep(reach, layouts, search, worldid, column, c)
+    after = reach_search.number[worldid]
+    for c in range(reach_search.first[worldid], reach_search.first[worldid] + reach_search.trials[worldid]):
+        failed = reach_search.failed[c]
+        reach_search.furthest[worldid] = wp.max(reach_search.furthest[worldid], failed)
+        if failed == Step.PASSED:
+            _keep(reach, layouts, reach_search, worldid, column, c)
             return True
-        after = search.number[worldid] + c + 1 - search.first[worldid]
-        if failed < _IK_AT_GRASP:  # and so do all starts of this grasp
-            after += wp.static(STARTS) - 1 - search.start[c]
+        after = reach_search.number[worldid] + c + 1 - reach_search.first[worldid]
+        if failed < Step.IK_AT_GRASP:  # and so do all starts of this grasp
+            after += wp.static(STARTS) - 1 - reach_search.start[c]
         else:
-            search.tried[worldid] += 1
-    search.number[worldid] = after
+            reach_search.tried[worldid] += 1
+    reach_search.number[worldid] = after
     return False
 
 
 @wp.func
-def _why_none(reach: Reach, search: ReachSearch, worldid: int) -> int:
+def _why_none(reach: Reach, reach_search: ReachSearch, worldid: int) -> int:
     """Why no grasp of a world's target has passed: for want of joints, or since something is in the way.
 
     For the tier `clear` something is in the way of the hand in all its grasps, or of an arm that is clear of itself.
     """
-    furthest = search.furthest[worldid]
-    if reach.reach_tier[search.column[worldid]] == _TIER_CLEAR and (
-        furthest < _IK_AT_GRASP or furthest > _SELF_AT_GRASP
+    furthest = reach_search.furthest[worldid]
+    if reach.reach_tier[reach_search.column[worldid]] == Tier.CLEAR and (
+        furthest < Step.IK_AT_GRASP or furthest > Step.SELF_AT_GRASP
     ):
-        return _BLOCKED
-    return _NO_IK
+        return Cause.BLOCKED
+    return Cause.NO_IK
 
 
 @wp.kernel(grid_stride=False)

@@ -12,11 +12,6 @@ from sceniris_gym.program.device_reach import Reach
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-_STATIC = wp.constant(int(ObjectKind.STATIC))
-_NONE = wp.constant(int(Cause.NONE))
-_EMPTY = wp.constant(int(Cause.EMPTY))
-_REGION = wp.constant(int(Cause.REGION))
-_COLLISION = wp.constant(int(Cause.COLLISION))
 _PLACED = wp.constant(-1)
 
 
@@ -28,9 +23,9 @@ def _write_state(
     obj: int,
     lane: int,
     lanes: int,
-    qpos: wp.array(dtype=float),
-    mocap_pos: wp.array(dtype=wp.vec3),
-    mocap_quat: wp.array(dtype=wp.quat),
+    qpos: wp.array[float],
+    mocap_pos: wp.array[wp.vec3],
+    mocap_quat: wp.array[wp.quat],
 ):
     """Write a candidate's joints and the pose of its root: the part of one of so many lanes."""
     for i in range(lane, program.obj_drawnum[obj], lanes):
@@ -39,7 +34,7 @@ def _write_state(
     for i in range(lane, program.obj_follownum[obj], lanes):
         adr = program.follow_qposadr[program.obj_followadr[obj] + i]
         qpos[adr] = search.qpos[c, adr]
-    if lane > 0 or program.obj_kind[obj] == _STATIC:
+    if lane > 0 or program.obj_kind[obj] == ObjectKind.STATIC:
         return
     root = program.obj_body[obj]
     write_root(program, obj, search.body_pos[c, root], search.body_quat[c, root], qpos, mocap_pos, mocap_quat)
@@ -67,7 +62,7 @@ def _place(
     if lane > 0:
         return
     slot = program.obj_slot[obj]
-    if program.obj_kind[obj] != _STATIC:
+    if program.obj_kind[obj] != ObjectKind.STATIC:
         layouts.place[row, slot] = search.place[c]
         layouts.bounds[row, slot] = search.bounds[c]
     elif program.obj_measured[obj] != 0:
@@ -82,17 +77,17 @@ def _place(
 @wp.func
 def _leaves_nothing(cause: int) -> bool:
     """Was nothing of the region left to draw from?"""
-    if cause == _EMPTY:
+    if cause == Cause.EMPTY:
         return True
-    return cause == _REGION
+    return cause == Cause.REGION
 
 
 @wp.func
 def _is_recorded(layouts: LayoutsView, cause: int) -> bool:
     """Is a candidate with this cause kept: one that collided, or any that got as far as a pose?"""
-    if layouts.rejected_object.shape[0] == 0 or cause == _NONE:
+    if layouts.rejected_object.shape[0] == 0 or cause == Cause.NONE:
         return False
-    if cause == _COLLISION:
+    if cause == Cause.COLLISION:
         return True
     return layouts.record_all != 0 and not _leaves_nothing(cause)
 
@@ -134,7 +129,7 @@ def _queue_trial(search: Search, row: int, trial: int):
 @wp.func
 def _ends_row(program: Program, obj: int, cause: int) -> bool:
     """Is a trial the last one of its object: one that passed, or one that no other draw could better?"""
-    if cause == _NONE:
+    if cause == Cause.NONE:
         return True
     return program.obj_retry_if_empty[obj] == 0 and _leaves_nothing(cause)
 
@@ -157,7 +152,7 @@ def _accept_first(
         end = wp.tile_extract(wp.tile_min(wp.tile(end)), 0)
     for t in range(lane, wp.min(end + 1, trials), lanes):
         cause = search.cause[first + t]
-        if cause != _NONE:
+        if cause != Cause.NONE:
             wp.atomic_add(layouts.row_rejections, row, obj, cause, 1)
         if _is_recorded(layouts, cause):
             _record(program, layouts, search, first + t, row, obj)
@@ -165,7 +160,7 @@ def _accept_first(
         search.row_attempts[row] += wp.min(end + 1, trials)
     if end == trials:
         return search.row_trial[row] + trials
-    if search.cause[first + end] != _NONE:
+    if search.cause[first + end] != Cause.NONE:
         return program.attempts
     _place(program, reach, layouts, search, first + end, row, obj, lane, lanes)
     return _PLACED

@@ -12,7 +12,6 @@ from sceniris_gym.program.device_reach import Reach
 
 wp.set_module_options({"enable_backward": False})
 
-_FALLBACK = wp.constant(int(Status.FALLBACK))
 _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
 _BANK_STREAM = wp.constant(wp.uint32(BANK_STREAM))
 _EVAL = wp.constant(wp.uint32(SPLITS["eval"]))
@@ -30,7 +29,8 @@ def _bank_row(program: Program, layouts: LayoutsView, worldid: int, split: wp.ui
         return -1
     stream = (split << _STREAM_BITS) + _BANK_STREAM
     words = philox(
-        layouts.seed[worldid], wp.vec4ui(wp.uint32(layouts.making[worldid]), stream, wp.uint32(0), wp.uint32(0))
+        layouts.seed[worldid],
+        wp.vec4ui(wp.uint32(layouts.pending_episode[worldid]), stream, wp.uint32(0), wp.uint32(0)),
     )
     return first + int(words[0] % wp.uint32(num))
 
@@ -66,4 +66,4 @@ def fall_back(program: Program, reach: Reach, layouts: LayoutsView, worldid: int
         return 0
     _take(program, layouts, worldid, row)
     _take_grasps(reach, layouts, worldid, row)
-    return _FALLBACK
+    return Status.FALLBACK

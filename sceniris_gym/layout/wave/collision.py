@@ -17,32 +17,28 @@ from sceniris_gym.collide.boxes import (
     leaves_below_touch,
     next_step,
 )
-from sceniris_gym.collide.leaves import cores_touch, margin_of, pieces_touch, support_of
+from sceniris_gym.collide.leaves import inner_boxes_touch, margin_of, pieces_touch, support_of
 from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.posing import candidate_poses
-from sceniris_gym.layout.wave.prefilter import why_not
-from sceniris_gym.layout.wave.search import Search, SearchSize, candidate_num, leaf_num
+from sceniris_gym.layout.wave.prefilter import reject_cause
+from sceniris_gym.layout.wave.search import Search, SearchSize, candidate_num, narrow_pair_num
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
 
 wp.set_module_options({"enable_backward": False})
 
-_NONE = wp.constant(int(Cause.NONE))
-_COLLISION = wp.constant(int(Cause.COLLISION))
-_UNPROVEN = wp.constant(UNPROVEN)
-
 
 @wp.func
-def _passes_screen(program: Program, reach: Reach, search: Search, c: int, lane: int) -> bool:
+def _passes_prefilter(program: Program, reach: Reach, search: Search, c: int, lane: int) -> bool:
     """Does a candidate pass the screen? If not, the cause is kept. All lanes of a block call it together."""
     cause = search.cause[c]
     block_sync()  # all lanes have read it
-    if cause == _NONE:
-        cause = why_not(program, reach, search, c, search.obj[c])
-        if lane == 0 and cause != _NONE:
+    if cause == Cause.NONE:
+        cause = reject_cause(program, reach, search, c, search.obj[c])
+        if lane == 0 and cause != Cause.NONE:
             search.cause[c] = cause
-    return cause == _NONE
+    return cause == Cause.NONE
 
 
 @wp.func
@@ -53,7 +49,7 @@ def _miss(search: Search, c: int):
 
 
 @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
-def _queue_leaves(
+def _queue_narrow_pairs(
     program: Program,
     reach: Reach,
     blocks: int,
@@ -64,14 +60,14 @@ def _queue_leaves(
     block, lane = wp.tid()
     nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
     for c in range(block, candidate_num(search), blocks):
-        if not _passes_screen(program, reach, search, c, lane):
+        if not _passes_prefilter(program, reach, search, c, lane):
             continue
         row = search.row[c]
         obj = search.obj[c]
         support = support_of(program, obj)
-        last = program.obj_startadr[obj] + program.obj_startnum[obj]
-        for base in range(program.obj_startadr[obj], last, wp.block_dim()):
-            wp.tile_stack_push(nodes, program.start[wp.min(base + lane, last - 1)], base + lane < last)
+        last = program.obj_broadadr[obj] + program.obj_broadnum[obj]
+        for base in range(program.obj_broadadr[obj], last, wp.block_dim()):
+            wp.tile_stack_push(nodes, program.broad_pair[wp.min(base + lane, last - 1)], base + lane < last)
             while wp.tile_stack_count(nodes) > 0:
                 entry, slot = wp.tile_stack_pop(nodes)
                 step = Step()
@@ -83,33 +79,35 @@ def _queue_leaves(
                 if step.inner and wp.min(at_left, at_right) < 0:
                     _miss(search, c)
                 if step.leaf:
-                    at = wp.atomic_add(search.leaves, 0, 1)
-                    if at >= 0 and at < search.leaf.shape[0]:  # the count may go on beyond all numbers
-                        search.leaf[at] = wp.vec4i(c, entry[0], entry[1], entry[2])
+                    at = wp.atomic_add(search.narrow_pairs, 0, 1)
+                    if at >= 0 and at < search.narrow_pair.shape[0]:  # the count may go on beyond all numbers
+                        search.narrow_pair[at] = wp.vec4i(c, entry[0], entry[1], entry[2])
                     else:
                         _miss(search, c)
 
 
 @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
-def _test_cores(
+def _test_inner_boxes(
     program: Program,
     lanes: int,
     layouts: LayoutsView,
     # Search in and out:
     search: Search,
 ):
-    for i in range(wp.tid(), leaf_num(search), lanes):
-        c = search.leaf[i][0]
-        entry = wp.vec3i(search.leaf[i][1], search.leaf[i][2], search.leaf[i][3])
-        if search.cause[c] == _NONE:
+    for i in range(wp.tid(), narrow_pair_num(search), lanes):
+        c = search.narrow_pair[i][0]
+        entry = wp.vec3i(search.narrow_pair[i][1], search.narrow_pair[i][2], search.narrow_pair[i][3])
+        if search.cause[c] == Cause.NONE:
             poses = candidate_poses(program, layouts, search, c, search.row[c], entry[0])
-            if cores_touch(program, entry, poses, margin_of(program, entry[0], support_of(program, search.obj[c]))):
-                search.cause[c] = _COLLISION
+            if inner_boxes_touch(
+                program, entry, poses, margin_of(program, entry[0], support_of(program, search.obj[c]))
+            ):
+                search.cause[c] = Cause.COLLISION
 
 
 # With all the registers that it would take, a multiprocessor holds few warps, and each waits for its own arithmetic.
 @wp.kernel(module="unique", enable_backward=False, grid_stride=False, cuda_max_registers=128)
-def _test_leaves(
+def _test_narrow_pairs(
     program: Program,
     blocks: int,
     layouts: LayoutsView,
@@ -117,32 +115,32 @@ def _test_leaves(
     search: Search,
 ):
     block, lane = wp.tid()
-    num = leaf_num(search)
+    num = narrow_pair_num(search)
     # Most leaves are of candidates that collide for certain by now: the others wait until there is one for every lane.
     waiting = wp.tile_stack(capacity=wp.static(WAITING), dtype=int)
     base = int(block * wp.block_dim())
     while base < num or wp.tile_stack_count(waiting) > 0:
         if base < num and wp.tile_stack_count(waiting) < wp.block_dim():
             i = wp.min(base + lane, num - 1)
-            c = search.leaf[i][0]
-            undecided = base + lane < num and search.cause[c] == _NONE
+            c = search.narrow_pair[i][0]
+            undecided = base + lane < num and search.cause[c] == Cause.NONE
             if wp.tile_stack_push(waiting, i, undecided) < 0 and undecided:
                 _miss(search, c)
             base += blocks * wp.block_dim()
         else:
             i, slot = wp.tile_stack_pop(waiting)
             if slot >= 0:
-                c = search.leaf[i][0]
-                entry = wp.vec3i(search.leaf[i][1], search.leaf[i][2], search.leaf[i][3])
+                c = search.narrow_pair[i][0]
+                entry = wp.vec3i(search.narrow_pair[i][1], search.narrow_pair[i][2], search.narrow_pair[i][3])
                 poses = candidate_poses(program, layouts, search, c, search.row[c], entry[0])
                 if pieces_touch(
                     program, entry, poses, margin_of(program, entry[0], support_of(program, search.obj[c]))
                 ):
-                    search.cause[c] = _COLLISION
+                    search.cause[c] = Cause.COLLISION
 
 
 @wp.kernel(module="unique", enable_backward=False, grid_stride=False, cuda_max_registers=128)
-def _test_together(
+def _test_by_block(
     program: Program,
     reach: Reach,
     blocks: int,
@@ -154,20 +152,20 @@ def _test_together(
     nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
     leaves = wp.tile_stack(capacity=wp.static(WAITING), dtype=wp.vec3i)
     for c in range(block, candidate_num(search), blocks):
-        if _passes_screen(program, reach, search, c, lane):
+        if _passes_prefilter(program, reach, search, c, lane):
             row = search.row[c]
             obj = search.obj[c]
-            adr = program.obj_startadr[obj]
-            num = program.obj_startnum[obj]
+            adr = program.obj_broadadr[obj]
+            num = program.obj_broadnum[obj]
             support = support_of(program, obj)
             own_pos = search.body_pos[c]
             own_quat = search.body_quat[c]
             pos = layouts.body_pos[row]
             quat = layouts.body_quat[row]
             found = collides(program, adr, num, support, nodes, leaves, lane, own_pos, own_quat, pos, quat)
-            if lane == 0 and found == _COLLISION:
-                search.cause[c] = _COLLISION
-            if lane == 0 and found == _UNPROVEN:
+            if lane == 0 and found == Cause.COLLISION:
+                search.cause[c] = Cause.COLLISION
+            if lane == 0 and found == UNPROVEN:
                 _miss(search, c)
 
 
@@ -178,8 +176,8 @@ def _collides_alone(program: Program, layouts: LayoutsView, search: Search, c: i
     obj = search.obj[c]
     support = support_of(program, obj)
     stack = wp.zeros(shape=(wp.static(OWN_STACK),), dtype=wp.vec3i)
-    for s in range(program.obj_startadr[obj], program.obj_startadr[obj] + program.obj_startnum[obj]):
-        start = program.start[s]
+    for s in range(program.obj_broadadr[obj], program.obj_broadadr[obj] + program.obj_broadnum[obj]):
+        start = program.broad_pair[s]
         poses = candidate_poses(program, layouts, search, c, row, start[0])
         if leaves_below_touch(program, start, poses, margin_of(program, start[0], support), stack):
             return True
@@ -199,36 +197,35 @@ def _test_alone(
     if missed and search.unproven[0] == 0:
         return
     for c in range(wp.tid(), candidate_num(search), lanes):
-        if not missed and search.cause[c] == _NONE:
-            search.cause[c] = why_not(program, reach, search, c, search.obj[c])
-        if search.cause[c] == _NONE and (not missed or search.missed[c] != 0):
+        if not missed and search.cause[c] == Cause.NONE:
+            search.cause[c] = reject_cause(program, reach, search, c, search.obj[c])
+        if search.cause[c] == Cause.NONE and (not missed or search.missed[c] != 0):
             if _collides_alone(program, layouts, search, c):
-                search.cause[c] = _COLLISION
+                search.cause[c] = Cause.COLLISION
 
 
-def lane_kernels(faces: bool, together: bool) -> tuple[wp.Kernel, ...]:
-    """The kernels that are launched by lanes; `together`: blocks have more than one."""
-    return (_test_cores, _test_alone) if together and not faces else (_test_alone,)
+def lane_kernels(visual: bool, block_dim: int) -> tuple[wp.Kernel, ...]:
+    """Return the kernels that are launched by lanes."""
+    return (_test_inner_boxes, _test_alone) if block_dim > 1 and not visual else (_test_alone,)
 
 
-def block_kernels(faces: bool, together: bool) -> tuple[wp.Kernel, ...]:
-    """Those that are launched by blocks."""
-    if not together:
+def block_kernels(visual: bool, block_dim: int) -> tuple[wp.Kernel, ...]:
+    """Return the kernels that are launched by blocks."""
+    if block_dim == 1:
         return ()
-    return (_test_together,) if faces else (_queue_leaves, _test_leaves)
+    return (_test_by_block,) if visual else (_queue_narrow_pairs, _test_narrow_pairs)
 
 
 def launch_test_collisions(
-    program: Program, reach: Reach, size: SearchSize, faces: bool, layouts: LayoutsView, search: Search, device: str
+    program: Program, reach: Reach, size: SearchSize, visual: bool, layouts: LayoutsView, search: Search, device: str
 ) -> None:
-    """Test the candidates that pass the screen."""
+    """Test the candidates that pass the prefilter."""
     lanes = {"dim": size.lanes, "device": device}
     blocks = {"dim": [size.blocks], "block_dim": size.block_dim, "device": device}
-    together = size.block_dim > 1
-    if together and faces:
-        wp.launch_tiled(_test_together, inputs=[program, reach, size.blocks, layouts, search], **blocks)
-    elif together:
-        wp.launch_tiled(_queue_leaves, inputs=[program, reach, size.blocks, layouts, search], **blocks)
-        wp.launch(_test_cores, inputs=[program, size.lanes, layouts, search], **lanes)
-        wp.launch_tiled(_test_leaves, inputs=[program, size.blocks, layouts, search], **blocks)
-    wp.launch(_test_alone, inputs=[program, reach, size.lanes, together, layouts, search], **lanes)
+    if size.block_dim > 1 and visual:
+        wp.launch_tiled(_test_by_block, inputs=[program, reach, size.blocks, layouts, search], **blocks)
+    elif size.block_dim > 1:
+        wp.launch_tiled(_queue_narrow_pairs, inputs=[program, reach, size.blocks, layouts, search], **blocks)
+        wp.launch(_test_inner_boxes, inputs=[program, size.lanes, layouts, search], **lanes)
+        wp.launch_tiled(_test_narrow_pairs, inputs=[program, size.blocks, layouts, search], **blocks)
+    wp.launch(_test_alone, inputs=[program, reach, size.lanes, size.block_dim > 1, layouts, search], **lanes)

@@ -11,9 +11,6 @@ from sceniris_gym.program.device import Cause, Program
 
 wp.set_module_options({"enable_backward": False})
 
-_NONE = wp.constant(int(Cause.NONE))
-_COLLISION = wp.constant(int(Cause.COLLISION))
-
 
 @wp.func
 def _queue_points(program: Program, search: Search, c: int, a: int, b: int, rel: Pose):
@@ -28,7 +25,7 @@ def _queue_points(program: Program, search: Search, c: int, a: int, b: int, rel:
                 search.enclosed_by[slot] = b
                 search.enclosed_point[slot] = p
             elif in_solid(program, b, p):  # no room for it
-                search.cause[c] = _COLLISION
+                search.cause[c] = Cause.COLLISION
 
 
 @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
@@ -48,7 +45,7 @@ def _queue_enclosed(
         for pair in range(adr + i % parts, adr + program.obj_pairnum[obj], parts):
             a = program.pair_a[pair]
             b = program.pair_b[pair]
-            if search.cause[c] == _NONE and program.collider_plane[b] < 0:
+            if search.cause[c] == Cause.NONE and program.collider_plane[b] < 0:
                 poses = candidate_poses(program, layouts, search, c, row, pair)
                 _queue_points(program, search, c, a, b, relative(poses.a, poses.b))
                 _queue_points(program, search, c, b, a, relative(poses.b, poses.a))
@@ -63,9 +60,9 @@ def _test_enclosed(
 ):
     for i in range(wp.tid(), wp.min(search.enclosed[0], search.enclosed_point.shape[0]), lanes):
         c = search.enclosed_candidate[i]
-        if search.cause[c] == _NONE:
+        if search.cause[c] == Cause.NONE:
             if in_solid(program, search.enclosed_by[i], search.enclosed_point[i]):
-                search.cause[c] = _COLLISION  # other lanes write the same
+                search.cause[c] = Cause.COLLISION  # other lanes write the same
 
 
 LANE_KERNELS = (_queue_enclosed, _test_enclosed)

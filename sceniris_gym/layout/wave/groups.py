@@ -15,13 +15,10 @@ from sceniris_gym.scene.parking import PARKING_COLUMNS, PARKING_FROM, PARKING_SP
 
 _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
 _GROUP_STREAM = wp.constant(wp.uint32(GROUP_STREAM))
-_FAR = wp.constant(PARKING_FROM)
-_SPACING = wp.constant(PARKING_SPACING)
-_COLUMNS = wp.constant(PARKING_COLUMNS)
 
 
 @wp.func
-def draw_groups(program: Program, seed: wp.uint64, episode: int, split: wp.uint32, present: wp.array(dtype=int)):
+def draw_groups(program: Program, seed: wp.uint64, episode: int, split: wp.uint32, present: wp.array[int]):
     """Draw which objects of each group are present: k uniform in its interval, then k members without repetition.
 
     The draw belongs to the episode and not to a trial: restarts must not favour small sets, which are easier to place.
@@ -46,7 +43,11 @@ def draw_groups(program: Program, seed: wp.uint64, episode: int, split: wp.uint3
 @wp.func
 def _parking_place(slot: int) -> wp.vec3:
     """Where an absent object's pivot lies [m], world frame, on the ground plane."""
-    return wp.vec3(_FAR + _SPACING * float(slot % _COLUMNS), _FAR + _SPACING * float(slot // _COLUMNS), 0.0)
+    return wp.vec3(
+        PARKING_FROM + PARKING_SPACING * float(slot % PARKING_COLUMNS),
+        PARKING_FROM + PARKING_SPACING * float(slot // PARKING_COLUMNS),
+        0.0,
+    )
 
 
 @wp.func

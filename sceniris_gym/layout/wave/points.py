@@ -12,23 +12,19 @@ from sceniris_gym.device.blocks import block_any
 from sceniris_gym.device.transforms import Pose, apply
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.posing import pose_candidate
-from sceniris_gym.layout.wave.race import NOBODY, finish, numbers_of, point_numbers, winner_index
+from sceniris_gym.layout.wave.race import NO_PIECE, finish, numbers_of, point_numbers, winner_index
 from sceniris_gym.layout.wave.region_pieces import LEAST_AREA, cut_triangle, is_point, posed_triangle
 from sceniris_gym.layout.wave.search import Search, SearchSize
 from sceniris_gym.layout.wave.sides import support_pose
+from sceniris_gym.placement.cover_and_footprint import outline_distance
 from sceniris_gym.placement.orientations import facing
 from sceniris_gym.placement.placed import Placed, placed
 from sceniris_gym.placement.polygons import draw_in_polygon
 from sceniris_gym.placement.relations import relation_holds
-from sceniris_gym.placement.roofs_and_footprints import outline_distance
 from sceniris_gym.program.device import Cause, OrientationType, Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-_MAX_CORNERS = wp.constant(MAX_CORNERS)
-_EMPTY = wp.constant(int(Cause.EMPTY))
-_REGION = wp.constant(int(Cause.REGION))
-_FACE_TO = wp.constant(int(OrientationType.FACE_TO))
 # A slice holds at most twice what it should, so 64 redraws of a whole one in vain have a probability of 1e-19. Many may
 # be needed where the support or another relation leaves of it little more than what lies outside of the ring, and where
 # bounds are measured, of which the circles around them say little.
@@ -120,11 +116,11 @@ def _draw_in_piece(
     t = posed_triangle(program, tri, frame)
     at = t.a
     if not is_point(program, tri):
-        polygon = wp.zeros(shape=(_MAX_CORNERS,), dtype=wp.vec2)
+        polygon = wp.zeros(shape=(MAX_CORNERS,), dtype=wp.vec2)
         num = cut_triangle(program, search, c, obj, index // triangles, t, polygon)
         at = draw_in_polygon(polygon, num, u[0], u[1], u[2])
     heading = search.heading[c]
-    if program.obj_orientation[obj] == _FACE_TO:
+    if program.obj_orientation[obj] == OrientationType.FACE_TO:
         target = program.obj_target[obj]
         if layouts.present[row, target] != 0:
             place = layouts.place[row, target]
@@ -151,13 +147,13 @@ def _race_again(
 
     Lists may have hundreds of pieces, so all lanes of the block run the race of one candidate after the other.
     """
-    own = NOBODY
+    own = NO_PIECE
     wanted = wp.tile(wp.where(needs != 0, c, -1))
     for other in range(wp.block_dim()):
         racing = wp.tile_extract(wanted, other)
         if racing >= 0:
             numbers = numbers_of(program, split, layouts, search, racing)
-            best = NOBODY
+            best = NO_PIECE
             for k in range(lane, search.pieces[racing], wp.block_dim()):
                 size = search.piece_area[racing, k]
                 if size > LEAST_AREA:
@@ -185,8 +181,8 @@ def _draw_points(
         row = search.row[c]
         obj = search.obj[c]
         winner = search.winner[c]
-        if winner == NOBODY and needs != 0:
-            search.cause[c] = _EMPTY
+        if winner == NO_PIECE and needs != 0:
+            search.cause[c] = Cause.EMPTY
             needs = 0
         redraw = int(0)
         while redraw < _REDRAWS and block_any(needs) != 0:
@@ -199,7 +195,7 @@ def _draw_points(
                     pose_candidate(program, layouts, search, c, row, obj)
             redraw += 1
         if needs != 0:
-            search.cause[c] = _REGION
+            search.cause[c] = Cause.REGION
 
 
 def launch_draw_points(

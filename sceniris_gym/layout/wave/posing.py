@@ -13,9 +13,6 @@ from sceniris_gym.program.device import OrientationType, Program
 
 wp.set_module_options({"enable_backward": False})
 
-_FACE_TO = wp.constant(int(OrientationType.FACE_TO))
-_NO_GRASP = wp.constant(NO_GRASP)
-
 
 @wp.func
 def pose_candidate(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int):
@@ -23,7 +20,7 @@ def pose_candidate(program: Program, layouts: LayoutsView, search: Search, c: in
     turn = search.turn[c]
     heading = search.heading[c]
     point = search.point[c]
-    if program.obj_orientation[obj] == _FACE_TO:
+    if program.obj_orientation[obj] == OrientationType.FACE_TO:
         target = program.obj_target[obj]
         if layouts.present[row, target] != 0:
             at = layouts.place[row, target]
@@ -38,7 +35,7 @@ def pose_candidate(program: Program, layouts: LayoutsView, search: Search, c: in
     pose_bodies(program, obj, 1, search.qpos[c], search.body_pos[c], search.body_quat[c])
     search.place[c] = wp.vec4(pivot[0], pivot[1], pivot[2], heading)
     search.bounds[c] = turn.bounds
-    search.grasp[c] = _NO_GRASP
+    search.grasp[c] = NO_GRASP
     search.covered[c] = 0
     search.off[c] = 0
 

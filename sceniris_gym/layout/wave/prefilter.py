@@ -1,4 +1,4 @@
-"""Posed candidates are screened, the cheap tests first: the arm's map, roofs, and the footprint."""
+"""Prefilter of posed candidates, the cheap tests first: the arm's map, overhead obstacles and the footprint."""
 
 from collections.abc import Sequence
 
@@ -7,22 +7,12 @@ import warp as wp
 from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.search import NO_GRASP, Search, SearchSize, candidate_num
+from sceniris_gym.placement.cover_and_footprint import is_covered, overhangs
 from sceniris_gym.placement.grasps import approaches, first_through, passes_map
-from sceniris_gym.placement.roofs_and_footprints import is_under_roof, overhangs
-from sceniris_gym.program.device import Cause, ObjectKind, Program, Roof
+from sceniris_gym.program.device import Cause, Cover, ObjectKind, Program
 from sceniris_gym.program.device_reach import UNASKED, Reach
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
-
-_STATIC = wp.constant(int(ObjectKind.STATIC))
-_EITHER = wp.constant(int(Roof.EITHER))
-_COVERED = wp.constant(int(Roof.COVERED))
-_NO_GRASP = wp.constant(NO_GRASP)
-_UNASKED = wp.constant(UNASKED)
-_NONE = wp.constant(int(Cause.NONE))
-_ROOF = wp.constant(int(Cause.ROOF))
-_FOOTPRINT = wp.constant(int(Cause.FOOTPRINT))
-_UNREACHABLE = wp.constant(int(Cause.UNREACHABLE))
 
 
 @wp.func
@@ -69,14 +59,14 @@ def _look_at_map(reach: Reach, layouts: LayoutsView, search: Search, c: int, row
 
 
 @wp.func
-def _look_up_to_roofs(
+def _look_overhead(
     program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int
 ):
     """Find whether anything is above the candidate's point."""
-    for i in range(part, program.obj_roofnum[obj], parts):
-        roof = program.roof_list[program.obj_roofadr[obj] + i]
+    for i in range(part, program.obj_overheadnum[obj], parts):
+        entry = program.overhead_list[program.obj_overheadadr[obj] + i]
         if search.covered[c] == 0:
-            if is_under_roof(program, roof, search.point[c], layouts.body_pos[row], layouts.body_quat[row]):
+            if is_covered(program, entry, search.point[c], layouts.body_pos[row], layouts.body_quat[row]):
                 search.covered[c] = 1
 
 
@@ -109,15 +99,15 @@ def _look(
         c = i // parts
         row = search.row[c]
         obj = search.obj[c]
-        if search.cause[c] == _NONE and program.obj_kind[obj] != _STATIC:
+        if search.cause[c] == Cause.NONE and program.obj_kind[obj] != ObjectKind.STATIC:
             if reach.obj_reach.shape[0] > 0:
-                if reach.obj_reach[obj] != _UNASKED:
+                if reach.obj_reach[obj] != UNASKED:
                     _look_at_map(reach, layouts, search, c, row, obj, i % parts, parts)
-                    if parts == 1 and search.grasp[c] == _NO_GRASP:
+                    if parts == 1 and search.grasp[c] == NO_GRASP:
                         continue
-            if program.obj_roof[obj] != _EITHER:
-                _look_up_to_roofs(program, layouts, search, c, row, obj, i % parts, parts)
-                if parts == 1 and (search.covered[c] != 0) != (program.obj_roof[obj] == _COVERED):
+            if program.obj_cover[obj] != Cover.EITHER:
+                _look_overhead(program, layouts, search, c, row, obj, i % parts, parts)
+                if parts == 1 and (search.covered[c] != 0) != (program.obj_cover[obj] == Cover.COVERED):
                     continue
             if program.obj_footprint[obj] != 0 and search.surface[c] >= 0:
                 _look_at_footprint(program, layouts, search, c, row, obj, i % parts, parts)
@@ -135,31 +125,31 @@ def _look_at_map_of(
     for i in range(wp.tid(), parts * candidate_num(search), lanes):
         c = i // parts
         obj = search.obj[c]
-        if search.cause[c] == _NONE and reach.obj_reach[obj] != _UNASKED:
+        if search.cause[c] == Cause.NONE and reach.obj_reach[obj] != UNASKED:
             _look_at_map(reach, layouts, search, c, search.row[c], obj, i % parts, parts)
 
 
 @wp.func
-def why_not(program: Program, reach: Reach, search: Search, c: int, obj: int) -> int:
-    """Why a candidate does not pass the screen, or NONE."""
-    if program.obj_kind[obj] == _STATIC:
-        return _NONE
+def reject_cause(program: Program, reach: Reach, search: Search, c: int, obj: int) -> int:
+    """Return the cause that the prefilter rejects a candidate for, or NONE."""
+    if program.obj_kind[obj] == ObjectKind.STATIC:
+        return Cause.NONE
     if reach.obj_reach.shape[0] > 0:
-        if reach.obj_reach[obj] != _UNASKED and search.grasp[c] == _NO_GRASP:
-            return _UNREACHABLE
-    rule = program.obj_roof[obj]
-    if rule != _EITHER:
-        if (search.covered[c] != 0) != (rule == _COVERED):
-            return _ROOF
+        if reach.obj_reach[obj] != UNASKED and search.grasp[c] == NO_GRASP:
+            return Cause.UNREACHABLE
+    rule = program.obj_cover[obj]
+    if rule != Cover.EITHER:
+        if (search.covered[c] != 0) != (rule == Cover.COVERED):
+            return Cause.OVERHEAD
     if search.off[c] != 0:
-        return _FOOTPRINT
-    return _NONE
+        return Cause.FOOTPRINT
+    return Cause.NONE
 
 
-def launch_screen(
+def launch_prefilter(
     program: Program, reaches: Sequence[Reach], size: SearchSize, layouts: LayoutsView, search: Search, device: str
 ) -> None:
-    """Look at the maps of all arms, roofs and footprints for the candidates of this wave; `why_not` has the outcome."""
+    """Prefilter the candidates of this wave by maps, overhead obstacles and footprints, for `reject_cause`."""
     sizes = [size.lanes, size.parts, layouts, search]
     for reach in reaches[1:]:
         wp.launch(_look_at_map_of, dim=size.lanes, inputs=[reach, *sizes], device=device)

@@ -1,6 +1,7 @@
-"""The race in which a piece of a region is chosen by area, in one pass and without any sum.
+"""An exponential race, which samples a piece of a region by area in one pass and without any sum.
 
-Each piece runs at the rate of its area, and the first one wins: P(i) = area_i / total.
+Each piece draws an arrival time at the rate of its area, and the least time wins: P(i) = area_i / total.
+P. Efraimidis, P. Spirakis, "Weighted random sampling with a reservoir", Information Processing Letters 97, 2006.
 """
 
 import warp as wp
@@ -15,8 +16,8 @@ from sceniris_gym.program.device import Program
 _FIRST_DRAW = wp.constant(1 << 16)
 _DRAWS = wp.constant(1 << 20)
 _HALF_STEP = wp.constant(2.0**-25)
-NOBODY = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
-"""What has won a race in which nobody ran."""
+NO_PIECE = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
+"""Sentinel: no piece has positive area."""
 
 
 @wp.struct
@@ -35,7 +36,7 @@ def numbers_of(program: Program, split: wp.uint32, layouts: LayoutsView, search:
     world = search.row_world[search.row[c]]
     n = Numbers()
     n.seed = layouts.seed[world]
-    n.episode = layouts.making[world]
+    n.episode = layouts.pending_episode[world]
     n.stream = stream_of(program, split, search.obj[c])
     n.trial = trial_of(program, search, c)
     return n

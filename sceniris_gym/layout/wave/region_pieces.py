@@ -10,7 +10,7 @@ import warp as wp
 from sceniris_gym.config.limits import MAX_CORNERS
 from sceniris_gym.device.transforms import Pose, apply
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.wave.race import NOBODY, finish, numbers_of
+from sceniris_gym.layout.wave.race import NO_PIECE, finish, numbers_of
 from sceniris_gym.layout.wave.search import Search, SearchSize
 from sceniris_gym.layout.wave.sides import support_pose
 from sceniris_gym.placement.polygons import HalfPlane, area, clip, set_triangle
@@ -18,7 +18,6 @@ from sceniris_gym.program.device import Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-_MAX_CORNERS = wp.constant(MAX_CORNERS)
 # Pieces below this area [m^2] are rounding: a line of 1 mm, drawn 40 um wide, has 4e-8.
 LEAST_AREA = wp.constant(1.0e-10)
 # A triangle further beyond a side than this [m] has nothing left, and one that is further inside is left as it is: ten
@@ -110,7 +109,7 @@ def cut_triangle(
     obj: int,
     combination: int,
     t: Triangle,
-    polygon: wp.array(dtype=wp.vec2),
+    polygon: wp.array[wp.vec2],
 ) -> int:
     """What is left of a triangle within one convex piece of every relation: the number of corners of `polygon`."""
     num = set_triangle(polygon, t.a, t.b, t.c)
@@ -185,8 +184,8 @@ def _measure_pieces(
         numbers = numbers_of(program, split, layouts, search, c)
         variant = search.turn[c].variant
         triangles = program.variant_trinum[variant]
-        polygon = wp.zeros(shape=(_MAX_CORNERS,), dtype=wp.vec2)
-        best = NOBODY
+        polygon = wp.zeros(shape=(MAX_CORNERS,), dtype=wp.vec2)
+        best = NO_PIECE
         for k in range(i % parts, search.pieces[c], parts):
             index = search.piece[c, k]
             tri = program.variant_triadr[variant] + index % triangles
@@ -197,7 +196,7 @@ def _measure_pieces(
             search.piece_area[c, k] = size
             if size > LEAST_AREA:
                 best = wp.min(best, finish(numbers, 0, index, size))
-        if best != NOBODY:
+        if best != NO_PIECE:
             wp.atomic_min(search.winner, c, best)
 
 

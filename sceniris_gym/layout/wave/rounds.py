@@ -16,8 +16,6 @@ from sceniris_gym.program.device_reach import Reach
 
 wp.set_module_options({"enable_backward": False})
 
-_VALID = wp.constant(int(Status.VALID))
-_UNSOUND = wp.constant(int(Cause.UNSOUND))
 _NEVER = wp.constant(1 << 30)
 
 
@@ -32,7 +30,7 @@ def _clear_rejections(layouts: LayoutsView, row: int):
 @wp.kernel
 def _start(
     program: Program,
-    mask: wp.array(dtype=bool),
+    mask: wp.array[bool],
     split: wp.uint32,
     # Layouts in and out:
     layouts: LayoutsView,
@@ -50,7 +48,7 @@ def _start(
         if not mask[worldid]:
             return
     episode = layouts.episode[worldid] + 1
-    layouts.making[worldid] = episode
+    layouts.pending_episode[worldid] = episode
     layouts.attempts[worldid] = 0
     _clear_rejections(layouts, worldid)
     search.pending[worldid] = True
@@ -227,13 +225,13 @@ def _settle(
     if best < _NEVER and sound:
         if row != worldid:
             _copy_row(layouts, row, worldid)
-        layouts.status[worldid] = _VALID
+        layouts.status[worldid] = Status.VALID
         layouts.first_pass_valid[worldid] = wp.where(best == 0, 1, 0)
         search.pending[worldid] = False
         search.waiting[worldid] = staged
     elif last == program.restarts or not sound:
         if not sound:
-            layouts.row_rejections[worldid, wp.max(program.nobject - 1, 0), _UNSOUND] += 1
+            layouts.row_rejections[worldid, wp.max(program.nobject - 1, 0), Cause.UNSOUND] += 1
         layouts.status[worldid] = fall_back(program, reach, layouts, worldid, split)
         layouts.first_pass_valid[worldid] = 0
         search.pending[worldid] = False
@@ -268,7 +266,7 @@ def launch_reopen(search: Search, device: str) -> None:
 
 
 @wp.func
-def count_rejections(made: LayoutsView, worldid: int, obj: int, rejections: wp.array2d(dtype=wp.int64)):
+def count_rejections(made: LayoutsView, worldid: int, obj: int, rejections: wp.array2d[wp.int64]):
     """Count what was rejected of an object for a layout that is served."""
     for cause in range(made.row_rejections.shape[2]):
         number = made.row_rejections[worldid, obj, cause]
@@ -278,7 +276,7 @@ def count_rejections(made: LayoutsView, worldid: int, obj: int, rejections: wp.a
 
 @wp.kernel
 def _finish(
-    mask: wp.array(dtype=bool),
+    mask: wp.array[bool],
     # Layouts in and out:
     layouts: LayoutsView,
 ):
@@ -287,7 +285,7 @@ def _finish(
         if not mask[worldid]:
             return
     if obj == 0:
-        layouts.episode[worldid] = layouts.making[worldid]
+        layouts.episode[worldid] = layouts.pending_episode[worldid]
     count_rejections(layouts, worldid, obj, layouts.rejections)
 
 

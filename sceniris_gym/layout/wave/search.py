@@ -35,64 +35,64 @@ class Search:
     """The arrays of a search as device code takes them."""
 
     # Worlds
-    pending: wp.array(dtype=bool)  # no layout yet
-    waiting: wp.array(dtype=bool)  # placed, but whether the arm reaches it is open
-    restart: wp.array(dtype=int)  # the next one to try
-    ticket: wp.array(dtype=int)  # number among the pending worlds of this round
-    best: wp.array(dtype=int)  # the lowest restart of this round that has placed everything
+    pending: wp.array[bool]  # no layout yet
+    waiting: wp.array[bool]  # placed, but whether the arm reaches it is open
+    restart: wp.array[int]  # the next one to try
+    ticket: wp.array[int]  # number among the pending worlds of this round
+    best: wp.array[int]  # the lowest restart of this round that has placed everything
     # Rows
-    row_world: wp.array(dtype=int)
-    row_restart: wp.array(dtype=int)
-    row_object: wp.array(dtype=int)  # the object to place next; all are placed if there is no such object
-    row_trial: wp.array(dtype=int)  # its next trial, from 0
-    row_first: wp.array(dtype=int)  # its first candidate in this wave
-    row_trials: wp.array(dtype=int)  # and how many it has; 0 if the wave has no room for it
-    row_attempts: wp.array(dtype=int)  # candidates drawn in this restart
-    queue: wp.array2d(dtype=int)  # rows that still place objects; two lists, of which one is read and one written
+    row_world: wp.array[int]
+    row_restart: wp.array[int]
+    row_object: wp.array[int]  # the object to place next; all are placed if there is no such object
+    row_trial: wp.array[int]  # its next trial, from 0
+    row_first: wp.array[int]  # its first candidate in this wave
+    row_trials: wp.array[int]  # and how many it has; 0 if the wave has no room for it
+    row_attempts: wp.array[int]  # candidates drawn in this restart
+    queue: wp.array2d[int]  # rows that still place objects; two lists, of which one is read and one written
     # Counts
-    worlds_left: wp.array(dtype=int)
-    rows_left: wp.array(dtype=int)
-    tickets: wp.array(dtype=int)
-    restarts_at_once: wp.array(dtype=int)
-    source: wp.array(dtype=int)  # which list of `queue` is read
-    rows: wp.array(dtype=int)  # number of rows in it
-    candidates: wp.array(dtype=int)
-    cuts: wp.array(dtype=int)  # number of candidates in `cut`
-    leaves: wp.array(dtype=int)
-    enclosed: wp.array(dtype=int)
-    unproven: wp.array(dtype=int)  # 1: some candidate's test missed something
+    worlds_left: wp.array[int]
+    rows_left: wp.array[int]
+    tickets: wp.array[int]
+    restarts_at_once: wp.array[int]
+    source: wp.array[int]  # which list of `queue` is read
+    rows: wp.array[int]  # number of rows in it
+    candidates: wp.array[int]
+    cuts: wp.array[int]  # number of candidates in `cut`
+    narrow_pairs: wp.array[int]
+    enclosed: wp.array[int]
+    unproven: wp.array[int]  # 1: some candidate's test missed something
     # Candidates
-    row: wp.array(dtype=int)
-    obj: wp.array(dtype=int)
-    trial: wp.array(dtype=int)  # which trial of its object in this restart, from 0
-    cause: wp.array(dtype=int)
-    turn: wp.array(dtype=DrawnVariant)
-    heading: wp.array(dtype=float)
-    point: wp.array(dtype=wp.vec3)  # under the pivot [m]
-    surface: wp.array(dtype=int)
-    place: wp.array(dtype=wp.vec4)
-    bounds: wp.array(dtype=wp.vec4)
-    grasp: wp.array(dtype=int)
-    missed: wp.array(dtype=int)  # 1: there was no room for all of its test, and one lane has to make it
-    covered: wp.array(dtype=int)  # 1: something is above its point
-    off: wp.array(dtype=int)  # 1: some of its footprint is off the support
-    qpos: wp.array2d(dtype=float)
-    body_pos: wp.array2d(dtype=wp.vec3)
-    body_quat: wp.array2d(dtype=wp.vec4)
-    relations: wp.array2d(dtype=ResolvedRelation)
-    hulls: wp.array2d(dtype=wp.vec2)
-    sides: wp.array2d(dtype=HalfPlane)  # around the pieces of its relations
-    side_num: wp.array2d(dtype=int)  # how many of them each piece of a relation has; -1 where that is not active
-    pieces: wp.array(dtype=int)  # pieces of its region that may have any area
-    piece: wp.array2d(dtype=int)  # their numbers
-    piece_area: wp.array2d(dtype=float)  # [m^2]
-    winner: wp.array(dtype=wp.uint64)  # the piece that wins the first race: its time and its number
-    cut: wp.array(dtype=int)  # candidates whose region is another one in every world
-    leaf: wp.array(dtype=wp.vec4i)  # (candidate, pair, node of a, node of b)
+    row: wp.array[int]
+    obj: wp.array[int]
+    trial: wp.array[int]  # which trial of its object in this restart, from 0
+    cause: wp.array[int]
+    turn: wp.array[DrawnVariant]
+    heading: wp.array[float]
+    point: wp.array[wp.vec3]  # under the pivot [m]
+    surface: wp.array[int]
+    place: wp.array[wp.vec4]
+    bounds: wp.array[wp.vec4]
+    grasp: wp.array[int]
+    missed: wp.array[int]  # 1: there was no room for all of its test, and one lane has to make it
+    covered: wp.array[int]  # 1: something is above its point
+    off: wp.array[int]  # 1: some of its footprint is off the support
+    qpos: wp.array2d[float]
+    body_pos: wp.array2d[wp.vec3]
+    body_quat: wp.array2d[wp.vec4]
+    relations: wp.array2d[ResolvedRelation]
+    hulls: wp.array2d[wp.vec2]
+    sides: wp.array2d[HalfPlane]  # around the pieces of its relations
+    side_num: wp.array2d[int]  # how many of them each piece of a relation has; -1 where that is not active
+    pieces: wp.array[int]  # pieces of its region that may have any area
+    piece: wp.array2d[int]  # their numbers
+    piece_area: wp.array2d[float]  # [m^2]
+    winner: wp.array[wp.uint64]  # the piece that wins the first race: its time and its number
+    cut: wp.array[int]  # candidates whose region is another one in every world
+    narrow_pair: wp.array[wp.vec4i]  # (candidate, pair, node of a, node of b)
     # Points that are inside the box of a collider, in the frame of its body; for `geometry: visual`
-    enclosed_candidate: wp.array(dtype=int)
-    enclosed_by: wp.array(dtype=int)
-    enclosed_point: wp.array(dtype=wp.vec3)
+    enclosed_candidate: wp.array[int]
+    enclosed_by: wp.array[int]
+    enclosed_point: wp.array[wp.vec3]
 
 
 @wp.func
@@ -102,12 +102,12 @@ def candidate_num(search: Search) -> int:
 
 
 @wp.func
-def leaf_num(search: Search) -> int:
+def narrow_pair_num(search: Search) -> int:
     """How many pairs of leaves wait: those that were found, as far as there is room."""
-    found = search.leaves[0]
+    found = search.narrow_pairs[0]
     if found < 0:  # the count went on beyond all numbers
-        return search.leaf.shape[0]
-    return wp.min(found, search.leaf.shape[0])
+        return search.narrow_pair.shape[0]
+    return wp.min(found, search.narrow_pair.shape[0])
 
 
 @wp.func
@@ -123,7 +123,7 @@ def begin_wave(search: Search):
     search.rows_left[0] = 0
     search.source[0] = 1 - search.source[0]
     search.cuts[0] = 0
-    search.leaves[0] = 0
+    search.narrow_pairs[0] = 0
     search.enclosed[0] = 0
     search.unproven[0] = 0
 
@@ -160,7 +160,7 @@ class SearchSize:
         rows: Rows beyond one for each world, for restarts that are tried at the same time.
         candidates: Candidates of one wave.
         busy: Candidates of a wave up to which further trials are drawn at the same time.
-        leaves: Pairs of leaves that wait for lanes of their own, or with `geometry: visual` points that may be
+        narrow_pairs: Narrow-phase pairs that wait for lanes of their own, or with `geometry: visual` points that may be
             enclosed; 0: candidates are tested as a whole.
         grasps: Candidates of one wave of the stages `ik` and `clear`, each with a pose of the robot.
         lanes: Lanes of a launch in which each works for itself.
@@ -168,13 +168,13 @@ class SearchSize:
         blocks, block_dim: Blocks of a launch in which a block's lanes share a candidate, and their number.
 
     Raises:
-        CountError: One of them is less than 1; `rows` and `leaves` may be 0.
+        CountError: One of them is less than 1; `rows` and `narrow_pairs` may be 0.
     """
 
     rows: int
     candidates: int
     busy: int
-    leaves: int
+    narrow_pairs: int
     grasps: int
     lanes: int
     parts: int
@@ -183,7 +183,7 @@ class SearchSize:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            least = 0 if name in ("rows", "leaves") else 1
+            least = 0 if name in ("rows", "narrow_pairs") else 1
             if value < least:
                 raise CountError(f"SearchSize: {name} should be at least {least}, got {value}.")
 
@@ -192,14 +192,16 @@ GPU_SIZE = SearchSize(
     rows=8192,
     candidates=1 << 17,
     busy=1 << 13,
-    leaves=1 << 21,
+    narrow_pairs=1 << 21,
     grasps=1 << 14,
     lanes=1 << 16,
     parts=8,
     blocks=1 << 12,
     block_dim=32,
 )
-CPU_SIZE = SearchSize(rows=0, candidates=512, busy=1, leaves=0, grasps=512, lanes=1, parts=1, blocks=1, block_dim=1)
+CPU_SIZE = SearchSize(
+    rows=0, candidates=512, busy=1, narrow_pairs=0, grasps=512, lanes=1, parts=1, blocks=1, block_dim=1
+)
 
 
 def default_size(device: str) -> SearchSize:
@@ -225,7 +227,7 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         s.queue = wp.zeros((2, nrow), dtype=int)
         for name in ("worlds_left", "rows_left", "tickets", "restarts_at_once", "source", "rows"):
             setattr(s, name, wp.zeros(1, dtype=int))
-        for name in ("candidates", "cuts", "leaves", "enclosed", "unproven"):
+        for name in ("candidates", "cuts", "narrow_pairs", "enclosed", "unproven"):
             setattr(s, name, wp.zeros(1, dtype=int))
         for name in ("row", "obj", "trial", "cause", "surface", "grasp", "missed", "covered", "off"):
             setattr(s, name, wp.zeros(ncand, dtype=int))
@@ -248,8 +250,8 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         s.piece_area = wp.zeros((related, compiled.pieces), dtype=float)
         s.winner = wp.zeros(related, dtype=wp.uint64)
         visual = compiled.config.geometry == "visual"
-        s.leaf = wp.zeros(0 if visual else size.leaves, dtype=wp.vec4i)
-        room = size.leaves if visual else 0
+        s.narrow_pair = wp.zeros(0 if visual else size.narrow_pairs, dtype=wp.vec4i)
+        room = size.narrow_pairs if visual else 0
         s.enclosed_candidate = wp.zeros(room, dtype=int)
         s.enclosed_by = wp.zeros(room, dtype=int)
         s.enclosed_point = wp.zeros(room, dtype=wp.vec3)

@@ -9,7 +9,7 @@ from sceniris_gym.config.limits import MAX_ANCHORS, MAX_RELATIONS
 from sceniris_gym.device.angles import angle_of
 from sceniris_gym.device.transforms import Pose, pose_of
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.wave.race import NOBODY
+from sceniris_gym.layout.wave.race import NO_PIECE
 from sceniris_gym.layout.wave.search import Search, candidate_num
 from sceniris_gym.placement.placed import placed
 from sceniris_gym.placement.relations import resolve, side_num, write_sides
@@ -17,11 +17,6 @@ from sceniris_gym.program.device import Cause, ObjectKind, Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-_MAX_ANCHORS = wp.constant(MAX_ANCHORS)
-_MAX_RELATIONS = wp.constant(MAX_RELATIONS)
-_NONE = wp.constant(int(Cause.NONE))
-_EMPTY = wp.constant(int(Cause.EMPTY))
-_STATIC = wp.constant(int(ObjectKind.STATIC))
 # A surface carries as long as it is level to 0.1 degree.
 LEVEL = wp.constant(0.9999985)
 
@@ -50,11 +45,11 @@ def _resolve(program: Program, layouts: LayoutsView, search: Search, c: int, i: 
         layouts.bounds[row],
         layouts.present[row],
         hull,
-        i * _MAX_ANCHORS,
+        i * MAX_ANCHORS,
     )
     search.relations[c, i] = resolved
     search.side_num[c, i] = side_num(resolved)
-    write_sides(program, rel, resolved, hull, i * _MAX_ANCHORS, search.sides[c], program.rel_sideadr[rel])
+    write_sides(program, rel, resolved, hull, i * MAX_ANCHORS, search.sides[c], program.rel_sideadr[rel])
 
 
 @wp.kernel(grid_stride=False)
@@ -65,19 +60,19 @@ def _build_sides(
     # Search in and out:
     search: Search,
 ):
-    for k in range(wp.tid(), _MAX_RELATIONS * candidate_num(search), lanes):
-        c = k // _MAX_RELATIONS
-        i = k % _MAX_RELATIONS
+    for k in range(wp.tid(), MAX_RELATIONS * candidate_num(search), lanes):
+        c = k // MAX_RELATIONS
+        i = k % MAX_RELATIONS
         obj = search.obj[c]
-        if search.cause[c] == _NONE and program.obj_kind[obj] != _STATIC and program.obj_cutnum[obj] > 0:
+        if search.cause[c] == Cause.NONE and program.obj_kind[obj] != ObjectKind.STATIC and program.obj_cutnum[obj] > 0:
             row = search.row[c]
             frame = support_pose(program, layouts, row, obj)
             if frame.rot[2, 2] < LEVEL:
-                search.cause[c] = _EMPTY
+                search.cause[c] = Cause.EMPTY
                 continue
             if i == 0:
                 search.pieces[c] = 0
-                search.winner[c] = NOBODY
+                search.winner[c] = NO_PIECE
                 search.cut[wp.atomic_add(search.cuts, 0, 1)] = c
             if i < program.obj_relnum[obj]:
                 _resolve(program, layouts, search, c, i, row, obj, frame)

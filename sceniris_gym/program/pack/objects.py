@@ -14,7 +14,7 @@ from sceniris_gym.geometry.colliders import Colliders
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.geometry.ragged import ranges
 from sceniris_gym.program.couplings import coupling_arrays
-from sceniris_gym.program.device import Measure, ObjectKind, OrientationType, Roof
+from sceniris_gym.program.device import Cover, Measure, ObjectKind, OrientationType
 from sceniris_gym.program.pack.descent import first_nodes
 from sceniris_gym.program.pack.pairs import ArmPairs, Pair, PairRules, arm_pairs, collider_pairs
 from sceniris_gym.program.pack.relations import has_own_width, joints_of, relations_of
@@ -28,7 +28,7 @@ _ORIENTATIONS = {
     "face_to": OrientationType.FACE_TO,
 }
 _ARM_LISTS = ("arm_scene", "arm_hand", "arm_target")
-ARM_LISTS = ("arm_pairadr", "arm_pairnum", "arm_startadr", "arm_startnum", "arm_self", *_ARM_LISTS)
+ARM_LISTS = ("arm_pairadr", "arm_pairnum", "arm_broadadr", "arm_broadnum", "arm_self", *_ARM_LISTS)
 """What of the packed lists are fields of `Reach`: those of an arm in a grasp."""
 
 
@@ -47,7 +47,7 @@ def pack_objects(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int
         "obj_gap": np.array([_gap(rules, o) for o in objects]),
         "obj_box_lower": np.reshape([b[0] for b in boxes], (-1, 3)),
         "obj_box_upper": np.reshape([b[1] for b in boxes], (-1, 3)),
-        "obj_roof": np.array([o.roof for o in objects], int),
+        "obj_cover": np.array([o.cover for o in objects], int),
         "obj_footprint": np.array([bool(o.config and o.config.ratio_on_support == 1.0) for o in objects], int),
         **_heaps(objects),
         **_joint_ranges(objects),
@@ -134,7 +134,7 @@ def _bodies_and_pieces(scene: SceneModel, plan: Plan, colliders: Colliders) -> d
         "body": [o.bodies for o in objects],
         "piece": own,
         "shadow": shadows,
-        "roof": [_roofs(scene, plan, colliders, o) for o in objects],
+        "overhead": [_overhead(scene, plan, colliders, o) for o in objects],
     }
     fields = {}
     for name, entries in lists.items():
@@ -167,21 +167,21 @@ def _pairs(scene: SceneModel, plan: Plan, rules: PairRules, lanes: int) -> dict[
         ).astype(int),
         "obj_pairadr": pairadr[:number],
         "obj_pairnum": pairnum[:number],
-        "obj_startadr": startadr[:number],
-        "obj_startnum": startnum[:number],
+        "obj_broadadr": startadr[:number],
+        "obj_broadnum": startnum[:number],
         "arm_pairadr": pairadr[number:],
         "arm_pairnum": pairnum[number:],
-        "arm_startadr": startadr[number:],
-        "arm_startnum": startnum[number:],
+        "arm_broadadr": startadr[number:],
+        "arm_broadnum": startnum[number:],
         **arm_fields,
-        "start": np.reshape(start, (-1, 3)).astype(int),
+        "broad_pair": np.reshape(start, (-1, 3)).astype(int),
         "pair_a": np.array([p.a for p in pairs], int),
         "pair_b": np.array([p.b for p in pairs], int),
         "pair_margin": np.array([p.margin for p in pairs], float),
         "pair_touch": np.array([rules.touch(p.a, p.b) if p.geoms is None else p.margin for p in pairs], float),
-        "pair_wayadr": wayadr,
-        "pair_waynum": waynum,
-        "way": np.reshape(way, (-1, 3)),
+        "pair_directionadr": wayadr,
+        "pair_directionnum": waynum,
+        "direction": np.reshape(way, (-1, 3)),
     }
 
 
@@ -218,9 +218,9 @@ def _gap(rules: PairRules, o: PlacedObject) -> float:
     return max(o.config.gap, touch + LEAST_GAP if touch > 0.0 else 0.0)
 
 
-def _roofs(scene: SceneModel, plan: Plan, colliders: Colliders, o: PlacedObject) -> list[int]:
+def _overhead(scene: SceneModel, plan: Plan, colliders: Colliders, o: PlacedObject) -> list[int]:
     """Pieces, or colliders of visual geometry, of the parent: any body of an object may be the roof, no plane is."""
-    if o.roof == Roof.EITHER:
+    if o.cover == Cover.EITHER:
         return []
     assert o.support is not None
     parent = scene.around(o.support)

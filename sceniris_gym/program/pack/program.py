@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.geometry.colliders import Colliders
-from sceniris_gym.geometry.inner_boxes import no_core, piece_core
+from sceniris_gym.geometry.inner_boxes import inner_box, no_inner_box
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.ragged import ranges
 from sceniris_gym.program.checks.parking import check_parking
@@ -53,7 +53,7 @@ def pack_groups(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
 def pack_pieces(pieces: list[Piece], visual: bool) -> dict[str, np.ndarray]:
     """Fields `piece_*`, `core_*` and `vert`; where faces are tested, pieces need no cores."""
     vert, adr, num = ranges(p.vertices for p in pieces)
-    cores = [no_core() if visual else piece_core(p) for p in pieces]
+    cores = [no_inner_box() if visual else inner_box(p) for p in pieces]
     return {
         "piece_type": np.array([p.type for p in pieces], int),
         "piece_body": np.array([p.body for p in pieces], int),
@@ -63,8 +63,8 @@ def pack_pieces(pieces: list[Piece], visual: bool) -> dict[str, np.ndarray]:
         "piece_radius": np.array([p.radius for p in pieces], float),
         "piece_vertadr": adr,
         "piece_vertnum": num,
-        "core_center": np.reshape([center for center, _ in cores], (-1, 3)),
-        "core_half": np.reshape([half for _, half in cores], (-1, 3)),
+        "inner_center": np.reshape([center for center, _ in cores], (-1, 3)),
+        "inner_half": np.reshape([half for _, half in cores], (-1, 3)),
         "vert": np.reshape(vert, (-1, 3)),
     }
 

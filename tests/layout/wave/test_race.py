@@ -3,19 +3,19 @@
 import numpy as np
 import warp as wp
 
-from sceniris_gym.layout.wave.race import NOBODY, Numbers, finish, race_time, winner_index
+from sceniris_gym.layout.wave.race import NO_PIECE, Numbers, finish, race_time, winner_index
 
 STEP = 2.0**-24  # of a uniform number
 
 
 @wp.kernel(enable_backward=False)
-def _race(u: wp.array(dtype=float), size: wp.array(dtype=float), time_out: wp.array(dtype=float)):
+def _race(u: wp.array[float], size: wp.array[float], time_out: wp.array[float]):
     i = wp.tid()
     time_out[i] = race_time(u[i], size[i])
 
 
 @wp.kernel(enable_backward=False)
-def _plain(u: wp.array(dtype=float), size: wp.array(dtype=float), time_out: wp.array(dtype=float)):
+def _plain(u: wp.array[float], size: wp.array[float], time_out: wp.array[float]):
     i = wp.tid()
     time_out[i] = -wp.log(1.0 - u[i]) / size[i]
 
@@ -51,7 +51,7 @@ def test_zero_takes_its_share_of_the_race():
 
 
 @wp.kernel(enable_backward=False)
-def _finish(numbers: Numbers, size: wp.array(dtype=float), key: wp.array(dtype=wp.uint64), index: wp.array(dtype=int)):
+def _finish(numbers: Numbers, size: wp.array[float], key: wp.array[wp.uint64], index: wp.array[int]):
     i = wp.tid()
     key[i] = finish(numbers, 2, i, size[i])
     index[i] = winner_index(key[i])
@@ -67,7 +67,7 @@ def test_the_least_key_is_that_of_the_first_to_finish():
     index = wp.zeros(len(size), dtype=int, device="cpu")
     wp.launch(_finish, dim=len(size), inputs=inputs, outputs=[key, index], device="cpu")
     assert (index.numpy() == np.arange(len(size))).all()
-    assert (key.numpy() < np.uint64(NOBODY)).all()
+    assert (key.numpy() < np.uint64(NO_PIECE)).all()
     time = (key.numpy() >> np.uint64(32)).astype(np.uint32).view(np.float32)
     assert (np.diff(time[np.argsort(key.numpy())]) >= 0.0).all()
     means = (time * size).reshape(-1, 4).mean(0)

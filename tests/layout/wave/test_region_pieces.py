@@ -30,9 +30,9 @@ def _cut_all(
     layouts: LayoutsView,
     search: Search,
     obj: int,
-    corner: wp.array3d(dtype=wp.vec2),
-    out_of_reach: wp.array2d(dtype=bool),
-    left: wp.array3d(dtype=float),
+    corner: wp.array3d[wp.vec2],
+    out_of_reach: wp.array2d[bool],
+    left: wp.array3d[float],
 ):
     c, k = wp.tid()
     row = search.row[c]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.geometry.pieces import PieceType
-from sceniris_gym.program.device import Measure, ObjectKind, OrientationType, Roof
+from sceniris_gym.program.device import Cover, Measure, ObjectKind, OrientationType
 from sceniris_gym.program.pack.objects import footprint_hulls
 from sceniris_gym.program.pack.pairs import arm_pairs, collider_pairs
 from tests.layout.scenes import box_mjcf
@@ -99,22 +99,22 @@ def test_how_an_orientation_is_drawn(tmp_path: Path, orientation: Any, kind: Ori
 
 
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
-@pytest.mark.parametrize(("word", "roof"), [("on", Roof.OPEN), ("in", Roof.EITHER), ("inside", Roof.COVERED)])
-def test_a_roof_may_be_any_part_of_the_parent(word: str, roof: Roof, geometry: str):
+@pytest.mark.parametrize(("word", "roof"), [("on", Cover.OPEN), ("in", Cover.EITHER), ("inside", Cover.COVERED)])
+def test_a_roof_may_be_any_part_of_the_parent(word: str, roof: Cover, geometry: str):
     """All bodies of the cabinet for what is in a drawer of it, and nothing else; with `in` nobody looks up."""
     objects = {
         "cabinet": {"asset": "cabinet", "kind": "fixture", "on": "floor"},
         "block": {"asset": "block", word: "cabinet/upper_drawer"},
     }
     packed = pack(scene_of(objects, geometry=geometry))
-    assert packed["obj_roof"][packed.number("block")] == roof
-    assert packed["obj_roof"][packed.number("cabinet")] == Roof.EITHER
-    assert packed.listed("cabinet", "roof", "roof_list") == []
-    found = packed.listed("block", "roof", "roof_list")
+    assert packed["obj_cover"][packed.number("block")] == roof
+    assert packed["obj_cover"][packed.number("cabinet")] == Cover.EITHER
+    assert packed.listed("cabinet", "overhead", "overhead_list") == []
+    found = packed.listed("block", "overhead", "overhead_list")
     bodies = packed.colliders.body if geometry == "visual" else [p.body for p in packed.plan.pieces]
     own = packed.scene.subtree("cabinet")
     expected = [i for i, body in enumerate(bodies) if body in own]
-    assert found == (expected if roof != Roof.EITHER else [])
+    assert found == (expected if roof != Cover.EITHER else [])
     assert len(own) == 3
 
 
@@ -156,18 +156,18 @@ def test_pairs_are_those_of_objects_and_then_those_of_the_arm(tmp_path: Path):
     for lanes in (1, 32):
         packed = pack(scene_of(objects, robot={"asset": "panda"}), lanes)
         expected = [("obj", i, p) for i, p in enumerate(collider_pairs(packed.scene, packed.plan, packed.colliders))]
-        assert len(packed["obj_pairadr"]) == len(packed["obj_startadr"]) == len(expected) == 2
+        assert len(packed["obj_pairadr"]) == len(packed["obj_broadadr"]) == len(expected) == 2
         arm = arm_pairs(packed.scene, packed.plan, packed.colliders)
         assert arm is not None
         itself = [arm.itself["robot"]]
         named = {"arm_self": itself, "arm_scene": arm.scene, "arm_hand": arm.hand, "arm_target": arm.target}
         expected += [("arm", packed[name][i], p) for name, lists in named.items() for i, p in enumerate(lists)]
-        assert len(packed["arm_pairadr"]) == len(packed["arm_startadr"]) == 4
+        assert len(packed["arm_pairadr"]) == len(packed["arm_broadadr"]) == 4
         rows = list(zip(packed["pair_a"], packed["pair_b"], packed["pair_margin"], strict=True))
         for of, i, pairs in expected:
             adr, num = packed[f"{of}_pairadr"][i], packed[f"{of}_pairnum"][i]
             assert rows[adr : adr + num] == [(p.a, p.b, p.margin) for p in pairs]
-            start = packed["start"][packed[f"{of}_startadr"][i] :][: packed[f"{of}_startnum"][i]]
+            start = packed["broad_pair"][packed[f"{of}_broadadr"][i] :][: packed[f"{of}_broadnum"][i]]
             assert set(start[:, 0]) == set(range(adr, adr + num))
             assert len(start) == num if lanes == 1 else len(start) >= min(num, lanes)
 
