@@ -17,7 +17,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.model import build_model
-from tests.layout.cranes import HEIGHT, RADIUS, crane_map, crane_mjcf, crane_scene
+from tests.layout.crane import HEIGHT, RADIUS, crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, compile_on_cpu, read, write_mjcf
 
 SITE = '<site name="grasp_{0}" pos="0 0 {1}" quat="0 1 0 0"/>'
