@@ -187,7 +187,7 @@ CUDA = [pytest.param("cuda:0", marks=pytest.mark.cuda)]
 @pytest.mark.parametrize("device", CUDA)
 @pytest.mark.parametrize("name", SCENES)
 def test_the_size_changes_no_bit_on_a_gpu(name: str, device: str, tmp_path: Path):
-    """With a block for each candidate, room for all narrow-phase pairs, few or none of them, and in a captured graph."""
+    """With a block for each candidate, room for all narrow-phase pairs, few or none, and in a captured graph."""
     compiled = SCENES[name](tmp_path, device)
     expected = made(compiled, None, N)
     for size in sizes(device, blocks=64, block_dim=32).values():
