@@ -251,9 +251,9 @@ def test_what_is_drawn_is_kept_clear_of(tmp_path: Path):
             assert solids.distance(data, robot, others) > 0.0
 
 
-_OF_IK = ["_open_candidates", "_look_up", "_start", "_solve", "_pose_arm", "_test 6-6", "_accept"]
+_OF_IK = ["_open_candidates", "_look_up", "_choose_starts", "_solve", "_pose_arm", "_test 6-6", "_accept"]
 _OF_CLEAR = ["_open_candidates", "_look_up", "_pose_hand", "_test 1-1", "_pose_hand", "_test 2-3"]
-_OF_CLEAR += ["_start", "_solve", "_solve", "_pose_arm", "_test 6-7", "_pose_arm", "_test 8-10", "_accept"]
+_OF_CLEAR += ["_choose_starts", "_solve", "_solve", "_pose_arm", "_test 6-7", "_pose_arm", "_test 8-10", "_accept"]
 
 
 @pytest.mark.parametrize(("tier", "steps"), [("ik", _OF_IK), ("clear", _OF_CLEAR), (None, [])])
@@ -271,7 +271,7 @@ def test_a_scene_launches_the_steps_of_its_tiers_alone(
         launch = getattr(wp, name)
 
         def recorded(kernel: wp.Kernel, *args: Any, **words: Any) -> None:
-            if "reach_" in kernel.module.name:
+            if "layout.reaching" in kernel.module.name:
                 steps = "-".join(map(str, words["inputs"][2:4]))
                 launched.append(f"_test {steps}" if kernel.key == "_test" else kernel.key)
             launch(kernel, *args, **words)

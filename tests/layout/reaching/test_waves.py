@@ -9,7 +9,7 @@ import pytest
 
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.reaching import waves as reach_waves
-from sceniris_gym.layout.reaching.search import MOST_AT_ONCE, STARTS, Step, create_reach_search
+from sceniris_gym.layout.reaching.search import MOST_AT_ONCE, STARTS, ReachStep, create_reach_search
 from sceniris_gym.layout.wave.search import default_size
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.grasped import cluttered
@@ -73,7 +73,7 @@ def test_the_lowest_candidate_that_passes_is_kept(compiled: CompiledScene):
     failed, start = (getattr(search, name).numpy()[order].reshape(N, 24) for name in ("failed", "start"))
     grasp = search.grasp.numpy()[order].reshape(N, 24) - stage._arms[0][0].reach_graspadr.numpy()[0]
     joints = search.grasp_qpos.numpy()[order].reshape(N, 24, -1)
-    passed = failed == Step.PASSED
+    passed = failed == ReachStep.PASSED
     kept = passed.any(axis=1)
     which = passed.argmax(axis=1)
     assert N // 3 < kept.sum() < N
@@ -84,13 +84,13 @@ def test_the_lowest_candidate_that_passes_is_kept(compiled: CompiledScene):
     others = np.flatnonzero(~kept)
     assert (search.furthest.numpy()[others] == failed[others].max(axis=1)).all()
     assert (search.number.numpy()[others] == 24).all()
-    assert (search.tried.numpy()[others] == (failed[others] >= Step.IK_AT_GRASP).sum(axis=1)).all()
+    assert (search.tried.numpy()[others] == (failed[others] >= ReachStep.IK_AT_GRASP).sum(axis=1)).all()
     # what is found of a grasp holds for all of its starts
     by_grasp = failed.reshape(N, 3, STARTS)
     assert (start.reshape(N, 3, STARTS) == np.arange(STARTS)).all()
-    refused = by_grasp[:, :, 0] < Step.IK_AT_GRASP
+    refused = by_grasp[:, :, 0] < ReachStep.IK_AT_GRASP
     assert (by_grasp[refused] == by_grasp[refused][:, :1]).all()
-    assert (by_grasp[~refused] >= Step.IK_AT_GRASP).all()
+    assert (by_grasp[~refused] >= ReachStep.IK_AT_GRASP).all()
 
 
 def test_the_other_starts_of_a_refused_grasp_are_not_tried(compiled: CompiledScene):
@@ -103,10 +103,10 @@ def test_the_other_starts_of_a_refused_grasp_are_not_tried(compiled: CompiledSce
     failed = search.failed.numpy()[search.first.numpy()]
     number = search.number.numpy()[search.column.numpy() == 0]
     failed = failed[search.column.numpy() == 0]
-    assert (number == np.where(failed < Step.IK_AT_GRASP, STARTS, 1)).all()
-    assert (failed != Step.PASSED).all()
+    assert (number == np.where(failed < ReachStep.IK_AT_GRASP, STARTS, 1)).all()
+    assert (failed != ReachStep.PASSED).all()
     if compiled.config.objects["can"].reachable == "clear":
-        assert (failed < Step.IK_AT_GRASP).any()
+        assert (failed < ReachStep.IK_AT_GRASP).any()
 
 
 def test_the_room_for_candidates_is_bounded_by_what_worlds_can_use(compiled: CompiledScene):
