@@ -1,4 +1,4 @@
-"""Kernels say what they read and write of structs: the comment lines above an argument name the fields, and no others."""
+"""Kernels say what they read and write of structs: comment lines above each argument name its fields, and no others."""
 
 from __future__ import annotations
 
