@@ -49,6 +49,21 @@ def _mark_overflow(search: Search, c: int):
     search.any_overflowed[0] = 1
 
 
+@wp.func
+def _collides_alone(program: Program, layouts: LayoutsView, search: Search, c: int) -> bool:
+    """Return True if a candidate collides; the test of a single lane."""
+    row = search.row[c]
+    obj = search.obj[c]
+    support = support_of(program, obj)
+    stack = wp.zeros(shape=(wp.static(OWN_STACK),), dtype=wp.vec3i)
+    for s in range(program.obj_broadadr[obj], program.obj_broadadr[obj] + program.obj_broadnum[obj]):
+        start = program.broad_pair[s]
+        poses = candidate_poses(program, layouts, search, c, row, start[0])
+        if leaves_below_touch(program, start, poses, margin_of(program, start[0], support), stack):
+            return True
+    return False
+
+
 @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
 def _queue_narrow_pairs(
     program: Program,
@@ -178,21 +193,6 @@ def _test_by_block(
                 _mark_overflow(search, c)
 
 
-@wp.func
-def _collides_alone(program: Program, layouts: LayoutsView, search: Search, c: int) -> bool:
-    """Return True if a candidate collides; the test of a single lane."""
-    row = search.row[c]
-    obj = search.obj[c]
-    support = support_of(program, obj)
-    stack = wp.zeros(shape=(wp.static(OWN_STACK),), dtype=wp.vec3i)
-    for s in range(program.obj_broadadr[obj], program.obj_broadadr[obj] + program.obj_broadnum[obj]):
-        start = program.broad_pair[s]
-        poses = candidate_poses(program, layouts, search, c, row, start[0])
-        if leaves_below_touch(program, start, poses, margin_of(program, start[0], support), stack):
-            return True
-    return False
-
-
 @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
 def _test_alone(
     program: Program,
@@ -216,18 +216,6 @@ def _test_alone(
                 search.cause[c] = Cause.COLLISION
 
 
-def lane_kernels(visual: bool, block_dim: int) -> tuple[wp.Kernel, ...]:
-    """Return the kernels that are launched with independent lanes."""
-    return (_test_inner_boxes, _test_alone) if block_dim > 1 and not visual else (_test_alone,)
-
-
-def block_kernels(visual: bool, block_dim: int) -> tuple[wp.Kernel, ...]:
-    """Return the kernels that are launched with blocks of lanes."""
-    if block_dim == 1:
-        return ()
-    return (_test_by_block,) if visual else (_queue_narrow_pairs, _test_narrow_pairs)
-
-
 def launch_test_collisions(
     program: Program, reach: Reach, size: SearchSize, visual: bool, layouts: LayoutsView, search: Search, device: str
 ) -> None:
@@ -241,3 +229,15 @@ def launch_test_collisions(
         wp.launch(_test_inner_boxes, inputs=[program, size.lanes, layouts, search], **lanes)
         wp.launch_tiled(_test_narrow_pairs, inputs=[program, size.blocks, layouts, search], **blocks)
     wp.launch(_test_alone, inputs=[program, reach, size.lanes, size.block_dim > 1, layouts, search], **lanes)
+
+
+def lane_kernels(visual: bool, block_dim: int) -> tuple[wp.Kernel, ...]:
+    """Return the kernels that are launched with independent lanes."""
+    return (_test_inner_boxes, _test_alone) if block_dim > 1 and not visual else (_test_alone,)
+
+
+def block_kernels(visual: bool, block_dim: int) -> tuple[wp.Kernel, ...]:
+    """Return the kernels that are launched with blocks of lanes."""
+    if block_dim == 1:
+        return ()
+    return (_test_by_block,) if visual else (_queue_narrow_pairs, _test_narrow_pairs)

@@ -84,6 +84,23 @@ def _test_footprint(
                 search.overhanging[c] = 1
 
 
+@wp.func
+def reject_cause(program: Program, reach: Reach, search: Search, c: int, obj: int) -> int:
+    """Return the cause for which the prefilter rejects a candidate, or NONE."""
+    if program.obj_kind[obj] == ObjectKind.STATIC:
+        return Cause.NONE
+    if reach.obj_reach.shape[0] > 0:
+        if reach.obj_reach[obj] != UNASKED and search.grasp[c] == NO_GRASP:
+            return Cause.UNREACHABLE
+    rule = program.obj_cover[obj]
+    if rule != Cover.EITHER:
+        if (search.covered[c] != 0) != (rule == Cover.COVERED):
+            return Cause.OVERHEAD
+    if search.overhanging[c] != 0:
+        return Cause.FOOTPRINT
+    return Cause.NONE
+
+
 # With more registers per lane fewer warps fit on a multiprocessor, which was measured to be slower.
 @wp.kernel(grid_stride=False, cuda_max_registers=128)
 def _prefilter(
@@ -131,23 +148,6 @@ def _prefilter_by_map(
         obj = search.obj[c]
         if search.cause[c] == Cause.NONE and reach.obj_reach[obj] != UNASKED:
             _test_map(reach, layouts, search, c, search.row[c], obj, i % parts, parts)
-
-
-@wp.func
-def reject_cause(program: Program, reach: Reach, search: Search, c: int, obj: int) -> int:
-    """Return the cause for which the prefilter rejects a candidate, or NONE."""
-    if program.obj_kind[obj] == ObjectKind.STATIC:
-        return Cause.NONE
-    if reach.obj_reach.shape[0] > 0:
-        if reach.obj_reach[obj] != UNASKED and search.grasp[c] == NO_GRASP:
-            return Cause.UNREACHABLE
-    rule = program.obj_cover[obj]
-    if rule != Cover.EITHER:
-        if (search.covered[c] != 0) != (rule == Cover.COVERED):
-            return Cause.OVERHEAD
-    if search.overhanging[c] != 0:
-        return Cause.FOOTPRINT
-    return Cause.NONE
 
 
 def launch_prefilter(

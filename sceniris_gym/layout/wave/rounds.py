@@ -68,22 +68,6 @@ def launch_start(
     wp.launch(_start, dim=dim, inputs=[program, mask, split], outputs=[layouts, search], device=device)
 
 
-@wp.kernel
-def _plan_round(
-    program: Program,
-    # Search in: worlds_left
-    # Search out: worlds_left, tickets, restarts_at_once
-    search: Search,
-):
-    worlds = wp.max(search.worlds_left[0], 1)
-    extra = search.row_world.shape[0] - search.pending.shape[0]
-    # after so many restarts fewer than half a world is expected to be pending
-    wanted = int(wp.ceil(wp.log(2.0 * float(worlds)) / -wp.log(program.restart_rate)))
-    search.restarts_at_once[0] = wp.clamp(wp.min(extra // worlds + 1, wanted), 1, program.restarts + 1)
-    search.worlds_left[0] = 0
-    search.tickets[0] = 0
-
-
 @wp.func
 def _open_row(
     program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, worldid: int, restart: int
@@ -111,6 +95,22 @@ def _row_of_restart(search: Search, worldid: int, number: int) -> int:
     if number == 0:
         return worldid
     return search.pending.shape[0] + search.ticket[worldid] * (search.restarts_at_once[0] - 1) + number - 1
+
+
+@wp.kernel
+def _plan_round(
+    program: Program,
+    # Search in: worlds_left
+    # Search out: worlds_left, tickets, restarts_at_once
+    search: Search,
+):
+    worlds = wp.max(search.worlds_left[0], 1)
+    extra = search.row_world.shape[0] - search.pending.shape[0]
+    # after so many restarts fewer than half a world is expected to be pending
+    wanted = int(wp.ceil(wp.log(2.0 * float(worlds)) / -wp.log(program.restart_rate)))
+    search.restarts_at_once[0] = wp.clamp(wp.min(extra // worlds + 1, wanted), 1, program.restarts + 1)
+    search.worlds_left[0] = 0
+    search.tickets[0] = 0
 
 
 @wp.kernel
