@@ -48,7 +48,7 @@ class Kind:
 
 @dataclass(frozen=True)
 class Origin:
-    """Where an array or a struct that code handles comes from: a parameter, or a field of it."""
+    """The parameter, and the field of it, that an array or a struct in a function's body comes from."""
 
     param: str
     field: str | None

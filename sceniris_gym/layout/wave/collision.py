@@ -145,8 +145,8 @@ def _test_narrow_pairs(
         if base < num and wp.tile_stack_count(waiting) < wp.block_dim():
             i = wp.min(base + lane, num - 1)
             c = search.narrow_pair[i][0]
-            undecided = base + lane < num and search.cause[c] == Cause.NONE
-            if wp.tile_stack_push(waiting, i, undecided) < 0 and undecided:
+            pending = base + lane < num and search.cause[c] == Cause.NONE
+            if wp.tile_stack_push(waiting, i, pending) < 0 and pending:
                 _mark_overflow(search, c)
             base += blocks * wp.block_dim()
         else:
