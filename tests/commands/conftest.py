@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from sceniris_gym.program.compiled import CompiledScene
-from tests.layout.reaching import crane_map, crane_mjcf, crane_scene
+from tests.layout.crane import crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, compile_on_cpu
 
 

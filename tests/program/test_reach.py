@@ -17,8 +17,8 @@ from sceniris_gym.errors import MapError, ReachWarning, UnknownNameError
 from sceniris_gym.program.plan import build_plan
 from sceniris_gym.program.reach import build_reaching
 from sceniris_gym.scene.model import build_model
+from tests.layout.crane import crane_map, crane_mjcf, crane_scene
 from tests.layout.grasped import arm_mjcf
-from tests.layout.reaching import crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, write_mjcf
 
 
