@@ -45,8 +45,11 @@ _READY = wp.constant(2)
 
 @wp.kernel
 def _find_missing(
+    # Layouts in: seed, episode
     served: LayoutsView,
+    # Layouts in: seed, episode
     prepared: LayoutsView,
+    # In:
     mask: wp.array[bool],
     # In and out:
     stage: wp.array[int],
@@ -71,10 +74,15 @@ def _find_missing(
 
 @wp.kernel
 def _serve(
+    # Layouts in: episode, qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, present, grasp, grasp_qpos,
+    #   pregrasp_qpos, row_rejections
     prepared: LayoutsView,
+    # In:
     mask: wp.array[bool],
     missing: wp.array[bool],
-    # Layouts out:
+    # Layouts in: rejections, pending_episode, row_rejections
+    # Layouts out: episode, qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, present, grasp, grasp_qpos,
+    #   pregrasp_qpos, rejections
     served: LayoutsView,
 ):
     worldid, i = wp.tid()
@@ -132,11 +140,14 @@ def _decide(
 
 @wp.kernel
 def _begin(
+    # Layouts in: seed, episode
     served: LayoutsView,
+    # In:
     begins: wp.array[int],
     # Out:
     stage: wp.array[int],
     being_made: wp.array[bool],
+    # Layouts out: seed, episode
     prepared: LayoutsView,
 ):
     worldid = wp.tid()

@@ -32,7 +32,7 @@ def _labeller(base: tuple[float, float] | None, wrist: tuple[float, float] | Non
 
 
 def _within(limits: tuple[float, float] | None, at: float) -> np.ndarray:
-    """Which of the turns of a joint that stands at `at` degrees it makes within its limits, shape (TURNS,)."""
+    """Return True for each turn that a joint at `at` degrees makes within its limits, shape (TURNS,)."""
     if limits is None:
         return np.ones(TURNS, bool)
     angles = at + 360.0 / TURNS * np.arange(TURNS)
@@ -40,7 +40,7 @@ def _within(limits: tuple[float, float] | None, at: float) -> np.ndarray:
 
 
 def _expected(coords: np.ndarray, base: tuple[float, float] | None, wrist: tuple[float, float] | None) -> np.ndarray:
-    """How many turns a gantry reaches: facing along the approach, or against it while its hand tilts the other way."""
+    """Count the turns that a gantry reaches: it faces along the approach, or against it with its hand tilted back."""
     ways = [np.outer(_within(base, at), _within(wrist, at)) for at in (0.0, 180.0)]
     reached = [depth < 0.0 for depth in gantry_depths(coords)]
     either = np.logical_or(*(r[:, None, None] & way for r, way in zip(reached, ways, strict=True)))

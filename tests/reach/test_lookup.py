@@ -59,7 +59,7 @@ def test_outside_of_the_map_nothing_is_reached(shell: ReachMap):
 
 
 def test_indices_are_floored(monkeypatch: pytest.MonkeyPatch):
-    """What fills a map of 2 x 1.2 m to its last corner ends there, on all sides alike."""
+    """A shape that fills a map of 2 x 1.2 m to its last corner ends there, on all sides alike."""
     everything = map_of(lambda coords: np.ones(len(coords), bool), monkeypatch, gantry()[1], 0.2, math.radians(30))
     for axis in range(3):
         for side in (-1.0, 1.0):

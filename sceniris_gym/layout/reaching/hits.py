@@ -1,11 +1,11 @@
-"""The posed robots of candidates against lists of pairs, a block for each candidate."""
+"""Collision tests of posed robots against lists of pairs, one block per candidate."""
 
 import warp as wp
 
 from sceniris_gym.collide.boxes import SHARED_STACK, UNPROVEN, WAITING, collides, collides_without_stack
 from sceniris_gym.collide.containment import encloses
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.reaching.search import ReachSearch, Step, reach_candidate_num, takes_step
+from sceniris_gym.layout.reaching.search import ReachSearch, ReachStep, reach_candidate_num, takes_step
 from sceniris_gym.layout.wave.search import SearchSize
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
@@ -15,16 +15,16 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func
 def _pairs_of(reach: Reach, step: int, column: int) -> int:
-    """The list of pairs that a step tests for a reach target."""
-    if step < Step.HAND_AND_TARGET:
+    """Return the list of pairs that a step tests for a reach target."""
+    if step < ReachStep.HAND_AND_TARGET:
         return reach.arm_hand[column]
-    if step == Step.HAND_AND_TARGET:
+    if step == ReachStep.HAND_AND_TARGET:
         return reach.arm_target[column]
-    if step == Step.SELF_AT_GRASP:
+    if step == ReachStep.SELF_AT_GRASP:
         return reach.arm_self[column]
-    if step == Step.SELF_AT_PREGRASP:
+    if step == ReachStep.SELF_AT_PREGRASP:
         return reach.arm_self[column]
-    if step == Step.TARGET_AT_PREGRASP:
+    if step == ReachStep.TARGET_AT_PREGRASP:
         return reach.arm_target[column]
     return reach.arm_scene[column]
 
@@ -36,8 +36,10 @@ def _test(
     first: int,
     last: int,
     blocks: int,
+    # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # ReachSearch in: column, candidates, world, start, failed, body_pos, body_quat
+    # ReachSearch out: failed
     reach_search: ReachSearch,
 ):
     block, lane = wp.tid()
@@ -61,7 +63,7 @@ def _test(
                 if found == UNPROVEN:
                     hit = collides_without_stack(program, adr, num, -1, lane, own_pos, own_quat, pos, quat)
             step += 1
-        if lane == 0 and hit:  # all lanes have read what is written here
+        if lane == 0 and hit:  # every lane has read `failed` by now
             reach_search.failed[c] = step - 1
 
 
@@ -72,8 +74,10 @@ def _test_containment(
     first: int,
     last: int,
     blocks: int,
+    # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # ReachSearch in: column, candidates, world, start, failed, body_pos, body_quat
+    # ReachSearch out: failed
     reach_search: ReachSearch,
 ):
     block, lane = wp.tid()
@@ -91,21 +95,21 @@ def _test_containment(
                 adr = reach.arm_pairadr[pairs]
                 inside = encloses(program, adr, reach.arm_pairnum[pairs], lane, own_pos, own_quat, pos, quat)
             step += 1
-        if lane == 0 and inside:  # all lanes have read what is written here
+        if lane == 0 and inside:  # every lane has read `failed` by now
             reach_search.failed[c] = step - 1
 
 
 def launch_test_arm(
     program: Program,
     reach: Reach,
-    first: Step,
-    last: Step,
+    first: ReachStep,
+    last: ReachStep,
     size: SearchSize,
     layouts: LayoutsView,
     reach_search: ReachSearch,
     device: str,
 ) -> None:
-    """Take the candidates that have come to a step through it and those after it, for all of which they are posed."""
+    """Test candidates at the steps from `first` to `last`, all of which have the pose that they are in now."""
     inputs = [program, reach, int(first), int(last), size.blocks, layouts]
     words = {"dim": [size.blocks], "outputs": [reach_search], "block_dim": size.block_dim, "device": device}
     wp.launch_tiled(_test, inputs=inputs, **words)

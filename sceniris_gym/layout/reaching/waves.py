@@ -1,7 +1,7 @@
-"""Waves of the stages `ik` and `clear`: worlds that wait get candidates, and keep the first one that passes.
+"""Waves of the reach stage: open candidates in waiting worlds, and keep the first candidate of each that passes.
 
-The candidates of a world are its next grasps and starts. What comes after the one that is kept is not counted, so that
-nothing depends on how many are tried at once.
+The candidates of a world are its next grasps and starts. Those after the one that is kept are not counted, so the
+result does not depend on how many are tried at once.
 """
 
 import warp as wp
@@ -13,7 +13,7 @@ from sceniris_gym.layout.reaching.search import (
     MOST_AT_ONCE,
     STARTS,
     ReachSearch,
-    Step,
+    ReachStep,
     queue_world,
     reach_candidate_num,
     takes_step,
@@ -30,7 +30,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func
 def _take_first_through(reach: Reach, layouts: LayoutsView, worldid: int, column: int):
-    """Take the grasp that the base of its arm was accepted for, which was placed after the target."""
+    """Write the grasp that the arm's base was accepted for, where the base was placed after the target."""
     body_pos = layouts.body_pos[worldid]
     body_quat = layouts.body_quat[worldid]
     base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
@@ -39,11 +39,11 @@ def _take_first_through(reach: Reach, layouts: LayoutsView, worldid: int, column
 
 
 @wp.func
-def _go_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, worldid: int, column: int):
-    """Let a world go on with the first target of the arm from `column` on that is there and that this stage decides.
+def _move_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, worldid: int, column: int):
+    """Move a world to the arm's first target from `column` on that is present and of tier `ik` or `clear`.
 
-    Absent ones on the way have no grasp. After the last one it is the next arm's turn; after that of the last arm the
-    world waits no longer.
+    Absent targets on the way get no grasp. After the last target the world moves to the next arm; after the last arm
+    it no longer waits.
     """
     found = int(column)
     columns = layouts.grasp.shape[1]
@@ -67,43 +67,47 @@ def _go_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: Rea
     reach_search.column[worldid] = found
     reach_search.number[worldid] = 0
     reach_search.tried[worldid] = 0
-    reach_search.furthest[worldid] = Step.MAP
+    reach_search.furthest[worldid] = ReachStep.MAP
     queue_world(reach_search, worldid)
 
 
 @wp.kernel
 def _open_worlds(
     reach: Reach,
-    # Layouts in and out:
+    # Layouts in: present, grasp, variant, body_pos, body_quat
+    # Layouts out: grasp, grasp_qpos, pregrasp_qpos
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: waiting
+    # Search out: waiting
     search: Search,
+    # ReachSearch in: arm, worlds_left, source
+    # ReachSearch out: arm, column, number, tried, furthest, queue, worlds_left
     reach_search: ReachSearch,
 ):
     worldid = wp.tid()
     if reach.number == 0:
         reach_search.arm[worldid] = 0
     if search.waiting[worldid] and reach_search.arm[worldid] == reach.number:
-        _go_to(reach, layouts, search, reach_search, worldid, 0)
+        _move_to(reach, layouts, search, reach_search, worldid, 0)
 
 
 def launch_open_worlds(
     reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, device: str
 ) -> None:
-    """Let worlds that wait, and in which it is the arm's turn, take part in waves."""
+    """Queue the waiting worlds that are at this arm."""
     dim = search.waiting.shape[0]
     wp.launch(_open_worlds, dim=dim, inputs=[reach], outputs=[layouts, search, reach_search], device=device)
 
 
 @wp.func
 def _first_grasp(reach: Reach, layouts: LayoutsView, worldid: int, column: int) -> int:
-    """The first grasp of a target that is tried: placing has found that the map lets none through before it."""
+    """Return the first grasp of a target to try: while placing, the map rejected all before it."""
     return reach.reach_graspadr[column] + layouts.grasp[worldid, column]
 
 
 @wp.func
 def _start_num(reach: Reach, layouts: LayoutsView, worldid: int, column: int) -> int:
-    """How many starts the grasps from there on have."""
+    """Return the number of starts of all grasps from `_first_grasp` on."""
     variant = layouts.variant[worldid, column]
     last = reach.variant_graspadr[variant] + reach.variant_graspnum[variant]
     return (last - _first_grasp(reach, layouts, worldid, column)) * wp.static(STARTS)
@@ -112,7 +116,8 @@ def _start_num(reach: Reach, layouts: LayoutsView, worldid: int, column: int) ->
 @wp.kernel
 def _plan_wave(
     busy: int,
-    # Search in and out:
+    # ReachSearch in: worlds_left, source
+    # ReachSearch out: worlds_left, source, worlds, at_once, candidates
     reach_search: ReachSearch,
 ):
     worlds = reach_search.worlds_left[0]
@@ -128,16 +133,18 @@ def _plan_wave(
 def _open_candidates(
     reach: Reach,
     lanes: int,
+    # Layouts in: grasp, variant
     layouts: LayoutsView,
-    # Search in and out:
+    # ReachSearch in: column, number, tried, queue, source, worlds, at_once, candidates
+    # ReachSearch out: first, trials, candidates, world, grasp, start, failed
     reach_search: ReachSearch,
 ):
     for i in range(wp.tid(), reach_search.worlds[0], lanes):
         worldid = reach_search.queue[reach_search.source[0], i]
         column = reach_search.column[worldid]
         number = reach_search.number[worldid]
-        # half as many as have been tried in vain: at most half as much again in fewer waves, of which each costs a CPU
-        # core 10 to 20 us, and a start 4 us
+        # half as many as have failed so far: at most half as many again in vain, in far fewer waves; on a CPU core a
+        # wave costs 10 to 20 us, and a start 4 us
         trials = wp.clamp(reach_search.tried[worldid] // 2, reach_search.at_once[0], wp.static(MOST_AT_ONCE))
         trials = wp.min(trials, _start_num(reach, layouts, worldid, column) - number)
         first = wp.atomic_add(reach_search.candidates, 0, trials)
@@ -150,31 +157,33 @@ def _open_candidates(
                 STARTS
             )
             reach_search.start[first + t] = (number + t) % wp.static(STARTS)
-            reach_search.failed[first + t] = Step.PASSED
+            reach_search.failed[first + t] = ReachStep.PASSED
 
 
 @wp.kernel(grid_stride=False)
 def _look_up(
     reach: Reach,
     lanes: int,
+    # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # ReachSearch in: column, candidates, world, grasp, start, failed
+    # ReachSearch out: failed
     reach_search: ReachSearch,
 ):
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
-        if takes_step(reach, reach_search, c, Step.MAP):
+        if takes_step(reach, reach_search, c, ReachStep.MAP):
             worldid = reach_search.world[c]
             body_pos = layouts.body_pos[worldid]
             body_quat = layouts.body_quat[worldid]
             base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
             if not passes_map(reach, reach_search.column[worldid], reach_search.grasp[c], base, body_pos, body_quat):
-                reach_search.failed[c] = Step.MAP
+                reach_search.failed[c] = ReachStep.MAP
 
 
 def launch_open_wave(
     reach: Reach, size: SearchSize, layouts: LayoutsView, reach_search: ReachSearch, device: str
 ) -> None:
-    """Give worlds candidates, the more, the fewer worlds there are, and look their grasps up in the arm's map."""
+    """Open candidates, more per world if few worlds are left, and look up their grasps in the arm's map."""
     wp.launch(_plan_wave, dim=1, inputs=[size.busy], outputs=[reach_search], device=device)
     words = {"dim": size.lanes, "inputs": [reach, size.lanes, layouts], "outputs": [reach_search], "device": device}
     wp.launch(_open_candidates, **words)
@@ -183,7 +192,7 @@ def launch_open_wave(
 
 @wp.func
 def _keep(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, worldid: int, column: int, c: int):
-    """Write the joints of a candidate that has passed; pre-grasps are found for the tier `clear` alone."""
+    """Write the joints of a candidate that passed; only the tier `clear` has pre-grasps."""
     layouts.grasp[worldid, column] = reach_search.grasp[c] - reach.reach_graspadr[column]
     clear = reach.reach_tier[column] == Tier.CLEAR
     for i in range(MAX_JOINTS):
@@ -194,16 +203,16 @@ def _keep(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, worldid
 
 @wp.func
 def _accept_first(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, worldid: int, column: int) -> bool:
-    """Keep the first of a world's candidates that has passed. If none has, the next start is the one after them."""
+    """Keep the first of a world's candidates that passed, and return True; else move on to the starts after them."""
     after = reach_search.number[worldid]
     for c in range(reach_search.first[worldid], reach_search.first[worldid] + reach_search.trials[worldid]):
         failed = reach_search.failed[c]
         reach_search.furthest[worldid] = wp.max(reach_search.furthest[worldid], failed)
-        if failed == Step.PASSED:
+        if failed == ReachStep.PASSED:
             _keep(reach, layouts, reach_search, worldid, column, c)
             return True
         after = reach_search.number[worldid] + c + 1 - reach_search.first[worldid]
-        if failed < Step.IK_AT_GRASP:  # and so do all starts of this grasp
+        if failed < ReachStep.IK_AT_GRASP:  # all starts of this grasp fail
             after += wp.static(STARTS) - 1 - reach_search.start[c]
         else:
             reach_search.tried[worldid] += 1
@@ -212,14 +221,15 @@ def _accept_first(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch,
 
 
 @wp.func
-def _why_none(reach: Reach, reach_search: ReachSearch, worldid: int) -> int:
-    """Why no grasp of a world's target has passed: for want of joints, or since something is in the way.
+def _reject_cause(reach: Reach, reach_search: ReachSearch, worldid: int) -> int:
+    """Return the cause for which no grasp of a world's target passed: NO_IK, or BLOCKED.
 
-    For the tier `clear` something is in the way of the hand in all its grasps, or of an arm that is clear of itself.
+    BLOCKED is for the tier `clear` alone: all candidates failed at a test of the hand, or one got past the arm's test
+    against itself.
     """
     furthest = reach_search.furthest[worldid]
     if reach.reach_tier[reach_search.column[worldid]] == Tier.CLEAR and (
-        furthest < Step.IK_AT_GRASP or furthest > Step.SELF_AT_GRASP
+        furthest < ReachStep.IK_AT_GRASP or furthest > ReachStep.SELF_AT_GRASP
     ):
         return Cause.BLOCKED
     return Cause.NO_IK
@@ -231,21 +241,27 @@ def _accept(
     reach: Reach,
     split: wp.uint32,
     lanes: int,
-    # Layouts in and out:
+    # Layouts in: seed, present, grasp, pending_episode, row_rejections, variant, body_pos, body_quat
+    # Layouts out: qpos, mocap_pos, mocap_quat, status, first_pass_valid, present, grasp, grasp_qpos, pregrasp_qpos,
+    #   row_rejections
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: restart
+    # Search out: waiting
     search: Search,
+    # ReachSearch in: column, number, tried, furthest, first, trials, queue, worlds_left, source, worlds, grasp, start,
+    #   failed, grasp_qpos, pregrasp_qpos
+    # ReachSearch out: arm, column, number, tried, furthest, queue, worlds_left
     reach_search: ReachSearch,
 ):
     for i in range(wp.tid(), reach_search.worlds[0], lanes):
         worldid = reach_search.queue[reach_search.source[0], i]
         column = reach_search.column[worldid]
         if _accept_first(reach, layouts, reach_search, worldid, column):
-            _go_to(reach, layouts, search, reach_search, worldid, column + 1)
+            _move_to(reach, layouts, search, reach_search, worldid, column + 1)
         elif reach_search.number[worldid] < _start_num(reach, layouts, worldid, column):
             queue_world(reach_search, worldid)
         else:
-            layouts.row_rejections[worldid, reach.reach_obj[column], _why_none(reach, reach_search, worldid)] += 1
+            layouts.row_rejections[worldid, reach.reach_obj[column], _reject_cause(reach, reach_search, worldid)] += 1
             layouts.first_pass_valid[worldid] = 0
             if search.restart[worldid] > program.restarts:
                 layouts.status[worldid] = fall_back(program, reach, layouts, worldid, split)
@@ -262,6 +278,9 @@ def launch_accept_grasps(
     reach_search: ReachSearch,
     device: str,
 ) -> None:
-    """Keep what has passed. Worlds without it go on, or fail: these still wait, or fall back if out of restarts."""
+    """Keep candidates that passed. A world without one continues with its next starts; out of starts, it keeps waiting.
+
+    A waiting world continues with its next restart; if it has none left, it falls back here.
+    """
     inputs = [program, reach, split, lanes]
     wp.launch(_accept, dim=lanes, inputs=inputs, outputs=[layouts, search, reach_search], device=device)

@@ -1,4 +1,4 @@
-"""Candidates are accepted: the lowest trial that passed every test stays, and its row goes on to the next object."""
+"""Accept candidates: place the lowest trial of each row that passed every test, and move the row to its next object."""
 
 import warp as wp
 
@@ -27,7 +27,7 @@ def _write_state(
     mocap_pos: wp.array[wp.vec3],
     mocap_quat: wp.array[wp.quat],
 ):
-    """Write a candidate's joints and the pose of its root: the part of one of so many lanes."""
+    """Write a candidate's joints and the pose of its root: the share of lane `lane` of `lanes`."""
     for i in range(lane, program.obj_drawnum[obj], lanes):
         adr = program.draw_qposadr[program.obj_drawadr[obj] + i]
         qpos[adr] = search.qpos[c, adr]
@@ -52,7 +52,7 @@ def _place(
     lane: int,
     lanes: int,
 ):
-    """Write a candidate into its row: the part of one of so many lanes."""
+    """Write a candidate into its row: the share of lane `lane` of `lanes`."""
     qpos = layouts.qpos[row]
     _write_state(program, search, c, obj, lane, lanes, qpos, layouts.mocap_pos[row], layouts.mocap_quat[row])
     for i in range(lane, program.obj_bodynum[obj], lanes):
@@ -75,8 +75,8 @@ def _place(
 
 
 @wp.func
-def _leaves_nothing(cause: int) -> bool:
-    """Was nothing of the region left to draw from?"""
+def _had_no_region(cause: int) -> bool:
+    """Return True if a candidate was rejected because its region was empty, or no point of it held."""
     if cause == Cause.EMPTY:
         return True
     return cause == Cause.REGION
@@ -84,17 +84,17 @@ def _leaves_nothing(cause: int) -> bool:
 
 @wp.func
 def _is_recorded(layouts: LayoutsView, cause: int) -> bool:
-    """Is a candidate with this cause kept: one that collided, or any that got as far as a pose?"""
+    """Return True if rejected candidates with this cause are recorded: collisions, or all that were posed."""
     if layouts.rejected_object.shape[0] == 0 or cause == Cause.NONE:
         return False
     if cause == Cause.COLLISION:
         return True
-    return layouts.record_all != 0 and not _leaves_nothing(cause)
+    return layouts.record_all != 0 and not _had_no_region(cause)
 
 
 @wp.func
 def _record(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int):
-    """Keep a candidate that was rejected, as long as there is room for it."""
+    """Record a rejected candidate if the record has room for it."""
     slot = wp.atomic_add(layouts.rejected_count, 0, 1)
     if slot >= layouts.rejected_object.shape[0]:
         return
@@ -120,7 +120,7 @@ def _record(program: Program, layouts: LayoutsView, search: Search, c: int, row:
 
 @wp.func
 def _queue_trial(search: Search, row: int, trial: int):
-    """Queue a row for its next trial, unless an earlier restart of its world has placed everything already."""
+    """Queue a row for its next trial, unless an earlier restart of its world has already placed everything."""
     search.row_trial[row] = trial
     if search.best[search.row_world[row]] > search.row_restart[row]:
         queue_row(search, row)
@@ -128,19 +128,19 @@ def _queue_trial(search: Search, row: int, trial: int):
 
 @wp.func
 def _ends_row(program: Program, obj: int, cause: int) -> bool:
-    """Is a trial the last one of its object: one that passed, or one that no other draw could better?"""
+    """Return True if a trial is the last of its object: it passed, or no further trial could pass."""
     if cause == Cause.NONE:
         return True
-    return program.obj_retry_if_empty[obj] == 0 and _leaves_nothing(cause)
+    return program.obj_retry_if_empty[obj] == 0 and _had_no_region(cause)
 
 
 @wp.func
 def _accept_first(
     program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, obj: int, lane: int, lanes: int
 ) -> int:
-    """Place the first of a row's candidates that passed. Returns the row's next trial, or PLACED.
+    """Place the first of a row's candidates that passed. Return the row's next trial, or _PLACED.
 
-    One lane does all of it, or all lanes of a block call it together.
+    Either one lane calls it alone, or all lanes of a block call it together.
     """
     first = search.row_first[row]
     trials = search.row_trials[row]
@@ -167,8 +167,8 @@ def _accept_first(
 
 
 @wp.func
-def _go_on_from(program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, obj: int, trial: int):
-    """Send a row on: to a trial of its object, or to the next one; or nowhere, if it has come to an end."""
+def _advance(program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, obj: int, trial: int):
+    """Queue a row for its next trial or for its next object, unless it is out of trials or out of objects."""
     if trial != _PLACED:
         if trial < program.attempts:
             _queue_trial(search, row, trial)
@@ -186,15 +186,19 @@ def _accept(
     program: Program,
     reach: Reach,
     blocks: int,
-    # Layouts in and out:
+    # Layouts in: qpos, mocap_pos, mocap_quat, present, row_rejections, body_pos, body_quat, record_all, rejected_count
+    # Layouts out: qpos, mocap_pos, mocap_quat, grasp, row_rejections, place, bounds, variant, body_pos, body_quat,
+    #   rejected_count, rejected_cause, rejected_object, rejected_qpos, rejected_mocap_pos, rejected_mocap_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: best, row_world, row_restart, row_object, row_trial, row_first, row_trials, row_attempts, queue,
+    #   rows_left, source, rows, cause, turn, place, bounds, grasp, qpos, body_pos, body_quat
+    # Search out: best, row_object, row_trial, row_attempts, queue, rows_left, candidates
     search: Search,
 ):
     block, lane = wp.tid()
     if block == 0 and lane == 0:
         search.candidates[0] = 0  # of the next wave
-    # A block for each row is sooner done with it, a lane for each gets through many rows.
+    # Few rows: a block for each is faster. Many rows: a lane for each.
     first = int(block)
     step = int(blocks)
     lanes = int(wp.block_dim())
@@ -207,18 +211,18 @@ def _accept(
         row = search.queue[search.source[0], i]
         obj = search.row_object[row]
         trial = int(search.row_trial[row])
-        if search.row_trials[row] > 0:  # else the wave had no room for it
+        if search.row_trials[row] > 0:  # otherwise the wave had no room for the row
             trial = _accept_first(program, reach, layouts, search, row, obj, lane, lanes)
         if lanes > 1:
-            block_sync()  # all lanes have read what is written here, and written what is read
+            block_sync()  # every lane has finished its reads and writes of the row
         if lane == 0:
-            _go_on_from(program, reach, layouts, search, row, obj, trial)
+            _advance(program, reach, layouts, search, row, obj, trial)
 
 
 def launch_accept(
     program: Program, reach: Reach, size: SearchSize, layouts: LayoutsView, search: Search, device: str
 ) -> None:
-    """Accept the candidates of this wave that passed every test."""
+    """Place the candidates of this wave that passed every test, and queue the rows that continue."""
     inputs = [program, reach, size.blocks]
     outputs = [layouts, search]
     words = {"block_dim": size.block_dim, "device": device}

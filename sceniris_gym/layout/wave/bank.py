@@ -1,6 +1,6 @@
-"""The bank of valid layouts on the device: what a world gets that has run out of restarts.
+"""The bank of valid layouts on the device, which worlds that run out of restarts fall back on.
 
-Each split has rows of its own, so that no world of an evaluation gets a layout that training may have seen.
+Each split has rows of its own, so that an evaluation never gets a layout that training may have seen.
 """
 
 import warp as wp
@@ -19,7 +19,7 @@ _EVAL = wp.constant(wp.uint32(SPLITS["eval"]))
 
 @wp.func
 def _bank_row(program: Program, layouts: LayoutsView, worldid: int, split: wp.uint32) -> int:
-    """The world's entry of its split's bank; -1 in a CompiledScene whose bank is still being made."""
+    """Return the world's entry of its split's bank; -1 while the bank of the scene is still being filled."""
     first = int(0)
     num = program.bank_ntrain
     if split == _EVAL:
@@ -37,7 +37,7 @@ def _bank_row(program: Program, layouts: LayoutsView, worldid: int, split: wp.ui
 
 @wp.func
 def _take(program: Program, layouts: LayoutsView, worldid: int, row: int):
-    """Take an entry of the bank."""
+    """Copy an entry of the bank into a world."""
     for i in range(layouts.qpos.shape[1]):
         layouts.qpos[worldid, i] = program.bank_qpos[row, i]
     for i in range(program.bank_mocap_pos.shape[1]):
@@ -50,7 +50,7 @@ def _take(program: Program, layouts: LayoutsView, worldid: int, row: int):
 
 @wp.func
 def _take_grasps(reach: Reach, layouts: LayoutsView, worldid: int, row: int):
-    """Take the grasps of an entry of the bank."""
+    """Copy the grasps of an entry of the bank into a world."""
     for r in range(layouts.grasp.shape[1]):
         layouts.grasp[worldid, r] = reach.bank_grasp[row, r]
         for i in range(layouts.grasp_qpos.shape[2]):
@@ -60,7 +60,7 @@ def _take_grasps(reach: Reach, layouts: LayoutsView, worldid: int, row: int):
 
 @wp.func
 def fall_back(program: Program, reach: Reach, layouts: LayoutsView, worldid: int, split: wp.uint32) -> int:
-    """Take the world's entry of the bank, and return the status of its row."""
+    """Copy the world's entry of the bank, and return the status of its row."""
     row = _bank_row(program, layouts, worldid, split)
     if row < 0:
         return 0

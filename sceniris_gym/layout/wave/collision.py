@@ -1,8 +1,9 @@
-"""Candidates of a wave are tested for collision with what stands in their row.
+"""Collision test of a wave's candidates against the objects placed before in their rows.
 
-With `geometry: physics` the lanes of a block go down the trees of a candidate, and leaves that come near each other
-wait in a queue for lanes of their own. With `geometry: visual`, where most leaves near each other mean a hit soon, a
-block tests its candidate as a whole. What finds no room is tested by one lane.
+With `geometry: physics` the lanes of a block traverse the bounding-volume trees of a candidate, and leaves that are
+close to each other are queued as narrow-phase pairs, one lane for each. With `geometry: visual` close leaves usually
+collide, so a block tests its candidate completely and stops at the first hit. A candidate for which a stack or queue
+overflowed is tested again by a single lane.
 """
 
 import warp as wp
@@ -31,9 +32,9 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func
 def _passes_prefilter(program: Program, reach: Reach, search: Search, c: int, lane: int) -> bool:
-    """Does a candidate pass the screen? If not, the cause is kept. All lanes of a block call it together."""
+    """Return True if a candidate passes the prefilter; else write the cause. All lanes of a block call it together."""
     cause = search.cause[c]
-    block_sync()  # all lanes have read it
+    block_sync()  # every lane reads the cause before lane 0 writes it
     if cause == Cause.NONE:
         cause = reject_cause(program, reach, search, c, search.obj[c])
         if lane == 0 and cause != Cause.NONE:
@@ -42,10 +43,25 @@ def _passes_prefilter(program: Program, reach: Reach, search: Search, c: int, la
 
 
 @wp.func
-def _miss(search: Search, c: int):
-    """Write down that there was no room for all of a candidate's test."""
-    search.missed[c] = 1
-    search.unproven[0] = 1
+def _mark_overflow(search: Search, c: int):
+    """Mark a candidate whose collision test did not fit into a stack or queue."""
+    search.overflowed[c] = 1
+    search.any_overflowed[0] = 1
+
+
+@wp.func
+def _collides_alone(program: Program, layouts: LayoutsView, search: Search, c: int) -> bool:
+    """Return True if a candidate collides; the test of a single lane."""
+    row = search.row[c]
+    obj = search.obj[c]
+    support = support_of(program, obj)
+    stack = wp.zeros(shape=(wp.static(OWN_STACK),), dtype=wp.vec3i)
+    for s in range(program.obj_broadadr[obj], program.obj_broadadr[obj] + program.obj_broadnum[obj]):
+        start = program.broad_pair[s]
+        poses = candidate_poses(program, layouts, search, c, row, start[0])
+        if leaves_below_touch(program, start, poses, margin_of(program, start[0], support), stack):
+            return True
+    return False
 
 
 @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
@@ -53,8 +69,10 @@ def _queue_narrow_pairs(
     program: Program,
     reach: Reach,
     blocks: int,
+    # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: candidates, narrow_pairs, row, obj, cause, grasp, covered, overhanging, body_pos, body_quat
+    # Search out: narrow_pairs, any_overflowed, cause, overflowed, narrow_pair
     search: Search,
 ):
     block, lane = wp.tid()
@@ -77,21 +95,23 @@ def _queue_narrow_pairs(
                 at_left = wp.tile_stack_push(nodes, step.left, step.inner)
                 at_right = wp.tile_stack_push(nodes, step.right, step.inner)
                 if step.inner and wp.min(at_left, at_right) < 0:
-                    _miss(search, c)
+                    _mark_overflow(search, c)
                 if step.leaf:
                     at = wp.atomic_add(search.narrow_pairs, 0, 1)
-                    if at >= 0 and at < search.narrow_pair.shape[0]:  # the count may go on beyond all numbers
+                    if at >= 0 and at < search.narrow_pair.shape[0]:  # the count may overflow
                         search.narrow_pair[at] = wp.vec4i(c, entry[0], entry[1], entry[2])
                     else:
-                        _miss(search, c)
+                        _mark_overflow(search, c)
 
 
 @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
 def _test_inner_boxes(
     program: Program,
     lanes: int,
+    # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: narrow_pairs, row, obj, cause, body_pos, body_quat, narrow_pair
+    # Search out: cause
     search: Search,
 ):
     for i in range(wp.tid(), narrow_pair_num(search), lanes):
@@ -105,27 +125,29 @@ def _test_inner_boxes(
                 search.cause[c] = Cause.COLLISION
 
 
-# With all the registers that it would take, a multiprocessor holds few warps, and each waits for its own arithmetic.
+# Without a bound on registers a multiprocessor holds few warps, too few to hide the latency of the arithmetic.
 @wp.kernel(module="unique", enable_backward=False, grid_stride=False, cuda_max_registers=128)
 def _test_narrow_pairs(
     program: Program,
     blocks: int,
+    # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: narrow_pairs, row, obj, cause, body_pos, body_quat, narrow_pair
+    # Search out: any_overflowed, cause, overflowed
     search: Search,
 ):
     block, lane = wp.tid()
     num = narrow_pair_num(search)
-    # Most leaves are of candidates that collide for certain by now: the others wait until there is one for every lane.
+    # Most pairs belong to candidates that are known to collide by now. The others wait until every lane has one.
     waiting = wp.tile_stack(capacity=wp.static(WAITING), dtype=int)
     base = int(block * wp.block_dim())
     while base < num or wp.tile_stack_count(waiting) > 0:
         if base < num and wp.tile_stack_count(waiting) < wp.block_dim():
             i = wp.min(base + lane, num - 1)
             c = search.narrow_pair[i][0]
-            undecided = base + lane < num and search.cause[c] == Cause.NONE
-            if wp.tile_stack_push(waiting, i, undecided) < 0 and undecided:
-                _miss(search, c)
+            pending = base + lane < num and search.cause[c] == Cause.NONE
+            if wp.tile_stack_push(waiting, i, pending) < 0 and pending:
+                _mark_overflow(search, c)
             base += blocks * wp.block_dim()
         else:
             i, slot = wp.tile_stack_pop(waiting)
@@ -144,8 +166,10 @@ def _test_by_block(
     program: Program,
     reach: Reach,
     blocks: int,
+    # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: candidates, row, obj, cause, grasp, covered, overhanging, body_pos, body_quat
+    # Search out: any_overflowed, cause, overflowed
     search: Search,
 ):
     block, lane = wp.tid()
@@ -166,22 +190,7 @@ def _test_by_block(
             if lane == 0 and found == Cause.COLLISION:
                 search.cause[c] = Cause.COLLISION
             if lane == 0 and found == UNPROVEN:
-                _miss(search, c)
-
-
-@wp.func
-def _collides_alone(program: Program, layouts: LayoutsView, search: Search, c: int) -> bool:
-    """Does a candidate collide? One lane's work."""
-    row = search.row[c]
-    obj = search.obj[c]
-    support = support_of(program, obj)
-    stack = wp.zeros(shape=(wp.static(OWN_STACK),), dtype=wp.vec3i)
-    for s in range(program.obj_broadadr[obj], program.obj_broadadr[obj] + program.obj_broadnum[obj]):
-        start = program.broad_pair[s]
-        poses = candidate_poses(program, layouts, search, c, row, start[0])
-        if leaves_below_touch(program, start, poses, margin_of(program, start[0], support), stack):
-            return True
-    return False
+                _mark_overflow(search, c)
 
 
 @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
@@ -189,37 +198,28 @@ def _test_alone(
     program: Program,
     reach: Reach,
     lanes: int,
-    missed: bool,
+    tested_by_blocks: bool,
+    # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: candidates, any_overflowed, row, obj, cause, grasp, overflowed, covered, overhanging, body_pos,
+    #   body_quat
+    # Search out: cause
     search: Search,
 ):
-    if missed and search.unproven[0] == 0:
+    if tested_by_blocks and search.any_overflowed[0] == 0:
         return
     for c in range(wp.tid(), candidate_num(search), lanes):
-        if not missed and search.cause[c] == Cause.NONE:
+        if not tested_by_blocks and search.cause[c] == Cause.NONE:
             search.cause[c] = reject_cause(program, reach, search, c, search.obj[c])
-        if search.cause[c] == Cause.NONE and (not missed or search.missed[c] != 0):
+        if search.cause[c] == Cause.NONE and (not tested_by_blocks or search.overflowed[c] != 0):
             if _collides_alone(program, layouts, search, c):
                 search.cause[c] = Cause.COLLISION
-
-
-def lane_kernels(visual: bool, block_dim: int) -> tuple[wp.Kernel, ...]:
-    """Return the kernels that are launched by lanes."""
-    return (_test_inner_boxes, _test_alone) if block_dim > 1 and not visual else (_test_alone,)
-
-
-def block_kernels(visual: bool, block_dim: int) -> tuple[wp.Kernel, ...]:
-    """Return the kernels that are launched by blocks."""
-    if block_dim == 1:
-        return ()
-    return (_test_by_block,) if visual else (_queue_narrow_pairs, _test_narrow_pairs)
 
 
 def launch_test_collisions(
     program: Program, reach: Reach, size: SearchSize, visual: bool, layouts: LayoutsView, search: Search, device: str
 ) -> None:
-    """Test the candidates that pass the prefilter."""
+    """Test the candidates that pass the prefilter for collision."""
     lanes = {"dim": size.lanes, "device": device}
     blocks = {"dim": [size.blocks], "block_dim": size.block_dim, "device": device}
     if size.block_dim > 1 and visual:
@@ -229,3 +229,15 @@ def launch_test_collisions(
         wp.launch(_test_inner_boxes, inputs=[program, size.lanes, layouts, search], **lanes)
         wp.launch_tiled(_test_narrow_pairs, inputs=[program, size.blocks, layouts, search], **blocks)
     wp.launch(_test_alone, inputs=[program, reach, size.lanes, size.block_dim > 1, layouts, search], **lanes)
+
+
+def lane_kernels(visual: bool, block_dim: int) -> tuple[wp.Kernel, ...]:
+    """Return the kernels that are launched with independent lanes."""
+    return (_test_inner_boxes, _test_alone) if block_dim > 1 and not visual else (_test_alone,)
+
+
+def block_kernels(visual: bool, block_dim: int) -> tuple[wp.Kernel, ...]:
+    """Return the kernels that are launched with blocks of lanes."""
+    if block_dim == 1:
+        return ()
+    return (_test_by_block,) if visual else (_queue_narrow_pairs, _test_narrow_pairs)

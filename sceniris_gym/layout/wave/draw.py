@@ -1,4 +1,4 @@
-"""Candidates are drawn: a lane for each trial of each row's object. Joints first, then orientation, then a point.
+"""Draw candidates: one lane per trial of a row's object draws joints, then an orientation, then a point.
 
 Where relations leave a different region in every world, `points.py` draws the point.
 """
@@ -32,7 +32,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.func
 def _draw_static(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int):
-    """Pose what stays where the model has it, its joints drawn."""
+    """Pose a static object at its place in the model, with its joints drawn."""
     pose_bodies(program, obj, 0, search.qpos[c], search.body_pos[c], search.body_quat[c])
     if program.obj_measured[obj] == Measure.WHOLE:
         place = layouts.place[row, program.obj_slot[obj]]
@@ -41,7 +41,7 @@ def _draw_static(program: Program, layouts: LayoutsView, search: Search, c: int,
 
 @wp.func
 def _draw_point(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, u: wp.vec4):
-    """Draw the point under the pivot, and the heading, in a region that is the same in every world."""
+    """Draw the heading, and the point under the pivot if the region is the same in every world."""
     turn = search.turn[c]
     ground = program.obj_ground[obj]
     box = program.obj_box_upper[obj] - program.obj_box_lower[obj]
@@ -80,9 +80,9 @@ def _draw_from_heap(
     obj: int,
     u: float,
 ):
-    """Pose a thing of a heap as a settled row has it in what it fills.
+    """Pose an object of a heap as in one of the heap's settled arrangements, relative to its container.
 
-    All things of the heap take the same row, which another restart draws anew and another trial does not.
+    All objects of the heap take the same arrangement, which is drawn once per restart, not once per trial.
     """
     heap = program.obj_heap[obj]
     settled = program.heap_pose[heap[0] + wp.min(int(u * float(heap[1])), heap[1] - 1)]
@@ -110,8 +110,12 @@ def _draw(
     program: Program,
     split: wp.uint32,
     lanes: int,
+    # Layouts in: seed, present, pending_episode, place, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: row_world, row_restart, rows_left, source, candidates, row, obj, trial, cause, turn, heading, point,
+    #   qpos, body_pos, body_quat
+    # Search out: rows_left, source, rows, cuts, narrow_pairs, enclosed, any_overflowed, cause, turn, heading, point,
+    #   surface, place, bounds, grasp, overflowed, covered, overhanging, qpos, body_pos, body_quat
     search: Search,
 ):
     if wp.tid() == 0:
@@ -124,7 +128,7 @@ def _draw(
         episode = layouts.pending_episode[search.row_world[row]]
         stream = stream_of(program, split, obj)
         search.cause[c] = Cause.NONE
-        search.missed[c] = 0
+        search.overflowed[c] = 0
         search.surface[c] = -1
         draw_joints(program, obj, seed, episode, stream, trial, search.qpos[c])
         if program.obj_kind[obj] == ObjectKind.STATIC:
@@ -150,5 +154,5 @@ def _draw(
 
 
 def launch_draw(program: Program, split: int, lanes: int, layouts: LayoutsView, search: Search, device: str) -> None:
-    """Draw the candidates of this wave."""
+    """Draw the candidates of this wave; for regions that differ between worlds, all but their points."""
     wp.launch(_draw, dim=lanes, inputs=[program, split, lanes, layouts], outputs=[search], device=device)

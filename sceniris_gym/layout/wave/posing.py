@@ -1,4 +1,4 @@
-"""A candidate's bodies are posed where it was drawn."""
+"""Poses of a candidate's bodies at the point where it was drawn."""
 
 import warp as wp
 
@@ -37,12 +37,12 @@ def pose_candidate(program: Program, layouts: LayoutsView, search: Search, c: in
     search.bounds[c] = turn.bounds
     search.grasp[c] = NO_GRASP
     search.covered[c] = 0
-    search.off[c] = 0
+    search.overhanging[c] = 0
 
 
 @wp.func
 def candidate_poses(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, pair: int) -> PairPoses:
-    """Where the bodies of a pair are for a candidate of a row, beside what stands there."""
+    """Return the poses of a pair's bodies: the candidate's own, and those of the objects placed before in its row."""
     own_pos = search.body_pos[c]
     own_quat = search.body_quat[c]
     return pair_poses(program, pair, own_pos, own_quat, layouts.body_pos[row], layouts.body_quat[row])

@@ -1,4 +1,4 @@
-"""How many restarts and trials are tried at once: as many as there is room for, at least one, never beyond the last."""
+"""Restarts and trials that run at once: as many as there is room for, at least one, never beyond the last."""
 
 import math
 from dataclasses import replace

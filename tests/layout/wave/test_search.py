@@ -73,7 +73,7 @@ def compiled(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 @pytest.fixture(scope="module")
 def expected(compiled: CompiledScene) -> list[bytes]:
-    """What one trial of one restart at a time gives."""
+    """The result of one trial of one restart at a time."""
     return made(compiled, None, N)
 
 
@@ -187,7 +187,7 @@ CUDA = [pytest.param("cuda:0", marks=pytest.mark.cuda)]
 @pytest.mark.parametrize("device", CUDA)
 @pytest.mark.parametrize("name", SCENES)
 def test_the_size_changes_no_bit_on_a_gpu(name: str, device: str, tmp_path: Path):
-    """With a block for each candidate, room for all narrow-phase pairs, few or none of them, and in a captured graph."""
+    """With a block for each candidate, room for all narrow-phase pairs, few or none, and in a captured graph."""
     compiled = SCENES[name](tmp_path, device)
     expected = made(compiled, None, N)
     for size in sizes(device, blocks=64, block_dim=32).values():
@@ -202,7 +202,7 @@ def test_the_size_changes_no_bit_on_a_gpu(name: str, device: str, tmp_path: Path
 @pytest.mark.parametrize("device", CUDA)
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
 def test_a_full_stack_changes_no_bit_on_a_gpu(geometry: str, device: str, tmp_path: Path):
-    """What a block has no room for is tested by a lane alone, which needs no shared stack."""
+    """A candidate whose test overflows a block's stack is tested by a single lane, which needs no shared stack."""
     compiled = _combs(tmp_path, device, geometry)
     alone = made(compiled, replace(default_size(device), block_dim=1), 64)
     assert made(compiled, None, 64) == alone
@@ -210,7 +210,7 @@ def test_a_full_stack_changes_no_bit_on_a_gpu(geometry: str, device: str, tmp_pa
 
 
 def test_the_worst_case_of_waves_is_enough(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Where a graph cannot tell how often to repeat, everything is launched as often as could be needed: same bits."""
+    """Without conditional graphs everything is launched as often as the worst case needs: the same bits."""
     compiled = _combs(tmp_path, "cpu", "physics")
     size = replace(default_size("cpu"), candidates=3, rows=2)
     expected = made(compiled, size, 8)

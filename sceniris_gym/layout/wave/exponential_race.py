@@ -11,8 +11,8 @@ from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.search import Search, stream_of, trial_of
 from sceniris_gym.program.device import Program
 
-# Draws of a trial from here on belong to the region: a block of them for each redraw, of which the first has the
-# numbers of the point, and each other one those of four pieces.
+# Draws of a trial from here on are those of the region: one block per redraw. The first draw of a block gives the
+# numbers of the point, each further one the numbers of four pieces.
 _FIRST_DRAW = wp.constant(1 << 16)
 _DRAWS = wp.constant(1 << 20)
 _HALF_STEP = wp.constant(2.0**-25)
@@ -21,8 +21,8 @@ NO_PIECE = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
 
 
 @wp.struct
-class Numbers:
-    """The random numbers of a candidate's point, all but the number of the draw."""
+class PointCounter:
+    """The key and counter of the random numbers behind a candidate's point, all but the number of the draw."""
 
     seed: wp.uint64
     episode: int
@@ -31,10 +31,10 @@ class Numbers:
 
 
 @wp.func
-def numbers_of(program: Program, split: wp.uint32, layouts: LayoutsView, search: Search, c: int) -> Numbers:
-    """The random numbers of a candidate's point."""
+def point_counter(program: Program, split: wp.uint32, layouts: LayoutsView, search: Search, c: int) -> PointCounter:
+    """Return the counter of a candidate's point."""
     world = search.row_world[search.row[c]]
-    n = Numbers()
+    n = PointCounter()
     n.seed = layouts.seed[world]
     n.episode = layouts.pending_episode[world]
     n.stream = stream_of(program, split, search.obj[c])
@@ -43,16 +43,17 @@ def numbers_of(program: Program, split: wp.uint32, layouts: LayoutsView, search:
 
 
 @wp.func
-def point_numbers(n: Numbers, redraw: int) -> wp.vec4:
-    """The numbers that the point of a redraw is drawn with, once its piece is chosen."""
+def point_uniforms(n: PointCounter, redraw: int) -> wp.vec4:
+    """Return the uniform numbers that place the point of a redraw inside its piece."""
     return uniforms(n.seed, n.episode, n.stream, n.trial, _FIRST_DRAW + redraw * _DRAWS)
 
 
 @wp.func
-def race_time(u: float, size: float) -> float:
-    """When a piece of this area [m^2] finishes the race that the smallest time wins, from a uniform number.
+def arrival_time(u: float, size: float) -> float:
+    """Return the arrival time of a piece of this area [m^2], from a uniform number.
 
-    The number 0 stands for all below 2^-24, and is taken for their middle: at a time of 0 area would decide nothing.
+    The number 0 stands for all numbers below 2^-24 and is replaced by their midpoint: at time 0 the area would not
+    matter.
     """
     run = -wp.log(1.0 - u)
     if u == 0.0:
@@ -61,18 +62,19 @@ def race_time(u: float, size: float) -> float:
 
 
 @wp.func
-def finish(n: Numbers, redraw: int, index: int, size: float) -> wp.uint64:
-    """How a piece of this number and area [m^2] does in the race of a redraw: the least of these has won.
+def arrival_key(n: PointCounter, redraw: int, index: int, size: float) -> wp.uint64:
+    """Return the key of a piece of this number and area [m^2] in the race of a redraw; the least key wins.
 
-    Its time is the upper word, where the bits of positive floats are in the order of the floats, its number the lower.
+    The upper word is the arrival time, since the bits of positive floats are ordered like the floats themselves. The
+    lower word is the number of the piece.
     """
     u = uniforms(n.seed, n.episode, n.stream, n.trial, _FIRST_DRAW + redraw * _DRAWS + 1 + index // 4)
     which = index % 4
     own = wp.where(which < 2, wp.where(which == 0, u[0], u[1]), wp.where(which == 2, u[2], u[3]))
-    return (wp.uint64(wp.cast(race_time(own, size), wp.uint32)) << wp.uint64(32)) | wp.uint64(index)
+    return (wp.uint64(wp.cast(arrival_time(own, size), wp.uint32)) << wp.uint64(32)) | wp.uint64(index)
 
 
 @wp.func
-def winner_index(winner: wp.uint64) -> int:
-    """The number of the piece that has won."""
-    return int(winner & wp.uint64(0xFFFFFFFF))
+def piece_of(key: wp.uint64) -> int:
+    """Return the number of the piece with an arrival key."""
+    return int(key & wp.uint64(0xFFFFFFFF))
