@@ -16,6 +16,7 @@ from functools import cached_property
 from typing import Literal, NamedTuple
 
 Mode = Literal["read", "write", "both"]
+Definition = ast.FunctionDef | ast.ClassDef | ast.Assign
 WIDTH = 120
 
 
@@ -61,7 +62,7 @@ class Module:
 
     name: str
     text: str
-    definitions: dict[str, ast.AST] = field(init=False, default_factory=dict)
+    definitions: dict[str, Definition] = field(init=False, default_factory=dict)
     imports: dict[str, tuple[str, str]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -86,7 +87,7 @@ class Module:
                 yield node
 
 
-def is_decorated(node: ast.AST | None, name: str) -> bool:
+def is_decorated(node: ast.AST, name: str) -> bool:
     """Return True if a function or class is decorated by `wp.<name>` or `wp.<name>(...)`."""
     if not isinstance(node, ast.FunctionDef | ast.ClassDef):
         return False
@@ -112,7 +113,7 @@ class Package:
             self._modules[name] = None if text is None else Module(name, text)
         return self._modules[name]
 
-    def resolve(self, module: Module, name: str) -> tuple[Module, ast.AST] | None:
+    def resolve(self, module: Module, name: str) -> tuple[Module, Definition] | None:
         """Find what a name of a module stands for, through imports; None if that is outside of the package."""
         if name in module.definitions:
             return module, module.definitions[name]
@@ -131,7 +132,7 @@ class Package:
                 return Kind(int(digits or 1), self.kind(module, annotation.slice).struct)
         if isinstance(annotation, ast.Name):
             found = self.resolve(module, annotation.id)
-            if found is not None and is_decorated(found[1], "struct"):
+            if found is not None and isinstance(found[1], ast.ClassDef) and is_decorated(found[1], "struct"):
                 return Kind(0, StructName(found[0].name, found[1].name))
         elif annotation is None or ast.unparse(annotation) == "wp.array":
             raise UnclearError(f"{module.name}: a parameter or field without the type of its elements")
@@ -141,8 +142,10 @@ class Package:
         """Return the fields of a struct in order."""
         module = self.module(struct.module)
         assert module is not None
-        body = module.definitions[struct.name].body
-        return {node.target.id: self.kind(module, node.annotation) for node in body if isinstance(node, ast.AnnAssign)}
+        definition = module.definitions[struct.name]
+        assert isinstance(definition, ast.ClassDef)
+        declared = [node for node in definition.body if isinstance(node, ast.AnnAssign)]
+        return {ast.unparse(node.target): self.kind(module, node.annotation) for node in declared}
 
     def holds_arrays(self, kind: Kind) -> bool:
         """Return True for an array, and for a struct with an array in it."""
@@ -178,7 +181,7 @@ class Package:
         """Return the comment lines that belong above the parameters of a kernel whose struct has a title."""
         found, accesses = {}, self.accesses(module, kernel)
         for name, kind in self.params(module, kernel).items():
-            if kind.struct in titles:
+            if kind.struct is not None and kind.struct in titles:
                 lines = []
                 for way, written in (("in", False), ("out", True)):
                     names = [f for f in self.fields(kind.struct) if Access(name, f, written) in accesses]
@@ -329,8 +332,8 @@ class _Body:
             arguments = arguments[1:]
         elif isinstance(node.func, ast.Name):
             found = self._package.resolve(self._module, name)
-            if found is not None and is_decorated(found[1], "func"):
-                self._call_function(node, *found)
+            if found is not None and isinstance(found[1], ast.FunctionDef) and is_decorated(found[1], "func"):
+                self._call_function(node, found[0], found[1])
                 return
             if found is None and name not in self._module.imports and not hasattr(builtins, name):
                 raise self._unclear(node, "a call of something unknown")

@@ -121,7 +121,7 @@ class SerialArm:
     @property
     def tilt(self) -> float:
         """Angle [rad] between the first joint's axis and the base's z axis, upwards or downwards."""
-        return _angle_to_z(_rotate(self.axis[0], self.link_quat[0]))
+        return _angle_to(rotate(self.axis[0], self.link_quat[0]), np.array([0.0, 0.0, 1.0]))
 
     @property
     def vertical(self) -> bool:
@@ -131,14 +131,14 @@ class SerialArm:
     @property
     def axis_xy(self) -> np.ndarray:
         """Intersection of the first joint's axis with the base's plane z = 0 [m], shape (2,); only if `vertical`."""
-        along = _rotate(self.axis[0], self.link_quat[0])
+        along = rotate(self.axis[0], self.link_quat[0])
         return (self.link_pos[0] - along * (self.link_pos[0, 2] / along[2]))[:2]
 
     @property
     def tcp_offset(self) -> tuple[float, float]:
         """Distance [m] of the TCP from the last joint's axis, and angle [rad] between that axis and the TCP's z."""
         axis, pos = self.axis[-1], self.link_pos[-1]
-        turned = _rotate(np.array([0.0, 0.0, 1.0]), self.link_quat[-1])
+        turned = rotate(np.array([0.0, 0.0, 1.0]), self.link_quat[-1])
         away = pos - (pos @ axis) * axis
         return float(np.linalg.norm(away)), _angle_to(turned, axis)
 
@@ -281,10 +281,10 @@ def _compose(pos: np.ndarray, quat: np.ndarray, then: np.ndarray, turn: np.ndarr
     """Return a transform followed by another transform in its frame."""
     both = np.zeros(4)
     mujoco.mju_mulQuat(both, quat, turn)
-    return pos + _rotate(then, quat), both
+    return pos + rotate(then, quat), both
 
 
-def _rotate(vector: np.ndarray, quat: np.ndarray) -> np.ndarray:
+def rotate(vector: np.ndarray, quat: np.ndarray) -> np.ndarray:
     """Return a vector, shape (3,), turned by a wxyz quaternion."""
     turned = np.zeros(3)
     mujoco.mju_rotVecQuat(turned, vector, quat)
@@ -294,7 +294,3 @@ def _rotate(vector: np.ndarray, quat: np.ndarray) -> np.ndarray:
 def _angle_to(vector: np.ndarray, axis: np.ndarray) -> float:
     """Return the angle [rad] between the lines along two unit vectors."""
     return float(np.arctan2(np.linalg.norm(np.cross(vector, axis)), abs(vector @ axis)))
-
-
-def _angle_to_z(vector: np.ndarray) -> float:
-    return _angle_to(vector, np.array([0.0, 0.0, 1.0]))

@@ -16,10 +16,10 @@ import numpy as np
 from sceniris_gym.errors import ArmError, MapError
 from sceniris_gym.progress import Progress
 from sceniris_gym.reach.acceptance import measure_false_accepts
-from sceniris_gym.reach.arm import SerialArm
+from sceniris_gym.reach.arm import SerialArm, rotate
 from sceniris_gym.reach.checkpoint import Checkpoint
 from sceniris_gym.reach.forward import tcp_axes
-from sceniris_gym.reach.labels import ALL_TURNS, Labeller, rotate
+from sceniris_gym.reach.labels import ALL_TURNS, Labeller
 from sceniris_gym.reach.map import ReachMap, pack
 from sceniris_gym.reach.solve import random_joints
 from sceniris_gym.reach.witnesses import gather_witnesses

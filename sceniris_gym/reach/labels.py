@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.device.angles import unit_circle
-from sceniris_gym.reach.arm import SerialArm
+from sceniris_gym.reach.arm import SerialArm, rotate
 from sceniris_gym.reach.lookup import JointTurn, turned
 from sceniris_gym.reach.solve import ITERATIONS, ArmView, arm_view, as_vec8, refine, vec8
 
@@ -115,11 +115,6 @@ def _label(
     joints_out[poseid] = found
 
 
-def _launch_label(inputs: list, count_out: wp.array, joints_out: wp.array) -> None:
-    """Label one pose for each entry of `count_out`; `inputs` are the arguments of the kernel up to its outputs."""
-    wp.launch(_label, dim=count_out.shape[0], inputs=inputs, outputs=[count_out, joints_out], device=count_out.device)
-
-
 class Labeller:
     """Labels of canonical poses of an arm, by inverse kinematics.
 
@@ -188,7 +183,7 @@ class Labeller:
                 self._iterations,
                 *self._tols,
             ]
-            _launch_label(inputs, turns, joints)
+            wp.launch(_label, dim=n, inputs=inputs, outputs=[turns, joints])
         return turns.numpy(), joints.numpy()
 
 
@@ -210,10 +205,3 @@ def _turn(arm: SerialArm, joint: int, sign: float) -> JointTurn:
     turn.lower, turn.upper = (-np.pi, 2.0 * np.pi) if free else (float(arm.lower[joint]), float(arm.upper[joint]))
     turn.sign = 1.0 if sign > 0.0 else -1.0
     return turn
-
-
-def rotate(vector: np.ndarray, quat: np.ndarray) -> np.ndarray:
-    """Return a vector, shape (3,), turned by a unit wxyz quaternion."""
-    w, axis = quat[0], quat[1:]
-    cross = 2.0 * np.cross(axis, vector)
-    return vector + w * cross + np.cross(axis, cross)

@@ -6,13 +6,12 @@ import math
 from functools import cache
 from itertools import pairwise
 
-import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from sceniris_gym.reach.arm import SerialArm
-from sceniris_gym.reach.labels import ALL_TURNS, TURNS, Labeller, base_turn, rotate, wrist_turn
+from sceniris_gym.reach.labels import ALL_TURNS, TURNS, Labeller, base_turn, wrist_turn
 from tests.reach.arms import MODELS, hinge, link, model, site, tcp_poses
 from tests.reach.shapes import gantry, gantry_depths
 
@@ -133,12 +132,3 @@ def test_limits_of_turns_are_those_of_the_joints():
                 assert np.degrees([turn.lower, turn.upper]) == pytest.approx(given, abs=1e-4)
             else:
                 assert turn.upper - turn.lower >= 2.0 * math.pi
-
-
-def test_vectors_are_rotated_as_mujoco_rotates_them():
-    """By random unit quaternions, wxyz."""
-    draws = np.random.default_rng(5)
-    for quat in Rotation.random(50, rng=draws).as_quat(scalar_first=True):
-        vector, expected = draws.normal(size=3), np.zeros(3)
-        mujoco.mju_rotVecQuat(expected, vector, quat)
-        np.testing.assert_allclose(rotate(vector, quat), expected, atol=1e-12)

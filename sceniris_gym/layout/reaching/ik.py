@@ -3,7 +3,7 @@
 import warp as wp
 
 from sceniris_gym.device.quaternions import mul_quat, neg_quat, rot_vec_quat, z_axis
-from sceniris_gym.device.random import REACH_STREAM, STREAM_BITS, uniforms
+from sceniris_gym.device.random import REACH_STREAM, uniforms
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reaching.search import (
     PREGRASP_DISTANCE,
@@ -14,7 +14,7 @@ from sceniris_gym.layout.reaching.search import (
     reach_candidate_num,
     takes_step,
 )
-from sceniris_gym.layout.wave.search import Search
+from sceniris_gym.layout.wave.search import Search, numbered_stream
 from sceniris_gym.placement.grasps import tcp_of
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.reach.arm import MAX_JOINTS
@@ -28,8 +28,6 @@ SAME_BRANCH = 0.8
 WITNESSES = 4
 """Starts of a grasp that are witnesses of the arm's map, if it has one. They follow the arm's present pose."""
 
-_REACH_STREAM = wp.constant(wp.uint32(REACH_STREAM))
-_STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
 _PI = wp.constant(wp.pi)
 
 
@@ -109,7 +107,7 @@ def _choose_starts(
             pos, quat = _target(reach, layouts, worldid, grasp)
             q = witness(reach.map, pos, quat, start - 1)
         else:
-            stream = (split << _STREAM_BITS) + _REACH_STREAM
+            stream = numbered_stream(split, REACH_STREAM)
             trial = (search.restart[worldid] - 1) * layouts.grasp.shape[1] + column
             draw = (grasp - reach.reach_graspadr[column]) * wp.static(STARTS) + start
             q = _drawn(reach.arm, layouts.seed[worldid], layouts.pending_episode[worldid], stream, trial, draw)

@@ -5,15 +5,14 @@ Each split has rows of its own, so that an evaluation never gets a layout that t
 
 import warp as wp
 
-from sceniris_gym.device.random import BANK_STREAM, SPLITS, STREAM_BITS, philox
+from sceniris_gym.device.random import BANK_STREAM, SPLITS, philox
 from sceniris_gym.layout.layouts import LayoutsView, Status
+from sceniris_gym.layout.wave.search import numbered_stream
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_reach import Reach
 
 wp.set_module_options({"enable_backward": False})
 
-_STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
-_BANK_STREAM = wp.constant(wp.uint32(BANK_STREAM))
 _EVAL = wp.constant(wp.uint32(SPLITS["eval"]))
 
 
@@ -27,7 +26,7 @@ def _bank_row(program: Program, layouts: LayoutsView, worldid: int, split: wp.ui
         num = program.bank_qpos.shape[0] - first
     if num == 0:
         return -1
-    stream = (split << _STREAM_BITS) + _BANK_STREAM
+    stream = numbered_stream(split, BANK_STREAM)
     words = philox(
         layouts.seed[worldid],
         wp.vec4ui(wp.uint32(layouts.pending_episode[worldid]), stream, wp.uint32(0), wp.uint32(0)),

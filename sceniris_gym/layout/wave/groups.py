@@ -6,16 +6,14 @@ reach the parking area.
 
 import warp as wp
 
-from sceniris_gym.device.random import GROUP_STREAM, STREAM_BITS, uniforms
+from sceniris_gym.device.random import GROUP_STREAM, uniforms
 from sceniris_gym.device.transforms import quat_mat
 from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.wave.search import numbered_stream
 from sceniris_gym.placement.kinematics import follow_joints, pose_bodies, write_root
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.scene.parking import PARKING_COLUMNS, PARKING_FROM, PARKING_SPACING
-
-_STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
-_GROUP_STREAM = wp.constant(wp.uint32(GROUP_STREAM))
 
 
 @wp.func
@@ -25,7 +23,7 @@ def draw_groups(program: Program, seed: wp.uint64, episode: int, split: wp.uint3
     The draw belongs to the episode, not to a trial: otherwise restarts would favour small sets, which are easier to
     place.
     """
-    stream = (split << _STREAM_BITS) + _GROUP_STREAM
+    stream = numbered_stream(split, GROUP_STREAM)
     for g in range(program.ngroup):
         adr = program.group_adr[g]
         num = program.group_num[g]
