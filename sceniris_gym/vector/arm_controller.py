@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import mujoco
+import numpy as np
 import torch
 from torch import Tensor
 
-from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.errors import ArgumentError, ArmError, UnknownNameError
+from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.vector import rotations
-from sceniris_gym.vector.state import State
+from sceniris_gym.vector.fingers import Fingers
+from sceniris_gym.vector.position_actuators import PositionActuators
+from sceniris_gym.vector.state import FREE, SCALAR, SLIDE, State, as_columns
 
 JOINT_STEP = 0.04
-"""Largest change of a joint's target in a control step [rad]: 2 rad/s at 50 Hz."""
+"""Largest change of a hinge's target in a control step [rad]: 2 rad/s at 50 Hz."""
 
 TOOL_STEP = 0.02
-"""Largest change of the tool's target along an axis in a control step [m]: 1 m/s at 50 Hz."""
+"""Largest change of the tool's target along an axis, and of a slide's target, in a control step [m]: 1 m/s at 50 Hz."""
 
 TOOL_LEAD = 0.05
 """How far the tool's target may lead the tool along an axis [m]."""
@@ -35,69 +40,113 @@ POSTURE_GAIN = 0.1
 
 
 class ArmController:
-    """Reads and drives an arm with position actuators, in all worlds of a State and without host synchronisation.
+    """Reads and drives a robot of the scene, in all worlds of a State and without host synchronisation.
 
-    Its actuators are `<name>/joint1` and so on, and `<name>/gripper`, which commands the travel of a finger; its
-    tool is the site `<name>/tcp`.
+    The arm is the hinges and slides from the robot's root body to its tool centre point (`tcp` in the scene, by default
+    the site 'tcp'). Each should have one position actuator of its own, over the joint or over a tendon, with any gear.
+    The gripper, if there is one, is what opens and closes beyond the arm's last joint: limited joints, with actuators
+    over joints or tendons, and all joints that an equality makes follow them. Names inside the robot do not matter.
 
     Args:
         s: The worlds.
-        name: The arm's name in the scene, which is that of its asset.
+        name: The robot: its name in `robots`; that of its asset or root body ('panda') for the only one, which None
+            stands for as well.
 
     Attributes:
+        name: The robot's name.
         joints: Number of joints, without the fingers.
-        lead: How far a joint's target may lead the joint [rad], shape (joints,): enough for its actuator to reach full
-            force and speed. With a larger lead, a target would only take longer to come back.
+        has_gripper: Whether `grip` and `width` can be used.
+        lead: How far a joint's target may lead the joint [rad or m], shape (joints,): enough for its actuator to reach
+            full force and speed. With a larger lead, a target would only take longer to come back. It is infinite where
+            nothing limits the force.
         tool_target: Target of the tool for `move_tool`: x, y, z [m] and yaw [rad] in the base frame, shape
-            (num_envs, 4).
+            (num_envs, 4). In a scene with several robots, x, y and z are in the world frame, and the yaw is relative to
+            that of the robot's own base.
 
     Raises:
-        UnknownNameError: The scene has no such arm.
+        UnknownNameError: The scene has no such robot.
+        ArgumentError: No name is given, and the scene has several robots.
+        ArmError: The scene has no robot at all, or only thinks of this one (`in_scene: false`); the robot has no tool
+            centre point, no joint up to it, or one that is no hinge or slide, or that has no position actuator.
     """
 
-    def __init__(self, s: State, name: str = "panda") -> None:
-        self.name, mjm = name, s.mjm
-        names = [mjm.actuator(i).name for i in range(mjm.nu)]
-        columns = [i for i, actuator in enumerate(names) if actuator.startswith(f"{name}/joint")]
-        if not columns:
-            raise UnknownNameError("arm", name, f"scene '{s.scene.config.name}'", {n.split("/")[0] for n in names})
-        self.joints, self._first = len(columns), columns[0]
-        self._gripper = s.actuator(f"{name}/gripper")
-        limits = s.control_range
-        self._lower, self._upper = limits[columns].unbind(dim=1)
-        self._open = limits[self._gripper, 1]
-        self.lead = _full_leads(s, columns)
-        self._home = torch.tensor(s.scene.home_ctrl[columns], dtype=torch.float32, device=s.device)
-        self._step = torch.tensor([TOOL_STEP] * 3 + [TURN_STEP], device=s.device)
-        self._lead = torch.tensor([TOOL_LEAD] * 3 + [TURN_LEAD], device=s.device)
+    def __init__(self, s: State, name: str | None = None) -> None:
+        def tensor(values: object) -> Tensor:
+            return torch.tensor(np.asarray(values), dtype=torch.float32, device=s.device)
+
+        mjm, robots, where = s.mjm, s.scene.config.all_robots, f"scene '{s.scene.config.name}': ArmController"
+        robot = _find_robot(s.scene, name, where)
+        where = f"{where}: {robots[robot].section}"
+        arm = _arm_joints(s.scene, robot, where)
+        self.name = robot if s.scene.config.robots else robots[robot].name
+        self.joints, self._arm, self._tcp = len(arm), arm, s.scene.tcps[robot]
+        self._base = robot if len(robots) > 1 else None
+        self._actuators = PositionActuators(mjm, arm, s.device, where)
+        steps = np.where(mjm.jnt_type[list(arm)] == SLIDE, TOOL_STEP, JOINT_STEP)
+        self.lead = tensor(np.maximum(self._actuators.full_leads(steps / s.dt), steps))
+        self._joint_step, self._home = tensor(steps), tensor(s.scene.home_qpos[mjm.jnt_qposadr[list(arm)]])
+        self._step = tensor([TOOL_STEP] * 3 + [TURN_STEP])
+        self._lead = tensor([TOOL_LEAD] * 3 + [TURN_LEAD])
         self._damping = DAMPING * torch.eye(6, device=s.device)
         self.tool_target = torch.zeros(s.num_envs, 4, device=s.device)
+        fingers = Fingers.find(s.scene, mjm.site(self._tcp).id, arm)
+        self.has_gripper = fingers is not None
+        self._no_gripper = (
+            f"{where}: the robot has no gripper: nothing beyond its last joint opens and closes by an actuator. Give a "
+            "limited joint of the hand a position actuator, or another one with a 'ctrlrange'."
+        )
+        if fingers is not None:
+            self._fingers, self._grip = fingers.joints, as_columns(fingers.controls, s.device)
+            self._closed, self._half = tensor(fingers.closed), tensor(0.5 * (fingers.opened - fingers.closed))
+            plain = np.allclose(fingers.width, 1.0) and not fingers.closed_qpos.any()
+            self._widths = None if plain else (tensor(fingers.closed_qpos), tensor(fingers.width))
 
     def targets(self, s: State) -> Tensor:
-        """Return the targets of the joints [rad], a view to write to, shape (num_envs, joints)."""
-        return s.ctrl[:, self._first : self._first + self.joints]
+        """Return the targets of the joints [rad or m], shape (num_envs, joints); `set_targets` writes them."""
+        return self._actuators.targets(s.ctrl)
+
+    def set_targets(self, s: State, targets: Tensor) -> None:
+        """Set the targets of the joints [rad or m], shape (num_envs, joints), as far as joints and actuators go."""
+        self._actuators.set_targets(s.ctrl, targets)
 
     def qpos(self, s: State) -> Tensor:
-        """Return the joint angles [rad], shape (num_envs, joints)."""
-        return s.qpos(self.name)[:, : self.joints]
+        """Return the joint positions [rad or m], shape (num_envs, joints)."""
+        return s.qpos(self._arm)
 
     def qvel(self, s: State) -> Tensor:
-        """Return the joint velocities [rad/s], shape (num_envs, joints)."""
-        return s.qvel(self.name)[:, : self.joints]
+        """Return the joint velocities [rad/s or m/s], shape (num_envs, joints)."""
+        return s.qvel(self._arm)
 
     def tool(self, s: State) -> Tensor:
-        """Return the tool's position [m] and orientation (wxyz), shape (num_envs, 7)."""
-        return s.site(f"{self.name}/tcp")
+        """Return the tool's position [m] and orientation (wxyz), as `s.site` does, shape (num_envs, 7)."""
+        return s.site(self._tcp)
 
     def width(self, s: State) -> Tensor:
-        """Return the distance between the fingers [m], shape (num_envs,)."""
-        return s.qpos(self.name)[:, self.joints :].sum(dim=1)
+        """Return how far the fingers are open [m], from 0 where they are closed, shape (num_envs,).
+
+        That is the sum of how far each has moved aside. It is exact for fingers on slides; that of hinges is taken as
+        proportional to their angles.
+
+        Raises:
+            ArmError: The robot has no gripper.
+        """
+        self._check_gripper()
+        qpos = s.qpos(self._fingers)
+        if self._widths is not None:
+            closed, width = self._widths
+            qpos = (qpos - closed) * width
+        return qpos.sum(dim=1)
 
     def move_joints(self, s: State, action: Tensor) -> None:
-        """Change the targets of the joints by JOINT_STEP times `action`, shape (num_envs, joints) in [-1, 1]."""
-        qpos, targets = self.qpos(s), self.targets(s)
-        moved = (targets + JOINT_STEP * action).clamp(qpos - self.lead, qpos + self.lead)
-        targets.copy_(moved.clamp(self._lower, self._upper))
+        """Change the targets of the joints by JOINT_STEP, or TOOL_STEP for slides, times `action`.
+
+        Args:
+            s: The worlds.
+            action: From -1 to 1, shape (num_envs, joints).
+        """
+        qpos = self.qpos(s)
+        moved = self.targets(s) + self._joint_step * action
+        self.set_targets(s, moved.clamp(qpos - self.lead, qpos + self.lead))
 
     def start(self, s: State, mask: Tensor) -> None:
         """Set the tool's target to where the tool is in the masked worlds; call it after their reset."""
@@ -110,7 +159,8 @@ class ArmController:
 
         The target changes by `action` times 0.02 m and 0.1 rad, and leads the tool by TOOL_LEAD and TURN_LEAD at most.
         Joint targets follow by damped least squares, dq = J^T (J J^T + lambda I)^-1 e (Wampler 1986), plus the part of
-        a step towards the home pose that does not move the tool.
+        a step towards the home pose that does not move the tool. In a scene with several robots the axes are those of
+        the world.
 
         Args:
             s: The worlds.
@@ -123,14 +173,15 @@ class ArmController:
         target[:, 2].clamp_(min=lowest)
         target[:, 3].clamp_(*turns)
         self.tool_target.copy_(target)
-        half, zero = 0.5 * target[:, 3], torch.zeros_like(target[:, 3])
+        yaw = target[:, 3] if self._base is None else target[:, 3] + self._facing(s)
+        half, zero = 0.5 * yaw, torch.zeros_like(yaw)
         # half a turn about x, then the yaw: the tool's z axis points down
         wanted = torch.stack([zero, half.cos(), half.sin(), zero], dim=1)
         turn = rotations.multiply(wanted, rotations.conjugate(self.tool(s)[:, 3:]))
         turn = 2.0 * turn[:, 1:] * torch.where(turn[:, :1] < 0.0, -1.0, 1.0)
         error = torch.cat([target[:, :3] - now[:, :3], turn], dim=1)
 
-        jacobian = s.jacobian(f"{self.name}/tcp", self.name)[:, :, : self.joints]
+        jacobian = s.jacobian(self._tcp, self._arm)
         transposed = jacobian.transpose(1, 2)
         inverse = transposed @ torch.linalg.inv_ex(jacobian @ transposed + self._damping)[0]
         qpos = self.qpos(s)
@@ -138,33 +189,82 @@ class ArmController:
         moved = posture + (inverse @ (error[:, :, None] - jacobian @ posture[:, :, None]))[:, :, 0]
         # all joints slow down together, so that the tool keeps its direction
         moved = moved / (moved / self.lead).abs().amax(dim=1, keepdim=True).clamp(min=1.0)
-        self.targets(s).copy_((qpos + moved).clamp(self._lower, self._upper))
+        self.set_targets(s, qpos + moved)
 
     def tool_lead(self, s: State) -> Tensor:
         """Return the tool's target minus the tool: x, y, z [m] and yaw [rad], shape (num_envs, 4)."""
         return self.tool_target - self._tool_now(s)
 
+    def grip(self, s: State, action: Tensor) -> None:
+        """Set the gripper's target from -1 (closed) to 1 (open), shape (num_envs,).
+
+        Actuators of the gripper that are no position actuators get controls between the ends of their ranges.
+
+        Raises:
+            ArmError: The robot has no gripper.
+        """
+        self._check_gripper()
+        s.ctrl[:, self._grip] = self._closed + self._half * (action[:, None] + 1.0)
+
+    def _check_gripper(self) -> None:
+        if not self.has_gripper:
+            raise ArmError(self._no_gripper)
+
     def _tool_now(self, s: State) -> Tensor:
         """Return position [m] and yaw [rad] of the tool, shape (num_envs, 4)."""
         pose = self.tool(s)
-        return torch.cat([pose[:, :3], rotations.yaw(pose[:, 3:])[:, None]], dim=1)
+        yaw = rotations.yaw(pose[:, 3:])
+        if self._base is not None:
+            yaw = torch.remainder(yaw - self._facing(s) + torch.pi, 2.0 * torch.pi) - torch.pi
+        return torch.cat([pose[:, :3], yaw[:, None]], dim=1)
 
-    def grip(self, s: State, action: Tensor) -> None:
-        """Set the gripper's target from -1 (closed) to 1 (open), shape (num_envs,)."""
-        s.ctrl[:, self._gripper] = self._open * 0.5 * (action + 1.0)
+    def _facing(self, s: State) -> Tensor:
+        """Return the yaw of the robot's base in a scene with several robots [rad], shape (num_envs,)."""
+        assert self._base is not None
+        return rotations.yaw(s.pose(self._base)[:, 3:])
 
 
-def _full_leads(s: State, columns: list[int]) -> Tensor:
-    """Return how far each joint lags behind its target at full force and speed [rad], shape (len(columns),).
+def _find_robot(scene: SceneModel, name: str | None, where: str) -> str:
+    """Return the robot that a user names, or the only one, as `SceneConfig.all_robots` names it."""
+    robots = scene.config.all_robots
+    if not robots:
+        raise ArmError(
+            f"{where}: the scene has no robot. Name one in the scene: 'robot: {{asset: panda}}', or, for an arm of the "
+            "scene's own 'model', 'robot: {in_model: BODY, tcp: SITE}'."
+        )
+    if name is None and len(robots) > 1:
+        raise ArgumentError(f"{where}: should be given the name of one of the scene's robots: {', '.join(robots)}.")
+    found = {robot.name: key for key, robot in robots.items()} | {key: key for key in robots}
+    key = next(iter(robots)) if name is None else found.get(name)
+    if key is None:
+        written = robots if scene.config.robots else [robot.name for robot in robots.values()]
+        raise UnknownNameError("robot", str(name), where, written)
+    if key in scene.apart:
+        raise ArmError(
+            f"{where}: {robots[key].section} has 'in_scene: false', so there is nothing to drive. Take these words out."
+        )
+    return key
 
-    The force F is then balanced by the joint's damping d alone, so that the speed is F / d; and the actuator's own law
-    F = kp lead - kv F / d gives the lead.
-    """
-    mjm = s.mjm
-    force, gain, speed_gain = (
-        mjm.actuator_forcerange[columns, 1],
-        mjm.actuator_gainprm[columns, 0],
-        -mjm.actuator_biasprm[columns, 2],
-    )
-    damping = mjm.dof_damping[mjm.jnt_dofadr[mjm.actuator_trnid[columns, 0]]]
-    return torch.tensor(force / gain * (1.0 + speed_gain / damping), dtype=torch.float32, device=s.device)
+
+def _arm_joints(scene: SceneModel, robot: str, where: str) -> tuple[int, ...]:
+    """Return the ids of the joints from the root body of a robot to its tool centre point, from base to tip."""
+    mjm, root, tcp = scene.mjm, scene.bodies[robot], scene.tcps[robot]
+    section = scene.config.all_robots[robot].section
+    site = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_SITE, tcp)
+    if site < 0 or int(mjm.site_bodyid[site]) not in scene.subtree(robot):
+        raise ArmError(
+            f"{where}: the robot has no tool centre point: no site '{tcp}' is on its body '{mjm.body(root).name}' or "
+            f"below it. Name a site or a body of the robot: '{section}.tcp: NAME' in the scene."
+        )
+    path = [int(mjm.site_bodyid[site])]
+    while path[-1] != root:
+        path.append(int(mjm.body_parentid[path[-1]]))
+    joints = [j for j in range(mjm.njnt) if int(mjm.jnt_bodyid[j]) in path and mjm.jnt_type[j] != FREE]
+    ball = [mjm.joint(j).name for j in joints if mjm.jnt_type[j] not in SCALAR]
+    if ball or not joints:
+        lacks = f"'{ball[0]}' between them is a ball joint" if ball else "no joint is between them"
+        raise ArmError(
+            f"{where}: the arm from body '{mjm.body(root).name}' to site '{tcp}' should consist of hinges and slides, "
+            f"but {lacks}."
+        )
+    return tuple(joints)

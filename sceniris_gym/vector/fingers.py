@@ -1,0 +1,136 @@
+"""`Fingers`: what of a hand opens and closes, and which controls do that, measured with MuJoCo's own kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.scene.couplings import driven_by, follow, free_range
+from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.scene.support import subtree
+from sceniris_gym.sim.versions import actuator_controls, actuator_outputs
+from sceniris_gym.sim.write import CTRL_HOLDS, SCALAR_JOINTS
+
+# What moves by less than this [m] across the approach axis neither opens nor closes.
+_STILL = 1e-4
+# Lengths of actuators that differ by less [m or rad] are the same one, rounded.
+_SAME = 1e-9
+
+
+@dataclass(frozen=True)
+class Fingers:
+    """The fingers of a hand that actuators move, over joints, tendons of any kind, or equalities of joints.
+
+    Attributes:
+        joints: Ids of the joints that carry fingers, without those that another one of them carries.
+        closed_qpos: Their positions where the hand is closed [m or rad], shape (njoint,).
+        width: How far a finger moves sideways by a unit of its joint [m/m or m/rad], shape (njoint,); negative where it
+            closes as its joint grows. Measured at the geom that is nearest to the TCP, from one end to the other.
+        controls: Columns in `ctrl` of the actuators, ascending.
+        closed: Their values where the hand is closed, shape (ncontrol,).
+        opened: Their values where it is open, shape (ncontrol,).
+    """
+
+    joints: tuple[int, ...]
+    closed_qpos: np.ndarray
+    width: np.ndarray
+    controls: list[int]
+    closed: np.ndarray
+    opened: np.ndarray
+
+    @classmethod
+    def find(cls, scene: SceneModel, tcp: int, arm: Sequence[int]) -> Fingers | None:
+        """Find the fingers on what the last joint of an arm carries; None where no actuator opens and closes any.
+
+        A hand opens as its fingers move away from the approach axis, z of the TCP.
+
+        Args:
+            scene: The scene; joints are at its start pose but for the fingers.
+            tcp: Id of the site that is the tool centre point.
+            arm: Ids of the arm's joints, from base to tip.
+        """
+        mjm, data = scene.mjm, mujoco.MjData(scene.mjm)
+        hand = np.isin(mjm.jnt_bodyid, _below(mjm, arm[-1])) & np.isin(mjm.jnt_type, SCALAR_JOINTS)
+        closed, opened, carriers = scene.home_qpos.copy(), scene.home_qpos.copy(), []
+        for joint in np.flatnonzero(hand).tolist():
+            if joint in arm or any(joint == c.follower for c in scene.couplings):
+                continue
+            ends = free_range(mjm, scene.couplings, joint, scene.home_qpos)
+            if not np.isfinite(ends).all():
+                continue
+            driven = driven_by(scene.couplings, [joint])
+            poses = np.array([scene.home_qpos, scene.home_qpos])
+            poses[:, mjm.jnt_qposadr[joint]] = ends
+            follow(driven, poses)
+            places, lengths = zip(*(_seen(mjm, data, tcp, qpos) for qpos in poses), strict=True)
+            if np.abs(lengths[1] - lengths[0]).max(initial=0.0) < _SAME:
+                continue
+            group = [joint, *(c.follower for c in driven)]
+            geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, [b for j in group for b in _below(mjm, j)]))
+            if np.linalg.norm((places[1] - places[0])[geoms, :2], axis=1).max(initial=0.0) < _STILL:
+                continue
+            away = [np.linalg.norm(place[geoms, :2], axis=1).sum() for place in places]
+            addresses = mjm.jnt_qposadr[group]
+            closed[addresses], opened[addresses] = poses[np.argsort(away)][:, addresses]
+            carriers += [j for j in group if not any(mjm.jnt_bodyid[j] in _below(mjm, k) for k in group if k != j)]
+        return cls._of(mjm, data, tcp, sorted(carriers), closed, opened) if carriers else None
+
+    @classmethod
+    def _of(
+        cls,
+        mjm: mujoco.MjModel,
+        data: mujoco.MjData,
+        tcp: int,
+        carriers: list[int],
+        closed: np.ndarray,
+        opened: np.ndarray,
+    ) -> Fingers | None:
+        """Return the fingers that some joints carry, by the poses in which the hand is closed and open, shape (nq,)."""
+        (near, short), (far, long) = _seen(mjm, data, tcp, closed), _seen(mjm, data, tcp, opened)
+        addresses, width = mjm.jnt_qposadr[carriers], []
+        for joint, travel in zip(carriers, (opened - closed)[addresses], strict=True):
+            geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, _below(mjm, joint)))
+            nearest = geoms[np.linalg.norm(near[geoms], axis=1).argsort()[:1]]
+            width.append(np.linalg.norm((far - near)[nearest, :2]) / travel if travel else 0.0)
+        outputs, ends = actuator_outputs(mjm), {}
+        for i in np.flatnonzero(np.abs(long - short)[outputs] > _SAME).tolist():
+            found = _ends(mjm, i, short[outputs[i]], long[outputs[i]])
+            if np.isfinite(found).all():
+                ends[int(actuator_controls(mjm)[0][i])] = found
+        if not ends:
+            return None
+        shut, wide = np.transpose(list(ends.values()))
+        return cls(tuple(carriers), closed[addresses], np.array(width), list(ends), shut, wide)
+
+
+def _below(mjm: mujoco.MjModel, joint: int) -> list[int]:
+    """Return the bodies that a joint moves."""
+    return subtree(mjm, int(mjm.jnt_bodyid[joint]))
+
+
+def _seen(mjm: mujoco.MjModel, data: mujoco.MjData, tcp: int, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the positions of all geoms in the TCP's frame [m], shape (ngeom, 3), and the lengths of all actuators."""
+    data.qpos[:] = qpos
+    for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_transmission):
+        stage(mjm, data)
+    axes = data.site_xmat[tcp].reshape(3, 3)
+    return (data.geom_xpos - data.site_xpos[tcp]) @ axes, data.actuator_length.copy()
+
+
+def _ends(mjm: mujoco.MjModel, actuator: int, short: float, long: float) -> tuple[float, float]:
+    """Return the controls at which an actuator closes and opens a hand, from its lengths there; nan if there are none.
+
+    A position actuator has those that hold these lengths, another one the ends of its range of controls.
+    """
+    control = actuator_controls(mjm)[0][actuator]
+    low, high = mjm.actuator_ctrlrange[control] if mjm.actuator_ctrllimited[control] else (-np.inf, np.inf)
+    gain, bias, slope = mjm.actuator_gainprm[actuator, 0], *mjm.actuator_biasprm[actuator, :2]
+    if mjm.actuator_gaintype[actuator] != mujoco.mjtGain.mjGAIN_FIXED:
+        return np.nan, np.nan
+    if gain * slope < 0.0 and mjm.actuator_dyntype[actuator] in CTRL_HOLDS:
+        closed, opened = np.clip([-(bias + slope * length) / gain for length in (short, long)], low, high)
+        return closed, opened
+    return (low, high) if gain * (long - short) > 0.0 else (high, low)
