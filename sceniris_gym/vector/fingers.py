@@ -97,7 +97,7 @@ class Fingers:
             width.append(np.linalg.norm((far - near)[nearest, :2]) / travel if travel else 0.0)
         outputs, ends = actuator_outputs(mjm), {}
         for i in np.flatnonzero(np.abs(long - short)[outputs] > _SAME).tolist():
-            found = _ends(mjm, i, short[outputs[i]], long[outputs[i]])
+            found = _ends(mjm, i, float(short[outputs[i]]), float(long[outputs[i]]))
             if np.isfinite(found).all():
                 ends[int(actuator_controls(mjm)[0][i])] = found
         if not ends:

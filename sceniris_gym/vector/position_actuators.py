@@ -101,6 +101,7 @@ def _wrong(mjm: mujoco.MjModel, joint: int, found: Sequence[int], where: str) ->
     label = f"joint '{name}'" if name else f"the unnamed joint of body '{mjm.body(mjm.jnt_bodyid[joint]).name}'"
     wanted = f"{where}: {label} should have one position actuator of its own"
     if not found:
-        return f"{wanted}, but has none. Add <position joint='{name}' kp='...' ctrlrange='...'/>."
+        add = "Add" if name else "Name it, and add"
+        return f"{wanted}, but has none. {add} <position joint='{name or '...'}' kp='...' ctrlrange='...'/>."
     names = ", ".join(repr(mjm.actuator(i).name or i) for i in found)
     return f"{wanted}, but has {len(found)}: {names}. Keep one of them."
