@@ -89,17 +89,15 @@ class ArmController:
         self._lead = tensor([TOOL_LEAD] * 3 + [TURN_LEAD])
         self._damping = DAMPING * torch.eye(6, device=s.device)
         self.tool_target = torch.zeros(s.num_envs, 4, device=s.device)
-        fingers = Fingers.find(s.scene, mjm.site(self._tcp).id, arm)
-        self.has_gripper = fingers is not None
-        self._no_gripper = (
-            f"{where}: the robot has no gripper: nothing beyond its last joint opens and closes by an actuator. Give a "
-            "limited joint of the hand a position actuator, or another one with a 'ctrlrange'."
-        )
-        if fingers is not None:
-            self._fingers, self._grip = fingers.joints, as_columns(fingers.controls, s.device)
-            self._closed, self._half = tensor(fingers.closed), tensor(0.5 * (fingers.opened - fingers.closed))
-            plain = np.allclose(fingers.width, 1.0) and not fingers.closed_qpos.any()
-            self._widths = None if plain else (tensor(fingers.closed_qpos), tensor(fingers.width))
+        self._where, self._fingers = where, Fingers.find(s.scene, mjm.site(self._tcp).id, arm)
+        self.has_gripper = self._fingers is not None
+        if self._fingers is not None:
+            closed, opened, qpos = self._fingers.closed, self._fingers.opened, self._fingers.closed_qpos
+            self._grip, self._closed = as_columns(self._fingers.controls, s.device), tensor(closed)
+            self._half = tensor(0.5 * (opened - closed))
+            width = 1.0 if self._fingers.width is None else self._fingers.width
+            plain = np.allclose(width, 1.0) and not qpos.any()
+            self._widths = None if plain else (tensor(qpos), tensor(width))
 
     def targets(self, s: State) -> Tensor:
         """Return the targets of the joints [rad or m], shape (num_envs, joints); `set_targets` writes them."""
@@ -128,10 +126,15 @@ class ArmController:
         proportional to their angles.
 
         Raises:
-            ArmError: The robot has no gripper.
+            ArmError: The robot has no gripper, or one whose fingers hang on linkages that a `connect` or `weld` closes.
         """
-        self._check_gripper()
-        qpos = s.qpos(self._fingers)
+        fingers = self._gripper()
+        if fingers.width is None:
+            raise ArmError(
+                f"{self._where}: the robot's fingers hang on linkages, so their joints do not tell how far it is open. "
+                "Take the distance between two of its bodies or sites, by State.poses or State.site."
+            )
+        qpos = s.qpos(fingers.joints)
         if self._widths is not None:
             closed, width = self._widths
             qpos = (qpos - closed) * width
@@ -203,12 +206,16 @@ class ArmController:
         Raises:
             ArmError: The robot has no gripper.
         """
-        self._check_gripper()
+        self._gripper()
         s.ctrl[:, self._grip] = self._closed + self._half * (action[:, None] + 1.0)
 
-    def _check_gripper(self) -> None:
-        if not self.has_gripper:
-            raise ArmError(self._no_gripper)
+    def _gripper(self) -> Fingers:
+        if self._fingers is None:
+            raise ArmError(
+                f"{self._where}: the robot has no gripper: nothing beyond its last joint opens and closes by an "
+                "actuator. Give a limited joint of the hand a position actuator, or another one with a 'ctrlrange'."
+            )
+        return self._fingers
 
     def _tool_now(self, s: State) -> Tensor:
         """Return position [m] and yaw [rad] of the tool, shape (num_envs, 4)."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from sceniris_gym.scene.couplings import driven_by, follow, free_range
+from sceniris_gym.scene.couplings import active_equalities, driven_by, follow, free_range
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import subtree
 from sceniris_gym.sim.versions import actuator_controls, actuator_outputs
@@ -28,7 +28,8 @@ class Fingers:
         joints: Ids of the joints that carry fingers, without those that another one of them carries.
         closed_qpos: Their positions where the hand is closed [m or rad], shape (njoint,).
         width: How far a finger moves sideways by a unit of its joint [m/m or m/rad], shape (njoint,); negative where it
-            closes as its joint grows. Measured at the geom that is nearest to the TCP, from one end to the other.
+            closes as its joint grows. Measured at the geom that is nearest to the TCP, from one end to the other. None
+            for a linkage, whose fingers move as a `connect` or `weld` makes them.
         controls: Columns in `ctrl` of the actuators, ascending.
         closed: Their values where the hand is closed, shape (ncontrol,).
         opened: Their values where it is open, shape (ncontrol,).
@@ -36,7 +37,7 @@ class Fingers:
 
     joints: tuple[int, ...]
     closed_qpos: np.ndarray
-    width: np.ndarray
+    width: np.ndarray | None
     controls: list[int]
     closed: np.ndarray
     opened: np.ndarray
@@ -76,25 +77,27 @@ class Fingers:
             addresses = mjm.jnt_qposadr[group]
             closed[addresses], opened[addresses] = poses[np.argsort(away)][:, addresses]
             carriers += [j for j in group if not any(mjm.jnt_bodyid[j] in _below(mjm, k) for k in group if k != j)]
-        return cls._of(mjm, data, tcp, sorted(carriers), closed, opened) if carriers else None
+        return cls._of(scene, tcp, arm, sorted(carriers), closed, opened) if carriers else None
 
     @classmethod
     def _of(
         cls,
-        mjm: mujoco.MjModel,
-        data: mujoco.MjData,
+        scene: SceneModel,
         tcp: int,
+        arm: Sequence[int],
         carriers: list[int],
         closed: np.ndarray,
         opened: np.ndarray,
     ) -> Fingers | None:
         """Return the fingers that some joints carry, by the poses in which the hand is closed and open, shape (nq,)."""
+        mjm, data = scene.mjm, mujoco.MjData(scene.mjm)
         (near, short), (far, long) = _seen(mjm, data, tcp, closed), _seen(mjm, data, tcp, opened)
         addresses, width = mjm.jnt_qposadr[carriers], []
         for joint, travel in zip(carriers, (opened - closed)[addresses], strict=True):
             geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, _below(mjm, joint)))
             nearest = geoms[np.linalg.norm(near[geoms], axis=1).argsort()[:1]]
             width.append(np.linalg.norm((far - near)[nearest, :2]) / travel if travel else 0.0)
+        linked = not {b for eq in active_equalities(mjm) for b in _joined(mjm, eq)}.isdisjoint(_below(mjm, arm[-1]))
         outputs, ends = actuator_outputs(mjm), {}
         for i in np.flatnonzero(np.abs(long - short)[outputs] > _SAME).tolist():
             found = _ends(mjm, i, float(short[outputs[i]]), float(long[outputs[i]]))
@@ -103,12 +106,20 @@ class Fingers:
         if not ends:
             return None
         shut, wide = np.transpose(list(ends.values()))
-        return cls(tuple(carriers), closed[addresses], np.array(width), list(ends), shut, wide)
+        return cls(tuple(carriers), closed[addresses], None if linked else np.array(width), list(ends), shut, wide)
 
 
 def _below(mjm: mujoco.MjModel, joint: int) -> list[int]:
     """Return the bodies that a joint moves."""
     return subtree(mjm, int(mjm.jnt_bodyid[joint]))
+
+
+def _joined(mjm: mujoco.MjModel, eq: int) -> list[int]:
+    """Return the bodies that an equality joins at a point or as a whole; none for one of joints or tendons."""
+    ends = [int(mjm.eq_obj1id[eq]), int(mjm.eq_obj2id[eq])]
+    if mujoco.mjtEq(int(mjm.eq_type[eq])) not in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
+        return []
+    return [int(mjm.site_bodyid[i]) for i in ends] if mjm.eq_objtype[eq] == mujoco.mjtObj.mjOBJ_SITE else ends
 
 
 def _seen(mjm: mujoco.MjModel, data: mujoco.MjData, tcp: int, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

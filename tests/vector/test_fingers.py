@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import ArmError
 from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.vector.arm_controller import ArmController
 from sceniris_gym.vector.fingers import Fingers
-from tests.vector.workshop import HANDS, JOINTS, mjcf
+from tests.vector.workshop import HANDS, JOINTS, mjcf, state_of
 
 DRIVEN = [name for name, hand in HANDS.items() if hand.actuators]
 
@@ -92,6 +94,18 @@ def test_the_width_is_how_far_the_fingers_have_moved_apart(scene, hand):
 def test_a_hand_that_nothing_opens_is_none(scene, hand):
     """Without fingers, or without actuators."""
     assert found(scene, hand) is None
+
+
+def test_the_width_of_a_linkage_is_not_guessed(tmp_path):
+    """Where bodies of the hand are joined in a loop, the joints that are driven do not tell it."""
+    path = tmp_path / "arm.xml"
+    loop = '<connect body1="base:thumb" body2="base:index" anchor="0 0 0"/></equality>'
+    path.write_text(mjcf({"base": ("mimic", "0 0 0", 0.0)}).replace("</equality>", loop))
+    s = state_of({"model": str(path), "robot": {"in_model": "base", "tcp": "base:point"}})
+    arm = ArmController(s)
+    assert arm.has_gripper
+    with pytest.raises(ArmError, match=r"robot: the robot's fingers hang on linkages, .* by State.poses or State.site"):
+        arm.width(s)
 
 
 def test_actuators_without_a_range_and_joints_without_limits_are_no_gripper(tmp_path):
