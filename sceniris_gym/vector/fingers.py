@@ -53,60 +53,49 @@ class Fingers:
             tcp: Id of the site that is the tool centre point.
             arm: Ids of the arm's joints, from base to tip.
         """
-        mjm, data = scene.mjm, mujoco.MjData(scene.mjm)
-        hand = np.isin(mjm.jnt_bodyid, _below(mjm, arm[-1])) & np.isin(mjm.jnt_type, SCALAR_JOINTS)
-        closed, opened, carriers = scene.home_qpos.copy(), scene.home_qpos.copy(), []
-        for joint in np.flatnonzero(hand).tolist():
-            if joint in arm or any(joint == c.follower for c in scene.couplings):
-                continue
-            ends = free_range(mjm, scene.couplings, joint, scene.home_qpos)
+        mjm, home, couplings, hand = scene.mjm, scene.home_qpos, scene.couplings, _below(scene.mjm, arm[-1])
+        data, closed, opened, width = mujoco.MjData(mjm), home.copy(), home.copy(), {}
+        candidates = np.isin(mjm.jnt_bodyid, hand) & np.isin(mjm.jnt_type, SCALAR_JOINTS)
+        candidates[[*arm, *(c.follower for c in couplings)]] = False
+        for joint in np.flatnonzero(candidates).tolist():
+            ends, driven = free_range(mjm, couplings, joint, home), driven_by(couplings, [joint])
             if not np.isfinite(ends).all():
                 continue
-            driven = driven_by(scene.couplings, [joint])
-            poses = np.array([scene.home_qpos, scene.home_qpos])
+            poses = np.array([home, home])
             poses[:, mjm.jnt_qposadr[joint]] = ends
             follow(driven, poses)
             places, lengths = zip(*(_seen(mjm, data, tcp, qpos) for qpos in poses), strict=True)
-            if np.abs(lengths[1] - lengths[0]).max(initial=0.0) < _SAME:
+            bodies = {j: _below(mjm, j) for j in (joint, *(c.follower for c in driven))}
+            geoms = np.isin(mjm.geom_bodyid, [b for below in bodies.values() for b in below])
+            moved = np.linalg.norm((places[1] - places[0])[:, :2], axis=1)
+            if np.ptp(lengths, axis=0).max(initial=0.0) < _SAME or moved[geoms].max(initial=0.0) < _STILL:
                 continue
-            group = [joint, *(c.follower for c in driven)]
-            geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, [b for j in group for b in _below(mjm, j)]))
-            if np.linalg.norm((places[1] - places[0])[geoms, :2], axis=1).max(initial=0.0) < _STILL:
-                continue
-            away = [np.linalg.norm(place[geoms, :2], axis=1).sum() for place in places]
-            addresses = mjm.jnt_qposadr[group]
-            closed[addresses], opened[addresses] = poses[np.argsort(away)][:, addresses]
-            carriers += [j for j in group if not any(mjm.jnt_bodyid[j] in _below(mjm, k) for k in group if k != j)]
-        return cls._of(scene, tcp, arm, sorted(carriers), closed, opened) if carriers else None
-
-    @classmethod
-    def _of(
-        cls,
-        scene: SceneModel,
-        tcp: int,
-        arm: Sequence[int],
-        carriers: list[int],
-        closed: np.ndarray,
-        opened: np.ndarray,
-    ) -> Fingers | None:
-        """Return the fingers that some joints carry, by the poses in which the hand is closed and open, shape (nq,)."""
-        mjm, data = scene.mjm, mujoco.MjData(scene.mjm)
-        (near, short), (far, long) = _seen(mjm, data, tcp, closed), _seen(mjm, data, tcp, opened)
-        addresses, width = mjm.jnt_qposadr[carriers], []
-        for joint, travel in zip(carriers, (opened - closed)[addresses], strict=True):
-            geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, _below(mjm, joint)))
-            nearest = geoms[np.linalg.norm(near[geoms], axis=1).argsort()[:1]]
-            width.append(np.linalg.norm((far - near)[nearest, :2]) / travel if travel else 0.0)
-        linked = not {b for eq in active_equalities(mjm) for b in _joined(mjm, eq)}.isdisjoint(_below(mjm, arm[-1]))
-        outputs, ends = actuator_outputs(mjm), {}
-        for i in np.flatnonzero(np.abs(long - short)[outputs] > _SAME).tolist():
-            found = _ends(mjm, i, float(short[outputs[i]]), float(long[outputs[i]]))
-            if np.isfinite(found).all():
-                ends[int(actuator_controls(mjm)[0][i])] = found
-        if not ends:
+            inner, outer = np.argsort([np.linalg.norm(place[geoms, :2], axis=1).sum() for place in places])
+            for j, below in bodies.items():
+                adr = mjm.jnt_qposadr[j]
+                closed[adr], opened[adr] = poses[inner, adr], poses[outer, adr]
+                if not any(mjm.jnt_bodyid[j] in others[1:] for others in bodies.values()):
+                    own = np.flatnonzero(np.isin(mjm.geom_bodyid, below))
+                    nearest = own[np.linalg.norm(places[inner][own], axis=1).argsort()[:1]]
+                    width[j] = moved[nearest].sum() / ((opened[adr] - closed[adr]) or np.inf)
+        (_, short), (_, long) = (_seen(mjm, data, tcp, qpos) for qpos in (closed, opened))
+        controls = {}
+        for i in np.flatnonzero(np.abs(long - short)[actuator_outputs(mjm)] > _SAME).tolist():
+            ends = _ends(mjm, i, *(float(lengths[actuator_outputs(mjm)[i]]) for lengths in (short, long)))
+            if np.isfinite(ends).all():
+                controls[int(actuator_controls(mjm)[0][i])] = ends
+        if not controls:
             return None
-        shut, wide = np.transpose(list(ends.values()))
-        return cls(tuple(carriers), closed[addresses], None if linked else np.array(width), list(ends), shut, wide)
+        joints = tuple(sorted(width))
+        linked = any(not _joined(mjm, eq).isdisjoint(hand) for eq in active_equalities(mjm))
+        widths = None if linked else np.array([width[j] for j in joints])
+        return cls(
+            joints,
+            closed[mjm.jnt_qposadr[list(joints)]],
+            widths,
+            list(controls),
+            *np.transpose(list(controls.values())),
+        )
 
 
 def _below(mjm: mujoco.MjModel, joint: int) -> list[int]:
@@ -114,12 +103,12 @@ def _below(mjm: mujoco.MjModel, joint: int) -> list[int]:
     return subtree(mjm, int(mjm.jnt_bodyid[joint]))
 
 
-def _joined(mjm: mujoco.MjModel, eq: int) -> list[int]:
+def _joined(mjm: mujoco.MjModel, eq: int) -> set[int]:
     """Return the bodies that an equality joins at a point or as a whole; none for one of joints or tendons."""
-    ends = [int(mjm.eq_obj1id[eq]), int(mjm.eq_obj2id[eq])]
     if mujoco.mjtEq(int(mjm.eq_type[eq])) not in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
-        return []
-    return [int(mjm.site_bodyid[i]) for i in ends] if mjm.eq_objtype[eq] == mujoco.mjtObj.mjOBJ_SITE else ends
+        return set()
+    ends = {int(mjm.eq_obj1id[eq]), int(mjm.eq_obj2id[eq])}
+    return {int(mjm.site_bodyid[i]) for i in ends} if mjm.eq_objtype[eq] == mujoco.mjtObj.mjOBJ_SITE else ends
 
 
 def _seen(mjm: mujoco.MjModel, data: mujoco.MjData, tcp: int, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -11,14 +11,14 @@ from torch import Tensor
 
 from sceniris_gym.errors import ArmError
 from sceniris_gym.sim.versions import actuator_controls
-from sceniris_gym.sim.write import rest_map
+from sceniris_gym.vector.joint_writer import Holding
 from sceniris_gym.vector.state import as_columns
 
 
 class PositionActuators:
     """The position actuators of some joints, one each, whatever their names, gears and tendons.
 
-    A control `bias + scale * q` holds its joint at q (see `rest_map`).
+    A control `bias + scale * q` holds its joint at q (see `Holding`).
 
     Args:
         mjm: The model.
@@ -34,31 +34,24 @@ class PositionActuators:
     """
 
     def __init__(self, mjm: mujoco.MjModel, joints: Sequence[int], device: torch.device, where: str) -> None:
-        rest = rest_map(mjm, np.zeros(mjm.nu), np.zeros(mjm.na), "cpu")
-        rowadr, qposadr, coef = rest.rowadr.numpy(), rest.qposadr.numpy(), rest.coef.numpy()
-        rows = [slice(rowadr[e], rowadr[e + 1]) for e in range(mjm.nu)]
-        first, number = actuator_controls(mjm)
-        owner = np.repeat(np.arange(len(first)), number)
-        controls = []
-        for joint in joints:
-            adr = mjm.jnt_qposadr[joint]
-            found = [e for e, row in enumerate(rows) if set(qposadr[row]) == {adr}]
-            if len(found) != 1:
-                raise ArmError(_wrong(mjm, joint, [int(owner[e]) for e in found], where))
-            controls += found
-        self._mjm, self._joints, self._actuators = mjm, np.array(joints), owner[controls]
-        self._scale = np.array([coef[rows[e]].sum() for e in controls], float)
-        bias = rest.bias.numpy()[controls].astype(float)
-        ends = [(limit.numpy()[controls] - bias) / self._scale for limit in (rest.lower, rest.upper)]
-        limited = mjm.jnt_limited[self._joints].astype(bool)
-        low, high = np.where(limited[:, None], mjm.jnt_range[self._joints], [-np.inf, np.inf]).T
-        limits = (np.maximum(np.minimum(*ends), low), np.minimum(np.maximum(*ends), high))
-
         def tensor(values: np.ndarray) -> Tensor:
             return torch.tensor(values, dtype=torch.float32, device=device)
 
+        holding, controls, columns = Holding.of(mjm), [], mjm.jnt_qposadr[list(joints)]
+        alone = np.count_nonzero(holding.matrix[: mjm.nu], axis=1) == 1
+        owner = np.repeat(np.arange(len(mjm.actuator_trntype)), actuator_controls(mjm)[1])
+        for joint, column in zip(joints, columns, strict=True):
+            found = np.flatnonzero(alone & (holding.matrix[: mjm.nu, column] != 0.0)).tolist()
+            if len(found) != 1:
+                raise ArmError(_wrong(mjm, joint, [int(owner[e]) for e in found], where))
+            controls += found
+        self._mjm, self._joints, self._actuators = mjm, list(joints), owner[controls]
+        self._scale, bias = holding.matrix[controls, columns], holding.bias[controls]
+        ends = np.sort([(limit[controls] - bias) / self._scale for limit in (holding.lower, holding.upper)], axis=0)
+        limited = mjm.jnt_limited[self._joints].astype(bool)[:, None]
+        own = np.where(limited, mjm.jnt_range[self._joints], [-np.inf, np.inf]).T
+        self.lower, self.upper = tensor(np.maximum(ends[0], own[0])), tensor(np.minimum(ends[1], own[1]))
         self._columns = as_columns(controls, device)
-        self.lower, self.upper = (tensor(limit) for limit in limits)
         plain = not bias.any() and (self._scale == 1.0).all()
         self._law = None if plain else (tensor(bias), tensor(self._scale))
 

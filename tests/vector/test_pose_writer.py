@@ -8,10 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 import torch
+import warp as wp
 
-from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, UnknownNameError
-from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.sim.versions import SLEEPING
 from sceniris_gym.vector.task import Task
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -139,15 +138,21 @@ class Swap(Task):
 
     action_size = 1
 
+    def bind(self, s):
+        """Make the poses that they are put to, and what is kept of those that they had."""
+        self.poses = torch.tensor([[0.0, 0.3, 0.5, 1.0, 0.0, 0.0, 0.0], [0.2, 0.3, 0.5, 1.0, 0.0, 0.0, 0.0]])
+        self.poses = self.poses.to(s.device).repeat(s.num_envs, 1, 1)
+        self.before = torch.zeros_like(self.poses)
+
     def apply(self, s, action):
         """Do nothing."""
 
     def on_reset(self, s, mask):
         """Put the members of a group, of which one is present."""
-        self.before = s.poses(("one", "two")).clone()
+        self.before.copy_(s.poses(("one", "two")))
         for i, name in enumerate(("one", "two")):
             s.sleep((name,), mask)
-            s.put_pose(name, tensor([[0.2 * i, 0.3, 0.5, 1.0, 0.0, 0.0, 0.0]]).repeat(s.num_envs, 1), mask)
+            s.put_pose(name, self.poses[:, i], mask)
 
     def observe(self, s):
         """Show where they are."""
@@ -155,11 +160,11 @@ class Swap(Task):
 
     def reward(self, s, action):
         """Reward nothing."""
-        return {"nothing": torch.zeros(s.num_envs)}
+        return {"nothing": torch.zeros(s.num_envs, device=s.device)}
 
     def success(self, s):
         """Achieve nothing."""
-        return torch.zeros(s.num_envs, dtype=torch.bool)
+        return torch.zeros(s.num_envs, dtype=torch.bool, device=s.device)
 
 
 class Asleep(Swap):
@@ -168,18 +173,15 @@ class Asleep(Swap):
     options = SLEEPING
 
 
-@pytest.fixture(scope="module")
-def group():
-    """Return a scene with a group of two, of which one is present."""
-    things = {"objects": {"one": BLOCK, "two": BLOCK}, "groups": {"either": {"of": ["one", "two"], "count": [1, 1]}}}
-    scene = {"floor": {"size": [1.0, 1.0]}} | things
-    return compile_scene(SceneConfig.load(scene, {"bank": 8}), "cpu")
+GROUP = {"floor": {"size": [1.0, 1.0]}, "objects": {"one": BLOCK, "two": BLOCK}} | {
+    "groups": {"either": {"of": ["one", "two"], "count": [1, 1]}}
+}
 
 
 @pytest.mark.parametrize("kind", [Swap, Asleep])
-def test_absent_members_of_a_group_stay_parked_and_the_present_ones_are_awake(kind, group):
+def test_absent_members_of_a_group_stay_parked_and_the_present_ones_are_awake(kind):
     """In a reset, and in the step after it: what was put in the air falls, also where it had been sent to sleep."""
-    envs = SceneVectorEnv(kind, 16, scene=group)
+    envs = SceneVectorEnv(kind, 16, scene=GROUP, overrides={"bank": 8}, device="cpu")
     obs, _ = envs.reset(seed=0)
     s, task, poses = envs.state, envs.task, obs["policy"].reshape(16, 2, 7)
     present = s.present(("one", "two"))
@@ -193,3 +195,26 @@ def test_absent_members_of_a_group_stay_parked_and_the_present_ones_are_awake(ki
     for _ in range(20):
         obs, *_ = envs.step(torch.zeros(16, 1))
     assert (obs["policy"].reshape(16, 2, 7)[:, :, 2][present] < 0.45).all()
+
+
+@pytest.mark.cuda
+def test_a_reset_that_puts_poses_can_be_captured_with_torch():
+    """A step with its resets replays as one CUDA graph, in which nothing waits, and things are put anew each time."""
+    envs = SceneVectorEnv(Swap, 8, scene=GROUP, overrides={"bank": 8}, device="cuda:0", max_episode_steps=3)
+    envs.reset(seed=0)
+    action = torch.zeros(8, 1, device="cuda")
+    for _ in range(3):  # compiles and loads all that the capture needs
+        envs.step(action)
+    stream, graph = torch.cuda.Stream(), torch.cuda.CUDAGraph()
+    torch.cuda.synchronize()
+    with torch.cuda.graph(graph, stream=stream):
+        warp_stream = wp.stream_from_torch(torch.cuda.current_stream())
+        with wp.ScopedStream(warp_stream, sync_enter=False), wp.ScopedCapture(stream=warp_stream, external=True):
+            observation, *_ = envs.step(action)
+    heights = []
+    for _ in range(6):
+        graph.replay()
+        present = envs.state.present(("one", "two"))
+        heights.append(observation["policy"].reshape(8, 2, 7)[:, :, 2][present])
+    for k, height in enumerate(heights):
+        assert ((height > 0.4999) if k % 3 == 2 else (height < 0.4995)).all()
