@@ -144,7 +144,7 @@ class ClutterExtract(Task):
                 f"ClutterExtract-v0: up to {most} things beside the peg can be present in this scene, and there are "
                 f"{SLOTS} slots for them. Lower `count` of the groups in `overrides`."
             )
-        self.arm = ArmController(s)
+        self.arm = ArmController(s, "panda")
         self.touch = Touch(s, FINGERS, ("target",))
         self.bounds = Bounds(s, ("target",))
         kinds = [name.split("_")[0] for name in OTHERS]

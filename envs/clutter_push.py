@@ -79,7 +79,7 @@ class ClutterPush(Task):
 
     def bind(self, s: State) -> None:
         """Find the arm, and allocate the tensors that are kept between steps."""
-        self.arm = ArmController(s)
+        self.arm = ArmController(s, "panda")
         self.closed = torch.full((s.num_envs,), -1.0, device=s.device)
         self.last_action = torch.zeros(s.num_envs, 4, device=s.device)
 

@@ -87,7 +87,7 @@ class DrawerPick(Task):
 
     def bind(self, s: State) -> None:
         """Find the arm, its contacts and the banana's bounds, and allocate the tensors that are kept between steps."""
-        self.arm = ArmController(s)
+        self.arm = ArmController(s, "panda")
         self.touch = Touch(s, FINGERS, ("banana",))
         self.bounds = Bounds(s, ("banana",))
         self.last_action = torch.zeros(s.num_envs, self.action_size or 0, device=s.device)

@@ -58,7 +58,7 @@ class KitchenReset(Task):
 
     def bind(self, s: State) -> None:
         """Find the arm."""
-        self.arm = ArmController(s)
+        self.arm = ArmController(s, "panda")
 
     def apply(self, s: State, action: Tensor) -> None:
         """Move the joint targets."""

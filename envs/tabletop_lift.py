@@ -93,7 +93,7 @@ class TabletopLift(Task):
 
     def bind(self, s: State) -> None:
         """Find the arm, its contacts and the objects' bounds, and allocate the tensors that are kept between steps."""
-        self.arm = ArmController(s)
+        self.arm = ArmController(s, "panda")
         self.touch = Touch(s, FINGERS, tuple(GRASP_HEIGHTS))
         self.bounds = Bounds(s, tuple(GRASP_HEIGHTS))
         self.grasp_heights = torch.tensor([[0.0, 0.0, height] for height in GRASP_HEIGHTS.values()], device=s.device)

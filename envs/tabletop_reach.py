@@ -68,7 +68,7 @@ class TabletopReach(Task):
 
     def bind(self, s: State) -> None:
         """Find the arm, and allocate the tensors that are kept between steps."""
-        self.arm = ArmController(s)
+        self.arm = ArmController(s, "panda")
         self.over = torch.tensor([[0.0, 0.0, height + OVER] for height in HEIGHTS.values()], device=s.device)
         self.chosen = torch.zeros(s.num_envs, len(OBJECTS), device=s.device)
         self.last_action = torch.zeros(s.num_envs, 7, device=s.device)

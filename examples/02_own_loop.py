@@ -1,4 +1,4 @@
-"""Your own model in your own mujoco_warp loop: a paddle pushes boxes off a bench, and worlds with a fallen box reset."""
+"""Your own model in your own mujoco_warp loop: a paddle pushes boxes off a bench, and worlds with one fallen reset."""
 
 from pathlib import Path
 

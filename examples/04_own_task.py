@@ -9,10 +9,7 @@ from sceniris_gym import ArmController, State, Task
 
 
 class TouchOrange(Task):
-    """Move the point between the fingertips to within 6 cm of the orange.
-
-    Poses are in the robot's base frame. All methods work on all worlds at once, in torch operations on the device.
-    """
+    """Move the point between the fingertips to within 6 cm of the orange. Poses are in the robot's base frame."""
 
     action_size = 7
 
