@@ -9,7 +9,7 @@ from sceniris_gym import ArmController, State, Task
 
 
 class TouchOrange(Task):
-    """Move the point between the fingertips to within 6 cm of the orange. Poses are in the robot's base frame."""
+    """Task of moving the fingertips to within 6 cm of the orange. Poses are in the robot's base frame."""
 
     action_size = 7
 

@@ -18,7 +18,7 @@ ENV_ID = "sceniris_gym:sceniris_gym/TabletopReachEasy-v0"
 
 
 class PrintStatistics(BaseCallback):
-    """Prints statistics of the episodes that ended during a rollout, which are summed up on the device."""
+    """Callback that prints statistics of the episodes of a rollout, which are summed up on the device."""
 
     def _on_step(self) -> bool:
         return True

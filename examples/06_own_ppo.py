@@ -14,7 +14,7 @@ GAMMA, LAMBDA, CLIP, ENTROPY, EPOCHS, BATCHES = 0.98, 0.95, 0.2, 0.002, 5, 4
 
 
 class Normalizer(nn.Module):
-    """Normalizes observations to mean 0 and variance 1, with statistics of all observations so far."""
+    """Normalization of observations to mean 0 and variance 1, by the statistics of all observations so far."""
 
     mean: Tensor
     variance: Tensor

@@ -1,4 +1,4 @@
-"""`ArmController`: moves an arm by its joints or by its tool, and opens and closes its gripper."""
+"""`ArmController`: a robot of the scene, driven by its joints or by its tool, and its gripper."""
 
 from __future__ import annotations
 
@@ -21,53 +21,55 @@ TOOL_STEP = 0.02
 """Largest change of the tool's target along an axis, and of a slide's target, in a control step [m]: 1 m/s at 50 Hz."""
 
 TOOL_LEAD = 0.05
-"""How far the tool's target may lead the tool along an axis [m]."""
+"""Largest lead of the tool's target over the tool along an axis [m]."""
 
 TURN_STEP = 0.1
 """Largest change of the tool's target yaw in a control step [rad]."""
 
 TURN_LEAD = 0.3
-"""How far the target yaw may lead the tool's yaw [rad]."""
+"""Largest lead of the target yaw over the tool's yaw [rad]."""
 
 TURN_LIMIT = 1.7
-"""Largest target yaw to either side by default [rad]: a gripper is the same after half a turn."""
+"""Largest target yaw to either side by default [rad]; a gripper that has made half a turn is the same again."""
 
 DAMPING = 1e-3
 """Damping of the inverse kinematics [m^2]: its root is 3 cm/rad, a tenth of what a joint moves the tool by."""
 
 POSTURE_GAIN = 0.1
-"""Share of the way back to the home pose that the joints go in a step, as far as that does not move the tool."""
+"""Share of the way back to the home pose that the joints go in a step, within the motions that leave the tool still."""
 
 
 class ArmController:
-    """Reads and drives a robot of the scene, in all worlds of a State and without host synchronisation.
+    """Controller of a robot of the scene, in all worlds of a State at once and without host synchronisation.
 
-    The arm is the hinges and slides from the robot's root body to its tool centre point (`tcp` in the scene, by default
-    the site 'tcp'). Each should have one position actuator of its own, over the joint or over a tendon, with any gear.
-    The gripper, if there is one, is what opens and closes beyond the arm's last joint: limited joints, with actuators
-    over joints or tendons, and all joints that an equality makes follow them. Names inside the robot do not matter.
+    The arm is the chain of hinges and slides from the robot's root body to its tool centre point (`tcp` in the scene,
+    by default the site 'tcp'). Each joint needs a position actuator of its own, which may act through a tendon and with
+    any gear. The gripper, if there is one, is the limited joints beyond the arm's last joint that actuators open and
+    close, directly, through tendons or through equalities of joints. Names inside the robot do not matter.
 
     Args:
         s: The worlds.
-        name: The robot: its name in `robots`; that of its asset or root body ('panda') for the only one, which None
-            stands for as well.
+        name: The robot, by its name in `robots`. The only robot of a scene goes by the name of its asset or of its root
+            body, such as 'panda', and may be left out.
 
     Attributes:
         name: The robot's name.
-        joints: Number of joints, without the fingers.
+        joints: Number of joints of the arm.
+        joint_ids: Their ids in the model, from base to tip, as `State.qpos` and `State.put_joints` take them:
+            `s.put_joints(arm.joint_ids, s.pregrasp_qpos("can"), mask)`.
         has_gripper: Whether `grip` and `width` can be used.
-        lead: How far a joint's target may lead the joint [rad or m], shape (joints,): enough for its actuator to reach
-            full force and speed. With a larger lead, a target would only take longer to come back. It is infinite where
-            nothing limits the force.
+        lead: Largest lead of a joint's target over the joint [rad or m], shape (joints,): enough for its actuator to
+            reach full force and speed. With a larger lead, a target would only take longer to come back. It is infinite
+            if nothing limits the force.
         tool_target: Target of the tool for `move_tool`: x, y, z [m] and yaw [rad] in the base frame, shape
-            (num_envs, 4). In a scene with several robots, x, y and z are in the world frame, and the yaw is relative to
-            that of the robot's own base.
+            (num_envs, 4). In a scene with several robots, x, y and z are in the world frame, and the yaw counts from
+            that of the robot's base.
 
     Raises:
         UnknownNameError: The scene has no such robot.
         ArgumentError: No name is given, and the scene has several robots.
-        ArmError: The scene has no robot at all, or only thinks of this one (`in_scene: false`); the robot has no tool
-            centre point, no joint up to it, or one that is no hinge or slide, or that has no position actuator.
+        ArmError: The scene has no robot, or this one has `in_scene: false`. The robot has no tool centre point, no
+            joint before it, a joint that is neither hinge nor slide, or one without a position actuator of its own.
     """
 
     def __init__(self, s: State, name: str | None = None) -> None:
@@ -79,7 +81,7 @@ class ArmController:
         where = f"{where}: {robots[robot].section}"
         arm = _arm_joints(s.scene, robot, where)
         self.name = robot if s.scene.config.robots else robots[robot].name
-        self.joints, self._arm, self._tcp = len(arm), arm, s.scene.tcps[robot]
+        self.joints, self.joint_ids, self._tcp = len(arm), arm, s.scene.tcps[robot]
         self._base = robot if len(robots) > 1 else None
         self._actuators = PositionActuators(mjm, arm, s.device, where)
         steps = np.where(mjm.jnt_type[list(arm)] == SLIDE, TOOL_STEP, JOINT_STEP)
@@ -100,39 +102,39 @@ class ArmController:
             self._widths = None if plain else (tensor(qpos), tensor(width))
 
     def targets(self, s: State) -> Tensor:
-        """Return the targets of the joints [rad or m], shape (num_envs, joints); `set_targets` writes them."""
+        """Return the targets of the joints [rad or m], shape (num_envs, joints); set them by `set_targets`."""
         return self._actuators.targets(s.ctrl)
 
     def set_targets(self, s: State, targets: Tensor) -> None:
-        """Set the targets of the joints [rad or m], shape (num_envs, joints), as far as joints and actuators go."""
+        """Set the targets of the joints [rad or m], shape (num_envs, joints), clamped to the limits of both."""
         self._actuators.set_targets(s.ctrl, targets)
 
     def qpos(self, s: State) -> Tensor:
         """Return the joint positions [rad or m], shape (num_envs, joints)."""
-        return s.qpos(self._arm)
+        return s.qpos(self.joint_ids)
 
     def qvel(self, s: State) -> Tensor:
         """Return the joint velocities [rad/s or m/s], shape (num_envs, joints)."""
-        return s.qvel(self._arm)
+        return s.qvel(self.joint_ids)
 
     def tool(self, s: State) -> Tensor:
         """Return the tool's position [m] and orientation (wxyz), as `s.site` does, shape (num_envs, 7)."""
         return s.site(self._tcp)
 
     def width(self, s: State) -> Tensor:
-        """Return how far the fingers are open [m], from 0 where they are closed, shape (num_envs,).
+        """Return the opening of the gripper [m], 0 when it is closed, shape (num_envs,).
 
-        That is the sum of how far each has moved aside. It is exact for fingers on slides; that of hinges is taken as
-        proportional to their angles.
+        It is the sum of the distances by which the fingers have moved aside: exact for fingers on slides, proportional
+        to the angle for fingers on hinges.
 
         Raises:
-            ArmError: The robot has no gripper, or one whose fingers hang on linkages that a `connect` or `weld` closes.
+            ArmError: The robot has no gripper, or its fingers hang on linkages that a `connect` or a `weld` closes.
         """
         fingers = self._gripper()
         if fingers.width is None:
             raise ArmError(
-                f"{self._where}: the robot's fingers hang on linkages, so their joints do not tell how far it is open. "
-                "Take the distance between two of its bodies or sites, by State.poses or State.site."
+                f"{self._where}: the robot's fingers hang on linkages, so their joints do not tell its opening. Take "
+                "the distance between two of its bodies or sites, by State.poses or State.site."
             )
         qpos = s.qpos(fingers.joints)
         if self._widths is not None:
@@ -141,18 +143,18 @@ class ArmController:
         return qpos.sum(dim=1)
 
     def move_joints(self, s: State, action: Tensor) -> None:
-        """Change the targets of the joints by JOINT_STEP, or TOOL_STEP for slides, times `action`.
+        """Change the targets of the joints by `action` times JOINT_STEP, or TOOL_STEP for slides.
 
         Args:
             s: The worlds.
-            action: From -1 to 1, shape (num_envs, joints).
+            action: Changes in [-1, 1], shape (num_envs, joints).
         """
         qpos = self.qpos(s)
         moved = self.targets(s) + self._joint_step * action
         self.set_targets(s, moved.clamp(qpos - self.lead, qpos + self.lead))
 
     def start(self, s: State, mask: Tensor) -> None:
-        """Set the tool's target to where the tool is in the masked worlds; call it after their reset."""
+        """Set the tool's target to the tool's pose in the masked worlds; call it after their reset."""
         self.tool_target.copy_(torch.where(mask[:, None], self._tool_now(s), self.tool_target))
 
     def move_tool(
@@ -160,16 +162,16 @@ class ArmController:
     ) -> None:
         """Move the tool, which points down, along the axes of the base frame, and turn it about the vertical.
 
-        The target changes by `action` times 0.02 m and 0.1 rad, and leads the tool by TOOL_LEAD and TURN_LEAD at most.
-        Joint targets follow by damped least squares, dq = J^T (J J^T + lambda I)^-1 e (Wampler 1986), plus the part of
-        a step towards the home pose that does not move the tool. In a scene with several robots the axes are those of
-        the world.
+        The target changes by `action` times TOOL_STEP and TURN_STEP, and leads the tool by at most TOOL_LEAD and
+        TURN_LEAD. Joint targets follow by damped least squares, dq = J^T (J J^T + lambda I)^-1 e (Wampler 1986), plus
+        the part of a step towards the home pose that does not move the tool. In a scene with several robots, the axes
+        are those of the world.
 
         Args:
             s: The worlds.
             action: Changes of x, y, z and yaw in [-1, 1], shape (num_envs, 4).
-            lowest: Lower limit of the target's height [m], base frame.
-            turns: Limits of the target's yaw [rad], within half a turn.
+            lowest: Lower limit of the target's z [m].
+            turns: Limits of the target's yaw [rad], within half a turn to either side.
         """
         now = self._tool_now(s)
         target = (self.tool_target + self._step * action).clamp(now - self._lead, now + self._lead)
@@ -184,7 +186,7 @@ class ArmController:
         turn = 2.0 * turn[:, 1:] * torch.where(turn[:, :1] < 0.0, -1.0, 1.0)
         error = torch.cat([target[:, :3] - now[:, :3], turn], dim=1)
 
-        jacobian = s.jacobian(self._tcp, self._arm)
+        jacobian = s.jacobian(self._tcp, self.joint_ids)
         transposed = jacobian.transpose(1, 2)
         inverse = transposed @ torch.linalg.inv_ex(jacobian @ transposed + self._damping)[0]
         qpos = self.qpos(s)
@@ -201,7 +203,7 @@ class ArmController:
     def grip(self, s: State, action: Tensor) -> None:
         """Set the gripper's target from -1 (closed) to 1 (open), shape (num_envs,).
 
-        Actuators of the gripper that are no position actuators get controls between the ends of their ranges.
+        An actuator of the gripper that is no position actuator is set between the ends of its control range instead.
 
         Raises:
             ArmError: The robot has no gripper.

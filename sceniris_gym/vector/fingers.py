@@ -1,4 +1,4 @@
-"""`Fingers`: what of a hand opens and closes, and which controls do that, measured with MuJoCo's own kinematics."""
+"""`Fingers`: the joints that open and close a hand, and the controls that move them, by MuJoCo's own kinematics."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from sceniris_gym.scene.support import subtree
 from sceniris_gym.sim.versions import actuator_controls, actuator_outputs
 from sceniris_gym.sim.write import CTRL_HOLDS, SCALAR_JOINTS
 
-# What moves by less than this [m] across the approach axis neither opens nor closes.
+# Fingers that move by less [m] across the approach axis neither open nor close.
 _STILL = 1e-4
-# Lengths of actuators that differ by less [m or rad] are the same one, rounded.
+# Lengths of actuators that differ by less [m or rad] are equal but for rounding.
 _SAME = 1e-9
 
 
 @dataclass(frozen=True)
 class Fingers:
-    """The fingers of a hand that actuators move, over joints, tendons of any kind, or equalities of joints.
+    """The fingers of a hand that actuators move by joints, by tendons of any kind, or by equalities of joints.
 
     Attributes:
-        joints: Ids of the joints that carry fingers, without those that another one of them carries.
-        closed_qpos: Their positions where the hand is closed [m or rad], shape (njoint,).
-        width: How far a finger moves sideways by a unit of its joint [m/m or m/rad], shape (njoint,); negative where it
-            closes as its joint grows. Measured at the geom that is nearest to the TCP, from one end to the other. None
-            for a linkage, whose fingers move as a `connect` or `weld` makes them.
-        controls: Columns in `ctrl` of the actuators, ascending.
-        closed: Their values where the hand is closed, shape (ncontrol,).
-        opened: Their values where it is open, shape (ncontrol,).
+        joints: Ids of the joints that carry a finger as a whole: none of them carries another one.
+        closed_qpos: Positions of these joints when the hand is closed [m or rad], shape (njoint,).
+        width: Sideways motion of each finger per unit of its joint [m/m or m/rad], shape (njoint,): the mean between
+            closed and open, at the geom that is nearest to the TCP; negative if the finger closes as its joint grows.
+            None for linkages, whose fingers move as a `connect` or a `weld` makes them.
+        controls: Columns of the actuators in `ctrl`, ascending.
+        closed: Controls that close the hand, shape (ncontrol,).
+        opened: Controls that open it, shape (ncontrol,).
     """
 
     joints: tuple[int, ...]
@@ -44,12 +44,12 @@ class Fingers:
 
     @classmethod
     def find(cls, scene: SceneModel, tcp: int, arm: Sequence[int]) -> Fingers | None:
-        """Find the fingers on what the last joint of an arm carries; None where no actuator opens and closes any.
+        """Find the fingers that the last joint of an arm carries; return None if no actuator opens and closes any.
 
-        A hand opens as its fingers move away from the approach axis, z of the TCP.
+        A hand opens as its fingers move away from the approach axis, which is the z axis of the TCP.
 
         Args:
-            scene: The scene; joints are at its start pose but for the fingers.
+            scene: The scene. All joints but those of the fingers are in its start pose.
             tcp: Id of the site that is the tool centre point.
             arm: Ids of the arm's joints, from base to tip.
         """
@@ -121,9 +121,9 @@ def _seen(mjm: mujoco.MjModel, data: mujoco.MjData, tcp: int, qpos: np.ndarray) 
 
 
 def _ends(mjm: mujoco.MjModel, actuator: int, short: float, long: float) -> tuple[float, float]:
-    """Return the controls at which an actuator closes and opens a hand, from its lengths there; nan if there are none.
+    """Return the controls by which an actuator closes and opens a hand, given its lengths there; nan if there are none.
 
-    A position actuator has those that hold these lengths, another one the ends of its range of controls.
+    Those of a position actuator hold these lengths; those of any other actuator are the ends of its control range.
     """
     control = actuator_controls(mjm)[0][actuator]
     low, high = mjm.actuator_ctrlrange[control] if mjm.actuator_ctrllimited[control] else (-np.inf, np.inf)

@@ -40,9 +40,9 @@ class Holding(NamedTuple):
 
 
 class JointWriter:
-    """Writes positions of some hinges and slides, zero velocities, and the controls and activations that hold them.
+    """Writer of positions of some hinges and slides, of zero velocities, and of what their actuators hold them by.
 
-    These are the ones that a reset writes.
+    These controls and activations are those that a reset writes.
 
     Args:
         mjm: The model.

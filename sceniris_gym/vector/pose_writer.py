@@ -16,7 +16,7 @@ from sceniris_gym.sim.versions import sleeps
 
 
 class PoseWriter:
-    """Writes the pose of a free body into `qpos` or that of a mocap body, and zeros its velocities, all in place.
+    """Writer of the pose of a free body or a mocap body, which it leaves at rest and awake.
 
     Args:
         batch: The worlds.
@@ -24,11 +24,10 @@ class PoseWriter:
         device: Torch device.
 
     Attributes:
-        owner: The object or the robot whose root body it is; None for a body of the scene's own model that is neither.
+        owner: The object whose root body it is; None for a body of the scene's own model that is no object.
 
     Raises:
-        ArgumentError: The body is neither free nor a mocap body, or it belongs to a fixture, to something static, or to
-            a robot.
+        ArgumentError: The body is a robot, a fixture or static, or hangs on joints.
     """
 
     def __init__(self, batch: Batch, body: int, device: torch.device) -> None:
@@ -55,7 +54,7 @@ class PoseWriter:
             self._sleep = wp.to_torch(data.tree_asleep), wp.to_torch(data.tree_awake)
 
     def write(self, pose: Tensor, mask: Tensor) -> None:
-        """Set the pose of the body in masked worlds; in the others everything stays as it is.
+        """Set the pose of the body in the masked worlds, in place; the other worlds keep theirs.
 
         Args:
             pose: Position [m] and orientation (wxyz), world frame, shape (nworld, 7).

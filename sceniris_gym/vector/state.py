@@ -88,7 +88,7 @@ class State:
 
     @property
     def finite(self) -> Tensor:
-        """Whether all positions and velocities of a world are finite, shape (num_envs,), bool."""
+        """Worlds of which all positions and velocities are finite, shape (num_envs,), bool."""
         # a sum is finite if its terms are, and a finite number minus itself is 0
         total = self._qpos.sum(dim=1) + self._qvel.sum(dim=1)
         return total - total == 0.0
@@ -227,19 +227,19 @@ class State:
     def put_pose(self, name: str, pose: Tensor, mask: Tensor) -> None:
         """Set the pose of a free object or of a marker, at rest and awake; for a task's `on_reset`.
 
-        The joints inside a free object keep their positions. Afterwards everything that the task reads is up to date,
-        and a grasp (`grasp`) has moved with its object; `grasp_qpos` and `pregrasp_qpos` still belong to the pose of
-        the layout. Neither collisions at the new pose are checked, nor does what stands on the object move with it.
+        The joints inside the object keep their positions. Afterwards everything that the task reads is up to date:
+        `grasp` has moved with the object, while `grasp_qpos` and `pregrasp_qpos` still belong to the layout's pose.
+        Collisions at the new pose are not checked, and things that stand on the object stay where they are.
 
         Args:
-            name: A free object or a marker, or another body of the scene's own model that is free or a mocap body.
-            pose: Position [m] and orientation (wxyz, normalised here) in the frame of `pose`, shape (num_envs, 7);
+            name: A free object, a marker, or any other free or mocap body of the scene's own model.
+            pose: Position [m] and orientation (wxyz, of any length) in the frame of `State.pose`, shape (num_envs, 7);
                 worlds with a NaN stay as they are, and so do those in which the object is absent.
             mask: Which worlds, shape (num_envs,), bool.
 
         Raises:
             UnknownNameError: The scene has no such body.
-            ArgumentError: A robot, a fixture, or something static or on joints, whose pose is not the task's to set.
+            ArgumentError: The body is a robot, a fixture or static, or hangs on joints.
         """
         if name not in self._pose_writers:
             body = self._id("body", name, "put_pose")
@@ -364,9 +364,9 @@ class State:
         return found
 
     def _jacobian_columns(self, site: int, name: Joints) -> tuple[Tensor, Tensor | None]:
-        """Return the joints of a Jacobian, and 1 for which of those that carry the site are hinges, and slides.
+        """Return the joints of a Jacobian, and flags of those that carry the site: of hinges, then of slides.
 
-        Shape (2, number of joints, 1); None where all are hinges that carry it.
+        The flags are 0 or 1, shape (2, number of joints, 1), and None if all joints are hinges that carry the site.
         """
         mjm, joints = self.mjm, self._joints(name, "jacobian")
         body = int(mjm.site_bodyid[site])

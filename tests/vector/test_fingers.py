@@ -1,4 +1,4 @@
-"""What opens and closes a hand, whatever moves it: MuJoCo C closes and opens it by the controls that were found."""
+"""Fingers, whatever moves them: MuJoCo C closes and opens hands by the controls that were found."""
 
 from __future__ import annotations
 
@@ -97,14 +97,16 @@ def test_a_hand_that_nothing_opens_is_none(scene, hand):
 
 
 def test_the_width_of_a_linkage_is_not_guessed(tmp_path):
-    """Where bodies of the hand are joined in a loop, the joints that are driven do not tell it."""
+    """The joints that are driven do not tell it if bodies of the hand are joined in a loop."""
     path = tmp_path / "arm.xml"
     loop = '<connect body1="base:thumb" body2="base:index" anchor="0 0 0"/></equality>'
     path.write_text(mjcf({"base": ("mimic", "0 0 0", 0.0)}).replace("</equality>", loop))
     s = state_of({"model": str(path), "robot": {"in_model": "base", "tcp": "base:point"}})
     arm = ArmController(s)
     assert arm.has_gripper
-    with pytest.raises(ArmError, match=r"robot: the robot's fingers hang on linkages, .* by State.poses or State.site"):
+    with pytest.raises(
+        ArmError, match=r"robot: the robot's fingers hang on linkages, so .* by State.poses or State.site"
+    ):
         arm.width(s)
 
 
