@@ -74,10 +74,10 @@ def _refused(scene: SceneModel, owner: str | None, body: int) -> str | None:
     """Return why a task cannot set the pose of a body; None if it can."""
     mjm, joint = scene.mjm, int(scene.mjm.body_jntadr[body])
     if owner in scene.config.all_robots:
-        return "a robot; its joints can be set by `put_joints`"
+        return "a robot, of which only joints can be set, by State.put_joints"
     if owner is not None and (kind := scene.config.objects[owner].kind) in ("fixture", "static"):
-        return f"'{kind}', and its pose is the layout's"
+        return f"of the kind '{kind}', which stays where the layout has it"
     free = joint >= 0 and mjm.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE
     if free or mjm.body_mocapid[body] >= 0:
         return None
-    return "neither free nor a mocap body; positions of joints can be set by `put_joints`"
+    return "neither free nor a mocap body; State.put_joints sets the joints of things"

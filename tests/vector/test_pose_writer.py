@@ -115,11 +115,14 @@ def test_bodies_of_a_model_are_put_by_either_name_and_what_they_carry_rests(tmp_
 @pytest.mark.parametrize(
     ("name", "why"),
     [
-        ("cabinet", "'cabinet' is 'fixture', and its pose is the layout's"),
-        ("table", "'table' is 'static', and its pose is the layout's"),
-        ("robot", "'robot' is a robot; its joints can be set by `put_joints`"),
+        ("cabinet", "'cabinet' is of the kind 'fixture', which stays where the layout has it. Give"),
+        ("table", "'table' is of the kind 'static', which stays where the layout has it. Give"),
+        ("robot", "'robot' is a robot, of which only joints can be set, by State.put_joints. Give"),
         ("heron", "'robot' is a robot"),
-        ("cabinet/upper_drawer", "'cabinet/upper_drawer' is neither free nor a mocap body; positions of joints can be"),
+        (
+            "cabinet/upper_drawer",
+            "'cabinet/upper_drawer' is neither free nor a mocap body; State.put_joints sets the joints",
+        ),
     ],
 )
 def test_what_is_not_the_tasks_to_put_is_refused_by_name(name, why):
