@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import difflib
+import inspect
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 
 def nearest(name: str, valid: Iterable[str]) -> str | None:
@@ -22,8 +24,21 @@ def did_you_mean(name: str, valid: Iterable[str]) -> str:
     return f" Did you mean '{found}'?" if found is not None else ""
 
 
-class ScenirisError(Exception):
+class _Pickled(Exception):
+    """An exception that pickles by its constructor's arguments, each of which is an attribute of the same name."""
+
+    def __reduce__(self) -> tuple[Any, ...] | str:
+        if "__init__" not in vars(type(self)):
+            return super().__reduce__()
+        return type(self), tuple(getattr(self, name) for name in inspect.signature(type(self)).parameters)
+
+
+class ScenirisError(_Pickled):
     """Base class of all errors of this package."""
+
+
+class ScenirisWarning(_Pickled, UserWarning):
+    """Base class of all warnings of this package."""
 
 
 class SceneFileError(ScenirisError):
@@ -53,9 +68,6 @@ class UnknownNameError(ScenirisError):
         listing = ", ".join(self.valid) if self.valid else "none"
         super().__init__(f"{where}: unknown {kind} '{name}'.{did_you_mean(name, self.valid)} Valid: {listing}.")
 
-    def __reduce__(self) -> tuple:
-        return type(self), (self.kind, self.name, self.where, self.valid)
-
 
 class NoSupportError(ScenirisError):
     """A support that has no surface to place objects on."""
@@ -78,9 +90,6 @@ class CycleError(ScenirisError):
         self.where, self.names, self.what = where, list(names), what
         cycle = " -> ".join([*self.names, self.names[0]])
         super().__init__(f"{where}: {what}: {cycle}. Remove one of these references to break the cycle.")
-
-    def __reduce__(self) -> tuple:
-        return type(self), (self.where, self.names, self.what)
 
 
 class HeapError(ScenirisError):
@@ -146,9 +155,6 @@ class GraspError(ScenirisError):
             "+y the closing axis), or use a smaller object."
         )
 
-    def __reduce__(self) -> tuple:
-        return type(self), (self.where, self.needed, self.opening)
-
 
 class InfeasibleSceneError(ScenirisError):
     """A scene for which no valid layout was found.
@@ -212,18 +218,6 @@ class InfeasibleSceneError(ScenirisError):
             f"{way}Rejections: {rows}. {advice}"
         )
 
-    def __reduce__(self) -> tuple:
-        return type(self), (
-            self.where,
-            self.name,
-            self.cause,
-            self.counts,
-            self.leaning,
-            self.orientation,
-            self.obstruction,
-            self.joined,
-        )
-
 
 class ArmError(ScenirisError):
     """Bodies and joints that do not form a serial arm, or not a supported one."""
@@ -252,9 +246,6 @@ class ContactBudgetError(ScenirisError):
             f"{budget}={room} is too small for this scene: {wanted} were needed just now, and the rest are ignored. "
             f"Pass {budget}={max(2 * room, 2 * wanted)}."
         )
-
-    def __reduce__(self) -> tuple:
-        return type(self), (self.budget, self.room, self.wanted)
 
 
 class MaskError(ScenirisError, ValueError):
@@ -287,9 +278,6 @@ class BusyError(ScenirisError, RuntimeError):
             "chance. Call it from one thread at a time, or give each thread one of its own."
         )
 
-    def __reduce__(self) -> tuple:
-        return type(self), (self.what,)
-
 
 class FixedError(ScenirisError, AttributeError):
     """An attribute that was assigned to, although nothing would follow from it: launches are captured without it.
@@ -307,9 +295,6 @@ class FixedError(ScenirisError, AttributeError):
         )
         self.name = name  # which AttributeError has as well, and sets to None
 
-    def __reduce__(self) -> tuple:
-        return type(self), (self.what, self.name)
-
 
 class TaskError(ScenirisError, TypeError):
     """A method of a task returned something of the wrong type or form.
@@ -324,9 +309,6 @@ class TaskError(ScenirisError, TypeError):
     def __init__(self, task: str, method: str, got: str, form: str) -> None:
         self.task, self.method, self.got, self.form = task, method, got, form
         super().__init__(f"{task}.{method} returned {got}, but should return {form}.")
-
-    def __reduce__(self) -> tuple:
-        return type(self), (self.task, self.method, self.got, self.form)
 
 
 class LayoutIdError(ScenirisError):
@@ -360,7 +342,7 @@ def check_type(value: object, kind: type, name: str) -> None:
         raise ArgumentTypeError(f"{name} should be a {kind.__name__}, got {type(value)}.")
 
 
-class FallbackWarning(UserWarning):
+class FallbackWarning(ScenirisWarning):
     """A scene whose worlds run out of attempts or restarts more often than they should.
 
     Args:
@@ -389,11 +371,8 @@ class FallbackWarning(UserWarning):
             f"'{name}' ({cause}).{few} Write {', or '.join(self.cures)}."
         )
 
-    def __reduce__(self) -> tuple:
-        return type(self), (self.where, self.share, self.name, self.cause, self.cures, self.held)
 
-
-class AttemptsWarning(UserWarning):
+class AttemptsWarning(ScenirisWarning):
     """`attempts: auto` reached the largest number of attempts, and worlds still run out of them.
 
     Args:
@@ -409,15 +388,12 @@ class AttemptsWarning(UserWarning):
             "a number: where nothing is left for an object, attempts only take time."
         )
 
-    def __reduce__(self) -> tuple:
-        return type(self), (self.where, self.attempts)
 
-
-class ReachWarning(UserWarning):
+class ReachWarning(ScenirisWarning):
     """Reachability is decided in a different way than requested; the message says why."""
 
 
-class ModelWarning(UserWarning):
+class ModelWarning(ScenirisWarning):
     """Something in a model that is accepted but was probably not meant; the message says what, and what to do."""
 
 
@@ -432,12 +408,6 @@ class OutputError(ScenirisError, OSError):
     def __init__(self, path: str, reason: str) -> None:
         self.path, self.reason = path, reason
         super().__init__(f"{path} cannot be written: {reason}. Give --out a path that you can write to.")
-
-    def __str__(self) -> str:
-        return str(self.args[0])
-
-    def __reduce__(self) -> tuple:
-        return type(self), (self.path, self.reason)
 
 
 class MemoryLimitError(ScenirisError, MemoryError):
@@ -458,9 +428,6 @@ class MemoryLimitError(ScenirisError, MemoryError):
             f"{cure}"
         )
 
-    def __reduce__(self) -> tuple:
-        return type(self), (self.what, self.needed, self.free, self.device, self.cure)
-
 
 class DatasetError(ScenirisError):
     """A data set of layouts that is incomplete, damaged, or another one than was asked for."""
@@ -478,11 +445,8 @@ class MissingExtraError(ScenirisError, ImportError):
         self.package, self.extra = package, extra
         super().__init__(f"{package} is not installed. Install the extra: pip install 'sceniris-gym[{extra}]'.")
 
-    def __reduce__(self) -> tuple:
-        return type(self), (self.package, self.extra)
 
-
-class KeysLeftOutWarning(UserWarning):
+class KeysLeftOutWarning(ScenirisWarning):
     """Some keys of an original configuration were left out, or have a different meaning here.
 
     Args:
@@ -500,6 +464,3 @@ class KeysLeftOutWarning(UserWarning):
             meanings = "; ".join(f"{key} ({meaning})" for key, meaning in self.changed.items())
             texts.append(f"carried over from the original configuration with a different meaning or value: {meanings}.")
         super().__init__(" ".join((*texts, *self.advice)))
-
-    def __reduce__(self) -> tuple:
-        return type(self), (self.keys, self.changed, self.advice)

@@ -11,20 +11,11 @@ from typing import Any
 
 from sceniris_gym.config.loader import SHIPPED_NAME, scene_files, shipped
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import (
-    AttemptsWarning,
-    FallbackWarning,
-    InfeasibleSceneError,
-    ModelWarning,
-    ReachWarning,
-    ScenirisError,
-)
+from sceniris_gym.errors import InfeasibleSceneError, ScenirisError, ScenirisWarning
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.scene.model import build_model
 from sceniris_gym.scene.model_files import file_of
-
-_NOTICES = (AttemptsWarning, FallbackWarning, ModelWarning, ReachWarning)
 
 _MODELS = (".xml", ".mjcf", ".urdf")
 _FILE = re.compile(r"""\bfile\w*\s*=\s*["']([^"']+)["']""")
@@ -71,7 +62,7 @@ class SceneFile:
         with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
             loaded = self._load()
-        return replace(loaded, notices=tuple(str(w.message) for w in warned if w.category in _NOTICES))
+        return replace(loaded, notices=tuple(str(w.message) for w in warned if issubclass(w.category, ScenirisWarning)))
 
     def _load(self) -> LoadedScene:
         self._files = scene_files(self.scene) or self._files  # one that is gone may come back
