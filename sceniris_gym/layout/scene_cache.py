@@ -53,8 +53,10 @@ def cache_folder() -> Path | None:
         return None
     if named:
         return Path(named).expanduser() / "scenes"
-    caches = platformdirs.user_cache_path("sceniris_gym")
-    return caches / "scenes" if caches.is_absolute() else None  # without a home it begins with "~"
+    try:
+        return platformdirs.user_cache_path("sceniris_gym") / "scenes"
+    except RuntimeError:
+        return None
 
 
 def scene_key(scene: SceneModel, device: str) -> str:
