@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import functools
 import os
 import signal
@@ -32,10 +31,10 @@ from sceniris_gym.commands.options import (
 )
 from sceniris_gym.config.tier import Tier, TierWord
 from sceniris_gym.errors import NotSupportedError, ScenirisError
+from sceniris_gym.files import UNWRITABLE
 from sceniris_gym.viewer.server import HOST, MOST_SHOWN, PORT
 
 P = ParamSpec("P")
-_UNWRITABLE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG})
 _MOST_LAYOUTS = 1_000_000_000  # of a data set, some hundred gigabytes
 
 
@@ -508,7 +507,7 @@ def _in_words(error: OSError) -> str:
             "Set WARP_CACHE_PATH to a folder that you can write to."
         )
     advice = "Make room there, or give it another place: --out for results, WARP_CACHE_PATH for compiled kernels."
-    return f"{file}: {why}. {advice if error.errno in _UNWRITABLE else ''}".rstrip()
+    return f"{file}: {why}. {advice if error.errno in UNWRITABLE else ''}".rstrip()
 
 
 def _is_unwritable_cache(file: str) -> bool:
