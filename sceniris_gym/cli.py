@@ -47,7 +47,7 @@ def _command(work: Callable[P, str]) -> Callable[P, str]:
     @functools.wraps(work)
     def quiet(*args: P.args, **kwargs: P.kwargs) -> str:
         from sceniris_gym.commands.bars import shown
-        from sceniris_gym.commands.warp_start import start_warp
+        from sceniris_gym.device.kernel_log import start_warp
 
         start_warp()
         with _stdout_to_stderr(), shown(quiet=bool(kwargs.get("json"))):

@@ -22,8 +22,8 @@ UNWRITABLE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, er
 def replacing(path: Path) -> Iterator[Path]:
     """Yield the path of a temporary file beside `path`, which replaces `path` if the block succeeds.
 
-    If it fails, or a signal ends the program, the temporary file is removed and `path` stays as it was. A killed process
-    leaves its file behind, which the next one on the same machine removes.
+    If it fails, or a signal ends the program, the temporary file is removed and `path` stays as it was. The file of a
+    killed process is removed by the next one on the same machine.
 
     Raises:
         OutputError: The file cannot be written.

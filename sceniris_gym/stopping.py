@@ -45,19 +45,18 @@ def temporary(make: Callable[[], Made], remove: Callable[[Made], object]) -> Ite
 def end_at_signals(name: str) -> None:
     """Let SIGINT and SIGTERM end this process from now on, with status 128 + signal, as in a shell, and a line.
 
-    The line goes to the present standard error. An ignored signal stays ignored, such as Ctrl-C for a background job.
+    The line goes to standard error. An ignored signal stays ignored, such as Ctrl-C for a background job.
 
     Args:
         name: The program, for the line.
     """
-    stderr = os.dup(2) if sys.stderr else os.open(os.devnull, os.O_WRONLY)
     heard, tell = os.pipe()
     os.set_blocking(tell, False)
     signal.set_wakeup_fd(tell, warn_on_full_buffer=False)
     caught = {n: handler for n in _WORDS if (handler := signal.getsignal(n)) is not signal.SIG_IGN}
     for number in caught:
         signal.signal(number, lambda *_: None)  # Python writes the number to the pipe before it calls this
-    threading.Thread(target=_end, args=(heard, stderr, name), daemon=True).start()
+    threading.Thread(target=_end, args=(heard, name), daemon=True).start()
 
     def forget() -> None:
         """Let signals end a forked child as usual: it shares the pipe, but has no thread that reads it."""
@@ -68,7 +67,7 @@ def end_at_signals(name: str) -> None:
     os.register_at_fork(after_in_child=forget)
 
 
-def _end(heard: int, stderr: int, name: str) -> None:
+def _end(heard: int, name: str) -> None:
     """Wait for a signal, and end the process."""
     while (number := os.read(heard, 1)[0]) not in _WORDS:
         pass
@@ -81,6 +80,7 @@ def _end(heard: int, stderr: int, name: str) -> None:
     for made, remove in _temporary.items():
         with contextlib.suppress(Exception):
             remove(made)
-    with contextlib.suppress(OSError):
-        os.write(stderr, f"\n{name}: {_WORDS[signal.Signals(number)]}\n".encode())
+    if sys.__stderr__ is not None:
+        with contextlib.suppress(OSError):
+            os.write(2, f"\n{name}: {_WORDS[signal.Signals(number)]}\n".encode())
     os._exit(128 + number)

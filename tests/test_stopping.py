@@ -66,20 +66,6 @@ def test_a_signal_ends_a_program_whatever_it_does(tmp_path: Path, number: int, w
 
 
 @pytest.mark.parametrize(("number", "word"), STOPS)
-def test_the_line_goes_to_the_stderr_that_the_program_began_with(tmp_path: Path, number: int, word: str):
-    """Also while standard error leads elsewhere, as it does while Warp starts."""
-    program = f"""{START}
-end_at_signals("it")
-with open(sys.argv[1], "w") as elsewhere:
-    os.dup2(elsewhere.fileno(), 2)
-print("ready", flush=True)
-time.sleep(60)
-"""
-    assert ended(program, number, tmp_path / "file") == (128 + number, f"\nit: {word}\n")
-    assert (tmp_path / "file").read_text() == ""
-
-
-@pytest.mark.parametrize(("number", "word"), STOPS)
 @pytest.mark.parametrize("closed", ["2>&-", "2> >(true)"], ids=["closed", "read by nobody"])
 def test_a_program_without_stderr_ends_too(number: int, word: str, closed: str):
     """Its line is lost, and nothing else: a signal ends it at once."""

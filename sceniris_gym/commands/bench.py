@@ -52,7 +52,6 @@ def bench(
         overrides: Parts of the scene to change.
         picture: Where to write a picture of how `reachable` narrows where objects lie; None for no picture.
     """
-    wp.init()
     start = time.perf_counter()
     compiled = compile_scene(SceneConfig.load(scene, overrides), device, cache=False)
     generator = LayoutGenerator(compiled, num_envs, seed=seed)

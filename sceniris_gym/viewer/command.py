@@ -24,8 +24,8 @@ def view_scene(
     print(f"Open that page in a browser: '{scene}' appears there. Ctrl-C ends it.", file=sys.stderr, flush=True)
     with uncollected():
         drawing = import_ahead()
-        from sceniris_gym.commands.warp_start import start_warp
         from sceniris_gym.config.loader import read_scene, shipped
+        from sceniris_gym.device.kernel_log import start_warp
         from sceniris_gym.viewer.deck import Where
         from sceniris_gym.viewer.scene_file import SceneFile
         from sceniris_gym.viewer.view import SceneView
@@ -56,7 +56,7 @@ def view_env(
     import gymnasium
 
     import sceniris_gym  # noqa: F401, registers the environments
-    from sceniris_gym.commands.warp_start import start_warp
+    from sceniris_gym.device.kernel_log import start_warp
     from sceniris_gym.progress import listening
     from sceniris_gym.viewer.env_view import EnvView
     from sceniris_gym.viewer.policies import load_policy
