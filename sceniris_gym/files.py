@@ -53,13 +53,15 @@ def check_writable(path: Path) -> None:
         pass
 
 
-def check_picture(path: Path) -> None:
-    """Make sure that `path` ends in .png and can be written.
+def check_picture(path: Path | None) -> None:
+    """Make sure that `path` ends in .png and can be written; None is no picture.
 
     Raises:
         NotSupportedError: It has another suffix.
         OutputError: It cannot.
     """
+    if path is None:
+        return
     if path.suffix.lower() != ".png":
         raise NotSupportedError(f"{path}: a picture should be a PNG. Give a path that ends in .png.")
     check_writable(path)

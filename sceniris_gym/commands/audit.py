@@ -15,15 +15,17 @@ from sceniris_gym.audit.contacts import Allowed
 from sceniris_gym.audit.equalities import equalities
 from sceniris_gym.audit.physics import without_log
 from sceniris_gym.audit.reach import Claim, ReachAudit, Unreached
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.stored_arrays import UNREADABLE, read_arrays
 from sceniris_gym.errors import SceneFileError, SceneMismatchError, UnknownNameError
 from sceniris_gym.files import replacing
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.reaching.poses import OPENING_MARGIN
 from sceniris_gym.layout.tables import make_table
-from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.scene.model import build_model
 
 _WORLDS = 1024  # worlds that are reset until enough candidates were rejected
 _EPISODES = 1000  # resets after which a scene is taken to reject hardly anything
@@ -221,14 +223,28 @@ def _runs(numbers: np.ndarray) -> str:
     return " ".join(str(run[0]) if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs)
 
 
-def judge(compiled: CompiledScene, layouts: int, rejected: int, settled: int, seed: int) -> dict:
+def save(compiled: CompiledScene, layouts: int, rejected: int, seed: int, path: Path) -> dict:
+    """Make layouts and rejected candidates, write them to a file, and say what it holds."""
+    made = make_rows(compiled, layouts, rejected, seed)
+    save_rows(compiled, made, path)
+    found = {"scene": compiled.config.name, "hash": compiled.hash, "seed": seed, "file": str(path)}
+    return found | {"layouts": len(made.table), "rejected": len(made.rejected)}
+
+
+def judge_file(config: SceneConfig, path: Path, settled: int | None) -> dict:
+    """Return the findings of the audit on the rows of a file, as `judge` does."""
+    compiled = upload_scene(build_model(config), "cpu")
+    return judge_rows(compiled, load_rows(compiled, path), settled)
+
+
+def judge(compiled: CompiledScene, layouts: int, rejected: int, settled: int | None, seed: int) -> dict:
     """Make layouts and rejected candidates, and return the findings of the audit as plain numbers and names.
 
     Args:
         compiled: The compiled scene.
         layouts: Number of layouts.
         rejected: Number of rejected candidates.
-        settled: Number of layouts that are stepped for half a second.
+        settled: Number of layouts that are stepped for half a second; None for all of them.
         seed: Seed of the first layout.
     """
     return judge_rows(compiled, make_rows(compiled, layouts, rejected, seed), settled)

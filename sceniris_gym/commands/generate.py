@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,6 @@ from sceniris_gym.dataset.manifest import DatasetPlan, counts
 from sceniris_gym.dataset.share import Share
 from sceniris_gym.dataset.writer import DatasetWriter
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.progress import tell
 
 # Layouts that are made at once: what keeps a GPU busy, and on a CPU no more than its caches hold.
 _CHUNK, _CHUNK_CUDA = 4096, 16_384
@@ -49,15 +49,7 @@ def generate(
     if chunk is None:
         chunk = _CHUNK if compiled.device == "cpu" else _CHUNK_CUDA
     writer = DatasetWriter(compiled, plan, folder, share, resume=resume)
-    own = sum(len(plan.rows(part)) for part in range(share.number, plan.parts, share.size))
-    written = 0
-
-    def progress(rows: int) -> None:
-        nonlocal written
-        written += rows
-        tell("layouts", written, own)
-
-    writer.write(chunk=chunk, progress=progress)
+    writer.write(chunk=chunk)
     records = writer.records()
     rows, valid, first = counts(records)
     figures = {
@@ -73,3 +65,12 @@ def generate(
         "complete": writer.complete,
     }
     return figures if writer.complete else figures | {"missing_parts": plan.parts - len(records)}
+
+
+def report(figures: Mapping[str, Any]) -> str:
+    """Return the figures as text."""
+    folder = figures["folder"]
+    if not figures["complete"]:
+        return f"{folder}: {figures['missing_parts']} of {figures['parts']} parts are left for the other processes"
+    made = f"{figures['layouts']} layouts of '{figures['scene']}' written to {folder}, {figures['valid']:.2%} valid"
+    return f"{made}; the first one is {figures['first_id']}"

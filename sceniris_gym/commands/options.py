@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -15,9 +15,15 @@ if TYPE_CHECKING:
     from sceniris_gym.config.scene import SceneConfig
     from sceniris_gym.program.compiled import CompiledScene
 
-Scene = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE", help="name of a shipped scene, or a path")]
+_scene = tyro.conf.arg(metavar="SCENE", help="name of a shipped scene, or a path")
+Scene = Annotated[str, tyro.conf.Positional, _scene]
+OptionalScene = Annotated[str | None, tyro.conf.Positional, _scene]
+Out = Annotated[Path | None, tyro.conf.arg(aliases=["-o"])]
+Seed = Annotated[int, tyro.conf.arg(aliases=["-s"])]
+Split = Literal["train", "eval"]
+Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 Device = Annotated[str | None, tyro.conf.arg(help="cpu, cuda:0, ...; by default cuda:0 if there is one, else cpu")]
-Json = Annotated[bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="print one line of JSON and nothing else")]
+Json = Annotated[Flag, tyro.conf.arg(help="print one line of JSON and nothing else")]
 Picture = Annotated[
     Path | None, tyro.conf.arg(help="PNG to write: where objects lie, from above, without and with 'reachable'")
 ]

@@ -11,10 +11,12 @@ import numpy as np
 from sceniris_gym.config.loader import shipped
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.tables import read_table
+from sceniris_gym.pictures.render import captioned, save
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.scene.model import SceneModel, build_model
@@ -42,6 +44,15 @@ def replay(compiled: CompiledScene, layout: LayoutId) -> LayoutTable:
     generator.layouts.episode.fill_(layout.episode - 1)
     generator.generate()
     return read_table(generator)
+
+
+def shown(layout: str, config: SceneConfig | None, picture: Path, device: str | None) -> dict:
+    """Make the layout with an id again, draw it, and describe it; `config` as in `find_scene`."""
+    name = LayoutId.parse(layout)
+    compiled = compile_scene(find_scene(name.scene, config), device)
+    table = replay(compiled, name)
+    save(captioned(compiled.mjm, table, [layout], device=compiled.device), picture)
+    return {"id": layout, **describe(compiled, table), "picture": str(picture)}
 
 
 def describe(compiled: CompiledScene, table: LayoutTable) -> dict:

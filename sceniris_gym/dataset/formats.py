@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import mujoco
@@ -28,15 +28,17 @@ def parse_formats(words: str) -> tuple[str, ...]:
 
     Raises:
         UnknownNameError: There is no such format.
+        MissingExtraError: A format needs a library that is not installed.
     """
     names = [word.strip() for word in words.split(",")]
     for name in names:
         if name not in ENCODERS:
             raise UnknownNameError("format", name, "generate: --format", ENCODERS)
+    check_formats(names)
     return tuple(sorted(set(names)))
 
 
-def check_formats(formats: tuple[str, ...]) -> None:
+def check_formats(formats: Sequence[str]) -> None:
     """Make sure that what formats need is installed.
 
     Raises:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from collections.abc import Iterable
@@ -104,6 +105,14 @@ class DatasetPlan:
 def part_name(part: int, suffix: str = ".npy") -> str:
     """The file of a part."""
     return f"layouts-{part:05}{suffix}"
+
+
+def checksum(path: Path) -> str:
+    """Return the SHA-256 of a file, and none of what is no file, such as a pipe that would be read without end."""
+    if not path.is_file():
+        return "missing"
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def row_of(columns: dict[str, dict[str, Any]]) -> np.dtype:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
 import operator
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -15,12 +14,12 @@ import torch
 
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.stored_arrays import UNREADABLE
-from sceniris_gym.dataset.manifest import MANIFEST, SCENE, part_name, read_manifest, row_of
+from sceniris_gym.dataset.manifest import MANIFEST, SCENE, checksum, part_name, read_manifest, row_of
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, DatasetError, UnknownNameError
+from sceniris_gym.progress import tell
 from sceniris_gym.scene.layout_table import LayoutTable
 
 _OPEN = 64  # memory maps at once: each keeps a file open
-_BLOCK = 1 << 24  # bytes that are read at once for a checksum
 _AGAIN = "Remove the file, and repeat the data set's `sceniris-gym generate` with --resume."
 
 
@@ -185,12 +184,8 @@ def _mapped(path: Path, row: np.dtype, nrow: int) -> np.ndarray:
     return rows
 
 
-def verify(folder: str | Path, progress: Callable[[int], object] = lambda _: None) -> dict[str, Any]:
-    """Compare all files of a data set with the checksums of its manifest; return the manifest.
-
-    Args:
-        folder: The folder.
-        progress: Called with the number of rows read since the last call.
+def verify(folder: str | Path) -> dict[str, Any]:
+    """Compare all files of a data set with the checksums of its manifest, tell the progress, and return the manifest.
 
     Raises:
         DatasetError: The data set is not whole, or a file is damaged; the message names all of those.
@@ -200,12 +195,12 @@ def verify(folder: str | Path, progress: Callable[[int], object] = lambda _: Non
     folder, held, damaged = dataset.folder, dataset.manifest, []
 
     def compare(sums: dict[str, Any]) -> None:
-        damaged.extend(name for name, told in sums.items() if _sha256(folder / name) != told)
+        damaged.extend(name for name, told in sums.items() if checksum(folder / name) != told)
 
     compare({SCENE: held["scene_sha256"], **held["files"]})
     for part, record in enumerate(held["parts"]):
         compare({part_name(part): record["sha256"], **record["files"]})
-        progress(record["rows"])
+        tell("layouts", int(dataset._ends[part]), len(dataset))
     if damaged:
         raise DatasetError(
             f"{folder}: {_listed(damaged)} not as {MANIFEST} tells. Remove them, and repeat the data set's "
@@ -218,14 +213,3 @@ def _listed(names: Iterable[str]) -> str:
     kept = list(names)
     more = f" and {len(kept) - 5} others" if len(kept) > 5 else ""
     return ", ".join(kept[:5]) + more + (" is" if len(kept) == 1 else " are")
-
-
-def _sha256(path: Path) -> str:
-    """The checksum of a file, and none of what is no file, such as a pipe that would be read without end."""
-    if not path.is_file():
-        return "missing"
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while block := file.read(_BLOCK):
-            digest.update(block)
-    return digest.hexdigest()

@@ -12,7 +12,6 @@ import io
 import json
 import os
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +27,7 @@ from sceniris_gym.dataset.manifest import (
     SCENE,
     DatasetPlan,
     as_json,
+    checksum,
     part_name,
     read_manifest,
     read_record,
@@ -39,6 +39,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.layout.tables import read_table
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.progress import tell
 from sceniris_gym.scene.archive import write_zip
 
 PROGRESS = ".progress"
@@ -99,23 +100,26 @@ class DatasetWriter:
                     "command to finish it, or give another folder."
                 )
 
-    def write(self, *, chunk: int, progress: Callable[[int], object] = lambda _: None) -> None:
-        """Make and write what is missing of this share, `chunk` layouts at once; `progress` is told of rows.
+    def write(self, *, chunk: int) -> None:
+        """Make and write what is missing of this share, `chunk` layouts at once, and tell the progress.
 
         Raises:
             OutputError: A file cannot be written.
             DatasetError: A part was to be written again, and came out otherwise.
         """
-        if self._manifest is None or not all((self.folder / name).is_file() for name in (SCENE, *self.plan.files)):
+        plan, generator = self.plan, None
+        if self._manifest is None or not all((self.folder / name).is_file() for name in (SCENE, *plan.files)):
             self._write_scene()
-        maker = None
-        for part in range(self.share.number, self.plan.parts, self.share.size):
-            rows = self.plan.rows(part)
+        parts = range(self.share.number, plan.parts, self.share.size)
+        done, total = 0, sum(len(plan.rows(part)) for part in parts)
+        for part in parts:
+            rows = plan.rows(part)
             if self._record(part) is None:
-                maker = maker or _Rows(self.compiled, self.plan, chunk)
-                self._write_part(part, maker.make(rows, progress))
-            else:
-                progress(len(rows))
+                nworld = min(chunk, plan.layouts, PART_ROWS)
+                generator = generator or LayoutGenerator(self.compiled, nworld, split=plan.words["split"])
+                self._write_part(part, _made(generator, plan, rows, done, total))
+            done += len(rows)
+            tell("layouts", done, total)
         self._finish()
 
     def records(self) -> list[dict[str, Any]]:
@@ -184,7 +188,7 @@ class DatasetWriter:
             records = self.records()
             if len(records) < self.plan.parts:
                 return
-            sums = {name: _sha256(self.folder / name) for name in (SCENE, *self.plan.files)}
+            sums = {name: checksum(self.folder / name) for name in (SCENE, *self.plan.files)}
             told = {"scene_sha256": sums.pop(SCENE), "files": sums, "parts": records}
             with replacing(path) as file:
                 file.write_text(as_json(self.plan.words | told))
@@ -195,28 +199,20 @@ class DatasetWriter:
                 left.unlink(missing_ok=True)
 
 
-class _Rows:
-    """Makes rows of a data set, a whole part at a time."""
-
-    def __init__(self, compiled: CompiledScene, plan: DatasetPlan, chunk: int) -> None:
-        self._plan = plan
-        nworld = min(chunk, plan.layouts, PART_ROWS)
-        self._generator = LayoutGenerator(compiled, nworld, split=plan.words["split"])
-
-    def make(self, rows: range, progress: Callable[[int], object]) -> np.ndarray:
-        """Return the rows as records, shape (len(rows),)."""
-        generator, made = self._generator, np.zeros(len(rows), self._plan.row)
-        seeds = as_seeds((self._plan.seed + rows.start) % (1 << 64), len(rows))
-        wanted = np.arange(generator.nworld)
-        for start in range(0, len(rows), generator.nworld):
-            part = made[start : start + generator.nworld]
-            generator.reseed(np.resize(seeds[start : start + len(part)], generator.nworld))
-            generator.generate(wp.array(wanted < len(part), dtype=bool, device=generator.compiled.device))
-            table = read_table(generator, len(part))
-            for name in made.dtype.names or ():
-                part[name] = getattr(table, name)
-            progress(len(part))
-        return made
+def _made(generator: LayoutGenerator, plan: DatasetPlan, rows: range, done: int, total: int) -> np.ndarray:
+    """Make rows of a data set, of whose `total` rows `done` are there; return them as records, shape (len(rows),)."""
+    made = np.zeros(len(rows), plan.row)
+    seeds = as_seeds((plan.seed + rows.start) % (1 << 64), len(rows))
+    wanted = np.arange(generator.nworld)
+    for start in range(0, len(rows), generator.nworld):
+        part = made[start : start + generator.nworld]
+        generator.reseed(np.resize(seeds[start : start + len(part)], generator.nworld))
+        generator.generate(wp.array(wanted < len(part), dtype=bool, device=generator.compiled.device))
+        table = read_table(generator, len(part))
+        for name in made.dtype.names or ():
+            part[name] = getattr(table, name)
+        tell("layouts", done + start + len(part), total)
+    return made
 
 
 def _header(row: np.dtype, nrow: int) -> bytes:
@@ -236,10 +232,6 @@ def _write(path: Path, *pieces: bytes | memoryview) -> str:
             file.write(data)
         _sync(file)
     return digest.hexdigest()
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _sync(file: Any) -> None:
