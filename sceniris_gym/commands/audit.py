@@ -17,6 +17,7 @@ from sceniris_gym.audit.physics import without_log
 from sceniris_gym.audit.reach import Claim, ReachAudit, Unreached
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.stored_arrays import UNREADABLE, read_arrays
+from sceniris_gym.dataset.manifest import DatasetPlan
 from sceniris_gym.errors import SceneFileError, SceneMismatchError, UnknownNameError
 from sceniris_gym.files import replacing
 from sceniris_gym.layout.generate import LayoutGenerator
@@ -106,14 +107,12 @@ class Rows:
         table: The layouts.
         rejected: Layouts in which the rejected objects stand at their candidate poses.
         names: Names of these objects.
-        split: "train" or "eval".
         seed: Seed of the first layout.
     """
 
     table: LayoutTable
     rejected: LayoutTable
     names: list[str]
-    split: str
     seed: int
 
 
@@ -121,7 +120,7 @@ def make_rows(compiled: CompiledScene, layouts: int, rejected: int, seed: int) -
     """Make layouts and rejected candidates of a scene, on its device."""
     table = make_table(compiled, layouts, seed)
     candidates, names = rejected_candidates(compiled, rejected, seed) if rejected else (table[slice(0, 0)], [])
-    return Rows(table, candidates, names, "train", seed)
+    return Rows(table, candidates, names, seed)
 
 
 def save_rows(compiled: CompiledScene, rows: Rows, path: Path) -> None:
@@ -133,7 +132,7 @@ def save_rows(compiled: CompiledScene, rows: Rows, path: Path) -> None:
         "rejected_cause": np.array(["collision"] * len(rows.names), str),
         "hash": np.array(compiled.hash),
         "config": np.array(compiled.config.canonical()),
-        "split": np.array(rows.split),
+        "split": np.array("train"),
         "seed": np.array(rows.seed % 2**64, np.uint64),
     }
     with replacing(path) as temporary, temporary.open("wb") as file:
@@ -155,7 +154,7 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
             LayoutTable(**{f.name: columns[f"{part}_{f.name}"] for f in fields(LayoutTable)})
             for part in ("layouts", "rejected")
         )
-        names, split, seed = columns["rejected_object"], str(columns["split"]), int(columns["seed"])
+        names, seed = columns["rejected_object"], int(columns["seed"])
     except UNREADABLE as error:
         raise SceneFileError(
             f"--rows {path}: should be a file that 'sceniris-gym audit SCENE --save FILE' has written: {error}"
@@ -166,32 +165,24 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
             f"{compiled.hash}. Give the scene, and the changes by --set, that the rows were made with."
         )
     _check_columns(compiled, path, table, rejected, names)
-    return Rows(table, rejected, names.tolist(), split, seed)
+    return Rows(table, rejected, names.tolist(), seed)
 
 
 def _check_columns(
     compiled: CompiledScene, path: Path, table: LayoutTable, rejected: LayoutTable, names: np.ndarray
 ) -> None:
     """Refuse columns that are not those of the scene: shapes, types, and names of rejected objects."""
-    mjm, reaching = compiled.mjm, compiled.reaching
-    nreach, njoint = (0, 0) if reaching is None else (len(reaching.targets), reaching.njoint)
-    columns = [("rejected_object", names, (len(np.atleast_1d(rejected.valid)),), "<U1")]
+    row = np.zeros(1, DatasetPlan.of(compiled, 1, 0, "train").row)
+    bare = LayoutTable.from_states(row["qpos"], row["mocap_pos"], row["mocap_quat"], row["present"])
+    columns: list[tuple[str, np.ndarray, tuple[int, ...], Any]] = [
+        ("rejected_object", names, (len(np.atleast_1d(rejected.valid)),), "<U1")
+    ]
     for part, rows in (("layouts", table), ("rejected", rejected)):
         n = len(np.atleast_1d(rows.valid))
-        like = LayoutTable.from_states(
-            np.zeros((n, mjm.nq), np.float32),
-            np.zeros((n, mjm.nmocap, 3), np.float32),
-            np.zeros((n, mjm.nmocap, 4), np.float32),
-            np.zeros((n, len(compiled.slots)), bool),
-        )
-        reach = {"grasp": (n, nreach), "grasp_pose": (n, nreach, 7)}
-        reach |= dict.fromkeys(("grasp_qpos", "pregrasp_qpos"), (n, nreach, njoint))
         for f in fields(LayoutTable):
-            if rows is rejected and f.name in reach:
-                continue  # not read
-            model = getattr(like, f.name)
-            shape = reach.get(f.name, model.shape)
-            columns.append((f"{part}_{f.name}", getattr(rows, f.name), shape, model.dtype))
+            like = row[f.name] if f.name in (row.dtype.names or ()) else getattr(bare, f.name)
+            if rows is table or "grasp" not in f.name:  # nothing reads the grasps of candidates
+                columns.append((f"{part}_{f.name}", getattr(rows, f.name), (n, *like.shape[1:]), like.dtype))
     for name, found, shape, dtype in columns:
         if found.shape != shape:
             raise SceneFileError(f"--rows {path}: {name} has shape {found.shape}, but should have {shape}.")
