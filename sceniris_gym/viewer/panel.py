@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from sceniris_gym.program.compiled import USER_SPLITS
 from sceniris_gym.viewer.deck import Where
@@ -22,74 +22,17 @@ _BOX = "padding:8px 10px; border-radius:6px; font-size:13px; white-space:pre-wra
 _GOOD, _BAD, _WARNED = "background:#eef5ee; color:#1d4d2b;", "background:#fdeaea; color:#8a1414;", "background:#fff5e0;"
 
 
-class Commands(Protocol):
-    """What the controls can ask for."""
-
-    def go(self, where: Where) -> None:
-        """Show another layout."""
-        ...
-
-    def go_to_id(self, text: str) -> None:
-        """Show the layout with an id."""
-        ...
-
-    def show_worlds(self, num: int) -> None:
-        """Show so many worlds."""
-        ...
-
-    def show_layer(self, name: str, shown: bool) -> None:
-        """Show a layer, or hide it."""
-        ...
-
-    def show_geometry(self, which: str) -> None:
-        """Show what is seen, what collides, or both."""
-        ...
-
-    def look_at_object(self, name: str | None) -> None:
-        """Let layers show one object; None is all."""
-        ...
-
-    def move_slice(self, height: float) -> None:
-        """Move the slice of the reach map to a height [m]."""
-        ...
-
-    def move_arm(self, pose: str) -> None:
-        """Let the arm jump into a pose."""
-        ...
-
-    def show_rejected(self, shown: bool) -> None:
-        """Show rejected candidates, or the layout."""
-        ...
-
-    def show_candidate(self, i: int) -> None:
-        """Show a rejected candidate by its number."""
-        ...
-
-    def play(self, running: bool) -> None:
-        """Let physics go on, or stop it."""
-        ...
-
-    def step(self) -> None:
-        """Take one step of physics."""
-        ...
-
-    def reset_play(self) -> None:
-        """Go back to the layout."""
-        ...
-
-    def set_speed(self, speed: float) -> None:
-        """Set the seconds of physics in a second."""
-        ...
-
-    def set_target(self, i: int, value: float) -> None:
-        """Set the control of an actuator."""
-        ...
-
-
 class Panel:
-    """Draws the controls, and turns what users do with them into requests."""
+    """Draws the controls, and turns what users do with them into requests.
 
-    def __init__(self, server: viser.ViserServer, requests: Requests, commands: Commands, num: int) -> None:
+    Args:
+        server: The page.
+        requests: Takes the requests.
+        commands: The SceneView, whose public methods are what users can ask for.
+        num: How many worlds are shown first.
+    """
+
+    def __init__(self, server: viser.ViserServer, requests: Requests, commands: Any, num: int) -> None:
         self._gui, self._requests, self._do = server.gui, requests, commands
         self._where = Where()
         self._message = self._gui.add_html("")
