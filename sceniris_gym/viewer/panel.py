@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import html
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sceniris_gym.program.compiled import USER_SPLITS
@@ -33,7 +35,7 @@ class Panel:
     """
 
     def __init__(self, server: viser.ViserServer, requests: Requests, commands: Any, num: int) -> None:
-        self._gui, self._requests, self._do = server.gui, requests, commands
+        self._gui, self._ask, self._do = server.gui, requests.put, commands
         self._where = Where()
         self._message = self._gui.add_html("")
         self._add_layout(num)
@@ -102,9 +104,6 @@ class Panel:
         """Show what the arm is in."""
         self._arm.value = pose
 
-    def _ask(self, about: str | None, action: Callable[[], None]) -> None:
-        self._requests.put(about, action)
-
     def _on(self, handle: Any, about: str, action: Callable[[Any], None]) -> Any:
         """Ask for an action with the new value whenever a user, and not this program, changes a control."""
 
@@ -125,34 +124,28 @@ class Panel:
             self._on(self._split, "where", lambda split: self._do.go(Where(split, self._where.seed, 0)))
             self._seed = gui.add_text("seed", "0", hint="From 0 to 2^64 - 1. World i has seed + i.")
             self._on(self._seed, "where", lambda text: self._go_to_number(text, "seed"))
-            self._add_arrows("seed")
+            self._add_arrows("seed", lambda step: self._do.go(self._where.moved(seeds=step)))
             self._episode = gui.add_text(
                 "episode", "0", hint="How often the worlds were reset since they got the seed."
             )
             self._on(self._episode, "where", lambda text: self._go_to_number(text, "episode"))
-            self._add_arrows("episode")
+            self._add_arrows("episode", lambda step: self._do.go(self._where.moved(episodes=step)))
             numbers = sorted({*NUMBERS, str(num)}, key=int)
             self._number = gui.add_dropdown("worlds", numbers, initial_value=str(num))
             self._on(self._number, "worlds", lambda num: self._do.show_worlds(int(num)))
 
-    def _add_arrows(self, what: str) -> None:
-        """Buttons to the seed or the episode before, and to the next one."""
+    def _add_arrows(self, what: str, move: Callable[[int], None]) -> None:
+        """Add buttons that move to the thing before, by -1, and to the next one, by 1."""
         arrows = self._gui.add_button_group(" ", (f"◀ {what}", f"{what} ▶"))
-
-        @arrows.on_click
-        def _(event: Any) -> None:
-            step = 1 if "▶" in event.target.value else -1
-            self._ask(None, lambda: self._do.go(self._where.moved(**{f"{what}s": step})))
+        arrows.on_click(lambda event: self._ask(None, partial(move, 1 if "▶" in event.target.value else -1)))
 
     def _go_to_number(self, text: str, what: str) -> None:
         text = text.strip()
-        most = 2**64 if what == "seed" else 2**31
-        if not (text.isascii() and text.isdecimal()) or int(text) >= most:
-            return self.say(f"{what} '{text}': should be an integer from 0 to 2^{most.bit_length() - 1} - 1.", bad=True)
-        where = self._where
-        number = int(text)
-        self._do.go(Where(where.split, number, 0) if what == "seed" else Where(where.split, where.seed, number))
-        return None
+        bits = 64 if what == "seed" else 31
+        if not (text.isascii() and text.isdecimal()) or int(text) >= 2**bits:
+            self.say(f"{what} '{text}': should be an integer from 0 to 2^{bits} - 1.", bad=True)
+        else:
+            self._do.go(replace(self._where, **{"episode": 0, what: int(text)}))
 
     def _add_layers(self) -> None:
         gui = self._gui
@@ -175,13 +168,7 @@ class Panel:
         self._on(self._rejected, "rejected", self._do.show_rejected)
         self._candidate = gui.add_slider("candidate", 1, 2, 1, 1, disabled=True)
         self._on(self._candidate, "candidate", lambda i: self._do.show_candidate(int(i) - 1))
-        arrows = gui.add_button_group("  ", ("◀ candidate", "candidate ▶"))
-
-        @arrows.on_click
-        def _(event: Any) -> None:
-            step = 1 if "▶" in event.target.value else -1
-            self._ask(None, lambda: self._do.show_candidate(int(self._candidate.value) - 1 + step))
-
+        self._add_arrows("candidate", lambda step: self._do.show_candidate(int(self._candidate.value) - 1 + step))
         self._why = gui.add_html("")
         self._table = gui.add_html("")
 
@@ -192,12 +179,8 @@ class Panel:
             self._play = gui.add_button("Play", hint="MuJoCo C steps from this layout on.")
             self._play.on_click(lambda _: self._ask("play", lambda: self._do.play(self._play.label == "Play")))
             buttons = gui.add_button_group("   ", ("Step", "Reset"))
-
-            @buttons.on_click
-            def _(event: Any) -> None:
-                reset = event.target.value == "Reset"
-                self._ask("step", self._do.reset_play if reset else self._do.step)
-
+            actions = {"Step": self._do.step, "Reset": self._do.reset_play}
+            buttons.on_click(lambda event: self._ask("step", actions[event.target.value]))
             speed = gui.add_dropdown("speed", tuple(SPEEDS))
             self._on(speed, "speed", lambda name: self._do.set_speed(SPEEDS[name]))
             self._no_targets = gui.add_html("<p>The scene has no actuators.</p>")

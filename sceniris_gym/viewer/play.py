@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import mujoco
-import numpy as np
 
 from sceniris_gym.audit.physics import hold
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -67,12 +66,3 @@ class Player:
                     low, high = self.mjm.jnt_range[joint]
             ranges.append((self.mjm.actuator(i).name or f"actuator {i}", float(low), float(high)))
         return ranges
-
-    def set_target(self, i: int, value: float) -> None:
-        """Set the control of an actuator."""
-        self.data.ctrl[i] = value
-
-    @property
-    def targets(self) -> np.ndarray:
-        """The controls, shape (nu,)."""
-        return self.data.ctrl

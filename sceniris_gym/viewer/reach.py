@@ -5,8 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import ScenirisError
+from sceniris_gym.pictures.reach_picture import reached_share
 from sceniris_gym.program.reach import load_map, robot_arm
 from sceniris_gym.reach.map import ReachMap
 from sceniris_gym.scene.model import SceneModel
@@ -58,12 +58,7 @@ class ReachSlice:
         ticks = (np.arange(_PIXELS) + 0.5) / _PIXELS * 2.0 * self.span - self.span
         across, up = np.meshgrid(ticks, ticks[::-1])
         points = np.stack([across, up, np.full_like(across, height - self.base[0][2])], axis=-1)
-        points = points.reshape(-1, 3) + [*self.map.arm.axis_xy, 0.0]
-        poses = np.zeros((_DIRECTIONS, len(points), 4, 4))
-        poses[..., :3, 3] = points
-        poses[..., :3, 2] = _directions()[:, None]
-        verdicts = self.map.verdict(poses.reshape(-1, 4, 4), "cpu").reshape(_DIRECTIONS, -1)
-        share = np.mean(verdicts >= Tier.MAP.least_verdict, axis=0).reshape(_PIXELS, _PIXELS)
+        share = reached_share(self.map, points + [*self.map.arm.axis_xy, 0.0], _DIRECTIONS, "cpu")
         picture = np.empty((_PIXELS, _PIXELS, 4), np.uint8)
         picture[..., :3] = _FULL
         picture[..., 3] = np.round(_OPACITY * share)
@@ -75,10 +70,3 @@ class ReachSlice:
         mujoco.mju_rotVecQuat(offset, np.array([*self.map.arm.axis_xy, 0.0]), self.base[1])
         at = self.base[0] + offset
         return np.array([at[0], at[1], height]), self.base[1]
-
-
-def _directions() -> np.ndarray:
-    """Unit vectors spread evenly over the sphere (a Fibonacci lattice), shape (n, 3)."""
-    z = 1.0 - (2.0 * np.arange(_DIRECTIONS) + 1.0) / _DIRECTIONS
-    angle = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(_DIRECTIONS)
-    return np.stack([np.sqrt(1.0 - z**2) * np.cos(angle), np.sqrt(1.0 - z**2) * np.sin(angle), z], axis=1)

@@ -195,7 +195,7 @@ class SceneView:
         """Go back to the layout, and to its layers."""
         if self._player is not None:
             self._player.reset()
-            self.panel.set_targets(self._player.targets)
+            self.panel.set_targets(self._player.data.ctrl)
             self._end_play()
             self._show()
 
@@ -207,7 +207,7 @@ class SceneView:
 
     def set_target(self, i: int, value: float) -> None:
         """Set the control of an actuator, and let physics go on."""
-        self._playing().set_target(i, value)
+        self._playing().data.ctrl[i] = value
         self.play(True)
 
     def _try(self, action: Callable[[], None]) -> None:
@@ -323,7 +323,7 @@ class SceneView:
             self._candidates, self._pose = None, START
             self.panel.set_rejected(False)
             self.panel.set_arm(START)
-            self.panel.set_targets(self._player.targets)
+            self.panel.set_targets(self._player.data.ctrl)
             self._show()
         return self._player
 
