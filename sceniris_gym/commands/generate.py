@@ -1,4 +1,4 @@
-"""The `generate` command: writes a data set of layouts, together with their model, or verifies one."""
+"""The `generate` command: writes a data set of layouts, together with their model."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from sceniris_gym.dataset.manifest import DatasetPlan, counts
+from sceniris_gym.dataset.manifest import DatasetPlan
 from sceniris_gym.dataset.share import Share
 from sceniris_gym.dataset.writer import DatasetWriter
 from sceniris_gym.program.compiled import CompiledScene
 
-# Layouts that are made at once: what keeps a GPU busy, and on a CPU no more than its caches hold.
+# Layouts made at once: as many as keep a GPU busy, and on a CPU no more than its caches hold.
 _CHUNK, _CHUNK_CUDA = 4096, 16_384
 
 
@@ -35,15 +35,15 @@ def generate(
         folder: The folder to write to; created if it does not exist.
         seed: Seed of the first row.
         split: "train" or "eval".
-        chunk: Layouts that are made at once, which changes nothing else; None for what suits the device.
-        share: Which parts this process writes; None for all of them.
+        chunk: Layouts made at once, which changes nothing else; None for a number that suits the device.
+        share: The parts that this process writes; None for all of them.
         resume: Go on with a data set that was begun.
-        formats: What is written beside the parts: some of `dataset.formats.ENCODERS`, in alphabetical order.
+        formats: Formats of parts beside `.npy`: some of `dataset.formats.ENCODERS`, in alphabetical order.
 
     Raises:
         DatasetError, MissingExtraError: See `DatasetWriter`.
         OutputError: A file cannot be written.
-        SceneKeyError: The scene's model is a MjModel, of which no `scene.zip` can be written.
+        SceneKeyError: The scene's model is an MjModel, of which no `scene.zip` can be written.
     """
     plan, share = DatasetPlan.of(compiled, n, seed, split, formats), share or Share()
     if chunk is None:
@@ -51,7 +51,7 @@ def generate(
     writer = DatasetWriter(compiled, plan, folder, share, resume=resume)
     writer.write(chunk=chunk)
     records = writer.records()
-    rows, valid, first = counts(records)
+    rows, valid, first = (sum(record[name] for record in records) for name in ("rows", "valid", "first_pass_valid"))
     figures = {
         "scene": compiled.config.name,
         "hash": compiled.hash,
