@@ -1,4 +1,4 @@
-"""The controls beside the picture."""
+"""The controls of the page of a scene."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _GOOD, _BAD, _WARNED = "background:#eef5ee; color:#1d4d2b;", "background:#fdeaea
 
 
 class Panel:
-    """Draws the controls, and turns what users do with them into requests.
+    """Draws the controls, and turns their use into requests.
 
     Args:
         server: The page.
-        requests: Takes the requests.
-        commands: The SceneView, whose public methods are what users can ask for.
+        requests: The queue of the requests.
+        commands: The SceneView, whose public methods the requests call.
         num: How many worlds are shown first.
     """
 
@@ -49,7 +49,7 @@ class Panel:
         self._targets: list[Any] = []
 
     def say(self, text: str, *, bad: bool = False, notices: Sequence[str] = ()) -> None:
-        """Put a message above all controls, red if something is wrong, and warnings below it."""
+        """Show a message above all controls, red if something is wrong, and warnings below it."""
         boxes = [f"<div style='{_BOX}{_BAD if bad else _GOOD}'>{html.escape(text)}</div>"]
         boxes += [f"<div style='{_BOX}{_WARNED}'>{html.escape(notice)}</div>" for notice in notices]
         self._message.content = "".join(boxes)
@@ -57,7 +57,7 @@ class Panel:
     def set_scene(
         self, names: Sequence[str], only: str | None, targets: Sequence[tuple[str, float, float]], has_map: bool
     ) -> None:
-        """Offer what a scene has: objects, and which of them is chosen, actuators with their ranges, a map."""
+        """Offer the objects of a scene, with the chosen one, its actuators with their ranges, and its map."""
         self._object.options = (ALL, *names)
         self._object.value = ALL if only is None else only
         self._layers[REACH].disabled = self._height.disabled = not has_map
@@ -68,7 +68,7 @@ class Panel:
         self._no_targets.visible = not targets
 
     def set_where(self, where: Where, layout_id: str, poses: Sequence[str]) -> None:
-        """Show which layout is on show, and what its arm can jump into."""
+        """Show the choice of layouts and the id of the first one, and offer the poses of its arm."""
         self._where = where
         self._split.value, self._seed.value, self._episode.value = where.split, str(where.seed), str(where.episode)
         self._id.value = layout_id
@@ -86,26 +86,26 @@ class Panel:
         self._table.content = table
 
     def set_candidates(self, num: int, i: int, text: str) -> None:
-        """Show how many rejected candidates there are, which one is on show, and why it was rejected."""
+        """Show the number of rejected candidates, the one on show, and why it was rejected."""
         self._candidate.max = max(num, 1)
         self._candidate.disabled = num < 2
         self._candidate.value = i + 1 if num else 1
         self._why.content = f"<div style='{_BOX}{_BAD if num else _GOOD}'>{html.escape(text)}</div>"
 
     def set_playing(self, running: bool) -> None:
-        """Show whether time goes on."""
+        """Show that physics is running, or stands still."""
         self._play.label = "Pause" if running else "Play"
 
     def set_rejected(self, shown: bool) -> None:
-        """Show whether rejected candidates are on show."""
+        """Tick the box of rejected candidates, or clear it."""
         self._rejected.value = shown
 
     def set_arm(self, pose: str) -> None:
-        """Show what the arm is in."""
+        """Show the pose of the arm."""
         self._arm.value = pose
 
     def _on(self, handle: Any, about: str, action: Callable[[Any], None]) -> Any:
-        """Ask for an action with the new value whenever a user, and not this program, changes a control."""
+        """Ask for an action with the new value whenever a user, rather than this program, changes a control."""
 
         @handle.on_update
         def _(event: Any) -> None:
@@ -135,9 +135,10 @@ class Panel:
             self._on(self._number, "worlds", lambda num: self._do.show_worlds(int(num)))
 
     def _add_arrows(self, what: str, move: Callable[[int], None]) -> None:
-        """Add buttons that move to the thing before, by -1, and to the next one, by 1."""
-        arrows = self._gui.add_button_group(" ", (f"◀ {what}", f"{what} ▶"))
-        arrows.on_click(lambda event: self._ask(None, partial(move, 1 if "▶" in event.target.value else -1)))
+        """Add buttons that move by -1 and by 1."""
+        steps = {f"◀ {what}": -1, f"{what} ▶": 1}
+        arrows = self._gui.add_button_group(" ", tuple(steps))
+        arrows.on_click(lambda event: self._ask(None, partial(move, steps[event.target.value])))
 
     def _go_to_number(self, text: str, what: str) -> None:
         text = text.strip()

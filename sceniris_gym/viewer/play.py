@@ -1,4 +1,4 @@
-"""Physics from a layout: MuJoCo C steps one world, at real time or slower."""
+"""Physics from a layout: MuJoCo C steps one world, in real time or slower."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import mujoco
 from sceniris_gym.audit.physics import hold
 from sceniris_gym.scene.layout_table import LayoutTable
 
-_LONGEST = 0.1  # s of physics between two pictures; a slow machine falls behind rather than freeze
+_LONGEST = 0.1  # s of physics between two pictures; a slow machine falls behind rather than freezes
 
 
 class Player:
@@ -19,7 +19,7 @@ class Player:
 
     Attributes:
         data: The state.
-        running: Whether time goes on.
+        running: False while physics is paused.
         speed: Seconds of physics in a second.
     """
 
@@ -39,7 +39,7 @@ class Player:
         self._debt = 0.0
 
     def advance(self, seconds: float) -> bool:
-        """Let so much time [s] pass, and return whether anything was stepped."""
+        """Let so much time [s] pass; return True if that took any step."""
         if not self.running:
             return False
         self._debt = min(self._debt + seconds * self.speed, _LONGEST)
@@ -54,7 +54,7 @@ class Player:
         mujoco.mj_step(self.mjm, self.data)
 
     def target_ranges(self) -> list[tuple[str, float, float]]:
-        """Name, least and greatest control of each actuator; unlimited ones get the range of their joint, or +-1."""
+        """Return name, least and greatest control of each actuator; unlimited ones get their joint's range, or +-1."""
         ranges = []
         for i in range(self.mjm.nu):
             low, high = self.mjm.actuator_ctrlrange[i]

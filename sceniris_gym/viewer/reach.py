@@ -1,4 +1,4 @@
-"""The layer of reach: slices of the arms' maps, as pictures that lie at some height in the scene."""
+"""The layer of reach: slices of the arms' maps, as pictures at some height in the scene."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class ReachSlice:
 
     @classmethod
     def of(cls, scene: SceneModel) -> list[ReachSlice]:
-        """The slices of a scene, for each robot that has a map, with the bases where they are at home."""
+        """Return a slice for each robot of a scene that has a map, with its base at home."""
         data, found = mujoco.MjData(scene.mjm), []
         data.qpos[:] = scene.home_qpos
         mujoco.mj_kinematics(scene.mjm, data)
@@ -47,11 +47,11 @@ class ReachSlice:
         return found
 
     def at(self, data: mujoco.MjData) -> ReachSlice:
-        """The same slices in the state of a layout, in which the base may have been drawn elsewhere."""
+        """Return the same slice in the state of a layout, in which the base may stand elsewhere."""
         return ReachSlice(self.map, self.body, (data.xpos[self.body].copy(), data.xquat[self.body].copy()))
 
     def picture(self, height: float) -> np.ndarray:
-        """Return a slice at a height [m] of the world, (n, n, 4) uint8: the more opaque, the more approaches reach.
+        """Return the picture at a height [m] of the world, (n, n, 4) uint8: more opaque where more approaches reach.
 
         It is `2 * span` wide, around the axis of the arm's first joint, with the base's y up and its x to the right.
         """
@@ -65,7 +65,7 @@ class ReachSlice:
         return picture
 
     def pose(self, height: float) -> tuple[np.ndarray, np.ndarray]:
-        """Where the middle of the slice is [m], and its orientation (wxyz)."""
+        """Return the middle of the slice [m] and its orientation (wxyz)."""
         offset = np.empty(3)
         mujoco.mju_rotVecQuat(offset, np.array([*self.map.arm.axis_xy, 0.0]), self.base[1])
         at = self.base[0] + offset

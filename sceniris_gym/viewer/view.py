@@ -1,4 +1,4 @@
-"""The page of one scene: what its controls do, and what it shows."""
+"""The page of one scene: its state, and the actions of its controls."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ _CANDIDATE, _SLICE, _PIECES = "candidate", "slice", "pieces"  # names of sketche
 
 
 class SceneView:
-    """Shows layouts of a scene, and does what the controls of the page ask for, in the thread that calls `turn`.
+    """Shows layouts of a scene, and does the requests of the page's controls, in the thread that calls `turn`.
 
     Args:
         server: The page.
         file: The scene.
-        where: Which layout is shown first.
+        where: The choice of layouts that is shown first.
         num: How many worlds are shown first.
     """
 
@@ -72,7 +72,7 @@ class SceneView:
         self._looked = self._stepped = self._told = time.monotonic()
 
     def turn(self, seconds: float = _IDLE) -> None:
-        """Do what was asked for, waiting so long for something; let physics go on, and see whether files were saved."""
+        """Do what was asked for, waiting so long for a request; let physics go on, and look for saved files."""
         running = self._player is not None and self._player.running
         for action in self.requests.take(_FRAME if running else seconds):
             self._try(action)
@@ -88,7 +88,7 @@ class SceneView:
                 self._count()
 
     def load(self) -> None:
-        """Read the scene, and show it at the same seed; if that fails, say why, and leave what is on show."""
+        """Read the scene, and show it at the same seed. If that fails, say why, and leave the page as it is."""
         with listening(self._tell_progress):
             loaded = self.file.load()
         if loaded.error is not None:
@@ -211,7 +211,7 @@ class SceneView:
         self.play(True)
 
     def _try(self, action: Callable[[], None]) -> None:
-        """Do what was asked for; what users can get wrong is said on the page, and what we did on stderr too."""
+        """Do what was asked for. Users' mistakes are said on the page, and our own on stderr as well."""
         try:
             action()
         except ScenirisError as error:
@@ -226,7 +226,7 @@ class SceneView:
             self.panel.say(f"The scene is being worked out ({what}: {done} of {total}). {_KERNELS}")
 
     def _draw_worlds(self) -> None:
-        """Draw the worlds anew, as another model or another number of them needs."""
+        """Draw the worlds anew, for another model or another number of them."""
         self.server.scene.reset()
         worlds = Worlds(self.server, self.deck.compiled.scene, self.num)
         worlds.aim(open_pages=not self._ready or not worlds.is_like(self._worlds))
@@ -246,7 +246,7 @@ class SceneView:
             hidden = world.hidden_bodies(with_absent=not parked)
             if candidate is not None and i == 0:
                 hidden += [*compiled.scene.subtree(candidate.name), *before]
-            worlds.put(i, world.data, hidden, world.parked_offsets(worlds.low) if parked else None)
+            worlds.put(i, world.data, hidden, world.parked_offsets(worlds.low) if parked else {})
         worlds.send()
         worlds.show_visuals(self._geometry != COLLIDED or self._player is not None)
         self._show_layers(first)
@@ -255,7 +255,7 @@ class SceneView:
         self._show_player()
 
     def _first_world(self) -> tuple[ShownWorld, Candidate | None]:
-        """The world that layers are about: the layout, with its arm in some pose, or a rejected candidate."""
+        """Return the world of the layers: that of a candidate, with the candidate, or the layout in the arm's pose."""
         if self._candidates:
             candidate = self._candidates[self._candidate]
             return why.world_of(self.deck.compiled, candidate), candidate
@@ -316,7 +316,7 @@ class SceneView:
         self._worlds.send()
 
     def _playing(self) -> Player:
-        """The player of this layout, made when it is first asked for; layers are about the layout and go."""
+        """Return the player of this layout. Starting one hides the layers, which are about the layout."""
         if self._player is None:
             self._player = Player(self.deck.compiled.mjm, self.table[:1])
             self._player.speed = self._speed
@@ -332,7 +332,7 @@ class SceneView:
         self.panel.set_playing(False)
 
     def _first_candidate(self) -> int:
-        """The candidate to begin with: where no layout can be made, the first of what is to blame."""
+        """Return the candidate to begin with: where no layout can be made, the first one of the object to blame."""
         error = self.loaded.error if self._ready else None
         if isinstance(error, InfeasibleSceneError):
             for i, candidate in enumerate(self._candidates or ()):
