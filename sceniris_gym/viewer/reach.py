@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 
@@ -17,56 +20,49 @@ _FULL = np.array([38.0, 110.0, 190.0])
 _OPACITY = 170.0  # of 255, where every direction is reached
 
 
+@dataclass(frozen=True)
 class ReachSlice:
-    """Slices of the map of an arm.
+    """A slice of the map of an arm.
 
-    Args:
-        reach_map: The arm's map.
+    Attributes:
+        map: The arm's map.
         body: Id of the arm's base.
-        base: Position [m] and orientation of the arm's base.
     """
 
-    def __init__(self, reach_map: ReachMap, body: int, base: tuple[np.ndarray, np.ndarray]) -> None:
-        self.map, self.body, self.base = reach_map, body, base
-        self.span = -reach_map.u_low
+    map: ReachMap
+    body: int
 
     @classmethod
     def of(cls, scene: SceneModel) -> list[ReachSlice]:
-        """Return a slice for each robot of a scene that has a map, with its base at home."""
-        data, found = mujoco.MjData(scene.mjm), []
-        data.qpos[:] = scene.home_qpos
-        mujoco.mj_kinematics(scene.mjm, data)
+        """Return a slice for each robot of a scene that has a map."""
+        found = []
         for name, robot in scene.config.all_robots.items():
-            try:
+            with contextlib.suppress(ScenirisError):
                 reach_map = load_map(robot_arm(scene, name), robot, scene.config.where)
-            except ScenirisError:
-                continue
-            body = scene.bodies[name]
-            if reach_map is not None:
-                found.append(cls(reach_map, body, (data.xpos[body].copy(), data.xquat[body].copy())))
+                if reach_map is not None:
+                    found.append(cls(reach_map, scene.bodies[name]))
         return found
 
-    def at(self, data: mujoco.MjData) -> ReachSlice:
-        """Return the same slice in the state of a layout, in which the base may stand elsewhere."""
-        return ReachSlice(self.map, self.body, (data.xpos[self.body].copy(), data.xquat[self.body].copy()))
+    @property
+    def span(self) -> float:
+        """Half the width of the slice [m]."""
+        return -self.map.u_low
 
-    def picture(self, height: float) -> np.ndarray:
+    def picture(self, data: mujoco.MjData, height: float) -> np.ndarray:
         """Return the picture at a height [m] of the world, (n, n, 4) uint8: more opaque where more approaches reach.
 
         It is `2 * span` wide, around the axis of the arm's first joint, with the base's y up and its x to the right.
         """
         ticks = (np.arange(_PIXELS) + 0.5) / _PIXELS * 2.0 * self.span - self.span
         across, up = np.meshgrid(ticks, ticks[::-1])
-        points = np.stack([across, up, np.full_like(across, height - self.base[0][2])], axis=-1)
+        points = np.stack([across, up, np.full_like(across, height - data.xpos[self.body, 2])], axis=-1)
         share = reached_share(self.map, points + [*self.map.arm.axis_xy, 0.0], _DIRECTIONS, "cpu")
         picture = np.empty((_PIXELS, _PIXELS, 4), np.uint8)
         picture[..., :3] = _FULL
         picture[..., 3] = np.round(_OPACITY * share)
         return picture
 
-    def pose(self, height: float) -> tuple[np.ndarray, np.ndarray]:
+    def pose(self, data: mujoco.MjData, height: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the middle of the slice [m] and its orientation (wxyz)."""
-        offset = np.empty(3)
-        mujoco.mju_rotVecQuat(offset, np.array([*self.map.arm.axis_xy, 0.0]), self.base[1])
-        at = self.base[0] + offset
-        return np.array([at[0], at[1], height]), self.base[1]
+        axis = data.xmat[self.body].reshape(3, 3) @ [*self.map.arm.axis_xy, 0.0]
+        return np.array([*(data.xpos[self.body] + axis)[:2], height]), data.xquat[self.body]

@@ -298,11 +298,11 @@ class SceneView:
         self._erase_slices()
         if REACH not in self._layers:
             return
-        for i, piece in enumerate(piece.at(world.data) for piece in self._slices):
-            (at, turn), size = piece.pose(self._height), 2.0 * piece.span
+        for i, piece in enumerate(self._slices):
+            (at, turn), size = piece.pose(world.data, self._height), 2.0 * piece.span
             flat = {"cast_shadow": False, "receive_shadow": False, "format": "png"}
             words = {"position": at + self._worlds.origins[0], "wxyz": turn, **flat}
-            self.server.scene.add_image(f"/{_SLICE}{i}", piece.picture(self._height), size, size, **words)
+            self.server.scene.add_image(f"/{_SLICE}{i}", piece.picture(world.data, self._height), size, size, **words)
 
     def _erase_slices(self) -> None:
         for i in range(len(self._slices)):
