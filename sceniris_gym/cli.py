@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from json import dumps
 from math import radians
 from pathlib import Path
-from typing import Annotated, Any, Literal, NoReturn, ParamSpec
+from typing import Annotated, Any, Literal, ParamSpec
 
 import tyro
 
@@ -43,10 +43,7 @@ _MOST_LAYOUTS = 1_000_000_000  # of a data set, some hundred gigabytes
 
 
 def _command(work: Callable[P, str]) -> Callable[P, str]:
-    """Send everything that libraries print during a command to stderr, and show there how far it is.
-
-    Stdout is for the result.
-    """
+    """Start Warp for a command, show its progress, and send what libraries print to stderr; stdout has the result."""
 
     @functools.wraps(work)
     def quiet(*args: P.args, **kwargs: P.kwargs) -> str:
@@ -474,14 +471,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     about = f"{ABOUT} Version {sceniris_gym.__version__} (--version)."
     try:
         print(tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="sceniris-gym", description=about, args=arguments))
-    except ScenirisError as error:
-        _end(str(error), 2)
-    except OSError as error:
-        _end(_in_words(error), 2)
+    except (ScenirisError, OSError) as error:
+        message = str(error) if isinstance(error, ScenirisError) else _in_words(error)
+        print(f"sceniris-gym: {message}", file=sys.stderr)
+        sys.exit(2)
 
 
 def _in_words(error: OSError) -> str:
-    """Say which file an error of the operating system is about, and what helps."""
+    """Return an error of the operating system in words: the file, the reason, and a remedy."""
     file = "a file" if error.filename is None else str(error.filename)
     why = str(error) if error.strerror is None else error.strerror.lower()
     if error.filename is not None and _is_unwritable_cache(file):
@@ -494,7 +491,7 @@ def _in_words(error: OSError) -> str:
 
 
 def _is_unwritable_cache(file: str) -> bool:
-    """Whether a file is Warp's cache of kernels, inside of it or above it, and nothing can be written there."""
+    """Return True if a file is Warp's kernel cache, or inside or above it, and nothing can be written there."""
     import warp as wp
 
     if not wp.config.kernel_cache_dir:
@@ -502,11 +499,6 @@ def _is_unwritable_cache(file: str) -> bool:
     cache, path = Path(wp.config.kernel_cache_dir), Path(file).absolute()
     concerned = path.is_relative_to(cache) or cache.is_relative_to(path)
     return concerned and not (cache.is_dir() and os.access(cache, os.W_OK))
-
-
-def _end(message: str, status: int) -> NoReturn:
-    print(f"sceniris-gym: {message}", file=sys.stderr)
-    sys.exit(status)
 
 
 def _listing(figures: dict[str, Any]) -> str:

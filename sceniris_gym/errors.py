@@ -1,4 +1,4 @@
-"""Every error a user can meet. Each message says what was wrong, where, and what would be right."""
+"""All errors and warnings that a user can meet. Each message says what was wrong, where, and what would be right."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class SceneFileError(ScenirisError):
 
 
 class SceneKeyError(ScenirisError):
-    """A key or value in a scene that is wrong; the message names its path."""
+    """A wrong key or value in a scene; the message names its path."""
 
 
 class NotSupportedError(ScenirisError):
@@ -74,7 +74,7 @@ class NoSupportError(ScenirisError):
 
 
 class ErodedSupportError(ScenirisError):
-    """A support of which nothing is left after cropping to a region, or after erosion by `ratio_on_support`."""
+    """A support of which cropping to a region, or erosion by `ratio_on_support`, leaves nothing."""
 
 
 class CycleError(ScenirisError):
@@ -109,7 +109,7 @@ class FlatMeshError(MeshError):
 
 
 class OpenMeshError(MeshError):
-    """A mesh with holes so large that what it encloses is anyone's guess."""
+    """A mesh with holes so large that its inside is anyone's guess."""
 
 
 class LargeMeshError(MeshError):
@@ -117,11 +117,11 @@ class LargeMeshError(MeshError):
 
 
 class PartsError(MeshError):
-    """A mesh that no convex parts were found for which stay near its surface."""
+    """A mesh without convex parts that stay near its surface."""
 
 
 class SliverError(MeshError):
-    """A body so thin and light that MuJoCo takes none of its moments of inertia for one."""
+    """A body so thin and light that its moments of inertia are too small for MuJoCo."""
 
 
 class SizeError(MeshError):
@@ -167,7 +167,7 @@ class InfeasibleSceneError(ScenirisError):
         leaning: Its support, if that leaned in most worlds.
         orientation: The `orientation` of that support, if it does not keep the support upright.
         obstruction: The pair of geoms that is most in its way, if it collides.
-        joined: The object that it is joined to at sites, if it is.
+        joined: The object that it is joined to at sites, if there is one.
     """
 
     def __init__(
@@ -280,7 +280,7 @@ class BusyError(ScenirisError, RuntimeError):
 
 
 class FixedError(ScenirisError, AttributeError):
-    """An attribute that was assigned to, although nothing would follow from it: launches are captured without it.
+    """Raised on assignment to an attribute that captured graphs already use.
 
     Args:
         what: The class of the object.
@@ -320,11 +320,11 @@ class CountError(ScenirisError, ValueError):
 
 
 class ArgumentError(ScenirisError, ValueError):
-    """An argument of a function that is none of what it takes."""
+    """An argument that its function does not take."""
 
 
 class ArgumentTypeError(ArgumentError, TypeError):
-    """An argument of a function that is of a type that it does not take."""
+    """An argument of a type that its function does not take."""
 
 
 def check_type(value: object, kind: type, name: str) -> None:
@@ -333,7 +333,7 @@ def check_type(value: object, kind: type, name: str) -> None:
     Args:
         value: The argument.
         kind: Its type.
-        name: What it is called in messages: the function, and the argument in it.
+        name: Its name in messages: the function and the argument.
 
     Raises:
         ArgumentTypeError: It is of another type.
@@ -351,7 +351,7 @@ class FallbackWarning(ScenirisWarning):
         name: The object with the most rejections.
         cause: The most frequent cause of them.
         cures: What to write in the scene file, e.g. "'restarts' above 8".
-        held: How many layouts the smaller of the two banks holds, and how many it should, where fewer were found.
+        held: The number of layouts in the smaller of the two banks, and the number wanted, if fewer were found.
     """
 
     def __init__(
@@ -390,11 +390,11 @@ class AttemptsWarning(ScenirisWarning):
 
 
 class ReachWarning(ScenirisWarning):
-    """Reachability is decided in a different way than requested; the message says why."""
+    """Reachability that is not decided as requested; the message says why."""
 
 
 class ModelWarning(ScenirisWarning):
-    """Something in a model that is accepted but was probably not meant; the message says what, and what to do."""
+    """A detail of a model that is accepted but was probably not meant; the message names it and a remedy."""
 
 
 class OutputError(ScenirisError, OSError):
@@ -414,11 +414,11 @@ class MemoryLimitError(ScenirisError, MemoryError):
     """Something that does not fit into the memory that is free.
 
     Args:
-        what: What was about to be made.
-        needed: How many bytes it takes, at least.
-        free: How many are free.
-        device: Where.
-        cure: What to do about it.
+        what: The thing to be made.
+        needed: The bytes that it takes at least.
+        free: The bytes that are free.
+        device: The device.
+        cure: The remedy.
     """
 
     def __init__(self, what: str, needed: int, free: int, device: str, cure: str) -> None:
@@ -430,14 +430,14 @@ class MemoryLimitError(ScenirisError, MemoryError):
 
 
 class DatasetError(ScenirisError):
-    """A data set of layouts that is incomplete, damaged, or another one than was asked for."""
+    """A data set of layouts that is incomplete, damaged, or not the one asked for."""
 
 
 class MissingExtraError(ScenirisError, ImportError):
     """A library that is not installed, and that an extra of this package installs.
 
     Args:
-        package: What could not be imported.
+        package: The missing library.
         extra: The extra of this package that installs it.
     """
 
@@ -451,7 +451,7 @@ class KeysLeftOutWarning(ScenirisWarning):
 
     Args:
         keys: Dotted paths of the keys that are left out.
-        changed: What a key means here, by dotted path, for keys carried over with a different meaning or value.
+        changed: The meaning here of keys that are carried over with a different meaning or value, by dotted path.
         advice: Sentences on how to carry over more.
     """
 

@@ -1,4 +1,4 @@
-"""The `audit` command: makes layouts and rejected candidates of a scene, and lets the audit judge them."""
+"""The `audit` command: layouts and rejected candidates of a scene, and the judgement of the audit on them."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def rejected_candidates(compiled: CompiledScene, n: int, seed: int) -> tuple[Lay
     """Make layouts until n candidates were rejected for collision.
 
     Returns:
-        The layouts in which the rejected objects stand at their candidate poses, and the names of these objects; fewer
-        than n if the scene rejects hardly anything.
+        The layouts with the rejected objects at their candidate poses, and the names of these objects; fewer than n if
+        the scene rejects hardly anything.
     """
     generator = LayoutGenerator(compiled, _WORLDS, seed=seed, rejected=n)
     view, nmocap = generator.layouts.view, compiled.mjm.nmocap
@@ -56,7 +56,7 @@ def rejected_candidates(compiled: CompiledScene, n: int, seed: int) -> tuple[Lay
 
 
 def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
-    """Return how a table says its objects are reached, with the gripper opened 1 cm wider than a grasp needs."""
+    """Return the claims of a table about reach, with the gripper opened 1 cm wider than a grasp needs."""
     if compiled.reaching is None:
         return []
     claims = []
@@ -84,7 +84,7 @@ def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
 
 
 def judge_reach(compiled: CompiledScene, table: LayoutTable, claims: list[Claim]) -> list[Unreached]:
-    """Return the claims of a table about reach that the audit finds to be wrong."""
+    """Return the claims about reach that the audit refutes."""
     if not claims:
         return []
     scene, found = compiled.scene, []
@@ -101,11 +101,11 @@ def judge_reach(compiled: CompiledScene, table: LayoutTable, claims: list[Claim]
 
 @dataclass(frozen=True)
 class Rows:
-    """What the audit judges: layouts, and candidates that were rejected for collision.
+    """Rows to judge: layouts, and candidates that were rejected for collision.
 
     Attributes:
         table: The layouts.
-        rejected: Layouts in which the rejected objects stand at their candidate poses.
+        rejected: Layouts with the rejected objects at their candidate poses.
         names: Names of these objects.
         seed: Seed of the first layout.
     """
@@ -124,7 +124,7 @@ def make_rows(compiled: CompiledScene, layouts: int, rejected: int, seed: int) -
 
 
 def save_rows(compiled: CompiledScene, rows: Rows, path: Path) -> None:
-    """Write rows to an npz file, whole or not at all, with all that tells which scene and seeds they are of."""
+    """Write rows to an npz file, whole or not at all, with their scene and seeds."""
     columns: dict[str, Any] = {f"layouts_{f.name}": getattr(rows.table, f.name) for f in fields(LayoutTable)}
     columns |= {f"rejected_{f.name}": getattr(rows.rejected, f.name) for f in fields(LayoutTable)}
     columns |= {
@@ -140,12 +140,12 @@ def save_rows(compiled: CompiledScene, rows: Rows, path: Path) -> None:
 
 
 def load_rows(compiled: CompiledScene, path: Path) -> Rows:
-    """Read rows that `save_rows` has written.
+    """Read the rows of a file that `save_rows` wrote.
 
     Raises:
         SceneFileError: The file is missing, or is something else.
         SceneMismatchError: Its rows are of another scene.
-        UnknownNameError: A rejected object is not one that the scene places.
+        UnknownNameError: The scene does not place a rejected object.
     """
     try:
         columns = read_arrays(path)
@@ -174,27 +174,27 @@ def _check_columns(
     """Refuse columns that are not those of the scene: shapes, types, and names of rejected objects."""
     row = np.zeros(1, DatasetPlan.of(compiled, 1, 0, "train").row)
     bare = LayoutTable.from_states(row["qpos"], row["mocap_pos"], row["mocap_quat"], row["present"])
-    columns: list[tuple[str, np.ndarray, tuple[int, ...], Any]] = [
-        ("rejected_object", names, (len(np.atleast_1d(rejected.valid)),), "<U1")
-    ]
+
+    def check(name: str, found: np.ndarray, shape: tuple[int, ...], dtype: Any) -> None:
+        if found.shape != shape:
+            raise SceneFileError(f"--rows {path}: {name} has shape {found.shape}, but should have {shape}.")
+        if not np.can_cast(found.dtype, dtype, "same_kind"):
+            raise SceneFileError(f"--rows {path}: {name} has type {found.dtype}, but should have {dtype}.")
+
+    check("rejected_object", names, (len(np.atleast_1d(rejected.valid)),), "<U1")
     for part, rows in (("layouts", table), ("rejected", rejected)):
         n = len(np.atleast_1d(rows.valid))
         for f in fields(LayoutTable):
             like = row[f.name] if f.name in (row.dtype.names or ()) else getattr(bare, f.name)
             if rows is table or "grasp" not in f.name:  # nothing reads the grasps of candidates
-                columns.append((f"{part}_{f.name}", getattr(rows, f.name), (n, *like.shape[1:]), like.dtype))
-    for name, found, shape, dtype in columns:
-        if found.shape != shape:
-            raise SceneFileError(f"--rows {path}: {name} has shape {found.shape}, but should have {shape}.")
-        if not np.can_cast(found.dtype, dtype, "same_kind"):
-            raise SceneFileError(f"--rows {path}: {name} has type {found.dtype}, but should have {dtype}.")
+                check(f"{part}_{f.name}", getattr(rows, f.name), (n, *like.shape[1:]), like.dtype)
     for name in names.tolist():
         if name not in compiled.placed:
             raise UnknownNameError("object", name, f"--rows {path}: rejected_object", compiled.placed)
 
 
 def _finite(rows: Rows) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
-    """Return which layouts and candidates are finite numbers, and by column which rows are not."""
+    """Return masks of the layouts and candidates that are finite, and by column the rows that are not."""
     found, by = [], {}
     for part, table in (("layouts", rows.table), ("rejected", rows.rejected)):
         finite = np.ones(len(table), bool)
@@ -209,7 +209,7 @@ def _finite(rows: Rows) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
 
 
 def _runs(numbers: np.ndarray) -> str:
-    """Return ascending numbers in words: "0 3-5 9"."""
+    """Return ascending numbers as text, such as "0 3-5 9"."""
     runs = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
     return " ".join(str(run[0]) if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs)
 
@@ -300,5 +300,5 @@ def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) 
 
 
 def _depth(allowed: Allowed) -> str:
-    """Return how deep contacts are that are allowed for."""
+    """Return the depths of an allowed contact as text."""
     return f"{allowed.home:.2g} m deep there, {allowed.depth:.2g} m in layouts"

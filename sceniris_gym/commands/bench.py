@@ -1,4 +1,4 @@
-"""The `bench` command: measures how fast layouts are made and worlds are reset."""
+"""The `bench` command: the rates of making layouts and of resetting worlds."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from sceniris_gym.sim.randomizer import ResetRandomizer
 
 REPEATS = 20
 _WARM_UP = 3
-_NARROWED = 4096  # most layouts in which it is measured where objects lie
+_NARROWED = 4096  # most layouts for the measure of `reachable`
 _PARTIAL = 0.02  # share of the worlds in a partial reset
 
 
@@ -51,7 +51,7 @@ def bench(
         device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
         seed: Seed of the first world.
         overrides: Parts of the scene to change.
-        picture: Where to write a picture of how `reachable` narrows where objects lie; None for no picture.
+        picture: PNG to write, of the places that `reachable` leaves to objects; None for no picture.
     """
     start = time.perf_counter()
     compiled = compile_scene(SceneConfig.load(scene, overrides), device, cache=False)

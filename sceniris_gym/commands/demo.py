@@ -1,4 +1,4 @@
-"""The `demo` command: resets 64 worlds of a scene three times, prints figures, and draws 16 of the worlds."""
+"""The `demo` command: figures of 64 worlds of a scene that are reset three times, and a picture of 16 of them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def demo(out: Path, device: str | None) -> dict:
     """Run the demo and return its figures.
 
     Args:
-        out: Where to write the picture.
+        out: PNG to write.
         device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
     """
     start = time.perf_counter()

@@ -1,4 +1,4 @@
-"""Options that commands share, and what is checked and read of them before any work."""
+"""Options that commands share, and the checks of them before any work."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Changes = Annotated[
 
 
 def checked_target(out: Path | None, default: str | Path = "") -> Path:
-    """Return the path of a result, after making sure that it can be written."""
+    """Return the path of a result, which can be written."""
     from sceniris_gym.files import check_writable
 
     path = Path(default) if out is None else out
@@ -50,7 +50,7 @@ def compiled_scene(scene: str, changes: Sequence[str], device: str | None) -> Co
 
 
 def scene_config(scene: str, changes: Sequence[str]) -> SceneConfig:
-    """Read the scene of a command, its changes laid over it."""
+    """Read the scene of a command, with its changes laid over it."""
     from sceniris_gym.config.scene import SceneConfig
 
     return SceneConfig.load(scene, read_changes(changes))
@@ -83,6 +83,6 @@ def check_counts(least: int, *, most: int = MOST_WORLDS, **counts: int) -> None:
 
 
 def check_seed(seed: int) -> None:
-    """Refuse a seed that has not 64 bits."""
+    """Refuse a seed that is not an unsigned integer of 64 bits."""
     if not 0 <= seed < 1 << 64:
         raise SeedError(f"--seed {seed}: should be an integer from 0 to 2^64 - 1.")

@@ -1,4 +1,4 @@
-"""The `replay` command: makes one layout again from its id `scenehash:split:seed:episode`."""
+"""The `replay` command: one layout, made again from its id `scenehash:split:seed:episode`."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
 
 
 def replay(compiled: CompiledScene, layout: LayoutId) -> LayoutTable:
-    """Make the layout again; the table has one row."""
+    """Make a layout again, and return it as a table of one row."""
     generator = LayoutGenerator(compiled, 1, seed=[layout.seed], split=layout.split)
     generator.layouts.episode.fill_(layout.episode - 1)
     generator.generate()
@@ -56,7 +56,7 @@ def shown(layout: str, config: SceneConfig | None, picture: Path, device: str | 
 
 
 def describe(compiled: CompiledScene, table: LayoutTable) -> dict:
-    """Return the first layout of a table as names and numbers: poses in the world frame, joints in m and rad."""
+    """Return the first layout of a table by names: poses in the world frame, joints in m and rad."""
     mjm, data = compiled.mjm, mujoco.MjData(compiled.mjm)
     table.put(data, 0)
     mujoco.mj_kinematics(mjm, data)
@@ -101,5 +101,5 @@ def report(found: Mapping) -> str:
 
 
 def default_picture(layout: str) -> Path:
-    """Return where the picture of the layout with this id is written by default."""
+    """Return the default path of a layout's picture."""
     return Path("demo") / f"{layout}.png".replace(":", "-")

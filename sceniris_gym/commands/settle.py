@@ -1,4 +1,4 @@
-"""The `settle` command: heaps of a scene are settled by MuJoCo C, and written as rows."""
+"""The `settle` command: rows of a scene's heap, settled by MuJoCo C."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def settle(config: SceneConfig, heap: str | None, num: int, out: Path | None, se
 
     Raises:
         UnknownNameError: There is no such heap.
-        NotSupportedError: It is not said which heap, or where to write to.
+        NotSupportedError: It is not clear which heap is meant, or where to write to.
         HeapError: The container does not hold the things.
     """
     if heap is None and len(config.heaps) != 1:
@@ -47,6 +47,6 @@ def settle(config: SceneConfig, heap: str | None, num: int, out: Path | None, se
 
 
 def report(found: dict[str, Any]) -> str:
-    """Say in words what was settled."""
+    """Return what was settled as text."""
     things = f"{len(found['things'])} things"
     return f"{found['file']}: {found['rows']} heaps of {things}; name it in the scene: heaps.{found['heap']}.rows"

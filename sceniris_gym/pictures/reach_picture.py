@@ -1,4 +1,4 @@
-"""Draws a reachability map: a side view and a top view, for any approach direction and for one from above."""
+"""Pictures of a reachability map: a side view and a top view, for all approach directions and for that from above."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ _COLOURS = {
 def draw(reach_map: ReachMap, height: float, device: str) -> Image.Image:
     """Draw two rows of two panels. Left: the plane y = 0 of the base frame; right: the plane z = `height` [m].
 
-    Above: the share of approach directions that are reached, light to dark. Below: approach from straight above; dark
-    green is a certain yes, light green and brown are the interpolated yes and no in cells that the surface crosses.
+    Above: the share of approach directions that are reached, light to dark. Below: approach from straight above. Dark
+    green is a certain yes; light green and brown are the interpolated yes and no in cells that the surface crosses.
     """
     span, low = -reach_map.u_low, reach_map.z_low
     ticks = np.linspace(-span, span, _PIXELS)

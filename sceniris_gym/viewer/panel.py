@@ -32,6 +32,12 @@ class Panel:
         requests: The queue of the requests.
         commands: The SceneView, whose public methods the requests call.
         num: How many worlds are shown first.
+
+    Attributes:
+        rejected: The box of rejected candidates.
+        table: The table of rejection counts.
+        play: The button that lets physics run, or stops it.
+        arm: The list of the arm's poses.
     """
 
     def __init__(self, server: viser.ViserServer, requests: Requests, commands: Any, num: int) -> None:
@@ -72,18 +78,14 @@ class Panel:
         self._where = where
         self._split.value, self._seed.value, self._episode.value = where.split, str(where.seed), str(where.episode)
         self._id.value = layout_id
-        self._arm.options = tuple(poses)
-        self._arm.value = START
-        self._arm.disabled = len(poses) < 2
+        self.arm.options = tuple(poses)
+        self.arm.value = START
+        self.arm.disabled = len(poses) < 2
 
     def set_targets(self, values: Iterable[float]) -> None:
         """Show the controls of the actuators."""
         for handle, value in zip(self._targets, values, strict=True):
             handle.value = min(max(float(value), handle.min), handle.max)
-
-    def set_table(self, table: str) -> None:
-        """Show the table of counts."""
-        self._table.content = table
 
     def set_candidates(self, num: int, i: int, text: str) -> None:
         """Show the number of rejected candidates, the one on show, and why it was rejected."""
@@ -91,18 +93,6 @@ class Panel:
         self._candidate.disabled = num < 2
         self._candidate.value = i + 1 if num else 1
         self._why.content = f"<div style='{_BOX}{_BAD if num else _GOOD}'>{html.escape(text)}</div>"
-
-    def set_playing(self, running: bool) -> None:
-        """Show that physics is running, or stands still."""
-        self._play.label = "Pause" if running else "Play"
-
-    def set_rejected(self, shown: bool) -> None:
-        """Tick the box of rejected candidates, or clear it."""
-        self._rejected.value = shown
-
-    def set_arm(self, pose: str) -> None:
-        """Show the pose of the arm."""
-        self._arm.value = pose
 
     def _on(self, handle: Any, about: str, action: Callable[[Any], None]) -> Any:
         """Ask for an action with the new value whenever a user, rather than this program, changes a control."""
@@ -160,25 +150,25 @@ class Panel:
         self._on(self._height, "height", self._do.move_slice)
         self._object: Any = gui.add_dropdown("layers of", (ALL,), hint="Regions, relations and others of one object.")
         self._on(self._object, "object", lambda name: self._do.look_at_object(None if name == ALL else name))
-        self._arm: Any = gui.add_dropdown("arm in", (START,), hint="The arm jumps into the grasps of this layout.")
-        self._on(self._arm, "arm", self._do.move_arm)
+        self.arm: Any = gui.add_dropdown("arm in", (START,), hint="The arm jumps into the grasps of this layout.")
+        self._on(self.arm, "arm", self._do.move_arm)
 
     def _add_why(self) -> None:
         gui = self._gui
-        self._rejected = gui.add_checkbox("rejected candidates", False, hint="One by one, in red, in the first world.")
-        self._on(self._rejected, "rejected", self._do.show_rejected)
+        self.rejected = gui.add_checkbox("rejected candidates", False, hint="One by one, in red, in the first world.")
+        self._on(self.rejected, "rejected", self._do.show_rejected)
         self._candidate = gui.add_slider("candidate", 1, 2, 1, 1, disabled=True)
         self._on(self._candidate, "candidate", lambda i: self._do.show_candidate(int(i) - 1))
         self._add_arrows("candidate", lambda step: self._do.show_candidate(int(self._candidate.value) - 1 + step))
         self._why = gui.add_html("")
-        self._table = gui.add_html("")
+        self.table = gui.add_html("")
 
     def _add_play(self) -> None:
         gui = self._gui
         self._play_tab = gui.add_folder("Physics of the first world")
         with self._play_tab:
-            self._play = gui.add_button("Play", hint="MuJoCo C steps from this layout on.")
-            self._play.on_click(lambda _: self._ask("play", lambda: self._do.play(self._play.label == "Play")))
+            self.play = gui.add_button("Play", hint="MuJoCo C steps from this layout on.")
+            self.play.on_click(lambda _: self._ask("play", lambda: self._do.play(self.play.label == "Play")))
             buttons = gui.add_button_group("   ", ("Step", "Reset"))
             actions = {"Step": self._do.step, "Reset": self._do.reset_play}
             buttons.on_click(lambda event: self._ask("step", actions[event.target.value]))

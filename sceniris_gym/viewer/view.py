@@ -109,7 +109,7 @@ class SceneView:
         self.panel.set_scene(list(loaded.compiled.object_names), self._only, ranges, bool(self._slices))
         self._draw_worlds()
         if loaded.stuck or shown:
-            self.panel.set_rejected(True)
+            self.panel.rejected.value = True
             self.show_rejected(True)
 
     def go(self, where: Where) -> None:
@@ -162,7 +162,7 @@ class SceneView:
     def move_arm(self, pose: str) -> None:
         """Let the arm of the first world jump into a pose of `poses_of_arm`, in the layout itself; physics ends."""
         self._pose, self._candidates = pose, None
-        self.panel.set_rejected(False)
+        self.panel.rejected.value = False
         self._end_play()
         self._show()
 
@@ -183,7 +183,7 @@ class SceneView:
         """Let physics go on in the first world, or stop it."""
         player = self._playing()
         player.running, self._stepped = running, time.monotonic()
-        self.panel.set_playing(running)
+        self.panel.play.label = "Pause" if running else "Play"
 
     def step(self) -> None:
         """Stop, and take one step of physics."""
@@ -321,15 +321,15 @@ class SceneView:
             self._player = Player(self.deck.compiled.mjm, self.table[:1])
             self._player.speed = self._speed
             self._candidates, self._pose = None, START
-            self.panel.set_rejected(False)
-            self.panel.set_arm(START)
+            self.panel.rejected.value = False
+            self.panel.arm.value = START
             self.panel.set_targets(self._player.data.ctrl)
             self._show()
         return self._player
 
     def _end_play(self) -> None:
         self._player = None
-        self.panel.set_playing(False)
+        self.panel.play.label = "Play"
 
     def _first_candidate(self) -> int:
         """Return the candidate to begin with: where no layout can be made, the first one of the object to blame."""
@@ -370,7 +370,7 @@ class SceneView:
         self._tell_counts()
 
     def _tell_counts(self) -> None:
-        self.panel.set_table(why.table_in_html(self.deck.table(), self.deck.layouts, self.deck.valid))
+        self.panel.table.content = why.table_in_html(self.deck.table(), self.deck.layouts, self.deck.valid)
 
 
 def _path(layer: str) -> str:
