@@ -102,11 +102,11 @@ def generate(
         out: folder for dataset.json, scene.zip and layouts-*.npy
         seed: row i has seed + i, episode 0
         split: training or evaluation layouts
-        chunk: layouts made at once, which does not change them; by default what suits DEVICE
-        share: R/K: write every K-th part; by default as torchrun or a Slurm array say
+        chunk: layouts made at once, which does not change them; by default a number that suits DEVICE
+        share: R/K: write every K-th part; by default the share that torchrun or a Slurm array gives
         format_: one or several of these, beside layouts-*.npy
         resume: go on with the data set in the folder, if there is one
-        verify: only compare the data set in the folder with its sums
+        verify: only compare the data set in the folder with its checksums
     """
     if out is None:
         raise NotSupportedError("generate: nowhere to write to. Give a folder: -o FOLDER.")
@@ -276,7 +276,7 @@ def reach(
         out: file to write: the map, the verdicts or the picture
         tier: tier to judge by; by default that of the arm
         map_: map file; by default the arm's own
-        scene: draw how 'reachable' narrows where its objects lie
+        scene: draw the places that 'reachable' leaves to its objects
         height: height of the picture's top view, base frame [m]
         step: step of the map's grid [m]; by default 0.025, more for long arms
         tilt_step: tilt step of the map's grid [degrees]
@@ -318,7 +318,7 @@ def view(
     device: Annotated[str | None, tyro.conf.arg(help="with --env: cpu, cuda:0, ...")] = None,
     changes: Changes = (),
 ) -> str:
-    """Open a page that shows a scene, or a policy at work: layouts, why candidates are rejected, physics.
+    """Open a page that shows a scene or a policy at work: layouts, rejected candidates with the reasons, physics.
 
     The address of the page is printed at once. What is saved in the scene's file is shown at once. Ctrl-C ends it.
 
@@ -328,7 +328,7 @@ def view(
         episode: how often the worlds were reset since they got the seed
         split: training or evaluation layouts
         env: instead of a scene: an environment, e.g. sceniris_gym/TabletopLift-v0
-        policy: who plays it: an rsl-rl checkpoint (.pt), an SB3 model (.zip), or module:function; else at random
+        policy: an rsl-rl checkpoint (.pt), an SB3 model (.zip), or module:function; by default random actions
         layouts: layout id to play, or a file with one a line; may be given several times
         host: address to listen on; 0.0.0.0 lets other machines in
         port: port to listen on; the next free one if it is in use
@@ -382,8 +382,8 @@ def import_(
         up: the axis of the file that points up
         density: density where the file has no masses [kg/m^3]
         tolerance: how far convex parts may be from the surface [m]; by default 2 mm or 2%
-        shell: open surfaces are sheets without inside
-        jobs: of a folder: things at a time; by default one for each core
+        shell: take open surfaces for sheets without an inside
+        jobs: things of a folder at a time; by default one for each core
     """
     from sceniris_gym.commands import import_things as tool
     from sceniris_gym.importers.things.importer import Options
