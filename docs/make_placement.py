@@ -1,4 +1,4 @@
-"""Draws the pictures of placement.md: 64 layouts of each example, seen from above.
+"""The pictures of placement.md: 64 layouts of each example, seen from above.
 
 python -m docs.make_placement            # all of them, about half a minute
 python -m docs.make_placement near any   # some of them

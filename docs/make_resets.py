@@ -1,4 +1,4 @@
-"""Draws the moving picture of the README: arms reach for one object after another, each in a fresh layout.
+"""The moving picture of the README: arms reach for one object after another, each in a fresh layout.
 
 python -m docs.make_resets   # some minutes on a CPU
 """
@@ -15,20 +15,21 @@ from PIL import Image
 from torch import Tensor
 
 import sceniris_gym  # noqa: F401, registers the environments
+from docs.make_worlds import SIZE, grid
 from sceniris_gym.program.reach import robot_arm
 from sceniris_gym.reach.solve import solve
 from sceniris_gym.vector.arm_controller import JOINT_STEP
 
 PICTURE = Path(__file__).parent / "resets.gif"
 _ENV = "sceniris_gym/TabletopReach-v0"
-_ROWS, _COLUMNS, _SIZE, _GAP = 2, 4, (200, 150), 3
-_EPISODE, _EPISODES, _EVERY = 36, 4, 3  # control steps; of which a picture is taken
-_COLOURS, _PAPER = 96, (255, 255, 255)
-_PARTS = [7, 7, 7, 7, 15, 5, 7]  # sizes of what the task's policy sees
+_WORLDS, _COLUMNS = 8, 4
+_EPISODE, _EPISODES, _EVERY = 36, 4, 3  # control steps of an episode, episodes, control steps from picture to picture
+_COLOURS = 96
+_PARTS = [7, 7, 7, 7, 15, 5, 7]  # sizes of the parts of the policy's observation
 
 
 class Scripted:
-    """Moves the tool over the chosen object by inverse kinematics, from what a policy sees alone."""
+    """Moves the tool over the chosen object by inverse kinematics, from the policy's observation alone."""
 
     def __init__(self, envs: Any) -> None:
         self.arm, self.over = robot_arm(envs.compiled.scene), envs.task.over
@@ -45,27 +46,17 @@ class Scripted:
 
 def main() -> None:
     """Draw the picture."""
-    num = _ROWS * _COLUMNS
-    words: dict[str, Any] = {"render_mode": "rgb_array", "render_size": (2 * _SIZE[0], 2 * _SIZE[1]), "device": "cpu"}
-    envs: Any = gym.make_vec(_ENV, num_envs=num, max_episode_steps=_EPISODE, **words).unwrapped
+    words: dict[str, Any] = {"render_mode": "rgb_array", "render_size": (2 * SIZE[0], 2 * SIZE[1]), "device": "cpu"}
+    envs: Any = gym.make_vec(_ENV, num_envs=_WORLDS, max_episode_steps=_EPISODE, **words).unwrapped
     policy, (observation, _), frames = Scripted(envs), envs.reset(seed=0), []
     for step in range(_EPISODE * _EPISODES):
         if step % _EVERY == 0:
-            frames.append(_sheet(envs.render()))
+            frames.append(grid(envs.render(), _COLUMNS, 3))
         observation, *_ = envs.step(policy(observation))
     few = [frame.quantize(_COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE) for frame in frames]
     pause = round(1000.0 * _EVERY * envs.state.dt)
     few[0].save(PICTURE, save_all=True, append_images=few[1:], duration=pause, loop=0, optimize=True)
     print(f"{PICTURE}: {len(few)} pictures, {PICTURE.stat().st_size // 1024} KiB; {envs.statistics.read()}")
-
-
-def _sheet(pictures: tuple[np.ndarray, ...]) -> Image.Image:
-    cell = np.array(_SIZE) + _GAP
-    sheet = Image.new("RGB", (int(cell[0] * _COLUMNS - _GAP), int(cell[1] * _ROWS - _GAP)), _PAPER)
-    for i, picture in enumerate(pictures):
-        small = Image.fromarray(picture).resize(_SIZE, Image.Resampling.LANCZOS)
-        sheet.paste(small, (int(cell[0] * (i % _COLUMNS)), int(cell[1] * (i // _COLUMNS))))
-    return sheet
 
 
 if __name__ == "__main__":

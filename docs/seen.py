@@ -81,40 +81,40 @@ class View:
         return self.compiled.slots
 
     def is_placed(self, name: str) -> bool:
-        """Whether a pose is sampled for the object, or for the base of the robot."""
+        """Return True if a pose is sampled for the object, or for the base of the robot."""
         return name in self.config.parts and self.config.parts[name].is_placed
 
     def is_point(self, name: str) -> bool:
-        """Whether the object has no extent."""
+        """Return True if the object has no extent."""
         return not self._geoms(self.compiled.scene.subtree(name))
 
     def is_fresh(self, i: int) -> bool:
-        """Whether world i has a fresh layout rather than one from the bank."""
+        """Return True if world i has a fresh layout rather than one from the bank."""
         return bool(self._fresh[i])
 
     def is_present(self, name: str, i: int) -> bool:
-        """Whether an object is present in world i."""
+        """Return True if an object is present in world i."""
         return bool(self._present[i, self.names.index(name)])
 
     def worlds(self, name: str) -> list[int]:
-        """The worlds in which an object is present."""
+        """Return the worlds in which an object is present."""
         return [int(i) for i in np.flatnonzero(self._present[:, self.names.index(name)])]
 
     def stays(self, name: str) -> bool:
-        """Whether an object and its joints have the same state in all worlds, to a few millimetres."""
+        """Return True if an object and its joints have the same state in all worlds, to a few millimetres."""
         at = np.array([self._states[i].xpos[self.bodies(name)] for i in self.worlds(name)])
         return bool(np.ptp(at, axis=0).max() < 0.005)
 
     def bounds(self, name: str, i: int) -> Bounds:
-        """The bounds of an object in world i. Sampled joints change only the height of its pivot."""
+        """Return the bounds of an object in world i. Sampled joints change only the height of its pivot."""
         return self._bounds(name, self.bodies(name), i)
 
     def root_bounds(self, name: str, i: int) -> Bounds:
-        """The bounds of its root body only, without what its joints move."""
+        """Return the bounds of its root body alone, without the bodies that its joints move."""
         return self._bounds(name, self.bodies(name)[:1], i)
 
     def outline(self, body: int, i: int = 0) -> shapely.Geometry | None:
-        """The rectangle around a body's own geoms, aligned with its x axis, in world i; None if it has no geoms."""
+        """Return the rectangle around a body's geoms, aligned with its x axis, in world i; None if it has no geoms."""
         points = self._points(self._states[i], [body])
         if not len(points):
             return None
@@ -123,12 +123,12 @@ class View:
         return _moved(_box(local.min(0), local.max(0)), np.zeros(2), heading)
 
     def boxes_from_the_front(self, body: int, i: int = 0) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Low and high corners in x and z [m] of a body's geoms in world i."""
+        """Return low and high corners in x and z [m] of a body's geoms in world i."""
         parts = [self._points_of(self._states[i], g)[:, [0, 2]] for g in self._geoms([body])]
         return [(p.min(0), p.max(0)) for p in parts]
 
     def owner(self, name: str) -> str | None:
-        """The object that an object stands on, or 'floor'; None for an object in the air."""
+        """Return the object that an object stands on, or 'floor'; None for an object in the air."""
         support = self.config.parts[name].support
         return None if support is None else support.parent.split("/")[0]
 
@@ -141,18 +141,18 @@ class View:
         return max(x1 - x0, (y1 - y0) * 4 / 3)
 
     def bodies(self, name: str) -> list[int]:
-        """All bodies of an object."""
+        """Return all bodies of an object."""
         return self.compiled.scene.subtree(name)
 
     def moving_bodies(self, name: str) -> list[int]:
-        """The bodies that sampled joints move; for the robot only its hand."""
+        """Return the bodies that sampled joints move; for the robot only its hand."""
         joints = self.compiled.scene.joint_configs(name)
         if name in self.config.all_robots:
             return [b for b in self.bodies(name) if self.compiled.mjm.body(b).name.endswith("/hand")]
         return [int(self.compiled.mjm.jnt_bodyid[j]) for j in joints]
 
     def supports(self, name: str, i: int = 0) -> list[shapely.Geometry]:
-        """The outlines of the surfaces that an object is placed on, or of its box in space, in world i."""
+        """Return the outlines of the surfaces that an object is placed on, or of its box in space, in world i."""
         plan = self._plan(name)
         if plan.ground is None:
             region = self.config.parts[name].region
@@ -163,7 +163,7 @@ class View:
         return [self._on_body(plan.ground, s.outline, i) for s in surfaces.values()]
 
     def region(self, name: str, i: int = 0) -> shapely.Geometry | None:
-        """The region of an object in world i, or None where it depends on the orientation of the object."""
+        """Return the region of an object in world i; None where it depends on the object's orientation."""
         plan, config = self._plan(name), self.config.parts[name]
         if plan.ground is None:
             return shapely.union_all(self.supports(name, i))
@@ -177,7 +177,7 @@ class View:
         return region
 
     def _relation(self, name: str, relation: Relation, ground: int, i: int) -> shapely.Geometry:
-        """The region in which a relation holds in world i: everywhere if its frame or too many anchors are absent."""
+        """Return where a relation holds in world i: everywhere if its frame or too many anchors are absent."""
         anchors = [self.bounds(a, i) for a in relation.anchors if self.is_present(a, i)]
         turned_by = relation.frame_object
         everywhere = box(-_FAR, -_FAR, _FAR, _FAR)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import errno
 import functools
 import os
-import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from json import dumps
 from math import radians
 from pathlib import Path
-from typing import Annotated, Any, Literal, NoReturn, ParamSpec
+from typing import Annotated, Any, Literal, ParamSpec
 
 import tyro
 
@@ -20,9 +18,14 @@ import sceniris_gym
 from sceniris_gym.commands.options import (
     Changes,
     Device,
+    Flag,
     Json,
+    OptionalScene,
+    Out,
     Picture,
     Scene,
+    Seed,
+    Split,
     check_counts,
     check_seed,
     checked_target,
@@ -32,23 +35,20 @@ from sceniris_gym.commands.options import (
 )
 from sceniris_gym.config.tier import Tier, TierWord
 from sceniris_gym.errors import NotSupportedError, ScenirisError
-from sceniris_gym.viewer.server import HOST, MOST_SHOWN, PORT
+from sceniris_gym.files import UNWRITABLE, check_picture
+from sceniris_gym.viewer.server import HOST, MOST_SHOWN, PORT, address, opened_page
 
 P = ParamSpec("P")
-_UNWRITABLE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG})
 _MOST_LAYOUTS = 1_000_000_000  # of a data set, some hundred gigabytes
 
 
 def _command(work: Callable[P, str]) -> Callable[P, str]:
-    """Send everything that libraries print during a command to stderr, and show there how far it is.
-
-    Stdout is for the result.
-    """
+    """Start Warp for a command, show its progress, and send what libraries print to stderr; stdout has the result."""
 
     @functools.wraps(work)
     def quiet(*args: P.args, **kwargs: P.kwargs) -> str:
         from sceniris_gym.commands.bars import shown
-        from sceniris_gym.commands.warp_start import start_warp
+        from sceniris_gym.device.kernel_log import start_warp
 
         start_warp()
         with _stdout_to_stderr(), shown(quiet=bool(kwargs.get("json"))):
@@ -75,125 +75,105 @@ def demo(out: Path = Path("demo/layouts.png"), device: Device = None, json: Json
     """Reset 64 worlds of the Mid scene three times, print figures, and write a picture of 16 worlds."""
     from sceniris_gym.commands import demo as tool
 
-    checked_target(out)
-    figures = tool.demo(out, device)
+    figures = tool.demo(checked_target(out), device)
     return dumps(figures) if json else tool.report(figures)
 
 
 @_command
 def generate(
-    scene: Annotated[
-        str | None, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE", help="name of a shipped scene, or a path")
-    ] = None,
-    n: Annotated[int | None, tyro.conf.arg(aliases=["-n"], help="number of layouts")] = None,
-    out: Annotated[
-        Path | None, tyro.conf.arg(aliases=["-o"], help="folder for dataset.json, scene.zip and layouts-*.npy")
-    ] = None,
-    seed: Annotated[int, tyro.conf.arg(aliases=["-s"], help="row i has seed + i, episode 0")] = 0,
-    split: Annotated[Literal["train", "eval"], tyro.conf.arg(help="training or evaluation layouts")] = "train",
-    chunk: Annotated[
-        int | None, tyro.conf.arg(help="layouts made at once, which does not change them; by default what suits DEVICE")
-    ] = None,
-    share: Annotated[
-        str | None, tyro.conf.arg(help="R/K: write every K-th part; by default as torchrun or a Slurm array say")
-    ] = None,
-    format_: Annotated[
-        str | None,
-        tyro.conf.arg(name="format", metavar="npz,usd,json", help="one or several of these, beside layouts-*.npy"),
-    ] = None,
-    resume: Annotated[
-        bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="go on with the data set in the folder, if there is one")
-    ] = False,
-    verify: Annotated[
-        bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="only compare the data set in the folder with its sums")
-    ] = False,
+    scene: OptionalScene = None,
+    n: Annotated[int | None, tyro.conf.arg(aliases=["-n"])] = None,
+    out: Out = None,
+    seed: Seed = 0,
+    split: Split = "train",
+    chunk: int | None = None,
+    share: str | None = None,
+    format_: Annotated[str | None, tyro.conf.arg(name="format", metavar="npz,usd,json")] = None,
+    resume: Flag = False,
+    verify: Flag = False,
     device: Device = None,
     changes: Changes = (),
     json: Json = False,
 ) -> str:
-    """Write a data set of layouts, together with their MuJoCo model; or verify one."""
+    """Write a data set of layouts, together with their MuJoCo model; or verify one.
+
+    Args:
+        n: number of layouts
+        out: folder for dataset.json, scene.zip and layouts-*.npy
+        seed: row i has seed + i, episode 0
+        split: training or evaluation layouts
+        chunk: layouts made at once, which does not change them; by default a number that suits DEVICE
+        share: R/K: write every K-th part; by default the share that torchrun or a Slurm array gives
+        format_: one or several of these, beside layouts-*.npy
+        resume: go on with the data set in the folder, if there is one
+        verify: only compare the data set in the folder with its checksums
+    """
     if out is None:
         raise NotSupportedError("generate: nowhere to write to. Give a folder: -o FOLDER.")
     if verify:
         if scene is not None or n is not None or resume or format_ is not None:
             raise NotSupportedError("generate: --verify reads the folder. Leave out SCENE, -n, --format and --resume.")
-        return _verified(out, json)
+        from sceniris_gym.dataset.reader import verify as verified
+
+        held = verified(out)
+        found = {name: held[name] for name in ("scene", "hash", "split", "seed", "layouts")} | {"verified": True}
+        return dumps(found) if json else f"{out}: {held['layouts']} layouts of '{held['scene']}', all files are whole"
     if scene is None or n is None:
         raise NotSupportedError("generate: nothing to make. Give a SCENE and a number of layouts, -n N.")
     check_counts(1, n=n, most=_MOST_LAYOUTS)
     check_counts(1, chunk=1 if chunk is None else chunk)
     check_seed(seed)
-    from sceniris_gym.dataset.formats import check_formats, parse_formats
+    from sceniris_gym.commands import generate as tool
+    from sceniris_gym.dataset.formats import parse_formats
+    from sceniris_gym.dataset.manifest import MANIFEST, SCENE
     from sceniris_gym.dataset.share import Share
 
     formats = () if format_ is None else parse_formats(format_)
-    check_formats(formats)
     part = Share.current() if share is None else Share.parse(share)
-    from sceniris_gym.commands import generate as tool
-    from sceniris_gym.dataset.manifest import MANIFEST, SCENE
-
     for file in (MANIFEST, SCENE):
         checked_target(out / file)
     compiled = compiled_scene(scene, changes, device or part.device)
     words = {"chunk": chunk, "share": part, "resume": resume, "formats": formats}
     figures = tool.generate(compiled, n, out, seed=seed, split=split, **words)
-    if json:
-        return dumps(figures)
-    if not figures["complete"]:
-        return f"{out}: {figures['missing_parts']} of {figures['parts']} parts are left for the other processes"
-    made = f"{n} layouts of '{compiled.config.name}' written to {out}, {figures['valid']:.2%} valid"
-    return f"{made}; the first one is {figures['first_id']}"
-
-
-def _verified(folder: Path, json: bool) -> str:
-    """Verify a data set, and say what it is."""
-    from tqdm import tqdm
-
-    from sceniris_gym.dataset.reader import verify
-
-    with tqdm(unit="layout", unit_scale=True, file=sys.stderr) as bar:
-        held = verify(folder, bar.update)
-    found = {name: held[name] for name in ("scene", "hash", "split", "seed", "layouts")} | {"verified": True}
-    return dumps(found) if json else f"{folder}: {held['layouts']} layouts of '{held['scene']}', all files are whole"
+    return dumps(figures) if json else tool.report(figures)
 
 
 @_command
 def audit(
     scene: Scene,
-    layouts: Annotated[int, tyro.conf.arg(help="layouts to judge")] = 1000,
-    rejected: Annotated[int, tyro.conf.arg(help="rejected candidates to judge")] = 1000,
-    settled: Annotated[int | None, tyro.conf.arg(help="layouts to step for 0.5 s; by default all")] = None,
+    layouts: int = 1000,
+    rejected: int = 1000,
+    settled: int | None = None,
     seed: int = 0,
-    save: Annotated[Path | None, tyro.conf.arg(help="write the rows to this .npz instead of judging them")] = None,
-    rows: Annotated[Path | None, tyro.conf.arg(help="judge the rows of such a file, on a CPU; make none")] = None,
+    save: Path | None = None,
+    rows: Path | None = None,
     device: Device = None,
     changes: Changes = (),
     json: Json = False,
 ) -> str:
-    """Make layouts and audit them with FCL, MuJoCo C and shapely, which share no code with the generator."""
+    """Make layouts and audit them with FCL, MuJoCo C and shapely, which share no code with the generator.
+
+    Args:
+        layouts: layouts to judge
+        rejected: rejected candidates to judge
+        settled: layouts to step for 0.5 s; by default all
+        save: write the rows to this .npz instead of judging them
+        rows: judge the rows of such a file, on a CPU; make none
+    """
     check_counts(1, layouts=layouts)
     check_counts(0, rejected=rejected, settled=settled or 0)
     check_seed(seed)
     from sceniris_gym.commands import audit as tool
 
-    if rows is not None:
-        if save is not None:
-            raise NotSupportedError("audit: --save and --rows are separate commands. Give one at a time.")
-        from sceniris_gym.program.compiled import upload_scene
-        from sceniris_gym.scene.model import build_model
-
-        compiled = upload_scene(build_model(scene_config(scene, changes)), "cpu")
-        found = tool.judge_rows(compiled, tool.load_rows(compiled, rows), settled)
-        return dumps(found) if json else _listing(found)
-    target = None if save is None else checked_target(save)
-    compiled = compiled_scene(scene, changes, device)
-    made = tool.make_rows(compiled, layouts, rejected, seed)
-    if target is None:
-        found = tool.judge_rows(compiled, made, settled)
+    if rows is not None and save is not None:
+        raise NotSupportedError("audit: --save and --rows are separate commands. Give one at a time.")
+    if save is not None:
+        checked_target(save)
+        found = tool.save(compiled_scene(scene, changes, device), layouts, rejected, seed, save)
+    elif rows is not None:
+        found = tool.judge_file(scene_config(scene, changes), rows, settled)
     else:
-        tool.save_rows(compiled, made, target)
-        found = {"scene": compiled.config.name, "hash": compiled.hash, "seed": seed, "file": str(target)}
-        found |= {"layouts": len(made.table), "rejected": len(made.rejected)}
+        found = tool.judge(compiled_scene(scene, changes, device), layouts, rejected, settled, seed)
     return dumps(found) if json else _listing(found)
 
 
@@ -201,23 +181,22 @@ def audit(
 def bench(
     scene: Scene,
     num_envs: int = 4096,
-    geometry: Annotated[
-        Literal["physics", "visual"] | None, tyro.conf.arg(help="kind of geometry; by default the scene's own")
-    ] = None,
+    geometry: Literal["physics", "visual"] | None = None,
     seed: int = 0,
     picture: Picture = None,
     device: Device = None,
     changes: Changes = (),
     json: Json = False,
 ) -> str:
-    """Measure how fast layouts of a scene are made and its worlds are reset."""
+    """Measure how fast layouts of a scene are made and its worlds are reset.
+
+    Args:
+        geometry: kind of geometry; by default the scene's own
+    """
     check_counts(1, num_envs=num_envs)
     check_seed(seed)
+    check_picture(picture)
     from sceniris_gym.commands import bench as tool
-    from sceniris_gym.files import check_picture
-
-    if picture is not None:
-        check_picture(picture)
 
     overrides = read_changes(changes) | ({} if geometry is None else {"geometry": geometry})
     measured = tool.bench(scene, num_envs, device, seed, overrides, picture)
@@ -226,136 +205,133 @@ def bench(
 
 @_command
 def replay(
-    layout: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="ID", help="scenehash:split:seed:episode")],
-    scene: Annotated[str | None, tyro.conf.arg(help="the layout's scene, if it is not a shipped one")] = None,
-    out: Annotated[Path | None, tyro.conf.arg(help="picture to write; by default in demo/")] = None,
+    layout: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="ID")],
+    scene: str | None = None,
+    out: Path | None = None,
     device: Device = None,
     changes: Changes = (),
     json: Json = False,
 ) -> str:
-    """Make one layout again from its id, and show it as numbers and as a picture."""
-    from sceniris_gym.commands import replay as tool
-    from sceniris_gym.layout.compile import compile_scene
-    from sceniris_gym.pictures.render import captioned, save
+    """Make one layout again from its id, and show it as numbers and as a picture.
 
-    name = tool.LayoutId.parse(layout)
+    Args:
+        layout: scenehash:split:seed:episode
+        scene: the layout's scene, if it is not a shipped one
+        out: picture to write; by default in demo/
+    """
+    from sceniris_gym.commands import replay as tool
+
     picture = checked_target(out, tool.default_picture(layout))
-    config = None if scene is None else scene_config(scene, changes)
-    compiled = compile_scene(tool.find_scene(name.scene, config), device)
-    table = tool.replay(compiled, name)
-    found = {"id": layout, **tool.describe(compiled, table), "picture": str(picture)}
-    save(captioned(compiled.mjm, table, [layout], device=compiled.device), picture)
+    found = tool.shown(layout, None if scene is None else scene_config(scene, changes), picture, device)
     return dumps(found) if json else tool.report(found)
 
 
 @_command
 def check(
     scene: Scene,
-    layouts: Annotated[int, tyro.conf.arg(help="layouts to make")] = 1024,
+    layouts: int = 1024,
     seed: int = 0,
     picture: Picture = None,
     device: Device = None,
     changes: Changes = (),
     json: Json = False,
 ) -> str:
-    """Say why a scene is hard: how many candidates were rejected, per object and cause."""
+    """Say why a scene is hard: how many candidates were rejected, per object and cause.
+
+    Args:
+        layouts: layouts to make
+    """
     check_counts(1, layouts=layouts)
     check_seed(seed)
+    check_picture(picture)
     from sceniris_gym.commands import check as tool
-    from sceniris_gym.files import check_picture
 
-    if picture is not None:
-        check_picture(picture)
     found = tool.check(compiled_scene(scene, changes, device), layouts, seed, picture)
     return dumps(found) if json else tool.report(found)
 
 
 @_command
 def reach(
-    arm: Annotated[
-        str, tyro.conf.Positional, tyro.conf.arg(metavar="ARM", help="name of a shipped arm, or its MJCF or URDF")
-    ],
-    build: Annotated[
-        bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="build the map; resumes a build that was stopped")
-    ] = False,
-    poses: Annotated[Path | None, tyro.conf.arg(help=".npy of TCP poses to judge, (N, 4, 4), base frame")] = None,
-    out: Annotated[
-        Path | None, tyro.conf.arg(aliases=["-o"], help="file to write: the map, the verdicts or the picture")
-    ] = None,
-    tier: Annotated[TierWord | None, tyro.conf.arg(help="tier to judge by; by default that of the arm")] = None,
-    map_: Annotated[Path | None, tyro.conf.arg(name="map", help="map file; by default the arm's own")] = None,
-    scene: Annotated[str | None, tyro.conf.arg(help="draw how 'reachable' narrows where its objects lie")] = None,
-    height: Annotated[float, tyro.conf.arg(help="height of the picture's top view, base frame [m]")] = 0.1,
-    step: Annotated[
-        float | None, tyro.conf.arg(help="step of the map's grid [m]; by default 0.025, more for long arms")
-    ] = None,
-    tilt_step: Annotated[float, tyro.conf.arg(help="tilt step of the map's grid [degrees]")] = 2.5,
-    seed: Annotated[int, tyro.conf.arg(aliases=["-s"], help="seed of the map, or of the first layout")] = 0,
+    arm: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="ARM")],
+    build: Flag = False,
+    poses: Path | None = None,
+    out: Out = None,
+    tier: TierWord | None = None,
+    map_: Annotated[Path | None, tyro.conf.arg(name="map")] = None,
+    scene: str | None = None,
+    height: float = 0.1,
+    step: float | None = None,
+    tilt_step: float = 2.5,
+    seed: Seed = 0,
     device: Device = None,
     changes: Changes = (),
     json: Json = False,
 ) -> str:
-    """Describe and draw what an arm reaches, build its map, or judge poses."""
+    """Describe and draw what an arm reaches, build its map, or judge poses.
+
+    Args:
+        arm: name of a shipped arm, or its MJCF or URDF
+        build: build the map; resumes a build that was stopped
+        poses: .npy of TCP poses to judge, (N, 4, 4), base frame
+        out: file to write: the map, the verdicts or the picture
+        tier: tier to judge by; by default that of the arm
+        map_: map file; by default the arm's own
+        scene: draw the places that 'reachable' leaves to its objects
+        height: height of the picture's top view, base frame [m]
+        step: step of the map's grid [m]; by default 0.025, more for long arms
+        tilt_step: tilt step of the map's grid [degrees]
+        seed: seed of the map, or of the first layout
+    """
     check_seed(seed)
     from sceniris_gym.commands import reach as tool
 
     asked = [f"--{word}" for word, value in (("build", build), ("poses", poses), ("scene", scene)) if value]
     if len(asked) > 1:
         raise NotSupportedError(f"reach: {' and '.join(asked)} are separate commands. Give one at a time.")
+    overrides = read_changes(changes)
     if poses is not None:
-        found = tool.judge(
-            arm,
-            map_,
-            poses,
-            checked_target(out, "reached.npy"),
-            None if tier is None else Tier.of(tier),
-            device,
-            read_changes(changes),
-        )
+        target, judged_by = checked_target(out, "reached.npy"), None if tier is None else Tier.of(tier)
+        found = tool.judge(arm, map_, poses, target, judged_by, device, overrides)
     elif build:
-        target = checked_target(out, tool.default_map(arm))
-        words = {"seed": seed, "changes": read_changes(changes)}
-        found = tool.build(arm, target, device, step=step, tilt_step=radians(tilt_step), **words)
+        target, steps = checked_target(out, tool.default_map(arm)), {"step": step, "tilt_step": radians(tilt_step)}
+        found = tool.build(arm, target, device, seed=seed, changes=overrides, **steps)
     elif scene is not None:
         target = checked_target(out, f"demo/reach_{Path(scene).stem}.png")
         found = tool.narrowed(arm, scene_config(scene, changes), target, device, seed=seed)
     else:
-        found = tool.show(
-            arm, map_, checked_target(out, f"demo/reach_{Path(arm).stem}.png"), height, device, read_changes(changes)
-        )
+        target = checked_target(out, f"demo/reach_{Path(arm).stem}.png")
+        found = tool.show(arm, map_, target, height, device, overrides)
     return dumps(found) if json else _listing(found)
 
 
 def view(
-    scene: Annotated[
-        str | None, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE", help="name of a shipped scene, or a path")
-    ] = None,
-    worlds: Annotated[int, tyro.conf.arg(help="how many worlds, at most 64")] = 1,
-    seed: Annotated[int, tyro.conf.arg(aliases=["-s"], help="world i has seed + i")] = 0,
-    episode: Annotated[int, tyro.conf.arg(help="how often the worlds were reset since they got the seed")] = 0,
-    split: Annotated[Literal["train", "eval"], tyro.conf.arg(help="training or evaluation layouts")] = "train",
-    env: Annotated[
-        str | None, tyro.conf.arg(help="instead of a scene: an environment, e.g. sceniris_gym/TabletopLift-v0")
-    ] = None,
-    policy: Annotated[
-        str | None,
-        tyro.conf.arg(
-            metavar="POLICY",
-            help="who plays it: an rsl-rl checkpoint (.pt), an SB3 model (.zip), or module:function; else at random",
-        ),
-    ] = None,
-    layouts: Annotated[
-        tyro.conf.UseAppendAction[tuple[str, ...]],
-        tyro.conf.arg(metavar="ID", help="layout id to play, or a file with one a line; may be given several times"),
-    ] = (),
-    host: Annotated[str, tyro.conf.arg(help="address to listen on; 0.0.0.0 lets other machines in")] = HOST,
-    port: Annotated[int, tyro.conf.arg(help="port to listen on; the next free one if it is in use")] = PORT,
+    scene: OptionalScene = None,
+    worlds: int = 1,
+    seed: Seed = 0,
+    episode: int = 0,
+    split: Split = "train",
+    env: str | None = None,
+    policy: Annotated[str | None, tyro.conf.arg(metavar="POLICY")] = None,
+    layouts: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="ID")] = (),
+    host: str = HOST,
+    port: int = PORT,
     device: Annotated[str | None, tyro.conf.arg(help="with --env: cpu, cuda:0, ...")] = None,
     changes: Changes = (),
 ) -> str:
-    """Open a page that shows a scene, or a policy at work: layouts, why candidates are rejected, physics.
+    """Open a page that shows a scene or a policy at work: layouts, rejected candidates with the reasons, physics.
 
     The address of the page is printed at once. What is saved in the scene's file is shown at once. Ctrl-C ends it.
+
+    Args:
+        worlds: how many worlds, at most 64
+        seed: world i has seed + i
+        episode: how often the worlds were reset since they got the seed
+        split: training or evaluation layouts
+        env: instead of a scene: an environment, e.g. sceniris_gym/TabletopLift-v0
+        policy: an rsl-rl checkpoint (.pt), an SB3 model (.zip), or module:function; by default random actions
+        layouts: layout id to play, or a file with one a line; may be given several times
+        host: address to listen on; 0.0.0.0 lets other machines in
+        port: port to listen on; the next free one if it is in use
     """
     if (scene is None) == (env is None):
         raise NotSupportedError("view: should have either a SCENE or --env, as in 'sceniris-gym view mid'.")
@@ -368,7 +344,6 @@ def view(
     check_seed(seed)
     check_counts(0, most=2**31 - 1, episode=episode)
     from sceniris_gym.viewer import command
-    from sceniris_gym.viewer.server import address, opened_page
 
     overrides = read_changes(changes)
     with opened_page(host, port) as server:
@@ -376,40 +351,40 @@ def view(
         if server.get_port() != port:
             print(f"Port {port} is in use, so the page is at port {server.get_port()}.", file=sys.stderr, flush=True)
         with _stdout_to_stderr():
-            if env is not None:
+            if scene is None:
                 ids = command.read_ids(layouts)
                 words = {"num": worlds, "split": split, "device": device, "changes": overrides}
-                command.view_env(server, env, policy, ids, **words)
+                command.view_env(server, str(env), policy, ids, **words)
             else:
-                assert scene is not None
                 command.view_scene(server, scene, overrides, split=split, seed=seed, episode=episode, num=worlds)
     return ""
 
 
 @_command
 def import_(
-    thing: Annotated[
-        Path,
-        tyro.conf.Positional,
-        tyro.conf.arg(metavar="THING", help="OBJ, STL, PLY, GLB, DAE, URDF or USD, or a folder"),
-    ],
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"], help="MJCF file to write; for a folder of things a folder")],
-    scale: Annotated[str | None, tyro.conf.arg(help="metres for each unit, or m, cm, mm, in, ft")] = None,
-    up: Annotated[Literal["x", "y", "z"] | None, tyro.conf.arg(help="the axis of the file that points up")] = None,
-    density: Annotated[float, tyro.conf.arg(help="density where the file has no masses [kg/m^3]")] = 500.0,
-    tolerance: Annotated[
-        float | None, tyro.conf.arg(help="how far convex parts may be from the surface [m]; by default 2 mm or 2%%")
-    ] = None,
-    shell: Annotated[
-        bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="open surfaces are sheets without inside")
-    ] = False,
-    jobs: Annotated[
-        int | None, tyro.conf.arg(help="of a folder: things at a time; by default one for each core")
-    ] = None,
+    thing: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="THING")],
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])],
+    scale: str | None = None,
+    up: Literal["x", "y", "z"] | None = None,
+    density: float = 500.0,
+    tolerance: float | None = None,
+    shell: Flag = False,
+    jobs: int | None = None,
     device: Device = None,
     json: Json = False,
 ) -> str:
-    """Make assets of meshes, URDF and USD: convex parts, mass, resting poses, grasps, a picture and a manifest."""
+    """Make assets of meshes, URDF and USD: convex parts, mass, resting poses, grasps, a picture and a manifest.
+
+    Args:
+        thing: OBJ, STL, PLY, GLB, DAE, URDF or USD, or a folder
+        out: MJCF file to write; for a folder of things a folder
+        scale: metres for each unit, or m, cm, mm, in, ft
+        up: the axis of the file that points up
+        density: density where the file has no masses [kg/m^3]
+        tolerance: how far convex parts may be from the surface [m]; by default 2 mm or 2%
+        shell: take open surfaces for sheets without an inside
+        jobs: things of a folder at a time; by default one for each core
+    """
     from sceniris_gym.commands import import_things as tool
     from sceniris_gym.importers.things.importer import Options
     from sceniris_gym.importers.things.units import ask_on_terminal
@@ -426,14 +401,18 @@ def import_(
 
 @_command
 def init(
-    model: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="MODEL", help="an MJCF or URDF file")],
-    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], help="scene file to write; by default to stdout")] = None,
+    model: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="MODEL")],
+    out: Out = None,
     device: Device = None,
     json: Json = False,
 ) -> str:
     """Write a first scene file from a model: its free bodies on what they stand on, its robot, and its supports.
 
     What cannot be placed is commented out, with the reason. The scene is tried before it is written.
+
+    Args:
+        model: an MJCF or URDF file
+        out: scene file to write; by default to stdout
     """
     from sceniris_gym.commands import init as tool
 
@@ -450,24 +429,26 @@ def init(
 @_command
 def settle(
     scene: Scene,
-    heap: Annotated[str | None, tyro.conf.arg(help="which of the scene's heaps; by default the only one")] = None,
-    n: Annotated[int, tyro.conf.arg(aliases=["-n"], help="number of rows")] = 64,
-    out: Annotated[
-        Path | None, tyro.conf.arg(aliases=["-o"], help=".npz to write; by default what the heap names")
-    ] = None,
-    seed: Annotated[int, tyro.conf.arg(aliases=["-s"], help="row i depends on it and on i alone")] = 0,
+    heap: str | None = None,
+    n: Annotated[int, tyro.conf.arg(aliases=["-n"])] = 64,
+    out: Out = None,
+    seed: Seed = 0,
     changes: Changes = (),
     json: Json = False,
 ) -> str:
-    """Settle things in a container by MuJoCo C, into a file of heaps that layouts are drawn from."""
+    """Settle things in a container by MuJoCo C, into a file of heaps that layouts are drawn from.
+
+    Args:
+        heap: which of the scene's heaps; by default the only one
+        n: number of rows
+        out: .npz to write; by default what the heap names
+        seed: row i depends on it and on i alone
+    """
     check_counts(1, n=n, most=1_000_000)
     check_seed(seed)
-    from tqdm import tqdm
-
     from sceniris_gym.commands import settle as tool
 
-    with tqdm(total=n, unit="heap", file=sys.stderr, disable=json or not sys.stderr.isatty()) as bar:
-        found = tool.settle(scene_config(scene, changes), heap, n, out, seed, lambda done, of: bar.update())
+    found = tool.settle(scene_config(scene, changes), heap, n, out, seed)
     return dumps(found) if json else tool.report(found)
 
 
@@ -490,16 +471,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     about = f"{ABOUT} Version {sceniris_gym.__version__} (--version)."
     try:
         print(tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="sceniris-gym", description=about, args=arguments))
-    except ScenirisError as error:
-        _end(str(error), 2)
-    except OSError as error:
-        _end(_in_words(error), 2)
-    except KeyboardInterrupt:  # where it is not run as the program
-        _end("interrupted", 128 + signal.SIGINT)
+    except (ScenirisError, OSError) as error:
+        message = str(error) if isinstance(error, ScenirisError) else _in_words(error)
+        print(f"sceniris-gym: {message}", file=sys.stderr)
+        sys.exit(2)
 
 
 def _in_words(error: OSError) -> str:
-    """Say which file an error of the operating system is about, and what helps."""
+    """Return an error of the operating system in words: the file, the reason, and a remedy."""
     file = "a file" if error.filename is None else str(error.filename)
     why = str(error) if error.strerror is None else error.strerror.lower()
     if error.filename is not None and _is_unwritable_cache(file):
@@ -508,11 +487,11 @@ def _in_words(error: OSError) -> str:
             "Set WARP_CACHE_PATH to a folder that you can write to."
         )
     advice = "Make room there, or give it another place: --out for results, WARP_CACHE_PATH for compiled kernels."
-    return f"{file}: {why}. {advice if error.errno in _UNWRITABLE else ''}".rstrip()
+    return f"{file}: {why}. {advice if error.errno in UNWRITABLE else ''}".rstrip()
 
 
 def _is_unwritable_cache(file: str) -> bool:
-    """Whether a file is Warp's cache of kernels, inside of it or above it, and nothing can be written there."""
+    """Return True if a file is Warp's kernel cache, or inside or above it, and nothing can be written there."""
     import warp as wp
 
     if not wp.config.kernel_cache_dir:
@@ -520,11 +499,6 @@ def _is_unwritable_cache(file: str) -> bool:
     cache, path = Path(wp.config.kernel_cache_dir), Path(file).absolute()
     concerned = path.is_relative_to(cache) or cache.is_relative_to(path)
     return concerned and not (cache.is_dir() and os.access(cache, os.W_OK))
-
-
-def _end(message: str, status: int) -> NoReturn:
-    print(f"sceniris-gym: {message}", file=sys.stderr)
-    sys.exit(status)
 
 
 def _listing(figures: dict[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""Imports of large libraries, during which the garbage collector does not walk what they make."""
+"""Imports of large libraries without garbage collection."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from contextlib import contextmanager
 
 @contextmanager
 def uncollected() -> Iterator[None]:
-    """Let no garbage be collected in this block.
+    """Collect no garbage in this block.
 
-    Warp keeps the syntax trees of all kernels: half a million objects for those of MuJoCo-Warp. While they are made,
-    the collector would walk them several times, which takes a second. To freeze and unfreeze all objects at the end
-    puts them into its oldest generation at once; where a program has frozen some itself, they stay frozen.
+    Warp keeps the syntax trees of all kernels, for MuJoCo-Warp half a million objects. The collector would walk them
+    several times while they are made, which takes a second. Freezing and unfreezing all objects in the end moves them
+    to its oldest generation at once. Objects that a program has frozen itself stay frozen.
     """
     collecting = gc.isenabled()
     gc.disable()

@@ -1,9 +1,11 @@
-"""Every error a user can meet. Each message says what was wrong, where, and what would be right."""
+"""All errors and warnings that a user can meet. Each message says what was wrong, where, and what would be right."""
 
 from __future__ import annotations
 
 import difflib
+import inspect
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 
 def nearest(name: str, valid: Iterable[str]) -> str | None:
@@ -22,8 +24,21 @@ def did_you_mean(name: str, valid: Iterable[str]) -> str:
     return f" Did you mean '{found}'?" if found is not None else ""
 
 
-class ScenirisError(Exception):
+class _Pickled(Exception):
+    """An exception that pickles by its constructor's arguments, each of which is an attribute of the same name."""
+
+    def __reduce__(self) -> tuple[Any, ...] | str:
+        if "__init__" not in vars(type(self)):
+            return super().__reduce__()
+        return type(self), tuple(getattr(self, name) for name in inspect.signature(type(self)).parameters)
+
+
+class ScenirisError(_Pickled):
     """Base class of all errors of this package."""
+
+
+class ScenirisWarning(_Pickled, UserWarning):
+    """Base class of all warnings of this package."""
 
 
 class SceneFileError(ScenirisError):
@@ -31,7 +46,7 @@ class SceneFileError(ScenirisError):
 
 
 class SceneKeyError(ScenirisError):
-    """A key or value in a scene that is wrong; the message names its path."""
+    """A wrong key or value in a scene; the message names its path."""
 
 
 class NotSupportedError(ScenirisError):
@@ -53,16 +68,13 @@ class UnknownNameError(ScenirisError):
         listing = ", ".join(self.valid) if self.valid else "none"
         super().__init__(f"{where}: unknown {kind} '{name}'.{did_you_mean(name, self.valid)} Valid: {listing}.")
 
-    def __reduce__(self) -> tuple:
-        return type(self), (self.kind, self.name, self.where, self.valid)
-
 
 class NoSupportError(ScenirisError):
     """A support that has no surface to place objects on."""
 
 
 class ErodedSupportError(ScenirisError):
-    """A support of which nothing is left after cropping to a region, or after erosion by `ratio_on_support`."""
+    """A support of which cropping to a region, or erosion by `ratio_on_support`, leaves nothing."""
 
 
 class CycleError(ScenirisError):
@@ -78,9 +90,6 @@ class CycleError(ScenirisError):
         self.where, self.names, self.what = where, list(names), what
         cycle = " -> ".join([*self.names, self.names[0]])
         super().__init__(f"{where}: {what}: {cycle}. Remove one of these references to break the cycle.")
-
-    def __reduce__(self) -> tuple:
-        return type(self), (self.where, self.names, self.what)
 
 
 class HeapError(ScenirisError):
@@ -100,7 +109,7 @@ class FlatMeshError(MeshError):
 
 
 class OpenMeshError(MeshError):
-    """A mesh with holes so large that what it encloses is anyone's guess."""
+    """A mesh with holes so large that its inside is anyone's guess."""
 
 
 class LargeMeshError(MeshError):
@@ -108,11 +117,11 @@ class LargeMeshError(MeshError):
 
 
 class PartsError(MeshError):
-    """A mesh that no convex parts were found for which stay near its surface."""
+    """A mesh without convex parts that stay near its surface."""
 
 
 class SliverError(MeshError):
-    """A body so thin and light that MuJoCo takes none of its moments of inertia for one."""
+    """A body so thin and light that its moments of inertia are too small for MuJoCo."""
 
 
 class SizeError(MeshError):
@@ -146,9 +155,6 @@ class GraspError(ScenirisError):
             "+y the closing axis), or use a smaller object."
         )
 
-    def __reduce__(self) -> tuple:
-        return type(self), (self.where, self.needed, self.opening)
-
 
 class InfeasibleSceneError(ScenirisError):
     """A scene for which no valid layout was found.
@@ -161,7 +167,7 @@ class InfeasibleSceneError(ScenirisError):
         leaning: Its support, if that leaned in most worlds.
         orientation: The `orientation` of that support, if it does not keep the support upright.
         obstruction: The pair of geoms that is most in its way, if it collides.
-        joined: The object that it is joined to at sites, if it is.
+        joined: The object that it is joined to at sites, if there is one.
     """
 
     def __init__(
@@ -212,18 +218,6 @@ class InfeasibleSceneError(ScenirisError):
             f"{way}Rejections: {rows}. {advice}"
         )
 
-    def __reduce__(self) -> tuple:
-        return type(self), (
-            self.where,
-            self.name,
-            self.cause,
-            self.counts,
-            self.leaning,
-            self.orientation,
-            self.obstruction,
-            self.joined,
-        )
-
 
 class ArmError(ScenirisError):
     """Bodies and joints that do not form a serial arm, or not a supported one."""
@@ -252,9 +246,6 @@ class ContactBudgetError(ScenirisError):
             f"{budget}={room} is too small for this scene: {wanted} were needed just now, and the rest are ignored. "
             f"Pass {budget}={max(2 * room, 2 * wanted)}."
         )
-
-    def __reduce__(self) -> tuple:
-        return type(self), (self.budget, self.room, self.wanted)
 
 
 class MaskError(ScenirisError, ValueError):
@@ -287,12 +278,9 @@ class BusyError(ScenirisError, RuntimeError):
             "chance. Call it from one thread at a time, or give each thread one of its own."
         )
 
-    def __reduce__(self) -> tuple:
-        return type(self), (self.what,)
-
 
 class FixedError(ScenirisError, AttributeError):
-    """An attribute that was assigned to, although nothing would follow from it: launches are captured without it.
+    """Raised on assignment to an attribute that captured graphs already use.
 
     Args:
         what: The class of the object.
@@ -306,9 +294,6 @@ class FixedError(ScenirisError, AttributeError):
             f"{what} was made with, and would go on with them. Make another {what} with the other '{name}'."
         )
         self.name = name  # which AttributeError has as well, and sets to None
-
-    def __reduce__(self) -> tuple:
-        return type(self), (self.what, self.name)
 
 
 class TaskError(ScenirisError, TypeError):
@@ -325,9 +310,6 @@ class TaskError(ScenirisError, TypeError):
         self.task, self.method, self.got, self.form = task, method, got, form
         super().__init__(f"{task}.{method} returned {got}, but should return {form}.")
 
-    def __reduce__(self) -> tuple:
-        return type(self), (self.task, self.method, self.got, self.form)
-
 
 class LayoutIdError(ScenirisError):
     """A layout id that is not `scenehash:split:seed:episode`."""
@@ -338,11 +320,11 @@ class CountError(ScenirisError, ValueError):
 
 
 class ArgumentError(ScenirisError, ValueError):
-    """An argument of a function that is none of what it takes."""
+    """An argument that its function does not take."""
 
 
 class ArgumentTypeError(ArgumentError, TypeError):
-    """An argument of a function that is of a type that it does not take."""
+    """An argument of a type that its function does not take."""
 
 
 def check_type(value: object, kind: type, name: str) -> None:
@@ -351,7 +333,7 @@ def check_type(value: object, kind: type, name: str) -> None:
     Args:
         value: The argument.
         kind: Its type.
-        name: What it is called in messages: the function, and the argument in it.
+        name: Its name in messages: the function and the argument.
 
     Raises:
         ArgumentTypeError: It is of another type.
@@ -360,7 +342,7 @@ def check_type(value: object, kind: type, name: str) -> None:
         raise ArgumentTypeError(f"{name} should be a {kind.__name__}, got {type(value)}.")
 
 
-class FallbackWarning(UserWarning):
+class FallbackWarning(ScenirisWarning):
     """A scene whose worlds run out of attempts or restarts more often than they should.
 
     Args:
@@ -369,7 +351,7 @@ class FallbackWarning(UserWarning):
         name: The object with the most rejections.
         cause: The most frequent cause of them.
         cures: What to write in the scene file, e.g. "'restarts' above 8".
-        held: How many layouts the smaller of the two banks holds, and how many it should, where fewer were found.
+        held: The number of layouts in the smaller of the two banks, and the number wanted, if fewer were found.
     """
 
     def __init__(
@@ -389,11 +371,8 @@ class FallbackWarning(UserWarning):
             f"'{name}' ({cause}).{few} Write {', or '.join(self.cures)}."
         )
 
-    def __reduce__(self) -> tuple:
-        return type(self), (self.where, self.share, self.name, self.cause, self.cures, self.held)
 
-
-class AttemptsWarning(UserWarning):
+class AttemptsWarning(ScenirisWarning):
     """`attempts: auto` reached the largest number of attempts, and worlds still run out of them.
 
     Args:
@@ -409,16 +388,13 @@ class AttemptsWarning(UserWarning):
             "a number: where nothing is left for an object, attempts only take time."
         )
 
-    def __reduce__(self) -> tuple:
-        return type(self), (self.where, self.attempts)
+
+class ReachWarning(ScenirisWarning):
+    """Reachability that is not decided as requested; the message says why."""
 
 
-class ReachWarning(UserWarning):
-    """Reachability is decided in a different way than requested; the message says why."""
-
-
-class ModelWarning(UserWarning):
-    """Something in a model that is accepted but was probably not meant; the message says what, and what to do."""
+class ModelWarning(ScenirisWarning):
+    """A detail of a model that is accepted but was probably not meant; the message names it and a remedy."""
 
 
 class OutputError(ScenirisError, OSError):
@@ -433,22 +409,16 @@ class OutputError(ScenirisError, OSError):
         self.path, self.reason = path, reason
         super().__init__(f"{path} cannot be written: {reason}. Give --out a path that you can write to.")
 
-    def __str__(self) -> str:
-        return str(self.args[0])
-
-    def __reduce__(self) -> tuple:
-        return type(self), (self.path, self.reason)
-
 
 class MemoryLimitError(ScenirisError, MemoryError):
     """Something that does not fit into the memory that is free.
 
     Args:
-        what: What was about to be made.
-        needed: How many bytes it takes, at least.
-        free: How many are free.
-        device: Where.
-        cure: What to do about it.
+        what: The thing to be made.
+        needed: The bytes that it takes at least.
+        free: The bytes that are free.
+        device: The device.
+        cure: The remedy.
     """
 
     def __init__(self, what: str, needed: int, free: int, device: str, cure: str) -> None:
@@ -458,19 +428,16 @@ class MemoryLimitError(ScenirisError, MemoryError):
             f"{cure}"
         )
 
-    def __reduce__(self) -> tuple:
-        return type(self), (self.what, self.needed, self.free, self.device, self.cure)
-
 
 class DatasetError(ScenirisError):
-    """A data set of layouts that is incomplete, damaged, or another one than was asked for."""
+    """A data set of layouts that is incomplete, damaged, or not the one asked for."""
 
 
 class MissingExtraError(ScenirisError, ImportError):
     """A library that is not installed, and that an extra of this package installs.
 
     Args:
-        package: What could not be imported.
+        package: The missing library.
         extra: The extra of this package that installs it.
     """
 
@@ -478,16 +445,13 @@ class MissingExtraError(ScenirisError, ImportError):
         self.package, self.extra = package, extra
         super().__init__(f"{package} is not installed. Install the extra: pip install 'sceniris-gym[{extra}]'.")
 
-    def __reduce__(self) -> tuple:
-        return type(self), (self.package, self.extra)
 
-
-class KeysLeftOutWarning(UserWarning):
+class KeysLeftOutWarning(ScenirisWarning):
     """Some keys of an original configuration were left out, or have a different meaning here.
 
     Args:
         keys: Dotted paths of the keys that are left out.
-        changed: What a key means here, by dotted path, for keys carried over with a different meaning or value.
+        changed: The meaning here of keys that are carried over with a different meaning or value, by dotted path.
         advice: Sentences on how to carry over more.
     """
 
@@ -500,6 +464,3 @@ class KeysLeftOutWarning(UserWarning):
             meanings = "; ".join(f"{key} ({meaning})" for key, meaning in self.changed.items())
             texts.append(f"carried over from the original configuration with a different meaning or value: {meanings}.")
         super().__init__(" ".join((*texts, *self.advice)))
-
-    def __reduce__(self) -> tuple:
-        return type(self), (self.keys, self.changed, self.advice)

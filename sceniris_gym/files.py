@@ -1,4 +1,4 @@
-"""Writes files completely or not at all, and checks beforehand that they can be written."""
+"""Files that are written completely or not at all, and checks beforehand that they can be written."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from sceniris_gym.errors import NotSupportedError, OutputError
 from sceniris_gym.stopping import temporary
 
 UNWRITABLE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO})
-"""What the operating system says where nothing can be written."""
+"""Errors of the operating system that mean that nothing can be written."""
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Yield the path of a temporary file beside `path`, which replaces `path` if the block succeeds.
 
-    If it fails, or the program is stopped by a signal, the temporary file is removed and `path` stays as it was. What a
-    process left behind that was killed is removed by the next one on the same machine.
+    If it fails, or a signal ends the program, the temporary file is removed and `path` stays as it was. The file of a
+    killed process is removed by the next one on the same machine.
 
     Raises:
         OutputError: The file cannot be written.
@@ -32,7 +32,7 @@ def replacing(path: Path) -> Iterator[Path]:
         try:
             yield file
         except OSError as error:
-            if error.errno not in UNWRITABLE or isinstance(error, OutputError):
+            if error.errno not in UNWRITABLE:
                 raise
             raise OutputError(str(path), str(error.strerror).lower()) from error
         file.chmod(0o644)
@@ -53,13 +53,15 @@ def check_writable(path: Path) -> None:
         pass
 
 
-def check_picture(path: Path) -> None:
-    """Make sure that `path` ends in .png and can be written.
+def check_picture(path: Path | None) -> None:
+    """Make sure that `path` ends in .png and can be written; None is no picture.
 
     Raises:
         NotSupportedError: It has another suffix.
         OutputError: It cannot.
     """
+    if path is None:
+        return
     if path.suffix.lower() != ".png":
         raise NotSupportedError(f"{path}: a picture should be a PNG. Give a path that ends in .png.")
     check_writable(path)
@@ -67,20 +69,17 @@ def check_picture(path: Path) -> None:
 
 def _file_beside(path: Path) -> AbstractContextManager[Path]:
     """Make an empty file beside `path`, for as long as the block lasts."""
-    return temporary(lambda: _make_beside(path), lambda file: file.unlink(missing_ok=True))
 
+    def make() -> Path:
+        with _in_words(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            _remove_orphans(path)
+            prefix = f".{path.name}.{socket.gethostname()}-{os.getpid()}."
+            handle, name = tempfile.mkstemp(prefix=prefix, suffix=".tmp", dir=path.parent)
+        os.close(handle)
+        return Path(name)
 
-def _make_beside(path: Path) -> Path:
-    with _in_words(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        _remove_orphans(path)
-        handle, name = tempfile.mkstemp(prefix=_prefix(path), suffix=".tmp", dir=path.parent)
-    os.close(handle)
-    return Path(name)
-
-
-def _prefix(path: Path) -> str:
-    return f".{path.name}.{socket.gethostname()}-{os.getpid()}."
+    return temporary(make, lambda file: file.unlink(missing_ok=True))
 
 
 def _remove_orphans(path: Path) -> None:
@@ -88,18 +87,8 @@ def _remove_orphans(path: Path) -> None:
     form = re.compile(rf"\.{re.escape(path.name)}\.{re.escape(socket.gethostname())}-(\d+)\.\w+\.tmp")
     for other in path.parent.iterdir():
         found = form.fullmatch(other.name)
-        if found is not None and not _is_running(int(found[1])):
+        if found is not None and not Path("/proc", found[1]).exists():
             other.unlink(missing_ok=True)
-
-
-def _is_running(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except (PermissionError, OverflowError):
-        pass
-    return True
 
 
 @contextmanager

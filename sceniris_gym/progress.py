@@ -1,4 +1,4 @@
-"""How far long work is: whoever does it tells, and whoever wants to show it listens."""
+"""The progress of long work: its author tells, and whoever wants to show it listens."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 
 Progress = Callable[[str, int, int], object]
-"""Called with what is done, how many parts of it are done, and how many there are."""
+"""Called with the name of the work, the number of its parts that are done, and the number of all."""
 
 _listener: ContextVar[Progress | None] = ContextVar("progress", default=None)
 
 
 @contextmanager
 def listening(listener: Progress) -> Iterator[None]:
-    """Let `listener` hear how far the work of this block is, such as `compile_scene`."""
+    """Let `listener` hear the progress of the work in this block, such as `compile_scene`."""
     token = _listener.set(listener)
     try:
         yield
@@ -23,7 +23,7 @@ def listening(listener: Progress) -> Iterator[None]:
 
 
 def tell(what: str, done: int, total: int) -> None:
-    """Tell how far some work is, if anyone listens."""
+    """Tell the progress of some work, if anyone listens."""
     listener = _listener.get()
     if listener is not None:
         listener(what, done, total)

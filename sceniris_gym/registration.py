@@ -1,51 +1,28 @@
-"""Registers the environments with Gymnasium. Entry points are strings, so nothing heavy is imported here."""
+"""Registration of the environments with Gymnasium. Entry points are strings, so nothing heavy is imported here."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import gymnasium
 
-ENVS = {  # id -> keyword arguments of gymnasium.register
-    "sceniris_gym/DrawerPick-v0": {
-        "kwargs": {"task": "sceniris_gym.envs.drawer_pick:DrawerPick"},
-        "max_episode_steps": 200,
-    },
-    "sceniris_gym/DrawerOpenPick-v0": {
-        "kwargs": {"task": "sceniris_gym.envs.drawer_open_pick:DrawerOpenPick"},
-        "max_episode_steps": 400,
-    },
-    "sceniris_gym/TabletopReach-v0": {
-        "kwargs": {"task": "sceniris_gym.envs.tabletop_reach:TabletopReach", "nconmax": 40, "njmax": 160},
-        "max_episode_steps": 100,
-    },
-    "sceniris_gym/TabletopReachEasy-v0": {
-        "kwargs": {"task": "sceniris_gym.envs.tabletop_reach_easy:TabletopReachEasy", "nconmax": 40, "njmax": 160},
-        "max_episode_steps": 100,
-    },
-    "sceniris_gym/TabletopLift-v0": {
-        "kwargs": {"task": "sceniris_gym.envs.tabletop_lift:TabletopLift", "nconmax": 48, "njmax": 192},
-        "max_episode_steps": 150,
-    },
-    "sceniris_gym/TabletopLiftEasy-v0": {
-        "kwargs": {"task": "sceniris_gym.envs.tabletop_lift_easy:TabletopLiftEasy", "nconmax": 48, "njmax": 192},
-        "max_episode_steps": 150,
-    },
-    "sceniris_gym/ClutterExtract-v0": {
-        "kwargs": {
-            "task": "sceniris_gym.envs.clutter_extract:ClutterExtract",
-            "nconmax": 128,
-            "njmax": 512,
-            "nvmax": 81,  # the arm's 9, and 6 for the peg and each of the 11 others that are present at most
-        },
-        "max_episode_steps": 200,
-    },
-    "sceniris_gym/ClutterPush-v0": {
-        "kwargs": {"task": "sceniris_gym.envs.clutter_push:ClutterPush", "nconmax": 40, "njmax": 160},
-        "max_episode_steps": 250,
-    },
-    "sceniris_gym/KitchenReset-v0": {
-        "kwargs": {"task": "sceniris_gym.envs.kitchen_reset:KitchenReset", "nconmax": 256, "njmax": 1024},
-        "max_episode_steps": 200,
-    },
+
+def _env(task: str, max_episode_steps: int, **words: int) -> dict[str, Any]:
+    """Return the arguments of `gymnasium.register` for a task of `sceniris_gym.envs`."""
+    return {"max_episode_steps": max_episode_steps, "kwargs": {"task": f"sceniris_gym.envs.{task}", **words}}
+
+
+ENVS = {
+    "sceniris_gym/DrawerPick-v0": _env("drawer_pick:DrawerPick", 200),
+    "sceniris_gym/DrawerOpenPick-v0": _env("drawer_open_pick:DrawerOpenPick", 400),
+    "sceniris_gym/TabletopReach-v0": _env("tabletop_reach:TabletopReach", 100, nconmax=40, njmax=160),
+    "sceniris_gym/TabletopReachEasy-v0": _env("tabletop_reach_easy:TabletopReachEasy", 100, nconmax=40, njmax=160),
+    "sceniris_gym/TabletopLift-v0": _env("tabletop_lift:TabletopLift", 150, nconmax=48, njmax=192),
+    "sceniris_gym/TabletopLiftEasy-v0": _env("tabletop_lift_easy:TabletopLiftEasy", 150, nconmax=48, njmax=192),
+    # 81 degrees of freedom: the arm's 9, and 6 for the peg and each of the 11 others that are present at most.
+    "sceniris_gym/ClutterExtract-v0": _env("clutter_extract:ClutterExtract", 200, nconmax=128, njmax=512, nvmax=81),
+    "sceniris_gym/ClutterPush-v0": _env("clutter_push:ClutterPush", 250, nconmax=40, njmax=160),
+    "sceniris_gym/KitchenReset-v0": _env("kitchen_reset:KitchenReset", 200, nconmax=256, njmax=1024),
 }
 ENTRY_POINTS = {
     "entry_point": "sceniris_gym.vector.single_env:SceneEnv",

@@ -1,137 +1,86 @@
-"""Ctrl-C and SIGTERM end a program at once, whatever it is doing.
+"""Ctrl-C and SIGTERM end the program at once, whatever it is doing.
 
-An exception would not: libraries that are being imported catch it, and one that is thrown into them half-way leaves
-them broken. So a thread hears of the signal, ends the processes that this one has started, removes what must not stay
-behind, and ends the process.
+They raise no exception: libraries catch it while they are imported, and it waits until a call into C returns. A thread
+hears of the signal instead, ends child processes, removes temporary files, and exits.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
-import select
 import signal
+import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
-T = TypeVar("T")
+Made = TypeVar("Made", bound=Hashable)
 
-_PATIENCE = 1.0  # [s] for a file system, or a reader of standard error, that does not answer
+_PATIENCE = 2.0  # [s] for a file system, or a reader of standard error, that does not answer
 _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
-_temporary: dict[object, Callable[[], object]] = {}
+_temporary: dict[Hashable, Callable[[Any], object]] = {}
 _making = threading.Lock()
-"""Held while something temporary is made or removed; whoever answers a signal takes it and never gives it back."""
+"""Held while something temporary is made or removed. The thread that answers a signal takes it and never returns it."""
 
 
 @contextmanager
-def temporary(make: Callable[[], T], remove: Callable[[T], object]) -> Iterator[T]:
-    """Yield what `make` returns and `remove` it in the end, or when the program is stopped by a signal.
-
-    What was made is never without somebody to remove it: a signal waits until `make` has returned, and nothing is made
-    any more once one is being answered.
+def temporary(make: Callable[[], Made], remove: Callable[[Made], object]) -> Iterator[Made]:
+    """Yield the result of `make` and `remove` it in the end, also when a signal ends the program.
 
     Raises:
-        Exception: What `make` and `remove` raise.
+        Exception: From `make` or `remove`.
     """
-    key = object()
     with _making:
         made = make()
-        _temporary[key] = lambda: remove(made)
+        _temporary[made] = remove
     try:
         yield made
     finally:
         with _making:
-            _temporary.pop(key)()
+            _temporary.pop(made)(made)
 
 
-@contextmanager
-def ending_at_signals(name: str) -> Iterator[None]:
-    """Let SIGINT and SIGTERM end the process within the block, with a line on stderr and 128 + signal, as shells do.
+def end_at_signals(name: str) -> None:
+    """Let SIGINT and SIGTERM end this process from now on, with status 128 + signal, as in a shell, and a line.
 
-    The line goes to what is standard error now, even if that is redirected later. A signal that is ignored, as Ctrl-C
-    is for a shell's background jobs, stays ignored.
+    The line goes to standard error. An ignored signal stays ignored, such as Ctrl-C for a background job.
 
     Args:
-        name: The program, for that line.
+        name: The program, for the line.
     """
-    stderr = _standard_error()
     heard, tell = os.pipe()
     os.set_blocking(tell, False)
-    kept = {number: signal.getsignal(number) for number in _WORDS}
-    before = signal.set_wakeup_fd(tell, warn_on_full_buffer=False)
-    for number, handler in kept.items():
-        if handler is not signal.SIG_IGN:
-            signal.signal(number, _nothing)  # Python writes to the pipe before it gets to this
-    threading.Thread(target=_listen, args=(heard, stderr, name), name="signals", daemon=True).start()
-    try:
-        yield
-    finally:
-        signal.set_wakeup_fd(before)
-        for number, handler in kept.items():
-            signal.signal(number, handler)
-        os.close(tell)
+    signal.set_wakeup_fd(tell, warn_on_full_buffer=False)
+    caught = {n: handler for n in _WORDS if (handler := signal.getsignal(n)) is not signal.SIG_IGN}
+    for number in caught:
+        signal.signal(number, lambda *_: None)  # Python writes the number to the pipe before it calls this
+    threading.Thread(target=_end, args=(heard, name), daemon=True).start()
 
-
-def _standard_error() -> int:
-    """Return a duplicate descriptor of what is standard error now; of nothing where that is closed."""
-    try:
-        return os.dup(2)
-    except OSError:
-        return os.open(os.devnull, os.O_WRONLY)
-
-
-def _nothing(*_: object) -> None:
-    pass
-
-
-def _in_child() -> None:
-    """Let signals end a forked child as ever: the thread that hears of them is its parent's, and the pipe is, too."""
-    global _making
-    _making = threading.Lock()  # another thread of the parent may have held it
-    if signal.getsignal(signal.SIGTERM) is _nothing:
+    def forget() -> None:
+        """Let signals end a forked child as usual: it shares the pipe, but has no thread that reads it."""
         signal.set_wakeup_fd(-1)
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    if signal.getsignal(signal.SIGINT) is _nothing:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        for number, handler in caught.items():
+            signal.signal(number, handler)
+
+    os.register_at_fork(after_in_child=forget)
 
 
-os.register_at_fork(after_in_child=_in_child)
-
-
-def _end_children() -> None:
-    """End processes that this one has started, such as glfw's, which tell at length that nobody reads their answer."""
+def _end(heard: int, name: str) -> None:
+    """Wait for a signal, and end the process."""
+    while (number := os.read(heard, 1)[0]) not in _WORDS:
+        pass
+    threading.Timer(_PATIENCE, os._exit, [128 + number]).start()
     for file in Path("/proc/self/task").glob("*/children"):
         with contextlib.suppress(OSError):
             for child in file.read_text().split():
                 os.kill(int(child), signal.SIGKILL)
-
-
-def _remove_temporary() -> None:
-    _making.acquire(timeout=_PATIENCE)
-    for remove in list(_temporary.values()):
+    _making.acquire()
+    for made, remove in _temporary.items():
         with contextlib.suppress(Exception):
-            remove()
-
-
-def _say(file: int, text: str) -> None:
-    """Write a short text, unless nobody reads it."""
-    room = select.poll()
-    room.register(file, select.POLLOUT)
-    with contextlib.suppress(OSError):
-        if room.poll(1000.0 * _PATIENCE):
-            os.write(file, text.encode())
-
-
-def _listen(heard: int, stderr: int, name: str) -> None:
-    """Wait for a signal, and end the process; or end with the block, when the other end is closed."""
-    while number := os.read(heard, 1):
-        if number[0] in _WORDS:
-            _end_children()
-            _remove_temporary()
-            _say(stderr, f"\n{name}: {_WORDS[signal.Signals(number[0])]}\n")
-            os._exit(128 + number[0])
-    os.close(heard)
-    os.close(stderr)
+            remove(made)
+    if sys.__stderr__ is not None:
+        with contextlib.suppress(OSError):
+            os.write(2, f"\n{name}: {_WORDS[signal.Signals(number)]}\n".encode())
+    os._exit(128 + number)

@@ -249,7 +249,7 @@ def test_a_folder_for_kernels_that_cannot_be_written_is_told_with_the_way_out(
     def start() -> None:
         raise OSError(code, os.strerror(code), str(file))
 
-    monkeypatch.setattr("sceniris_gym.commands.warp_start.start_warp", start)
+    monkeypatch.setattr("sceniris_gym.device.kernel_log.start_warp", start)
     for cache, unwritable in ((tmp_path / "kernels" / "1.0", True), (tmp_path, False)):
         monkeypatch.setattr("warp.config.kernel_cache_dir", str(cache))
         with pytest.raises(SystemExit) as stop:

@@ -6,6 +6,7 @@ import ast
 import gc
 import importlib
 import inspect
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -16,7 +17,7 @@ import pytest
 
 import sceniris_gym
 import sceniris_gym.sim
-from sceniris_gym import errors
+from sceniris_gym import ScenirisError, ScenirisWarning, errors
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "sceniris_gym"
@@ -155,19 +156,22 @@ def test_the_garbage_collector_is_left_as_it_was(collecting: bool, frozen: bool)
 
 @pytest.mark.parametrize("name", sceniris_gym.__all__)
 def test_every_public_name_is_there(name: str):
-    """Each name of `__all__` can be had from the package, and is listed by dir()."""
+    """Each name of the stub can be had from the package, and is listed by dir()."""
     assert getattr(sceniris_gym, name) is not None
     assert name in dir(sceniris_gym)
 
 
-def test_every_warning_is_a_public_name():
-    """So that users can filter each of them by its class."""
-    kinds = {name for name, kind in inspect.getmembers(errors, inspect.isclass) if issubclass(kind, UserWarning)}
-    assert "ModelWarning" in kinds
-    assert kinds <= set(sceniris_gym.__all__)
+def test_every_error_and_warning_is_of_one_base_each():
+    """So that users can catch all errors by one class, and filter all warnings by another or each by its own."""
+    kinds = [kind for name, kind in inspect.getmembers(errors, inspect.isclass) if name.endswith(("Error", "Warning"))]
+    assert sceniris_gym.errors.ModelWarning in kinds
+    for kind in kinds:
+        assert issubclass(kind, ScenirisWarning if issubclass(kind, Warning) else ScenirisError)
+    sources = [path for path in SOURCES if path != PACKAGE / "errors.py"]
+    assert not [path for path in sources if re.search(r"class \w+\(.*Warning\)", path.read_text())]
 
 
 def test_an_unknown_name_is_an_attribute_error():
     """As for any module."""
-    with pytest.raises(AttributeError, match="no attribute 'SceneConfigg'"):
+    with pytest.raises(AttributeError, match="attribute SceneConfigg"):
         _ = sceniris_gym.SceneConfigg  # type: ignore[attr-defined]

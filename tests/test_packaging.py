@@ -94,7 +94,11 @@ def test_wheel_and_sdist_hold_all_modules_scenes_and_assets(built: Path):
     wheel = set(zipfile.ZipFile(next(built.glob("*.whl"))).namelist())
     with tarfile.open(next(built.glob("*.tar.gz"))) as archive:
         sdist = {name.partition("/")[2] for name in archive.getnames()}
-    kinds = {"sceniris_gym": ["*.py", "py.typed"], "envs": ["*.py", "*.yaml"], "assets": ["*.py", "*.xml", "meshes/*"]}
+    kinds = {
+        "sceniris_gym": ["*.py", "__init__.pyi", "py.typed"],
+        "envs": ["*.py", "*.yaml"],
+        "assets": ["*.py", "*.xml", "meshes/*"],
+    }
     files = [
         p.relative_to(ROOT) for folder, all_ in kinds.items() for kind in all_ for p in (ROOT / folder).rglob(kind)
     ]

@@ -1,1 +1,1 @@
-"""What the commands do: one file per command, with the command's name."""
+"""The work of the commands: a file for each, of its name."""

@@ -1,4 +1,4 @@
-"""The `audit` command: makes layouts and rejected candidates of a scene, and lets the audit judge them."""
+"""The `audit` command: layouts and rejected candidates of a scene, and the judgement of the audit on them."""
 
 from __future__ import annotations
 
@@ -15,15 +15,18 @@ from sceniris_gym.audit.contacts import Allowed
 from sceniris_gym.audit.equalities import equalities
 from sceniris_gym.audit.physics import without_log
 from sceniris_gym.audit.reach import Claim, ReachAudit, Unreached
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.stored_arrays import UNREADABLE, read_arrays
+from sceniris_gym.dataset.manifest import DatasetPlan
 from sceniris_gym.errors import SceneFileError, SceneMismatchError, UnknownNameError
 from sceniris_gym.files import replacing
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.reaching.poses import OPENING_MARGIN
 from sceniris_gym.layout.tables import make_table
-from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.scene.model import build_model
 
 _WORLDS = 1024  # worlds that are reset until enough candidates were rejected
 _EPISODES = 1000  # resets after which a scene is taken to reject hardly anything
@@ -33,8 +36,8 @@ def rejected_candidates(compiled: CompiledScene, n: int, seed: int) -> tuple[Lay
     """Make layouts until n candidates were rejected for collision.
 
     Returns:
-        The layouts in which the rejected objects stand at their candidate poses, and the names of these objects; fewer
-        than n if the scene rejects hardly anything.
+        The layouts with the rejected objects at their candidate poses, and the names of these objects; fewer than n if
+        the scene rejects hardly anything.
     """
     generator = LayoutGenerator(compiled, _WORLDS, seed=seed, rejected=n)
     view, nmocap = generator.layouts.view, compiled.mjm.nmocap
@@ -53,7 +56,7 @@ def rejected_candidates(compiled: CompiledScene, n: int, seed: int) -> tuple[Lay
 
 
 def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
-    """Return how a table says its objects are reached, with the gripper opened 1 cm wider than a grasp needs."""
+    """Return the claims of a table about reach, with the gripper opened 1 cm wider than a grasp needs."""
     if compiled.reaching is None:
         return []
     claims = []
@@ -81,7 +84,7 @@ def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
 
 
 def judge_reach(compiled: CompiledScene, table: LayoutTable, claims: list[Claim]) -> list[Unreached]:
-    """Return the claims of a table about reach that the audit finds to be wrong."""
+    """Return the claims about reach that the audit refutes."""
     if not claims:
         return []
     scene, found = compiled.scene, []
@@ -98,20 +101,18 @@ def judge_reach(compiled: CompiledScene, table: LayoutTable, claims: list[Claim]
 
 @dataclass(frozen=True)
 class Rows:
-    """What the audit judges: layouts, and candidates that were rejected for collision.
+    """Rows to judge: layouts, and candidates that were rejected for collision.
 
     Attributes:
         table: The layouts.
-        rejected: Layouts in which the rejected objects stand at their candidate poses.
+        rejected: Layouts with the rejected objects at their candidate poses.
         names: Names of these objects.
-        split: "train" or "eval".
         seed: Seed of the first layout.
     """
 
     table: LayoutTable
     rejected: LayoutTable
     names: list[str]
-    split: str
     seed: int
 
 
@@ -119,11 +120,11 @@ def make_rows(compiled: CompiledScene, layouts: int, rejected: int, seed: int) -
     """Make layouts and rejected candidates of a scene, on its device."""
     table = make_table(compiled, layouts, seed)
     candidates, names = rejected_candidates(compiled, rejected, seed) if rejected else (table[slice(0, 0)], [])
-    return Rows(table, candidates, names, "train", seed)
+    return Rows(table, candidates, names, seed)
 
 
 def save_rows(compiled: CompiledScene, rows: Rows, path: Path) -> None:
-    """Write rows to an npz file, whole or not at all, with all that tells which scene and seeds they are of."""
+    """Write rows to an npz file, whole or not at all, with their scene and seeds."""
     columns: dict[str, Any] = {f"layouts_{f.name}": getattr(rows.table, f.name) for f in fields(LayoutTable)}
     columns |= {f"rejected_{f.name}": getattr(rows.rejected, f.name) for f in fields(LayoutTable)}
     columns |= {
@@ -131,7 +132,7 @@ def save_rows(compiled: CompiledScene, rows: Rows, path: Path) -> None:
         "rejected_cause": np.array(["collision"] * len(rows.names), str),
         "hash": np.array(compiled.hash),
         "config": np.array(compiled.config.canonical()),
-        "split": np.array(rows.split),
+        "split": np.array("train"),
         "seed": np.array(rows.seed % 2**64, np.uint64),
     }
     with replacing(path) as temporary, temporary.open("wb") as file:
@@ -139,12 +140,12 @@ def save_rows(compiled: CompiledScene, rows: Rows, path: Path) -> None:
 
 
 def load_rows(compiled: CompiledScene, path: Path) -> Rows:
-    """Read rows that `save_rows` has written.
+    """Read the rows of a file that `save_rows` wrote.
 
     Raises:
         SceneFileError: The file is missing, or is something else.
         SceneMismatchError: Its rows are of another scene.
-        UnknownNameError: A rejected object is not one that the scene places.
+        UnknownNameError: The scene does not place a rejected object.
     """
     try:
         columns = read_arrays(path)
@@ -153,7 +154,7 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
             LayoutTable(**{f.name: columns[f"{part}_{f.name}"] for f in fields(LayoutTable)})
             for part in ("layouts", "rejected")
         )
-        names, split, seed = columns["rejected_object"], str(columns["split"]), int(columns["seed"])
+        names, seed = columns["rejected_object"], int(columns["seed"])
     except UNREADABLE as error:
         raise SceneFileError(
             f"--rows {path}: should be a file that 'sceniris-gym audit SCENE --save FILE' has written: {error}"
@@ -164,44 +165,36 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
             f"{compiled.hash}. Give the scene, and the changes by --set, that the rows were made with."
         )
     _check_columns(compiled, path, table, rejected, names)
-    return Rows(table, rejected, names.tolist(), split, seed)
+    return Rows(table, rejected, names.tolist(), seed)
 
 
 def _check_columns(
     compiled: CompiledScene, path: Path, table: LayoutTable, rejected: LayoutTable, names: np.ndarray
 ) -> None:
     """Refuse columns that are not those of the scene: shapes, types, and names of rejected objects."""
-    mjm, reaching = compiled.mjm, compiled.reaching
-    nreach, njoint = (0, 0) if reaching is None else (len(reaching.targets), reaching.njoint)
-    columns = [("rejected_object", names, (len(np.atleast_1d(rejected.valid)),), "<U1")]
-    for part, rows in (("layouts", table), ("rejected", rejected)):
-        n = len(np.atleast_1d(rows.valid))
-        like = LayoutTable.from_states(
-            np.zeros((n, mjm.nq), np.float32),
-            np.zeros((n, mjm.nmocap, 3), np.float32),
-            np.zeros((n, mjm.nmocap, 4), np.float32),
-            np.zeros((n, len(compiled.slots)), bool),
-        )
-        reach = {"grasp": (n, nreach), "grasp_pose": (n, nreach, 7)}
-        reach |= dict.fromkeys(("grasp_qpos", "pregrasp_qpos"), (n, nreach, njoint))
-        for f in fields(LayoutTable):
-            if rows is rejected and f.name in reach:
-                continue  # not read
-            model = getattr(like, f.name)
-            shape = reach.get(f.name, model.shape)
-            columns.append((f"{part}_{f.name}", getattr(rows, f.name), shape, model.dtype))
-    for name, found, shape, dtype in columns:
+    row = np.zeros(1, DatasetPlan.of(compiled, 1, 0, "train").row)
+    bare = LayoutTable.from_states(row["qpos"], row["mocap_pos"], row["mocap_quat"], row["present"])
+
+    def check(name: str, found: np.ndarray, shape: tuple[int, ...], dtype: Any) -> None:
         if found.shape != shape:
             raise SceneFileError(f"--rows {path}: {name} has shape {found.shape}, but should have {shape}.")
         if not np.can_cast(found.dtype, dtype, "same_kind"):
             raise SceneFileError(f"--rows {path}: {name} has type {found.dtype}, but should have {dtype}.")
+
+    check("rejected_object", names, (len(np.atleast_1d(rejected.valid)),), "<U1")
+    for part, rows in (("layouts", table), ("rejected", rejected)):
+        n = len(np.atleast_1d(rows.valid))
+        for f in fields(LayoutTable):
+            like = row[f.name] if f.name in (row.dtype.names or ()) else getattr(bare, f.name)
+            if rows is table or "grasp" not in f.name:  # nothing reads the grasps of candidates
+                check(f"{part}_{f.name}", getattr(rows, f.name), (n, *like.shape[1:]), like.dtype)
     for name in names.tolist():
         if name not in compiled.placed:
             raise UnknownNameError("object", name, f"--rows {path}: rejected_object", compiled.placed)
 
 
 def _finite(rows: Rows) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
-    """Return which layouts and candidates are finite numbers, and by column which rows are not."""
+    """Return masks of the layouts and candidates that are finite, and by column the rows that are not."""
     found, by = [], {}
     for part, table in (("layouts", rows.table), ("rejected", rows.rejected)):
         finite = np.ones(len(table), bool)
@@ -216,19 +209,33 @@ def _finite(rows: Rows) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
 
 
 def _runs(numbers: np.ndarray) -> str:
-    """Return ascending numbers in words: "0 3-5 9"."""
+    """Return ascending numbers as text, such as "0 3-5 9"."""
     runs = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
     return " ".join(str(run[0]) if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs)
 
 
-def judge(compiled: CompiledScene, layouts: int, rejected: int, settled: int, seed: int) -> dict:
+def save(compiled: CompiledScene, layouts: int, rejected: int, seed: int, path: Path) -> dict:
+    """Make layouts and rejected candidates, write them to a file, and say what it holds."""
+    made = make_rows(compiled, layouts, rejected, seed)
+    save_rows(compiled, made, path)
+    found = {"scene": compiled.config.name, "hash": compiled.hash, "seed": seed, "file": str(path)}
+    return found | {"layouts": len(made.table), "rejected": len(made.rejected)}
+
+
+def judge_file(config: SceneConfig, path: Path, settled: int | None) -> dict:
+    """Return the findings of the audit on the rows of a file, as `judge` does."""
+    compiled = upload_scene(build_model(config), "cpu")
+    return judge_rows(compiled, load_rows(compiled, path), settled)
+
+
+def judge(compiled: CompiledScene, layouts: int, rejected: int, settled: int | None, seed: int) -> dict:
     """Make layouts and rejected candidates, and return the findings of the audit as plain numbers and names.
 
     Args:
         compiled: The compiled scene.
         layouts: Number of layouts.
         rejected: Number of rejected candidates.
-        settled: Number of layouts that are stepped for half a second.
+        settled: Number of layouts that are stepped for half a second; None for all of them.
         seed: Seed of the first layout.
     """
     return judge_rows(compiled, make_rows(compiled, layouts, rejected, seed), settled)
@@ -293,5 +300,5 @@ def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) 
 
 
 def _depth(allowed: Allowed) -> str:
-    """Return how deep contacts are that are allowed for."""
+    """Return the depths of an allowed contact as text."""
     return f"{allowed.home:.2g} m deep there, {allowed.depth:.2g} m in layouts"

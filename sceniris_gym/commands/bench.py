@@ -1,4 +1,4 @@
-"""The `bench` command: measures how fast layouts are made and worlds are reset."""
+"""The `bench` command: the rates of making layouts and of resetting worlds."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import statistics
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from sceniris_gym.sim.randomizer import ResetRandomizer
 
 REPEATS = 20
 _WARM_UP = 3
-_NARROWED = 4096  # most layouts in which it is measured where objects lie
+_NARROWED = 4096  # most layouts for the measure of `reachable`
 _PARTIAL = 0.02  # share of the worlds in a partial reset
 
 
@@ -50,9 +51,8 @@ def bench(
         device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
         seed: Seed of the first world.
         overrides: Parts of the scene to change.
-        picture: Where to write a picture of how `reachable` narrows where objects lie; None for no picture.
+        picture: PNG to write, of the places that `reachable` leaves to objects; None for no picture.
     """
-    wp.init()
     start = time.perf_counter()
     compiled = compile_scene(SceneConfig.load(scene, overrides), device, cache=False)
     generator = LayoutGenerator(compiled, num_envs, seed=seed)
@@ -69,7 +69,7 @@ def bench(
         counts["candidates"] += int(generator.layouts.attempts.numpy().sum())
         counts["first_pass"] += int(generator.layouts.first_pass_valid.numpy().sum())
 
-    warm = _median(LaunchSequence(generator.generate, wp.get_device(compiled.device)), compiled.device, count)
+    warm = median_time(LaunchSequence(generator.generate, wp.get_device(compiled.device)), compiled.device, count)
     made = REPEATS * num_envs
     return {
         "scene": compiled.config.name,
@@ -124,13 +124,11 @@ def _resets(compiled: CompiledScene, generator: LayoutGenerator) -> dict[str, fl
         name: wp.array(mask, dtype=bool, device=compiled.device)
         for name, mask in (("full_reset_us", np.ones_like(few)), ("partial_reset_us", few))
     }
-    return {
-        name: 1e6 * _median(lambda mask=mask: randomizer.reset(mask), compiled.device) for name, mask in masks.items()
-    }
+    return {name: 1e6 * median_time(partial(randomizer.reset, mask), compiled.device) for name, mask in masks.items()}
 
 
-def _median(work: Callable[[], object], device: str, after: Callable[[], object] = lambda: None) -> float:
-    """Return the median time [s] of `work` over 20 repeats after a few to warm up; `after` runs untimed after each."""
+def median_time(work: Callable[[], object], device: str, after: Callable[[], object] = lambda: None) -> float:
+    """Return the median time [s] of `work` over 20 repeats after 3 to warm up; `after` runs untimed after each."""
     times = []
     for i in range(_WARM_UP + REPEATS):
         wp.synchronize_device(device)

@@ -1,17 +1,17 @@
-"""The `generate` command: writes a data set of layouts, together with their model, or verifies one."""
+"""The `generate` command: writes a data set of layouts, together with their model."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from sceniris_gym.dataset.manifest import DatasetPlan, counts
+from sceniris_gym.dataset.manifest import DatasetPlan
 from sceniris_gym.dataset.share import Share
 from sceniris_gym.dataset.writer import DatasetWriter
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.progress import tell
 
-# Layouts that are made at once: what keeps a GPU busy, and on a CPU no more than its caches hold.
+# Layouts made at once: as many as keep a GPU busy, and on a CPU no more than its caches hold.
 _CHUNK, _CHUNK_CUDA = 4096, 16_384
 
 
@@ -35,31 +35,23 @@ def generate(
         folder: The folder to write to; created if it does not exist.
         seed: Seed of the first row.
         split: "train" or "eval".
-        chunk: Layouts that are made at once, which changes nothing else; None for what suits the device.
-        share: Which parts this process writes; None for all of them.
+        chunk: Layouts made at once, which changes nothing else; None for a number that suits the device.
+        share: The parts that this process writes; None for all of them.
         resume: Go on with a data set that was begun.
-        formats: What is written beside the parts: some of `dataset.formats.ENCODERS`, in alphabetical order.
+        formats: Formats of parts beside `.npy`: some of `dataset.formats.ENCODERS`, in alphabetical order.
 
     Raises:
         DatasetError, MissingExtraError: See `DatasetWriter`.
         OutputError: A file cannot be written.
-        SceneKeyError: The scene's model is a MjModel, of which no `scene.zip` can be written.
+        SceneKeyError: The scene's model is an MjModel, of which no `scene.zip` can be written.
     """
     plan, share = DatasetPlan.of(compiled, n, seed, split, formats), share or Share()
     if chunk is None:
         chunk = _CHUNK if compiled.device == "cpu" else _CHUNK_CUDA
     writer = DatasetWriter(compiled, plan, folder, share, resume=resume)
-    own = sum(len(plan.rows(part)) for part in range(share.number, plan.parts, share.size))
-    written = 0
-
-    def progress(rows: int) -> None:
-        nonlocal written
-        written += rows
-        tell("layouts", written, own)
-
-    writer.write(chunk=chunk, progress=progress)
+    writer.write(chunk=chunk)
     records = writer.records()
-    rows, valid, first = counts(records)
+    rows, valid, first = (sum(record[name] for record in records) for name in ("rows", "valid", "first_pass_valid"))
     figures = {
         "scene": compiled.config.name,
         "hash": compiled.hash,
@@ -73,3 +65,12 @@ def generate(
         "complete": writer.complete,
     }
     return figures if writer.complete else figures | {"missing_parts": plan.parts - len(records)}
+
+
+def report(figures: Mapping[str, Any]) -> str:
+    """Return the figures as text."""
+    folder = figures["folder"]
+    if not figures["complete"]:
+        return f"{folder}: {figures['missing_parts']} of {figures['parts']} parts are left for the other processes"
+    made = f"{figures['layouts']} layouts of '{figures['scene']}' written to {folder}, {figures['valid']:.2%} valid"
+    return f"{made}; the first one is {figures['first_id']}"

@@ -1,4 +1,4 @@
-"""The `import` command: a file of a thing, or a folder of them, becomes assets, each with a picture."""
+"""The `import` command: assets of a file of a thing, or of a folder of them, each with a picture."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def import_one(source: Path, out: Path, options: Options, ask: Ask | None, devic
 
     Raises:
         NotSupportedError: The asset's name does not end in .xml.
-        ScenirisError: What `import_thing` raises.
+        ScenirisError: See `import_thing`.
     """
     if out.suffix != ".xml":
         raise NotSupportedError(f"--out {out}: an asset is an MJCF file. Give a path that ends in .xml.")
@@ -36,7 +36,7 @@ def import_many(folder: Path, out: Path, options: Options, jobs: int | None, dev
     """Import all things below a folder, and draw them; progress goes to stderr.
 
     Returns:
-        How many were imported, which were refused and why, and the manifest's path.
+        The number of imported things, the refused ones with the reasons, and the manifest's path.
 
     Raises:
         NotSupportedError: `out` is an MJCF file.
@@ -61,7 +61,7 @@ def import_many(folder: Path, out: Path, options: Options, jobs: int | None, dev
 
 
 def draw(asset: Path, device: str | None) -> Path:
-    """Draw an asset as it stands, and return the picture in its folder."""
+    """Draw an asset in its start pose, and return the path of the picture, in the asset's folder."""
     from sceniris_gym.pictures.render import CAMERA, captioned, save
 
     spec = mujoco.MjSpec.from_file(str(asset))
@@ -76,7 +76,7 @@ def draw(asset: Path, device: str | None) -> Path:
 
 
 def report(found: dict[str, Any]) -> str:
-    """Say in words what became of one thing."""
+    """Return the manifest of one thing as text."""
     rests = [rest["moved_mm"] for rest in found["rests"] if rest["moved_mm"] < 10.0]
     lines = [
         f"{found['source']} -> {found['asset']}",

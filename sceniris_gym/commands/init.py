@@ -17,8 +17,7 @@ from sceniris_gym.importers.models.first_scene import FirstScene, first_scene, r
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.scene.model import build_model
 
-# A scene is tried with a small bank: whether layouts are found at all is what counts.
-_BANK = 8
+_BANK = 8  # layouts: a scene is tried with a small bank, as all that counts is that there are some
 _OBJECT = re.compile(r"objects\.([A-Za-z_][A-Za-z0-9_-]*)|robot")
 
 
@@ -32,7 +31,7 @@ def init(model: Path, device: str | None = None) -> FirstScene:
         device: The device that layouts are tried on.
 
     Raises:
-        ScenirisError: The model cannot be read, or no scene can be made of it, whatever is placed.
+        ScenirisError: The model cannot be read, or no scene can be made of it, whatever it places.
     """
     scene = first_scene(model)
     scene = _tried(scene, build_model)
@@ -43,7 +42,7 @@ def init(model: Path, device: str | None = None) -> FirstScene:
 
 
 def text(scene: FirstScene, out: Path | None) -> str:
-    """Return the scene file, which names its model relative to the folder that it is written to."""
+    """Return the scene file, with the path of its model relative to the folder of `out`."""
     if out is None:
         return scene.text(str(scene.model))
     return scene.text(os.path.relpath(scene.model.resolve(), out.resolve().parent))
@@ -56,7 +55,7 @@ def write(scene: FirstScene, out: Path) -> None:
 
 
 def summary(scene: FirstScene, out: Path | None) -> dict[str, Any]:
-    """Return what was written: the robot or None, what is placed, and the reasons of what is commented out."""
+    """Return the robot or None, the names of placed objects, and the reasons for those that are commented out."""
     robot = None if scene.robot is None or scene.robot.why else scene.robot.words["in_model"]
     placed = [entry.name for entry in scene.objects if not entry.why]
     left = {entry.name: entry.why for entry in scene.objects if entry.why}
@@ -64,7 +63,7 @@ def summary(scene: FirstScene, out: Path | None) -> dict[str, Any]:
 
 
 def report(found: dict[str, Any]) -> str:
-    """Say the same in words."""
+    """Return a summary as text."""
     robot = "no robot" if found["robot"] is None else f"robot '{found['robot']}'"
     left = ", ".join(found["commented_out"])
     commented = f"; commented out, with reasons: {left}" if left else ""
@@ -72,7 +71,7 @@ def report(found: dict[str, Any]) -> str:
 
 
 def _tried(scene: FirstScene, make: Callable[[SceneConfig], object]) -> FirstScene:
-    """The scene without what an error names, until there is none."""
+    """Return the scene without the objects that errors name, one after another until there is no error."""
     while True:
         config = SceneConfig.load(scene.words(), {"bank": _BANK, "name": scene.model.stem})
         try:
@@ -91,6 +90,6 @@ def _tried(scene: FirstScene, make: Callable[[SceneConfig], object]) -> FirstSce
 
 
 def _blamed(message: str) -> str | None:
-    """The object, or the robot, whose key an error names."""
+    """Return the object, or the robot, whose key an error names."""
     found = _OBJECT.search(message)
     return None if found is None else found.group(1) or ROBOT

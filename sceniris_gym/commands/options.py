@@ -1,10 +1,10 @@
-"""Options that commands share, and what is checked and read of them before any work."""
+"""Options that commands share, and the checks of them before any work."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -15,11 +15,17 @@ if TYPE_CHECKING:
     from sceniris_gym.config.scene import SceneConfig
     from sceniris_gym.program.compiled import CompiledScene
 
-Scene = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE", help="name of a shipped scene, or a path")]
+_scene = tyro.conf.arg(metavar="SCENE", help="name of a shipped scene, or a path")
+Scene = Annotated[str, tyro.conf.Positional, _scene]
+OptionalScene = Annotated[str | None, tyro.conf.Positional, _scene]
+Out = Annotated[Path | None, tyro.conf.arg(aliases=["-o"])]
+Seed = Annotated[int, tyro.conf.arg(aliases=["-s"])]
+Split = Literal["train", "eval"]
+Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 Device = Annotated[str | None, tyro.conf.arg(help="cpu, cuda:0, ...; by default cuda:0 if there is one, else cpu")]
-Json = Annotated[bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="print one line of JSON and nothing else")]
+Json = Annotated[Flag, tyro.conf.arg(help="print one line of JSON and nothing else")]
 Picture = Annotated[
-    Path | None, tyro.conf.arg(help="PNG to write: where objects lie, from above, without and with 'reachable'")
+    Path | None, tyro.conf.arg(help="PNG to write: the places of objects from above, without and with 'reachable'")
 ]
 Changes = Annotated[
     tyro.conf.UseAppendAction[tuple[str, ...]],
@@ -28,7 +34,7 @@ Changes = Annotated[
 
 
 def checked_target(out: Path | None, default: str | Path = "") -> Path:
-    """Return the path of a result, after making sure that it can be written."""
+    """Return the path of a result, which can be written."""
     from sceniris_gym.files import check_writable
 
     path = Path(default) if out is None else out
@@ -44,7 +50,7 @@ def compiled_scene(scene: str, changes: Sequence[str], device: str | None) -> Co
 
 
 def scene_config(scene: str, changes: Sequence[str]) -> SceneConfig:
-    """Read the scene of a command, its changes laid over it."""
+    """Read the scene of a command, with its changes laid over it."""
     from sceniris_gym.config.scene import SceneConfig
 
     return SceneConfig.load(scene, read_changes(changes))
@@ -77,6 +83,6 @@ def check_counts(least: int, *, most: int = MOST_WORLDS, **counts: int) -> None:
 
 
 def check_seed(seed: int) -> None:
-    """Refuse a seed that has not 64 bits."""
+    """Refuse a seed that is not an unsigned integer of 64 bits."""
     if not 0 <= seed < 1 << 64:
         raise SeedError(f"--seed {seed}: should be an integer from 0 to 2^64 - 1.")

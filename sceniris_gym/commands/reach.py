@@ -1,4 +1,4 @@
-"""The `reach` command: builds an arm's map, judges poses, and draws what the arm reaches."""
+"""The `reach` command: an arm's map, its verdicts on poses, and pictures of its reach."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from sceniris_gym.errors import (
     SceneKeyError,
     UnknownNameError,
 )
-from sceniris_gym.files import check_picture, check_writable, replacing
+from sceniris_gym.files import check_picture, replacing
 from sceniris_gym.layout.compile import compile_scene, device_name
 from sceniris_gym.pictures.reach_picture import draw
 from sceniris_gym.pictures.render import save
@@ -74,11 +74,10 @@ def build(
     seed: int = 0,
     changes: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Build the map of an arm into a file, tell how far it is, and describe it.
+    """Build the map of an arm into a file, tell the progress, and describe the map.
 
-    Until the map is written, progress is saved in a file beside `out`, from which a later build resumes.
+    Until the map is written, its state is saved in a file beside `out`, from which a later build resumes.
     """
-    check_writable(out)
     _, arm = read_arm(name, changes)
     state = out.with_name(f".{out.name}.state")
     start = time.perf_counter()
@@ -94,7 +93,7 @@ def build(
 
 
 def default_map(name: str) -> Path:
-    """Return where a map is written by default: beside your own file, but in the working folder for a shipped arm."""
+    """Return the default path of a new map: beside the user's own file, or in the working folder for a shipped arm."""
     return Path(f"{name}{SUFFIX}") if SHIPPED_NAME.fullmatch(name) else map_path(name)
 
 
@@ -107,11 +106,17 @@ def judge(
     device: str | None = None,
     changes: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Judge the TCP poses of a file, shape (N, 4, 4), write verdicts, shape (N,), bool, and count the reached ones.
+    """Judge the TCP poses of a file, (N, 4, 4), write the verdicts, (N,) bool, and count the reached ones.
 
-    Without `tier`, the arm's default tier decides.
+    Args:
+        name: The arm, as in `read_arm`.
+        path: Its map; None for the arm's own.
+        poses: The .npy file of poses.
+        out: The .npy file of verdicts.
+        tier: The tier that decides; None for the arm's default.
+        device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
+        changes: As in `read_arm`.
     """
-    check_writable(out)
     mjm, arm = read_arm(name, changes)
     asked = read_poses(poses)
     by_map = tier is not None and tier.needs_map
@@ -156,7 +161,7 @@ def show(
 def narrowed(
     name: str, config: SceneConfig, out: Path, device: str | None = None, *, layouts: int = 1024, seed: int = 0
 ) -> dict[str, Any]:
-    """Measure how much `reachable` narrows where the objects of a scene with the arm lie, and draw it from above.
+    """Measure how many places `reachable` leaves to the objects of a scene with the arm, and draw them from above.
 
     Raises:
         SceneKeyError: The scene has another robot or none, or no object of it has `reachable`.
@@ -176,7 +181,7 @@ def narrowed(
 
 
 def _same(name: str, asset: str) -> bool:
-    """Return whether both name the same shipped arm or the same file."""
+    """Return True if both name the same shipped arm or the same file."""
     return name == asset or (not SHIPPED_NAME.fullmatch(name) and Path(name).resolve() == Path(asset).resolve())
 
 
@@ -185,7 +190,7 @@ def _has_map(name: str, arm: SerialArm) -> bool:
 
 
 def find_map(name: str, arm: SerialArm, path: Path | None) -> ReachMap:
-    """Load a map: from `path`, else the one that belongs to the arm.
+    """Load the map at `path`, else the arm's own.
 
     Raises:
         MapError: There is none, or it does not fit the arm.
@@ -256,7 +261,7 @@ def read_poses(path: Path) -> np.ndarray:
 def judge_poses(
     mjm: mujoco.MjModel, arm: SerialArm, reach_map: ReachMap | None, poses: np.ndarray, tier: Tier, device: str
 ) -> np.ndarray:
-    """Return which TCP poses in the base frame an arm reaches, shape (N,), bool.
+    """Return a mask of the TCP poses in the base frame that an arm reaches, shape (N,), bool.
 
     Raises:
         NotSupportedError: The tier is `clear`, which depends on a layout.
@@ -277,7 +282,7 @@ def judge_poses(
 
 
 def _solvable(mjm: mujoco.MjModel, arm: SerialArm, poses: np.ndarray, device: str) -> np.ndarray:
-    """Return which poses have joints within limits at which the arm does not hit itself, shape (N,), bool."""
+    """Return a mask of the poses with joints within limits in which the arm does not hit itself, shape (N,), bool."""
     reached = np.zeros(len(poses), bool)
     left = np.arange(len(poses))
     flat = np.zeros((len(poses), 7))
@@ -296,9 +301,9 @@ def _solvable(mjm: mujoco.MjModel, arm: SerialArm, poses: np.ndarray, device: st
 
 
 def hits_itself(mjm: mujoco.MjModel, arm: SerialArm, joints: np.ndarray) -> np.ndarray:
-    """Return for which joints of shape (N, njoint) the arm touches itself according to MuJoCo, shape (N,), bool.
+    """Return a mask of the joints, shape (N, njoint), in which the arm touches itself by MuJoCo, shape (N,), bool.
 
-    Parts that are in each other at home already may be as deep as there.
+    Parts that overlap at home may overlap as deep.
     """
     data = mujoco.MjData(mjm)
     if mjm.nkey:
@@ -312,7 +317,7 @@ def hits_itself(mjm: mujoco.MjModel, arm: SerialArm, joints: np.ndarray) -> np.n
 
 
 def _depths(mjm: mujoco.MjModel, data: mujoco.MjData) -> dict[tuple[int, int], float]:
-    """Return pairs of geoms that are in each other in a state, and how deep [m]."""
+    """Return the pairs of geoms that overlap in a state, with their depth [m]."""
     mujoco.mj_kinematics(mjm, data)
     mujoco.mj_comPos(mjm, data)
     mujoco.mj_collision(mjm, data)

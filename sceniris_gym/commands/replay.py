@@ -1,4 +1,4 @@
-"""The `replay` command: makes one layout again from its id `scenehash:split:seed:episode`."""
+"""The `replay` command: one layout, made again from its id `scenehash:split:seed:episode`."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ import numpy as np
 from sceniris_gym.config.loader import shipped
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.tables import read_table
+from sceniris_gym.pictures.render import captioned, save
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.scene.model import SceneModel, build_model
@@ -37,15 +39,24 @@ def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
 
 
 def replay(compiled: CompiledScene, layout: LayoutId) -> LayoutTable:
-    """Make the layout again; the table has one row."""
+    """Make a layout again, and return it as a table of one row."""
     generator = LayoutGenerator(compiled, 1, seed=[layout.seed], split=layout.split)
     generator.layouts.episode.fill_(layout.episode - 1)
     generator.generate()
     return read_table(generator)
 
 
+def shown(layout: str, config: SceneConfig | None, picture: Path, device: str | None) -> dict:
+    """Make the layout with an id again, draw it, and describe it; `config` as in `find_scene`."""
+    name = LayoutId.parse(layout)
+    compiled = compile_scene(find_scene(name.scene, config), device)
+    table = replay(compiled, name)
+    save(captioned(compiled.mjm, table, [layout], device=compiled.device), picture)
+    return {"id": layout, **describe(compiled, table), "picture": str(picture)}
+
+
 def describe(compiled: CompiledScene, table: LayoutTable) -> dict:
-    """Return the first layout of a table as names and numbers: poses in the world frame, joints in m and rad."""
+    """Return the first layout of a table by names: poses in the world frame, joints in m and rad."""
     mjm, data = compiled.mjm, mujoco.MjData(compiled.mjm)
     table.put(data, 0)
     mujoco.mj_kinematics(mjm, data)
@@ -90,5 +101,5 @@ def report(found: Mapping) -> str:
 
 
 def default_picture(layout: str) -> Path:
-    """Return where the picture of the layout with this id is written by default."""
+    """Return the default path of a layout's picture."""
     return Path("demo") / f"{layout}.png".replace(":", "-")

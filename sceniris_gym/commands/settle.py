@@ -1,26 +1,20 @@
-"""The `settle` command: heaps of a scene are settled by MuJoCo C, and written as rows."""
+"""The `settle` command: rows of a scene's heap, settled by MuJoCo C."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import NotSupportedError, UnknownNameError
 from sceniris_gym.files import check_writable, replacing
+from sceniris_gym.progress import tell
 from sceniris_gym.scene.model import build_model
 from sceniris_gym.scene.settling import settle as settled
 
 
-def settle(
-    config: SceneConfig,
-    heap: str | None,
-    num: int,
-    out: Path | None,
-    seed: int,
-    progress: Callable[[int, int], object] = lambda done, of: None,
-) -> dict[str, Any]:
+def settle(config: SceneConfig, heap: str | None, num: int, out: Path | None, seed: int) -> dict[str, Any]:
     """Settle a heap of a scene, and write its rows.
 
     Args:
@@ -29,11 +23,10 @@ def settle(
         num: Number of rows.
         out: File to write; None for the one that the heap names.
         seed: Row i depends on the seed and on i alone.
-        progress: Called with how many rows are done, and how many there are.
 
     Raises:
         UnknownNameError: There is no such heap.
-        NotSupportedError: It is not said which heap, or where to write to.
+        NotSupportedError: It is not clear which heap is meant, or where to write to.
         HeapError: The container does not hold the things.
     """
     if heap is None and len(config.heaps) != 1:
@@ -47,13 +40,13 @@ def settle(
         raise NotSupportedError(f"settle: nowhere to write to. Give -o ROWS.npz, or heaps.{heap}.rows in the scene.")
     path = out if out is not None else Path(str(named))
     check_writable(path)
-    rows = settled(build_model(config), heap, num, seed, progress)
+    rows = settled(build_model(config), heap, num, seed, partial(tell, "heaps"))
     with replacing(path) as temporary:
         rows.write(temporary)
     return {"heap": heap, "things": list(rows.names), "rows": len(rows.pos), "file": str(path)}
 
 
 def report(found: dict[str, Any]) -> str:
-    """Say in words what was settled."""
+    """Return what was settled as text."""
     things = f"{len(found['things'])} things"
     return f"{found['file']}: {found['rows']} heaps of {things}; name it in the scene: heaps.{found['heap']}.rows"

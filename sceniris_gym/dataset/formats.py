@@ -1,6 +1,6 @@
-"""Parts of a data set in other formats beside `.npy`: npz and JSON with states by name, and USD.
+"""The formats of parts of a data set beside `.npy`: npz and JSON with states by name, and USD.
 
-What they hold follows from the rows of the part alone, so that every process writes the same bytes.
+Their bytes follow from the rows of the part alone, so every process writes the same.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import mujoco
@@ -20,7 +20,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.body_poses import body_poses
 
 Encoder = Callable[[CompiledScene, np.ndarray], bytes]
-"""Makes the bytes of a file of a compiled scene and the rows of a part."""
+"""Takes a compiled scene and the rows of a part, and returns the bytes of a file."""
 
 
 def parse_formats(words: str) -> tuple[str, ...]:
@@ -28,16 +28,18 @@ def parse_formats(words: str) -> tuple[str, ...]:
 
     Raises:
         UnknownNameError: There is no such format.
+        MissingExtraError: A format needs a library that is not installed.
     """
     names = [word.strip() for word in words.split(",")]
     for name in names:
         if name not in ENCODERS:
             raise UnknownNameError("format", name, "generate: --format", ENCODERS)
+    check_formats(names)
     return tuple(sorted(set(names)))
 
 
-def check_formats(formats: tuple[str, ...]) -> None:
-    """Make sure that what formats need is installed.
+def check_formats(formats: Sequence[str]) -> None:
+    """Make sure that the libraries of formats are installed.
 
     Raises:
         MissingExtraError: usd-core is not.
@@ -54,8 +56,8 @@ def poses_by_name(compiled: CompiledScene, rows: np.ndarray) -> dict[str, np.nda
         rows: Rows of a part, shape (n,).
 
     Returns:
-        Position [m] and orientation (wxyz) of each root body, shape (n, 7), float32. Where an object is absent, this is
-        where it is parked.
+        Position [m] and orientation (wxyz) of each root body, shape (n, 7), float32; of an absent object those of its
+        parking place.
     """
     states = (rows["qpos"], rows["mocap_pos"], rows["mocap_quat"])
     return {
@@ -65,7 +67,7 @@ def poses_by_name(compiled: CompiledScene, rows: np.ndarray) -> dict[str, np.nda
 
 
 def joints_by_name(compiled: CompiledScene, rows: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the positions of all joints with names but free ones, as the model names them.
+    """Return the positions of all joints that have a name, but for free ones, by that name.
 
     Args:
         compiled: The compiled scene.
@@ -86,7 +88,7 @@ def joints_by_name(compiled: CompiledScene, rows: np.ndarray) -> dict[str, np.nd
 
 
 def as_npz(compiled: CompiledScene, rows: np.ndarray) -> bytes:
-    """All columns, and beside them `pose/OBJECT`, shape (n, 7), and `joint/JOINT`, shape (n,)."""
+    """Encode all columns, and with them `pose/OBJECT`, shape (n, 7), and `joint/JOINT`, shape (n,)."""
     arrays: dict[str, Any] = {name: np.ascontiguousarray(rows[name]) for name in rows.dtype.names or ()}
     arrays |= {f"pose/{name}": values for name, values in poses_by_name(compiled, rows).items()}
     arrays |= {f"joint/{name}": np.ascontiguousarray(v) for name, v in joints_by_name(compiled, rows).items()}
@@ -96,7 +98,7 @@ def as_npz(compiled: CompiledScene, rows: np.ndarray) -> bytes:
 
 
 def as_json(compiled: CompiledScene, rows: np.ndarray) -> bytes:
-    """A list of layouts, one a line: the columns, `poses` and `joints` by name, and who is `present`."""
+    """Encode a list of layouts, one a line: the columns, `poses` and `joints` by name, and who is `present`."""
     columns = {name: rows[name].tolist() for name in rows.dtype.names or () if name != "present"}
     poses = {name: values.tolist() for name, values in poses_by_name(compiled, rows).items()}
     joints = {name: values.tolist() for name, values in joints_by_name(compiled, rows).items()}
@@ -116,7 +118,7 @@ def as_json(compiled: CompiledScene, rows: np.ndarray) -> bytes:
 
 
 def _exact(value: Any) -> Any:
-    """A value with as many digits as give the same float32 again; None for what is not a number."""
+    """Return a value with as many digits as give the same float32 again; None for numbers that are not finite."""
     if isinstance(value, list):
         return [_exact(part) for part in value]
     if isinstance(value, float):
@@ -125,6 +127,6 @@ def _exact(value: Any) -> Any:
 
 
 ENCODERS: dict[str, Encoder] = {"json": as_json, "npz": as_npz, "usd": usd_stage.part_bytes}
-"""What writes each format."""
+"""The encoders by format."""
 SUFFIXES = {"json": ".json", "npz": ".npz", "usd": ".usdc"}
-"""The files of formats: those of the parts, with these suffixes."""
+"""The suffixes of parts by format."""

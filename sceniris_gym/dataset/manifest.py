@@ -1,10 +1,10 @@
-"""What a data set holds: its rows, its parts, and `dataset.json`, which is there once all of them are."""
+"""The contents of a data set: its rows, its parts, and `dataset.json`, which is written once all parts are there."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from sceniris_gym.program.compiled import CompiledScene
 
 MANIFEST, SCENE, SCENE_USD = "dataset.json", "scene.zip", "scene.usdc"
 PART_ROWS = 1 << 16
-"""Rows of a part, whoever writes it; the last one may have fewer."""
+"""Rows of a part, whichever process writes it; the last part may have fewer."""
 FORMAT = 2
 
 _FIELDS = {
@@ -27,17 +27,17 @@ _FIELDS = {
     **{"scene_sha256": str, "files": dict, "parts": list},
 }
 _FILE = re.compile(r"\w[\w.-]{0,200}", re.ASCII)
-"""A file beside the manifest."""
+"""The name of a file beside the manifest."""
 _RECORD = {"sha256": str, "files": dict, "rows": int, "valid": int, "first_pass_valid": int}
 
 
 @dataclass(frozen=True)
 class DatasetPlan:
-    """What a data set is to hold. Every process that writes some of it works out the same plan.
+    """The plan of a data set, which is the same in every process that writes some of it.
 
     Attributes:
-        words: It as values of JSON: what `dataset.json` says before its parts.
-        row: Type of a row: a record with a field for each column, of which none lies at an odd address.
+        words: The plan as values of JSON: the part of `dataset.json` before its parts.
+        row: Type of a row: a record with an aligned field for each column.
     """
 
     words: dict[str, Any]
@@ -45,14 +45,14 @@ class DatasetPlan:
 
     @classmethod
     def of(cls, compiled: CompiledScene, n: int, seed: int, split: str, formats: tuple[str, ...] = ()) -> DatasetPlan:
-        """The plan of `n` layouts of a scene, of which row i is episode 0 of seed + i.
+        """Return the plan of `n` layouts of a scene, of which row i is episode 0 of seed + i.
 
         Args:
             compiled: The scene.
             n: Number of layouts.
             seed: Seed of the first row.
             split: "train" or "eval".
-            formats: In which formats parts are written beside `.npy`, in alphabetical order.
+            formats: Formats of parts beside `.npy`, in alphabetical order.
         """
         columns = _columns(compiled)
         words = {
@@ -72,24 +72,14 @@ class DatasetPlan:
         return cls(words, row_of(words["columns"]))
 
     @property
-    def seed(self) -> int:
-        """Seed of the first row."""
-        return self.words["seed"]
-
-    @property
     def layouts(self) -> int:
         """Number of rows."""
         return self.words["layouts"]
 
     @property
-    def formats(self) -> tuple[str, ...]:
-        """In which formats parts are written beside `.npy`."""
-        return tuple(self.words["formats"])
-
-    @property
     def files(self) -> tuple[str, ...]:
-        """What is written once beside `scene.zip`."""
-        return (SCENE_USD,) if "usd" in self.formats else ()
+        """Files of the scene as a whole."""
+        return (SCENE, SCENE_USD) if "usd" in self.words["formats"] else (SCENE,)
 
     @property
     def parts(self) -> int:
@@ -97,23 +87,31 @@ class DatasetPlan:
         return -(-self.layouts // PART_ROWS)
 
     def rows(self, part: int) -> range:
-        """The rows of a part."""
+        """Return the rows of a part."""
         return range(part * PART_ROWS, min((part + 1) * PART_ROWS, self.layouts))
 
 
 def part_name(part: int, suffix: str = ".npy") -> str:
-    """The file of a part."""
+    """Return the file name of a part."""
     return f"layouts-{part:05}{suffix}"
 
 
+def checksum(path: Path) -> str:
+    """Return the SHA-256 of a file, and none of what is no file, such as a pipe that would be read without end."""
+    if not path.is_file():
+        return "missing"
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def row_of(columns: dict[str, dict[str, Any]]) -> np.dtype:
-    """The type of a row with these columns, `{name: {"dtype": ..., "shape": [...]}}`."""
+    """Return the type of a row with columns `{name: {"dtype": ..., "shape": [...]}}`."""
     fields = [(name, np.dtype(told["dtype"]), tuple(told["shape"])) for name, told in columns.items()]
     return np.dtype(fields, align=True)
 
 
 def _columns(compiled: CompiledScene) -> dict[str, tuple[str, tuple[int, ...]]]:
-    """Type and shape of all columns, wide types first, so that a row has no gaps."""
+    """Return type and shape of all columns, wide types first, so that a row has no gaps."""
     mjm, reaching = compiled.mjm, compiled.reaching
     columns: dict[str, tuple[str, tuple[int, ...]]] = {
         "seed": ("uint64", ()),
@@ -140,7 +138,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     """Read `dataset.json`.
 
     Raises:
-        DatasetError: It is missing, or is no such file; of a started data set it is missing.
+        DatasetError: It is missing, as in an unfinished data set, or is no such file.
     """
     path = folder / MANIFEST
     try:
@@ -155,7 +153,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 
 def read_record(path: Path) -> dict[str, Any] | None:
-    """Read what is kept of a written part; None where there is none, or none that is whole."""
+    """Read the record of a written part; return None where there is none, or none that is whole."""
     try:
         return checked(path, json.loads(path.read_text()), _RECORD)
     except (OSError, ValueError, RecursionError, DatasetError):
@@ -175,19 +173,12 @@ def checked(path: Path, told: Any, fields: dict[str, type]) -> dict[str, Any]:
     for name, digest in told["files"].items():
         if not _FILE.fullmatch(name) or not isinstance(digest, str):
             raise DatasetError(f"{path}: 'files' should be names of files in its folder with sums, got {name!r:.80}.")
-    records = told.get("parts", []) if fields is _FIELDS else []
-    for record in records:
-        checked(path, record, _RECORD)
+    if fields is _FIELDS:
+        for record in told["parts"]:
+            checked(path, record, _RECORD)
     return told
 
 
 def as_json(words: dict[str, Any]) -> str:
-    """The text of a manifest: the same for the same words."""
+    """Return the text of a manifest."""
     return json.dumps(words, indent=1) + "\n"
-
-
-def counts(records: Iterable[dict[str, Any]]) -> tuple[int, int, int]:
-    """How many rows parts have, how many of them are valid, and how many without a restart."""
-    kept = list(records)
-    rows, valid, first = (sum(record[name] for record in kept) for name in ("rows", "valid", "first_pass_valid"))
-    return rows, valid, first

@@ -1,11 +1,10 @@
-"""`LayoutDataset`: a data set of layouts as torch's data loaders take it, and its verification."""
+"""`LayoutDataset`: a data set of layouts for torch's data loaders, and its verification."""
 
 from __future__ import annotations
 
-import hashlib
 import operator
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -15,12 +14,12 @@ import torch
 
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.stored_arrays import UNREADABLE
-from sceniris_gym.dataset.manifest import MANIFEST, SCENE, part_name, read_manifest, row_of
+from sceniris_gym.dataset.manifest import MANIFEST, SCENE, checksum, part_name, read_manifest, row_of
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, DatasetError, UnknownNameError
+from sceniris_gym.progress import tell
 from sceniris_gym.scene.layout_table import LayoutTable
 
 _OPEN = 64  # memory maps at once: each keeps a file open
-_BLOCK = 1 << 24  # bytes that are read at once for a checksum
 _AGAIN = "Remove the file, and repeat the data set's `sceniris-gym generate` with --resume."
 
 
@@ -29,16 +28,16 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
 
     Args:
         folder: The folder.
-        columns: What a layout is to have, of the columns of `LayoutTable`; None is all that were written.
+        columns: The columns of `LayoutTable` that a layout is to have; None for all that were written.
 
     Attributes:
-        manifest: What `dataset.json` says: the scene and its hash, the split, seed, names and columns.
+        manifest: The contents of `dataset.json`: the scene and its hash, the split, seed, names and columns.
         columns: Names of the columns.
 
     Raises:
-        DatasetError: The data set is not whole, or its files are others.
+        DatasetError: The data set is not whole, or its files do not fit its manifest.
         UnknownNameError: There is no such column.
-        ArgumentTypeError: What is no path, or no names.
+        ArgumentTypeError: `folder` is no path, or `columns` are no names.
     """
 
     def __init__(self, folder: str | Path, columns: Sequence[str] | None = None) -> None:
@@ -68,7 +67,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         return row
 
     def _check_parts(self) -> None:
-        """Compare the number and the sizes of the files with what the manifest says, before anything is allocated."""
+        """Compare the number and the sizes of the files with the manifest, before anything is allocated."""
         rows = [part["rows"] for part in self.manifest["parts"]]
         if min(rows, default=0) < 1 or sum(rows) != self.manifest["layouts"]:
             raise DatasetError(
@@ -102,7 +101,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         return {name: torch.from_numpy(values)[0] for name, values in self.rows([row]).items()}
 
     def __getitems__(self, indices: Sequence[int]) -> list[dict[str, torch.Tensor]]:
-        """Return several layouts, which takes a data loader less time than one after the other."""
+        """Return several layouts, which is quicker than one after the other."""
         found = {name: torch.from_numpy(values) for name, values in self.rows(indices).items()}
         return [{name: values[i] for name, values in found.items()} for i in range(len(indices))]
 
@@ -111,7 +110,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
 
         Raises:
             IndexError: There is no such row.
-            ArgumentTypeError: What are no integers.
+            ArgumentTypeError: `indices` are no integers.
             DatasetError: A file is damaged.
         """
         wanted = self._numbers(indices)
@@ -124,7 +123,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         return {name: np.ascontiguousarray(found[name]) for name in self.columns}
 
     def _numbers(self, indices: Any) -> np.ndarray:
-        """Return row numbers, those from the end as numbers from the start, int64, shape (n,)."""
+        """Return row numbers, negative ones counted from the end, as int64, shape (n,)."""
         try:
             asked = np.asarray(indices).reshape(-1)
         except ValueError:  # lists of different lengths
@@ -141,8 +140,8 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         """Return `count` rows (None: all) from row `first` on as a LayoutTable, as `StoredLayouts` takes it.
 
         Raises:
-            ArgumentError: There are no such rows, or `columns` leaves some of a table's out.
-            ArgumentTypeError: What are no integers.
+            ArgumentError: There are no such rows, or `columns` leaves out some that a table has.
+            ArgumentTypeError: `first` or `count` is no integer.
         """
         try:
             first, count = operator.index(first), None if count is None else operator.index(count)
@@ -160,7 +159,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         return replace(states, **{f.name: rows[f.name] for f in fields(LayoutTable) if f.name in rows})
 
     def _part(self, part: int) -> np.ndarray:
-        """The rows of a part, shape (nrow,), as a memory map of which the last ones used stay open."""
+        """Return the memory map of a part, shape (nrow,). The last ones used stay open."""
         found = self._maps.pop(part, None)
         if found is None:
             path = self.folder / part_name(part)
@@ -171,7 +170,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         return found
 
     def __getstate__(self) -> dict[str, Any]:
-        """Worker processes open the files for themselves."""
+        """Leave out the memory maps: worker processes open the files for themselves."""
         return {**self.__dict__, "_maps": OrderedDict()}
 
 
@@ -185,27 +184,23 @@ def _mapped(path: Path, row: np.dtype, nrow: int) -> np.ndarray:
     return rows
 
 
-def verify(folder: str | Path, progress: Callable[[int], object] = lambda _: None) -> dict[str, Any]:
-    """Compare all files of a data set with the checksums of its manifest; return the manifest.
-
-    Args:
-        folder: The folder.
-        progress: Called with the number of rows read since the last call.
+def verify(folder: str | Path) -> dict[str, Any]:
+    """Compare all files of a data set with the checksums of its manifest, tell the progress, and return the manifest.
 
     Raises:
-        DatasetError: The data set is not whole, or a file is damaged; the message names all of those.
-        ArgumentTypeError: What is no path.
+        DatasetError: The data set is not whole, or files are damaged; the message names all of them.
+        ArgumentTypeError: `folder` is no path.
     """
     dataset = LayoutDataset(folder)
     folder, held, damaged = dataset.folder, dataset.manifest, []
 
     def compare(sums: dict[str, Any]) -> None:
-        damaged.extend(name for name, told in sums.items() if _sha256(folder / name) != told)
+        damaged.extend(name for name, told in sums.items() if checksum(folder / name) != told)
 
     compare({SCENE: held["scene_sha256"], **held["files"]})
     for part, record in enumerate(held["parts"]):
         compare({part_name(part): record["sha256"], **record["files"]})
-        progress(record["rows"])
+        tell("layouts", int(dataset._ends[part]), len(dataset))
     if damaged:
         raise DatasetError(
             f"{folder}: {_listed(damaged)} not as {MANIFEST} tells. Remove them, and repeat the data set's "
@@ -218,14 +213,3 @@ def _listed(names: Iterable[str]) -> str:
     kept = list(names)
     more = f" and {len(kept) - 5} others" if len(kept) > 5 else ""
     return ", ".join(kept[:5]) + more + (" is" if len(kept) == 1 else " are")
-
-
-def _sha256(path: Path) -> str:
-    """The checksum of a file, and none of what is no file, such as a pipe that would be read without end."""
-    if not path.is_file():
-        return "missing"
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while block := file.read(_BLOCK):
-            digest.update(block)
-    return digest.hexdigest()

@@ -1,4 +1,4 @@
-"""Which parts of a data set a process writes, where several processes write it together."""
+"""The share of a data set that a process writes, where several processes write it together."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _STEP = "SLURM_ARRAY_TASK_STEP"
 
 @dataclass(frozen=True)
 class Share:
-    """One of `size` processes: it writes every `size`-th part, from part `number` on."""
+    """One of `size` processes. It writes every `size`-th part, from part `number` on."""
 
     number: int = 0
     size: int = 1
 
     @property
     def device(self) -> str | None:
-        """The GPU of this process if torchrun started it, and there is one for each; None for the usual default."""
+        """The GPU of this process if torchrun started it and there is one for each; None for the usual default."""
         return Rank.current().device if self.size > 1 else None
 
     @classmethod
@@ -32,7 +32,7 @@ class Share:
         """Read `R/K`, process R of K.
 
         Raises:
-            ArgumentError: It is something else.
+            ArgumentError: The words have another form.
         """
         found = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", words)
         share = None if found is None else cls(int(found[1]), int(found[2]))
@@ -42,7 +42,7 @@ class Share:
 
     @classmethod
     def current(cls, environment: Mapping[str, str] = os.environ) -> Share:
-        """The share that torchrun (RANK, WORLD_SIZE) or an array of Slurm's gives this process; else all parts.
+        """Return the share that torchrun (RANK, WORLD_SIZE) or a Slurm array gives this process; else all parts.
 
         Raises:
             ArgumentError: The numbers of the array's tasks have gaps.

@@ -1,7 +1,7 @@
 """Layouts as USD: the scene's geometry once, and a stage over it for each part, whose frame i is row i.
 
 Stages are z up, in metres. Every body is an Xform below that of its parent, and an object of the scene is
-`/World/<name>`. What a user needs to play the scene is in `scene.zip`: the stages are for the eye and have no physics.
+`/World/<name>`. The stages are for the eye and have no physics, for which there is `scene.zip`.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from sceniris_gym.scene.body_poses import body_poses, product, rotated
 WORLD = "/World"
 _SEEN_GROUPS = 3  # MuJoCo shows the groups below; the others are colliders, which USD calls guides
 _ENDLESS = 10.0  # m, half the edge of a plane without end
-_UNSET = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of geoms that name none: that of the material counts
+_UNSET = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of geoms that name none, for which the material's counts
 _SCALAR = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-_SIDES = {mujoco.mjtGeom.mjGEOM_SPHERE: "Sphere", mujoco.mjtGeom.mjGEOM_ELLIPSOID: "Sphere"}
-_SIDES |= {mujoco.mjtGeom.mjGEOM_CAPSULE: "Capsule", mujoco.mjtGeom.mjGEOM_CYLINDER: "Cylinder"}
-_SIDES |= {mujoco.mjtGeom.mjGEOM_BOX: "Cube"}
+_PRIMITIVES = {mujoco.mjtGeom.mjGEOM_SPHERE: "Sphere", mujoco.mjtGeom.mjGEOM_ELLIPSOID: "Sphere"}
+_PRIMITIVES |= {mujoco.mjtGeom.mjGEOM_CAPSULE: "Capsule", mujoco.mjtGeom.mjGEOM_CYLINDER: "Cylinder"}
+_PRIMITIVES |= {mujoco.mjtGeom.mjGEOM_BOX: "Cube"}
 
 
 def need_usd() -> None:
@@ -41,7 +41,7 @@ def need_usd() -> None:
 
 
 def scene_bytes(compiled: CompiledScene) -> bytes:
-    """The stage of the scene: bodies at the start pose with their geometry, as the bytes of a .usdc file."""
+    """Return the stage of the scene, bodies at the start pose with their geometry, as the bytes of a .usdc file."""
     from pxr import Sdf, Usd, UsdGeom
 
     mjm, paths = compiled.mjm, body_paths(compiled)
@@ -66,10 +66,10 @@ def scene_bytes(compiled: CompiledScene) -> bytes:
 
 
 def part_bytes(compiled: CompiledScene, rows: np.ndarray) -> bytes:
-    """The stage of a part, over `scene.usdc` beside it, as the bytes of a .usdc file.
+    """Return the stage of a part, over `scene.usdc` beside it, as the bytes of a .usdc file.
 
-    At time i bodies are where they are in row i, absent objects are invisible, `/World` has the attributes
-    `layout:seed`, `layout:episode` and `layout:valid`, and bodies have `joint:NAME` [rad or m].
+    Time i is row i: it has the poses of bodies, makes absent objects invisible, and gives `/World` the attributes
+    `layout:seed`, `layout:episode` and `layout:valid`, and bodies `joint:NAME` [rad or m].
     """
     from pxr import Gf, Sdf
 
@@ -98,7 +98,7 @@ def part_bytes(compiled: CompiledScene, rows: np.ndarray) -> bytes:
 
 
 def body_paths(compiled: CompiledScene) -> list[str]:
-    """The prims of all bodies, by id: objects and the robot by their names in the scene, parts without the prefix."""
+    """Return the paths of all bodies by id: objects and robots by name, their parts without the prefix."""
     mjm = compiled.mjm
     names = {body: name for name, body in compiled.scene.bodies.items()}
     paths, taken = [WORLD], {WORLD}
@@ -110,7 +110,7 @@ def body_paths(compiled: CompiledScene) -> list[str]:
 
 
 def _local(mjm: mujoco.MjModel, body: int, name: str) -> str:
-    """A name without the prefix of the object that it is a part of."""
+    """Return a name without the prefix of the object that it is a part of."""
     from pxr import Tf
 
     prefix = mjm.body(body).name.partition("/")[0] + "/"
@@ -118,7 +118,7 @@ def _local(mjm: mujoco.MjModel, body: int, name: str) -> str:
 
 
 def _free_path(folder: str, name: str, taken: set[str]) -> str:
-    """A path for a name in a folder that no other prim has, and mark it as taken."""
+    """Return a free path for a name in a folder, and mark it as taken."""
     from pxr import Tf
 
     path = first = folder + Tf.MakeValidIdentifier(name)
@@ -130,17 +130,16 @@ def _free_path(folder: str, name: str, taken: set[str]) -> str:
 
 
 def _describe(layer: Any) -> None:
-    """Say which prim is meant by the file, the unit of length and the axis that points up."""
+    """Write the default prim, the unit of length and the axis that points up."""
     layer.defaultPrim = WORLD[1:]
-    root = layer.pseudoRoot
-    root.SetInfo("metersPerUnit", 1.0)
-    root.SetInfo("upAxis", "Z")
+    layer.pseudoRoot.SetInfo("metersPerUnit", 1.0)
+    layer.pseudoRoot.SetInfo("upAxis", "Z")
 
 
 def _seen_from(
     parent_pos: np.ndarray, parent_quat: np.ndarray, pos: np.ndarray, quat: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Poses in the frame of the parent, shapes (n, 3) and (n, 4) wxyz."""
+    """Return poses in the frame of the parent, shapes (n, 3) and (n, 4) wxyz."""
     back = parent_quat * [1.0, -1.0, -1.0, -1.0]
     return rotated(pos - parent_pos, back), product(back, quat)
 
@@ -173,17 +172,13 @@ def _define_geom(stage: Any, mjm: mujoco.MjModel, geom: int, path: str) -> None:
     from pxr import UsdGeom
 
     kind, size = mujoco.mjtGeom(int(mjm.geom_type[geom])), mjm.geom_size[geom]
-    scale = None
-    if kind in _SIDES:
-        shape = getattr(UsdGeom, _SIDES[kind]).Define(stage, path)
+    scale = size if kind in (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_ELLIPSOID) else None
+    if kind in _PRIMITIVES:
+        shape = getattr(UsdGeom, _PRIMITIVES[kind]).Define(stage, path)
         if kind == mujoco.mjtGeom.mjGEOM_BOX:
             shape.CreateSizeAttr(2.0)
-            scale = size
-        elif kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-            shape.CreateRadiusAttr(1.0)
-            scale = size
         else:
-            shape.CreateRadiusAttr(float(size[0]))
+            shape.CreateRadiusAttr(1.0 if scale is not None else float(size[0]))
         if kind in (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER):
             shape.CreateHeightAttr(2.0 * float(size[1]))
             shape.CreateAxisAttr("Z")
@@ -205,7 +200,7 @@ def _define_geom(stage: Any, mjm: mujoco.MjModel, geom: int, path: str) -> None:
 
 
 def _triangles(mjm: mujoco.MjModel, geom: int, kind: mujoco.mjtGeom) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices [m] in the frame of the geom, and faces, of a mesh, a plane or a field of heights."""
+    """Return vertices [m] in the frame of the geom, and faces, of a mesh, a plane or a height field."""
     if kind == mujoco.mjtGeom.mjGEOM_PLANE:
         x, y = np.where(mjm.geom_size[geom, :2] > 0.0, mjm.geom_size[geom, :2], _ENDLESS)
         return np.array([[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]]), np.array([[0, 1, 2], [0, 2, 3]])
@@ -224,7 +219,7 @@ def _triangles(mjm: mujoco.MjModel, geom: int, kind: mujoco.mjtGeom) -> tuple[np
 
 
 def _colour(mjm: mujoco.MjModel, geom: int) -> np.ndarray:
-    """The colour of a geom, shape (4,); of a textured one that of its picture on average."""
+    """Return the colour of a geom, shape (4,); for a textured one the average of its texture."""
     rgba, material = mjm.geom_rgba[geom], int(mjm.geom_matid[geom])
     if material < 0 or not np.allclose(rgba, _UNSET):
         return rgba

@@ -1,8 +1,8 @@
-"""Writes the parts of a data set so that it can be killed at any moment, and resumes to the same bytes.
+"""A writer of data sets that can be killed at any moment, and resumes to the same bytes.
 
 While a data set is being made, the hidden folder `.progress` holds its plan and a record of every part that is whole.
-`dataset.json` is written once all parts are there, by whichever process writes the last one, and `.progress` goes. All
-files are replaced as a whole, and what two processes write by chance is the same.
+The process that writes the last part writes `dataset.json` and removes `.progress`. All files are replaced as a whole,
+and two processes that happen to write the same file write the same bytes.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import io
 import json
 import os
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +25,10 @@ from sceniris_gym.dataset.manifest import (
     MANIFEST,
     PART_ROWS,
     SCENE,
+    SCENE_USD,
     DatasetPlan,
     as_json,
+    checksum,
     part_name,
     read_manifest,
     read_record,
@@ -39,19 +40,20 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.layout.tables import read_table
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.progress import tell
 from sceniris_gym.scene.archive import write_zip
 
 PROGRESS = ".progress"
 
 
 class DatasetWriter:
-    """Writes a process's share of a data set, or what is left of it.
+    """Writes the missing parts of a process's share of a data set.
 
     Args:
         compiled: The compiled scene.
-        plan: What the data set is to hold.
-        folder: Where; created if it does not exist.
-        share: Which parts this process writes.
+        plan: The plan of the data set.
+        folder: The folder; created if it does not exist.
+        share: The parts that this process writes.
         resume: Go on with a data set that was begun. Processes that share one always do.
 
     Raises:
@@ -65,11 +67,11 @@ class DatasetWriter:
         self.compiled, self.plan, self.folder, self.share = compiled, plan, folder, share
         self._progress = folder / PROGRESS
         self._manifest: dict[str, Any] | None = None
-        check_formats(plan.formats)
+        check_formats(plan.words["formats"])
         self._begin(resume or share.size > 1)
 
     def _begin(self, resume: bool) -> None:
-        """See what is there, and leave the plan for those that come later."""
+        """Compare the plan with that of a data set that is there, and leave it for processes that come later."""
         begun = self._progress / MANIFEST
         for path in (self.folder / MANIFEST, begun):
             if path.exists():
@@ -87,7 +89,7 @@ class DatasetWriter:
             )
         try:
             held = json.loads(path.read_text())
-        except FileNotFoundError:  # another process finished the data set meanwhile
+        except FileNotFoundError:  # another process has finished the data set since
             return
         except (ValueError, OSError, RecursionError) as error:
             raise DatasetError(f"{path}: cannot be read ({error}). Remove the data set to begin anew.") from error
@@ -99,44 +101,47 @@ class DatasetWriter:
                     "command to finish it, or give another folder."
                 )
 
-    def write(self, *, chunk: int, progress: Callable[[int], object] = lambda _: None) -> None:
-        """Make and write what is missing of this share, `chunk` layouts at once; `progress` is told of rows.
+    def write(self, *, chunk: int) -> None:
+        """Make and write the missing parts of this share, `chunk` layouts at once, and tell the progress.
 
         Raises:
             OutputError: A file cannot be written.
-            DatasetError: A part was to be written again, and came out otherwise.
+            DatasetError: A missing part of a finished data set came out otherwise.
         """
-        if self._manifest is None or not all((self.folder / name).is_file() for name in (SCENE, *self.plan.files)):
+        plan, generator = self.plan, None
+        if self._manifest is None or not all((self.folder / name).is_file() for name in plan.files):
             self._write_scene()
-        maker = None
-        for part in range(self.share.number, self.plan.parts, self.share.size):
-            rows = self.plan.rows(part)
+        parts = range(self.share.number, plan.parts, self.share.size)
+        done, total = 0, sum(len(plan.rows(part)) for part in parts)
+        for part in parts:
+            rows = plan.rows(part)
             if self._record(part) is None:
-                maker = maker or _Rows(self.compiled, self.plan, chunk)
-                self._write_part(part, maker.make(rows, progress))
-            else:
-                progress(len(rows))
+                nworld = min(chunk, plan.layouts, PART_ROWS)
+                generator = generator or LayoutGenerator(self.compiled, nworld, split=plan.words["split"])
+                self._write_part(part, _made(generator, plan, rows, done, total))
+            done += len(rows)
+            tell("layouts", done, total)
         self._finish()
 
     def records(self) -> list[dict[str, Any]]:
-        """What is kept of the parts that are there, whoever wrote them."""
+        """Return the records of the parts that are there, whichever process wrote them."""
         if self._manifest is not None:
             return self._manifest["parts"]
         return [record for part in range(self.plan.parts) if (record := self._record(part)) is not None]
 
     @property
     def complete(self) -> bool:
-        """Whether all parts are there."""
+        """True once all parts are there."""
         return self._manifest is not None
 
     def _record(self, part: int) -> dict[str, Any] | None:
-        """What is kept of a part; None if the part is not there, or not whole."""
+        """Return the record of a part; None if the part is not there, or not whole."""
         path, rows = self.folder / part_name(part), len(self.plan.rows(part))
         record = read_record(self._progress / f"{part:05}.json")
         if self._manifest is not None:
             record = self._manifest["parts"][part]
         size = len(_header(self.plan.row, rows)) + rows * self.plan.row.itemsize
-        others = (self.folder / part_name(part, SUFFIXES[name]) for name in self.plan.formats)
+        others = (self.folder / part_name(part, SUFFIXES[name]) for name in self.plan.words["formats"])
         there = path.is_file() and path.stat().st_size == size and all(other.is_file() for other in others)
         return record if there and record is not None and record["rows"] == rows else None
 
@@ -150,15 +155,14 @@ class DatasetWriter:
         with replacing(self.folder / SCENE) as path, path.open("wb") as file:
             write_zip(spec, file)
             _sync(file)
-        for name in self.plan.files:
-            _write(self.folder / name, usd_stage.scene_bytes(self.compiled))
+        if "usd" in self.plan.words["formats"]:
+            _write(self.folder / SCENE_USD, usd_stage.scene_bytes(self.compiled))
 
     def _write_part(self, part: int, rows: np.ndarray) -> None:
-        files = {
-            name: _write(self.folder / name, ENCODERS[word](self.compiled, rows))
-            for word in self.plan.formats
-            for name in [part_name(part, SUFFIXES[word])]
-        }
+        files = {}
+        for word in self.plan.words["formats"]:
+            name = part_name(part, SUFFIXES[word])
+            files[name] = _write(self.folder / name, ENCODERS[word](self.compiled, rows))
         record = {
             "rows": len(rows),
             "sha256": _write(
@@ -173,18 +177,18 @@ class DatasetWriter:
                 path.write_text(json.dumps(record))
         elif record != self._manifest["parts"][part]:
             raise DatasetError(
-                f"{self.folder / part_name(part)}: was missing, and what was made in its place are not the bytes that "
-                f"{MANIFEST} tells. Make it with the kind of device that made the others."
+                f"{self.folder / part_name(part)}: was missing, and the bytes made in its place are not those of "
+                f"{MANIFEST}. Make it with the kind of device that made the others."
             )
 
     def _finish(self) -> None:
-        """Write the manifest if all parts are there, and remove what is needed no more."""
+        """Write the manifest if all parts are there, and remove the files that are needed no more."""
         path = self.folder / MANIFEST
         if self._manifest is None and not path.exists():
             records = self.records()
             if len(records) < self.plan.parts:
                 return
-            sums = {name: _sha256(self.folder / name) for name in (SCENE, *self.plan.files)}
+            sums = {name: checksum(self.folder / name) for name in self.plan.files}
             told = {"scene_sha256": sums.pop(SCENE), "files": sums, "parts": records}
             with replacing(path) as file:
                 file.write_text(as_json(self.plan.words | told))
@@ -195,32 +199,24 @@ class DatasetWriter:
                 left.unlink(missing_ok=True)
 
 
-class _Rows:
-    """Makes rows of a data set, a whole part at a time."""
-
-    def __init__(self, compiled: CompiledScene, plan: DatasetPlan, chunk: int) -> None:
-        self._plan = plan
-        nworld = min(chunk, plan.layouts, PART_ROWS)
-        self._generator = LayoutGenerator(compiled, nworld, split=plan.words["split"])
-
-    def make(self, rows: range, progress: Callable[[int], object]) -> np.ndarray:
-        """Return the rows as records, shape (len(rows),)."""
-        generator, made = self._generator, np.zeros(len(rows), self._plan.row)
-        seeds = as_seeds((self._plan.seed + rows.start) % (1 << 64), len(rows))
-        wanted = np.arange(generator.nworld)
-        for start in range(0, len(rows), generator.nworld):
-            part = made[start : start + generator.nworld]
-            generator.reseed(np.resize(seeds[start : start + len(part)], generator.nworld))
-            generator.generate(wp.array(wanted < len(part), dtype=bool, device=generator.compiled.device))
-            table = read_table(generator, len(part))
-            for name in made.dtype.names or ():
-                part[name] = getattr(table, name)
-            progress(len(part))
-        return made
+def _made(generator: LayoutGenerator, plan: DatasetPlan, rows: range, done: int, total: int) -> np.ndarray:
+    """Make rows of a data set, after `done` of `total`, and return them as records, shape (len(rows),)."""
+    made = np.zeros(len(rows), plan.row)
+    seeds = as_seeds((plan.words["seed"] + rows.start) % (1 << 64), len(rows))
+    wanted = np.arange(generator.nworld)
+    for start in range(0, len(rows), generator.nworld):
+        part = made[start : start + generator.nworld]
+        generator.reseed(np.resize(seeds[start : start + len(part)], generator.nworld))
+        generator.generate(wp.array(wanted < len(part), dtype=bool, device=generator.compiled.device))
+        table = read_table(generator, len(part))
+        for name in made.dtype.names or ():
+            part[name] = getattr(table, name)
+        tell("layouts", done + start + len(part), total)
+    return made
 
 
 def _header(row: np.dtype, nrow: int) -> bytes:
-    """What stands before the rows in a .npy file."""
+    """Return the header of a .npy file."""
     file = io.BytesIO()
     told = {"descr": npy.dtype_to_descr(row), "fortran_order": False, "shape": (nrow,)}
     npy.write_array_header_1_0(file, told)
@@ -238,11 +234,7 @@ def _write(path: Path, *pieces: bytes | memoryview) -> str:
     return digest.hexdigest()
 
 
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
 def _sync(file: Any) -> None:
-    """Wait until a file is on the disk: a record of it must never outlive it."""
+    """Wait until a file is on the disk, as its record must not outlive it."""
     file.flush()
     os.fsync(file.fileno())

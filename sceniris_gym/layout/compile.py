@@ -15,7 +15,7 @@ import warp as wp
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.relations import Relation
 from sceniris_gym.config.scene import AUTO, SceneConfig
-from sceniris_gym.device.kernel_log import use_kernel_log
+from sceniris_gym.device.kernel_log import start_warp
 from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.errors import FallbackWarning, InfeasibleSceneError, UnknownNameError
 from sceniris_gym.layout.attempts import find_attempts
@@ -74,8 +74,7 @@ def compile_scene(
         InfeasibleSceneError: No valid layout was found; the message says which object fails and why.
         ScenirisError: Something else is wrong with the scene; see `SceneConfig.load`, `build_model` and `build_plan`.
     """
-    wp.init()
-    use_kernel_log()
+    start_warp()
     name = device_name(device)
     model = scene if isinstance(scene, SceneModel) else build_model(SceneConfig.load(scene))
     if not cache:

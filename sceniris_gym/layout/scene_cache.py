@@ -22,6 +22,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+import platformdirs
 import warp as wp
 
 from sceniris_gym.config import stored_arrays
@@ -42,9 +43,10 @@ _COMPUTE = ("mujoco", "warp-lang", "numpy", "scipy", "shapely", "trimesh")
 
 
 def cache_folder() -> Path | None:
-    """The folder of compiled scenes: $SCENIRIS_GYM_CACHE/scenes, or `sceniris_gym/scenes` where caches are by default.
+    """Return the folder of compiled scenes: $SCENIRIS_GYM_CACHE/scenes, else `scenes` in the user's cache folder.
 
-    That is $XDG_CACHE_HOME, or ~/.cache. None if the variable is "off", or there is no home.
+    The latter is $XDG_CACHE_HOME/sceniris_gym or ~/.cache/sceniris_gym. None if the variable is "off", or there is no
+    home.
     """
     named = os.environ.get(VARIABLE, "")
     if named.lower() == OFF:
@@ -52,10 +54,9 @@ def cache_folder() -> Path | None:
     if named:
         return Path(named).expanduser() / "scenes"
     try:
-        caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        return platformdirs.user_cache_path("sceniris_gym") / "scenes"
     except RuntimeError:
         return None
-    return caches / "sceniris_gym" / "scenes"
 
 
 def scene_key(scene: SceneModel, device: str) -> str:

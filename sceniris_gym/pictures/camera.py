@@ -1,4 +1,4 @@
-"""`FrameCamera`: pictures of the first worlds of a batch, rendered by mujoco_warp without a window or OpenGL."""
+"""`FrameCamera`: pictures of the first worlds of a batch, by mujoco_warp's ray caster without a window or OpenGL."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from sceniris_gym.scene.assemble import MARK_GROUP
 from sceniris_gym.sim.versions import render_context
 
 VISIBLE_GROUPS = (0, 1, 2, MARK_GROUP)
-"""Geom groups that pictures show: those that MuJoCo's viewer shows, and markers."""
+"""Geom groups in pictures: those that MuJoCo's viewer shows, and markers."""
 
 BACKGROUND = (0.93, 0.95, 0.97, 1.0)
 
 
 class FrameCamera:
-    """Takes pictures of the first worlds of a batch, on a CPU or a GPU. It has its own Data and leaves the batch as is.
+    """Takes pictures of the first worlds of a batch, on a CPU or a GPU. It has its own Data and changes no other.
 
     Args:
         mjm: The model on the host.
         model: The same model on the device.
-        nworld: Number of worlds to take pictures of.
+        nworld: Number of worlds in pictures.
         width: Width of a picture [pixels].
         height: Height of a picture [pixels].
         camera: Name of the camera.

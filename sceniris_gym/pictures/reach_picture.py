@@ -1,4 +1,4 @@
-"""Draws a reachability map: a side view and a top view, for any approach direction and for one from above."""
+"""Pictures of a reachability map: a side view and a top view, for all approach directions and for that from above."""
 
 from __future__ import annotations
 
@@ -25,20 +25,19 @@ _COLOURS = {
 def draw(reach_map: ReachMap, height: float, device: str) -> Image.Image:
     """Draw two rows of two panels. Left: the plane y = 0 of the base frame; right: the plane z = `height` [m].
 
-    Above: the share of approach directions that are reached, light to dark. Below: approach from straight above; dark
-    green is a certain yes, light green and brown are the interpolated yes and no in cells that the surface crosses.
+    Above: the share of approach directions that are reached, light to dark. Below: approach from straight above. Dark
+    green is a certain yes; light green and brown are the interpolated yes and no in cells that the surface crosses.
     """
     span, low = -reach_map.u_low, reach_map.z_low
     ticks = np.linspace(-span, span, _PIXELS)
     across, down = np.meshgrid(ticks, -ticks)
     side = np.stack([across, np.zeros_like(across), down + low + span], axis=-1)
     top = np.stack([across, down, np.full_like(across, height)], axis=-1)
-    directions = _directions()
     sheet = Image.new("RGB", (2 * _PIXELS + 3 * _GAP, 2 * (_PIXELS + _STRIP) + 3 * _GAP), _PAPER)
     titles = (("side, y = 0", side, low + span), (f"top, z = {height:g} m", top, 0.0))
     for column, (title, points, middle) in enumerate(titles):
         points = points + [*reach_map.arm.axis_xy, 0.0]
-        share = np.mean([_verdicts(reach_map, points, d, device) >= Tier.MAP.least_verdict for d in directions], axis=0)
+        share = reached_share(reach_map, points, _DIRECTIONS, device)
         _panel(sheet, column, 0, _NEVER + share[..., None] * (_OFTEN - _NEVER), f"any approach: {title}", span, middle)
         verdicts = _verdicts(reach_map, points, np.array([0.0, 0.0, -1.0]), device)
         colours = np.array([_COLOURS[v] for v in Verdict])[verdicts]
@@ -46,18 +45,23 @@ def draw(reach_map: ReachMap, height: float, device: str) -> Image.Image:
     return sheet
 
 
+def reached_share(reach_map: ReachMap, points: np.ndarray, count: int, device: str) -> np.ndarray:
+    """Return the share of `count` approach directions in which points of the base frame (..., 3) [m] are reached.
+
+    The directions are spread evenly over the sphere (a Fibonacci lattice).
+    """
+    z = 1.0 - (2.0 * np.arange(count) + 1.0) / count
+    angle = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
+    directions = np.stack([np.sqrt(1.0 - z**2) * np.cos(angle), np.sqrt(1.0 - z**2) * np.sin(angle), z], axis=1)
+    reached = [_verdicts(reach_map, points, d, device) >= Tier.MAP.least_verdict for d in directions]
+    return np.mean(reached, axis=0)
+
+
 def _verdicts(reach_map: ReachMap, points: np.ndarray, approach: np.ndarray, device: str) -> np.ndarray:
     """Return the verdicts for an approach direction at points of shape (..., 3); the roll about it does not matter."""
     poses = np.zeros((points[..., 0].size, 4, 4))
     poses[:, :3, 3], poses[:, :3, 2] = points.reshape(-1, 3), approach
     return reach_map.verdict(poses, device).reshape(points.shape[:-1])
-
-
-def _directions() -> np.ndarray:
-    """Return unit vectors spread evenly over the sphere (a Fibonacci lattice), shape (N, 3)."""
-    z = 1.0 - (2.0 * np.arange(_DIRECTIONS) + 1.0) / _DIRECTIONS
-    angle = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(_DIRECTIONS)
-    return np.stack([np.sqrt(1.0 - z**2) * np.cos(angle), np.sqrt(1.0 - z**2) * np.sin(angle), z], axis=1)
 
 
 def _panel(

@@ -1,7 +1,7 @@
-"""Renders pictures of layouts with mujoco_warp's ray caster, without OpenGL, on a CPU or a GPU.
+"""Pictures of layouts by mujoco_warp's ray caster, without OpenGL, on a CPU or a GPU.
 
-The poses of geoms, cameras and lights come from MuJoCo C, so that only the ray caster's own kernels are compiled
-(8 s once on one CPU core).
+The poses of geoms, cameras and lights come from MuJoCo C, so that only the ray caster's own kernels are compiled, which
+takes 8 s once on one CPU core.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from sceniris_gym.sim.versions import render_context
 
 CAMERA = "overview"
 SIZE = (480, 360)  # pixels
-VIEW = (0.4, -1.0, 2.0)  # from the scene to the eye: in front, a little to the right, and well above
+VIEW = (0.4, -1.0, 2.0)  # from the scene to the eye: ahead, a little to the right, and well above
 _VISIBLE_GROUPS = (0, 1, 2)
 _SAMPLES = 2  # rays for each pixel, along each axis
-_APRON = 1.6  # m of ground drawn around the floor, whose plane is infinite in physics but drawn as a workspace
+_APRON = 1.6  # m of ground drawn around the floor, an infinite plane that is drawn as large as the workspace
 _GAP, _STRIP = 6, 22  # pixels between tiles, and below each for its caption
 _INK, _PAPER = (40, 44, 50), (255, 255, 255)
 
@@ -37,7 +37,7 @@ _INK, _PAPER = (40, 44, 50), (255, 255, 255)
 def render(
     mjm: mujoco.MjModel, table: LayoutTable, *, size: tuple[int, int] = SIZE, device: str | None = None
 ) -> np.ndarray:
-    """Render each layout with the same camera, placed so that it just sees everything in all of them.
+    """Render all layouts with one camera, so near that it just sees everything in all of them.
 
     Args:
         mjm: The model; its camera 'overview' gives the field of view.
@@ -85,9 +85,10 @@ def render(
         return (pixels.numpy() * 255.0 + 0.5).astype(np.uint8)
 
 
-def contact_sheet(pictures: np.ndarray, captions: Sequence[str], *, columns: int = 4) -> Image.Image:
-    """Arrange pictures (n, height, width, 3) in rows of `columns`, each above its caption."""
+def contact_sheet(pictures: np.ndarray, captions: Sequence[str]) -> Image.Image:
+    """Arrange pictures (n, height, width, 3) in rows of up to four, each above its caption."""
     height, width = pictures.shape[1:3]
+    columns = min(4, len(pictures))
     nrow = -(-len(pictures) // columns)
     cell = np.array([width + _GAP, height + _STRIP + _GAP])
     sheet = Image.new("RGB", (int(columns * cell[0] + _GAP), int(nrow * cell[1] + _GAP)), _PAPER)
@@ -104,17 +105,17 @@ def captioned(
 ) -> Image.Image:
     """Render layouts as one contact sheet, or a single layout as one larger picture."""
     size = SIZE if len(table) > 1 else (2 * SIZE[0], 2 * SIZE[1])
-    return contact_sheet(render(mjm, table, size=size, device=device), captions, columns=min(4, len(table)))
+    return contact_sheet(render(mjm, table, size=size, device=device), captions)
 
 
 def save(image: Image.Image, path: Path) -> None:
-    """Write a PNG; if stopped, leave no half-written file."""
+    """Write a PNG, whole or not at all."""
     with replacing(path) as temporary:
         image.save(temporary, format="PNG", optimize=True)
 
 
 def _with_apron(mjm: mujoco.MjModel) -> mujoco.MjModel:
-    """Return the model with a larger floor, so that nothing at the edge of the workspace seems to float."""
+    """Return the model with a larger floor, so that things at the edge of the workspace do not seem to float."""
     floor = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_GEOM, FLOOR)
     if floor < 0 or mjm.geom_type[floor] != mujoco.mjtGeom.mjGEOM_PLANE or not mjm.geom_size[floor, 0] > 0:
         return mjm

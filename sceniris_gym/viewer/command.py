@@ -1,4 +1,4 @@
-"""The `view` command: shows a scene on a page until it is interrupted."""
+"""The `view` command: a page that shows a scene, or a policy in an environment, until it is interrupted."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from sceniris_gym.collecting import uncollected
 from sceniris_gym.errors import ArgumentError
-from sceniris_gym.viewer.server import import_ahead, wait_for
+from sceniris_gym.viewer.server import import_ahead
 
 if TYPE_CHECKING:
     import viser
@@ -24,17 +24,17 @@ def view_scene(
     print(f"Open that page in a browser: '{scene}' appears there. Ctrl-C ends it.", file=sys.stderr, flush=True)
     with uncollected():
         drawing = import_ahead()
-        from sceniris_gym.commands.warp_start import start_warp
         from sceniris_gym.config.loader import read_scene, shipped
+        from sceniris_gym.device.kernel_log import start_warp
         from sceniris_gym.viewer.deck import Where
         from sceniris_gym.viewer.scene_file import SceneFile
         from sceniris_gym.viewer.view import SceneView
 
         start_warp()
-        wait_for(drawing)
+        drawing.join()
     view = SceneView(server, SceneFile(scene, changes), Where(split, seed, episode), num)
     if scene not in shipped("envs", ".yaml") and not Path(scene).expanduser().is_file():
-        read_scene(scene)  # says that there is none
+        read_scene(scene)  # raises the error about it
     view.load()
     while True:
         view.turn()
@@ -56,7 +56,7 @@ def view_env(
     import gymnasium
 
     import sceniris_gym  # noqa: F401, registers the environments
-    from sceniris_gym.commands.warp_start import start_warp
+    from sceniris_gym.device.kernel_log import start_warp
     from sceniris_gym.progress import listening
     from sceniris_gym.viewer.env_view import EnvView
     from sceniris_gym.viewer.policies import load_policy
@@ -82,7 +82,7 @@ def view_env(
 
 
 def read_ids(given: Sequence[str]) -> list[str]:
-    """Return layout ids: those that are given, and those in the files that are given, one a line."""
+    """Return the given layout ids, and those in the given files, one a line."""
     found: list[str] = []
     for text in given:
         path = Path(text)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -25,7 +26,7 @@ _COUNTED = 256  # layouts that the table of a scene begins with
 
 @dataclass(frozen=True)
 class Where:
-    """Which layouts are on show: world i has seed + i.
+    """The choice of layouts on show: world i has seed + i.
 
     Attributes:
         split: "train" or "eval".
@@ -38,7 +39,7 @@ class Where:
     episode: int = 0
 
     def moved(self, seeds: int = 0, episodes: int = 0) -> Where:
-        """The same, so many seeds and episodes on; neither goes below zero."""
+        """Return the choice that is so many seeds and episodes on, within their bounds."""
         seed = min(max(self.seed + seeds, 0), 2**64 - 1)
         return replace(self, seed=seed, episode=min(max(self.episode + episodes, 0), 2**31 - 1))
 
@@ -49,7 +50,7 @@ class Candidate:
 
     Attributes:
         name: The object.
-        number: Its index in placement order; what comes before it had a place already.
+        number: Its index in placement order; the objects before it had a place already.
         cause: Why it was rejected, in lower case.
         count: How many of this object's candidates were rejected for this cause, in this layout.
         state: The state it would have led to, one row.
@@ -63,26 +64,24 @@ class Candidate:
 
 
 class LayoutDeck:
-    """Makes layouts of a compiled scene, of many worlds or of one with all that was tried for it.
+    """Makes layouts of a compiled scene: of many worlds, or of one with the candidates that were rejected for it.
 
     Args:
-        compiled: The scene. It may be one of which no layout can be made, uploaded and without a bank.
+        compiled: The scene. If no layout of it can be made, it is uploaded and has no bank.
         num: How many worlds.
     """
 
     def __init__(self, compiled: CompiledScene, num: int) -> None:
         self.compiled, self.num = compiled, num
-        self._generators: dict[str, LayoutGenerator] = {}
-        self._recorders: dict[str, LayoutGenerator] = {}
-        self._blame: Blame | None = None
+        self._generators: dict[tuple[str, bool], LayoutGenerator] = {}
         self.layouts = 0
         self.valid = 0
         self.counts = np.zeros((max(len(compiled.placed), 1), len(Cause)), np.int64)
 
     def make(self, where: Where) -> LayoutTable:
-        """Return the layouts of all worlds, and count what was rejected for them."""
+        """Return the layouts of all worlds, and count the candidates that were rejected for them."""
         generator = self._generator(where.split)
-        table = _made(generator, where, self.num)
+        table = _made(generator, where)
         self._count(generator, table)
         return table
 
@@ -92,24 +91,21 @@ class LayoutDeck:
         return view.place.numpy()[0].copy(), view.bounds.numpy()[0].copy()
 
     def count_ahead(self) -> None:
-        """Make layouts for the table of rejections alone, on a stream of seeds far from those that users look at."""
+        """Make layouts for the table of rejections alone, of seeds far from those that users look at."""
         generator = LayoutGenerator(self.compiled, _COUNTED, seed=1 << 62)
         generator.generate()
         self._count(generator, read_table(generator))
 
     def rejected(self, where: Where) -> list[Candidate]:
-        """Return the candidates of the first world's layout that were rejected, in the order in which they were tried.
+        """Return the rejected candidates of the first world's layout, in the order in which they were tried.
 
-        Those for which no place was left to try are not among them, as they never were anywhere.
+        An object without any place to try has no candidates.
         """
-        recorder = self._recorders.get(where.split)
-        if recorder is None:
-            recorder = LayoutGenerator(self.compiled, 1, split=where.split, rejected=MOST_RECORDED, every_cause=True)
-            self._recorders[where.split] = recorder
+        recorder = self._generator(where.split, record=True)
         view = recorder.layouts.view
         view.rejected_count.zero_()
         before = view.rejections.numpy().copy()
-        _made(recorder, where, 1)
+        _made(recorder, where)
         counts = view.rejections.numpy() - before
         num = min(int(view.rejected_count.numpy()[0]), MOST_RECORDED)
         nmocap, present = self.compiled.mjm.nmocap, recorder.layouts.present.numpy()[:1] != 0
@@ -125,38 +121,42 @@ class LayoutDeck:
 
     def hits(self, candidate: Candidate) -> list[Hit]:
         """Return what a candidate collides with, the worst first."""
-        if self._blame is None:
-            self._blame = Blame(self.compiled)
         data = mujoco.MjData(self.compiled.mjm)
         candidate.state.put(data, 0)
         mujoco.mj_kinematics(self.compiled.mjm, data)
         return self._blame.hits(data, candidate.number)
 
     def find(self, text: str) -> Where:
-        """Return where the layout with an id is.
+        """Return the choice that shows the layout with an id.
 
         Raises:
-            LayoutIdError: Not the form of an id.
-            SceneMismatchError: An id of another scene.
+            LayoutIdError: The text has not the form of an id.
+            SceneMismatchError: The layout is of another scene.
         """
         name = LayoutId.parse(text.strip())
         if name.scene != self.compiled.hash:
             raise SceneMismatchError(
-                f"layout '{text.strip()}': is of a scene {name.scene}, and this one is {self.compiled.hash}. Open the "
-                "scene that it is of."
+                f"layout '{text.strip()}': is of scene {name.scene}, and this one is {self.compiled.hash}. "
+                "Open its scene."
             )
         return Where(name.split, name.seed, name.episode)
 
     def table(self) -> Mapping[str, Mapping[str, int]]:
-        """How many candidates were rejected so far, by object and cause; only what ever was."""
+        """Return the numbers of rejected candidates so far by object and cause, without those that are always zero."""
         seen = {c for c in Cause if self.counts[:, c].any()}
         rows = ((name, self.counts[i]) for i, name in enumerate(self.compiled.placed))
         return {name: {c.name.lower(): int(row[c]) for c in sorted(seen)} for name, row in rows if row.any()}
 
-    def _generator(self, split: str) -> LayoutGenerator:
-        if split not in self._generators:
-            self._generators[split] = LayoutGenerator(self.compiled, self.num, split=split)
-        return self._generators[split]
+    @cached_property
+    def _blame(self) -> Blame:
+        return Blame(self.compiled)
+
+    def _generator(self, split: str, record: bool = False) -> LayoutGenerator:
+        """Return the generator of all worlds, or the one of the first world that records its rejected candidates."""
+        if (split, record) not in self._generators:
+            num, words = (1, {"rejected": MOST_RECORDED, "every_cause": True}) if record else (self.num, {})
+            self._generators[split, record] = LayoutGenerator(self.compiled, num, split=split, **words)
+        return self._generators[split, record]
 
     def _count(self, generator: LayoutGenerator, table: LayoutTable) -> None:
         self.layouts += len(table)
@@ -166,9 +166,8 @@ class LayoutDeck:
         rejections.zero_()
 
 
-def _made(generator: LayoutGenerator, where: Where, num: int) -> LayoutTable:
-    seeds = [(where.seed + i) % 2**64 for i in range(num)]
-    generator.reseed(seeds)
+def _made(generator: LayoutGenerator, where: Where) -> LayoutTable:
+    generator.reseed([(where.seed + i) % 2**64 for i in range(generator.nworld)])
     generator.layouts.episode.fill_(where.episode - 1)
     generator.generate()
     wp.synchronize_device(generator.compiled.device)

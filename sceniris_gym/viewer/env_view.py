@@ -1,4 +1,4 @@
-"""The page of an environment: a policy plays it, one chosen layout after another."""
+"""The page of an environment, which a policy plays on one chosen layout after another."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,13 +32,13 @@ _FIRST = " The first step of all takes longer: it compiles or loads the kernels 
 
 
 class EnvView:
-    """Plays a policy, in the thread that calls `turn`, and shows what it does.
+    """Plays a policy, in the thread that calls `turn`, and shows its episodes.
 
     Args:
         server: The page.
         envs: The environment, without autoreset.
         policy: The policy; None takes random actions.
-        ids: Layouts to play one after another; empty for those of seeds 0, 1, 2, ...
+        ids: Layouts to play one after another; if empty, those of seeds 0, 1, 2, ...
     """
 
     def __init__(
@@ -48,7 +49,7 @@ class EnvView:
         self.ids = [self._own_id(text) for text in ids]
         self.first = 0
         self._pasted: LayoutId | None = None
-        self._wrong = ""  # what is wrong with the id that was pasted, until a user does something else
+        self._wrong = ""  # the error of the pasted id, until a user does something else
         self.running, self.speed = True, 1.0
         self._plotted = 0.0
         self._stepped = False  # ever
@@ -60,7 +61,7 @@ class EnvView:
         self.start(0)
 
     def start(self, first: int) -> None:
-        """Begin episodes on the layouts from number `first` on, a world each; after the last comes the first."""
+        """Begin an episode in each world, on the layouts from number `first` on; after the last comes the first."""
         self.first = max(first, 0)
         chosen = [self._layout(self.first + i) for i in range(self.envs.num_envs)]
         if self._pasted is not None:
@@ -76,23 +77,15 @@ class EnvView:
         self._tell()
 
     def turn(self) -> None:
-        """Do what was asked for, and take a step if nothing stands against it."""
+        """Do what was asked for, and go on with the episodes unless they are paused."""
         seconds = _IDLE if not self.running else _LOOK if self._ended.all() else 0.0
         for action in self.requests.take(seconds):
             self._try(action)
         if self.running:
-            self._try(self._go_on)
-
-    def _go_on(self) -> None:
-        if self._ended.all():
-            return self.start(self.first + self.envs.num_envs)
-        self.step()
-        if self._ended.all():
-            self._draw()
-        return None
+            self._try(self.step if not self._ended.all() else lambda: self.start(self.first + self.envs.num_envs))
 
     def _try(self, action: Callable[[], None]) -> None:
-        """Do something; what fails, such as a policy, stops the episode, and is said on the page and on stderr."""
+        """Do something. A failure, such as one of the policy, stops the episode and is told on the page and stderr."""
         try:
             action()
         except Exception as error:
@@ -116,21 +109,20 @@ class EnvView:
         self._step += 1
         self._stepped = True
         self._show(self.envs.state.dt / self.speed)
-        if time.monotonic() - self._plotted > _PLOTTED:
+        if self._ended.all() or time.monotonic() - self._plotted > _PLOTTED:
             self._draw()
 
     def _actions(self) -> Any:
         if self.policy is not None:
             return self.policy(self._observation)
-        size = self.envs.single_action_space.shape
-        return 2.0 * torch.rand(self.envs.num_envs, *(size or ()), device=self.envs.device) - 1.0
+        return 2.0 * torch.rand(self.envs.action_space.shape or (), device=self.envs.device) - 1.0
 
     def _own_id(self, text: str) -> LayoutId:
         found = LayoutId.parse(text)
         if found.scene != self.envs.compiled.hash:
             raise SceneMismatchError(
-                f"layout '{text}': is of another scene than this one, {self.envs.compiled.hash}. Open the environment, "
-                "with the changes of its scene, that it is of."
+                f"layout '{text}': is of another scene than this one, {self.envs.compiled.hash}. Open its environment, "
+                "with the same changes of the scene."
             )
         if found.split != self.envs.split:
             raise SceneMismatchError(
@@ -173,19 +165,11 @@ class EnvView:
             if event.client is not None:
                 self.requests.put("id", lambda: self._play_id(event.target.value))
 
-        arrows = gui.add_button_group(" ", ("◀ layout", "layout ▶"))
-
-        @arrows.on_click
-        def _(event: Any) -> None:
-            step = self.envs.num_envs if "▶" in event.target.value else -self.envs.num_envs
-            self.requests.put(None, lambda: self._move(step))
-
+        steps = {"◀ layout": -self.envs.num_envs, "layout ▶": self.envs.num_envs}
+        arrows = gui.add_button_group(" ", tuple(steps))
+        arrows.on_click(lambda event: self.requests.put(None, partial(self._move, steps[event.target.value])))
         buttons = gui.add_button_group("  ", ("Pause", "Step", "Play"))
-
-        @buttons.on_click
-        def _(event: Any) -> None:
-            self.requests.put(None, lambda: self._press(event.target.value))
-
+        buttons.on_click(lambda event: self.requests.put(None, partial(self._press, event.target.value)))
         speed = gui.add_slider("speed", 0.1, 1.0, 0.1, 1.0)
         speed.on_update(lambda _: setattr(self, "speed", float(speed.value)))
 

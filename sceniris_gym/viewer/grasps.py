@@ -1,4 +1,4 @@
-"""The layer of grasps: those that layouts were accepted for, and the arm in them."""
+"""The layer of grasps: those that a layout was accepted for, and the arm in them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
+from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.layout.reaching.search import PREGRASP_DISTANCE
 from sceniris_gym.program.reach import ReachTarget
 from sceniris_gym.reach.solve import random_joints, solve
@@ -19,41 +20,44 @@ _RESTARTS = 64
 
 
 def sketch_grasps(world: ShownWorld, only: str | None = None) -> Sketch:
-    """Draw for each reach target the axes of its grasp (blue: the approach), and an arrow from the pre-grasp to it."""
+    """Draw the axes of the grasp of each reach target (blue: the approach), and an arrow to it from the pre-grasp."""
     sketch = Sketch()
     for k, target in enumerate(_targets(world)):
         pose = grasp_pose(world, k)
         if pose is None or only not in (None, target.name):
             continue
         pos, quat = pose
+        before = pos - PREGRASP_DISTANCE * matrix(quat)[:, 2]
         sketch.axes.append((pos, quat))
-        sketch.arrows.append((np.stack([pos - PREGRASP_DISTANCE * _approach(quat), pos]), BLUE))
+        sketch.arrows.append((np.stack([before, pos]), BLUE))
         name = target.grasp_set.grasps[world.table.grasp[0, k]].name
-        sketch.words.append((f"{target.name}: grasp '{name}'", pos - PREGRASP_DISTANCE * _approach(quat)))
+        sketch.words.append((f"{target.name}: grasp '{name}'", before))
     return sketch
 
 
 def grasp_pose(world: ShownWorld, k: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return where the TCP is in the grasp of reach target `k`: position [m], orientation; None where it is absent."""
+    """Return the TCP's position [m] and orientation in the grasp of reach target `k`; None where that is absent."""
     if world.table.grasp.shape[1] <= k or world.table.grasp[0, k] < 0:
         return None
-    grasp = _targets(world)[k].grasp_set.grasps[world.table.grasp[0, k]]
-    pos, quat = np.empty(3), np.empty(4)
-    body = world.data.xpos[grasp.body], world.data.xquat[grasp.body]
-    mujoco.mju_mulPose(pos, quat, *body, grasp.pos, grasp.quat)
-    return pos, quat
+    pose = world.table.grasp_pose[0, k].astype(float)
+    return pose[:3], pose[3:]
 
 
 def poses_of_arm(world: ShownWorld) -> list[str]:
-    """Return what the arm can jump into, as `with_arm` takes it: the start, and grasp and pre-grasp of each target."""
-    names = [t.name for k, t in enumerate(_targets(world)) if grasp_pose(world, k) is not None and _is_there(world, k)]
+    """Return the poses that `with_arm` takes: the start, and grasp and pre-grasp of each target whose arm is there."""
+    reaching, apart = world.compiled.reaching, world.compiled.scene.apart
+    names = [
+        target.name
+        for k, target in enumerate(_targets(world))
+        if grasp_pose(world, k) is not None and reaching is not None and reaching.arm_of(target).robot not in apart
+    ]
     return [START, *(f"{step} of {name}" for name in names for step in (PREGRASP, GRASP))]
 
 
 def with_arm(world: ShownWorld, pose: str) -> LayoutTable | None:
     """Return the layout with the arm in a pose of `poses_of_arm`; None where no joints lead to it.
 
-    Joints are those that the layout was accepted with. Where its arm's map alone decided, they are solved for.
+    The joints are those that the layout was accepted with. Where the arm's map alone decided, they are solved for.
     """
     if pose == START or world.compiled.reaching is None:
         return world.table
@@ -80,23 +84,11 @@ def _solved(world: ShownWorld, k: int, step: str) -> np.ndarray | None:
     base = world.data.xpos[arm.base_body], world.data.xquat[arm.base_body]
     inverse, local = (np.empty(3), np.empty(4)), (np.empty(3), np.empty(4))
     mujoco.mju_negPose(*inverse, *base)
-    mujoco.mju_mulPose(*local, *inverse, pos - back * _approach(quat), quat)
+    mujoco.mju_mulPose(*local, *inverse, pos - back * matrix(quat)[:, 2], quat)
     starts = np.concatenate([world.data.qpos[None, arm.qposadr], random_joints(arm, _RESTARTS)])
     joints, solved = solve(arm, np.concatenate(local)[None], starts=starts)
     return joints[0] if solved[0] else None
 
 
-def _is_there(world: ShownWorld, k: int) -> bool:
-    """Whether the arm that is to reach a target is in the scene."""
-    reaching = world.compiled.reaching
-    return reaching is not None and reaching.arm_of(reaching.targets[k]).robot not in world.compiled.scene.apart
-
-
 def _targets(world: ShownWorld) -> tuple[ReachTarget, ...]:
     return () if world.compiled.reaching is None else world.compiled.reaching.targets
-
-
-def _approach(quat: np.ndarray) -> np.ndarray:
-    axis = np.empty(3)
-    mujoco.mju_rotVecQuat(axis, np.array([0.0, 0.0, 1.0]), quat)
-    return axis

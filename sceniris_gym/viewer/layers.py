@@ -31,11 +31,11 @@ SKETCHES: dict[str, Callable[[ShownWorld, str | None], Sketch]] = {
     "clearances": sketch_clearances,
     "grasps": sketch_grasps,
 }
-"""What each layer draws of a world, of one object or of all."""
+"""The function of each layer. It sketches one object of a world, or all."""
 PARKED, REACH = "parked objects", "reach map"
-"""Layers that are no sketches: they move bodies, or are a picture."""
+"""Layers without a sketch: they move bodies, or are a picture."""
 SEEN, COLLIDED, BOTH = "what is seen", "what collides", "both"
-"""Which geometry of the worlds is drawn; what collides is drawn in the first world."""
+"""The geometry of the worlds that is drawn. Colliding geometry is drawn in the first world only."""
 HINTS = {
     "names": "The name of every object.",
     "regions": "Where the words of the scene let each object stand, in this world's joint state.",

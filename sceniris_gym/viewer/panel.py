@@ -1,10 +1,12 @@
-"""The controls beside the picture."""
+"""The controls of the page of a scene."""
 
 from __future__ import annotations
 
 import html
 from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 from sceniris_gym.program.compiled import USER_SPLITS
 from sceniris_gym.viewer.deck import Where
@@ -22,75 +24,24 @@ _BOX = "padding:8px 10px; border-radius:6px; font-size:13px; white-space:pre-wra
 _GOOD, _BAD, _WARNED = "background:#eef5ee; color:#1d4d2b;", "background:#fdeaea; color:#8a1414;", "background:#fff5e0;"
 
 
-class Commands(Protocol):
-    """What the controls can ask for."""
-
-    def go(self, where: Where) -> None:
-        """Show another layout."""
-        ...
-
-    def go_to_id(self, text: str) -> None:
-        """Show the layout with an id."""
-        ...
-
-    def show_worlds(self, num: int) -> None:
-        """Show so many worlds."""
-        ...
-
-    def show_layer(self, name: str, shown: bool) -> None:
-        """Show a layer, or hide it."""
-        ...
-
-    def show_geometry(self, which: str) -> None:
-        """Show what is seen, what collides, or both."""
-        ...
-
-    def look_at_object(self, name: str | None) -> None:
-        """Let layers show one object; None is all."""
-        ...
-
-    def move_slice(self, height: float) -> None:
-        """Move the slice of the reach map to a height [m]."""
-        ...
-
-    def move_arm(self, pose: str) -> None:
-        """Let the arm jump into a pose."""
-        ...
-
-    def show_rejected(self, shown: bool) -> None:
-        """Show rejected candidates, or the layout."""
-        ...
-
-    def show_candidate(self, i: int) -> None:
-        """Show a rejected candidate by its number."""
-        ...
-
-    def play(self, running: bool) -> None:
-        """Let physics go on, or stop it."""
-        ...
-
-    def step(self) -> None:
-        """Take one step of physics."""
-        ...
-
-    def reset_play(self) -> None:
-        """Go back to the layout."""
-        ...
-
-    def set_speed(self, speed: float) -> None:
-        """Set the seconds of physics in a second."""
-        ...
-
-    def set_target(self, i: int, value: float) -> None:
-        """Set the control of an actuator."""
-        ...
-
-
 class Panel:
-    """Draws the controls, and turns what users do with them into requests."""
+    """Draws the controls, and turns their use into requests.
 
-    def __init__(self, server: viser.ViserServer, requests: Requests, commands: Commands, num: int) -> None:
-        self._gui, self._requests, self._do = server.gui, requests, commands
+    Args:
+        server: The page.
+        requests: The queue of the requests.
+        commands: The SceneView, whose public methods the requests call.
+        num: How many worlds are shown first.
+
+    Attributes:
+        rejected: The box of rejected candidates.
+        table: The table of rejection counts.
+        play: The button that lets physics run, or stops it.
+        arm: The list of the arm's poses.
+    """
+
+    def __init__(self, server: viser.ViserServer, requests: Requests, commands: Any, num: int) -> None:
+        self._gui, self._ask, self._do = server.gui, requests.put, commands
         self._where = Where()
         self._message = self._gui.add_html("")
         self._add_layout(num)
@@ -104,7 +55,7 @@ class Panel:
         self._targets: list[Any] = []
 
     def say(self, text: str, *, bad: bool = False, notices: Sequence[str] = ()) -> None:
-        """Put a message above all controls, red if something is wrong, and warnings below it."""
+        """Show a message above all controls, red if something is wrong, and warnings below it."""
         boxes = [f"<div style='{_BOX}{_BAD if bad else _GOOD}'>{html.escape(text)}</div>"]
         boxes += [f"<div style='{_BOX}{_WARNED}'>{html.escape(notice)}</div>" for notice in notices]
         self._message.content = "".join(boxes)
@@ -112,7 +63,7 @@ class Panel:
     def set_scene(
         self, names: Sequence[str], only: str | None, targets: Sequence[tuple[str, float, float]], has_map: bool
     ) -> None:
-        """Offer what a scene has: objects, and which of them is chosen, actuators with their ranges, a map."""
+        """Offer the objects of a scene, with the chosen one, its actuators with their ranges, and its map."""
         self._object.options = (ALL, *names)
         self._object.value = ALL if only is None else only
         self._layers[REACH].disabled = self._height.disabled = not has_map
@@ -123,47 +74,28 @@ class Panel:
         self._no_targets.visible = not targets
 
     def set_where(self, where: Where, layout_id: str, poses: Sequence[str]) -> None:
-        """Show which layout is on show, and what its arm can jump into."""
+        """Show the choice of layouts and the id of the first one, and offer the poses of its arm."""
         self._where = where
         self._split.value, self._seed.value, self._episode.value = where.split, str(where.seed), str(where.episode)
         self._id.value = layout_id
-        self._arm.options = tuple(poses)
-        self._arm.value = START
-        self._arm.disabled = len(poses) < 2
+        self.arm.options = tuple(poses)
+        self.arm.value = START
+        self.arm.disabled = len(poses) < 2
 
     def set_targets(self, values: Iterable[float]) -> None:
         """Show the controls of the actuators."""
         for handle, value in zip(self._targets, values, strict=True):
             handle.value = min(max(float(value), handle.min), handle.max)
 
-    def set_table(self, table: str) -> None:
-        """Show the table of counts."""
-        self._table.content = table
-
     def set_candidates(self, num: int, i: int, text: str) -> None:
-        """Show how many rejected candidates there are, which one is on show, and why it was rejected."""
+        """Show the number of rejected candidates, the one on show, and why it was rejected."""
         self._candidate.max = max(num, 1)
         self._candidate.disabled = num < 2
         self._candidate.value = i + 1 if num else 1
         self._why.content = f"<div style='{_BOX}{_BAD if num else _GOOD}'>{html.escape(text)}</div>"
 
-    def set_playing(self, running: bool) -> None:
-        """Show whether time goes on."""
-        self._play.label = "Pause" if running else "Play"
-
-    def set_rejected(self, shown: bool) -> None:
-        """Show whether rejected candidates are on show."""
-        self._rejected.value = shown
-
-    def set_arm(self, pose: str) -> None:
-        """Show what the arm is in."""
-        self._arm.value = pose
-
-    def _ask(self, about: str | None, action: Callable[[], None]) -> None:
-        self._requests.put(about, action)
-
     def _on(self, handle: Any, about: str, action: Callable[[Any], None]) -> Any:
-        """Ask for an action with the new value whenever a user, and not this program, changes a control."""
+        """Ask for an action with the new value whenever a user, rather than this program, changes a control."""
 
         @handle.on_update
         def _(event: Any) -> None:
@@ -182,34 +114,29 @@ class Panel:
             self._on(self._split, "where", lambda split: self._do.go(Where(split, self._where.seed, 0)))
             self._seed = gui.add_text("seed", "0", hint="From 0 to 2^64 - 1. World i has seed + i.")
             self._on(self._seed, "where", lambda text: self._go_to_number(text, "seed"))
-            self._add_arrows("seed")
+            self._add_arrows("seed", lambda step: self._do.go(self._where.moved(seeds=step)))
             self._episode = gui.add_text(
                 "episode", "0", hint="How often the worlds were reset since they got the seed."
             )
             self._on(self._episode, "where", lambda text: self._go_to_number(text, "episode"))
-            self._add_arrows("episode")
+            self._add_arrows("episode", lambda step: self._do.go(self._where.moved(episodes=step)))
             numbers = sorted({*NUMBERS, str(num)}, key=int)
             self._number = gui.add_dropdown("worlds", numbers, initial_value=str(num))
             self._on(self._number, "worlds", lambda num: self._do.show_worlds(int(num)))
 
-    def _add_arrows(self, what: str) -> None:
-        """Buttons to the seed or the episode before, and to the next one."""
-        arrows = self._gui.add_button_group(" ", (f"◀ {what}", f"{what} ▶"))
-
-        @arrows.on_click
-        def _(event: Any) -> None:
-            step = 1 if "▶" in event.target.value else -1
-            self._ask(None, lambda: self._do.go(self._where.moved(**{f"{what}s": step})))
+    def _add_arrows(self, what: str, move: Callable[[int], None]) -> None:
+        """Add buttons that move by -1 and by 1."""
+        steps = {f"◀ {what}": -1, f"{what} ▶": 1}
+        arrows = self._gui.add_button_group(" ", tuple(steps))
+        arrows.on_click(lambda event: self._ask(None, partial(move, steps[event.target.value])))
 
     def _go_to_number(self, text: str, what: str) -> None:
         text = text.strip()
-        most = 2**64 if what == "seed" else 2**31
-        if not (text.isascii() and text.isdecimal()) or int(text) >= most:
-            return self.say(f"{what} '{text}': should be an integer from 0 to 2^{most.bit_length() - 1} - 1.", bad=True)
-        where = self._where
-        number = int(text)
-        self._do.go(Where(where.split, number, 0) if what == "seed" else Where(where.split, where.seed, number))
-        return None
+        bits = 64 if what == "seed" else 31
+        if not (text.isascii() and text.isdecimal()) or int(text) >= 2**bits:
+            self.say(f"{what} '{text}': should be an integer from 0 to 2^{bits} - 1.", bad=True)
+        else:
+            self._do.go(replace(self._where, **{"episode": 0, what: int(text)}))
 
     def _add_layers(self) -> None:
         gui = self._gui
@@ -223,38 +150,28 @@ class Panel:
         self._on(self._height, "height", self._do.move_slice)
         self._object: Any = gui.add_dropdown("layers of", (ALL,), hint="Regions, relations and others of one object.")
         self._on(self._object, "object", lambda name: self._do.look_at_object(None if name == ALL else name))
-        self._arm: Any = gui.add_dropdown("arm in", (START,), hint="The arm jumps into the grasps of this layout.")
-        self._on(self._arm, "arm", self._do.move_arm)
+        self.arm: Any = gui.add_dropdown("arm in", (START,), hint="The arm jumps into the grasps of this layout.")
+        self._on(self.arm, "arm", self._do.move_arm)
 
     def _add_why(self) -> None:
         gui = self._gui
-        self._rejected = gui.add_checkbox("rejected candidates", False, hint="One by one, in red, in the first world.")
-        self._on(self._rejected, "rejected", self._do.show_rejected)
+        self.rejected = gui.add_checkbox("rejected candidates", False, hint="One by one, in red, in the first world.")
+        self._on(self.rejected, "rejected", self._do.show_rejected)
         self._candidate = gui.add_slider("candidate", 1, 2, 1, 1, disabled=True)
         self._on(self._candidate, "candidate", lambda i: self._do.show_candidate(int(i) - 1))
-        arrows = gui.add_button_group("  ", ("◀ candidate", "candidate ▶"))
-
-        @arrows.on_click
-        def _(event: Any) -> None:
-            step = 1 if "▶" in event.target.value else -1
-            self._ask(None, lambda: self._do.show_candidate(int(self._candidate.value) - 1 + step))
-
+        self._add_arrows("candidate", lambda step: self._do.show_candidate(int(self._candidate.value) - 1 + step))
         self._why = gui.add_html("")
-        self._table = gui.add_html("")
+        self.table = gui.add_html("")
 
     def _add_play(self) -> None:
         gui = self._gui
         self._play_tab = gui.add_folder("Physics of the first world")
         with self._play_tab:
-            self._play = gui.add_button("Play", hint="MuJoCo C steps from this layout on.")
-            self._play.on_click(lambda _: self._ask("play", lambda: self._do.play(self._play.label == "Play")))
+            self.play = gui.add_button("Play", hint="MuJoCo C steps from this layout on.")
+            self.play.on_click(lambda _: self._ask("play", lambda: self._do.play(self.play.label == "Play")))
             buttons = gui.add_button_group("   ", ("Step", "Reset"))
-
-            @buttons.on_click
-            def _(event: Any) -> None:
-                reset = event.target.value == "Reset"
-                self._ask("step", self._do.reset_play if reset else self._do.step)
-
+            actions = {"Step": self._do.step, "Reset": self._do.reset_play}
+            buttons.on_click(lambda event: self._ask("step", actions[event.target.value]))
             speed = gui.add_dropdown("speed", tuple(SPEEDS))
             self._on(speed, "speed", lambda name: self._do.set_speed(SPEEDS[name]))
             self._no_targets = gui.add_html("<p>The scene has no actuators.</p>")

@@ -1,4 +1,4 @@
-"""The layer of pieces: what physics collides, each body in a colour of its own."""
+"""The layer of pieces: colliding geometry, each body in a colour of its own."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
 from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.sketch import GREY, PALETTE, Colour, Sketch
 
-_MOST = 2.0  # m; half of what is drawn of a plane without sizes
+_MOST = 2.0  # m; half the edge of a drawn plane that has no size
 
 
 def sketch_pieces(world: ShownWorld, opacity: float = 1.0) -> Sketch:
-    """Draw the pieces of all bodies as physics collides them, meshes as convex hulls; planes in grey."""
+    """Draw the pieces of all bodies as physics collides them, meshes as convex hulls, and planes in grey."""
     sketch = Sketch()
     hidden = set(world.hidden_bodies())
     pieces = [p for p in extract_pieces(world.compiled.mjm, "physics") if p.body not in hidden]

@@ -1,14 +1,13 @@
-"""Physics from a layout: MuJoCo C steps one world, at real time or slower."""
+"""Physics from a layout: MuJoCo C steps one world, in real time or slower."""
 
 from __future__ import annotations
 
 import mujoco
-import numpy as np
 
 from sceniris_gym.audit.physics import hold
 from sceniris_gym.scene.layout_table import LayoutTable
 
-_LONGEST = 0.1  # s of physics between two pictures; a slow machine falls behind rather than freeze
+_LONGEST = 0.1  # s of physics between two pictures; a slow machine falls behind rather than freezes
 
 
 class Player:
@@ -20,7 +19,7 @@ class Player:
 
     Attributes:
         data: The state.
-        running: Whether time goes on.
+        running: False while physics is paused.
         speed: Seconds of physics in a second.
     """
 
@@ -40,7 +39,7 @@ class Player:
         self._debt = 0.0
 
     def advance(self, seconds: float) -> bool:
-        """Let so much time [s] pass, and return whether anything was stepped."""
+        """Let so much time [s] pass; return True if that took any step."""
         if not self.running:
             return False
         self._debt = min(self._debt + seconds * self.speed, _LONGEST)
@@ -55,7 +54,7 @@ class Player:
         mujoco.mj_step(self.mjm, self.data)
 
     def target_ranges(self) -> list[tuple[str, float, float]]:
-        """Name, least and greatest control of each actuator; unlimited ones get the range of their joint, or +-1."""
+        """Return name, least and greatest control of each actuator; unlimited ones get their joint's range, or +-1."""
         ranges = []
         for i in range(self.mjm.nu):
             low, high = self.mjm.actuator_ctrlrange[i]
@@ -67,12 +66,3 @@ class Player:
                     low, high = self.mjm.jnt_range[joint]
             ranges.append((self.mjm.actuator(i).name or f"actuator {i}", float(low), float(high)))
         return ranges
-
-    def set_target(self, i: int, value: float) -> None:
-        """Set the control of an actuator."""
-        self.data.ctrl[i] = value
-
-    @property
-    def targets(self) -> np.ndarray:
-        """The controls, shape (nu,)."""
-        return self.data.ctrl

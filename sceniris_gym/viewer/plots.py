@@ -1,4 +1,4 @@
-"""Live plots of what a policy sees and is rewarded for, in the first world."""
+"""Live plots of rewards, success and observations of the first world."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _NOTHING = np.full(2, np.nan)  # a curve before there are two steps to draw a li
 
 @dataclass(frozen=True)
 class Part:
-    """What of the observation one plot shows.
+    """The part of the observation that one plot shows.
 
     Attributes:
         name: Its name, as the task has it; with an index for a row of an array.
@@ -41,8 +41,8 @@ class Plots:
 
     Args:
         server: The page.
-        shapes: Names and shapes of what the observation consists of, in order.
-        on_choice: What to do when a user has chosen another part.
+        shapes: Names and shapes of the arrays that the observation consists of, in order.
+        on_choice: Called when a user has chosen another part.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class Plots:
         self._seen.append(np.array(observation, float))
 
     def clear(self) -> None:
-        """Begin anew, as with an episode; what is on show of the one before goes."""
+        """Forget all steps, as at the start of an episode."""
         for kept in (self._steps, self._rewards, self._success, self._seen):
             kept.clear()
         self.draw()
@@ -84,7 +84,7 @@ class Plots:
         """Bring the plots up to date."""
         names = tuple(self._rewards[-1]) if self._rewards else self._charts.get("rewards", ((), None))[0]
         if not names:
-            return  # what rewards there are is not known before the first step
+            return  # the reward terms are not known before the first step
         self._draw("rewards", self._of_rewards, names, [[step[n] for step in self._rewards] for n in names])
         self._draw("success", self._of_success, ("success",), [list(self._success)])
         part = self._parts[self._chosen.value]
@@ -118,7 +118,7 @@ class Plots:
 
 
 def parts_of(shapes: Sequence[tuple[str, tuple[int, ...]]]) -> list[Part]:
-    """Cut an observation into parts that a plot can show: rows of arrays, and pieces of long ones."""
+    """Cut an observation into parts that fit into a plot: rows of arrays, and pieces of long rows."""
     parts, first = [], 0
     for name, shape in shapes:
         width = shape[-1] if shape else 1
@@ -133,5 +133,5 @@ def parts_of(shapes: Sequence[tuple[str, tuple[int, ...]]]) -> list[Part]:
 
 
 def _look(i: int) -> dict[str, Any]:
-    """Colour and dashes of a curve by its number."""
+    """Return colour and dashes of a curve by its number."""
     return {"stroke": _COLOURS[i % len(_COLOURS)], "dash": _DASHES if i >= len(_COLOURS) else ()}

@@ -1,4 +1,4 @@
-"""Policies as users name them: a checkpoint of rsl-rl, a model of Stable-Baselines3, or a function of their own."""
+"""Policies by name: a checkpoint of rsl-rl, a model of Stable-Baselines3, or a user's function."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ def load_policy(name: str, device: str = "cpu") -> Policy:
     """Load a policy.
 
     Args:
-        name: The path of a .pt or .zip file, or 'module:function' of a function that is a policy. Checkpoints of rsl-rl
-            are those of its MLPModel with its default activation. Observations for a .zip are normalised by the
-            VecNormalize that lies beside it as normalize.pkl, if any.
-        device: Where observations are, as torch names it.
+        name: The path of a .pt or .zip file, or 'module:function'. A .pt should be a checkpoint of rsl-rl's MLPModel
+            with its default activation. Observations for a .zip are normalised by the VecNormalize that lies beside it
+            as normalize.pkl, if there is one.
+        device: The device of the observations, as torch names it.
 
     Raises:
-        ArgumentError: Not one of these, or a file that cannot be used.
-        MissingExtraError: The library that it is of is not installed.
+        ArgumentError: The name is none of these, or the file cannot be used.
+        MissingExtraError: The library of the policy is not installed.
     """
     path = Path(name)
     if path.suffix in (".pt", ".zip") and not path.is_file():
@@ -51,7 +51,7 @@ def load_policy(name: str, device: str = "cpu") -> Policy:
     if not colon:
         raise ArgumentError(f"--policy {name}: should be {FORMS}.")
     if os.getcwd() not in sys.path:
-        sys.path.append(os.getcwd())  # an installed program does not look for modules where it is started
+        sys.path.append(os.getcwd())  # which an installed program does not search for modules
     try:
         policy = getattr(importlib.import_module(module), function)
     except (ImportError, AttributeError, ValueError) as error:
@@ -119,7 +119,7 @@ def _of_stable_baselines(path: Path, device: str) -> Policy:
 
 
 def _normalization(path: Path) -> Callable[[np.ndarray], Any]:
-    """How the observations of a model were normalised in its training: by the VecNormalize that was saved beside it."""
+    """Return the normalisation of observations in the training of a model, by the VecNormalize saved beside it."""
     beside = [path.with_name(name) for name in _NORMALIZATIONS if path.with_name(name).is_file()]
     if not beside:
         return lambda seen: seen

@@ -1,12 +1,15 @@
-"""The layer of reach: slices of the arms' maps, as pictures that lie at some height in the scene."""
+"""The layer of reach: slices of the arms' maps, as pictures at some height in the scene."""
 
 from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import ScenirisError
+from sceniris_gym.pictures.reach_picture import reached_share
 from sceniris_gym.program.reach import load_map, robot_arm
 from sceniris_gym.reach.map import ReachMap
 from sceniris_gym.scene.model import SceneModel
@@ -17,68 +20,49 @@ _FULL = np.array([38.0, 110.0, 190.0])
 _OPACITY = 170.0  # of 255, where every direction is reached
 
 
+@dataclass(frozen=True)
 class ReachSlice:
-    """Slices of the map of an arm.
+    """A slice of the map of an arm.
 
-    Args:
-        reach_map: The arm's map.
+    Attributes:
+        map: The arm's map.
         body: Id of the arm's base.
-        base: Position [m] and orientation of the arm's base.
     """
 
-    def __init__(self, reach_map: ReachMap, body: int, base: tuple[np.ndarray, np.ndarray]) -> None:
-        self.map, self.body, self.base = reach_map, body, base
-        self.span = -reach_map.u_low
+    map: ReachMap
+    body: int
 
     @classmethod
     def of(cls, scene: SceneModel) -> list[ReachSlice]:
-        """The slices of a scene, for each robot that has a map, with the bases where they are at home."""
-        data, found = mujoco.MjData(scene.mjm), []
-        data.qpos[:] = scene.home_qpos
-        mujoco.mj_kinematics(scene.mjm, data)
+        """Return a slice for each robot of a scene that has a map."""
+        found = []
         for name, robot in scene.config.all_robots.items():
-            try:
+            with contextlib.suppress(ScenirisError):
                 reach_map = load_map(robot_arm(scene, name), robot, scene.config.where)
-            except ScenirisError:
-                continue
-            body = scene.bodies[name]
-            if reach_map is not None:
-                found.append(cls(reach_map, body, (data.xpos[body].copy(), data.xquat[body].copy())))
+                if reach_map is not None:
+                    found.append(cls(reach_map, scene.bodies[name]))
         return found
 
-    def at(self, data: mujoco.MjData) -> ReachSlice:
-        """The same slices in the state of a layout, in which the base may have been drawn elsewhere."""
-        return ReachSlice(self.map, self.body, (data.xpos[self.body].copy(), data.xquat[self.body].copy()))
+    @property
+    def span(self) -> float:
+        """Half the width of the slice [m]."""
+        return -self.map.u_low
 
-    def picture(self, height: float) -> np.ndarray:
-        """Return a slice at a height [m] of the world, (n, n, 4) uint8: the more opaque, the more approaches reach.
+    def picture(self, data: mujoco.MjData, height: float) -> np.ndarray:
+        """Return the picture at a height [m] of the world, (n, n, 4) uint8: more opaque where more approaches reach.
 
         It is `2 * span` wide, around the axis of the arm's first joint, with the base's y up and its x to the right.
         """
         ticks = (np.arange(_PIXELS) + 0.5) / _PIXELS * 2.0 * self.span - self.span
         across, up = np.meshgrid(ticks, ticks[::-1])
-        points = np.stack([across, up, np.full_like(across, height - self.base[0][2])], axis=-1)
-        points = points.reshape(-1, 3) + [*self.map.arm.axis_xy, 0.0]
-        poses = np.zeros((_DIRECTIONS, len(points), 4, 4))
-        poses[..., :3, 3] = points
-        poses[..., :3, 2] = _directions()[:, None]
-        verdicts = self.map.verdict(poses.reshape(-1, 4, 4), "cpu").reshape(_DIRECTIONS, -1)
-        share = np.mean(verdicts >= Tier.MAP.least_verdict, axis=0).reshape(_PIXELS, _PIXELS)
+        points = np.stack([across, up, np.full_like(across, height - data.xpos[self.body, 2])], axis=-1)
+        share = reached_share(self.map, points + [*self.map.arm.axis_xy, 0.0], _DIRECTIONS, "cpu")
         picture = np.empty((_PIXELS, _PIXELS, 4), np.uint8)
         picture[..., :3] = _FULL
         picture[..., 3] = np.round(_OPACITY * share)
         return picture
 
-    def pose(self, height: float) -> tuple[np.ndarray, np.ndarray]:
-        """Where the middle of the slice is [m], and its orientation (wxyz)."""
-        offset = np.empty(3)
-        mujoco.mju_rotVecQuat(offset, np.array([*self.map.arm.axis_xy, 0.0]), self.base[1])
-        at = self.base[0] + offset
-        return np.array([at[0], at[1], height]), self.base[1]
-
-
-def _directions() -> np.ndarray:
-    """Unit vectors spread evenly over the sphere (a Fibonacci lattice), shape (n, 3)."""
-    z = 1.0 - (2.0 * np.arange(_DIRECTIONS) + 1.0) / _DIRECTIONS
-    angle = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(_DIRECTIONS)
-    return np.stack([np.sqrt(1.0 - z**2) * np.cos(angle), np.sqrt(1.0 - z**2) * np.sin(angle), z], axis=1)
+    def pose(self, data: mujoco.MjData, height: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the middle of the slice [m] and its orientation (wxyz)."""
+        axis = data.xmat[self.body].reshape(3, 3) @ [*self.map.arm.axis_xy, 0.0]
+        return np.array([*(data.xpos[self.body] + axis)[:2], height]), data.xquat[self.body]

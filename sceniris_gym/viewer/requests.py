@@ -1,4 +1,4 @@
-"""What users of the page ask for, from many threads, for the one thread that does it."""
+"""Requests of a page's users, from many threads, for the one thread that does them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 
 class Requests:
-    """Keeps the latest request about each thing, so that a slider that is dragged leaves no queue behind."""
+    """Keeps the latest request about each thing, so that dragging a slider leaves no queue behind."""
 
     def __init__(self) -> None:
         self._waiting: dict[object, Callable[[], None]] = {}
@@ -17,9 +17,9 @@ class Requests:
         """Ask for something.
 
         Args:
-            about: What it is about: what was asked for about the same thing, and was not done yet, is dropped. None for
-                what is to be done as often as it is asked for.
-            action: What to do.
+            about: The thing that it is about. An earlier request about the same thing that was not done yet is dropped.
+                None if every request counts.
+            action: The work to do.
         """
         key = object() if about is None else about
         with self._new:
@@ -28,7 +28,7 @@ class Requests:
             self._new.notify()
 
     def take(self, seconds: float) -> list[Callable[[], None]]:
-        """Return what was asked for, in order; wait so long for something if there is nothing."""
+        """Return the requests in order; if there are none, wait so long for one."""
         with self._new:
             if not self._waiting:
                 self._new.wait(seconds)

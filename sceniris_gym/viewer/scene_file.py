@@ -1,4 +1,4 @@
-"""The scene that is on show: compiled from a file, and again whenever the file or one that it needs is saved."""
+"""The scene on show: compiled from a file, and again when that file, or one that it refers to, is saved."""
 
 from __future__ import annotations
 
@@ -11,20 +11,11 @@ from typing import Any
 
 from sceniris_gym.config.loader import SHIPPED_NAME, scene_files, shipped
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import (
-    AttemptsWarning,
-    FallbackWarning,
-    InfeasibleSceneError,
-    ModelWarning,
-    ReachWarning,
-    ScenirisError,
-)
+from sceniris_gym.errors import InfeasibleSceneError, ScenirisError, ScenirisWarning
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.scene.model import build_model
 from sceniris_gym.scene.model_files import file_of
-
-_NOTICES = (AttemptsWarning, FallbackWarning, ModelWarning, ReachWarning)
 
 _MODELS = (".xml", ".mjcf", ".urdf")
 _FILE = re.compile(r"""\bfile\w*\s*=\s*["']([^"']+)["']""")
@@ -35,11 +26,11 @@ Stamps = dict[Path, tuple[int, int]]
 
 @dataclass(frozen=True)
 class LoadedScene:
-    """What became of a scene file.
+    """The outcome of reading and compiling a scene file.
 
     Attributes:
-        compiled: The scene; None where it cannot be read. One of which no layout can be made is there, without a bank.
-        error: What is wrong with it, None if nothing is.
+        compiled: The scene; None where it cannot be read. If no layout of it can be made, it has no bank.
+        error: The error in it, None if there is none.
         notices: Warnings about it.
     """
 
@@ -49,7 +40,7 @@ class LoadedScene:
 
     @property
     def stuck(self) -> bool:
-        """Whether it is a scene of which no layout can be made."""
+        """True for a scene of which no layout can be made."""
         return isinstance(self.error, InfeasibleSceneError)
 
 
@@ -71,10 +62,10 @@ class SceneFile:
         with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
             loaded = self._load()
-        return replace(loaded, notices=tuple(str(w.message) for w in warned if w.category in _NOTICES))
+        return replace(loaded, notices=tuple(str(w.message) for w in warned if issubclass(w.category, ScenirisWarning)))
 
     def _load(self) -> LoadedScene:
-        self._files = scene_files(self.scene) or self._files  # one that is gone may come back
+        self._files = scene_files(self.scene) or self._files  # a file that is gone may come back
         self._stamps = self._read_stamps()
         try:
             config = SceneConfig.load(self.scene, self.changes)
@@ -91,7 +82,7 @@ class SceneFile:
             return LoadedScene(None, error)
 
     def changed(self) -> bool:
-        """Whether any of its files was saved since it was loaded."""
+        """Return True if any of its files was saved since it was loaded."""
         return self._read_stamps() != self._stamps
 
     def _read_stamps(self) -> Stamps:
@@ -99,17 +90,17 @@ class SceneFile:
         for path in self._files:
             try:
                 found = path.stat()
-            except OSError:  # between being removed and written anew by an editor
+            except OSError:  # while an editor replaces it
                 continue
             stamps[path] = found.st_mtime_ns, found.st_size
         return stamps
 
 
 def _files_of(config: SceneConfig) -> list[Path]:
-    """The models that a scene names, and what those of its user refer to."""
+    """Return the models that a scene names, and the files that its user's models refer to."""
     parts = [*config.objects.values(), *config.all_robots.values()]
     assets = sorted({part.asset for part in parts if part.asset is not None})
-    of_package = shipped("assets", ".xml")  # of which a name may be unknown: that is said when the model is built
+    of_package = shipped("assets", ".xml")  # building the model refuses unknown names
     own = [Path(a) for a in assets if not SHIPPED_NAME.fullmatch(a)]
     own += [config.model] if isinstance(config.model, Path) else []
     found: dict[Path, None] = dict.fromkeys(of_package[a] for a in assets if a in of_package)
@@ -119,7 +110,7 @@ def _files_of(config: SceneConfig) -> list[Path]:
 
 
 def _add_referred(path: Path, folders: tuple[Path, ...], found: dict[Path, None]) -> None:
-    """Add a model and the files that it names, in each folder that they may be in, there or not."""
+    """Add a model and the files that it names, in each folder that they may be in, even if they do not exist."""
     if path in found:
         return
     found[path] = None
@@ -127,9 +118,9 @@ def _add_referred(path: Path, folders: tuple[Path, ...], found: dict[Path, None]
         return
     try:
         text = path.read_text()
-    except (OSError, UnicodeDecodeError):  # said when the model is built
+    except (OSError, UnicodeDecodeError):  # building the model refuses it
         return
-    folders = tuple(dict.fromkeys([path.parent, *folders]))  # an included file means that of the file it is in
+    folders = tuple(dict.fromkeys([path.parent, *folders]))  # an include means its own or its parent's folder
     folders += tuple(folder / name for folder in folders for name in _FOLDER.findall(text))
     for name in _FILE.findall(text):
         for place in [file_of(name, path.parent)] if "://" in name else [folder / name for folder in folders]:

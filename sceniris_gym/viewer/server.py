@@ -1,4 +1,4 @@
-"""The page's server. It answers before anything heavy is imported, so that the address is there at once."""
+"""The page's server. It answers before heavy imports, so that the address is there at once."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import viser
 
 HOST = "127.0.0.1"
-"""Where the page is by default: on this machine, so that nobody else gets in unasked."""
+"""The default address, at which only this machine reaches the page."""
 PORT = 8080
 """The port that is tried first."""
 MOST_SHOWN = 64
@@ -29,8 +29,8 @@ EXTRA = "viewer"
 """The extra of this package that installs viser and mjviser."""
 
 _BACKGROUND = (238, 241, 245)
-# Lamps alone, one of which reaches each side: a map of the surroundings takes seconds where there is no GPU, and things
-# without a texture arrive at the page as metal, which no light but that of lamps shows.
+# Lamps alone, so placed that one reaches each side: an environment map takes seconds where there is no GPU, and things
+# without a texture arrive at the page as metal, which only lamps light.
 _LAMPS = (
     ("front", 2.4, (-1.0, -1.5, 3.0)),
     ("right", 1.6, (2.0, -0.6, 1.2)),
@@ -66,7 +66,7 @@ def open_server(host: str = HOST, port: int = PORT) -> viser.ViserServer:
 
 
 def _check_host(host: str) -> None:
-    """Refuse an address that cannot be listened on, for which viser would wait for ever."""
+    """Refuse an address that cannot be listened on. With one, viser would wait for ever."""
     try:
         family, kind, *_, at = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind) as probe:
@@ -86,7 +86,7 @@ def opened_page(host: str, port: int) -> Iterator[viser.ViserServer]:
 
 
 def light(server: viser.ViserServer) -> None:
-    """Light the page: most of it from the front left, before a pale background."""
+    """Light the page, mostly from the front left, before a pale background."""
     scene = server.scene
     scene.configure_environment_map(None)
     scene.configure_default_lights(enabled=False)
@@ -102,26 +102,20 @@ def close_server(server: viser.ViserServer) -> None:
 
 
 def address(server: viser.ViserServer) -> str:
-    """Where a browser finds the page."""
+    """Return the URL of the page."""
     host = server.get_host()
     return f"http://{'localhost' if host in _EVERYWHERE else host}:{server.get_port()}"
 
 
 def import_ahead() -> threading.Thread:
-    """Import what draws, beside what the caller does meanwhile: a second of trimesh, which also swallows a Ctrl-C."""
+    """Start to import mjviser in a thread, as its trimesh takes a second."""
     thread = threading.Thread(target=importlib.import_module, args=("mjviser",), daemon=True)
     thread.start()
     return thread
 
 
-def wait_for(thread: threading.Thread) -> None:
-    """Wait for a thread, so that Ctrl-C still ends the program at once."""
-    while thread.is_alive():
-        thread.join(0.05)
-
-
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Let viser, which prints banners, keep them to itself."""
+    """Silence the banners of viser."""
     with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
         yield

@@ -1,4 +1,4 @@
-"""One world as the layers see it: its scene, and its state."""
+"""One world as the layers see it: its scene and its state."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class ShownWorld:
     Attributes:
         compiled: Its scene.
         table: Its layout, one row.
-        unplaced: Objects that are shown nowhere, as they have no place yet.
-        stands: Where each slot is, as the generator has it: pivot [m] and heading [rad], and bounds, shape (nslot, 4)
-            each; None for a state that it does not have, where it is worked out from that.
+        unplaced: Objects that are not drawn, as they have no place yet.
+        stands: The generator's own pivot [m] and heading [rad], and bounds, of each slot, shape (nslot, 4) each. None
+            for a state that the generator does not have; then they are worked out from the state.
     """
 
     compiled: CompiledScene
@@ -48,15 +48,15 @@ class ShownWorld:
         return [name for name in self.compiled.object_names if not self.is_present(name)]
 
     def is_present(self, name: str) -> bool:
-        """Whether an object takes part in this layout."""
+        """Return True if an object takes part in this layout."""
         return bool(self.table.present[0, self.compiled.slots.index(name)])
 
     def is_shown(self, name: str) -> bool:
-        """Whether an object stands somewhere in this world."""
+        """Return True if an object is present and has a place."""
         return self.is_present(name) and name not in self.unplaced
 
     def standing(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return where an object is as relations see it: pivot [m] and heading [rad], and bounds; see `Plan.place`."""
+        """Return pivot [m] and heading [rad], and bounds, of an object as relations take them; see `Plan.place`."""
         slot = self.compiled.slots.index(name)
         if self.stands is not None:
             return self.stands[0][slot], self.stands[1][slot]
@@ -67,12 +67,12 @@ class ShownWorld:
         root = self.compiled.scene.bodies[name]
         mat = self.data.xmat[root].reshape(3, 3)
         turns = [mat @ matrix(variant.quat).T for variant in variants]
-        best = int(np.argmax([turn[2, 2] for turn in turns]))  # that about the vertical alone
+        best = int(np.argmax([turn[2, 2] for turn in turns]))  # the one that turns it about the vertical alone
         heading = np.arctan2(turns[best][1, 0], turns[best][0, 0])
         return np.array([*self.data.xpos[root] + mat @ variants[best].pivot, heading]), variants[best].bounds
 
     def box(self, name: str, root_alone: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper corner [m] of the upright box around an object, or around its root body alone."""
+        """Return the corners [m] of the upright box around an object, or around its root body alone."""
         mjm, data = self.compiled.mjm, self.data
         bodies = [self.compiled.scene.bodies[name]] if root_alone else self.compiled.scene.subtree(name)
         geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, bodies))
@@ -82,7 +82,7 @@ class ShownWorld:
         return upright_box(mjm, data, geoms)
 
     def placed(self, name: str) -> PlacedObject:
-        """The step of the program that places an object."""
+        """Return the plan of an object that is placed."""
         return self.compiled.plan.objects[self.compiled.placed.index(name)]
 
     @property
@@ -92,12 +92,12 @@ class ShownWorld:
         return [name for name in parts if parts[name].is_placed and self.is_shown(name)]
 
     def hidden_bodies(self, with_absent: bool = True) -> list[int]:
-        """Bodies of objects that are not to be seen."""
+        """Return the bodies of objects that are not drawn."""
         names = [*self.unplaced, *(self.absent if with_absent else [])]
         return [body for name in names for body in self.compiled.scene.subtree(name)]
 
     def parked_offsets(self, low: np.ndarray) -> dict[int, np.ndarray]:
-        """How far the bodies of absent objects are from a row before the scene, whose lower corner is `low` [m]."""
+        """Return offsets [m] that move the bodies of absent objects to a row before the scene's lower corner `low`."""
         offsets = {}
         for i, name in enumerate(self.absent):
             at = np.array([low[0] + 0.15 + 0.3 * i, low[1] - 0.2, low[2]])

@@ -1,4 +1,4 @@
-"""What layers draw: surfaces, lines, arrows, axes and words, first as plain numbers, then on the page."""
+"""Sketches of layers: surfaces, lines, arrows, axes and words, as numbers first, then on the page."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 Colour = tuple[int, int, int]
 
 RED: Colour = (214, 39, 40)
-"""What is wrong, and nothing else."""
+"""Errors, and nothing else."""
 ORANGE: Colour = (240, 140, 20)
 BLUE: Colour = (38, 110, 190)
 GREEN: Colour = (40, 150, 90)
@@ -23,7 +23,7 @@ PALETTE: tuple[Colour, ...] = (BLUE, GREEN, VIOLET, (180, 120, 30), (20, 150, 16
 """Colours of objects, none of them red."""
 
 _THICK = 0.006  # of a world's size: two or three pixels where all of it is on show
-_SLIM = 16.0  # how often the radius of a short arrow goes into its length
+_SLIM = 16.0  # length of a short arrow over its radius
 
 
 @dataclass
@@ -50,13 +50,13 @@ class Sketch:
             self.lines.append((np.stack([a, b]), colour))
 
     def draw(self, server: viser.ViserServer, name: str, origin: np.ndarray, size: float = 1.0) -> None:
-        """Show it on the page below `/name`, in the place of what was there.
+        """Show it on the page below `/name`, in the place of an earlier sketch.
 
         Args:
             server: The page.
             name: Its name there.
-            origin: Where the world's origin is [m].
-            size: How large the world is [m]: lines and arrows are as thick as it takes to see them in all of it.
+            origin: The world's origin [m].
+            size: The size of the world [m], which sets the thickness of lines and arrows.
         """
         scene, thick = server.scene, _THICK * size
         with server.atomic():
@@ -90,7 +90,7 @@ class Sketch:
 
 
 def _linear(colour: Colour) -> np.ndarray:
-    """A colour as viser takes those of lines and arrows, shape (3,): unlike all others in linear light, not in sRGB."""
+    """Return a colour in linear light, shape (3,): viser takes those of lines and arrows so, and all others in sRGB."""
     return np.round(255.0 * (np.array(colour) / 255.0) ** 2.2).astype(np.uint8)
 
 

@@ -1,4 +1,4 @@
-"""The page of one scene: what its controls do, and what it shows."""
+"""The page of one scene: its state, and the actions of its controls."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ _CANDIDATE, _SLICE, _PIECES = "candidate", "slice", "pieces"  # names of sketche
 
 
 class SceneView:
-    """Shows layouts of a scene, and does what the controls of the page ask for, in the thread that calls `turn`.
+    """Shows layouts of a scene, and does the requests of the page's controls, in the thread that calls `turn`.
 
     Args:
         server: The page.
         file: The scene.
-        where: Which layout is shown first.
+        where: The choice of layouts that is shown first.
         num: How many worlds are shown first.
     """
 
@@ -53,11 +53,12 @@ class SceneView:
         self.requests = Requests()
         self.panel = Panel(server, self.requests, self, num)
         self.panel.say(f"The scene is being worked out. {_KERNELS}")
-        self.loaded: LoadedScene | None = None
+        self._ready = False  # True once a scene is on show, and with it the next four are there
+        self.loaded: LoadedScene
+        self.deck: LayoutDeck
+        self.table: LayoutTable
+        self._worlds: Worlds
         self._broken: str | None = None  # what is wrong with the file, while its last good scene is on show
-        self.deck: LayoutDeck | None = None
-        self.table: LayoutTable | None = None
-        self._worlds: Worlds | None = None
         self._player: Player | None = None
         self._slices: list[ReachSlice] = []
         self._layers: set[str] = set()
@@ -71,7 +72,7 @@ class SceneView:
         self._looked = self._stepped = self._told = time.monotonic()
 
     def turn(self, seconds: float = _IDLE) -> None:
-        """Do what was asked for, waiting so long for something; let physics go on, and see whether files were saved."""
+        """Do what was asked for, waiting so long for a request; let physics go on, and look for saved files."""
         running = self._player is not None and self._player.running
         for action in self.requests.take(_FRAME if running else seconds):
             self._try(action)
@@ -87,7 +88,7 @@ class SceneView:
                 self._count()
 
     def load(self) -> None:
-        """Read the scene, and show it at the same seed; if that fails, say why, and leave what is on show."""
+        """Read the scene, and show it at the same seed. If that fails, say why, and leave the page as it is."""
         with listening(self._tell_progress):
             loaded = self.file.load()
         if loaded.error is not None:
@@ -108,12 +109,12 @@ class SceneView:
         self.panel.set_scene(list(loaded.compiled.object_names), self._only, ranges, bool(self._slices))
         self._draw_worlds()
         if loaded.stuck or shown:
-            self.panel.set_rejected(True)
+            self.panel.rejected.value = True
             self.show_rejected(True)
 
     def go(self, where: Where) -> None:
         """Show another layout."""
-        if self.deck is None:
+        if not self._ready:
             return
         self.where, self._pose = where, START
         self._end_play()
@@ -126,14 +127,14 @@ class SceneView:
 
     def go_to_id(self, text: str) -> None:
         """Show the layout with an id."""
-        if self.deck is not None and text.strip() != self._layout_id():
+        if self._ready and text.strip() != self._layout_id():
             self.go(self.deck.find(text))
 
     def show_worlds(self, num: int) -> None:
         """Show so many worlds."""
         self.num = num
-        if self.loaded is not None and self.loaded.compiled is not None:
-            self.deck = LayoutDeck(self.loaded.compiled, num)
+        if self._ready:
+            self.deck = LayoutDeck(self.deck.compiled, num)
             self._counted = False
             self._draw_worlds()
 
@@ -155,13 +156,13 @@ class SceneView:
     def move_slice(self, height: float) -> None:
         """Move the slice of the reach map to a height [m]."""
         self._height = height
-        if self.deck is not None and self.table is not None:
+        if self._ready:
             self._show_slices(self._first_world()[0])
 
     def move_arm(self, pose: str) -> None:
         """Let the arm of the first world jump into a pose of `poses_of_arm`, in the layout itself; physics ends."""
         self._pose, self._candidates = pose, None
-        self.panel.set_rejected(False)
+        self.panel.rejected.value = False
         self._end_play()
         self._show()
 
@@ -169,7 +170,7 @@ class SceneView:
         """Show the rejected candidates of this layout, or the layout itself; physics ends where there are some."""
         if shown:
             self._end_play()
-        self._candidates = self.deck.rejected(self.where) if shown and self.deck is not None else None
+        self._candidates = self.deck.rejected(self.where) if shown and self._ready else None
         self._candidate = self._first_candidate()
         self._show()
 
@@ -182,7 +183,7 @@ class SceneView:
         """Let physics go on in the first world, or stop it."""
         player = self._playing()
         player.running, self._stepped = running, time.monotonic()
-        self.panel.set_playing(running)
+        self.panel.play.label = "Pause" if running else "Play"
 
     def step(self) -> None:
         """Stop, and take one step of physics."""
@@ -194,7 +195,7 @@ class SceneView:
         """Go back to the layout, and to its layers."""
         if self._player is not None:
             self._player.reset()
-            self.panel.set_targets(self._player.targets)
+            self.panel.set_targets(self._player.data.ctrl)
             self._end_play()
             self._show()
 
@@ -206,11 +207,11 @@ class SceneView:
 
     def set_target(self, i: int, value: float) -> None:
         """Set the control of an actuator, and let physics go on."""
-        self._playing().set_target(i, value)
+        self._playing().data.ctrl[i] = value
         self.play(True)
 
     def _try(self, action: Callable[[], None]) -> None:
-        """Do what was asked for; what users can get wrong is said on the page, and what we did on stderr too."""
+        """Do what was asked for. Users' mistakes are said on the page, and our own on stderr as well."""
         try:
             action()
         except ScenirisError as error:
@@ -225,16 +226,16 @@ class SceneView:
             self.panel.say(f"The scene is being worked out ({what}: {done} of {total}). {_KERNELS}")
 
     def _draw_worlds(self) -> None:
-        """Draw the worlds anew, as another model or another number of them needs."""
-        assert self.deck is not None
+        """Draw the worlds anew, for another model or another number of them."""
         self.server.scene.reset()
-        before, self._worlds = self._worlds, Worlds(self.server, self.deck.compiled.scene, self.num)
-        self._worlds.aim(open_pages=before is None or not self._worlds.is_like(before))
+        worlds = Worlds(self.server, self.deck.compiled.scene, self.num)
+        worlds.aim(open_pages=not self._ready or not worlds.is_like(self._worlds))
+        self._worlds, self._ready = worlds, True
         self.go(self.where)
 
     def _show(self) -> None:
         """Bring the picture up to date."""
-        if self.deck is None or self.table is None or self._worlds is None:
+        if not self._ready:
             return
         compiled, worlds = self.deck.compiled, self._worlds
         first, candidate = self._first_world()
@@ -245,7 +246,7 @@ class SceneView:
             hidden = world.hidden_bodies(with_absent=not parked)
             if candidate is not None and i == 0:
                 hidden += [*compiled.scene.subtree(candidate.name), *before]
-            worlds.put(i, world.data, hidden, world.parked_offsets(worlds.low) if parked else None)
+            worlds.put(i, world.data, hidden, world.parked_offsets(worlds.low) if parked else {})
         worlds.send()
         worlds.show_visuals(self._geometry != COLLIDED or self._player is not None)
         self._show_layers(first)
@@ -254,9 +255,7 @@ class SceneView:
         self._show_player()
 
     def _first_world(self) -> tuple[ShownWorld, Candidate | None]:
-        """The world that layers are about: the layout, with its arm in some pose, or a rejected candidate."""
-        assert self.deck is not None
-        assert self.table is not None
+        """Return the world of the layers: that of a candidate, with the candidate, or the layout in the arm's pose."""
         if self._candidates:
             candidate = self._candidates[self._candidate]
             return why.world_of(self.deck.compiled, candidate), candidate
@@ -270,11 +269,9 @@ class SceneView:
         return world, None
 
     def _sketch(self, name: str, sketch: Sketch) -> None:
-        assert self._worlds is not None
         sketch.draw(self.server, name, self._worlds.origins[0], self._worlds.size)
 
     def _show_layers(self, world: ShownWorld) -> None:
-        assert self._worlds is not None
         for name, sketch in SKETCHES.items():
             if name in self._layers and self._player is None:
                 self._sketch(_path(name), sketch(world, self._only))
@@ -287,8 +284,6 @@ class SceneView:
             self._sketch(_PIECES, sketch_pieces(world, opacity))
 
     def _show_candidate(self, world: ShownWorld, candidate: Candidate | None, before: Sequence[int]) -> None:
-        assert self.deck is not None
-        assert self._worlds is not None
         if candidate is None:
             erase(self.server, _CANDIDATE)
             text = "Nothing was rejected for this layout." if self._candidates == [] else "Switch them on to see them."
@@ -301,48 +296,44 @@ class SceneView:
 
     def _show_slices(self, world: ShownWorld) -> None:
         self._erase_slices()
-        if REACH not in self._layers or self._worlds is None:
+        if REACH not in self._layers:
             return
-        for i, piece in enumerate(piece.at(world.data) for piece in self._slices):
-            (at, turn), size = piece.pose(self._height), 2.0 * piece.span
+        for i, piece in enumerate(self._slices):
+            (at, turn), size = piece.pose(world.data, self._height), 2.0 * piece.span
             flat = {"cast_shadow": False, "receive_shadow": False, "format": "png"}
             words = {"position": at + self._worlds.origins[0], "wxyz": turn, **flat}
-            self.server.scene.add_image(f"/{_SLICE}{i}", piece.picture(self._height), size, size, **words)
+            self.server.scene.add_image(f"/{_SLICE}{i}", piece.picture(world.data, self._height), size, size, **words)
 
     def _erase_slices(self) -> None:
         for i in range(len(self._slices)):
             erase(self.server, f"{_SLICE}{i}")
 
     def _show_player(self) -> None:
-        assert self.table is not None
-        assert self.deck is not None
-        if self._player is None or self._worlds is None:
+        if self._player is None:
             return
         world = ShownWorld(self.deck.compiled, self.table[:1])
         self._worlds.put(0, self._player.data, world.hidden_bodies())
         self._worlds.send()
 
     def _playing(self) -> Player:
-        """The player of this layout, made when it is first asked for; layers are about the layout and go."""
-        assert self.deck is not None
-        assert self.table is not None
+        """Return the player of this layout. Starting one hides the layers, which are about the layout."""
         if self._player is None:
             self._player = Player(self.deck.compiled.mjm, self.table[:1])
             self._player.speed = self._speed
             self._candidates, self._pose = None, START
-            self.panel.set_rejected(False)
-            self.panel.set_arm(START)
-            self.panel.set_targets(self._player.targets)
+            self.panel.rejected.value = False
+            self.panel.arm.value = START
+            self.panel.set_targets(self._player.data.ctrl)
             self._show()
         return self._player
 
     def _end_play(self) -> None:
         self._player = None
-        self.panel.set_playing(False)
+        self.panel.play.label = "Play"
 
     def _first_candidate(self) -> int:
-        """The candidate to begin with: where no layout can be made, the first of what is to blame."""
-        error = None if self.loaded is None else self.loaded.error
+        """Return the candidate to begin with: where no layout can be made, the first one of the object to blame."""
+        error = self.loaded.error if self._ready else None
         if isinstance(error, InfeasibleSceneError):
             for i, candidate in enumerate(self._candidates or ()):
                 if (candidate.name, candidate.cause) == (error.name, error.cause):
@@ -350,14 +341,10 @@ class SceneView:
         return 0
 
     def _layout_id(self) -> str:
-        assert self.deck is not None
         return self.deck.compiled.layout_id(self.where.seed, self.where.episode, self.where.split)
 
     def _tell(self) -> None:
         """Say what is on show."""
-        assert self.deck is not None
-        assert self.table is not None
-        assert self.loaded is not None
         poses = poses_of_arm(ShownWorld(self.deck.compiled, self.table[:1]))
         self.panel.set_where(self.where, self._layout_id(), poses)
         self._tell_counts()
@@ -378,14 +365,12 @@ class SceneView:
 
     def _count(self) -> None:
         """Make more layouts for the table of counts, while nobody asks for anything."""
-        assert self.deck is not None
         self._counted = True
         self.deck.count_ahead()
         self._tell_counts()
 
     def _tell_counts(self) -> None:
-        assert self.deck is not None
-        self.panel.set_table(why.table_in_html(self.deck.table(), self.deck.layouts, self.deck.valid))
+        self.panel.table.content = why.table_in_html(self.deck.table(), self.deck.layouts, self.deck.valid)
 
 
 def _path(layer: str) -> str:

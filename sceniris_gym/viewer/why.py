@@ -1,4 +1,4 @@
-"""Why a layout is as it is: a rejected candidate in red where it would have stood, and what was wrong with it."""
+"""Rejected candidates: in red where they would have stood, and in words why they were rejected."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from sceniris_gym.viewer.worlds import SEEN_GROUPS, body_mesh
 
 _MOST_HITS = 3
 _ABOVE = 0.15  # m from a candidate to its words
-_MOST_BEFORE = 20  # surfaces that a look passes through
-_BEYOND = 1e-4  # m behind a surface from where a look goes on
+_MOST_BEFORE = 20  # surfaces that a ray passes through
+_BEYOND = 1e-4  # m behind a surface at which a ray goes on
 CAUSES = {
     "overhead": "what is above it is not what 'on' (open space) or 'inside' (a cover of the same object) asks for",
     "footprint": "part of it hangs over the edge of its support",
@@ -30,11 +30,11 @@ CAUSES = {
     "blocked": "something is in the way of the arm in every grasp of it",
     "unsound": "the layout has numbers that are not finite",
 }
-"""What each cause means, in words that follow 'because'."""
+"""The meaning of each cause, in words that follow 'because'."""
 
 
 def world_of(compiled: CompiledScene, candidate: Candidate) -> ShownWorld:
-    """The world as it was when a candidate was tried: what comes later has no place yet."""
+    """Return the world as it was when a candidate was tried; later objects have no place yet."""
     later = compiled.placed[candidate.number + 1 :]
     drawn = {name for name in later if name in compiled.config.parts and compiled.config.parts[name].is_placed}
     return ShownWorld(compiled, candidate.state, frozenset(drawn))
@@ -66,7 +66,7 @@ def bodies_before(world: ShownWorld, candidate: Candidate, direction: np.ndarray
 def sketch_candidate(
     world: ShownWorld, candidate: Candidate, hits: Sequence[Hit], before: Sequence[int] = ()
 ) -> Sketch:
-    """Draw a candidate in red, what it hits in orange, and bodies `before` it as if they were of glass."""
+    """Draw a candidate in red, what it hits in orange, and the bodies `before` it in translucent grey."""
     sketch, mjm = Sketch(), world.compiled.mjm
     for body in world.compiled.scene.subtree(candidate.name):
         _add_body(sketch, world, body, RED, 0.8)
@@ -99,13 +99,13 @@ def explain(compiled: CompiledScene, candidate: Candidate, hits: Sequence[Hit]) 
 
 
 def worst_by_body(mjm: mujoco.MjModel, hits: Sequence[Hit]) -> list[Hit]:
-    """Return the worst hit with each other body, the worst of all first, a few at most."""
+    """Return the worst hit with each other body, the worst of all first, three at most."""
     first = {int(mjm.geom_bodyid[hit.geoms[1]]): hit for hit in reversed(hits)}
     return [hit for hit in hits if first[int(mjm.geom_bodyid[hit.geoms[1]])] is hit][:_MOST_HITS]
 
 
 def table_in_html(counts: Mapping[str, Mapping[str, int]], layouts: int, valid: int) -> str:
-    """Return counts of rejections as a table: a row for each object that had any, a column for each cause."""
+    """Return rejection counts as an HTML table: a row for each object that had any, a column for each cause."""
     share = f"{valid / layouts:.1%}" if layouts else "none"
     head = f"<p>Rejected candidates in {layouts} layouts, {share} valid:</p>"
     if not counts:
@@ -127,7 +127,7 @@ def _add_body(sketch: Sketch, world: ShownWorld, body: int, colour: Colour, opac
 
 
 def _edges_of_box(world: ShownWorld, geom: int) -> np.ndarray:
-    """The lower rectangle of the box around a geom, shape (4, 3) [m]."""
+    """Return the upper rectangle of the box around a geom, shape (4, 3) [m]."""
     mjm, data = world.compiled.mjm, world.data
     center, half = mjm.geom_aabb[geom, :3], mjm.geom_aabb[geom, 3:]
     if mjm.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:

@@ -1,16 +1,17 @@
-"""`Window`: the worlds of an environment on a page, as `render_mode="human"` shows them."""
+"""`Window`: the page that shows the worlds of an environment for `render_mode="human"`."""
 
 from __future__ import annotations
 
 import sys
 import time
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sceniris_gym.program.plan import slot_names
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.viewer.server import MOST_SHOWN, address, close_server, import_ahead, open_server, wait_for
+from sceniris_gym.viewer.server import MOST_SHOWN, address, close_server, open_server
 from sceniris_gym.viewer.worlds import Worlds
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Window:
-    """Shows the first worlds of a batch, at most 64 of them, and keeps to real time.
+    """Shows the first worlds of a batch, at most 64, and keeps to real time.
 
     Args:
         scene: The scene.
@@ -34,7 +35,6 @@ class Window:
         self.server = open_server() if server is None else server
         if server is None:
             print(f"sceniris_gym: the environment is shown at {address(self.server)}", file=sys.stderr, flush=True)
-        wait_for(import_ahead())
         self._scene = scene
         self._worlds = Worlds(self.server, scene, self.num)
         self._worlds.aim()
@@ -44,21 +44,21 @@ class Window:
     def show(
         self, xpos: np.ndarray, xmat: np.ndarray, mocap_quat: np.ndarray, present: np.ndarray, seconds: float = 0.0
     ) -> None:
-        """Show the worlds, and wait until so much time has passed since they were shown last.
+        """Show the worlds, and wait until `seconds` have passed since they were shown last.
 
         Args:
             xpos: Positions of bodies [m], world frame, shape (num, nbody, 3) or more worlds.
             xmat: Their orientations, shape (num, nbody, 3, 3).
             mocap_quat: Orientations of mocap bodies, wxyz, shape (num, nmocap, 4).
-            present: Which objects are present, shape (num, nslot).
+            present: Non-zero for the objects that are present, shape (num, nslot).
             seconds: Time that has passed in the worlds [s].
         """
         for i in range(self.num):
             absent = [body for slot in np.flatnonzero(present[i] == 0) for body in self._bodies[slot]]
-            self._worlds.put_poses(i, xpos[i], xmat[i], mocap_quat[i], absent)
+            self._worlds.put(i, SimpleNamespace(xpos=xpos[i], xmat=xmat[i], mocap_quat=mocap_quat[i]), absent)
         self._worlds.send()
         now = time.monotonic()
-        self._due = max(self._due + seconds, now - seconds)  # what a slow machine has lost is not made up for
+        self._due = max(self._due + seconds, now - seconds)  # a slow machine does not catch up
         time.sleep(max(self._due - now, 0.0))
 
     def close(self) -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Collection, Mapping
-from typing import TYPE_CHECKING
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
@@ -26,14 +27,14 @@ _ENDLESS = 4.0  # m; a plane without sizes is drawn so wide
 SEEN_GROUPS = (0, 1, 2, MARK_GROUP)
 """The groups of geoms that are drawn."""
 _ASPECT = 1.2
-_ALIKE = 0.25  # of the size of a scene, by which its ends may move while cameras stay where users turned them
+_ALIKE = 0.25  # share of a scene's size by which its ends may move while cameras stay where users turned them
 _FEW = 8
 """Worlds up to which all are drawn in full."""
 _FAR, _COARSE = 2.0, 0.2
 """Beyond so many sizes of a scene, worlds are drawn with this share of their triangles."""
 _MANY = 1000
-"""Triangles of a body from which on it can spare some: of boards and boxes, which have few, none is left whole."""
-# Where bodies go that are not on show [m]: beyond what a camera sees.
+"""A body of fewer triangles is always drawn in full: boards and boxes have too few to spare any."""
+# The place of hidden bodies [m], beyond what a camera sees.
 _AWAY = np.array([0.0, 0.0, -1.0e5])
 
 
@@ -75,48 +76,36 @@ class Worlds:
     def put(
         self,
         i: int,
-        data: mujoco.MjData,
+        data: Any,
         hidden: Collection[int] = (),
-        moved: Mapping[int, np.ndarray] | None = None,
+        moved: Mapping[int, np.ndarray] = MappingProxyType({}),
     ) -> None:
         """Set what world `i` shows, without sending it.
 
         Args:
             i: The world.
-            data: A state whose kinematics are up to date.
+            data: An MjData whose kinematics are up to date, or anything else with its xpos, xmat and mocap_quat.
             hidden: Bodies that are not drawn.
             moved: Bodies that are drawn elsewhere, and how far away [m].
         """
-        self.put_poses(i, data.xpos, data.xmat, data.mocap_quat, hidden, moved)
-
-    def put_poses(
-        self,
-        i: int,
-        xpos: np.ndarray,
-        xmat: np.ndarray,
-        mocap_quat: np.ndarray,
-        hidden: Collection[int] = (),
-        moved: Mapping[int, np.ndarray] | None = None,
-    ) -> None:
-        """Set what world `i` shows by the poses of its bodies, (nbody, 3), (nbody, 9) and (nmocap, 4); see `put`."""
-        self._xpos[i] = xpos + self.origins[i]
-        self._xmat[i] = np.reshape(xmat, (-1, 3, 3))
+        self._xpos[i] = data.xpos + self.origins[i]
+        self._xmat[i] = np.reshape(data.xmat, (-1, 3, 3))
         for body in hidden:
             self._xpos[i, body] = _AWAY
-        for body, offset in (moved or {}).items():
+        for body, offset in moved.items():
             self._xpos[i, body] += offset
         mocap = np.flatnonzero(self.mjm.body_mocapid >= 0)
         self._mocap_pos[i, self.mjm.body_mocapid[mocap]] = self._xpos[i, mocap]
-        self._mocap_quat[i] = mocap_quat
+        self._mocap_quat[i] = data.mocap_quat
 
     def is_like(self, other: Worlds) -> bool:
-        """Whether they are as many as others, and take up nearly the same room."""
+        """Return whether these worlds are as many as others, and nearly as large."""
         most = _ALIKE * (other.high - other.low).max()
         ends = np.abs(np.stack([self.low - other.low, self.high - other.high]))
         return self.num == other.num and bool(ends.max() <= most)
 
     def send(self) -> None:
-        """Let the page show what was set."""
+        """Let the page show the worlds as they were set."""
         self._scene.update_from_arrays(self._xpos, self._xmat, self._mocap_pos, self._mocap_quat)
 
     def show_visuals(self, visible: bool) -> None:
@@ -129,7 +118,7 @@ class Worlds:
         self._scene._sync_visibilities()
 
     def aim(self, open_pages: bool = True) -> None:
-        """Let cameras of pages to come, and of open ones, look at all worlds from where the model's camera does."""
+        """Point the cameras of new pages, and of open ones, at all worlds, from the side of the model's camera."""
         points = (self._seen[None] + self.origins[:, None]).reshape(-1, 3)
         eye, axes = frame(points, view_direction(self.mjm), FOVY, _ASPECT)
         middle = points.mean(axis=0)
@@ -142,7 +131,7 @@ class Worlds:
 
 
 def view_direction(mjm: mujoco.MjModel) -> np.ndarray:
-    """From a scene to the eye of its camera `overview`, or of one in front where it has none, shape (3,)."""
+    """Return the direction from a scene to the eye of its camera `overview`, else of one in front, shape (3,)."""
     camera = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_CAMERA, OVERVIEW)
     if camera < 0:
         return camera_axes(np.array([0.5, -1.0, 1.0]))[:, 2]
@@ -152,7 +141,7 @@ def view_direction(mjm: mujoco.MjModel) -> np.ndarray:
 
 
 def grid_origins(num: int, size: np.ndarray) -> np.ndarray:
-    """Where worlds stand [m]: row by row, from the back left on, around the origin, shape (num, 3)."""
+    """Return the places of worlds [m], row by row from the back left on, around the origin, shape (num, 3)."""
     columns = math.ceil(math.sqrt(num))
     rows = math.ceil(num / columns)
     i = np.arange(num)
@@ -162,9 +151,9 @@ def grid_origins(num: int, size: np.ndarray) -> np.ndarray:
 
 
 def drawn_model(mjm: mujoco.MjModel) -> mujoco.MjModel:
-    """A copy of a model that mjviser draws as often as there are worlds, with all that does not move.
+    """Return a copy of a model that mjviser draws for every world, including all that does not move.
 
-    mjviser draws what is welded to the world once, planes as one endless grid, and changes the model's `vis`.
+    mjviser draws bodies that are welded to the world once, planes as one endless grid, and changes the model's `vis`.
     """
     drawn = copy.copy(mjm)
     drawn.body_weldid[drawn.body_weldid == 0] = -1
@@ -178,14 +167,14 @@ def drawn_model(mjm: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def _triangles(mjm: mujoco.MjModel, body: int) -> int:
-    """How many triangles the meshes of a body have that are seen."""
+    """Return the number of triangles of a body's visible meshes."""
     seen = (mjm.geom_bodyid == body) & np.isin(mjm.geom_group, SEEN_GROUPS)
     meshes = mjm.geom_dataid[seen & (mjm.geom_type == mujoco.mjtGeom.mjGEOM_MESH)]
     return int(mjm.mesh_facenum[meshes].sum())
 
 
 def body_mesh(mjm: mujoco.MjModel, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Vertices (n, 3) [m] in the body's frame and faces (m, 3) of what is seen of a body's geoms; None for nothing."""
+    """Return vertices (n, 3) [m] in the body's frame and faces (m, 3) of the visible geoms; None if there are none."""
     from mjviser.conversions import merge_geoms
 
     seen = [int(g) for g in geoms if mjm.geom_group[g] in SEEN_GROUPS and mjm.geom_rgba[g, 3] > 0.0]

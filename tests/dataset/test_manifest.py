@@ -11,7 +11,6 @@ import pytest
 from sceniris_gym.dataset.manifest import (
     DatasetPlan,
     checked,
-    counts,
     read_manifest,
     read_record,
     row_of,
@@ -64,9 +63,3 @@ def test_a_record_that_is_not_whole_is_none(tmp_path: Path):
         assert read_record(path) is None
     path.write_text(json.dumps(RECORD))
     assert read_record(path) == RECORD == checked(path, RECORD, {"rows": int})
-
-
-def test_counts_add_up():
-    """Rows, valid ones, and those without a restart."""
-    assert counts([RECORD, RECORD]) == (6, 6, 4)
-    assert counts([]) == (0, 0, 0)

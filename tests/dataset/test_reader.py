@@ -23,6 +23,7 @@ from sceniris_gym.dataset.writer import DatasetWriter
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, DatasetError, UnknownNameError
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.layout.tables import make_table
+from sceniris_gym.progress import listening
 from sceniris_gym.scene.layout_table import LayoutTable
 from tests.layout.scenes import compile_on_cpu
 
@@ -126,8 +127,9 @@ def test_an_unknown_column_is_named(written: Path):
 def test_a_whole_data_set_is_verified(written: Path):
     """All rows are told."""
     told = []
-    assert verify(written, told.append)["layouts"] == N
-    assert told == [16, 16, 8]
+    with listening(lambda *words: told.append(words)):
+        assert verify(written)["layouts"] == N
+    assert told == [("layouts", done, N) for done in (16, 32, 40)]
 
 
 def test_a_pipe_in_place_of_a_file_is_not_waited_for(copied: Path):

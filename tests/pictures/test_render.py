@@ -41,7 +41,7 @@ def test_a_model_without_the_camera_is_refused():
 def test_a_contact_sheet_has_every_picture_and_is_written_whole(tmp_path: Path):
     """Tiles keep their colours and order; the file is a PNG, and there is nothing beside it."""
     pictures = np.stack([np.full((30, 40, 3), 10 * i, np.uint8) for i in range(6)])
-    sheet = contact_sheet(pictures, [f"world {i}" for i in range(6)], columns=4)
+    sheet = contact_sheet(pictures, [f"world {i}" for i in range(6)])
     save(sheet, tmp_path / "sheets" / "sheet.png")
     pixels = np.asarray(Image.open(tmp_path / "sheets" / "sheet.png"))
     assert [path.name for path in (tmp_path / "sheets").iterdir()] == ["sheet.png"]

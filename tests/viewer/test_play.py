@@ -53,7 +53,7 @@ def test_the_arm_holds_its_pose_and_follows_its_targets(player: Player):
     names = [name for name, _, _ in player.target_ranges()]
     joint = player.mjm.joint("panda/joint1").id
     first = next(i for i in range(player.mjm.nu) if player.mjm.actuator_trnid[i, 0] == joint)
-    player.set_target(first, start + 0.4)
+    player.data.ctrl[first] = start + 0.4
     for _ in range(20):
         player.advance(0.05)
     assert player.data.qpos[adr] == pytest.approx(start + 0.4, abs=0.05)

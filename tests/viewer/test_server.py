@@ -11,7 +11,7 @@ import pytest
 
 from sceniris_gym.errors import ArgumentError, MissingExtraError
 from sceniris_gym.viewer import server as module
-from sceniris_gym.viewer.server import address, close_server, import_ahead, open_server, wait_for
+from sceniris_gym.viewer.server import address, close_server, import_ahead, open_server
 from tests.viewer.pages import free_port
 
 VISER = pytest.mark.skipif(importlib.util.find_spec("mjviser") is None, reason="needs the extra 'viewer'")
@@ -66,5 +66,5 @@ def test_the_server_imports_nothing_heavy():
 @VISER
 def test_what_draws_is_imported_beside():
     """In a thread of its own."""
-    wait_for(import_ahead())
+    import_ahead().join()
     assert "mjviser" in sys.modules

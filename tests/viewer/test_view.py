@@ -153,10 +153,10 @@ def test_worlds_can_be_many(view: SceneView):
 
 def test_physics_is_played_stepped_and_reset(view: SceneView):
     """Time goes on while it plays; another layout ends it."""
-    press(view.panel._rejected, True)
+    press(view.panel.rejected, True)
     view.turn(0.0)
     view.play(True)
-    assert view.panel._play.label == "Pause"
+    assert view.panel.play.label == "Pause"
     assert view._player is not None
     for _ in range(5):
         view.turn(0.0)
@@ -172,7 +172,7 @@ def test_physics_is_played_stepped_and_reset(view: SceneView):
     assert view._player.speed == 0.1
     view.go(Where(seed=2))
     assert view._player is None
-    assert view.panel._play.label == "Play"
+    assert view.panel.play.label == "Play"
 
 
 def test_what_is_on_show_is_what_is_played(view: SceneView):
@@ -190,15 +190,15 @@ def test_what_is_on_show_is_what_is_played(view: SceneView):
     assert put[-1] == 0.0
     view.move_arm(START)
     assert view._candidates is None
-    assert not view.panel._rejected.value
+    assert not view.panel.rejected.value
 
 
 def test_physics_begins_and_ends_with_the_arm_at_its_start(view: SceneView):
     """Whatever the arm had jumped into: time goes on from the layout, and `Reset` goes back to it."""
-    view.panel._arm.options = (START, "grasp of pear")
-    view.panel._arm.value = view._pose = "grasp of pear"
+    view.panel.arm.options = (START, "grasp of pear")
+    view.panel.arm.value = view._pose = "grasp of pear"
     view.play(True)
-    assert view.panel._arm.value == START
+    assert view.panel.arm.value == START
     view.reset_play()
     assert view._pose == START
 
@@ -230,13 +230,13 @@ def test_cameras_stay_when_a_scene_is_saved(view: SceneView, path: Path, monkeyp
 
 def test_controls_say_what_is_on_show_after_a_reload(view: SceneView, path: Path):
     """Candidates stay on where they were on, and so does the object that layers are of, as long as there is one."""
-    press(view.panel._rejected, True)
+    press(view.panel.rejected, True)
     press(view.panel._object, "pear")
     view.turn(0.0)
     saved(view, path, SCENE.replace("[1.0, 1.0]", "[1.1, 1.1]"))
     assert (view.panel._object.value, view._only) == ("pear", "pear")
     saved(view, path, SCENE.replace("pear", "orange"))
-    assert view.panel._rejected.value
+    assert view.panel.rejected.value
     assert view._candidates is not None
     assert (view.panel._object.value, view._only) == (ALL, None)
     view.show_rejected(False)
