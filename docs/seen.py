@@ -11,15 +11,16 @@ import mujoco
 import numpy as np
 import shapely
 from shapely import affinity
-from shapely.geometry import LineString, MultiPoint, Polygon, box
+from shapely.geometry import MultiPoint, Polygon, box
 
-from sceniris_gym.config.relations import Relation
+from sceniris_gym.config.relations import Joined, Relation
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.geometry.resting_poses import heading_of
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.plan import PlacedObject
+from sceniris_gym.viewer.regions import Standing, area_of
 
 _FAR = 10.0  # m: further than any support extends
 _UNIT_BOX = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
@@ -45,6 +46,11 @@ class Bounds:
     def to_world(self, shape: shapely.Geometry) -> shapely.Geometry:
         """Transform a shape given around the pivot, aligned with the heading, to the world frame."""
         return _moved(shape, self.pivot, self.heading)
+
+    @property
+    def standing(self) -> Standing:
+        """The same as the viewer has it."""
+        return np.array([*self.pivot, self.heading]), np.array([*self.low, *self.high])
 
     @property
     def front(self) -> np.ndarray:
@@ -81,40 +87,40 @@ class View:
         return self.compiled.slots
 
     def is_placed(self, name: str) -> bool:
-        """Return True if a pose is sampled for the object, or for the base of the robot."""
+        """Whether a pose is sampled for the object, or for the base of the robot."""
         return name in self.config.parts and self.config.parts[name].is_placed
 
     def is_point(self, name: str) -> bool:
-        """Return True if the object has no extent."""
+        """Whether the object has no extent."""
         return not self._geoms(self.compiled.scene.subtree(name))
 
     def is_fresh(self, i: int) -> bool:
-        """Return True if world i has a fresh layout rather than one from the bank."""
+        """Whether world i has a fresh layout rather than one from the bank."""
         return bool(self._fresh[i])
 
     def is_present(self, name: str, i: int) -> bool:
-        """Return True if an object is present in world i."""
+        """Whether an object is present in world i."""
         return bool(self._present[i, self.names.index(name)])
 
     def worlds(self, name: str) -> list[int]:
-        """Return the worlds in which an object is present."""
+        """The worlds in which an object is present."""
         return [int(i) for i in np.flatnonzero(self._present[:, self.names.index(name)])]
 
     def stays(self, name: str) -> bool:
-        """Return True if an object and its joints have the same state in all worlds, to a few millimetres."""
+        """Whether an object and its joints have the same state in all worlds, to a few millimetres."""
         at = np.array([self._states[i].xpos[self.bodies(name)] for i in self.worlds(name)])
         return bool(np.ptp(at, axis=0).max() < 0.005)
 
     def bounds(self, name: str, i: int) -> Bounds:
-        """Return the bounds of an object in world i. Sampled joints change only the height of its pivot."""
+        """The bounds of an object in world i. Sampled joints change only the height of its pivot."""
         return self._bounds(name, self.bodies(name), i)
 
     def root_bounds(self, name: str, i: int) -> Bounds:
-        """Return the bounds of its root body alone, without the bodies that its joints move."""
+        """The bounds of its root body only, without what its joints move."""
         return self._bounds(name, self.bodies(name)[:1], i)
 
     def outline(self, body: int, i: int = 0) -> shapely.Geometry | None:
-        """Return the rectangle around a body's geoms, aligned with its x axis, in world i; None if it has no geoms."""
+        """The rectangle around a body's own geoms, aligned with its x axis, in world i; None if it has no geoms."""
         points = self._points(self._states[i], [body])
         if not len(points):
             return None
@@ -123,12 +129,12 @@ class View:
         return _moved(_box(local.min(0), local.max(0)), np.zeros(2), heading)
 
     def boxes_from_the_front(self, body: int, i: int = 0) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return low and high corners in x and z [m] of a body's geoms in world i."""
+        """Low and high corners in x and z [m] of a body's geoms in world i."""
         parts = [self._points_of(self._states[i], g)[:, [0, 2]] for g in self._geoms([body])]
         return [(p.min(0), p.max(0)) for p in parts]
 
     def owner(self, name: str) -> str | None:
-        """Return the object that an object stands on, or 'floor'; None for an object in the air."""
+        """The object that an object stands on, or 'floor'; None for an object in the air."""
         support = self.config.parts[name].support
         return None if support is None else support.parent.split("/")[0]
 
@@ -141,18 +147,18 @@ class View:
         return max(x1 - x0, (y1 - y0) * 4 / 3)
 
     def bodies(self, name: str) -> list[int]:
-        """Return all bodies of an object."""
+        """All bodies of an object."""
         return self.compiled.scene.subtree(name)
 
     def moving_bodies(self, name: str) -> list[int]:
-        """Return the bodies that sampled joints move; for the robot only its hand."""
+        """The bodies that sampled joints move; for the robot only its hand."""
         joints = self.compiled.scene.joint_configs(name)
         if name in self.config.all_robots:
             return [b for b in self.bodies(name) if self.compiled.mjm.body(b).name.endswith("/hand")]
         return [int(self.compiled.mjm.jnt_bodyid[j]) for j in joints]
 
     def supports(self, name: str, i: int = 0) -> list[shapely.Geometry]:
-        """Return the outlines of the surfaces that an object is placed on, or of its box in space, in world i."""
+        """The outlines of the surfaces that an object is placed on, or of its box in space, in world i."""
         plan = self._plan(name)
         if plan.ground is None:
             region = self.config.parts[name].region
@@ -163,7 +169,7 @@ class View:
         return [self._on_body(plan.ground, s.outline, i) for s in surfaces.values()]
 
     def region(self, name: str, i: int = 0) -> shapely.Geometry | None:
-        """Return the region of an object in world i; None where it depends on the object's orientation."""
+        """The region of an object in world i, or None where it depends on the orientation of the object."""
         plan, config = self._plan(name), self.config.parts[name]
         if plan.ground is None:
             return shapely.union_all(self.supports(name, i))
@@ -171,36 +177,21 @@ class View:
             return None
         region = shapely.union_all([self._on_body(plan.ground, s.region, i) for s in plan.surfaces[0]])
         for relation in config.relations:
-            if relation.bounds or relation.kind in ("beside", "joined"):
+            if relation.by_bounds or isinstance(relation, Joined):
                 return None
             region = region.intersection(self._relation(name, relation, plan.ground, i))
         return region
 
     def _relation(self, name: str, relation: Relation, ground: int, i: int) -> shapely.Geometry:
-        """Return where a relation holds in world i: everywhere if its frame or too many anchors are absent."""
-        anchors = [self.bounds(a, i) for a in relation.anchors if self.is_present(a, i)]
-        turned_by = relation.frame_object
-        everywhere = box(-_FAR, -_FAR, _FAR, _FAR)
-        if relation.kind == "between":
-            if len(anchors) < 2:
-                return everywhere
-            hull = MultiPoint([a.pivot[:2] for a in anchors]).convex_hull
-            own = self.bounds(name, i)
-            width = relation.width or float((own.high - own.low).min())
-            return hull.buffer(0.5 * width, cap_style="flat") if isinstance(hull, LineString) else hull
-        if not anchors or (turned_by is not None and not self.is_present(turned_by, i)):
-            return everywhere
-        if turned_by is not None:
-            frame = self.bounds(turned_by, i).heading
-        else:
-            frame = {"anchor": anchors[0].heading, "world": 0.0, "support": self._heading(ground, i)}[relation.frame]
-        middle, half = relation.heading({"robot"}) + frame, relation.half_angle
-        angles = np.linspace(middle - half, middle + half, 361)
-        rim = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        # a full disc is cut open along one radius, which a buffer of 0 closes
-        whole = Polygon([(0.0, 0.0), *min(relation.high, _FAR) * rim]).buffer(0.0)
-        hole = Polygon([(0.0, 0.0), *relation.low * rim]).buffer(0.0) if relation.low > 0.0 else Polygon()
-        return _moved(whole.difference(hole), anchors[0].pivot, 0.0)
+        """The region in which a relation holds in world i: everywhere if its frame or too many anchors are absent."""
+        anchors = [self.bounds(a, i).standing for a in relation.anchors if self.is_present(a, i)]
+        turned_by = [other for key, other in relation.references if key == "frame"]
+        if len(anchors) < relation.least_anchors or not all(self.is_present(other, i) for other in turned_by):
+            return box(-_FAR, -_FAR, _FAR, _FAR)
+        frame = relation.reference_frame
+        turned = {"world": 0.0, "support": self._heading(ground, i)}
+        heading = turned[frame] if frame in turned else self.bounds(frame, i).heading
+        return area_of(relation, self.bounds(name, i).standing, anchors, relation.heading({"robot"}) + heading)
 
     def _plan(self, name: str) -> PlacedObject:
         return next(o for o in self.compiled.plan.objects if o.name == name)

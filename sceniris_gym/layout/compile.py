@@ -13,7 +13,6 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.messages import short
-from sceniris_gym.config.relations import Relation
 from sceniris_gym.config.scene import AUTO, SceneConfig
 from sceniris_gym.device.kernel_log import start_warp
 from sceniris_gym.device.launch_lock import launching
@@ -267,12 +266,8 @@ def _infeasible(compiled: CompiledScene, probe: LayoutGenerator) -> InfeasibleSc
         leaning,
         orientation if orientation in ("any", "stable") else None,
         None if obstruction is None else str(obstruction),
-        next((r.anchors[0] for r in _relations(compiled, name) if r.kind == "joined"), None),
+        compiled.config.parts[name].joined_to if name in compiled.config.parts else None,
     )
-
-
-def _relations(compiled: CompiledScene, name: str) -> Sequence[Relation]:
-    return compiled.config.parts[name].relations if name in compiled.config.parts else ()
 
 
 def _leaning_support(compiled: CompiledScene, probe: LayoutGenerator, name: str) -> str | None:
