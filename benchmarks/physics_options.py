@@ -145,7 +145,8 @@ def whole_step(envs: SceneVectorEnv, action: Tensor) -> Step:
     def step(given: Tensor) -> None:
         action.copy_(given)
         with wp.ScopedStream(wp.stream_from_torch(torch.cuda.current_stream(device)), sync_enter=False):
-            source.serve(replay)
+            replay()
+            source.after_reset()
 
     return step
 

@@ -18,7 +18,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.fit import check_fit
-from sceniris_gym.sim.placed import warn_of_origins
+from sceniris_gym.sim.origins import warn_of_origins
 from sceniris_gym.vector.arguments import fresh_seed
 from sceniris_gym.vector.ranks import Rank
 

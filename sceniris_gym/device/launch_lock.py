@@ -1,4 +1,4 @@
-"""Threads take turns: Warp's current device, stream and capture belong to the process, not to a thread."""
+"""The launch lock: one thread launches at a time, since Warp's device, stream and capture belong to the process."""
 
 from __future__ import annotations
 
@@ -10,31 +10,34 @@ from typing import Concatenate, ParamSpec, Protocol, TypeVar
 
 from sceniris_gym.errors import BusyError
 
-_LAUNCHING = threading.RLock()
+_LAUNCH_LOCK = threading.RLock()
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
 
 def launching(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Let one thread at a time run this function, or any other that is marked so; the others wait.
+    """Hold the launch lock while the function runs; other threads wait for it.
 
-    What one thread launches while another one captures would become part of that capture, or go to its stream.
+    Launches of one thread during a capture of another would become part of that capture, or go to its stream.
     """
 
     @functools.wraps(function)
-    def alone(*args: _P.args, **kwargs: _P.kwargs) -> _T:
-        with _LAUNCHING:
+    def locked(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+        with _LAUNCH_LOCK:
             return function(*args, **kwargs)
 
-    return alone
+    return locked
 
 
-class Turn:
-    """Held by the thread that uses an object; another one gets an error, as calls of two threads have no order.
+class ObjectLock:
+    """A lock of one object and the launch lock, taken together.
+
+    A thread that finds the object in use gets an error instead of waiting: the order of calls from two threads would be
+    a matter of chance.
 
     Args:
-        what: What the object is called in messages.
+        what: Name of the object in messages.
     """
 
     def __init__(self, what: str) -> None:
@@ -44,30 +47,30 @@ class Turn:
     def __enter__(self) -> None:
         if not self._lock.acquire(blocking=False):
             raise BusyError(self.what)
-        _LAUNCHING.acquire()
+        _LAUNCH_LOCK.acquire()
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        _LAUNCHING.release()
+        _LAUNCH_LOCK.release()
         self._lock.release()
 
 
-class _HasTurn(Protocol):
-    turn: Turn
+class _HasLock(Protocol):
+    lock: ObjectLock
 
 
-_H = TypeVar("_H", bound=_HasTurn)
+_H = TypeVar("_H", bound=_HasLock)
 
 
-def in_turn(method: Callable[Concatenate[_H, _P], _T]) -> Callable[Concatenate[_H, _P], _T]:
-    """Let only one thread run methods of an object that are marked so, by its `turn`.
+def exclusive(method: Callable[Concatenate[_H, _P], _T]) -> Callable[Concatenate[_H, _P], _T]:
+    """Hold the object's `lock` while the method runs.
 
     Raises:
-        BusyError: Another thread does.
+        BusyError: Another thread holds it.
     """
 
     @functools.wraps(method)
-    def alone(self: _H, *args: _P.args, **kwargs: _P.kwargs) -> _T:
-        with self.turn:
+    def locked(self: _H, *args: _P.args, **kwargs: _P.kwargs) -> _T:
+        with self.lock:
             return method(self, *args, **kwargs)
 
-    return alone
+    return locked

@@ -1,4 +1,4 @@
-"""Numbers of worlds and the like as users give them, checked once."""
+"""Numbers of worlds and other counts as users pass them, checked once."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from sceniris_gym.config.messages import short
 from sceniris_gym.errors import CountError
 
 MOST_WORLDS = 1 << 24
-"""Most worlds of a batch: far more than fit into the memory of any GPU with a scene of a few objects."""
+"""Upper limit of worlds in a batch: far more than fit on any GPU with a scene of a few objects."""
 
 
 def as_count(value: Any, name: str, least: int = 1, most: int = MOST_WORLDS) -> int:
     """Return an integer of any library as an int.
 
     Raises:
-        CountError: Not an integer, or one out of range.
+        CountError: Not an integer, or one outside of `least` to `most`.
     """
     try:
         count = None if isinstance(value, bool) else operator.index(value)

@@ -1,4 +1,4 @@
-"""`LayoutId`: the name of a layout, from which it can be made again."""
+"""`LayoutId`: the name of a layout, by which it can be made again."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _FORM = re.compile(rf"([^:]*):({'|'.join(USER_SPLITS)}):([0-9]+):([0-9]+)")
 
 @dataclass(frozen=True)
 class LayoutId:
-    """A layout id as `CompiledScene.layout_id` writes it: scene, split, seed and episode give the layout again."""
+    """A layout id as `CompiledScene.layout_id` writes it: scene, split, seed and episode determine the layout."""
 
     scene: str
     split: str
@@ -30,7 +30,7 @@ class LayoutId:
         found = _FORM.fullmatch(text)
         if found is None or int(found[3]) >= 2**64 or int(found[4]) >= MOST_EPISODES:
             raise LayoutIdError(
-                f"layout id '{text}': should be scenehash:split:seed:episode, as in '0123456789abcdef:train:42:0'. "
+                f"layout id '{text}' should be scenehash:split:seed:episode, as in '0123456789abcdef:train:42:0'. "
                 f"Splits: {', '.join(USER_SPLITS)}. The seed is below 2^64, the episode below 2^31."
             )
         return cls(found[1], found[2], int(found[3]), int(found[4]))

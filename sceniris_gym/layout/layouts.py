@@ -1,4 +1,4 @@
-"""`Layouts`: what a reset writes, one row per world, and what is counted along the way."""
+"""`Layouts`: the layout of each world, one per row, and counts of rejected candidates."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -16,10 +16,10 @@ from sceniris_gym.scene.addresses import joint_address, pose_address
 
 
 class Status(IntEnum):
-    """What a row holds."""
+    """State of a row."""
 
     NONE = 0
-    """Nothing yet, or (only while a scene is being compiled) no valid layout was found."""
+    """No layout yet; while a scene is being compiled also: no valid one was found."""
     VALID = 1
     """A fresh layout that passed every test."""
     FALLBACK = 2
@@ -28,7 +28,7 @@ class Status(IntEnum):
 
 @wp.struct
 class LayoutsView:
-    """The arrays of a `Layouts` as device code takes them."""
+    """The arrays of a `Layouts` as kernels take them."""
 
     seed: wp.array[wp.uint64]
     episode: wp.array[int]
@@ -59,8 +59,30 @@ class LayoutsView:
     rejected_mocap_quat: wp.array2d[wp.quat]
 
 
+@wp.func
+def copy_layout(source: LayoutsView, row: int, layouts: LayoutsView, worldid: int, i: int):
+    """Copy the element `i` of each part of a row's layout to a world: poses, present objects and grasps."""
+    if i < layouts.qpos.shape[1]:
+        layouts.qpos[worldid, i] = source.qpos[row, i]
+    if i < source.mocap_pos.shape[1]:
+        layouts.mocap_pos[worldid, i] = source.mocap_pos[row, i]
+        layouts.mocap_quat[worldid, i] = source.mocap_quat[row, i]
+    if i < layouts.present.shape[1]:
+        layouts.present[worldid, i] = source.present[row, i]
+    if i < source.grasp.shape[1]:
+        layouts.grasp[worldid, i] = source.grasp[row, i]
+        for j in range(source.grasp_qpos.shape[2]):
+            layouts.grasp_qpos[worldid, i, j] = source.grasp_qpos[row, i, j]
+            layouts.pregrasp_qpos[worldid, i, j] = source.pregrasp_qpos[row, i, j]
+
+
+def layout_width(view: LayoutsView) -> int:
+    """Return the number of elements that `copy_layout` has to copy."""
+    return max(array.shape[1] for array in (view.qpos, view.mocap_pos, view.present, view.grasp))
+
+
 def _part(poses: wp.array, first: int, dtype: type) -> wp.array:
-    """Numbers from `first` on of `poses` (nrow, n, width) as vectors or quaternions (nrow, n), in the same memory."""
+    """Return the numbers from `first` on of `poses` (nrow, n, width) as vectors or quaternions, in the same memory."""
     part = wp.array(
         ptr=poses.ptr + 4 * first, dtype=dtype, shape=poses.shape[:2], strides=poses.strides[:2], device=poses.device
     )
@@ -68,15 +90,28 @@ def _part(poses: wp.array, first: int, dtype: type) -> wp.array:
     return part
 
 
+class _RowsOfWorlds:
+    """An array of `Layouts.view` without the rows that follow those of the worlds."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, layouts: "Layouts", owner: type) -> wp.array:
+        array = getattr(layouts.view, self._name)
+        if array.shape[0] == layouts.nworld or array.size == 0:  # Warp cannot slice an array without elements
+            return array
+        return array[: layouts.nworld]
+
+
 @dataclass(frozen=True)
 class Layouts(StaysHere):
     """Layouts of `nworld` worlds: Warp arrays on the device of the compiled scene, of which only the contents change.
 
     Attributes:
-        compiled: The scene that the rows belong to.
-        view: The arrays as device code takes them; see `create` for their length.
-        mocap_pose: What `mocap_pos` and `mocap_quat` are parts of: an unused number, position and orientation, shape
-            (nrow, nmocap, 8). So a pose is seven numbers in a row, and a quaternion lies where vectors of four may.
+        compiled: The scene of the rows.
+        view: The arrays as kernels take them; see `create` for their length.
+        mocap_pose: Memory of `mocap_pos` and `mocap_quat`, shape (nrow, nmocap, 8): an unused number, position and
+            orientation. A pose is then seven numbers in a row, and a quaternion is aligned as a vector of four.
         seed: 64-bit seed of each world, shape (nworld,), uint64.
         episode: Episode of the current row, -1 before the first, shape (nworld,), int32.
         qpos: Joint positions [m, rad] in the order of the MjModel, quaternions wxyz, shape (nworld, nq).
@@ -92,8 +127,8 @@ class Layouts(StaysHere):
         grasp_qpos: The joints [rad, m] of the target's arm in that grasp, shape (nworld, nreach, MAX_JOINTS); nan
             beyond the arm's joints, and everywhere if the arm's map alone decided.
         pregrasp_qpos: The same for the pre-grasp, shape (nworld, nreach, MAX_JOINTS); nan for tiers below `clear`.
-        rejections: Running count of the candidates that were rejected for the layouts in these rows, and for those that
-            were in them before, int64, shape (nobject, ncause), objects in placement order.
+        rejections: Running count of the candidates that were rejected for these layouts and all layouts before them,
+            int64, shape (nobject, ncause), objects in placement order.
     """
 
     SEND = "its arrays as copies on the host, such as layouts.qpos.numpy().copy(), or the ids that make its rows again"
@@ -102,8 +137,12 @@ class Layouts(StaysHere):
     view: LayoutsView
     mocap_pose: wp.array
 
+    seed, episode, status, attempts, first_pass_valid = (_RowsOfWorlds() for _ in range(5))
+    qpos, mocap_pos, mocap_quat, present = (_RowsOfWorlds() for _ in range(4))
+    grasp, grasp_qpos, pregrasp_qpos = (_RowsOfWorlds() for _ in range(3))
+
     def pose(self, name: str) -> Any:
-        """Return the poses of an object as a torch tensor in the memory of the layouts, which later layouts overwrite.
+        """Return the poses of an object as a torch tensor that shares memory with the layouts.
 
         Args:
             name: An object of the scene, or "robot".
@@ -113,7 +152,7 @@ class Layouts(StaysHere):
 
         Raises:
             UnknownNameError: The scene has no such object.
-            NotSupportedError: Its root hangs on joints, from which its pose follows.
+            NotSupportedError: Its root hangs on joints, which determine its pose.
         """
         kind, number = pose_address(self.compiled.scene, name, "Layouts.pose")
         if kind == "qpos":
@@ -124,16 +163,16 @@ class Layouts(StaysHere):
         return wp.to_torch(wp.array(still, dtype=float, device=self.compiled.device)).expand(self.nworld, 7)
 
     def joint(self, name: str) -> Any:
-        """Return the positions of a joint as a torch tensor in the memory of the layouts, as `pose` does.
+        """Return the positions of a joint as a torch tensor that shares memory with the layouts.
 
         Args:
-            name: Its name in the model, `object/joint`, or the name inside its object if only one has it.
+            name: Its name in the model, `object/joint`, or its name inside the object if no other object has it.
 
         Returns:
             Positions [m or rad], shape (nworld,); for a ball joint or a freejoint shape (nworld, 4) or (nworld, 7).
 
         Raises:
-            UnknownNameError: There is no such joint, or several objects have one of that name.
+            UnknownNameError: There is no such joint, or several objects have one.
         """
         adr, width = joint_address(self.compiled.scene, name, "Layouts.joint")
         qpos = wp.to_torch(self.qpos)
@@ -143,17 +182,17 @@ class Layouts(StaysHere):
     def create(
         cls, compiled: CompiledScene, nworld: int, *, rejected: int = 0, every_cause: bool = False, rows: int = 0
     ) -> "Layouts":
-        """Allocate room for `nworld` layouts, and for a record of the first `rejected` candidates that collided.
+        """Allocate `nworld` layouts, and a record of the first `rejected` candidates that collided.
 
-        With `every_cause` the record is of all that were rejected where they would have stood. `rows` more layouts that
-        are being made follow those of the worlds in `view`.
+        With `every_cause` the record has candidates of every cause that were rejected at a pose. In `view`, `rows` more
+        layouts follow those of the worlds: restarts that are tried at once.
         """
         device = compiled.device
         mjm = compiled.mjm
         nmocap = max(mjm.nmocap, 1)
         mocap_pos, mocap_quat = np.zeros((nmocap, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (nmocap, 1))
         mocap = np.flatnonzero(mjm.body_mocapid >= 0)
-        mocap_pos[mjm.body_mocapid[mocap]] = mjm.body_pos[mocap]  # where those stay that are never placed
+        mocap_pos[mjm.body_mocapid[mocap]] = mjm.body_pos[mocap]  # for bodies that are never placed
         mocap_quat[mjm.body_mocapid[mocap]] = mjm.body_quat[mocap]
         nslot, nrow = len(compiled.home_place), nworld + rows
         view = LayoutsView()
@@ -190,12 +229,6 @@ class Layouts(StaysHere):
             view.rejected_mocap_quat = wp.zeros((rejected, nmocap), dtype=wp.quat)
         return cls(compiled, view, mocap_pose)
 
-    def _of_worlds(self, array: wp.array) -> wp.array:
-        """The rows of the worlds, without those that are being made."""
-        if array.shape[0] == self.nworld or array.size == 0:  # Warp cannot slice an array without elements
-            return array
-        return array[: self.nworld]
-
     @property
     def nworld(self) -> int:
         """Number of rows."""
@@ -205,66 +238,6 @@ class Layouts(StaysHere):
     def reaching(self) -> Reaching | None:
         """The arms, and their reach targets with their grasps; None if there are none."""
         return self.compiled.reaching
-
-    @property
-    def seed(self) -> wp.array:
-        """See the class."""
-        return self.view.seed
-
-    @property
-    def episode(self) -> wp.array:
-        """See the class."""
-        return self.view.episode
-
-    @property
-    def qpos(self) -> wp.array:
-        """See the class."""
-        return self._of_worlds(self.view.qpos)
-
-    @property
-    def mocap_pos(self) -> wp.array:
-        """See the class."""
-        return self._of_worlds(self.view.mocap_pos)
-
-    @property
-    def mocap_quat(self) -> wp.array:
-        """See the class."""
-        return self._of_worlds(self.view.mocap_quat)
-
-    @property
-    def status(self) -> wp.array:
-        """See the class."""
-        return self.view.status
-
-    @property
-    def attempts(self) -> wp.array:
-        """See the class."""
-        return self.view.attempts
-
-    @property
-    def first_pass_valid(self) -> wp.array:
-        """See the class."""
-        return self.view.first_pass_valid
-
-    @property
-    def present(self) -> wp.array:
-        """See the class."""
-        return self._of_worlds(self.view.present)
-
-    @property
-    def grasp(self) -> wp.array:
-        """See the class."""
-        return self._of_worlds(self.view.grasp)
-
-    @property
-    def grasp_qpos(self) -> wp.array:
-        """See the class."""
-        return self.view.grasp_qpos
-
-    @property
-    def pregrasp_qpos(self) -> wp.array:
-        """See the class."""
-        return self.view.pregrasp_qpos
 
     @property
     def rejections(self) -> wp.array:

@@ -1,46 +1,44 @@
-"""`PreparedLayouts`: a layout source that has the next layout of every world ready, so that a reset only copies.
+"""`PreparedLayouts`: a layout source that prefetches the next layout of every world, so that a reset only copies it.
 
-Layouts are pure functions of (scene, split, seed, episode), so the next one of a world can be made as soon as it has
-got the last one: on a GPU on a stream of its own, beside the steps that follow. Few layouts take about as long as many,
-so worlds wait until there are more of them. Nobody waits for what is being made: a layout that is not ready when it is
-wanted, because it is still being made or the world was reseeded, is made in place. Either way it is the same layout.
+A layout is a pure function of (scene, split, seed, episode), so the next one of a world can be made as soon as the
+last one is served: on a GPU on a stream of its own, beside the steps that follow. A few layouts take about as long as
+many, so a prefetch starts once enough worlds wait for one. A reset never waits for a prefetch: a layout that is not
+ready, because it is still being made or the world was reseeded, is made in place. Either way it is the same layout.
 """
 
 import sys
 import weakref
-from collections.abc import Callable
 from typing import Any
 
 import warp as wp
 
 from sceniris_gym.device.launch_lock import launching
-from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.device.sequence import LaunchSequence, repeat_launches, repeats_in_graphs
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_type
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.seeds import launch_reseed
+from sceniris_gym.layout.layouts import LayoutsView, copy_layout, layout_width
+from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.wave.rounds import count_rejections
 
 wp.set_module_options({"enable_backward": False})
 
 _FIRST = -1
-"""Priority of what is made ahead: its many short kernels go before the long ones of physics, not after each of them."""
+"""Priority of prefetching on a GPU: its many short kernels go before the long ones of physics, not after each."""
 
 _MANY = 4
-"""One world in so many is enough to make layouts ahead for all that wait."""
+"""A prefetch starts once one world in so many waits for its next layout."""
 
 _PATIENCE = 32
-"""After so many resets since the first one began to wait, layouts are made ahead for however few."""
+"""A prefetch starts so many resets after a world began to wait, however few worlds do."""
 
 _kept_longer: list[tuple[wp.Event | None, tuple[Any, ...]]] = []
-"""Memory of sources that were collected while something was captured, and the events that it is kept for."""
+"""Memory of sources that were collected during a capture, and the events until which it must be kept."""
 
 
 _WAITING = wp.constant(0)
 _BEING_MADE = wp.constant(1)
 _READY = wp.constant(2)
-"""Stages of a world's next layout: it is to be made ahead, is being made, or has been made."""
+"""Stages of a world's next layout."""
 
 
 @wp.kernel
@@ -62,7 +60,7 @@ def _find_missing(
     if mask:
         if not mask[worldid]:
             return
-    # Atomic, as what is made beside this may become ready meanwhile.
+    # atomic, as a prefetch on the other stream may set the stage to READY at any time
     known = wp.atomic_exch(stage, worldid, _WAITING)
     if known != _WAITING:
         wp.atomic_add(nwaiting, 0, 1)
@@ -89,8 +87,7 @@ def _serve(
     if mask:
         if not mask[worldid]:
             return
-    # Worlds whose layouts were made in place advance here too, so that all of them do, or, where somebody interrupts
-    # the launches, none.
+    # Worlds whose layouts were made in place advance here too: after an interrupt all worlds have advanced, or none.
     if missing[worldid]:
         if i == 0:
             served.episode[worldid] = served.pending_episode[worldid]
@@ -104,18 +101,7 @@ def _serve(
         served.status[worldid] = prepared.status[worldid]
         served.attempts[worldid] = prepared.attempts[worldid]
         served.first_pass_valid[worldid] = prepared.first_pass_valid[worldid]
-    if i < served.qpos.shape[1]:
-        served.qpos[worldid, i] = prepared.qpos[worldid, i]
-    if i < served.mocap_pos.shape[1]:
-        served.mocap_pos[worldid, i] = prepared.mocap_pos[worldid, i]
-        served.mocap_quat[worldid, i] = prepared.mocap_quat[worldid, i]
-    if i < served.present.shape[1]:
-        served.present[worldid, i] = prepared.present[worldid, i]
-    if i < served.grasp.shape[1]:
-        served.grasp[worldid, i] = prepared.grasp[worldid, i]
-        for j in range(served.grasp_qpos.shape[2]):
-            served.grasp_qpos[worldid, i, j] = prepared.grasp_qpos[worldid, i, j]
-            served.pregrasp_qpos[worldid, i, j] = prepared.pregrasp_qpos[worldid, i, j]
+    copy_layout(prepared, worldid, served, worldid, i)
 
 
 @wp.kernel
@@ -128,7 +114,7 @@ def _decide(
     patience: wp.array[int],
     begins: wp.array[int],
 ):
-    # What begins and was not published, as somebody interrupted the launches, still does.
+    # A prefetch that began and was not published, because of an interrupt, is published next.
     if begins[0] == 1 or nwaiting[0] == 0 or due[0] == 1:
         return
     patience[0] = patience[0] - 1
@@ -153,7 +139,7 @@ def _begin(
     worldid = wp.tid()
     if begins[0] == 0:
         return
-    # Nothing is being made when this begins, unless somebody interrupted the launches after it began before.
+    # No world is BEING_MADE now, unless an interrupt came behind this kernel in an earlier reset.
     chosen = stage[worldid] != _READY
     being_made[worldid] = chosen
     if chosen:
@@ -182,28 +168,28 @@ def _finish(
 ):
     worldid = wp.tid()
     if being_made[worldid]:
-        # A world that was reset meanwhile goes on waiting.
+        # a world that was reset meanwhile is WAITING, and stays so
         wp.atomic_cas(stage, worldid, _BEING_MADE, _READY)
 
 
-class PreparedLayouts(StaysHere):
-    """Serves what was made ahead, or makes it; a `LayoutSource` as the generator is, with the same layouts.
+class PreparedLayouts(LayoutSource):
+    """A source that prefetches: it serves the layouts that a generator would make, most of them made ahead.
 
-    It needs the memory of a second generator. Resets are made through `serve`, as a `ResetRandomizer` does. In a
-    capture of the caller's own nothing is made ahead: the graph makes what it needs in place.
+    It needs the memory of a second generator. In a capture of the caller's own it prefetches nothing: the graph makes
+    layouts in place.
 
     Args:
-        generator: Makes what is not ready; nobody else may use it from now on. Another one like it works ahead.
-        stream: Where layouts are made ahead on a GPU; None takes `side_stream`.
-        graph: Capture what is made ahead into a graph and replay it.
+        generator: Makes the layouts that are not ready; use it for nothing else from now on. A copy of it prefetches.
+        stream: Stream to prefetch on, on a GPU; None makes one with `side_stream`.
+        graph: Capture a prefetch into a graph and replay it.
 
     Attributes:
-        layouts: The rows served last, the generator's.
+        layouts: The latest layout of each world, in the arrays of the generator.
 
     Raises:
-        ArgumentTypeError: A generator of a class of its own, which might make other layouts than one that works ahead.
-            Or a stream of another type.
-        ArgumentError: A generator that records rejected candidates: it would not see those of layouts made ahead. Or a
+        ArgumentTypeError: A generator of a subclass, which might make other layouts than its copy would. Or a stream of
+            another type.
+        ArgumentError: A generator that records rejected candidates: those of prefetched layouts would be missing. Or a
             stream of another device.
     """
 
@@ -216,7 +202,7 @@ class PreparedLayouts(StaysHere):
         self.layouts = generator.layouts
         self._generator, self._ahead = generator, ahead
         device = self._device = wp.get_device(compiled.device)
-        # Graphs without loops would make the last ones again at every replay, also while they are served.
+        # a graph without loops would make the last layouts again at every replay, also while they are served
         self._works_ahead = repeats_in_graphs(device) or not graph
         being_made, self._missing = (wp.zeros(nworld, dtype=wp.bool, device=device) for _ in range(2))
         self._being_made = being_made
@@ -234,20 +220,15 @@ class PreparedLayouts(StaysHere):
         if device.is_cuda:
             self._stream = side_stream(device) if stream is None else stream
             self._served, self._done = wp.Event(device), wp.Event(device)
-            # Events, as Warp does not order streams for us where the current one is CUDA's default stream.
+            # by events, as Warp does not order streams if the current one is CUDA's default stream
             device.stream.record_event(self._served)
             self._stream.wait_event(self._served)
             self._stream.record_event(self._done)
-        # Memory that is still written to must not be given to anybody else: what is passed here lives until then.
+        # keeps the memory that a prefetch writes to until the last one is done
         weakref.finalize(self, _wait, self._done, ahead, self._make)
 
-    def serve(self, reset: Callable[[], None]) -> None:
-        """Run launches with `launch_generate` among them, then let the next layouts of the same worlds be made.
-
-        Args:
-            reset: Makes the launches, or replays a graph of them.
-        """
-        reset()
+    def after_reset(self) -> None:
+        """Prefetch for the worlds that wait, if there are enough of them. Never waits for the device."""
         if self._works_ahead and not self._device.is_capturing:
             self._launch_begin()
             self._make_beside()
@@ -255,8 +236,8 @@ class PreparedLayouts(StaysHere):
     def _launch_begin(self) -> None:
         """Choose the worlds whose next layouts are made now, if enough of them wait, or long enough.
 
-        The device decides, as the host is many steps ahead of it. What is made beside is asked for last: it may look
-        at any time whether it is.
+        The device decides, as the host is many steps ahead of it. `_due` is set last: a prefetch on the other stream
+        may read it at any time.
         """
         nworld, device = self.layouts.nworld, self._device
         inputs, outputs = [-(-nworld // _MANY), _PATIENCE, self._due], [self._nwaiting, self._patience, self._begins]
@@ -266,11 +247,11 @@ class PreparedLayouts(StaysHere):
         wp.launch(_publish, dim=1, outputs=[self._begins, self._due], device=device)
 
     def _make_beside(self) -> None:
-        """Make the layouts of the chosen worlds, on a GPU beside what is launched afterwards.
+        """Make the layouts of the chosen worlds, on a GPU beside the launches that follow.
 
-        Where resets follow each other faster than they are done, their stream does not wait for that of the steps, but
-        looks whether anything is due: a GPU on which work of one stream always waits for another one starts each kernel
-        later. Where the last reset is done, this one may be the last for a while, so it is waited for.
+        If the device is behind the host, the side stream does not wait for this reset, but makes what is due by then: a
+        GPU starts each kernel later if the work of one stream always waits for another. If the device has caught up,
+        this reset may be the last for a while, so the side stream waits for it.
         """
         if self._stream is None or self._served is None:
             self._make()
@@ -285,39 +266,33 @@ class PreparedLayouts(StaysHere):
             finally:
                 self._stream.record_event(self._done)
 
-    def launch_reseed(self, seeds: wp.array, mask: wp.array | None) -> None:
-        """See `LayoutSource`."""
-        launch_reseed(seeds, mask, self.layouts.seed, self.layouts.episode)
-
     def launch_generate(self, mask: wp.array | None) -> None:
-        """See `LayoutSource`; called within `serve`."""
+        """See `LayoutSource`."""
         served, prepared, missing = self.layouts.view, self._ahead.layouts.view, self._missing
         nworld, device = self.layouts.nworld, self._device
         outputs = [self._stage, self._nwaiting, missing]
         wp.launch(_find_missing, dim=nworld, inputs=[served, prepared, mask], outputs=outputs, device=device)
         self._generator.launch_make(missing)
-        width = max(a.shape[1] for a in (served.qpos, served.mocap_pos, served.present, served.grasp))
-        width = max(width, served.rejections.shape[0])
-        inputs = [prepared, mask, missing]
-        wp.launch(_serve, dim=(nworld, width), inputs=inputs, outputs=[served], device=device)
+        dim = (nworld, max(layout_width(served), served.rejections.shape[0]))
+        wp.launch(_serve, dim=dim, inputs=[prepared, mask, missing], outputs=[served], device=device)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
-        """See `LayoutSource`: layouts that were made ahead count once they are served, and those made twice once."""
+        """See `LayoutSource`; a layout counts when it is served, once, even if it was made twice."""
         return self._generator.rejection_counts()
 
 
 def _check_generator(generator: LayoutGenerator) -> None:
-    """Refuse a generator that another one cannot stand in for."""
+    """Refuse a generator whose layouts a copy of it would not make."""
     check_type(generator, LayoutGenerator, "PreparedLayouts: generator")
     if type(generator) is not LayoutGenerator:
         raise ArgumentTypeError(
-            "PreparedLayouts: generator should be a LayoutGenerator itself, as another one makes layouts ahead, got "
-            f"one of class {type(generator).__name__}. Use it as layout_source without PreparedLayouts."
+            "PreparedLayouts: generator should be a LayoutGenerator itself, since a second one prefetches, got one of "
+            f"class {type(generator).__name__}. Use it as layout_source without PreparedLayouts."
         )
     if generator.layouts.view.rejected_object.shape[0] > 0:
         raise ArgumentError(
-            "PreparedLayouts: generator should not record rejected candidates, as those of layouts made ahead would be "
-            "missing. Make it with rejected=0, or use it as layout_source without PreparedLayouts."
+            "PreparedLayouts: generator should not record rejected candidates, since those of prefetched layouts would "
+            "be missing. Make it with rejected=0, or use it as layout_source without PreparedLayouts."
         )
 
 
@@ -332,9 +307,8 @@ def _check_stream(stream: wp.Stream | None, device: wp.Device) -> None:
 def side_stream(device: wp.Device) -> wp.Stream:
     """Return a new stream that runs beside the one that steps are launched on.
 
-    CUDA runs nothing beside its default stream but what is on streams that were made non-blocking. Torch launches on
-    the default stream and makes its own ones non-blocking, so where it is in use the stream is one of torch's; Warp
-    launches on a stream of its own.
+    Only non-blocking streams run beside CUDA's default stream. Torch launches on the default stream and makes its own
+    streams non-blocking, so if torch is in use the stream is one of torch's. Warp launches on streams of its own.
     """
     if (torch := sys.modules.get("torch")) is not None and torch.cuda.is_available():
         return wp.stream_from_torch(torch.cuda.Stream(str(device), priority=_FIRST))
@@ -342,7 +316,10 @@ def side_stream(device: wp.Device) -> wp.Stream:
 
 
 def _wait(done: wp.Event | None, *kept: Any) -> None:
-    """Wait until what was made ahead last is done; in a capture nobody may wait, so what is kept is kept for longer."""
+    """Block until the last prefetch is done, and then release `kept`.
+
+    Synchronising is illegal during a capture; memory is kept until a later call then.
+    """
     _kept_longer.append((done, kept))
     if done is not None and done.device.is_capturing:
         return

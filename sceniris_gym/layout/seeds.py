@@ -1,4 +1,4 @@
-"""Seeds of worlds as users give them, checked once, and how worlds get new ones."""
+"""Seeds of worlds as users pass them: checked once, then on the device."""
 
 from __future__ import annotations
 
@@ -31,22 +31,22 @@ def _reseed(
 
 
 def launch_reseed(seeds: wp.array, mask: wp.array | None, seed: wp.array, episode: wp.array) -> None:
-    """Give the masked worlds (None: all) new seeds; the next layout that they get is that of episode 0.
+    """Give the masked worlds new seeds, so that the next layout that they get is that of episode 0.
 
     Args:
-        seeds: New seeds, shape (nworld,), uint64, on the device like all others.
-        mask: Which worlds, shape (nworld,), bool.
-        seed: Seeds of the worlds' layouts, shape (nworld,), written.
-        episode: Their episodes, shape (nworld,), written.
+        seeds: New seeds, shape (nworld,), uint64, on the device like all other arrays.
+        mask: Which worlds, shape (nworld,), bool; all if None.
+        seed: Seeds of the worlds' layouts to write to, shape (nworld,), uint64.
+        episode: Their episodes to write to, shape (nworld,), int32.
     """
     wp.launch(_reseed, dim=seed.shape[0], inputs=[seeds, mask], outputs=[seed, episode], device=seed.device)
 
 
 def seeds_on_device(seed: Any, nworld: int, device: Any) -> wp.array:
-    """Return the seeds of `nworld` worlds on a device, shape (nworld,), uint64: a Warp array as it is, or `as_seeds`.
+    """Return a seed for each world on a device, shape (nworld,), uint64: a Warp array as it is, others by `as_seeds`.
 
     Raises:
-        SeedError: See `LayoutGenerator`; or a Warp array of another type, shape or device.
+        SeedError: See `as_seeds`; or a Warp array of another type, shape or device.
     """
     if not isinstance(seed, wp.array):
         return wp.array(as_seeds(seed, nworld), dtype=wp.uint64, device=device)
@@ -59,10 +59,10 @@ def seeds_on_device(seed: Any, nworld: int, device: Any) -> wp.array:
 
 
 def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
-    """Seeds of `nworld` worlds, shape (nworld,), uint64: seed + i (modulo 2^64) for an int, else as given.
+    """Return a seed for each world, shape (nworld,), uint64: seed + i (modulo 2^64) for an integer, else as given.
 
     Raises:
-        SeedError: See `LayoutGenerator`.
+        SeedError: A seed that is no integer from 0 to 2^64 - 1, or a wrong number of them.
     """
     if isinstance(seed, bool | np.bool_):
         raise SeedError(f"seed={seed} should be an integer from 0 to 2^64 - 1, not a boolean.")
@@ -87,7 +87,7 @@ def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
 
 
 def _as_array(seeds: Sequence | np.ndarray) -> np.ndarray:
-    """The seeds as unsigned integers where all of them are integers in range, else as objects."""
+    """Return the seeds as unsigned integers if all of them are integers in range, else as objects."""
     kinds = set(map(type, seeds))
     if all(issubclass(kind, int | np.integer) and not issubclass(kind, bool) for kind in kinds):
         try:

@@ -1,25 +1,41 @@
-"""`LayoutSource`: the interface through which a randomizer gets its layouts."""
+"""`LayoutSource`: the base class of everything that a randomizer can get its layouts from."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Sequence
+from typing import Any
 
+import numpy as np
 import warp as wp
 
+from sceniris_gym.device.launch_lock import launching
+from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.masks import as_mask
+from sceniris_gym.layout.seeds import launch_reseed, seeds_on_device
 
 
-class LayoutSource(Protocol):
-    """Makes the layouts of a batch of worlds: fresh ones (`LayoutGenerator`), or stored ones (`StoredLayouts`).
+class LayoutSource(StaysHere):
+    """A source of layouts for a batch of worlds: fresh ones (`LayoutGenerator`) or stored ones (`StoredLayouts`).
 
-    The two launches run on the device alone, without allocation or host synchronisation, so that they can be part of a
-    captured graph. They check nothing; the caller does.
+    A source of your own sets `layouts` and implements `launch_generate`; the other methods have defaults.
+
+    The two `launch_` methods run on the device alone, without allocation or host synchronisation, so that a captured
+    graph can contain them. They check nothing.
+
+    Attributes:
+        layouts: The latest layout of each world, always in the same arrays.
     """
 
-    @property
-    def layouts(self) -> Layouts:
-        """The latest layout of each world, always in the same arrays."""
-        ...
+    layouts: Layouts
+
+    def launch_generate(self, mask: wp.array | None) -> None:
+        """Advance the masked worlds by one episode and write their new layouts into `layouts`.
+
+        Args:
+            mask: Which worlds, shape (nworld,), bool; all if None.
+        """
+        raise NotImplementedError
 
     def launch_reseed(self, seeds: wp.array, mask: wp.array | None) -> None:
         """Give the masked worlds new seeds; the next layout that they get is that of episode 0.
@@ -28,16 +44,46 @@ class LayoutSource(Protocol):
             seeds: Seeds on the device, shape (nworld,), uint64.
             mask: Which worlds, shape (nworld,), bool; all if None.
         """
-        ...
+        launch_reseed(seeds, mask, self.layouts.seed, self.layouts.episode)
 
-    def launch_generate(self, mask: wp.array | None) -> None:
+    def after_reset(self) -> None:
+        """Do what follows a reset; called on the host behind the launches of every reset, captured or not."""
+
+    def rejection_counts(self) -> dict[str, dict[str, int]]:
+        """Return how many candidates were rejected for the layouts so far, by object and cause. Waits for the device.
+
+        The default is for a source that rejects none.
+        """
+        return {}
+
+    @launching
+    def generate(self, mask: Any = None) -> None:
         """Advance the masked worlds by one episode and write their new layouts into `layouts`.
 
         Args:
-            mask: Which worlds, shape (nworld,), bool; all if None.
-        """
-        ...
+            mask: Booleans, shape (nworld,): Warp array, torch tensor or numpy array; all worlds if None.
 
-    def rejection_counts(self) -> dict[str, dict[str, int]]:
-        """How many candidates were rejected for the layouts so far, by object and cause. Waits for the device."""
-        ...
+        Raises:
+            MaskError, MaskTypeError: A mask of the wrong shape, or not of booleans.
+        """
+        self.launch_generate(self._checked(mask))
+        self.after_reset()
+
+    @launching
+    def reseed(self, seeds: int | Sequence[int] | np.ndarray | wp.array, mask: Any = None) -> None:
+        """Give the masked worlds new seeds; the next layout that they get is that of episode 0.
+
+        Args:
+            seeds: Seed of world 0, world i gets seed + i; or one 64-bit seed per world, shape (nworld,), on the host or
+                as a uint64 Warp array on the device.
+            mask: As in generate.
+
+        Raises:
+            SeedError: Not 64-bit integers, or not one per world.
+            MaskError, MaskTypeError: As in generate.
+        """
+        layouts = self.layouts
+        self.launch_reseed(seeds_on_device(seeds, layouts.nworld, layouts.seed.device), self._checked(mask))
+
+    def _checked(self, mask: Any) -> wp.array | None:
+        return None if mask is None else as_mask(mask, self.layouts.nworld, self.layouts.seed.device)

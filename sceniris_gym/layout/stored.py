@@ -1,91 +1,66 @@
-"""`StoredLayouts`: a layout source that serves stored layouts, for tests and for evaluation on a fixed set."""
+"""`StoredLayouts`: a source of stored layouts, for tests and for evaluation on a fixed set."""
 
 from collections.abc import Sequence
 
 import numpy as np
 import warp as wp
 
-from sceniris_gym.device.launch_lock import launching
-from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.errors import SceneMismatchError, check_type
 from sceniris_gym.layout.counts import as_count
-from sceniris_gym.layout.generate import check_mask
-from sceniris_gym.layout.layouts import Layouts, Status
-from sceniris_gym.layout.seeds import launch_reseed, seeds_on_device
+from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status, copy_layout, layout_width
+from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.scene.layout_table import LayoutTable
 
 wp.set_module_options({"enable_backward": False})
 
-# How far squared lengths of quaternions may be from 1.
+# Largest difference of a squared length of a quaternion from 1.
 _UNIT = 1.0e-4
 
 
 @wp.kernel
 def _serve(
-    # Stored in:
-    qpos_in: wp.array2d[float],
-    mocap_pos_in: wp.array2d[wp.vec3],
-    mocap_quat_in: wp.array2d[wp.quat],
-    present_in: wp.array2d[int],
-    grasp_in: wp.array2d[int],
-    grasp_qpos_in: wp.array3d[float],
-    pregrasp_qpos_in: wp.array3d[float],
-    # In:
+    # Layouts in: qpos, mocap_pos, mocap_quat, present, grasp, grasp_qpos, pregrasp_qpos
+    stored: LayoutsView,
     mask: wp.array[wp.bool],
-    seed: wp.array[wp.uint64],
     stride: int,
-    # Layouts out:
-    episode_out: wp.array[int],
-    qpos_out: wp.array2d[float],
-    mocap_pos_out: wp.array2d[wp.vec3],
-    mocap_quat_out: wp.array2d[wp.quat],
-    present_out: wp.array2d[int],
-    grasp_out: wp.array2d[int],
-    grasp_qpos_out: wp.array3d[float],
-    pregrasp_qpos_out: wp.array3d[float],
-    status_out: wp.array[int],
+    width: int,
+    # Layouts in: seed, episode
+    # Layouts out: episode, qpos, mocap_pos, mocap_quat, status, present, grasp, grasp_qpos, pregrasp_qpos
+    layouts: LayoutsView,
 ):
     worldid = wp.tid()
-    if not mask[worldid]:
-        return
-    episode = episode_out[worldid] + 1
-    row = int((seed[worldid] + wp.uint64(episode) * wp.uint64(stride)) % wp.uint64(qpos_in.shape[0]))
-    for i in range(qpos_in.shape[1]):
-        qpos_out[worldid, i] = qpos_in[row, i]
-    for i in range(mocap_pos_in.shape[1]):
-        mocap_pos_out[worldid, i] = mocap_pos_in[row, i]
-        mocap_quat_out[worldid, i] = mocap_quat_in[row, i]
-    for i in range(present_in.shape[1]):
-        present_out[worldid, i] = present_in[row, i]
-    for i in range(grasp_in.shape[1]):
-        grasp_out[worldid, i] = grasp_in[row, i]
-        for j in range(grasp_qpos_in.shape[2]):
-            grasp_qpos_out[worldid, i, j] = grasp_qpos_in[row, i, j]
-            pregrasp_qpos_out[worldid, i, j] = pregrasp_qpos_in[row, i, j]
-    episode_out[worldid] = episode
-    status_out[worldid] = Status.VALID
+    if mask:
+        if not mask[worldid]:
+            return
+    episode = layouts.episode[worldid] + 1
+    rank = layouts.seed[worldid] + wp.uint64(episode) * wp.uint64(stride)
+    row = int(rank % wp.uint64(stored.qpos.shape[0]))
+    for i in range(width):
+        copy_layout(stored, row, layouts, worldid, i)
+    layouts.episode[worldid] = episode
+    layouts.status[worldid] = Status.VALID
 
 
-class StoredLayouts(StaysHere):
-    """Serves row `((seed + stride * episode) mod 2^64) mod nrow` of a table; a `LayoutSource`, as `LayoutGenerator` is.
+class StoredLayouts(LayoutSource):
+    """A source of stored layouts: row `((seed + stride * episode) mod 2^64) mod nrow` of a table.
 
     Args:
         compiled: The scene that the layouts are of.
         table: The layouts. A table of states alone (`LayoutTable.from_states`) has no grasps.
         nworld: Number of worlds.
-        seed: World i gets seed + i; a sequence of length nworld is used as it is. 64-bit, not negative.
-        stride: How many rows a world goes on with every episode. With 1, worlds whose seeds follow each other see the
-            same rows one after another; with nworld - 1 they go through a table that is larger than their number.
+        seed: Seed of world 0, world i gets seed + i; or one 64-bit seed per world.
+        stride: Rows that a world advances in every episode. With 1, worlds with consecutive seeds see the same rows one
+            after another; with nworld - 1 they go through a table that has more rows than there are worlds.
 
     Attributes:
-        layouts: The rows served last, with status VALID once a world has one.
+        layouts: The latest row of each world, with status VALID once a world has one.
 
     Raises:
         ArgumentTypeError: `compiled` is no CompiledScene, or `table` no LayoutTable.
         CountError: A number of worlds or a stride that is no integer, or out of range.
-        SeedError: A seed that is not a 64-bit integer, or a wrong number of them.
+        SeedError: Not 64-bit integers, or not one per world.
         SceneMismatchError: A table without rows, or of another scene.
     """
 
@@ -107,53 +82,17 @@ class StoredLayouts(StaysHere):
         _check_rows(compiled, table)
         self.device = compiled.device
         self._stored = _on_device(table, self.device)
-        self._all = wp.ones(nworld, dtype=wp.bool, device=self.device)
         self.reseed(seed)
-
-    @launching
-    def reseed(self, seed: int | Sequence[int] | np.ndarray | wp.array, mask: wp.array | None = None) -> None:
-        """Give the masked worlds (None: all) new seeds, as in the class; their next layouts are those of episode 0."""
-        check_mask(mask, self.layouts)
-        self.launch_reseed(seeds_on_device(seed, self.layouts.nworld, self.device), mask)
-
-    @launching
-    def generate(self, mask: wp.array | None = None) -> None:
-        """Serve the next row to the masked worlds (None: all)."""
-        check_mask(mask, self.layouts)
-        self.launch_generate(mask)
-
-    def launch_reseed(self, seeds: wp.array, mask: wp.array | None) -> None:
-        """See `LayoutSource`."""
-        launch_reseed(seeds, mask, self.layouts.seed, self.layouts.episode)
 
     def launch_generate(self, mask: wp.array | None) -> None:
         """Serve the next row to the masked worlds; see `LayoutSource`."""
-        out = self.layouts
-        wp.launch(
-            _serve,
-            dim=out.nworld,
-            inputs=[*self._stored, self._all if mask is None else mask, out.seed, self._stride],
-            outputs=[
-                out.episode,
-                out.qpos,
-                out.mocap_pos,
-                out.mocap_quat,
-                out.present,
-                out.grasp,
-                out.grasp_qpos,
-                out.pregrasp_qpos,
-                out.status,
-            ],
-            device=self.device,
-        )
-
-    def rejection_counts(self) -> dict[str, dict[str, int]]:
-        """Return no counts: stored layouts are not searched for."""
-        return {}
+        out = self.layouts.view
+        inputs = [self._stored, mask, self._stride, layout_width(out)]
+        wp.launch(_serve, dim=self.layouts.nworld, inputs=inputs, outputs=[out], device=self.device)
 
 
 def _check_table(compiled: CompiledScene, table: LayoutTable) -> None:
-    """Refuse columns that the kernel would read beyond their ends."""
+    """Refuse columns of another size, beyond whose ends the kernel would read."""
     mjm, nrow, nreach = compiled.mjm, len(table), table.grasp.shape[1]
     known = 0 if compiled.reaching is None else len(compiled.reaching.targets)
     joints = table.grasp_qpos.shape[2] if table.grasp_qpos.ndim == 3 else -1
@@ -171,13 +110,13 @@ def _check_table(compiled: CompiledScene, table: LayoutTable) -> None:
         if nrow == 0 or found != (nrow, *shape):
             wanted_shape = ", ".join(map(str, ("nrow", *shape)))
             raise SceneMismatchError(
-                f"StoredLayouts: table.{name} should have shape ({wanted_shape}), with one row or more and as many as "
-                f"the other columns, got {found}. Store layouts of the same scene."
+                f"StoredLayouts: table.{name} should have shape ({wanted_shape}), with nrow > 0 and equal in all "
+                f"columns, got {found}. Store layouts of the same scene."
             )
 
 
 def _check_rows(compiled: CompiledScene, table: LayoutTable) -> None:
-    """Refuse rows with a number that is not finite, or with a quaternion that is not of length one."""
+    """Refuse rows with a number that is not finite, or with a quaternion whose length is not 1."""
     first = compiled.program.quat_qposadr.numpy()
     quats = np.concatenate([table.qpos[:, first[:, None] + np.arange(4)], table.mocap_quat], axis=1)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -191,22 +130,19 @@ def _check_rows(compiled: CompiledScene, table: LayoutTable) -> None:
         )
 
 
-def _on_device(table: LayoutTable, device: str) -> list[wp.array]:
-    """The columns that are served, joints of grasps as wide as Layouts have them."""
+def _on_device(table: LayoutTable, device: str) -> LayoutsView:
+    """Return the columns that are served, with joints of grasps as wide as Layouts have them."""
 
-    def wide(qpos: np.ndarray) -> np.ndarray:
-        nrow, nreach, njoint = qpos.shape
-        padded = np.full((nrow, nreach, MAX_JOINTS), np.nan, np.float32)
-        padded[:, :, :njoint] = qpos
-        return padded
+    def wide(qpos: np.ndarray) -> wp.array:
+        padding = ((0, 0), (0, 0), (0, MAX_JOINTS - qpos.shape[2]))
+        return wp.array(np.pad(qpos, padding, constant_values=np.nan), dtype=float, ndim=3)
 
+    view = LayoutsView()
     with wp.ScopedDevice(device):
-        return [
-            wp.array(table.qpos, dtype=float, ndim=2),
-            wp.array(table.mocap_pos, dtype=wp.vec3, ndim=2),
-            wp.array(table.mocap_quat, dtype=wp.quat, ndim=2),
-            wp.array(table.present, dtype=int, ndim=2),
-            wp.array(table.grasp, dtype=int, ndim=2),
-            wp.array(wide(table.grasp_qpos), dtype=float, ndim=3),
-            wp.array(wide(table.pregrasp_qpos), dtype=float, ndim=3),
-        ]
+        view.qpos = wp.array(table.qpos, dtype=float, ndim=2)
+        view.mocap_pos = wp.array(table.mocap_pos, dtype=wp.vec3, ndim=2)
+        view.mocap_quat = wp.array(table.mocap_quat, dtype=wp.quat, ndim=2)
+        view.present = wp.array(table.present, dtype=int, ndim=2)
+        view.grasp = wp.array(table.grasp, dtype=int, ndim=2)
+        view.grasp_qpos, view.pregrasp_qpos = wide(table.grasp_qpos), wide(table.pregrasp_qpos)
+    return view

@@ -1,4 +1,4 @@
-"""Takes the contacts of some worlds out of the list that all worlds share."""
+"""`ContactList`: removes the contacts and constraint rows of the worlds that are reset."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ wp.set_module_options({"enable_backward": False})
 
 FIELDS_A_LAUNCH = 10
 """Fields of a contact that one launch of `_fill_holes` copies."""
+LANES = 32
+"""Threads that clear the constraint rows of a world."""
 
 
 @wp.func
@@ -42,7 +44,7 @@ def _list_movers(rank: wp.array[int], mover_out: wp.array[int], nacon_out: wp.ar
     conid = wp.tid()
     room = rank.shape[0]
     total = rank[room - 1]
-    # a count above the room tells that contacts were lost; it stays if there was nothing to drop
+    # a count above the room says that contacts were lost; it stays if there was nothing to drop
     if conid == 0 and total < wp.min(nacon_out[0], room):
         nacon_out[0] = total
     if conid >= total and _is_kept(rank, conid):
@@ -101,22 +103,38 @@ def _renumber_rows(
                 efc_id_out[world, row] = conid
 
 
-class ContactList:
-    """The contacts of all worlds, from which those of some worlds can be dropped.
+@wp.kernel
+def _clear_rows(mask: wp.array[wp.bool], j_out: wp.array3d[float], d_out: wp.array2d[float]):
+    worldid, lane = wp.tid()
+    if not mask[worldid]:
+        return
+    width = j_out.shape[2]
+    for i in range(lane, j_out.shape[1] * width, LANES):
+        j_out[worldid, i // width, i % width] = 0.0
+    for i in range(lane, d_out.shape[1], LANES):
+        d_out[worldid, i] = 0.0
 
-    `mjw.reset_data` overwrites contacts of reset worlds where they are listed, so they count on as contacts between
-    geoms (0, 0) of world 0. Here they leave the list instead: the last contacts of other worlds move into the places
-    that become free, and `nacon` counts those that are left. The contacts that stay keep their bits, but not always
+
+class ContactList:
+    """The contacts of all worlds, from which those of the masked worlds can be dropped.
+
+    `mjw.reset_data` overwrites contacts of reset worlds where they are listed, so they still count, as contacts between
+    geoms (0, 0) of world 0. `launch_drop` removes them from the list instead: the last contacts of other worlds move
+    into the free places, and `nacon` counts those that are left. The contacts that stay keep their bits, but not always
     their order, and constraint rows (`efc.id`) follow those that move. The same input gives the same list.
+
+    `mjw.reset_data` also leaves constraint rows as they are. The solver reads rows by tiles of 16, those behind the
+    last constraint too, so NaNs of a broken world would come back with the first constraint after its reset.
 
     Nothing waits for the device, so it can be captured in a graph.
 
     Args:
         d: The data; its arrays are used in place. Three integers per contact are allocated.
+        mask: The worlds whose contacts are dropped, shape (nworld,), bool; read at every launch.
     """
 
-    def __init__(self, d: mjw.Data) -> None:
-        self._d = d
+    def __init__(self, d: mjw.Data, mask: wp.array) -> None:
+        self._d, self._mask = d, mask
         room, device = d.contact.worldid.shape[0], d.nacon.device
         self._kept, self._rank, self._mover = (wp.zeros(room, dtype=wp.int32, device=device) for _ in range(3))
         fields = [getattr(d.contact, field.name) for field in dataclasses.fields(d.contact)]
@@ -125,20 +143,21 @@ class ContactList:
         words += [empty] * (-len(words) % FIELDS_A_LAUNCH)
         self._words = [words[first : first + FIELDS_A_LAUNCH] for first in range(0, len(words), FIELDS_A_LAUNCH)]
 
-    def launch_drop(self, mask: wp.array) -> None:
-        """Drop the contacts of the worlds in `mask`, shape (nworld,), bool."""
-        room, contact, nacon = self._rank.shape[0], self._d.contact, self._d.nacon
-        if room == 0:
-            return
-        moves = [self._rank, self._mover]
-        with wp.ScopedDevice(nacon.device):
-            wp.launch(_mark_kept, room, inputs=[mask, nacon, contact.worldid], outputs=[self._kept])
+    def launch_drop(self) -> None:
+        """Drop the contacts of the masked worlds, and zero the Jacobian and the mass of their constraint rows."""
+        d, mask, room = self._d, self._mask, self._rank.shape[0]
+        contact, moves = d.contact, [self._rank, self._mover]
+        with wp.ScopedDevice(d.nacon.device):
+            wp.launch(_clear_rows, (d.nworld, LANES), inputs=[mask], outputs=[d.efc.J, d.efc.D])
+            if room == 0:
+                return
+            wp.launch(_mark_kept, room, inputs=[mask, d.nacon, contact.worldid], outputs=[self._kept])
             wp.utils.array_scan(self._kept, self._rank, inclusive=True)
-            wp.launch(_list_movers, room, inputs=[self._rank], outputs=[self._mover, nacon])
+            wp.launch(_list_movers, room, inputs=[self._rank], outputs=[self._mover, d.nacon])
             for words in self._words:
                 wp.launch(_fill_holes, room, inputs=[*moves, *words])
             rows = [contact.worldid, contact.efc_address]
-            wp.launch(_renumber_rows, room, inputs=[*moves, *rows], outputs=[self._d.efc.id])
+            wp.launch(_renumber_rows, room, inputs=[*moves, *rows], outputs=[d.efc.id])
 
 
 def _as_words(field: wp.array) -> wp.array:

@@ -24,36 +24,27 @@ from sceniris_gym.errors import (
 )
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.masks import as_ids, as_mask, as_rows, mask_of_ids, mask_of_rows
 from sceniris_gym.layout.prepared import PreparedLayouts
-from sceniris_gym.layout.seeds import seeds_on_device
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import check_budget, update_stages
-from sceniris_gym.sim.constraints import clear_constraints
 from sceniris_gym.sim.contacts import ContactList
-from sceniris_gym.sim.control_history import ControlHistory
 from sceniris_gym.sim.fit import check_fit
-from sceniris_gym.sim.masks import as_ids, as_mask, as_rows
-from sceniris_gym.sim.placed import Origins, PlacedWrite
+from sceniris_gym.sim.origins import as_origins, warn_of_origins
+from sceniris_gym.sim.rest import rest_map
 from sceniris_gym.sim.versions import fields_of_data, keyframe_plastic
-from sceniris_gym.sim.write import (
-    Poses,
-    mask_of_ids,
-    mask_of_rows,
-    rest_map,
-    rows_of_mask,
-    write_state,
-    write_values,
-)
+from sceniris_gym.sim.write import Poses, StateWriter
 
 PROMISED = fields_of_data(
     *("time", "qpos", "qvel", "act", "history", "plastic", "ctrl", "mocap_pos", "mocap_quat", "eq_active"),
     *("qacc_warmstart", "qfrc_applied", "xfrc_applied", "userdata", "tree_asleep"),
 )
-"""Arrays of Data that keep their bits in worlds that are not reset: the state from which all others follow.
+"""Arrays of Data that keep their bits in worlds that are not reset: the state that determines all others.
 
-A need of "sensors" or "dynamics" adds what delayed sensors measure now to `history`, as the next step would.
+With a need of "sensors" or "dynamics" the present values of delayed sensors are added to `history`, as the next step
+would do.
 """
 
 _WRITES = ("all", "placed")
@@ -64,11 +55,11 @@ class ResetRandomizer(Fixed, StaysHere):
 
     A reset clears the data of the chosen worlds (`mjw.reset_data`: velocities, warm starts, clocks and NaNs too) and
     writes positions, mocap poses, activations and controls of their next layouts. Position actuators hold the sampled
-    pose; the other controls are those of the home keyframe. Actuators with a delay read these controls from the past
-    too. Nothing waits for the device, so a reset with a mask on the device can be captured in a graph.
+    pose; the other controls are those of the home keyframe. Delayed actuators get these controls as their past, too.
+    Nothing waits for the device, so a reset with a mask on the device can be captured in a graph.
 
-    A reset that Ctrl-C interrupts leaves its worlds half written, until they are reset once more. Their next layouts
-    are those of the interrupted reset, unless these had been made already.
+    A reset that Ctrl-C interrupts leaves its worlds half written until they are reset once more. Their next layouts are
+    those of the interrupted reset, unless these had been made already.
 
     The other worlds keep their state (the arrays in PROMISED) bit for bit, so they go on as if nothing had been reset.
     Arrays that are computed from the state are brought up to date in all worlds: positions and orientations in space
@@ -76,46 +67,41 @@ class ResetRandomizer(Fixed, StaysHere):
     qpos, so there they change in the other worlds as well.
 
     `data.contact` lists no contacts of the chosen worlds after a reset, and `data.nacon` does not count them; contacts
-    of the other worlds keep their bits, though not always their places in the list. If `needs` has "contacts" the list
-    is made anew for all worlds.
+    of the other worlds keep their bits, but not always their places in the list. If `needs` has "contacts", the list is
+    made anew for all worlds.
 
     Args:
         compiled: The compiled scene, on the device of `data`.
         model: mujoco_warp Model made from `compiled.mjm`, or one like it in all that layouts depend on: bodies, joints
             and geoms, their order, types, sizes and places. Masses, frictions, gains and options may differ.
-        data: mujoco_warp Data of the worlds. `default_budget(compiled.mjm)` in sceniris_gym.sim.batch gives an nconmax
-            and an njmax with room for contacts; `check_budget` tells whether those of `data` are large enough.
-        layout_source: The LayoutSource; None makes a LayoutGenerator with `seed` and `split`.
-        prefetch: Make the next layout of every world ahead, on a GPU beside the steps that follow, so that a reset only
-            copies: the same layouts, for the memory of a second generator (88 MB for 4,096 worlds of `mid`, 640 MB of
-            `kitchen_reset`). None does so on a GPU where no layout_source is given. In a graph of your own that resets
-            are captured into, they are made in place. A wp.Stream is used instead of `side_stream`; see
-            PreparedLayouts.
+        data: mujoco_warp Data of the worlds. `default_budget(compiled.mjm)` in sceniris_gym.sim.batch returns an
+            nconmax and an njmax that are large enough for most scenes; `check_budget` checks those of `data`.
         seed: Seed of world 0, world i has seed + i; or one seed per world. Not used with a layout_source.
         split: "train" or "eval", which share no random numbers. Not used with a layout_source.
+        prefetch: Make the next layout of every world ahead, on a GPU beside the steps that follow, so that a reset only
+            copies it. The layouts are the same; the memory is that of a second generator (88 MB for 4,096 worlds of
+            `mid`, 640 MB of `kitchen_reset`). None prefetches on a GPU, unless a layout_source is given; a wp.Stream is
+            the stream to prefetch on. A graph of your own that captures a reset makes layouts in place.
+        layout_source: The LayoutSource to use; None makes a LayoutGenerator with `seed`, `split` and `prefetch`.
         write: "all" resets worlds as a whole. "placed" writes the scene's objects and its robot alone, with their
-            velocities and the controls that hold them; clocks and everything else of a world are left as they are.
-        origins: Origins of the worlds [m], shape (nworld, 3), which are added to all positions that are written, as
-            layouts are relative to them. A Warp array or a torch tensor on the device is read anew at every reset. What
-            is fixed to the world is not moved, and a ModelWarning names it.
-        mjm: The MjModel that `model` was made from. A mujoco_warp Model has no names; with it they are compared too.
+            velocities and the controls that hold them, and leaves clocks and everything else of a world as they are.
+        origins: Origins of the worlds [m], shape (nworld, 3), added to all positions that are written, as layouts are
+            relative to them. A Warp array or a torch tensor on the device is read anew at every reset. What is fixed to
+            the world is not moved; a ModelWarning names it.
         needs: What else to bring up to date after a reset, keys of sceniris_gym.sim.batch.NEEDS.
+        mjm: The MjModel that `model` was made from. A mujoco_warp Model has no names; with it names are checked, too.
         graph: Capture the reset into a graph and replay it.
 
-    Attributes:
-        mask: Worlds that `launch_reset` resets, to be written on the device, shape (nworld,), bool. `reset` and `write`
-            overwrite it.
-
     Raises:
-        ArgumentTypeError: `compiled`, `model`, `data` or `prefetch` is of another type.
+        ArgumentTypeError: `compiled`, `model`, `data`, `layout_source` or `prefetch` is of another type.
         SceneMismatchError: Model, data or layout_source have another scene, device or number of worlds.
         ArgumentError: Both `layout_source` and `prefetch`, or a stream of another device.
         MaskTypeError, MaskError: `origins` are no floats, or not one for each world.
         UnknownNameError: `write` is neither "all" nor "placed".
-        FixedError: An attribute that is assigned to: launches are captured with what they were.
+        FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
-    FIXED = ("compiled", "model", "data", "device", "layout_source", "mask")
+    FIXED = ("compiled", "model", "data", "device", "layout_source")
     ARGUMENTS = ("layouts", "seed", "split", "prefetch", "write", "origins", "mjm", "needs", "graph")
 
     @launching
@@ -125,14 +111,17 @@ class ResetRandomizer(Fixed, StaysHere):
         model: mjw.Model,
         data: mjw.Data,
         *,
-        layout_source: LayoutSource | None = None,
+        # where layouts come from:
         seed: int | Sequence[int] = 0,
         split: str = "train",
         prefetch: bool | wp.Stream | None = None,
+        layout_source: LayoutSource | None = None,
+        # what a reset writes:
         write: Literal["all", "placed"] = "all",
         origins: Any = None,
-        mjm: mujoco.MjModel | None = None,
         needs: Iterable[str] = (),
+        # how:
+        mjm: mujoco.MjModel | None = None,
         graph: bool = True,
     ) -> None:
         check_type(compiled, CompiledScene, "ResetRandomizer: compiled")
@@ -140,47 +129,24 @@ class ResetRandomizer(Fixed, StaysHere):
         check_type(data, mjw.Data, "ResetRandomizer: data")
         self.compiled, self.model, self.data = compiled, model, data
         self.device: wp.Device = data.qpos.device
-        if not isinstance(prefetch, bool | wp.Stream | None):
-            raise ArgumentTypeError(
-                f"ResetRandomizer: prefetch should be a boolean, a wp.Stream or None, got {type(prefetch)}. "
-                "wp.stream_from_torch(stream) is one of torch's as a wp.Stream."
-            )
-        if prefetch is None:
-            prefetch = self.device.is_cuda and layout_source is None
         if layout_source is None:
-            layout_source = LayoutGenerator(compiled, data.nworld, seed=seed, split=split)
-            if prefetch:
-                stream = prefetch if isinstance(prefetch, wp.Stream) else None
-                layout_source = PreparedLayouts(layout_source, stream, graph=graph)
+            generator = LayoutGenerator(compiled, data.nworld, seed=seed, split=split)
+            layout_source = _prefetching(generator, self.device.is_cuda if prefetch is None else prefetch, graph)
         elif prefetch:
             raise ArgumentError(
-                "ResetRandomizer: prefetch makes layouts ahead that the randomizer generates itself. Give either it or "
-                "a layout_source, which may be a PreparedLayouts."
+                "ResetRandomizer: prefetch is for layouts that the randomizer generates itself. Give either it or a "
+                "layout_source, which may be a PreparedLayouts."
             )
+        check_type(layout_source, LayoutSource, "ResetRandomizer: layout_source")
         self.layout_source: LayoutSource = layout_source
         check_fit(compiled, model, data, self.layouts, mjm)
         if write not in _WRITES:
             raise UnknownNameError("way to write", str(write), "ResetRandomizer: write", _WRITES)
-        home_act, home_plastic = np.zeros(compiled.mjm.na), np.empty(0)
-        if (key := compiled.scene.keyframe) >= 0:
-            home_act = compiled.mjm.key_act[key]
-            home_plastic = keyframe_plastic(compiled.mjm, key)
-        self._rest = rest_map(compiled.mjm, compiled.scene.home_ctrl, home_act, self.device)
-        self._plastic = wp.array(home_plastic, dtype=wp.float32, device=self.device)
-        self._placed = PlacedWrite(compiled.scene, self._rest, self.device) if write == "placed" else None
-        self._origins: Origins | None = None
-        if origins is not None:
-            placed_only = self._placed is not None
-            self._origins = Origins(compiled.scene, origins, data.nworld, self.device, placed_only=placed_only)
-        written = None if self._placed is None else self._placed.controls
-        self._control_history = ControlHistory(compiled.mjm, self.device, written)
-        self._contacts = ContactList(data)
-        self._stages = update_stages(needs)
+        self._whole, self._stages = write == "all", update_stages(needs)
         with wp.ScopedDevice(self.device):
-            self._all = wp.ones(data.nworld, dtype=wp.bool)
-            self.mask = wp.zeros(data.nworld, dtype=wp.bool)
-            self._rows = wp.full(data.nworld, -1, dtype=wp.int32)
+            self._mask = wp.zeros(data.nworld, dtype=wp.bool)  # a captured reset reads it
             self._nacon = wp.zeros_like(data.nacon)
+        self._contacts, self._writer = ContactList(data, self._mask), self._make_writer(origins)
         self._reset = LaunchSequence(self._launch_reset, self.device, graph=graph)
 
     @property
@@ -196,7 +162,7 @@ class ResetRandomizer(Fixed, StaysHere):
             mask: Booleans, shape (nworld,): Warp array, torch tensor or numpy array; None is all worlds. It may be
                 false everywhere, which resets nothing.
             env_ids: Instead of a mask the numbers of the worlds, in any order: a sequence, a slice, or integers of
-                shape (n,) as a Warp array, torch tensor or numpy array. None is all worlds, and none are none.
+                shape (n,) as a Warp array, torch tensor or numpy array. An empty one resets nothing.
 
         Raises:
             MaskTypeError: Not an array of booleans, or of integers; or both of them given.
@@ -204,40 +170,29 @@ class ResetRandomizer(Fixed, StaysHere):
         """
         nworld = self.data.nworld
         if env_ids is None:
-            wp.copy(self.mask, self._all if mask is None else as_mask(mask, nworld, self.device))
+            self.launch_reset(None if mask is None else as_mask(mask, nworld, self.device))
         elif mask is None:
-            mask_of_ids(as_ids(env_ids, nworld, self.device), self.mask)
+            mask_of_ids(as_ids(env_ids, nworld, self.device), self._mask)
+            self.launch_reset(self._mask)
         else:
             raise MaskTypeError("reset should have a mask or env_ids, not both.")
-        self.launch_reset()
 
-    def launch_reset(self) -> None:
-        """Reset the worlds in `self.mask`, which the caller has filled on the device: `reset` without its checks."""
-        if isinstance(self.layout_source, PreparedLayouts):
-            self.layout_source.serve(self._reset)
-        else:
-            self._reset()
-
-    @launching
-    def reseed(self, seeds: int | Sequence[int] | np.ndarray | wp.array, mask: Any = None) -> None:
-        """Give the masked worlds new seeds; their next layouts are those of episode 0.
+    def launch_reset(self, mask: wp.array | None) -> None:
+        """Reset the masked worlds: `reset` without its checks.
 
         Args:
-            seeds: Seed of world 0, world i gets seed + i; or one 64-bit seed per world, shape (nworld,), on the host or
-                as a uint64 Warp array on the device.
-            mask: As in reset.
-
-        Raises:
-            SeedError: Not 64-bit integers, or not one per world.
-            MaskTypeError, MaskError: As in reset.
+            mask: Which worlds, on the device, shape (nworld,), bool; all if None. It may be overwritten afterwards.
         """
-        nworld = self.data.nworld
-        given = seeds_on_device(seeds, nworld, self.device)
-        self.launch_reseed(given, self._all if mask is None else as_mask(mask, nworld, self.device))
+        if mask is None:
+            self._mask.fill_(True)
+        elif mask is not self._mask:
+            wp.copy(self._mask, mask)
+        self._reset()
+        self.layout_source.after_reset()
 
-    def launch_reseed(self, seeds: wp.array, mask: wp.array) -> None:
-        """Give masked worlds new seeds, both on the device: `reseed` without its checks."""
-        self.layout_source.launch_reseed(seeds, mask)
+    def reseed(self, seeds: int | Sequence[int] | np.ndarray | wp.array, mask: Any = None) -> None:
+        """Give the masked worlds new seeds; their next layouts are those of episode 0. See `LayoutSource.reseed`."""
+        self.layout_source.reseed(seeds, mask)
 
     @launching
     def write(self, layouts: Layouts | LayoutTable, rows: Any) -> None:
@@ -249,13 +204,13 @@ class ResetRandomizer(Fixed, StaysHere):
 
         Raises:
             SceneMismatchError: The layouts are of another scene.
-            MaskError: The rows are not integers, have the wrong shape or do not exist.
+            MaskError, MaskTypeError: The rows are not integers, have the wrong shape or do not exist.
         """
         poses, nrow = _poses_of(layouts, self.model, self.device), layouts.qpos.shape[0]
-        wp.copy(self._rows, as_rows(rows, nrow, self.data.nworld, self.device))
+        on_device = as_rows(rows, nrow, self.data.nworld, self.device)
         with wp.ScopedDevice(self.device):
-            mask_of_rows(self._rows, nrow, self.mask)
-            self._launch_write(poses)
+            mask_of_rows(on_device, nrow, self._mask)
+            self._launch_write(poses, on_device)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return how many candidates were rejected for layouts so far, by object and cause. Waits for the device."""
@@ -273,31 +228,47 @@ class ResetRandomizer(Fixed, StaysHere):
         """
         check_budget(self.model, self.data)
 
+    def _make_writer(self, origins: Any) -> StateWriter:
+        """Return the writer of what a reset writes, at home where layouts do not say."""
+        scene, mjm, d = self.compiled.scene, self.compiled.mjm, self.data
+        act, plastic = np.zeros(mjm.na), None
+        if scene.keyframe >= 0:
+            act, plastic = mjm.key_act[scene.keyframe], keyframe_plastic(mjm, scene.keyframe)
+        rest, bodies = rest_map(mjm, scene.home_ctrl, act, self.device), None
+        if not self._whole:
+            bodies, plastic = [body for name in scene.bodies for body in scene.subtree(name)], None
+        if origins is not None:
+            origins = as_origins(origins, d.nworld, self.device)
+            warn_of_origins(scene, origins.numpy(), "ResetRandomizer: origins")
+        return StateWriter(mjm, d, self._mask, rest, bodies=bodies, origins=origins, plastic=plastic)
+
     def _launch_reset(self) -> None:
         layouts = self.layouts
-        self.layout_source.launch_generate(self.mask)
-        rows_of_mask(self.mask, self._rows)
+        self.layout_source.launch_generate(self._mask)
         self._launch_write(Poses(layouts.qpos, layouts.mocap_pos, layouts.mocap_quat))
 
-    def _launch_write(self, poses: Poses) -> None:
+    def _launch_write(self, poses: Poses, rows: wp.array | None = None) -> None:
         m, d = self.model, self.data
-        self._contacts.launch_drop(self.mask)
-        if self._placed is None:
+        self._contacts.launch_drop()
+        if self._whole:
             # reset_data zeroes the contact count of all worlds when it resets world 0
             wp.copy(self._nacon, d.nacon)
-            mjw.reset_data(m, d, reset=self.mask)
+            mjw.reset_data(m, d, reset=self._mask)
             wp.copy(d.nacon, self._nacon)
-            write_state(m, d, self._rest, poses, self._rows)
-            if self._plastic.shape[0] > 0:
-                write_values(self._plastic, self.mask, d.plastic)
-        else:
-            self._placed.launch(d, poses, self._rows)
-        if self._origins is not None:
-            self._origins.launch(d, self.mask)
-        self._control_history.launch_fill(d, self.mask)
-        clear_constraints(d, self.mask)
+        self._writer.launch(poses, rows)
         for stage in self._stages:
             stage(m, d)
+
+
+def _prefetching(generator: LayoutGenerator, prefetch: Any, graph: bool) -> LayoutSource:
+    """Return a source that prefetches, on a stream if `prefetch` is one; the generator itself if it is false."""
+    if not isinstance(prefetch, bool | wp.Stream):
+        raise ArgumentTypeError(
+            f"ResetRandomizer: prefetch should be a boolean, a wp.Stream or None, got {type(prefetch)}. "
+            "wp.stream_from_torch(stream) turns a stream of torch's into a wp.Stream."
+        )
+    stream = prefetch if isinstance(prefetch, wp.Stream) else None
+    return PreparedLayouts(generator, stream, graph=graph) if prefetch else generator
 
 
 def _poses_of(layouts: Layouts | LayoutTable, m: mjw.Model, device: wp.Device) -> Poses:
@@ -307,7 +278,7 @@ def _poses_of(layouts: Layouts | LayoutTable, m: mjw.Model, device: wp.Device) -
         SceneMismatchError: Their sizes are not those of the model.
     """
     nrow = layouts.qpos.shape[0]
-    # Without a mocap body Layouts keep one unused column.
+    # without a mocap body Layouts have one unused column
     nmocap = layouts.mocap_pos.shape[1] if m.nmocap == 0 else m.nmocap
     columns = {
         "qpos": ((m.nq,), wp.float32),
@@ -318,7 +289,7 @@ def _poses_of(layouts: Layouts | LayoutTable, m: mjw.Model, device: wp.Device) -
     for name, (shape, dtype) in columns.items():
         array = getattr(layouts, name)
         on_device = isinstance(array, wp.array)
-        # A Warp array of vectors has no axis for their elements.
+        # a Warp array of vectors has no axis for their elements
         found = (*array.shape, *shape[1:]) if on_device and array.dtype is dtype else tuple(array.shape)
         if found != (nrow, *shape):
             raise SceneMismatchError(

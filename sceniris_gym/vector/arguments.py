@@ -1,4 +1,4 @@
-"""Checks and converts what users pass to an environment: tasks, scenes, sizes, seeds, reset masks and actions."""
+"""Arguments of an environment as users pass them, checked once: tasks, scenes, sizes, seeds, reset masks, actions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import torch
-import warp as wp
 from gymnasium import Space
 from gymnasium.vector import AutoresetMode
 from torch import Tensor
@@ -18,9 +17,9 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene, device_name
 from sceniris_gym.layout.counts import as_count
+from sceniris_gym.layout.masks import as_host_mask
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.sim.masks import check_mask
 from sceniris_gym.vector.ranks import ALONE, Rank
 from sceniris_gym.vector.task import Task
 
@@ -29,7 +28,12 @@ RESET_MASK = "reset_mask"  # the option of Gymnasium's own vector environments
 
 
 def as_task(task: Task | type[Task] | str) -> Task:
-    """Return a Task that is given as itself, as its class, or as "module:Class"."""
+    """Return a Task that is given as itself, as its class, or as "module:Class".
+
+    Raises:
+        ArgumentError: Not the form of the text, or it cannot be imported.
+        ArgumentTypeError: Anything else.
+    """
     if isinstance(task, str):
         module, _, name = task.partition(":")
         try:
@@ -73,10 +77,10 @@ def as_autoreset_mode(value: Any) -> AutoresetMode:
 
 
 def as_groups(value: str | Sequence[str] | None) -> tuple[str, ...] | None:
-    """Return names of observation groups, given as a sequence or as the only one; None is all groups.
+    """Return names of observation groups, given as a sequence or as a single name; None is all groups.
 
     Raises:
-        ArgumentError: No name at all, or something that is no name.
+        ArgumentError: An empty sequence, or anything but names.
     """
     if value is None:
         return None
@@ -111,8 +115,8 @@ def as_reset_seeds(
     Args:
         seed: None, an integer (world i gets seed + i), or num_envs entries that are integers or None.
         num_envs: Number of worlds.
-        first: Whether this is the first reset, in which each None in a sequence draws a seed.
-        rank: The process, whose worlds get seeds of their own where it is given an integer.
+        first: Draw a seed for each None in a sequence, as the first reset does.
+        rank: The process; an integer seed is moved on to the seeds that this process has for itself.
 
     Raises:
         SeedError: Any other seed.
@@ -129,10 +133,8 @@ def as_reset_seeds(
     return (as_seeds(rank.own_seed(int(seed)), num_envs) if isinstance(seed, int | np.integer) else seeds), given
 
 
-def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int, device: torch.device) -> Tensor | None:
-    """Return `options["reset_mask"]` on the device, or None for all worlds. The options are not modified.
-
-    This is the only check of a reset mask; later code relies on it.
+def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarray | None:
+    """Return a copy of `options["reset_mask"]` on the host, shape (num_envs,), bool; None for all worlds.
 
     Raises:
         ArgumentTypeError: The options are no mapping.
@@ -146,18 +148,10 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int, device: torc
     for name in options:
         if name != RESET_MASK:
             raise UnknownNameError("option", str(name), "reset", [RESET_MASK])
-    given = options.get(RESET_MASK)
-    if given is None:
+    if options.get(RESET_MASK) is None:
         return None
     name = f"options['{RESET_MASK}']"
-    check_mask(given, num_envs, name)
-    if isinstance(given, np.ndarray):
-        given = torch.from_numpy(given.copy())  # torch takes neither views that run backwards nor read-only ones
-    if isinstance(given, wp.array):
-        wp.synchronize_device(given.device)  # torch reads it on a stream of its own
-        given = wp.to_torch(given)
-    mask = given
-    mask = mask.detach().to(device)
+    mask = as_host_mask(options[RESET_MASK], num_envs, name)
     if not mask.any():
         raise MaskError(f"{name} should be true for at least one world. Leave it out to reset all of them.")
     return mask

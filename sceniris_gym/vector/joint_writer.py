@@ -10,8 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from sceniris_gym.sim.control_history import history_samples
-from sceniris_gym.sim.write import rest_map
+from sceniris_gym.sim.rest import history_samples, rest_map
 
 
 class Holding(NamedTuple):

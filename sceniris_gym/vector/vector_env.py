@@ -18,7 +18,7 @@ from torch import Tensor
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.device.fixed import Fixed
-from sceniris_gym.device.launch_lock import Turn, in_turn, launching
+from sceniris_gym.device.launch_lock import ObjectLock, exclusive, launching
 from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.counts import as_count
@@ -50,20 +50,19 @@ OUTPUTS = ("torch", "numpy")
 
 
 class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
-    """Steps `num_envs` worlds of a task together, on one device, and gives each a fresh layout at every reset.
+    """A vector environment of `num_envs` worlds on one device, each with a fresh layout at every reset.
 
     Observations are a dict of groups (`policy`, `critic`), each of shape (num_envs, size); `observation_names` lists
-    what they consist of, in order. Wrappers that take a single array, such as Gymnasium's NormalizeObservation, go
-    around FlattenObservation, which joins the groups, or around a wrapper that keeps one of them.
+    their parts in order. Put wrappers that take a single array, such as Gymnasium's NormalizeObservation, around
+    FlattenObservation, which joins the groups, or around a wrapper that keeps one of them.
 
-    `info` has `layout_seed`, `layout_episode` and `layout_fallback` (the layout came from the bank of
-    valid ones) of each world, and after a step `success` and `reward_terms` of that step. With SAME_STEP it also has
-    `final_obs` and `final_info` for all worlds; they count where `_final_obs` is true. `layout_seed` is an int64, as
-    torch lacks uint64 arithmetic: seeds from 2^63 on appear there as their two's complement, and
-    `int(layout_seed) % 2**64` is the seed.
+    `info` has `layout_seed`, `layout_episode` and `layout_fallback` (the layout came from the bank of valid ones) of
+    each world, and after a step `success` and `reward_terms` of that step. With SAME_STEP it also has `final_obs` and
+    `final_info` for all worlds; only the worlds with `_final_obs` count. `layout_seed` is an int64, as torch lacks
+    uint64 arithmetic: seeds from 2^63 on appear as their two's complement, and `int(layout_seed) % 2**64` is the seed.
 
-    Under `torchrun` each process takes the GPU of its LOCAL_RANK, and integer seeds count from RANK * 2^40 on, so that
-    `reset(seed=0)` gives no layout to two processes. Lists of seeds are taken as they are.
+    Under `torchrun` each process takes the GPU of its LOCAL_RANK and adds RANK * 2^40 to integer seeds, so that no two
+    processes get the same layout from `reset(seed=0)`. Lists of seeds are taken as they are.
 
     `np_random_seed` is the seed with which `reset(seed=...)` gives the same layouts again, from episode 0 on: the last
     one given, or the one drawn for a first reset without a seed. It is -1, Gymnasium's value for an unknown seed, once
@@ -71,8 +70,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
     `statistics` sums up finished episodes on the device; `statistics.read()` returns their means.
 
-    An environment keeps the scene that it was made with: `compiled`, `randomizer` and the like cannot be exchanged, as
-    steps and resets, also those that a caller has captured, go on with its arrays. Make another environment instead.
+    `compiled`, `randomizer` and the like cannot be exchanged: captured steps and resets, also in graphs of the
+    caller's, use the arrays of the scene that the environment was made with. Make another environment instead.
 
     A world whose positions or velocities are no longer finite is terminated, with reward 0. With autoreset DISABLED, a
     finished world keeps running until it is reset.
@@ -83,33 +82,33 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         scene: A scene to use instead of the task's: a name, path, mapping, SceneConfig or CompiledScene.
         overrides: Parts of the scene to change, by dotted keys: {"objects.apple.clearance": 0.01}.
         device: "cpu" or "cuda:0"; None is cuda:0 if there is one, else cpu, and under torchrun cuda:LOCAL_RANK.
-        max_episode_steps: Control steps after which an episode is truncated; None is never.
-        autoreset_mode: An AutoresetMode, or its value.
-        output: "torch" (tensors on `device`) or "numpy".
-        observation_groups: The groups to observe, such as ("policy",), or the name of the only one; None is all.
-        sensing: Noise, delay and dropout of the group `policy`: a Sensing, a mapping of its attributes, or None.
-        copy: Never overwrite what was returned; if false, observations are valid until the next call.
         split: "train" or "eval", which share no layouts and no random numbers.
-        render_mode: "rgb_array", for `render` to take pictures; "human", to show every reset and step on a page in the
-            browser, in real time (extra `viewer`); or None.
-        render_envs: How many worlds `render` takes pictures of, or the page shows, from the first on; None is all, as
-            wrappers that record videos expect. The page shows 64 at most.
-        render_size: Width and height of a picture [pixels].
-        render_camera: Name of the camera.
-        layout_source: Function that makes a LayoutSource: `layout_source(compiled, num_envs)`. None makes a
-            LayoutGenerator.
         prefetch: Make the next layout of every world ahead, beside the steps that follow; None does so on a GPU. See
             ResetRandomizer. Not with a layout_source.
+        layout_source: Function that makes a LayoutSource: `layout_source(compiled, num_envs)`. None makes a
+            LayoutGenerator.
+        max_episode_steps: Control steps after which an episode is truncated; None is never.
+        autoreset_mode: An AutoresetMode, or its value.
+        observation_groups: The groups to observe, such as ("policy",), or the name of a single one; None is all.
+        sensing: Noise, delay and dropout of the group `policy`: a Sensing, a mapping of its attributes, or None.
+        output: "torch" (tensors on `device`) or "numpy".
+        copy: Never overwrite what was returned; if false, observations are valid until the next call.
+        render_mode: "rgb_array", for `render` to take pictures; "human", to show every reset and step on a page in the
+            browser, in real time (extra `viewer`); or None.
+        render_envs: Number of worlds that `render` takes pictures of, or that the page shows, from the first one on;
+            None is all, as wrappers that record videos expect. The page shows 64 at most.
+        render_size: Width and height of a picture [pixels].
+        render_camera: Name of the camera.
         nconmax: Contacts per world; None takes default_budget.
         njmax: Constraint rows per world; None takes default_budget.
-        nvmax: Degrees of freedom of a world that are awake at most, where a task's `options` let bodies sleep; None is
-            all.
+        nvmax: Most degrees of freedom of a world that are awake at a time, if a task's `options` let bodies sleep; None
+            is all.
         graph: Capture steps and resets into graphs and replay them.
 
     Raises:
         ScenirisError: The scene cannot be used; see compile_scene.
-        TaskError: A method of the task returns what it should not; raised here, or in the first step.
-        FixedError: An attribute that is assigned to, although it cannot be changed.
+        TaskError: A method of the task returns the wrong thing; raised here, or in the first step.
+        FixedError: Raised on assignment to an attribute that captured graphs already use.
         ContactBudgetError: There are more contacts than room for them; raised in the first reset.
     """
 
@@ -124,22 +123,27 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         task: Task | type[Task] | str,
         num_envs: int = 1,
         *,
+        # scene and layouts:
         scene: str | Path | Mapping | SceneConfig | CompiledScene | None = None,
         overrides: Mapping[str, Any] | None = None,
         device: str | None = None,
+        split: str = "train",
+        prefetch: bool | None = None,
+        layout_source: Callable[[CompiledScene, int], LayoutSource] | None = None,
+        # episodes:
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
-        output: str = "torch",
+        # observations:
         observation_groups: str | Sequence[str] | None = None,
         sensing: Sensing | Mapping[str, Any] | None = None,
+        output: str = "torch",
         copy: bool = True,
-        split: str = "train",
+        # pictures:
         render_mode: str | None = None,
         render_envs: int | None = None,
         render_size: tuple[int, int] = (320, 240),
         render_camera: str = "overview",
-        layout_source: Callable[[CompiledScene, int], LayoutSource] | None = None,
-        prefetch: bool | None = None,
+        # physics:
         nconmax: int | None = None,
         njmax: int | None = None,
         nvmax: int | None = None,
@@ -159,7 +163,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
         self.rank = Rank.current()
         device = self.rank.device if device is None and not isinstance(scene, CompiledScene) else device
-        self.turn = Turn(type(self).__name__)
+        self.lock = ObjectLock(type(self).__name__)
         self.compiled = as_compiled_scene(self.task.scene if scene is None else scene, overrides, device)
         self.rank.tell(self.compiled.device)
         self.batch = Batch(
@@ -193,13 +197,12 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         flat = self._bind_task(wanted)
         self._kept = None if copy else (flat, {group: torch.empty_like(t) for group, t in flat.items()})
         self._autoreset = torch.zeros(num_envs, dtype=torch.bool, device=self.device)
-        self._reset_mask = wp.to_torch(self.randomizer.mask)
         self._ready = self._stepped = False
         self._np_random, self._np_random_seed = seeding.np_random(fresh_seed())
 
     def _bind_task(self, sensing: Sensing | None) -> dict[str, Tensor]:
-        """Give the task its state, and set the spaces from what it observes first, which is returned flat."""
-        wp.synchronize_device(self.batch.device)  # torch works on another stream than the arrays were made on
+        """Give the task its state, set the spaces by its first observation, and return that observation flat."""
+        wp.synchronize_device(self.batch.device)  # torch works on another stream than the one the arrays were made on
         with self._on_torch_stream():
             self.task.bind(self.state)
             self.batch.update()
@@ -215,7 +218,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         return flat
 
-    @in_turn
+    @exclusive
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -226,7 +229,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
                 also in a list, a world takes its next episode. In the first reset, None takes np_random_seed, and each
                 None in a list draws a seed.
             options: {"reset_mask": mask} resets, and reseeds, only the masked worlds; the others do not change. The
-                mask is an array of booleans, numpy or torch, shape (num_envs,), true for at least one world.
+                mask is an array of booleans (numpy, torch or Warp), shape (num_envs,), true for at least one world.
 
         Raises:
             ArgumentTypeError: The options are no mapping.
@@ -237,7 +240,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             ResetNeeded: The first reset has a mask.
         """
         self._check_open()
-        mask = as_reset_mask(options, self.num_envs, self.device)
+        mask = as_reset_mask(options, self.num_envs)
         if not self._ready and mask is not None:
             raise gymnasium.error.ResetNeeded("The first reset() should be of all worlds. Leave out the reset_mask.")
         if seed is None and not self._ready:
@@ -245,18 +248,19 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             seed = fresh_seed() if self.np_random_seed == -1 else self.np_random_seed
         seeds = as_reset_seeds(seed, self.num_envs, first=not self._ready, rank=self.rank)
         with self._on_torch_stream():
-            masked = torch.ones_like(self._autoreset) if mask is None else mask
             if seeds is not None:
                 numbers, given = seeds
                 if mask is not None:
-                    given &= mask.cpu().numpy()
-                self._reseed_worlds(numbers, given)
+                    given &= mask
+                self.randomizer.reseed(numbers, given)
                 if mask is None and isinstance(seed, int | np.integer):
                     self._np_random, self._np_random_seed = seeding.np_random(int(seed))
                 elif given.any():
                     self.np_random = np.random.default_rng(numbers[given])  # which makes np_random_seed -1
-            self._reset_worlds(masked)
-            self._autoreset.logical_and_(~masked)
+            due = torch.ones_like(self._autoreset) if mask is None else torch.from_numpy(mask).to(self.device)
+            others = ~due
+            self._reset_worlds(due)
+            self._autoreset.logical_and_(others)
             if not self._ready:
                 self.batch.check_budget()
                 self._ready = True
@@ -264,7 +268,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             self.rendering.show(self.batch, self.randomizer.layouts, 0.0)
             return self._returned(observation), self._returned(self._layout_info())
 
-    @in_turn
+    @exclusive
     def step(self, actions: Any) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Any]]:
         """Take one control step in all worlds.
 
@@ -291,7 +295,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             self.rendering.show(self.batch, self.randomizer.layouts, self.state.dt)
             return outcome
 
-    @in_turn
+    @exclusive
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Return pictures of the first `render_envs` worlds, each (height, width, 3) uint8; None without a mode.
 
@@ -303,7 +307,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             return self.rendering.pictures(self.batch) if self.render_mode == "rgb_array" else None
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Release what `render` keeps."""
+        """Release the camera, and close the page."""
         self.rendering.close()
 
     def _outcome(self, action: Tensor) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Any]]:
@@ -322,40 +326,34 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             truncated = s.elapsed >= self.max_episode_steps
 
         if self.autoreset_mode is AutoresetMode.NEXT_STEP:
-            # worlds that ended in the step before are reset by this one; what it did to them does not count
+            # worlds that ended in the last step are reset by this one, in which nothing counts for them
             due = self._autoreset.clone()
-            self._reset_worlds(due)
             gained, success = torch.where(due, 0.0, gained), success & ~due
             terminated, truncated = terminated & ~due, truncated & ~due
+            self._reset_worlds(due)
             self._autoreset.copy_(terminated | truncated)
         reward, terms = gained.sum(dim=0), dict(zip(terms, gained, strict=True))
         done = terminated | truncated
         self.statistics.add(tuple(terms), gained, success, done, s.elapsed)
         info: dict[str, Any] = {"success": success, "reward_terms": terms}
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
-            info["final_obs"], info["_final_obs"] = self._observe(1), done
-            final_info = {"success": success, "reward_terms": dict(terms), **self._layout_info()}
-            info["final_info"], info["_final_info"] = final_info, done.clone()
+            info["final_obs"] = self._observe(1)
+            info["final_info"] = {"success": success, "reward_terms": dict(terms), **self._layout_info()}
+            info["_final_obs"] = info["_final_info"] = done.clone()
             self._reset_worlds(done)
         info |= self._layout_info()
         returned = (self._observe(0), reward, terminated, truncated, info)
         return tuple(self._returned(value) for value in returned)  # type: ignore[return-value]
 
-    def _reseed_worlds(self, seeds: np.ndarray, mask: np.ndarray) -> None:
-        device = self.batch.device
-        arrays = wp.array(seeds, dtype=wp.uint64, device=device), wp.array(mask, dtype=wp.bool, device=device)
-        self.randomizer.launch_reseed(*arrays)
-
     def _reset_worlds(self, mask: Tensor) -> None:
-        """Reset the worlds of a mask that is on the device and needs no check."""
-        mask = self._reset_mask.copy_(mask)  # what a task does to it must not reach who gave it
-        self.randomizer.launch_reset()
+        """Reset the worlds of a mask on the device, to which the task may write."""
+        self.randomizer.launch_reset(wp.from_torch(mask, dtype=wp.bool))
         self.state.elapsed.masked_fill_(mask, 0)
         self.statistics.start(mask)
         self.task.on_reset(self.state, mask)
 
     def _observe(self, buffer: int) -> dict[str, Tensor]:
-        """Return the flat observation, in new tensors or in one of two kept buffers."""
+        """Return the flat observation, in new tensors or in one of the two buffers."""
         observation = self.task.observe(self.state)
         if self._sensors is not None:
             observation = self._sensors(self.state, observation)
@@ -371,7 +369,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         }
 
     def _returned(self, value: Any) -> Any:
-        """Convert tensors, and dicts of them, to the output that was asked for."""
+        """Return tensors, and dicts of them, as the `output` of the environment."""
         if self.output == "torch":
             return value
         if isinstance(value, dict):
@@ -379,12 +377,12 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         return value.detach().cpu().numpy()
 
     def _on_torch_stream(self) -> AbstractContextManager:
-        """Run Warp's launches on torch's current stream, so that both see each other's results in order."""
+        """Run Warp's launches on torch's current stream, in order with torch's own."""
         device = self.batch.device
         if not device.is_cuda:
             return nullcontext()
         stream = torch.cuda.current_stream(self.device)
-        # Warp knows a capture by its Stream object: a caller's capture on this stream keeps the object it has
+        # Warp knows a capture by its Stream object, so a caller's capture on this stream needs the same object
         if device.stream.cuda_stream == stream.cuda_stream:
             return nullcontext()
         return wp.ScopedStream(wp.stream_from_torch(stream), sync_enter=False)

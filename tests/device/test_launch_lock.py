@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sceniris_gym.device.launch_lock import Turn, in_turn, launching
+from sceniris_gym.device.launch_lock import ObjectLock, exclusive, launching
 from sceniris_gym.errors import BusyError
 from sceniris_gym.layout.generate import LayoutGenerator
 from tests.layout.scenes import FLOOR, box_mjcf, compile_on_cpu
@@ -18,18 +18,18 @@ from tests.layout.scenes import FLOOR, box_mjcf, compile_on_cpu
 
 class _Thing:
     def __init__(self) -> None:
-        self.turn = Turn("Thing")
+        self.lock = ObjectLock("Thing")
 
-    @in_turn
+    @exclusive
     def hold(self, held: threading.Event, done: threading.Event) -> None:
         held.set()
         done.wait(10)
 
-    @in_turn
+    @exclusive
     def touch(self) -> int:
         return self.deeper()
 
-    @in_turn
+    @exclusive
     def deeper(self) -> int:
         return 7
 

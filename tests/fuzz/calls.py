@@ -22,10 +22,10 @@ from sceniris_gym.dataset.manifest import MANIFEST, part_name, row_of
 from sceniris_gym.dataset.reader import LayoutDataset, verify
 from sceniris_gym.layout.compile import compile_scene, device_name
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.masks import as_mask, as_rows
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.map import ReachMap
-from sceniris_gym.sim.masks import as_mask, as_rows
 from sceniris_gym.vector.arguments import as_action, as_autoreset_mode, as_reset_mask, as_reset_seeds, as_size
 from tests.fuzz.scenes import base_scene, write_assets
 from tests.fuzz.values import value
@@ -86,7 +86,7 @@ def _calls(draws: np.random.Generator) -> list[Callable[[], object]]:
         lambda: _generator().generate(array()),
         lambda: as_mask(array(), 4, wp.get_device("cpu")),
         lambda: as_rows(array(), 4, 4, wp.get_device("cpu")),
-        lambda: as_reset_mask({"reset_mask": array()}, 4, cpu),
+        lambda: as_reset_mask({"reset_mask": array()}, 4),
         lambda: as_reset_seeds(array(), 4, first=True),
         lambda: as_action(array(), space, cpu),
         lambda: as_size(wrong(), "size"),

@@ -76,7 +76,7 @@ def _mask(rng: np.random.Generator, share: float) -> wp.array:
 
 def _ahead(compiled: CompiledScene) -> tuple[Source, Callable[[wp.array], None]]:
     source = PreparedLayouts(LayoutGenerator(compiled, NWORLD, seed=3), graph=False)
-    return source, lambda mask: source.serve(lambda: source.launch_generate(mask))
+    return source, source.generate
 
 
 def _in_place(compiled: CompiledScene) -> tuple[Source, Callable[[wp.array], None]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import itertools
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from unittest.mock import Mock
@@ -45,6 +46,12 @@ def _bits(source: LayoutGenerator | PreparedLayouts) -> dict[str, bytes]:
     return {name: np.where(values == values, values, np.nan).tobytes() for name, values in made.items()}
 
 
+def _reset(source: PreparedLayouts, launches: Callable[[], None]) -> None:
+    """Make the launches of a reset, and prefetch, as a randomizer does."""
+    launches()
+    source.after_reset()
+
+
 def _same(compiled: CompiledScene, graph: bool) -> None:
     """Compare both sources over resets of some worlds, of none and of all, with new seeds in between."""
     rng, device = np.random.default_rng(0), wp.get_device(compiled.device)
@@ -62,10 +69,10 @@ def _same(compiled: CompiledScene, graph: bool) -> None:
             source.launch_reseed(seeds, which)
         mask.assign(chosen)
         plain.generate(mask)
-        source.serve(launches)
+        _reset(source, launches)
         if step % 6 == 5:  # twice in a row, before anything made ahead is done
             plain.generate(mask)
-            source.serve(launches)
+            _reset(source, launches)
         assert _bits(plain) == _bits(source), f"step {step}"
 
 
@@ -109,11 +116,11 @@ def test_a_reset_without_graphs_is_made_up_for_on_a_gpu(monkeypatch: pytest.Monk
     for after in range(3, 120, 9):
         before, left[0] = source.layouts.episode.numpy(), after
         with suppress(KeyboardInterrupt):
-            source.serve(lambda: source.launch_generate(None))
+            source.generate()
         left[0] = 0
         for _ in range(1 + int(source.layouts.episode.numpy()[0] != before[0])):
             plain.launch_generate(None)
-        source.serve(lambda: source.launch_generate(None))
+        source.generate()
         assert _bits(plain) == _bits(source), f"after {after} launches"
 
 
@@ -141,7 +148,7 @@ def test_what_is_ready_is_not_made_again():
         if step == 3:
             source.launch_reseed(wp.array(np.arange(100, 100 + NWORLD), dtype=wp.uint64, device="cpu"), None)
         mask.assign(np.arange(NWORLD) % (step + 1) == 0)
-        source.serve(lambda: source.launch_generate(mask))
+        source.generate(mask)
         missing.append(int(source._missing.numpy().sum()))
     assert missing == [NWORLD, 0, 0, NWORLD // 4]
 
@@ -159,11 +166,11 @@ def test_an_interrupted_reset_is_made_up_for(last: str, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(wp, "launch", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        source.serve(lambda: source.launch_generate(None))
+        source.generate()
     monkeypatch.setattr(wp, "launch", launch)
-    source.serve(lambda: source.launch_generate(wp.zeros(NWORLD, dtype=wp.bool, device="cpu")))
+    source.generate(wp.zeros(NWORLD, dtype=wp.bool, device="cpu"))
     for _ in range(2):
-        source.serve(lambda: source.launch_generate(None))
+        source.generate()
         assert not source._missing.numpy().any()
 
 
@@ -175,7 +182,7 @@ def test_few_worlds_wait_until_more_are_reset():
 
     def ahead(*worlds: int) -> list[int]:
         mask.assign(np.isin(np.arange(NWORLD), worlds))
-        source.serve(lambda: source.launch_generate(mask))
+        source.generate(mask)
         made = source._ahead.layouts.episode.numpy() - source.layouts.episode.numpy()
         return np.flatnonzero(made != 1).tolist()
 
@@ -218,7 +225,7 @@ def test_rejections_are_those_of_the_layouts_that_are_served():
         if step % 3 == 2:  # what was made ahead is made in vain
             for one in (source, twin):
                 one.launch_reseed(wp.array(np.arange(step, step + NWORLD), dtype=wp.uint64, device="cpu"), None)
-        source.serve(lambda: source.launch_generate(None))
+        source.generate()
         twin.generate()
         assert source.rejection_counts() == twin.rejection_counts()
         assert (source.layouts.rejections.numpy() == twin.layouts.rejections.numpy()).all()
@@ -250,7 +257,7 @@ def test_nothing_is_made_ahead_where_graphs_cannot_repeat_launches(monkeypatch: 
     source = PreparedLayouts(LayoutGenerator(compile_scene("mid", "cpu"), NWORLD))
     plain = LayoutGenerator(source.layouts.compiled, NWORLD)
     for _ in range(2):
-        source.serve(lambda: source.launch_generate(None))
+        source.generate()
         plain.generate()
         assert (_bits(source), source._missing.numpy().all()) == (_bits(plain), True)
 
@@ -263,17 +270,17 @@ def test_a_captured_reset_is_not_disturbed_by_what_is_made_beside_it():
     source = PreparedLayouts(LayoutGenerator(compiled, NWORLD, seed=5))
     mask = wp.ones(NWORLD, dtype=wp.bool, device="cuda:0")
     reset = LaunchSequence(lambda: source.launch_generate(mask), wp.get_device("cuda:0"))
-    source.serve(reset)
+    _reset(source, reset)
     plain.generate(mask)
     stream = wp.Stream("cuda:0")
     with wp.ScopedStream(stream), wp.ScopedCapture("cuda:0") as capture:
-        source.serve(reset)
+        _reset(source, reset)
     for _ in range(4):
         with wp.ScopedStream(stream, sync_exit=True):
             wp.capture_launch(capture.graph)
         plain.generate(mask)
         assert _bits(plain) == _bits(source)
-        source.serve(reset)
+        _reset(source, reset)
         plain.generate(mask)
         assert _bits(plain) == _bits(source)
 
@@ -288,12 +295,12 @@ def test_what_is_made_ahead_and_the_steps_do_not_wait_for_each_other():
     mask = wp.ones(NWORLD, dtype=wp.bool, device=device)
     reset = LaunchSequence(lambda: source.launch_generate(mask), device)
     with wp.ScopedStream(wp.stream_from_torch(torch.cuda.default_stream()), sync_enter=False):
-        source.serve(reset)
+        _reset(source, reset)
         wp.synchronize_device(device)
         torch.cuda._sleep(500_000_000)  # cycles: about 0.3 s, so that the next reset is not done when another follows
-        source.serve(reset)
+        _reset(source, reset)
         torch.cuda._sleep(2_000_000_000)
-        source.serve(reset)
+        _reset(source, reset)
         beside, asleep = source._done, wp.record_event()
         time.sleep(0.7)
         assert beside is not None
@@ -310,7 +317,7 @@ def test_the_next_layouts_are_made_after_a_reset_that_nothing_follows():
     source = PreparedLayouts(LayoutGenerator(compile_scene("mid", "cuda:0"), NWORLD))
     missing = []
     for _ in range(3):
-        source.serve(lambda: source.launch_generate(None))
+        source.generate()
         wp.synchronize_device(device)
         missing.append(int(source._missing.numpy().sum()))
     assert missing == [NWORLD, 0, 0]
@@ -322,7 +329,7 @@ def test_layouts_are_made_ahead_whatever_device_is_the_default_one():
     compiled = compile_scene("mid", "cuda:0")
     with wp.ScopedDevice("cpu"):
         source = PreparedLayouts(LayoutGenerator(compiled, NWORLD))
-        source.serve(lambda: source.launch_generate(None))
+        source.generate()
         source.rejection_counts()
     wp.synchronize_device("cuda:0")
 
@@ -333,7 +340,7 @@ def test_memory_is_kept_where_a_source_goes_while_something_is_captured():
     compiled = compile_scene("mid", "cuda:0")
     sources = [PreparedLayouts(LayoutGenerator(compiled, NWORLD)) for _ in range(2)]
     for source in sources:
-        source.serve(lambda source=source: source.launch_generate(None))
+        source.generate()
     del source
     with wp.ScopedStream(wp.Stream("cuda:0")), wp.ScopedCapture("cuda:0"):
         sources.pop()

@@ -1,4 +1,4 @@
-"""What every source of layouts promises, and that nothing else is asked of one."""
+"""What every source of layouts promises, and the little that is asked of one."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+import torch
 import warp as wp
 
+from sceniris_gym.errors import ArgumentTypeError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.layout.prepared import PreparedLayouts
@@ -31,25 +33,26 @@ def _lift(mask: wp.array[wp.bool], episode: wp.array[int], qpos: wp.array2d[floa
         qpos[i, 2] = float(episode[i])
 
 
-class Lifted:
-    """A source of somebody's own, with nothing that `LayoutSource` does not name: it lifts the first object by 1 m."""
+class Lifted(LayoutSource):
+    """A source of somebody's own, with nothing but what it has to have: it lifts the first object by 1 m."""
 
     def __init__(self, compiled: CompiledScene) -> None:
         self.layouts = Layouts.create(compiled, NWORLD)
-
-    def launch_reseed(self, seeds: wp.array, mask: wp.array | None) -> None:
-        """Take seeds of all worlds alone."""
-        wp.copy(self.layouts.seed, seeds)
-        self.layouts.episode.fill_(-1)
 
     def launch_generate(self, mask: wp.array | None) -> None:
         """Lift."""
         inputs = [mask, self.layouts.episode, self.layouts.qpos]
         wp.launch(_lift, dim=NWORLD, inputs=inputs, device=self.layouts.qpos.device)
 
-    def rejection_counts(self) -> dict[str, dict[str, int]]:
-        """Nothing is rejected."""
-        return {}
+
+class Counted(Lifted):
+    """A source that counts the resets behind which something is done."""
+
+    resets = 0
+
+    def after_reset(self) -> None:
+        """Count."""
+        self.resets += 1
 
 
 def fresh(compiled: CompiledScene) -> LayoutSource:
@@ -150,3 +153,40 @@ def test_a_randomizer_takes_every_source(mid: CompiledScene, make: Maker):
     assert source.layouts.seed.numpy().tolist() == [1, 2, 3, 4]
     assert source.layouts.episode.numpy().tolist() == [1, 0, 1, 0]
     assert randomizer.rejection_counts() == source.rejection_counts()
+
+
+def test_something_may_follow_every_reset(mid: CompiledScene):
+    """Behind its launches, captured or not, whichever way worlds are chosen; nothing follows a write of layouts."""
+    for graph in (True, False):
+        batch, source = Batch(mid.scene, NWORLD, "cpu"), Counted(mid)
+        randomizer = ResetRandomizer(mid, batch.model, batch.data, layout_source=source, graph=graph)
+        randomizer.reset()
+        randomizer.reset(env_ids=[2])
+        randomizer.launch_reset(mask_of([False, True, False, False]))
+        source.generate(np.array([False, True, False, False]))
+        assert source.resets == 4
+        assert source.layouts.episode.numpy().tolist() == [0, 2, 1, 0]
+        randomizer.write(source.layouts, [0, -1, -1, -1])
+        assert source.resets == 4
+
+
+def test_what_is_no_source_is_refused(mid: CompiledScene):
+    """Also where it has methods of the same names."""
+    batch = Batch(mid.scene, NWORLD, "cpu")
+    with pytest.raises(ArgumentTypeError, match="ResetRandomizer: layout_source should be a LayoutSource, got"):
+        ResetRandomizer(mid, batch.model, batch.data, layout_source=object())  # type: ignore[arg-type]
+    with pytest.raises(NotImplementedError):
+        LayoutSource().launch_generate(None)
+
+
+@SOURCES
+def test_masks_and_seeds_of_all_libraries_are_taken(mid: CompiledScene, make: Maker):
+    """With the same checks as a randomizer's."""
+    source = make(mid)
+    for mask in (np.array([True, False, False, False]), torch.tensor([True, True, False, False])):
+        source.generate(mask)
+    source.generate(mask_of([True, True, True, False]))
+    assert source.layouts.episode.numpy().tolist() == [2, 1, 0, -1]
+    source.reseed([7, 8, 9, 10], np.array([True, False, False, True]))
+    assert source.layouts.seed.numpy().tolist() == [7, 31, 32, 10]
+    assert source.layouts.episode.numpy().tolist() == [-1, 1, 0, -1]

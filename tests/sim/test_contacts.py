@@ -1,4 +1,4 @@
-"""The list of contacts that all worlds share: what leaves it at a reset, and what stays."""
+"""Contacts and constraint rows at a reset: those of reset worlds go, and those of the others stay."""
 
 from __future__ import annotations
 
@@ -15,14 +15,15 @@ from sceniris_gym.sim.contacts import ContactList
 
 NWORLD = 5
 BALL = """
-<mujoco><option cone="{cone}"/><worldbody><geom type="plane" size="1 1 1"/><body><freejoint/><geom size="0.1"/></body>
+<mujoco><option cone="{cone}" jacobian="{jacobian}"/>
+<worldbody><geom type="plane" size="1 1 1"/><body><freejoint/><geom size="0.1"/></body>
 </worldbody></mujoco>
 """
 
 
 def made(number: int, room: int, seed: int = 0, cone: str = "pyramidal", device: str = "cpu") -> mjw.Data:
     """Return data with room for `room` contacts and `number` of them counted, all their fields random bits."""
-    mjm = mujoco.MjModel.from_xml_string(BALL.format(cone=cone))
+    mjm = mujoco.MjModel.from_xml_string(BALL.format(cone=cone, jacobian="auto"))
     rng = np.random.default_rng(seed)
     with wp.ScopedDevice(device):
         d = mjw.make_data(mjm, NWORLD, naconmax=room, njmax=max(1, 8 * room))
@@ -63,8 +64,8 @@ def test_contacts_of_masked_worlds_leave_and_others_stay(number: int, room: int,
         d = made(number, room, seed=bits, device=device)
         worlds = d.contact.worldid.numpy()[:number].copy()
         before = listed(d)
-        contacts, device_mask = ContactList(d), wp.array(mask, dtype=wp.bool, device=device)
-        drop = LaunchSequence(lambda: contacts.launch_drop(device_mask), wp.get_device(device), graph=graph)  # noqa: B023
+        contacts = ContactList(d, wp.array(mask, dtype=wp.bool, device=device))
+        drop = LaunchSequence(contacts.launch_drop, wp.get_device(device), graph=graph)
         drop()
         kept = [contact for contact, world in zip(before, worlds, strict=False) if not mask[world]]
         assert sorted(listed(d)) == sorted(kept)
@@ -81,7 +82,7 @@ def test_contacts_of_masked_worlds_leave_and_others_stay(number: int, room: int,
 def test_constraint_rows_follow_their_contacts(cone: str):
     """A row of a world that stays names the place at which its contact is listed now."""
     d = made(60, 80, cone=cone)
-    ContactList(d).launch_drop(wp.array([True, False, False, True, False], dtype=wp.bool, device="cpu"))
+    ContactList(d, wp.array([True, False, False, True, False], dtype=wp.bool, device="cpu")).launch_drop()
     ids, worlds = d.efc.id.numpy(), d.contact.worldid.numpy()
     assert 0 < d.nacon.numpy()[0] < 60
     for conid in range(int(d.nacon.numpy()[0])):
@@ -96,7 +97,7 @@ def test_the_first_contacts_keep_their_places():
     for _ in range(2):
         d = made(60, 80)
         before, stays = listed(d), ~np.isin(d.contact.worldid.numpy()[:60], [1, 4])
-        ContactList(d).launch_drop(mask)
+        ContactList(d, mask).launch_drop()
         after = listed(d)
         for conid in np.flatnonzero(stays[: len(after)]):
             assert after[conid] == before[conid]
@@ -109,5 +110,20 @@ def test_data_without_room_for_contacts_is_left_alone():
     mjm = mujoco.MjModel.from_xml_string("<mujoco><worldbody><body mocap='true'/></worldbody></mujoco>")
     with wp.ScopedDevice("cpu"):
         d = mjw.make_data(mjm, NWORLD, naconmax=0, njmax=1)
-        ContactList(d).launch_drop(wp.ones(NWORLD, dtype=wp.bool))
+        ContactList(d, wp.ones(NWORLD, dtype=wp.bool)).launch_drop()
     assert d.nacon.numpy()[0] == 0
+
+
+@pytest.mark.parametrize("jacobian", ["dense", "sparse"])
+def test_rows_of_masked_worlds_are_zero_and_others_stay(jacobian: str):
+    """Jacobian and mass of all rows, those that only fill a tile included."""
+    mjm = mujoco.MjModel.from_xml_string(BALL.format(cone="pyramidal", jacobian=jacobian))
+    with wp.ScopedDevice("cpu"):
+        d = mjw.make_data(mjm, 3, njmax=37)
+        for array in (d.efc.J, d.efc.D):
+            array.fill_(float("nan"))
+        ContactList(d, wp.array([True, False, True], dtype=wp.bool)).launch_drop()
+    for array in (d.efc.J, d.efc.D):
+        assert array.size > 0
+        assert not array.numpy()[[0, 2]].any()
+        assert np.isnan(array.numpy()[1]).all()

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import mujoco
 import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
-from sceniris_gym.sim.write import mask_of_rows, rest_map, rows_of_mask, write_state, write_values
+from sceniris_gym.layout.masks import mask_of_rows
+from sceniris_gym.sim.rest import rest_map
+from sceniris_gym.sim.write import Poses, StateWriter
 
 ACTUATORS = """
 <mujoco>
@@ -52,21 +52,29 @@ HOME_CTRL = np.array([0.0, 0.0, 0.0, 0.4, 0.0, 0.0, 0.6, 0.7, 0.8])
 HOME_ACT = np.array([0.3, 0.3])
 
 
-def written(qpos: np.ndarray, rows: list[int]) -> tuple[mujoco.MjModel, mjw.Data]:
-    """Write `rows` of layouts with joint positions `qpos` (nrow, 2), into worlds whose numbers are all -7."""
-    model = mujoco.MjModel.from_xml_string(ACTUATORS)
+def written(
+    qpos: np.ndarray, rows: list[int] | None = None, mask: list[bool] | None = None
+) -> tuple[mujoco.MjModel, mjw.Data]:
+    """Write layouts with joint positions `qpos` (nrow, 2) into worlds whose numbers are all -7.
+
+    World i gets row rows[i]; without `rows` the masked worlds get rows of their own numbers.
+    """
+    model, nrow = mujoco.MjModel.from_xml_string(ACTUATORS), len(qpos)
     with wp.ScopedDevice("cpu"):
-        m, d = mjw.put_model(model), mjw.make_data(model, len(rows))
+        d = mjw.make_data(model, nrow if rows is None else len(rows))
         for array in (d.qpos, d.ctrl, d.act):
             array.fill_(-7.0)
-        nrow = len(qpos)
-        layouts = SimpleNamespace(
+        poses = Poses(
             qpos=wp.array(qpos, dtype=float),
             mocap_pos=wp.full((nrow, 1), wp.vec3(1.0, 2.0, 3.0), dtype=wp.vec3),
             mocap_quat=wp.full((nrow, 1), wp.quat(0.5, -0.5, 0.5, -0.5), dtype=wp.quat),
         )
-        rest = rest_map(model, HOME_CTRL, HOME_ACT, "cpu")
-        write_state(m, d, rest, layouts, wp.array(rows, dtype=int))  # type: ignore[arg-type]
+        which = wp.array([True] * d.nworld if mask is None else mask, dtype=wp.bool)
+        given = None if rows is None else wp.array(rows, dtype=int)
+        if given is not None:
+            mask_of_rows(given, nrow, which)
+        writer = StateWriter(model, d, which, rest_map(model, HOME_CTRL, HOME_ACT, "cpu"))
+        writer.launch(poses, given)
     return model, d
 
 
@@ -106,19 +114,23 @@ def test_worlds_without_a_row_keep_everything():
     np.testing.assert_array_equal(d.mocap_pos.numpy()[[0, 2], 0], 0.0)
 
 
-def test_masks_and_rows_turn_into_each_other():
-    """A masked world takes its own row; a world has a mask where its row exists."""
-    mask = wp.array([True, False, True], dtype=wp.bool, device="cpu")
-    rows, back = wp.zeros(3, dtype=int, device="cpu"), wp.zeros(3, dtype=wp.bool, device="cpu")
-    rows_of_mask(mask, rows)
-    assert rows.numpy().tolist() == [0, -1, 2]
-    mask_of_rows(rows, 2, back)
-    assert back.numpy().tolist() == [True, False, False]
+def test_masked_worlds_take_their_own_rows():
+    """Without a list of rows; the others keep everything."""
+    poses = np.array([[0.3, 0.1], [-1.2, 0.4], [0.7, -0.2]])
+    _, d = written(poses, mask=[True, False, True])
+    np.testing.assert_allclose(d.qpos.numpy(), np.float32([poses[0], [-7.0, -7.0], poses[2]]))
+    for array in (d.ctrl, d.act):
+        np.testing.assert_array_equal(array.numpy()[1], -7.0)
+        assert (array.numpy()[[0, 2]] != -7.0).all()
 
 
-def test_values_are_written_where_the_mask_is_true():
-    """The same numbers into every masked row; the others keep theirs."""
-    mask = wp.array([True, False, True], dtype=wp.bool, device="cpu")
-    out = wp.full((3, 2), 9.0, dtype=float, device="cpu")
-    write_values(wp.array([1.0, 2.0], dtype=float, device="cpu"), mask, out)
-    assert out.numpy().tolist() == [[1.0, 2.0], [9.0, 9.0], [1.0, 2.0]]
+def test_springs_of_masked_worlds_are_at_home():
+    """The same plastic references in each; the others keep theirs."""
+    model = mujoco.MjModel.from_xml_string(ACTUATORS)
+    with wp.ScopedDevice("cpu"):
+        d = mjw.make_data(model, 3)
+        d.plastic = wp.full((3, 2), 9.0, dtype=float)
+        mask = wp.array([True, False, True], dtype=wp.bool)
+        rest = rest_map(model, HOME_CTRL, HOME_ACT, "cpu")
+        StateWriter(model, d, mask, rest, plastic=np.array([1.0, 2.0])).launch(Poses(d.qpos, d.mocap_pos, d.mocap_quat))
+    assert d.plastic.numpy().tolist() == [[1.0, 2.0], [9.0, 9.0], [1.0, 2.0]]

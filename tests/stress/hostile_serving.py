@@ -15,7 +15,7 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.randomizer import ResetRandomizer
-from sceniris_gym.sim.write import rest_map
+from sceniris_gym.sim.rest import rest_map
 from tests.oracle.hostile_words import Served
 
 

@@ -168,14 +168,15 @@ def test_a_wrong_seed_is_named_by_its_place(given: Any, words: str):
     ],
     ids=["numpy", "torch", "warp", "numpy view", "numpy backwards", "numpy read-only"],
 )
-def test_a_reset_mask_of_any_library_is_a_tensor_afterwards(make):
+def test_a_reset_mask_of_any_library_is_an_array_afterwards(make):
     """With the same worlds; the options, and the mask in them, stay as they were."""
     values = [True, False, False, True]
     options = {"reset_mask": make(values)}
     kept = options["reset_mask"]
-    found = as_reset_mask(options, 4, CPU)
-    assert isinstance(found, torch.Tensor)
-    assert (found.dtype, found.device, found.tolist()) == (torch.bool, CPU, values)
+    found = as_reset_mask(options, 4)
+    assert isinstance(found, np.ndarray)
+    assert (found.dtype, found.tolist()) == (bool, values)
+    found[:] = True
     assert list(options) == ["reset_mask"]
     assert options["reset_mask"] is kept
     assert np.asarray(kept.numpy() if hasattr(kept, "numpy") else kept).tolist() == values
@@ -184,7 +185,7 @@ def test_a_reset_mask_of_any_library_is_a_tensor_afterwards(make):
 @pytest.mark.parametrize("options", [None, {}, {"reset_mask": None}])
 def test_without_a_reset_mask_all_worlds_are_meant(options: dict | None):
     """None says so, without a mask that is true everywhere."""
-    assert as_reset_mask(options, 4, CPU) is None
+    assert as_reset_mask(options, 4) is None
 
 
 @pytest.mark.parametrize(
@@ -205,7 +206,7 @@ def test_without_a_reset_mask_all_worlds_are_meant(options: dict | None):
 def test_a_wrong_reset_mask_is_named_as_the_option_that_it_is(mask: Any, error: type[Exception], words: str):
     """Of all libraries: type, shape, and one that would reset nothing."""
     with pytest.raises(error, match=rf"options\['reset_mask'\].*{words}"):
-        as_reset_mask({"reset_mask": mask}, 2, CPU)
+        as_reset_mask({"reset_mask": mask}, 2)
 
 
 def test_another_option_is_refused():
@@ -213,14 +214,14 @@ def test_another_option_is_refused():
     names: tuple[Any, ...] = ("mask", 3)
     for name in names:
         with pytest.raises(UnknownNameError, match=f"reset: unknown option '{name}'.*reset_mask"):
-            as_reset_mask({"reset_mask": np.ones(2, bool), name: 1}, 2, CPU)
+            as_reset_mask({"reset_mask": np.ones(2, bool), name: 1}, 2)
 
 
 @pytest.mark.parametrize("options", [5, 0, "reset_mask", [("reset_mask", None)], np.ones(2, bool)])
 def test_options_that_are_no_mapping_are_refused(options: Any):
     """A mask by itself too, with how it is given; a number was a TypeError."""
     with pytest.raises(ArgumentTypeError, match=r"reset: options should be \{'reset_mask': mask\} or None, got"):
-        as_reset_mask(options, 2, CPU)
+        as_reset_mask(options, 2)
 
 
 def test_drawn_seeds_leave_room_to_count_up():

@@ -70,5 +70,5 @@ def test_a_thread_may_take_over_an_environment(make_env: MakeEnv):
     with ThreadPoolExecutor(1) as pool:
         pool.submit(envs.reset, seed=0).result()
     envs.step(actions(3))
-    with pytest.raises(BusyError, match="SceneVectorEnv: another thread"), envs.turn, ThreadPoolExecutor(1) as pool:
+    with pytest.raises(BusyError, match="SceneVectorEnv: another thread"), envs.lock, ThreadPoolExecutor(1) as pool:
         pool.submit(envs.render).result()

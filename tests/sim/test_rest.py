@@ -1,4 +1,4 @@
-"""Delayed actuators after a reset: what they read from the past is what they are given now."""
+"""Controls at rest of delayed actuators: what they read from the past is what a reset gives them."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import warp as wp
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.sim.control_history import ControlHistory, history_samples
 from sceniris_gym.sim.randomizer import ResetRandomizer
+from sceniris_gym.sim.rest import history_samples
 from tests.versions import since_4
 
 NROW = 4
@@ -121,11 +121,3 @@ def test_samples_are_found_where_mujoco_keeps_them():
         assert delayed[0] == 100.0 + i
     plain = mujoco.MjModel.from_xml_string("<mujoco/>")
     assert len(history_samples(plain)[0]) == 0
-
-
-def test_a_model_without_delays_launches_nothing():
-    """Its data has no history to write into."""
-    mjm = mujoco.MjModel.from_xml_string("<mujoco><worldbody><body mocap='true'/></worldbody></mujoco>")
-    with wp.ScopedDevice("cpu"):
-        data = mjw.make_data(mjm, 2)
-        ControlHistory(mjm, wp.get_device("cpu")).launch_fill(data, wp.ones(2, dtype=wp.bool))

@@ -10,7 +10,7 @@ import torch
 import warp as wp
 
 from sceniris_gym.errors import MaskError, MaskTypeError
-from sceniris_gym.sim.masks import as_mask, as_rows, check_mask
+from sceniris_gym.layout.masks import as_host_mask, as_mask, as_rows, mask_of_ids, mask_of_rows
 
 CPU = wp.get_device("cpu")
 MASK = [True, False, False, True, True]
@@ -72,7 +72,9 @@ def test_what_was_computed_with_gradients_is_taken_too():
     assert as_mask(scores > 0, 2, CPU).numpy().tolist() == [True, False]
 
 
-@pytest.mark.parametrize("check", [lambda mask: as_mask(mask, 2, CPU, "chosen"), lambda m: check_mask(m, 2, "chosen")])
+@pytest.mark.parametrize(
+    "check", [lambda mask: as_mask(mask, 2, CPU, "chosen"), lambda m: as_host_mask(m, 2, "chosen")]
+)
 @pytest.mark.parametrize(
     ("mask", "error", "words"),
     [
@@ -136,3 +138,22 @@ def test_what_are_no_rows_is_named(rows: Any, error: type[Exception], words: str
     """With the place of the wrong one where the host can see it."""
     with pytest.raises(error, match=words):
         as_rows(rows, 4, 2, CPU)
+
+
+def test_rows_and_numbers_of_worlds_become_masks():
+    """True where the row of a world exists, and for worlds that are named; numbers of no world are passed over."""
+    mask = wp.zeros(3, dtype=wp.bool, device="cpu")
+    mask_of_rows(wp.array([0, -1, 2], dtype=int, device="cpu"), 2, mask)
+    assert mask.numpy().tolist() == [True, False, False]
+    mask_of_ids(wp.array([2, 1, 2, -1, 3], dtype=int, device="cpu"), mask)
+    assert mask.numpy().tolist() == [False, True, True]
+
+
+@pytest.mark.parametrize("make", [np.array, torch.tensor, lambda values: wp.array(values, dtype=wp.bool, device="cpu")])
+def test_masks_on_the_host_are_copies(make):
+    """Of all libraries: a later change of one does not change the other."""
+    given = make(MASK)
+    found = as_host_mask(given, 5)
+    assert isinstance(found, np.ndarray)
+    found[:] = ~found
+    assert np.asarray(given.numpy() if hasattr(given, "numpy") else given).tolist() == MASK

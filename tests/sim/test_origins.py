@@ -1,4 +1,4 @@
-"""Resets that write what is in the scene alone, and the origins of worlds."""
+"""Origins of worlds, and resets that write what is in the scene alone."""
 
 from __future__ import annotations
 

@@ -1,0 +1,71 @@
+"""Origins of worlds, which are added to the positions that a reset writes: checked once, then on the device."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import mujoco
+import numpy as np
+import warp as wp
+
+from sceniris_gym.errors import MaskError, MaskTypeError, ModelWarning
+from sceniris_gym.geometry.contacts import ContactRules
+from sceniris_gym.scene.model import SceneModel
+
+
+def as_origins(origins: Any, nworld: int, device: wp.Device) -> wp.array:
+    """Return the origins of worlds [m], world frame, as a Warp array on `device`, shape (nworld,), vec3.
+
+    Args:
+        origins: A Warp array, a torch tensor or a numpy array, shape (nworld, 3). Floats on the device are not copied.
+        nworld: Number of worlds.
+        device: The target device.
+
+    Raises:
+        MaskTypeError: Not an array of floats.
+        MaskError: Wrong shape.
+    """
+    if isinstance(origins, wp.array):
+        found = origins
+    elif type(origins).__module__ == "torch":
+        found = wp.from_torch(origins.detach().float().contiguous(), dtype=wp.vec3)
+    else:
+        try:
+            found = wp.array(np.asarray(origins, np.float32).reshape(-1, 3), dtype=wp.vec3, device=device)
+        except (TypeError, ValueError):
+            raise MaskTypeError(f"origins should be floats, shape ({nworld}, 3), got {origins!r}.") from None
+    if found.dtype is wp.float32 and found.ndim == 2 and found.shape[1] == 3:
+        found = found.view(wp.vec3)
+    if found.dtype is not wp.vec3 or found.shape != (nworld,):
+        raise MaskError(f"origins should be floats of shape ({nworld}, 3), one origin per world, got {origins.shape}.")
+    return found.to(device)
+
+
+def warn_of_origins(scene: SceneModel, origins: np.ndarray, where: str) -> None:
+    """Warn of geoms that are fixed to the world, so that layouts that are moved to an origin do not fit around them.
+
+    Those are the geoms that collide and hang on no free and no mocap body. Planes do not count: they are the same
+    everywhere.
+
+    Args:
+        scene: The scene.
+        origins: Origins [m], shape (nworld, 3).
+        where: First words of the warning.
+    """
+    mjm = scene.mjm
+    free = mjm.jnt_bodyid[mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE]
+    moves = (mjm.body_mocapid >= 0) | np.isin(np.arange(mjm.nbody), free)
+    fixed = ~moves[mjm.body_rootid][mjm.geom_bodyid] & (mjm.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)
+    rules = ContactRules(mjm, scene.config.geometry)
+    found = [int(geom) for geom in np.flatnonzero(fixed) if rules.collides(int(geom))]
+    if not found or not np.any(origins):
+        return
+    named = [f"'{mjm.geom(g).name}' of '{mjm.body(int(mjm.geom_bodyid[g])).name}'" for g in found[:3]]
+    more = f" and {len(found) - len(named)} more" if len(found) > len(named) else ""
+    message = (
+        f"{where}: layouts are moved to the origins of their worlds, but what is fixed to the world is not: geoms "
+        f"{', '.join(named)}{more}. Unless these look the same from every origin, layouts do not fit around them. Put "
+        "them on mocap bodies that are moved as well, or set all origins to 0."
+    )
+    warnings.warn(ModelWarning(message), stacklevel=5)

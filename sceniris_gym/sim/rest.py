@@ -1,0 +1,140 @@
+"""Controls and activations that hold a pose: `RestMap`, which a reset evaluates on the device."""
+
+import mujoco
+import numpy as np
+import warp as wp
+
+from sceniris_gym.sim.versions import actuator_controls, actuator_outputs
+
+# as integers: `numpy.int32(0) in (enum member,)` is false although both are equal
+CTRL_HOLDS = tuple(
+    int(d) for d in (mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
+)
+ACT_HOLDS = (*CTRL_HOLDS, int(mujoco.mjtDyn.mjDYN_INTEGRATOR))
+JOINT_TRANSMISSIONS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
+
+
+@wp.struct
+class RestMap:
+    """Controls and activations at rest, each an affine function of qpos: `bias + sum(coef * qpos[qposadr])`.
+
+    Element e has the terms `rowadr[e]` to `rowadr[e + 1]`; the nu controls come first, then the na activations.
+
+    Attributes:
+        rowadr: First term of an element, shape (nu + na + 1,).
+        qposadr: Address in qpos of a term.
+        coef: Factor of a term.
+        bias: Constant part, shape (nu + na,); the home value of an element that holds no pose and has no terms.
+        lower: Lower limit, shape (nu + na,).
+        upper: Upper limit, shape (nu + na,).
+    """
+
+    rowadr: wp.array[int]
+    qposadr: wp.array[int]
+    coef: wp.array[float]
+    bias: wp.array[float]
+    lower: wp.array[float]
+    upper: wp.array[float]
+
+
+@wp.func
+def rest_value(rest: RestMap, elemid: int, qpos: wp.array[float]) -> float:
+    """Return the control or activation `elemid` at rest at the joint positions `qpos` (nq,)."""
+    value = rest.bias[elemid]
+    for term in range(rest.rowadr[elemid], rest.rowadr[elemid + 1]):
+        value += rest.coef[term] * qpos[rest.qposadr[term]]
+    return wp.clamp(value, rest.lower[elemid], rest.upper[elemid])
+
+
+def rest_map(mjm: mujoco.MjModel, home_ctrl: np.ndarray, home_act: np.ndarray, device: str | None) -> RestMap:
+    """Find the controls and activations that hold a pose.
+
+    A position actuator (a fixed gain and an affine bias that pulls against its length) holds the pose when its input
+    is `-(bias0 + bias1 * length) / gain`, with `length = gear * qpos` of its joint, or `gear * sum(coef * qpos)`
+    of its fixed tendon. Its input is the control, or the activation behind a filter or an integrator. All
+    other actuators, those over spatial tendons included, take their home values.
+
+    Args:
+        mjm: The model.
+        home_ctrl: Controls of the home pose, shape (nu,).
+        home_act: Activations of the home pose, shape (na,).
+        device: The target device.
+    """
+    nu, na = mjm.nu, mjm.na
+    bias = np.concatenate([home_ctrl, home_act]).astype(float)
+    lower, upper = np.full(nu + na, -np.inf), np.full(nu + na, np.inf)
+    terms: list[list[tuple[int, float]]] = [[] for _ in range(nu + na)]
+    ctrladr, ctrlnum = actuator_controls(mjm)
+    for i in range(len(ctrladr)):
+        length = _length_terms(mjm, i)
+        gain, bias0, bias1 = mjm.actuator_gainprm[i, 0], *mjm.actuator_biasprm[i, :2]
+        holds = (
+            mjm.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
+            and mjm.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_AFFINE
+            and gain * bias1 < 0
+            and ctrlnum[i] == 1
+            and mjm.actuator_actnum[i] <= 1
+        )
+        if not holds or length is None:
+            continue
+        dyntype, inputs = int(mjm.actuator_dyntype[i]), []
+        if dyntype in CTRL_HOLDS:
+            inputs.append(ctrladr[i])
+        if mjm.actuator_actnum[i] == 1 and dyntype in ACT_HOLDS:
+            inputs.append(nu + mjm.actuator_actadr[i])
+        for e in inputs:
+            bias[e] = -bias0 / gain
+            terms[e] = [(adr, -bias1 / gain * coef) for adr, coef in length]
+            limited, limits = (
+                (mjm.actuator_ctrllimited, mjm.actuator_ctrlrange)
+                if e < nu
+                else (mjm.actuator_actlimited, mjm.actuator_actrange)
+            )
+            which = e if e < nu else i  # control ranges are listed by control, activation ranges by actuator
+            if limited[which]:
+                lower[e], upper[e] = limits[which]
+    flat = [term for row in terms for term in row]
+    rest = RestMap()
+    with wp.ScopedDevice(device):
+        rest.rowadr = wp.array(np.cumsum([0] + [len(row) for row in terms]), dtype=int)
+        rest.qposadr = wp.array([adr for adr, _ in flat], dtype=int)
+        rest.coef = wp.array([coef for _, coef in flat], dtype=float)
+        rest.bias, rest.lower, rest.upper = (wp.array(values, dtype=float) for values in (bias, lower, upper))
+    return rest
+
+
+def _length_terms(mjm: mujoco.MjModel, actuator: int) -> list[tuple[int, float]] | None:
+    """Return (qpos address, factor) pairs that sum to an actuator's length, or None if it is not linear in qpos."""
+    gear = float(mjm.actuator_gear[actuator_outputs(mjm)[actuator], 0])
+    trntype, target = int(mjm.actuator_trntype[actuator]), int(mjm.actuator_trnid[actuator, 0])
+    if trntype in JOINT_TRANSMISSIONS:
+        joints = [(target, 1.0)]
+    elif trntype == mujoco.mjtTrn.mjTRN_TENDON:
+        wraps = range(mjm.tendon_adr[target], mjm.tendon_adr[target] + mjm.tendon_num[target])
+        if any(mjm.wrap_type[w] != mujoco.mjtWrap.mjWRAP_JOINT for w in wraps):
+            return None
+        joints = [(mjm.wrap_objid[w], float(mjm.wrap_prm[w])) for w in wraps]
+    else:
+        return None
+    if any(int(mjm.jnt_type[j]) not in SCALAR_JOINTS for j, _ in joints):
+        return None
+    return [(int(mjm.jnt_qposadr[j]), gear * coef) for j, coef in joints]
+
+
+def history_samples(mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
+    """Return where delayed actuators keep their past controls: addresses in `history`, and the control of each.
+
+    An actuator with n samples of m controls has there, one after the other: two numbers, n times, and n x m controls.
+
+    Returns:
+        Two arrays of shape (n,), int32.
+    """
+    ctrladr, ctrlnum = actuator_controls(mjm)
+    address, control = [], []
+    for i, (nsample, _) in enumerate(mjm.actuator_history):
+        first = mjm.actuator_historyadr[i] + 2 + nsample
+        for k in range(nsample * ctrlnum[i] if nsample > 0 else 0):
+            address.append(first + k)
+            control.append(ctrladr[i] + k % ctrlnum[i])
+    return np.array(address, np.int32), np.array(control, np.int32)
