@@ -12,7 +12,7 @@ from sceniris_gym.scene.couplings import active_equalities, driven_by, follow, f
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import subtree
 from sceniris_gym.sim.versions import actuator_controls, actuator_outputs
-from sceniris_gym.sim.write import CTRL_HOLDS, SCALAR_JOINTS
+from sceniris_gym.sim.rest import CTRL_HOLDS, SCALAR_JOINTS
 
 # Fingers that move by less [m] across the approach axis neither open nor close.
 _STILL = 1e-4
