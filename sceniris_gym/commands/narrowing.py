@@ -1,8 +1,7 @@
-"""How much `reachable` narrows where objects lie: compares a scene with it and without, in numbers and a picture.
+"""The effect of `reachable` on where objects lie: compares a scene with it and without, in numbers and a picture.
 
-The share that is kept is measured on one set of candidates, so apart from chance it does not depend on their number:
-it is the share of the layouts made without `reachable` in which the arm's map accepts a grasp of the object. For the
-tiers `ik` and `clear` it is multiplied by the share of finished layouts that passed them.
+The share of candidates that is kept is that of the layouts made without `reachable` in which the arm's map accepts a
+grasp of the object. For the tiers `ik` and `clear` it is multiplied by the share of finished layouts that passed them.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ _COLOURS = ((214, 96, 36), (38, 110, 184), (62, 140, 74), (150, 78, 158), (186, 
 
 @dataclass(frozen=True)
 class Narrowing:
-    """Where the objects that should be reachable lie, without `reachable` and with it.
+    """Positions of the objects that should be reachable, without `reachable` and with it.
 
     Attributes:
         before: Object name -> its world positions [m] in the layouts with it, shape (n, 2), without `reachable`.
@@ -44,8 +43,7 @@ class Narrowing:
         kept: Object name -> share of its candidates that `reachable` accepts.
         rejections: Rejections per object and cause, with `reachable`.
         bases: Position [m] and heading [rad] of the bases of robots that stand where they are, shape (n, 3).
-        lower: Corner of all that is drawn [m], shape (2,).
-        upper: The opposite corner [m], shape (2,).
+        lower, upper: Opposite corners of the picture [m], shape (2,).
     """
 
     before: Mapping[str, np.ndarray]
@@ -68,14 +66,17 @@ class Narrowing:
         }
 
 
-def narrow(compiled: CompiledScene, layouts: int, seed: int, path: Path | None = None) -> dict:
-    """Return what the commands print: `narrowing`, and `picture` if one was drawn; nothing without `reachable`.
+def narrow(
+    compiled: CompiledScene, layouts: int, seed: int, path: Path | None = None, made: LayoutGenerator | None = None
+) -> dict:
+    """Return the entries that commands print: `narrowing`, and `picture` if one was drawn; none without `reachable`.
 
     Args:
         compiled: The compiled scene.
         layouts: Number of layouts to make with `reachable`, and as many without.
         seed: Seed of the first layout.
-        path: Where to write a picture; None for no picture.
+        path: The file of the picture; None for no picture.
+        made: A generator of the compiled scene that has made these layouts already.
 
     Raises:
         SceneKeyError: A picture is asked for, but no object of the scene has `reachable`.
@@ -87,41 +88,40 @@ def narrow(compiled: CompiledScene, layouts: int, seed: int, path: Path | None =
                 "Add it, e.g. with --set objects.apple.reachable=map, or leave out --picture."
             )
         return {}
-    found = narrowing(compiled, layouts, seed)
+    found = narrowing(compiled, layouts, seed, made)
     if path is None:
         return {"narrowing": found.figures()}
     save(picture(found, compiled.config.name), path)
     return {"narrowing": found.figures(), "picture": str(path)}
 
 
-def narrowing(compiled: CompiledScene, layouts: int, seed: int) -> Narrowing:
-    """Make layouts of a scene as it is, and of the same scene without `reachable`.
-
-    Args:
-        compiled: The compiled scene.
-        layouts: Number of layouts of each.
-        seed: Seed of the first layout.
-    """
-    names = () if compiled.reaching is None else compiled.reaching.names
+def narrowing(compiled: CompiledScene, layouts: int, seed: int, made: LayoutGenerator | None = None) -> Narrowing:
+    """Compare layouts of a scene that has `reachable` with as many of the same scene without it; see `narrow`."""
+    assert compiled.reaching is not None
+    names = compiled.reaching.names
     changes = {f"objects.{name}.reachable": False for name in names}
-    plain = compile_scene(SceneConfig.load(compiled.config, changes), compiled.device) if names else compiled
-    tables, counts = [], []
-    for each in (plain, compiled):
-        generator = LayoutGenerator(each, layouts, seed=seed)
-        generator.generate()
-        tables.append(read_table(generator))
-        counts.append(generator.rejection_counts())
+    plain = compile_scene(SceneConfig.load(compiled.config, changes), compiled.device)
+    generator = made or _made(compiled, layouts, seed)
+    counts = generator.rejection_counts()
+    tables = [read_table(each) for each in (_made(plain, layouts, seed), generator)]
     before, after = ({name: _positions(compiled, table, name) for name in names} for table in tables)
     still = [compiled.slots.index(name) for name in compiled.config.all_robots if name not in compiled.config.parts]
     bases = compiled.plan.place[still][:, [0, 1, 3]]
-    lower, upper = _frame(compiled, [*before.values(), *after.values(), bases[:, :2]])
-    passed = _staged(compiled, tables[1], counts[1])
+    lower, upper = _corners(compiled, [*before.values(), *after.values(), bases[:, :2]])
+    passed = _staged(compiled, tables[1], counts)
     kept = {name: passed[name] * _on_map(compiled, plain, tables[0], name) for name in names}
-    return Narrowing(before, after, kept, counts[1], bases, lower, upper)
+    return Narrowing(before, after, kept, counts, bases, lower, upper)
+
+
+def _made(compiled: CompiledScene, layouts: int, seed: int) -> LayoutGenerator:
+    """Return a generator that has made the layouts of its first episode."""
+    generator = LayoutGenerator(compiled, layouts, seed=seed)
+    generator.generate()
+    return generator
 
 
 def picture(found: Narrowing, title: str) -> Image.Image:
-    """Draw from above where objects lie: without `reachable` on the left, with it on the right; x points right."""
+    """Draw the objects from above: without `reachable` on the left, with it on the right; x points right."""
     size = found.upper - found.lower
     scale = min(_SCALE, _PANEL / float(size.max()))
     width, height = (int(np.ceil(scale * edge)) for edge in size)
@@ -214,10 +214,11 @@ def _staged(
 
 
 def _frame_of(data: mujoco.MjData, body: int) -> np.ndarray:
+    """Return the frame of a body in the world, shape (4, 4)."""
     return pose_matrix(data.xpos[body], data.xquat[body])
 
 
-def _frame(compiled: CompiledScene, points: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def _corners(compiled: CompiledScene, points: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Return the corners of the smallest rectangle around points and the floor, plus a margin."""
     every = np.concatenate(points)
     if compiled.config.floor is not None:

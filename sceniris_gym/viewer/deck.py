@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
-import mujoco
 import numpy as np
 import warp as wp
 
@@ -14,7 +14,7 @@ from sceniris_gym.layout.blame import Blame, Hit
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.layout.tables import read_table
+from sceniris_gym.layout.tables import read_rejected, read_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -74,7 +74,6 @@ class LayoutDeck:
         self.compiled, self.num = compiled, num
         self._generators: dict[str, LayoutGenerator] = {}
         self._recorders: dict[str, LayoutGenerator] = {}
-        self._blame: Blame | None = None
         self.layouts = 0
         self.valid = 0
         self.counts = np.zeros((max(len(compiled.placed), 1), len(Cause)), np.int64)
@@ -109,28 +108,23 @@ class LayoutDeck:
         view = recorder.layouts.view
         view.rejected_count.zero_()
         before = view.rejections.numpy().copy()
-        _made(recorder, where, 1)
+        made = _made(recorder, where, 1)
         counts = view.rejections.numpy() - before
-        num = min(int(view.rejected_count.numpy()[0]), MOST_RECORDED)
-        nmocap, present = self.compiled.mjm.nmocap, recorder.layouts.present.numpy()[:1] != 0
-        states = [a.numpy()[:num] for a in (view.rejected_qpos, view.rejected_mocap_pos, view.rejected_mocap_quat)]
-        found = []
-        for i in range(num):
-            number, cause = int(view.rejected_object.numpy()[i]), int(view.rejected_cause.numpy()[i])
-            row = [a[i : i + 1].copy() for a in states]
-            state = LayoutTable.from_states(row[0], row[1][:, :nmocap], row[2][:, :nmocap], present.copy())
+        rejected, found = read_rejected(recorder), []
+        for i, (number, cause) in enumerate(zip(rejected.objects.tolist(), rejected.causes.tolist(), strict=True)):
+            state = replace(rejected.states[i : i + 1], present=made.present)
             name = self.compiled.placed[number]
             found.append(Candidate(name, number, Cause(cause).name.lower(), int(counts[number, cause]), state))
         return found
 
     def hits(self, candidate: Candidate) -> list[Hit]:
         """Return what a candidate collides with, the worst first."""
-        if self._blame is None:
-            self._blame = Blame(self.compiled)
-        data = mujoco.MjData(self.compiled.mjm)
-        candidate.state.put(data, 0)
-        mujoco.mj_kinematics(self.compiled.mjm, data)
-        return self._blame.hits(data, candidate.number)
+        return self._blame.hits(candidate.state, 0, candidate.number)
+
+    @cached_property
+    def _blame(self) -> Blame:
+        """Finds the geoms that candidates hit; made when it is first asked for."""
+        return Blame(self.compiled)
 
     def find(self, text: str) -> Where:
         """Return where the layout with an id is.

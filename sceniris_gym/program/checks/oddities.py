@@ -1,8 +1,7 @@
-"""What is accepted although it was probably not meant: one warning for each kind, with its extent and the remedy."""
+"""Warnings of oddities, which are accepted but probably not meant: one for each kind, with its extent and remedy."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -13,6 +12,7 @@ from sceniris_gym.config.bounds import MOST_FAR
 from sceniris_gym.errors import ModelWarning
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.pieces import Piece, PieceType, flat_faces, geom_name
+from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.notices import warn
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.scene.model import SceneModel
@@ -32,19 +32,19 @@ _NO_CONTACTS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableB
 _FINE = 128.0
 
 
-def warn_of_oddities(scene: SceneModel, plan: Plan) -> None:
-    """Warn of what is odd in a scene: `ModelWarning`, once for each kind of oddity."""
-    kinds = _flat(scene, plan), _filled(scene, plan), _sizes(scene, plan), _sunk(scene, plan), _coarse(scene, plan)
-    for text in itertools.chain(*kinds):
-        warn(ModelWarning(f"{scene.config.where}: {text}"), stacklevel=2)
+def warn_of_oddities(plan: Plan) -> None:
+    """Warn of oddities in a scene: one `ModelWarning` for each kind."""
+    for kind in (_flat, _filled, _sizes, _sunk, _coarse):
+        for text in kind(plan):
+            warn(ModelWarning(f"{plan.scene.config.where}: {text}"))
 
 
-def _flat(scene: SceneModel, plan: Plan) -> Iterator[str]:
-    """Faces without area, which have no inside and no normal."""
-    if scene.config.geometry != "visual":
+def _flat(plan: Plan) -> Iterator[str]:
+    """Warn of faces without area, which have no inside and no normal."""
+    if plan.scene.config.geometry != "visual":
         return
     counts = {p.geom: _flat_number(p.mesh) for p in plan.pieces if p.mesh is not None}
-    found = [f"{count} of geom '{geom_name(scene.mjm, geom)}'" for geom, count in counts.items() if count]
+    found = [f"{count} of geom '{geom_name(plan.scene.mjm, geom)}'" for geom, count in counts.items() if count]
     if found:
         yield (
             f"faces without area are left out: {_some(found)}. Nothing is lost if the mesh is closed without them; "
@@ -52,13 +52,13 @@ def _flat(scene: SceneModel, plan: Plan) -> Iterator[str]:
         )
 
 
-def _filled(scene: SceneModel, plan: Plan) -> Iterator[str]:
-    """Meshes that collide as a hull much larger than they are."""
+def _filled(plan: Plan) -> Iterator[str]:
+    """Warn of meshes that collide as a hull much larger than they are."""
     import trimesh
 
-    if scene.config.geometry != "physics":
+    if plan.scene.config.geometry != "physics":
         return
-    mjm, found = scene.mjm, []
+    mjm, found = plan.scene.mjm, []
     for p in plan.pieces:
         if p.type == PieceType.HULL and p.mesh is not None:
             mesh = int(mjm.geom_dataid[p.geom])
@@ -78,15 +78,15 @@ def _filled(scene: SceneModel, plan: Plan) -> Iterator[str]:
 
 
 def _flat_number(mesh: trimesh.Trimesh) -> int:
-    """How many faces of a mesh have no area, those among them that are left out already."""
+    """Return the number of faces of a mesh without area, including those that are left out already."""
     return int(flat_faces(mesh.triangles).sum()) + mesh.metadata.get("left_out", 0)
 
 
-def _sizes(scene: SceneModel, plan: Plan) -> Iterator[str]:
-    """Objects of a size that suggests other units."""
+def _sizes(plan: Plan) -> Iterator[str]:
+    """Warn of objects of a size that suggests other units."""
     found = []
     for name in plan.slots:
-        bodies = set(scene.subtree(name))
+        bodies = set(plan.scene.subtree(name))
         ends = [plan.extents(p) for p in plan.pieces if p.body in bodies and p.type != PieceType.PLANE]
         if ends:
             size = float((np.max([high for _, high in ends], 0) - np.min([low for low, _ in ends], 0)).max())
@@ -99,16 +99,16 @@ def _sizes(scene: SceneModel, plan: Plan) -> Iterator[str]:
         )
 
 
-def _sunk(scene: SceneModel, plan: Plan) -> Iterator[str]:
-    """What layouts leave where it is, and what is inside of something else that they leave there."""
+def _sunk(plan: Plan) -> Iterator[str]:
+    """Warn of things that overlap at home and that layouts leave there."""
+    scene, mjm = plan.scene, plan.scene.mjm
     if scene.config.geometry != "physics":
         return
-    mjm = scene.mjm
     is_pushed = not mjm.opt.disableflags & _NO_CONTACTS
     still: list[str] = []
     pushed: list[str] = []
     cures: dict[str, None] = {}
-    placed = {b for name, o in scene.config.parts.items() if o.is_placed for b in scene.subtree(name)}
+    placed = {body for o in plan.objects if o.kind != ObjectKind.STATIC for body in o.bodies}
     for depth, geoms in _overlaps(mjm, plan.home, [p for p in plan.pieces if p.body not in placed]):
         free = [geom for geom in geoms if _can_move(mjm, geom)]
         one, other = geoms if not free or geoms[0] in free else reversed(geoms)
@@ -131,9 +131,9 @@ def _sunk(scene: SceneModel, plan: Plan) -> Iterator[str]:
 
 
 def _overlaps(mjm: mujoco.MjModel, home: mujoco.MjData, pieces: list[Piece]) -> Iterator[tuple[float, tuple[int, int]]]:
-    """How deep [m] things are in each other at home, and which geoms are: the deepest of each two things.
+    """Yield the depths [m] of overlaps at home with the two geoms, the deepest of each two things.
 
-    What cannot move and what can are told apart.
+    Overlaps of geoms that can move and of geoms that cannot count separately.
     """
     rules = ContactRules(mjm, "physics")
     deepest: dict[tuple[int, int, bool], tuple[float, tuple[int, int]]] = {}
@@ -150,23 +150,23 @@ def _overlaps(mjm: mujoco.MjModel, home: mujoco.MjData, pieces: list[Piece]) -> 
 
 
 def _can_move(mjm: mujoco.MjModel, geom: int) -> bool:
-    """Whether a joint moves a geom."""
+    """Return whether a joint moves a geom."""
     return bool(mjm.body_dofnum[mjm.body_weldid[mjm.geom_bodyid[geom]]])
 
 
 def _owner(scene: SceneModel, geom: int) -> str:
-    """What messages call the thing that a geom is part of: the object, the robot, or a body of the model."""
+    """Return the name of the object, the robot or the body of the model that a geom is part of."""
     root = int(scene.mjm.body_rootid[scene.mjm.geom_bodyid[geom]])
-    names = {body: name for name, body in scene.bodies.items()}
-    return names.get(root) or str(scene.mjm.body(root).name)
+    return scene.owners.get(root) or str(scene.mjm.body(root).name)
 
 
 def _geom_of(scene: SceneModel, geom: int) -> str:
+    """Return a geom and its owner as messages name them."""
     return f"geom '{geom_name(scene.mjm, geom)}' of '{_owner(scene, geom)}'"
 
 
 def _cure(scene: SceneModel, geom: int) -> str:
-    """What brings a geom that can move to another place at the start."""
+    """Return the remedy that moves a geom at the start."""
     name, mjm = _owner(scene, geom), scene.mjm
     root = int(mjm.body_rootid[mjm.geom_bodyid[geom]])
     robot = scene.config.all_robots.get(name)
@@ -179,9 +179,9 @@ def _cure(scene: SceneModel, geom: int) -> str:
     return f"Place '{name}' as an object with `on` or `region`, or move it"
 
 
-def _coarse(scene: SceneModel, plan: Plan) -> Iterator[str]:
-    """What reaches so far that rounding there may use up the clearance of something that is placed or drawn."""
-    mjm, found = scene.mjm, []
+def _coarse(plan: Plan) -> Iterator[str]:
+    """Warn of geoms so far out that rounding there may use up the clearance of something that is placed or drawn."""
+    mjm, found = plan.scene.mjm, []
     drawn = [o.config for o in plan.objects if o.config is None or o.config.kind != "marker"]
     least = min((c.clearance if c is not None and c.is_placed else 0.0 for c in drawn), default=np.inf)
     if np.any(mjm.geom_margin > 0.0) or np.any(mjm.pair_margin > 0.0):  # nothing may come into a margin
@@ -200,7 +200,7 @@ def _coarse(scene: SceneModel, plan: Plan) -> Iterator[str]:
 
 
 def _near(mjm: mujoco.MjModel, home: mujoco.MjData, pieces: list[Piece]) -> Iterator[tuple[Piece, Piece]]:
-    """Pairs of pieces whose geoms' bounding spheres meet at home. All of a row at once: scenes have thousands."""
+    """Yield pairs of pieces whose geoms' bounding spheres meet at home. A row at a time, as scenes have thousands."""
     geoms = [p.geom for p in pieces]
     at, radius = home.geom_xpos[geoms], mjm.geom_rbound[geoms]
     radius = np.where(radius > 0.0, radius, np.inf)  # 0 for a plane
@@ -211,6 +211,6 @@ def _near(mjm: mujoco.MjModel, home: mujoco.MjData, pieces: list[Piece]) -> Iter
 
 
 def _some(found: list[str], most: int = 5) -> str:
-    """The first of a list of findings, and how many more there are."""
+    """Return the first of a list of findings, and how many more there are."""
     more = f", and {len(found) - most} more" if len(found) > most else ""
     return ", ".join(found[:most]) + more

@@ -28,7 +28,7 @@ def warned(objects: dict, **others: object) -> list[str]:
     plan = build_plan(scene)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        warn_of_oddities(scene, plan)
+        warn_of_oddities(plan)
     assert all(w.category is ModelWarning for w in caught)
     return [str(w.message) for w in caught]
 
@@ -40,7 +40,7 @@ def test_shipped_scenes_give_no_warning(scene: str):
     plan = build_plan(model)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warn_of_oddities(model, plan)
+        warn_of_oddities(plan)
 
 
 def test_shipped_assets_give_no_warning():

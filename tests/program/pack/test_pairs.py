@@ -11,7 +11,7 @@ import pytest
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.geometry.colliders import Colliders, collect_colliders
 from sceniris_gym.program.pack.descent import leaf_nodes
-from sceniris_gym.program.pack.pairs import ArmPairs, Pair, arm_pairs, collider_pairs
+from sceniris_gym.program.pack.pairs import ArmPairs, Pair, PairRules, arm_pairs, collider_pairs
 from sceniris_gym.program.plan import Plan, build_plan
 from sceniris_gym.scene.model import SceneModel, build_model
 from tests.layout.scenes import box_mjcf
@@ -35,9 +35,7 @@ class Scene:
         self.plan: Plan = build_plan(self.model)
         self.colliders: Colliders = collect_colliders(self.plan.pieces, False, "cpu")
 
-        arm = arm_pairs(self.model, self.plan, self.colliders)
-        assert arm is not None
-        self.arm: ArmPairs = arm
+        self.arm: ArmPairs = arm_pairs(self.plan, PairRules(self.model, self.colliders))
 
     def names(self, pairs: list[Pair]) -> set[frozenset[str]]:
         """A list as pairs of names of bodies."""
@@ -95,9 +93,8 @@ def test_the_hand_has_lists_of_its_own(tmp_path: Path):
 
 def test_a_scene_without_reach_has_no_lists(tmp_path: Path):
     """What is not asked for is not prepared."""
-    scene = build_model(SceneConfig.load("mid"))
-    plan = build_plan(scene)
-    assert arm_pairs(scene, plan, collect_colliders(plan.pieces, False, "cpu")) is None
+    plan = build_plan(build_model(SceneConfig.load("mid")))
+    assert arm_pairs(plan, PairRules(plan.scene, collect_colliders(plan.pieces, False, "cpu"))) == ArmPairs()
 
 
 def _meetings(scene: SceneModel, plan: Plan | None = None) -> dict[tuple[str, str], float]:
@@ -105,7 +102,7 @@ def _meetings(scene: SceneModel, plan: Plan | None = None) -> dict[tuple[str, st
     plan = plan or build_plan(scene)
     colliders = collect_colliders(plan.pieces, False, "cpu")
     found = {}
-    for pairs in collider_pairs(scene, plan, colliders):
+    for pairs in collider_pairs(plan, PairRules(scene, colliders)):
         for pair in pairs:
             names = tuple(scene.mjm.body(colliders.body[c]).name for c in (pair.a, pair.b))
             assert names not in found
@@ -189,7 +186,7 @@ def _beside(
     scene = scene_of({"thing": thing}, geometry=geometry)
     plan = build_plan(scene)
     colliders = collect_colliders(plan.pieces, geometry == "visual", "cpu")
-    (pairs,) = collider_pairs(scene, plan, colliders)
+    (pairs,) = collider_pairs(plan, PairRules(scene, colliders))
     own = set(scene.subtree("thing"))
     return scene, [p for p in pairs if {colliders.body[p.a], colliders.body[p.b]} <= own], colliders
 

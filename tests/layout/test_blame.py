@@ -1,0 +1,97 @@
+"""The geoms that rejected candidates hit, by MuJoCo C's own distances, from the record of one generator."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from sceniris_gym.layout import blame
+from sceniris_gym.layout.blame import RECORDED, Blame, obstructions
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.tables import read_rejected
+from sceniris_gym.program.compiled import CompiledScene
+from tests.layout.scenes import box_mjcf, compile_on_cpu
+
+NWORLD = 200
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
+    """Three crates beside a post, on a floor with little room; the last crate asks for the largest clearance."""
+    folder = tmp_path_factory.mktemp("blame")
+    crate: dict[str, Any] = {"asset": box_mjcf(folder, "crate", 0.2, 0.2, 0.1), "on": "floor"}
+    post = {"asset": box_mjcf(folder, "post", 0.2, 0.2, 0.5), "kind": "static"}
+    objects = {"post": post, "a": crate, "b": crate, "c": {**crate, "clearance": 0.02}}
+    return compile_on_cpu({"floor": {"size": [0.8, 0.8]}, "objects": objects}, bank=8)
+
+
+@pytest.fixture(scope="module")
+def generator(compiled: CompiledScene) -> LayoutGenerator:
+    """One that has made layouts with a record."""
+    made = LayoutGenerator(compiled, NWORLD, seed=3, rejected=RECORDED * NWORLD)
+    made.generate()
+    return made
+
+
+def test_hits_are_all_boxes_that_are_nearer_than_the_clearance(compiled: CompiledScene, generator: LayoutGenerator):
+    """Those that were placed before, and the post; by the distances of MuJoCo C, the worst first."""
+    mjm, data, rejected, found = compiled.mjm, mujoco.MjData(compiled.mjm), read_rejected(generator), Blame(compiled)
+    geoms = {name: mjm.body_geomadr[mjm.body(name).id] for name in ("post", *compiled.placed)}
+    assert len(rejected.objects) > 100
+    for row, number in enumerate(rejected.objects.tolist()):
+        data.qpos[:] = rejected.states.qpos[row]
+        mujoco.mj_kinematics(mjm, data)
+        own, least = geoms[compiled.placed[number]], 0.02 if number == 2 else 0.001
+        gaps = {
+            other: mujoco.mj_geomDistance(mjm, data, own, geoms[other], 1.0, None)
+            for other in ("post", *compiled.placed[:number])
+        }
+        hits = found.hits(rejected.states, row, number)
+        assert [hit.geoms for hit in hits] == [
+            (own, geoms[other]) for other, gap in sorted(gaps.items(), key=lambda item: item[1]) if gap < least + 1e-5
+        ]
+        for hit in hits:
+            assert hit.margin == least
+            assert hit.distance == pytest.approx(min(gap for o, gap in gaps.items() if geoms[o] == hit.geoms[1]))
+
+
+def test_the_pair_that_is_most_in_the_way_is_told_with_its_share(compiled: CompiledScene, generator: LayoutGenerator):
+    """Of each object that collided: the post, as no other crate is always there; its share is that of the hits."""
+    found = obstructions(generator)
+    assert set(found) == set(compiled.placed)
+    rejected, all_hits = read_rejected(generator), Blame(compiled)
+    assert found["a"].share == 1.0
+    for number, name in enumerate(compiled.placed):
+        assert f"of body '{name}' and geom" in found[name].pair
+        rows = np.flatnonzero(rejected.objects == number)[:48]
+        by_pair = [{hit.words for hit in all_hits.hits(rejected.states, row, number)} for row in rows.tolist()]
+        shares = {pair: np.mean([pair in pairs for pairs in by_pair]) for pair in set().union(*by_pair)}
+        assert found[name].share == pytest.approx(max(shares.values())) == pytest.approx(shares[found[name].pair])
+        assert "mm deep on average" in str(found[name])
+
+
+def test_pairs_are_listed_once_and_no_layout_is_made_again(generator: LayoutGenerator, monkeypatch: pytest.MonkeyPatch):
+    """Whatever the number of objects: the record of the generator is enough."""
+    listed: list[int] = []
+    pairs = blame.collider_pairs
+    monkeypatch.setattr(blame, "collider_pairs", lambda *words: listed.append(1) or pairs(*words))
+    monkeypatch.setattr(LayoutGenerator, "__init__", None)
+    assert len(obstructions(generator)) == 3
+    assert listed == [1]
+
+
+def test_without_a_record_or_a_collision_nothing_is_in_the_way(compiled: CompiledScene, tmp_path: Path):
+    """A generator that records nothing, and a scene with room for all."""
+    bare = LayoutGenerator(compiled, 20)
+    bare.generate()
+    assert obstructions(bare) == {}
+    roomy = compile_on_cpu(
+        {"floor": {"size": [2, 2]}, "objects": {"a": {"asset": box_mjcf(tmp_path, "a", 0.1, 0.1, 0.1), "on": "floor"}}}
+    )
+    alone = LayoutGenerator(roomy, 20, rejected=160)
+    alone.generate()
+    assert obstructions(alone) == {}
