@@ -30,7 +30,7 @@ def check(compiled: CompiledScene, layouts: int, seed: int, picture: Path | None
         "first_pass_valid": float(table.first_pass_valid.mean()),
         "attempts_per_layout": float(table.attempts.mean()),
         "rejections": generator.rejection_counts(),
-        "in_the_way": {name: str(found) for name, found in obstructions(generator).items()},
+        "in_the_way": obstructions(generator),
         **narrow(compiled, layouts, seed, picture, made=generator),
     }
 

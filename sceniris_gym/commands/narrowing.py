@@ -23,6 +23,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.tables import read_table
 from sceniris_gym.pictures.render import save
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.body_poses import body_poses
 from sceniris_gym.scene.layout_table import LayoutTable
 
 _REASONS = ("unreachable", "no_ik", "blocked")
@@ -156,15 +157,9 @@ def _draw_base(draw: ImageDraw.ImageDraw, origin: np.ndarray, scale: float, base
 
 def _positions(compiled: CompiledScene, table: LayoutTable, name: str) -> np.ndarray:
     """Return the positions of an object's root [m] in the valid layouts in which it is present, shape (n, 2)."""
-    mjm, body = compiled.mjm, compiled.scene.bodies[name]
     there = table.present[:, compiled.slots.index(name)] & table.valid
-    mocap = int(mjm.body_mocapid[body])
-    if mocap >= 0:
-        return table.mocap_pos[there, mocap, :2]
-    joint = int(mjm.body_jntadr[body])
-    assert mjm.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE
-    adr = int(mjm.jnt_qposadr[joint])
-    return table.qpos[there, adr : adr + 2]
+    states = (column[there] for column in (table.qpos, table.mocap_pos, table.mocap_quat))
+    return body_poses(compiled.mjm, compiled.scene.bodies[name], *states)[0][:, :2]
 
 
 def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, name: str) -> float:
@@ -174,7 +169,7 @@ def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, n
     target = reaching.targets[reaching.names.index(name)]
     one = reaching.arm_of(target)
     placed = compiled.plan.objects[target.number]
-    grasps = [np.concatenate([g.pos, g.quat]) for g in target.grasp_set.grasps]
+    grasps = [pose_matrix(g.pos, g.quat) for g in target.grasp_set.grasps]
     ups = np.array([matrix(v.quat)[2] for v in placed.variants])  # world's z in the root's frame
     rows = np.flatnonzero(table.present[:, plain.slots.index(name)] & table.valid)
     poses, of = [], []
@@ -186,7 +181,7 @@ def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, n
         first, number = target.grasp_set.spans[int((ups @ root[2, :3]).argmax())]
         base = np.linalg.inv(_frame_of(data, plain.scene.bodies[one.robot]))
         for k in range(first, first + number):
-            tcp = _frame_of(data, target.grasp_set.grasps[k].body) @ pose_matrix(grasps[k][:3], grasps[k][3:])
+            tcp = _frame_of(data, target.grasp_set.grasps[k].body) @ grasps[k]
             if placed.ground is None or not comes_from_below(tcp[2, 2]):
                 poses.append(base @ tcp)
                 of.append(row)

@@ -27,26 +27,6 @@ _UNDECIDED = 1.0e-6  # m; geoms that are apart by no more than this beyond the m
 
 
 @dataclass(frozen=True)
-class Obstruction:
-    """The pair of geoms that most candidates of an object are rejected for.
-
-    Attributes:
-        pair: The geoms and their bodies, by name.
-        share: Share of the candidates rejected for collision that it rejects.
-        distance: Mean distance [m] in these; negative where they overlap.
-        margin: The least distance [m] that is asked for; negative where they may be as deep as they are at home.
-    """
-
-    pair: str
-    share: float
-    distance: float
-    margin: float
-
-    def __str__(self) -> str:
-        return f"{self.pair} ({_gap(self.distance, self.margin, ' on average')}; {self.share:.0%} of them)"
-
-
-@dataclass(frozen=True)
 class Hit:
     """Two geoms that are nearer to each other than a candidate may have them.
 
@@ -114,8 +94,10 @@ class Blame:
         return distance if distance <= nearest else None
 
 
-def obstructions(generator: LayoutGenerator) -> dict[str, Obstruction]:
-    """Return, for each object with recorded collisions, the pair of geoms that is most in its way; see Blame.
+def obstructions(generator: LayoutGenerator) -> dict[str, str]:
+    """Describe, for each object with recorded collisions, the pair of geoms that most of its candidates collide at.
+
+    The share in the description is that of the candidates which the pair rejects, the distance their mean.
 
     Args:
         generator: A generator that was made with `rejected`, and that has made layouts.
@@ -133,9 +115,9 @@ def obstructions(generator: LayoutGenerator) -> dict[str, Obstruction]:
                 hits[hit.geoms].append(hit)
         if hits:
             most = max(hits.values(), key=len)
-            distance = float(np.mean([hit.distance for hit in most]))
-            name = generator.compiled.placed[number]
-            found[name] = Obstruction(most[0].words, len(most) / len(rows), distance, most[0].margin)
+            gap = _gap(float(np.mean([hit.distance for hit in most])), most[0].margin, " on average")
+            share = f"{len(most) / len(rows):.0%} of them"
+            found[generator.compiled.placed[number]] = f"{most[0].words} ({gap}; {share})"
     return found
 
 

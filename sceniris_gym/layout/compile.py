@@ -13,7 +13,6 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.messages import short
-from sceniris_gym.config.relations import Relation
 from sceniris_gym.config.scene import AUTO, SceneConfig
 from sceniris_gym.device.kernel_log import use_kernel_log
 from sceniris_gym.device.launch_lock import launching
@@ -255,7 +254,7 @@ def _infeasible(compiled: CompiledScene, probe: LayoutGenerator) -> InfeasibleSc
     late = {name: {c: n for c, n in causes.items() if c in _LATE} for name, causes in counts.items()}
     tried = [(name, causes) for found in (counts, late) for name, causes in found.items() if any(causes.values())]
     name, causes = tried[-1]
-    cause = max(causes, key=causes.__getitem__)
+    cause, part = max(causes, key=causes.__getitem__), compiled.config.parts.get(name)
     leaning = _leaning_support(compiled, probe, name) if cause == Cause.EMPTY.name.lower() else None
     orientation = None if leaning is None else compiled.config.objects[leaning.split("/")[0]].drawn_orientation.kind
     obstruction = obstructions(probe).get(name) if causes.get(Cause.COLLISION.name.lower()) else None
@@ -266,14 +265,9 @@ def _infeasible(compiled: CompiledScene, probe: LayoutGenerator) -> InfeasibleSc
         counts,
         leaning,
         orientation if orientation in ("any", "stable") else None,
-        None if obstruction is None else str(obstruction),
-        next((r.anchors[0] for r in _relations(compiled, name) if r.kind == "joined"), None),
+        obstruction,
+        None if part is None else next((r.anchors[0] for r in part.relations if r.kind == "joined"), None),
     )
-
-
-def _relations(compiled: CompiledScene, name: str) -> Sequence[Relation]:
-    """Return the relations of an object or a robot."""
-    return compiled.config.parts[name].relations if name in compiled.config.parts else ()
 
 
 def _leaning_support(compiled: CompiledScene, probe: LayoutGenerator, name: str) -> str | None:

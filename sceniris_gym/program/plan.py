@@ -60,10 +60,14 @@ class Plan:
         """The arms of the scene and what they are to reach, planned when it is asked for; see `plan_reaching`."""
         return plan_reaching(self.scene, self.objects, self.pieces, self.home)
 
-    def extents(self, piece: Piece) -> tuple[np.ndarray, np.ndarray]:
-        """Return the least and the greatest extent [m] of a piece at home along the world's axes, shape (3,) each."""
-        low, high = piece.extents(self.home.xmat[piece.body].reshape(3, 3))
-        return low + self.home.xpos[piece.body], high + self.home.xpos[piece.body]
+    @cached_property
+    def solids(self) -> list[tuple[Piece, np.ndarray, np.ndarray]]:
+        """The pieces but planes, each with its least and greatest extent [m] at home along the world's axes, (3,)."""
+        found = []
+        for p in (p for p in self.pieces if p.type != PieceType.PLANE):
+            low, high = p.extents(self.home.xmat[p.body].reshape(3, 3))
+            found.append((p, low + self.home.xpos[p.body], high + self.home.xpos[p.body]))
+        return found
 
 
 def placement_order(scene: SceneModel) -> list[str]:

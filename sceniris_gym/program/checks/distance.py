@@ -31,10 +31,7 @@ def check_distances(plan: Plan) -> None:
         if o.kind != ObjectKind.STATIC:
             _check_size(plan, o)
         _check_draws(plan, o)
-    for p in plan.pieces:
-        if p.type == PieceType.PLANE:
-            continue
-        low, high = plan.extents(p)
+    for p, low, high in plan.solids:
         reach = float(np.abs([low, high]).max())
         if reach > MOST_WIDE and np.all(low <= MOST_FAR) and np.all(high >= -MOST_FAR):
             raise SceneKeyError(
@@ -61,10 +58,10 @@ def _check_start(plan: Plan, name: str) -> None:
 def _check_size(plan: Plan, o: PlacedObject) -> None:
     """Check that a placed object ends near enough to its own frame, wherever that is at home."""
     where = f"{plan.scene.config.where}: {plan.scene.config.key(o.name)}"
-    for p in (p for p in plan.pieces if p.body in o.bodies):
-        if p.type == PieceType.PLANE:
-            raise NotSupportedError(f"{where}: a plane is endless and cannot be part of what is placed. Use a box.")
-        reach = float(np.abs(np.subtract(plan.extents(p), plan.home.xpos[o.bodies[0]])).max())
+    if any(p.type == PieceType.PLANE and p.body in o.bodies for p in plan.pieces):
+        raise NotSupportedError(f"{where}: a plane is endless and cannot be part of what is placed. Use a box.")
+    for p, *ends in (solid for solid in plan.solids if solid[0].body in o.bodies):
+        reach = float(np.abs(np.subtract(ends, plan.home.xpos[o.bodies[0]])).max())
         if reach > MOST_FAR:
             raise SceneKeyError(
                 f"{where}: geom '{geom_name(plan.scene.mjm, p.geom)}' reaches {reach:.4g} m from the object's origin, "

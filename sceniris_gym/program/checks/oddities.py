@@ -87,9 +87,9 @@ def _sizes(plan: Plan) -> Iterator[str]:
     found = []
     for name in plan.slots:
         bodies = set(plan.scene.subtree(name))
-        ends = [plan.extents(p) for p in plan.pieces if p.body in bodies and p.type != PieceType.PLANE]
+        ends = [(low, high) for p, low, high in plan.solids if p.body in bodies]
         if ends:
-            size = float((np.max([high for _, high in ends], 0) - np.min([low for low, _ in ends], 0)).max())
+            size = float((np.max(ends, (0, 1)) - np.min(ends, (0, 1))).max())
             if not _SMALLEST <= size <= _LARGEST:
                 found.append(f"'{name}' ({size:.3g} m)")
     if found:
@@ -186,8 +186,7 @@ def _coarse(plan: Plan) -> Iterator[str]:
     least = min((c.clearance if c is not None and c.is_placed else 0.0 for c in drawn), default=np.inf)
     if np.any(mjm.geom_margin > 0.0) or np.any(mjm.pair_margin > 0.0):  # nothing may come into a margin
         least = min(least, 0.0)
-    for p in (p for p in plan.pieces if drawn and p.type != PieceType.PLANE):
-        low, high = plan.extents(p)
+    for p, low, high in plan.solids if drawn else []:
         reach = float(np.abs([low, high]).max())
         resolution = float(np.spacing(np.float32(reach)))
         if reach > _FINE and resolution > least and np.all(low <= MOST_FAR) and np.all(high >= -MOST_FAR):

@@ -6,7 +6,6 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.errors import SceneKeyError
-from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.scene.parking import LEVEL, PARKING_FROM, PARKING_SPACING
@@ -48,10 +47,7 @@ def check_parking(plan: Plan) -> None:
 def _home_corners(plan: Plan) -> dict[str, np.ndarray]:
     """Return the greatest x and y [m] of each object or body at home, of all of it that rises above the ground."""
     corners: dict[str, np.ndarray] = {}
-    for p in plan.pieces:
-        if p.type == PieceType.PLANE:
-            continue
-        high = plan.extents(p)[1]
+    for p, _, high in plan.solids:
         if high[2] > LEVEL:
             name = plan.scene.owners.get(p.body) or str(plan.scene.mjm.body(p.body).name)
             corners[name] = np.maximum(corners[name], high[:2]) if name in corners else high[:2]

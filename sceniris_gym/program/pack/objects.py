@@ -12,7 +12,7 @@ from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.orientation import DrawnOrientation
 from sceniris_gym.geometry.colliders import Colliders
 from sceniris_gym.geometry.pieces import Piece, PieceType
-from sceniris_gym.geometry.ragged import ranges
+from sceniris_gym.geometry.ragged import addressed, ranges
 from sceniris_gym.program.couplings import coupling_arrays
 from sceniris_gym.program.device import Measure, ObjectKind, OrientationType, Roof
 from sceniris_gym.program.pack.pairs import PairRules
@@ -68,30 +68,22 @@ def _heaps(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
 
 def _joint_ranges(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
     """Return the positions that joints are drawn from."""
-    drawn, drawadr, drawnum = ranges(o.joint_ranges for o in objects)
-    choice, choiceadr, choicenum = ranges(r.choice for r in drawn)
+    drawn, draws = addressed("obj_draw", (o.joint_ranges for o in objects))
+    choice, choices = addressed("draw_choice", (r.choice for r in drawn))
     return {
-        "obj_drawadr": drawadr,
-        "obj_drawnum": drawnum,
+        **draws,
+        **choices,
         "draw_qposadr": np.array([r.qposadr for r in drawn], int),
         "draw_range": np.reshape([(r.low, r.high) for r in drawn], (-1, 2)),
-        "draw_choiceadr": choiceadr,
-        "draw_choicenum": choicenum,
         "choice": np.array(choice, float),
     }
 
 
 def _followers(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
     """Return the couplings of joints that follow drawn ones."""
-    found, adr, num = ranges([f.coupling for f in o.followers] for o in objects)
+    found, fields = addressed("obj_follow", ([f.coupling for f in o.followers] for o in objects))
     driver, follower, coef = coupling_arrays(found)
-    return {
-        "obj_followadr": adr,
-        "obj_follownum": num,
-        "follow_driveradr": driver,
-        "follow_qposadr": follower,
-        "follow_coef": coef,
-    }
+    return {**fields, "follow_driveradr": driver, "follow_qposadr": follower, "follow_coef": coef}
 
 
 def _orientations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
@@ -101,7 +93,7 @@ def _orientations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
     joints = joints_of(scene, plan)
     beside = {o.name: r.anchors[0] for o in plan.objects for r in relations_of(o) if r.kind == "joined"}
     yaws = [(joints[o.name].turn,) * 2 if o.name in joints else d.yaw for o, d in zip(plan.objects, drawn, strict=True)]
-    variants, variantadr, variantnum = ranges(o.variants for o in plan.objects)
+    variants, fields = addressed("obj_variant", (o.variants for o in plan.objects))
     shares = [s for o in plan.objects for s in np.cumsum([v.probability for v in o.variants])]
     return {
         "obj_orientation": np.array([_ORIENTATIONS[d.kind] for d in drawn], int),
@@ -110,8 +102,7 @@ def _orientations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
         "obj_beside": np.array(
             [plan.slots.index(beside[o.name]) if o.name in beside else -1 for o in plan.objects], int
         ),
-        "obj_variantadr": variantadr,
-        "obj_variantnum": variantnum,
+        **fields,
         "variant_quat": np.reshape([v.quat for v in variants], (-1, 4)),
         "variant_pivot": np.reshape([v.pivot for v in variants], (-1, 3)),
         "variant_bounds": np.reshape([v.bounds for v in variants], (-1, 4)),
@@ -134,10 +125,10 @@ def _bodies_and_pieces(plan: Plan, colliders: Colliders) -> dict[str, np.ndarray
         "shadow": shadows,
         "roof": [_roofs(plan, colliders, o) for o in objects],
     }
-    fields = {}
+    fields: dict[str, np.ndarray] = {}
     for name, entries in lists.items():
-        flat, adr, num = ranges(entries)
-        fields |= {f"{name}_list": np.array(flat, int), f"obj_{name}adr": adr, f"obj_{name}num": num}
+        flat, of_objects = addressed(f"obj_{name}", entries)
+        fields |= {f"{name}_list": np.array(flat, int), **of_objects}
     return fields
 
 

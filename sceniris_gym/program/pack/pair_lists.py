@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sceniris_gym.geometry.ragged import ranges
+from sceniris_gym.geometry.ragged import addressed, ranges
 from sceniris_gym.program.pack.descent import first_nodes
 from sceniris_gym.program.pack.pairs import ArmPairs, Pair, PairRules, arm_pairs, collider_pairs
 from sceniris_gym.program.plan import Plan
@@ -37,7 +37,7 @@ def pack_pairs(plan: Plan, rules: PairRules, lanes: int) -> dict[str, np.ndarray
         for own, part in zip(owners, lists, strict=True)
         for p in part
     ]
-    way, wayadr, waynum = ranges(() if p.geoms is None else (*p.ways[0], *p.ways[1]) for p in pairs)
+    way, ways = addressed("pair_way", (() if p.geoms is None else (*p.ways[0], *p.ways[1]) for p in pairs))
     return {
         "pair_bodies": np.reshape(bodies, (-1, 4)).astype(int),
         "obj_pairadr": pairadr[:number],
@@ -54,8 +54,7 @@ def pack_pairs(plan: Plan, rules: PairRules, lanes: int) -> dict[str, np.ndarray
         "pair_b": np.array([p.b for p in pairs], int),
         "pair_margin": np.array([p.margin for p in pairs], float),
         "pair_touch": np.array([rules.touch(p.a, p.b) if p.geoms is None else p.margin for p in pairs], float),
-        "pair_wayadr": wayadr,
-        "pair_waynum": waynum,
+        **ways,
         "way": np.reshape(way, (-1, 3)),
     }
 

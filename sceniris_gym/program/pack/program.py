@@ -11,7 +11,7 @@ from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.geometry.colliders import Colliders
 from sceniris_gym.geometry.inner_boxes import no_core, piece_core
 from sceniris_gym.geometry.pieces import Piece
-from sceniris_gym.geometry.ragged import ranges
+from sceniris_gym.geometry.ragged import addressed
 from sceniris_gym.program.pack.layout_bounds import layout_bounds
 from sceniris_gym.program.pack.objects import footprint_hulls, pack_objects
 from sceniris_gym.program.pack.pair_lists import pack_pairs
@@ -45,10 +45,9 @@ def pack_program(plan: Plan, colliders: Colliders, lanes: int) -> dict[str, np.n
 
 def pack_groups(groups: Collection[GroupConfig], slots: Sequence[str]) -> dict[str, np.ndarray]:
     """Return the fields `group_*`: the members of each group as slots, and how many of them are present."""
-    members, adr, num = ranges([slots.index(name) for name in g.of] for g in groups)
+    members, fields = addressed("group_", ([slots.index(name) for name in g.of] for g in groups))
     return {
-        "group_adr": adr,
-        "group_num": num,
+        **fields,
         "group_slot": np.array(members, int),
         "group_low": np.array([g.count[0] for g in groups], int),
         "group_high": np.array([g.count[1] for g in groups], int),
@@ -57,7 +56,7 @@ def pack_groups(groups: Collection[GroupConfig], slots: Sequence[str]) -> dict[s
 
 def pack_pieces(pieces: list[Piece], visual: bool) -> dict[str, np.ndarray]:
     """Return the fields `piece_*`, `core_*` and `vert`; where faces are tested, pieces need no cores."""
-    vert, adr, num = ranges(p.vertices for p in pieces)
+    vert, fields = addressed("piece_vert", (p.vertices for p in pieces))
     cores = [no_core() if visual else piece_core(p) for p in pieces]
     return {
         "piece_type": np.array([p.type for p in pieces], int),
@@ -66,8 +65,7 @@ def pack_pieces(pieces: list[Piece], visual: bool) -> dict[str, np.ndarray]:
         "piece_quat": np.reshape([p.quat for p in pieces], (-1, 4)),
         "piece_size": np.reshape([p.size for p in pieces], (-1, 3)),
         "piece_radius": np.array([p.radius for p in pieces], float),
-        "piece_vertadr": adr,
-        "piece_vertnum": num,
+        **fields,
         "core_center": np.reshape([center for center, _ in cores], (-1, 3)),
         "core_half": np.reshape([half for _, half in cores], (-1, 3)),
         "vert": np.reshape(vert, (-1, 3)),

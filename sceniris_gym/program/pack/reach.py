@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
-from sceniris_gym.geometry.ragged import ranges
+from sceniris_gym.geometry.ragged import addressed
 from sceniris_gym.grasping.gripper import carried
 from sceniris_gym.program.couplings import coupling_arrays
 from sceniris_gym.program.device import fill_struct
@@ -85,11 +85,11 @@ def _in_tcp(home: mujoco.MjData, site: int, body: int) -> tuple[wp.vec3, wp.vec4
 def _target_arrays(plan: Plan, reaching: Reaching, bases: list[int]) -> dict[str, np.ndarray]:
     """Return the arrays that all arms share: reach targets, their grasps, and an empty bank."""
     targets, rows = reaching.targets, len(reaching.targets)
-    grasps, adr, num = ranges(t.grasp_set.grasps for t in targets)
+    grasps, fields = addressed("reach_grasp", (t.grasp_set.grasps for t in targets))
     numbers = np.full(len(plan.objects), UNASKED)
     numbers[[t.number for t in targets]] = np.arange(rows)
     numbers[[base for base in bases if base != UNASKED]] = BASE
-    spans = np.concatenate([np.zeros((0, 2), int), *_spans(plan.objects, targets, adr)])
+    spans = np.concatenate([np.zeros((0, 2), int), *_spans(plan.objects, targets, fields["reach_graspadr"])])
     return {
         "obj_reach": numbers,
         "variant_graspadr": spans[:, 0],
@@ -101,8 +101,7 @@ def _target_arrays(plan: Plan, reaching: Reaching, bases: list[int]) -> dict[str
         "reach_tier": np.array([t.tier for t in targets], int),
         "reach_least": np.array([t.tier.least_verdict for t in targets], int),
         "reach_below": np.array([plan.objects[t.number].ground is not None for t in targets], int),
-        "reach_graspadr": adr,
-        "reach_graspnum": num,
+        **fields,
         "grasp_body": np.array([g.body for g in grasps], int),
         "grasp_pos": np.reshape([g.pos for g in grasps], (-1, 3)),
         "grasp_quat": np.reshape([g.quat for g in grasps], (-1, 4)),

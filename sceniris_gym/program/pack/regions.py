@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from sceniris_gym.geometry import supports
-from sceniris_gym.geometry.ragged import ranges
+from sceniris_gym.geometry.ragged import addressed
 from sceniris_gym.program.pack.relations import region_pieces, relations_of
 from sceniris_gym.program.placed_object import PlacedObject
 
@@ -31,7 +31,7 @@ def pack_regions(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
                 cdf.append(share / share[-1] if len(share) else share)
             adr.append(places[id(mine)][0])
             num.append(places[id(mine)][1])
-    side, edgeadr, edgenum = ranges(supports.edges(s.outline) for s in surfaces)
+    side, fields = addressed("surface_edge", (supports.edges(s.outline) for s in surfaces))
     side = np.reshape(side, (-1, 2, 2))
     corners = np.concatenate(triangles)
     return {
@@ -45,8 +45,7 @@ def pack_regions(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
         "tri_c": corners[:, 2],
         "tri_cdf": np.concatenate(cdf),
         "surface_height": np.array([s.height for s in surfaces]),
-        "surface_edgeadr": edgeadr,
-        "surface_edgenum": edgenum,
+        **fields,
         "surface_convex": np.array([_convex_turn(supports.edges(s.outline)) for s in surfaces], int),
         "edge_a": side[:, 0],
         "edge_b": side[:, 1],
