@@ -18,7 +18,6 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause
 from sceniris_gym.program.pack.home_touch import HomeTouch
 from sceniris_gym.program.pack.pairs import Pair, PairRules, collider_pairs
-from sceniris_gym.scene.layout_table import LayoutTable
 
 RECORDED = 8
 """Rejected candidates for each world that a generator records, so that `obstructions` sees most objects."""
@@ -57,32 +56,29 @@ class Blame:
         plan = compiled.plan
         colliders = collect_colliders(plan.pieces, compiled.config.geometry == "visual", compiled.device)
         rules = PairRules(compiled.scene, colliders)
-        self._mjm, self._data = compiled.mjm, mujoco.MjData(compiled.mjm)
+        self._mjm = compiled.mjm
         self._pieces = {piece.geom: piece for piece in plan.pieces}
         pairs = zip(plan.objects, collider_pairs(plan, rules), strict=True)
         self._margins = [_geom_margins(rules, o.ground, own) for o, own in pairs]
 
-    def hits(self, states: LayoutTable, row: int, number: int) -> list[Hit]:
+    def hits(self, data: mujoco.MjData, number: int) -> list[Hit]:
         """Return the pairs of geoms that a candidate is rejected for, the worst first.
 
         Args:
-            states: The layouts that candidates would have led to.
-            row: The candidate's row.
+            data: The state that it would have led to, kinematics up to date.
             number: Its object's index in placement order; objects after it are not looked at.
         """
-        states.put(self._data, row)
-        mujoco.mj_kinematics(self._mjm, self._data)
-        depths, found = HomeTouch(self._mjm, self._data), []
+        depths, found = HomeTouch(self._mjm, data), []
         for geoms, margin in self._margins[number].items():
-            distance = self._distance(depths, geoms, margin)
+            distance = self._distance(data, depths, geoms, margin)
             if distance is not None:
                 words = " and ".join(_name(self._mjm, geom) for geom in geoms)
                 found.append(Hit(geoms, words, distance, margin))
         return sorted(found, key=lambda hit: hit.distance - hit.margin)
 
-    def _distance(self, depths: HomeTouch, geoms: tuple[int, int], margin: float) -> float | None:
+    def _distance(self, data: mujoco.MjData, depths: HomeTouch, geoms: tuple[int, int], margin: float) -> float | None:
         """Return the distance of two geoms [m], None if it is as large as is asked for."""
-        mjm, data, (a, b), nearest = self._mjm, self._data, geoms, margin + SKIN + _UNDECIDED
+        mjm, (a, b), nearest = self._mjm, geoms, margin + SKIN + _UNDECIDED
         if margin < 0.0:
             touch = depths.between(self._pieces[a], self._pieces[b], nearest)
             return None if touch is None else touch.distance
@@ -106,12 +102,14 @@ def obstructions(generator: LayoutGenerator) -> dict[str, str]:
     collided = np.flatnonzero(rejected.causes == Cause.COLLISION)
     if not len(collided):
         return {}
-    blame = Blame(generator.compiled)
+    blame, data = Blame(generator.compiled), mujoco.MjData(generator.compiled.mjm)
     for number in np.unique(rejected.objects[collided]).tolist():
         rows = collided[rejected.objects[collided] == number][:_LOOKED_AT]
         hits: defaultdict[tuple[int, int], list[Hit]] = defaultdict(list)
         for row in rows.tolist():
-            for hit in blame.hits(rejected.states, row, number):
+            rejected.states.put(data, row)
+            mujoco.mj_kinematics(data.model, data)
+            for hit in blame.hits(data, number):
                 hits[hit.geoms].append(hit)
         if hits:
             most = max(hits.values(), key=len)

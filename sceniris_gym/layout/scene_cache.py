@@ -42,9 +42,9 @@ _COMPUTE = ("mujoco", "warp-lang", "numpy", "scipy", "shapely", "trimesh")
 
 
 def cache_folder() -> Path | None:
-    """Return the folder of compiled scenes: $SCENIRIS_GYM_CACHE/scenes, or `sceniris_gym/scenes` in the user's cache.
+    """The folder of compiled scenes: $SCENIRIS_GYM_CACHE/scenes, or `sceniris_gym/scenes` where caches are by default.
 
-    The user's cache is $XDG_CACHE_HOME, or ~/.cache. None if the variable is "off", or there is no home.
+    That is $XDG_CACHE_HOME, or ~/.cache. None if the variable is "off", or there is no home.
     """
     named = os.environ.get(VARIABLE, "")
     if named.lower() == OFF:

@@ -152,7 +152,7 @@ class CompiledScene:
 
     @property
     def related(self) -> bool:
-        """Whether any object's region differs between worlds."""
+        """True if the region of any object differs between worlds."""
         return bool(self.program.obj_cutnum.numpy().any())
 
     @property

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from shapely.geometry import MultiPolygon, box
 
-from sceniris_gym.config.heaps import HeapConfig
 from sceniris_gym.errors import HeapError
 from sceniris_gym.geometry.supports import SupportSurface
 from sceniris_gym.scene.heaps import filled_body, read_rows, rigid_part, rigid_thing
@@ -48,26 +47,24 @@ def heap_poses(scene: SceneModel) -> dict[str, HeapPoses]:
         HeapError: There are no rows, or they are of other things.
         NotSupportedError: A thing with joints of its own, or a heap that fills the world.
     """
-    heaps = scene.config.heaps.items()
-    return {name: poses for key, heap in heaps for name, poses in _poses(scene, key, heap).items()}
-
-
-def _poses(scene: SceneModel, key: str, heap: HeapConfig) -> dict[str, HeapPoses]:
-    where = f"{scene.config.where}: heaps.{key}"
-    if heap.rows is None:
-        raise HeapError(
-            f"{where}.rows: is missing. Make them with `sceniris-gym settle SCENE -o ROWS.npz`, and name the file."
-        )
-    rows = read_rows(Path(heap.rows), heap, where)
-    body = filled_body(scene, heap, where)
-    low, high = rows.pos.min(axis=(0, 1)) - _AROUND, rows.pos.max(axis=(0, 1)) + _AROUND
-    area = MultiPolygon([box(low[0], low[1], high[0], high[1])])
-    things = [thing for name in heap.of for thing in rigid_thing(scene, name, where)]
-    shared = {
-        "stream": 1 + list(scene.config.objects).index(heap.of[0]),
-        "together": frozenset([*things, *rigid_part(scene.mjm, body)]),
-        "settled_with": rows.settled_with,
-        "support": scene.support(heap.fill, f"{where}.fill"),
-        "surface": SupportSurface(body, float(high[2]), area, area),
-    }
-    return {name: HeapPoses(rows.pos[:, i], rows.quat[:, i], **shared) for i, name in enumerate(heap.of)}
+    found: dict[str, HeapPoses] = {}
+    for key, heap in scene.config.heaps.items():
+        where = f"{scene.config.where}: heaps.{key}"
+        if heap.rows is None:
+            raise HeapError(
+                f"{where}.rows: is missing. Make them with `sceniris-gym settle SCENE -o ROWS.npz`, and name the file."
+            )
+        rows = read_rows(Path(heap.rows), heap, where)
+        body = filled_body(scene, heap, where)
+        low, high = rows.pos.min(axis=(0, 1)) - _AROUND, rows.pos.max(axis=(0, 1)) + _AROUND
+        area = MultiPolygon([box(low[0], low[1], high[0], high[1])])
+        things = [thing for name in heap.of for thing in rigid_thing(scene, name, where)]
+        shared = {
+            "stream": 1 + list(scene.config.objects).index(heap.of[0]),
+            "together": frozenset([*things, *rigid_part(scene.mjm, body)]),
+            "settled_with": rows.settled_with,
+            "support": scene.support(heap.fill, f"{where}.fill"),
+            "surface": SupportSurface(body, float(high[2]), area, area),
+        }
+        found |= {name: HeapPoses(rows.pos[:, i], rows.quat[:, i], **shared) for i, name in enumerate(heap.of)}
+    return found

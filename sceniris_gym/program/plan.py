@@ -62,7 +62,7 @@ class Plan:
 
     @cached_property
     def solids(self) -> list[tuple[Piece, np.ndarray, np.ndarray]]:
-        """The pieces but planes, each with its least and greatest extent [m] at home along the world's axes, (3,)."""
+        """All pieces but planes, with their least and greatest extents [m] at home along the world's axes, shape (3,)."""
         found = []
         for p in (p for p in self.pieces if p.type != PieceType.PLANE):
             low, high = p.extents(self.home.xmat[p.body].reshape(3, 3))
@@ -172,9 +172,12 @@ def _placed_object(
     if heap is not None:
         variants = [shape.variant(*pose) for pose in poses]
         return replace(step, variants=variants, support=heap.support, surfaces=[[heap.surface]], heap=heap)
-    orientation = config.drawn_orientation.kind
+    word, orientation = config.support, config.drawn_orientation.kind
+    where = f"{scene.config.where}: {scene.config.key(name)}"
+    support = None if word is None else scene.support(word.parent, f"{where}.{word.word}")
+    step = replace(step, support=support, tilts=support is not None and may_lean(scene, support))
     if orientation == "stable":
-        poses = stable_poses(scene, name, own, home, intervals, followers)
+        poses = stable_poses(scene, name, own, home, intervals, followers, step.ground)
     variants = [shape.variant(*pose) for pose in poses]
     if name in scene.config.all_robots:
         variants = [_around_base(variant) for variant in variants]
@@ -185,14 +188,11 @@ def _placed_object(
         edges = [2.0 * rigid.inner_radius()]
     else:
         edges = [rigid.variant(v.quat).short_edge for v in variants]
-    support, surfaces = surfaces_of(scene, name, config, pieces, home, edges)
     return replace(
         step,
         footprint=shape.hull(bodies[0]) if len(own) > 1 and not drawn and config.ratio_on_support == 1.0 else None,
         variants=variants,
-        support=support,
-        tilts=support is not None and may_lean(scene, support),
-        surfaces=surfaces,
+        surfaces=surfaces_of(scene, name, support, pieces, home, edges),
         erosion=0.5 * config.ratio_on_support if varies else 0.0,
     )
 

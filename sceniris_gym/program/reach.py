@@ -86,7 +86,7 @@ class Reaching:
 
     @property
     def staged(self) -> bool:
-        """Whether anything about a target is decided after placing: its tier, or its grasp from a base placed later."""
+        """True if anything about a target is decided after placing: its tier, or its grasp from a base placed later."""
         return not all(target.tier.needs_map and not target.late for target in self.targets)
 
     @property

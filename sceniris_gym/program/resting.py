@@ -33,6 +33,7 @@ def stable_poses(
     home: mujoco.MjData,
     drawn: Mapping[int, Sequence[tuple[float, float]]],
     followers: Sequence[Follower],
+    ground: int | None,
 ) -> list[tuple[np.ndarray, float]]:
     """Return the stable poses of an object and their probabilities, by its physics also with `geometry: visual`.
 
@@ -46,13 +47,13 @@ def stable_poses(
         home: MjData at the start pose.
         drawn: The intervals that each of its drawn joints is in, by its address in qpos.
         followers: The joints that follow them.
+        ground: The body that carries it, None in a box in space.
 
     Raises:
         SceneKeyError: It has no such pose.
     """
     where, bodies = f"{scene.config.where}: objects.{name}.orientation", scene.subtree(name)
     pieces = extract_pieces(scene.mjm, "physics", set(bodies))
-    config, ground = scene.config.parts[name], _carrier(scene, name)
     if not (pieces or own):
         raise SceneKeyError(
             f"{where}: it has no collision geometry and so no stable pose. Give it geoms that collide, or another "
@@ -60,7 +61,7 @@ def stable_poses(
         )
     touch = [None] * len(pieces) if ground is None else _touch_distances(scene, pieces, ground)
     carried = [(p, distance) for p, distance in zip(pieces, touch, strict=True) if distance is not None]
-    if config.kind != "free" or not carried:  # an object that nothing carries falls, whatever its pose
+    if scene.config.parts[name].kind != "free" or not carried:  # without a carrier it falls in any pose
         return HomeShape(home, bodies[0], pieces or own).stable(where)
     _check_weight(scene.mjm, bodies, where)
     resting, margins = [p for p, _ in carried], np.array([distance for _, distance in carried])
@@ -83,12 +84,6 @@ def stable_poses(
         )
     total = sum(share for _, share in kept)
     return [(quat, share / total) for quat, share in kept] if len(kept) < len(poses) else poses
-
-
-def _carrier(scene: SceneModel, name: str) -> int | None:
-    """Return the body that an object is put on, None in a box in space."""
-    support = scene.config.parts[name].support
-    return None if support is None else scene.support(support.parent, f"{scene.config.where}: objects.{name}").body
 
 
 def _check_weight(mjm: mujoco.MjModel, bodies: list[int], where: str) -> None:

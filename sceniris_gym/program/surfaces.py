@@ -6,7 +6,6 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.fields import FLOOR
-from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.errors import NoSupportError
 from sceniris_gym.geometry import supports
 from sceniris_gym.geometry.pieces import Piece
@@ -19,14 +18,19 @@ UPRIGHT = float(np.cos(np.radians(0.1)))
 
 
 def surfaces_of(
-    scene: SceneModel, name: str, config: ObjectConfig, pieces: list[Piece], home: mujoco.MjData, edges: list[float]
-) -> tuple[Support | None, list[list[SupportSurface]]]:
-    """Return the support of an object, None in space, and for each of its variants the surfaces that it may stand on.
+    scene: SceneModel,
+    name: str,
+    support: Support | None,
+    pieces: list[Piece],
+    home: mujoco.MjData,
+    edges: list[float],
+) -> list[list[SupportSurface]]:
+    """Return the surfaces that an object may stand on, a list for each of its variants.
 
     Args:
         scene: The scene.
         name: The object, or a robot whose base is drawn.
-        config: Its words.
+        support: Its support, None in space.
         pieces: All obstacles.
         home: MjData at the start pose.
         edges: The least shorter edge of the bounds [m] for each variant, which `ratio_on_support` erodes by.
@@ -35,14 +39,14 @@ def surfaces_of(
         NoSupportError: A support without any level surface.
         ErodedSupportError: Nothing is left of the support after its erosion and region.
     """
-    if config.support is None:
+    config = scene.config.parts[name]
+    if config.support is None or support is None:
         assert config.region is not None
         if config.region.points is not None:
-            return None, [supports.points_in_space(config.region)] * len(edges)
-        return None, [[supports.shadow_of_box(config.region)] if config.relations else []] * len(edges)
+            return [supports.points_in_space(config.region)] * len(edges)
+        return [[supports.shadow_of_box(config.region)] if config.relations else []] * len(edges)
     word, parent = config.support.word, config.support.parent
     where = f"{scene.config.where}: {scene.config.key(name)}.{word}"
-    support = scene.support(parent, where)
     if support.is_floor:
         assert scene.config.floor is not None
         found = [supports.floor_surface(scene.config.floor.size)]
@@ -54,7 +58,7 @@ def surfaces_of(
             f"{' that is open above' if word == 'on' else ''}. Valid: {_with_surfaces(scene, pieces, home, word)}."
         )
     half = 0.5 * config.ratio_on_support
-    return support, supports.crop(found, config.region, [half * edge for edge in edges], where)
+    return supports.crop(found, config.region, [half * edge for edge in edges], where)
 
 
 def may_lean(scene: SceneModel, support: Support) -> bool:

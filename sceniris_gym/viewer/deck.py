@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import mujoco
 import numpy as np
 import warp as wp
 
@@ -119,7 +120,10 @@ class LayoutDeck:
 
     def hits(self, candidate: Candidate) -> list[Hit]:
         """Return what a candidate collides with, the worst first."""
-        return self._blame.hits(candidate.state, 0, candidate.number)
+        data = mujoco.MjData(self.compiled.mjm)
+        candidate.state.put(data, 0)
+        mujoco.mj_kinematics(self.compiled.mjm, data)
+        return self._blame.hits(data, candidate.number)
 
     @cached_property
     def _blame(self) -> Blame:

@@ -42,14 +42,15 @@ def check_tendon_limits(plan: Plan) -> None:
     moving = _moving(plan)
     for tendon in range(mjm.ntendon):
         factors = {int(mjm.jnt_qposadr[j]): factor for j, factor in tendon_joints(mjm, tendon).items()}
-        if not has_active_limits(mjm, tendon) or not moving.keys() & factors.keys():
+        shares, lengths = _shares(factors, moving), {adr: f * scene.home_qpos[adr] for adr, f in factors.items()}
+        if not has_active_limits(mjm, tendon) or not shares:
             continue
-        low, high = _lengths(factors, moving, drawn, scene.home_qpos)
-        home = sum(factor * scene.home_qpos[adr] for adr, factor in factors.items())
+        ends = [_range(share, drawn[root]) for root, share in shares.items()]
+        still, home = sum(lengths[adr] for adr in lengths.keys() - moving.keys()), sum(lengths.values())
+        low, high = (still + sum(bounds) for bounds in zip(*ends, strict=True))
         least, most = mjm.tendon_range[tendon]
         if low < min(least, home) - _ROUNDING or high > max(most, home) + _ROUNDING:
-            drivers = _drivers(factors, moving)
-            names = ", ".join(f"'{mjm.joint(j).name}'" for j in range(mjm.njnt) if mjm.jnt_qposadr[j] in drivers)
+            names = ", ".join(f"'{mjm.joint(j).name}'" for j in range(mjm.njnt) if mjm.jnt_qposadr[j] in shares)
             raise SceneKeyError(
                 f"{scene.config.where}: drawing {names} would make tendon '{mjm.tendon(tendon).name}' {low:.4g} to "
                 f"{high:.4g} long, which should be inside its limits [{least:g}, {most:g}]. Draw these joints from "
@@ -69,27 +70,19 @@ def _moving(plan: Plan) -> dict[int, tuple[int, np.poly1d]]:
     return found
 
 
-def _drivers(factors: Mapping[int, float], moving: Mapping[int, tuple[int, np.poly1d]]) -> set[int]:
-    """Return the drawn joints that move a tendon."""
-    return {moving[adr][0] for adr in factors if adr in moving}
+def _shares(factors: Mapping[int, float], moving: Mapping[int, tuple[int, np.poly1d]]) -> dict[int, np.poly1d]:
+    """Return the part of a tendon's length that each drawn joint decides, as a polynomial of its position."""
+    shares: dict[int, np.poly1d] = {}
+    for adr in factors.keys() & moving.keys():
+        root, position = moving[adr]
+        shares[root] = shares.get(root, np.poly1d([0.0])) + factors[adr] * position
+    return shares
 
 
-def _lengths(
-    factors: Mapping[int, float],
-    moving: Mapping[int, tuple[int, np.poly1d]],
-    drawn: Mapping[int, Sequence[tuple[float, float]]],
-    home: np.ndarray,
-) -> tuple[float, float]:
-    """Return the least and the greatest length of a tendon over all draws, which are independent of each other."""
-    low = high = float(sum(factor * home[adr] for adr, factor in factors.items() if adr not in moving))
-    for root in _drivers(factors, moving):
-        share = np.poly1d([0.0])
-        for adr, factor in factors.items():
-            if adr in moving and moving[adr][0] == root:
-                share = share + factor * moving[adr][1]
-        turns = np.roots(np.polyder(share).coeffs)
-        turns = turns.real[np.abs(turns.imag) < _ROUNDING]
-        ends = [x for part in drawn[root] for x in (*part, *turns[(turns > part[0]) & (turns < part[1])])]
-        values = np.asarray(share(np.array(ends)))
-        low, high = low + float(values.min()), high + float(values.max())
-    return low, high
+def _range(share: np.poly1d, intervals: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Return the least and the greatest value of a polynomial over some intervals."""
+    turns = np.roots(np.polyder(share).coeffs)
+    turns = turns.real[np.abs(turns.imag) < _ROUNDING]
+    ends = [x for part in intervals for x in (*part, *turns[(turns > part[0]) & (turns < part[1])])]
+    values = np.asarray(share(np.array(ends)))
+    return float(values.min()), float(values.max())

@@ -141,10 +141,8 @@ def _gap(rules: PairRules, o: PlacedObject) -> float:
     """Return the height [m] over the support: the scene's, or more where MuJoCo acts from further away."""
     if o.config is None or o.heap is not None:
         return 0.0
-    own, under = (
-        [c for c, body in enumerate(rules.colliders.body) if body in bodies] for bodies in (o.bodies, [o.ground])
-    )
-    touch = max((rules.touch(a, b) for a, b in product(own, under) if rules.meet(a, b)), default=0.0)
+    pairs = product(rules.of(o.bodies), rules.of([o.ground]))
+    touch = max((rules.touch(a, b) for a, b in pairs if rules.meet(a, b)), default=0.0)
     return max(o.config.gap, touch + LEAST_GAP if touch > 0.0 else 0.0)
 
 

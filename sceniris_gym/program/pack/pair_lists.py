@@ -37,7 +37,8 @@ def pack_pairs(plan: Plan, rules: PairRules, lanes: int) -> dict[str, np.ndarray
         for own, part in zip(owners, lists, strict=True)
         for p in part
     ]
-    way, ways = addressed("pair_way", (() if p.geoms is None else (*p.ways[0], *p.ways[1]) for p in pairs))
+    touching = (() if p.geoms is None else np.concatenate(p.directions) for p in pairs)
+    directions, of_pairs = addressed("pair_way", touching)
     return {
         "pair_bodies": np.reshape(bodies, (-1, 4)).astype(int),
         "obj_pairadr": pairadr[:number],
@@ -54,8 +55,8 @@ def pack_pairs(plan: Plan, rules: PairRules, lanes: int) -> dict[str, np.ndarray
         "pair_b": np.array([p.b for p in pairs], int),
         "pair_margin": np.array([p.margin for p in pairs], float),
         "pair_touch": np.array([rules.touch(p.a, p.b) if p.geoms is None else p.margin for p in pairs], float),
-        **ways,
-        "way": np.reshape(way, (-1, 3)),
+        **of_pairs,
+        "way": np.reshape(directions, (-1, 3)),
     }
 
 

@@ -7,7 +7,7 @@ that touch at home are left alone there.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from dataclasses import dataclass, field, replace
 from itertools import product
 
@@ -31,7 +31,7 @@ from sceniris_gym.scene.support import is_static
 _NEAR = 1.0e-5
 # How much nearer than at home [m] geoms may come that touch there, the skin included: half of it is left for rounding.
 _DEEPER = 1.0e-5
-_NO_WAYS = np.zeros((0, 3))
+_NO_DIRECTIONS = np.zeros((0, 3))
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Pair:
         margin: The least distance [m]; negative: how deep they may be in each other.
         starts: Nodes of a and b that the descent of their trees begins with.
         geoms: The two geoms that touch at home, None for all other pairs.
-        ways: Directions that are tried to separate b's geom from a's, which bounds their depth: unit vectors in the
+        directions: Separating directions that are tried, which bounds the depth of b's geom in a's: unit vectors in the
             frame of a's body, and others in that of b's, shape (n, 3) each; the best one at home comes first.
     """
 
@@ -52,7 +52,7 @@ class Pair:
     margin: float
     starts: tuple[tuple[int, int], ...]
     geoms: tuple[int, int] | None = None
-    ways: tuple[np.ndarray, np.ndarray] = (_NO_WAYS, _NO_WAYS)
+    directions: tuple[np.ndarray, np.ndarray] = (_NO_DIRECTIONS, _NO_DIRECTIONS)
 
 
 @dataclass(frozen=True)
@@ -90,6 +90,10 @@ class PairRules:
         self._simulated = self.contacts if self.is_physics else ContactRules(scene.mjm, "physics")
         self._fixed = is_static(scene.mjm).tolist()
         self._filters_parents = not scene.mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
+
+    def of(self, bodies: Container[int]) -> list[int]:
+        """Return the colliders of some bodies."""
+        return [c for c, body in enumerate(self.colliders.body) if body in bodies]
 
     def touch(self, a: int, b: int) -> float:
         """Return the distance [m] from which on MuJoCo acts on two colliders."""
@@ -136,6 +140,7 @@ class PairRules:
         return [geom for geom in of_body if self.contacts.classes[geom] == colliders.contact_class[collider]]
 
     def _is_explicit(self, a: int, b: int) -> bool:
+        """Return whether the model names the contact of two colliders."""
         classes = self.colliders.contact_class
         return self.contacts.is_explicit(classes[a], classes[b])
 
@@ -154,13 +159,11 @@ def collider_pairs(plan: Plan, rules: PairRules) -> list[list[Pair]]:
         tell("pairs", i + 1, len(plan.objects))
         clearance = o.config.clearance if o.config is not None else robots[o.name].clearance
         is_static = o.kind == ObjectKind.STATIC
-        own = [c for c, body in enumerate(bodies) if body in o.bodies]
-        others = [c for c, body in enumerate(bodies) if body in standing]
         pairs = []
         if o.config is None or o.config.kind != "marker":
             pairs = [
                 rules.apart(a, b, max(rules.touch(a, b), 0.0 if is_static else max(clearance, standing[bodies[b]])))
-                for a, b in product(own, others)
+                for a, b in product(rules.of(o.bodies), rules.of(standing))
                 if rules.meet(a, b) and not (o.heap is not None and bodies[b] in o.heap.together)
             ]
             if o.joint_ranges:
@@ -205,10 +208,10 @@ def arm_pairs(plan: Plan, rules: PairRules) -> ArmPairs:
     found = ArmPairs([reaching.arm_of(target).robot for target in reaching.targets])
     for name, owner in zip(reaching.names, found.robots, strict=True):
         robot = scene.subtree(owner)
-        moving = [c for c, body in enumerate(bodies) if body in robot and body != robot[0]]
+        moving = rules.of(robot[1:])
         hand = [c for c in moving if bodies[c] in carries.get(owner, ())]
         arm = [c for c in moving if c not in hand]
-        target = [c for c, body in enumerate(bodies) if body in scene.subtree(name)]
+        target = rules.of(scene.subtree(name))
         others = [c for c, body in enumerate(bodies) if body not in markers.union(robot) and c not in target]
         found.scene.append(apart(moving, others) + apart(arm, target))
         found.hand.append(apart(hand, others))
@@ -219,7 +222,7 @@ def arm_pairs(plan: Plan, rules: PairRules) -> ArmPairs:
 
 def _among(rules: PairRules, plan: Plan, bodies: list[int]) -> list[Pair]:
     """Return the pairs within one object, except neighbours."""
-    own = [c for c, body in enumerate(rules.colliders.body) if body in bodies]
+    own = rules.of(bodies)
     pairs = [rules.apart(a, b, rules.touch(a, b)) for a, b in product(own, own) if a < b and rules.meet_within(a, b)]
     if not rules.is_physics:
         return [pair for pair in pairs if not _touch_at_home(rules, plan, pair)]
@@ -245,13 +248,14 @@ def _as_at_home(rules: PairRules, plan: Plan, home: HomeTouch, pair: Pair) -> li
         a, b = plan.pieces[first], plan.pieces[second]
         touch = home.between(a, b, max(pair.margin, _NEAR))
         if touch is not None:
-            margin, ways = touch.distance - _DEEPER, (_ways(plan, a, touch.way), _ways(plan, b, touch.way))
-            touching.append(Pair(pair.a, pair.b, margin, ((node, other),), (a.geom, b.geom), ways))
+            directions = _directions(plan, a, touch.direction), _directions(plan, b, touch.direction)
+            margin, geoms = touch.distance - _DEEPER, (a.geom, b.geom)
+            touching.append(Pair(pair.a, pair.b, margin, ((node, other),), geoms, directions))
     rest = nodes_without(rules.colliders, pair.a, pair.b, [part.starts[0] for part in touching])
     return [*([replace(pair, starts=tuple(rest))] if rest else []), *touching]
 
 
-def _ways(plan: Plan, piece: Piece, way: np.ndarray) -> np.ndarray:
-    """Return directions in the frame of a piece's body: one of the world at home, and the piece's axes, both ways."""
-    found = np.vstack([plan.home.xmat[piece.body].reshape(3, 3).T @ way, matrix(piece.quat).T])
+def _directions(plan: Plan, piece: Piece, direction: np.ndarray) -> np.ndarray:
+    """Return a direction of the world at home and the piece's axes, to and fro, in the frame of the piece's body."""
+    found = np.vstack([plan.home.xmat[piece.body].reshape(3, 3).T @ direction, matrix(piece.quat).T])
     return np.concatenate([found, -found])

@@ -204,10 +204,10 @@ def test_geoms_that_touch_at_home_are_a_pair_of_their_own(tmp_path: Path, at: fl
     assert touching.geoms is not None
     assert [name[g] for g in touching.geoms] == ["thing/l0", "thing/r0"]
     assert touching.margin == pytest.approx(expected - 1e-5, abs=1e-9)
-    np.testing.assert_allclose([ways[0] for ways in touching.ways], [[1, 0, 0], [1, 0, 0]], atol=1e-9)
-    assert [{tuple(np.round(way).tolist()) for way in ways} for ways in touching.ways] == [ALL_AXES, ALL_AXES]
+    np.testing.assert_allclose([found[0] for found in touching.directions], [[1, 0, 0], [1, 0, 0]], atol=1e-9)
+    assert [{tuple(np.round(way).tolist()) for way in found} for found in touching.directions] == [ALL_AXES, ALL_AXES]
     assert rest.margin == (0.02 if margin else 0.0)
-    assert (rest.geoms, len(rest.ways[0]), len(rest.ways[1])) == (None, 0, 0)
+    assert (rest.geoms, len(rest.directions[0]), len(rest.directions[1])) == (None, 0, 0)
     met = sorted(_geoms_met(scene, colliders, rest) + _geoms_met(scene, colliders, touching))
     assert met == sorted((f"thing/l{i}", f"thing/r{j}") for i in range(3) for j in range(2))
 

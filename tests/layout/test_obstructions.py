@@ -1,4 +1,4 @@
-"""The geoms that rejected candidates hit, by MuJoCo C's own distances, from the record of one generator."""
+"""Obstructions: the pairs of geoms that most candidates collide at, from the record of one generator."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from sceniris_gym.layout import blame
+from sceniris_gym.layout import blame as blame_module
 from sceniris_gym.layout.blame import RECORDED, Blame, obstructions
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.tables import read_rejected
@@ -37,38 +37,23 @@ def generator(compiled: CompiledScene) -> LayoutGenerator:
     return made
 
 
-def test_hits_are_all_boxes_that_are_nearer_than_the_clearance(compiled: CompiledScene, generator: LayoutGenerator):
-    """Those that were placed before, and the post; by the distances of MuJoCo C, the worst first."""
-    mjm, data, rejected, found = compiled.mjm, mujoco.MjData(compiled.mjm), read_rejected(generator), Blame(compiled)
-    geoms = {name: mjm.body_geomadr[mjm.body(name).id] for name in ("post", *compiled.placed)}
-    assert len(rejected.objects) > 100
-    for row, number in enumerate(rejected.objects.tolist()):
-        data.qpos[:] = rejected.states.qpos[row]
-        mujoco.mj_kinematics(mjm, data)
-        own, least = geoms[compiled.placed[number]], 0.02 if number == 2 else 0.001
-        gaps = {
-            other: mujoco.mj_geomDistance(mjm, data, own, geoms[other], 1.0, None)
-            for other in ("post", *compiled.placed[:number])
-        }
-        hits = found.hits(rejected.states, row, number)
-        assert [hit.geoms for hit in hits] == [
-            (own, geoms[other]) for other, gap in sorted(gaps.items(), key=lambda item: item[1]) if gap < least + 1e-5
-        ]
-        for hit in hits:
-            assert hit.margin == least
-            assert hit.distance == pytest.approx(min(gap for o, gap in gaps.items() if geoms[o] == hit.geoms[1]))
-
-
 def test_the_pair_that_is_most_in_the_way_is_told_with_its_share(compiled: CompiledScene, generator: LayoutGenerator):
     """Of each object that collided, among the first 48 of its candidates; for the first one that is the post."""
     found, rejected, blame = obstructions(generator), read_rejected(generator), Blame(compiled)
+    data = mujoco.MjData(compiled.mjm)
+
+    def hits_of(row: int, number: int) -> dict[str, float]:
+        rejected.states.put(data, row)
+        mujoco.mj_kinematics(compiled.mjm, data)
+        return {hit.words: hit.distance for hit in blame.hits(data, number)}
+
     assert set(found) == set(compiled.placed)
     assert "of body 'a' and geom" in found["a"]
     assert "of body 'post'" in found["a"]
     assert "; 100% of them)" in found["a"]
     for number, name in enumerate(compiled.placed):
         rows = np.flatnonzero(rejected.objects == number)[:48]
-        hits = [{hit.words: hit.distance for hit in blame.hits(rejected.states, row, number)} for row in rows.tolist()]
+        hits = [hits_of(row, number) for row in rows.tolist()]
         told = [distances[pair] for distances in hits for pair in distances if found[name].startswith(f"{pair} (")]
         most = max(sum(pair in distances for distances in hits) for pair in {p for each in hits for p in each})
         assert len(told) == most
@@ -79,8 +64,8 @@ def test_the_pair_that_is_most_in_the_way_is_told_with_its_share(compiled: Compi
 def test_pairs_are_listed_once_and_no_layout_is_made_again(generator: LayoutGenerator, monkeypatch: pytest.MonkeyPatch):
     """Whatever the number of objects: the record of the generator is enough."""
     listed: list[int] = []
-    pairs = blame.collider_pairs
-    monkeypatch.setattr(blame, "collider_pairs", lambda *words: listed.append(1) or pairs(*words))
+    pairs = blame_module.collider_pairs
+    monkeypatch.setattr(blame_module, "collider_pairs", lambda *words: listed.append(1) or pairs(*words))
     monkeypatch.setattr(LayoutGenerator, "__init__", None)
     assert len(obstructions(generator)) == 3
     assert listed == [1]
