@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from sceniris_gym.commands.narrowing import narrow
-from sceniris_gym.layout.blame import RECORDED, obstructions
+from sceniris_gym.layout.blame import obstructions, recording
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.tables import read_table
 from sceniris_gym.program.compiled import CompiledScene
@@ -17,7 +17,7 @@ def check(compiled: CompiledScene, layouts: int, seed: int, picture: Path | None
 
     For a scene with `reachable`, also measure how much that narrows where objects lie, and draw it into `picture`.
     """
-    generator = LayoutGenerator(compiled, layouts, seed=seed, rejected=RECORDED * layouts)
+    generator = recording(LayoutGenerator(compiled, layouts, seed=seed))
     generator.generate()
     table = read_table(generator)
     return {

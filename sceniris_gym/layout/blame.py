@@ -9,6 +9,7 @@ from itertools import product
 
 import mujoco
 import numpy as np
+import warp as wp
 
 from sceniris_gym.collide.leaves import SKIN
 from sceniris_gym.geometry.colliders import collect_colliders
@@ -19,8 +20,8 @@ from sceniris_gym.program.device import Cause
 from sceniris_gym.program.pack.home_touch import HomeTouch
 from sceniris_gym.program.pack.pairs import Pair, PairRules, collider_pairs
 
-RECORDED = 8
-"""Rejected candidates for each world that a generator records, so that `obstructions` sees most objects."""
+# Recorded candidates for each world, so that most objects have some.
+_RECORDED = 8
 _LOOKED_AT = 48  # of the recorded candidates of one object
 _UNDECIDED = 1.0e-6  # m; geoms that are apart by no more than this beyond the margin and the skin may be rejected
 
@@ -90,13 +91,28 @@ class Blame:
         return distance if distance <= nearest else None
 
 
+def recording(generator: LayoutGenerator) -> LayoutGenerator:
+    """Let a generator that has not launched anything yet record the first candidates that collide, and return it.
+
+    For the exact record of its argument `rejected`, restarts are tried one by one. Here they are tried at once as ever,
+    so some of the recorded candidates belong to restarts that were not needed.
+    """
+    view, num = generator.layouts.view, _RECORDED * generator.nworld
+    with wp.ScopedDevice(generator.compiled.device):
+        view.rejected_cause, view.rejected_object = (wp.zeros(num, dtype=int) for _ in range(2))
+        view.rejected_qpos = wp.zeros((num, view.qpos.shape[1]), dtype=float)
+        view.rejected_mocap_pos = wp.zeros((num, view.mocap_pos.shape[1]), dtype=wp.vec3)
+        view.rejected_mocap_quat = wp.zeros((num, view.mocap_pos.shape[1]), dtype=wp.quat)
+    return generator
+
+
 def obstructions(generator: LayoutGenerator) -> dict[str, str]:
     """Describe, for each object with recorded collisions, the pair of geoms that most of its candidates collide at.
 
     The share in the description is that of the candidates which the pair rejects, the distance their mean.
 
     Args:
-        generator: A generator that was made with `rejected`, and that has made layouts.
+        generator: A generator that has recorded candidates; see `recording`.
     """
     rejected, found = read_rejected(generator), {}
     collided = np.flatnonzero(rejected.causes == Cause.COLLISION)

@@ -18,7 +18,7 @@ from sceniris_gym.device.kernel_log import use_kernel_log
 from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.errors import FallbackWarning, InfeasibleSceneError, UnknownNameError
 from sceniris_gym.layout.attempts import find_attempts
-from sceniris_gym.layout.blame import RECORDED, obstructions
+from sceniris_gym.layout.blame import obstructions, recording
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.scene_cache import UNREADABLE, load_arrays, scene_key, store_arrays
@@ -176,8 +176,7 @@ class _Probe:
 
     def __init__(self, compiled: CompiledScene, split: str) -> None:
         self.size = compiled.config.bank
-        nworld = _probed_worlds(compiled)
-        self.generator = LayoutGenerator(compiled, nworld, seed=0, split=split, rejected=RECORDED * nworld)
+        self.generator = recording(LayoutGenerator(compiled, _probed_worlds(compiled), seed=0, split=split))
         self.found: list[tuple[np.ndarray, ...]] = []
         self.made = self.failed = self.first = 0
 

@@ -62,7 +62,7 @@ class Plan:
 
     @cached_property
     def solids(self) -> list[tuple[Piece, np.ndarray, np.ndarray]]:
-        """All pieces but planes, with their least and greatest extents [m] at home along the world's axes, shape (3,)."""
+        """All pieces but planes, with their least and greatest extents [m] at home along the world's axes, (3,)."""
         found = []
         for p in (p for p in self.pieces if p.type != PieceType.PLANE):
             low, high = p.extents(self.home.xmat[p.body].reshape(3, 3))

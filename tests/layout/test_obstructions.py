@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,12 @@ import numpy as np
 import pytest
 
 from sceniris_gym.layout import blame as blame_module
-from sceniris_gym.layout.blame import RECORDED, Blame, obstructions
+from sceniris_gym.layout.blame import Blame, obstructions, recording
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.tables import read_rejected
+from sceniris_gym.layout.wave.search import default_size
 from sceniris_gym.program.compiled import CompiledScene
-from tests.layout.scenes import box_mjcf, compile_on_cpu
+from tests.layout.scenes import box_mjcf, compile_on_cpu, read
 
 NWORLD = 200
 
@@ -26,13 +28,13 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
     crate: dict[str, Any] = {"asset": box_mjcf(folder, "crate", 0.2, 0.2, 0.1), "on": "floor"}
     post = {"asset": box_mjcf(folder, "post", 0.2, 0.2, 0.5), "kind": "static"}
     objects = {"post": post, "a": crate, "b": crate, "c": {**crate, "clearance": 0.02}}
-    return compile_on_cpu({"floor": {"size": [0.8, 0.8]}, "objects": objects}, bank=8)
+    return compile_on_cpu({"floor": {"size": [0.8, 0.8]}, "objects": objects, "attempts": 3, "restarts": 40}, bank=8)
 
 
 @pytest.fixture(scope="module")
 def generator(compiled: CompiledScene) -> LayoutGenerator:
     """One that has made layouts with a record."""
-    made = LayoutGenerator(compiled, NWORLD, seed=3, rejected=RECORDED * NWORLD)
+    made = recording(LayoutGenerator(compiled, NWORLD, seed=3))
     made.generate()
     return made
 
@@ -71,6 +73,29 @@ def test_pairs_are_listed_once_and_no_layout_is_made_again(generator: LayoutGene
     assert listed == [1]
 
 
+def test_a_record_changes_no_layout_and_has_what_the_exact_one_has(compiled: CompiledScene):
+    """Restarts are tried at once all the same: of a generator that has room for them it holds candidates of more."""
+    size = replace(default_size("cpu"), rows=64)
+    made = recording(LayoutGenerator(compiled, NWORLD, seed=3, size=size))
+    exact = LayoutGenerator(compiled, NWORLD, seed=3, rejected=8 * NWORLD)
+    plain = LayoutGenerator(compiled, NWORLD, seed=3)
+    for each in (made, exact, plain):
+        each.generate()
+    assert read(made.layouts).bits() == read(exact.layouts).bits() == read(plain.layouts).bits()
+    assert made.size.rows == 64
+    found, expected = (_placed_so_far(each) for each in (made, exact))
+    assert len(found) > len(expected) > 300
+    assert set(expected) <= set(found)
+
+
+def _placed_so_far(generator: LayoutGenerator) -> list[bytes]:
+    """The poses of each recorded candidate and of what was placed before it; objects after it may be anywhere."""
+    rejected = read_rejected(generator)
+    return [
+        qpos[: 7 * (number + 1)].tobytes() for number, qpos in zip(rejected.objects, rejected.states.qpos, strict=True)
+    ]
+
+
 def test_without_a_record_or_a_collision_nothing_is_in_the_way(compiled: CompiledScene, tmp_path: Path):
     """A generator that records nothing, and a scene with room for all."""
     bare = LayoutGenerator(compiled, 20)
@@ -79,6 +104,6 @@ def test_without_a_record_or_a_collision_nothing_is_in_the_way(compiled: Compile
     roomy = compile_on_cpu(
         {"floor": {"size": [2, 2]}, "objects": {"a": {"asset": box_mjcf(tmp_path, "a", 0.1, 0.1, 0.1), "on": "floor"}}}
     )
-    alone = LayoutGenerator(roomy, 20, rejected=160)
+    alone = recording(LayoutGenerator(roomy, 20))
     alone.generate()
     assert obstructions(alone) == {}
