@@ -271,9 +271,9 @@ def _infeasible(compiled: CompiledScene, probe: LayoutGenerator) -> InfeasibleSc
 
 def _leaning_support(compiled: CompiledScene, probe: LayoutGenerator, name: str) -> str | None:
     """Return the name of an object's support, if that leans in most worlds as they were left."""
-    ground = next(o.ground for o in compiled.plan.objects if o.name == name)
+    ground = int(compiled.program.obj_ground.numpy()[compiled.placed.index(name)])
     part = compiled.config.parts.get(name)
-    if ground is None or part is None or part.support is None:
+    if ground < 0 or part is None or part.support is None:
         return None
     x, y = probe.layouts.view.body_quat.numpy()[:, ground, 1:3].T
     leans = 1.0 - 2.0 * (x * x + y * y) < UPRIGHT  # the z component of the body's z axis

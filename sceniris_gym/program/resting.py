@@ -20,7 +20,7 @@ from sceniris_gym.scene.model import SceneModel
 # corners and points.
 _STATES = 128
 _LEVELS = 33
-# How far [m] an object may fall until it is carried; more moves it by a centimetre as it tilts.
+# Height [m] that an object may fall until it is carried; more moves it by a centimetre as it tilts.
 _FALL = 2.5e-3
 # An object that weighs less than this share of its mass does not rest.
 _LEAST_WEIGHT = 1.0e-3

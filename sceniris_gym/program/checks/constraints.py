@@ -15,7 +15,7 @@ from sceniris_gym.program.plan import Plan
 from sceniris_gym.scene.couplings import active_equalities, equality_label
 
 KEPT = 1e-4
-"""By how much [m or rad] the start pose may miss a constraint: keyframes are written with few digits."""
+"""The most [m or rad] that the start pose may miss a constraint by: keyframes are written with few digits."""
 
 _LOOPS = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
 _FLEXES = (mujoco.mjtEq.mjEQ_FLEX, mujoco.mjtEq.mjEQ_FLEXVERT, mujoco.mjtEq.mjEQ_FLEXSTRAIN)
@@ -147,7 +147,7 @@ def _check_start(mjm: mujoco.MjModel, home_qpos: np.ndarray, equalities: list[in
     if not equalities:
         return
     alone = copy.copy(mjm)
-    alone.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # things may lie on top of each other
+    alone.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # objects may lie on top of each other
     data = mujoco.MjData(alone)
     data.qpos[:] = home_qpos
     mujoco.mj_fwdPosition(alone, data)

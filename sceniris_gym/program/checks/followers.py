@@ -5,7 +5,7 @@ from __future__ import annotations
 from sceniris_gym.errors import NotSupportedError, SceneKeyError
 from sceniris_gym.program.plan import Plan
 
-# By how much [m or rad] a joint may leave its limits: rounding.
+# Rounding [m or rad] by which a joint may leave its limits.
 _ROUNDING = 1e-6
 
 

@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 # A hull that is larger than its mesh by more than this factor fills something in.
 _FILLED = 1.3
-# The largest extent of a thing [m]; beyond, its units are probably others.
+# Extents of an object [m]; outside of them its units are probably others.
 _SMALLEST, _LARGEST = 1.0e-3, 50.0
-# How deep [m] two things that are not placed may overlap: files are rounded.
+# Depth [m] to which two objects that are not placed may overlap, as files are rounded.
 _SUNK = 1.0e-3
-# Without contacts nothing is pushed.
+# Flags that switch contact forces off.
 _NO_CONTACTS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-# How far [m] geoms may reach from the origin, along an axis: up to there rounding stays below what counts as touching.
+# Distance [m] from the origin, along an axis, up to which rounding stays below the skin of collision tests.
 _FINE = 128.0
 
 
@@ -120,12 +120,12 @@ def _sunk(plan: Plan) -> Iterator[str]:
             cures |= dict.fromkeys(_cure(scene, geom) for geom in free)
     if still:
         yield (
-            f"what stands still overlaps: {_some(still)}. Nothing moves them apart; correct their positions (for the "
-            "robot `robot.base`), or exclude the pair if that is meant."
+            f"geoms that never move overlap: {_some(still)}. Nothing moves them apart; correct their positions (for "
+            "the robot `robot.base`), or exclude the pair if that is meant."
         )
     if pushed:
         yield (
-            f"what can move overlaps something in the start pose, and contact forces push it out at the start: "
+            "movable geoms overlap others in the start pose, and contact forces push them out at the start: "
             f"{_some(pushed)}. {'; '.join(cures)}; or exclude the pair if that is meant."
         )
 
@@ -193,8 +193,8 @@ def _coarse(plan: Plan) -> Iterator[str]:
             found.append(f"geom '{geom_name(mjm, p.geom)}' ({reach:.4g} m, {1e6 * resolution:.2g} um)")
     if found:
         yield (
-            f"what reaches beyond {_FINE:g} m from the world's origin is rounded, and things of less 'clearance' "
-            f"may touch it: {_some(found)}. Use a plane or smaller geoms, or a 'clearance' of 0.0001 or more."
+            f"geoms that reach beyond {_FINE:g} m from the world's origin are rounded, and objects of less 'clearance' "
+            f"may touch them: {_some(found)}. Use a plane or smaller geoms, or a 'clearance' of 0.0001 or more."
         )
 
 

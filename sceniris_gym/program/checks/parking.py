@@ -10,7 +10,7 @@ from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.scene.parking import LEVEL, PARKING_FROM, PARKING_SPACING
 
-# Objects that may get beyond this [m] in both x and y are too close to the parked ones.
+# An object that may get beyond this [m] in both x and y is too close to the parked ones.
 _NEAREST = PARKING_FROM - PARKING_SPACING
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.program.plan import Plan
 
-# By how much a tendon may leave its limits: rounding.
+# Rounding by which a tendon may leave its limits.
 _ROUNDING = 1e-6
 
 

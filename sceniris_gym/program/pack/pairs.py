@@ -29,7 +29,7 @@ from sceniris_gym.scene.support import is_static
 
 # Geoms that are nearer at home than this [m] touch: distances are compared with a skin of half as much.
 _NEAR = 1.0e-5
-# How much nearer than at home [m] geoms may come that touch there, the skin included: half of it is left for rounding.
+# Geoms that touch at home may come nearer by this [m], the skin included: half of it is left for rounding.
 _DEEPER = 1.0e-5
 _NO_DIRECTIONS = np.zeros((0, 3))
 
