@@ -1,1 +1,1 @@
-"""The shipped tasks, one small file each, and the shipped scenes as YAML."""
+"""The shipped tasks, a small file each, and the shipped scenes as YAML files."""

@@ -1,4 +1,4 @@
-"""ClutterExtract-v0: take a peg out of the things around it, and leave those where they are."""
+"""ClutterExtract-v0: take a peg out from among other things without moving them."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ KINDS = {
     "pear": (0.032, 0.024, 0.018),
     "lemon": (0.034, -1.0, -1.0),
 }
-"""Kinds of things, and their radii [m] at the heights of the parts in HAND; -1 for what is lower than a part."""
+"""Kinds of things, and their radii [m] at the heights of the three parts in HAND; -1 if a thing is lower than that."""
 
 HAND = ((0.025, 0.034, 0.011), (0.030, 0.050, 0.009), (0.0, 0.101, 0.031))
-"""Finger pads, fingers and palm to either side of the TCP: from, to along the closing axis, half the width [m]."""
+"""Finger pads, fingers and palm on either side of the TCP: begin and end along the closing axis, half the width [m]."""
 
 CLOSE = ("can", "can_2", "tin", "tin_2", "apple", "orange", "pear", "lemon")
 
@@ -36,94 +36,104 @@ AROUND = (
 OTHERS = (*CLOSE, *AROUND)
 
 SLOTS = 11
-"""How many of the others can be present."""
+"""Number of other things that can be present."""
 
 FINGERS = ("panda/left_finger", "panda/right_finger")
 
 GRASP_HEIGHT = 0.035
-"""How high over its underside the peg is grasped [m]; the hand is 37 mm over the TCP."""
+"""Height over its underside at which the peg is grasped [m]; the palm is 37 mm over the TCP."""
 
 LIFTED = 0.1
-"""Height over the table that counts as lifted [m]."""
+"""Height over the table at which the peg counts as lifted [m]."""
 
 HOLD = 0.5
-"""How long it should be held there [s]."""
+"""Time for which it has to be held there [s]."""
 
 MOVED = 0.02
-"""How far another thing may be moved [m]."""
+"""Largest distance by which another thing may be moved [m]."""
 
 TOPPLED = 0.5
-"""How far it may be tilted [rad]."""
+"""Largest angle by which it may be tilted [rad]."""
 
 LOWEST = 0.015
-"""Lower limit of the tool's target over the table [m]: the finger tips reach 9 mm further down."""
+"""Lowest target of the tool over the table [m]; the fingertips reach 9 mm below the tool."""
 
 LOST_HEIGHT = -0.05
-"""If its origin is below this height [m], the peg has fallen off the table."""
+"""Height of its origin below which the peg has fallen off the table [m]."""
 
 
 class ClutterExtract(Task):
     """A Panda on a table grasps a peg among 5 to 11 other things, lifts it by 10 cm, and moves nothing else.
 
-    At least two of the others are within 3 cm of the peg by their bounds, so that the fingers often fit on one pair of
-    its sides only: the grasp has to be chosen by what stands around it. In every layout one is free (`reachable:
-    clear`).
+    The bounds of at least two other things are within 3 cm of the peg's, so the fingers often fit on only one pair of
+    its sides: the grasp has to be chosen by what stands around the peg. Every layout leaves at least one grasp free
+    (`reachable: clear`).
 
-    Frames: poses and velocities are in the robot's base frame (on the table's top, x to the front, z up), rotations are
-    quaternions wxyz. Every reset draws which of 19 other things are present, the positions and yaws of all of them, and
-    a little noise on the arm. The tool always points down. A thing's underside is the origin of its body; axes are the
-    x and the z axis of the body. What nothing has touched yet sleeps, as MuJoCo has it: it neither moves nor takes
-    time. The things that are present are in slots, the nearest to the peg at the start first; slots that are left over
-    are 0 throughout.
+    Frames: poses and velocities are in the robot's base frame (on the table's top, x forward, z up); rotations are
+    quaternions wxyz. Every reset draws which of 19 other things are present, the positions and yaws of all things, and
+    a little noise on the arm. The tool always points down. A thing's underside is the origin of its body; its axes are
+    the x and the z axis of its body. A thing sleeps, in MuJoCo's sense, until something touches it: it does not move,
+    and costs no time. The things that are present occupy slots, ordered by their distance from the peg at the start;
+    the numbers of empty slots are 0.
 
     Action, 5 numbers in [-1, 1] at 50 Hz: changes of the tool's target along x, y and z in units of 0.02 m and about
-    the vertical in units of 0.1 rad, and the gripper from -1 (closed) to 1 (open).
+    the vertical in units of 0.1 rad, and the opening of the gripper from -1 (closed) to 1 (open).
 
     Observations, group `policy`, 225 numbers:
 
-    | name | shape | what |
+    | name | shape | meaning |
     |---|---|---|
     | arm_qpos | 7 | joint angles [rad] |
     | arm_qvel | 7 | joint velocities [rad/s] |
     | finger_width | 1 | distance between the fingers [m] |
-    | tcp_pose | 7 | point between the finger tips: position [m], rotation |
+    | tcp_pose | 7 | TCP, the point between the fingertips: position [m], rotation |
     | tool_lead | 4 | the tool's target minus the tool: x, y, z [m], yaw [rad] |
-    | tcp_to_target | 3 | from that point to the peg's underside [m] |
+    | tcp_to_target | 3 | from the TCP to the peg's underside [m] |
     | target_axes | 6 | axes of the peg |
-    | target_from_tool | 9 | the peg as the tool sees it: its underside [m], its axes |
-    | others_present | 11 | 1 for a slot with a thing in it |
+    | target_from_tool | 9 | the peg in the tool's frame: its underside [m], its axes |
+    | others_present | 11 | 1 for each slot with a thing in it |
     | others_kind | 11, 6 | 1 for its kind: can, tin, apple, orange, pear, lemon |
-    | target_to_others | 11, 3 | from the peg's underside to its own [m] |
-    | others_from_tool | 11, 3 | its underside as the tool sees it [m] |
-    | others_up | 11, 3 | its z axis |
+    | target_to_others | 11, 3 | from the peg's underside to the thing's [m] |
+    | others_from_tool | 11, 3 | the thing's underside in the tool's frame [m] |
+    | others_up | 11, 3 | the thing's z axis |
     | last_action | 5 | the last action, zeros after a reset |
 
-    Group `critic`, 318 numbers: the same, then `touching` (2: 1 where the left and the right finger touch the peg),
-    `held` (1: how long it has been held up without a break, in units of 0.5 s), `moved` (11: how far each of the others
-    is from where it was, or tilted, as a share of what is allowed), `target_velocity` (6: [m/s], [rad/s]),
-    `others_velocity` (11, 6) and `clear_side` (7: the direction in which the fingers should close, by what is beside
-    the peg: cosine and sine of twice its angle, and of twice the angle from the tool to it; and the gaps along both
-    axes and the larger of them [m]).
+    Group `critic`, 318 numbers: the same, then
 
-    Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, how near the
-    tool is to the grasp, or to the funnel above it), `aligning` (0 to 1, over the peg, how well the fingers close in
-    the direction with more room), `grasping` (up to 2 where both fingers touch the peg, by how near the tool is to the
-    grasp), `lifting` (0 to 4, by the root of the share of the way up, while both touch), `holding` (5 while it is up
-    and both touch), `disturbing` (minus a quarter of the sum of the others' speeds in m/s, and half of the largest
-    share in `moved`, -0.75 at the lowest) and `effort` (-0.05 times the mean square of the action). The more is moved,
-    the less `lifting` and `holding` count, down to a fifth. Success means that the peg is 10 cm or more over the table
-    and touched by both fingers at the end of 26 steps in a row, 0.5 s from the first to the last, and that no other
-    thing is more than 2 cm from where it was, or tilted by more than 0.5 rad. It is judged at the last step. The
-    episode terminates when the peg has fallen off the table, and is truncated after 200 steps (4 s).
+    - `touching` (2): 1 where the left and the right finger touch the peg,
+    - `held` (1): time for which the peg has been held up without a break, in units of 0.5 s,
+    - `moved` (11): how far each other thing is from where it was, or tilted, as a share of what is allowed,
+    - `target_velocity` (6) and `others_velocity` (11, 6): linear [m/s], angular [rad/s],
+    - `clear_side` (7): the direction in which the fingers should close, given what is beside the peg: cosine and sine
+      of twice its angle, and of twice the angle from the tool to it; then the gaps along both axes of the peg, and the
+      larger of the two [m].
+
+    Reward terms, per second (each is multiplied by the 0.02 s of a step), are summed:
+
+    - `reaching`, 0 to 1: how near the tool is to the grasp, or to the funnel above it,
+    - `aligning`, 0 to 1: over the peg, how well the fingers close in the direction with more room,
+    - `grasping`, 0 to 2: while both fingers touch the peg, how near the tool is to the grasp,
+    - `lifting`, 0 to 4: while both fingers touch the peg, the root of the share of the way up,
+    - `holding`, 5 while the peg is up and both fingers touch it,
+    - `disturbing`, down to -0.75: minus a quarter of the sum of the other things' speeds [m/s], and minus half of the
+      largest share in `moved`,
+    - `effort`: -0.05 times the mean square of the action.
+
+    The more is moved, the less `lifting` and `holding` count, down to a fifth.
+
+    Success: at the end of 26 steps in a row, 0.5 s from the first to the last, the peg is 10 cm or more over the table
+    and touched by both fingers; and no other thing is more than 2 cm from where it was, or tilted by more than 0.5 rad.
+    It is judged at the last step. The episode terminates when the peg has fallen off the table, and is truncated after
+    200 steps (4 s).
     """
 
     scene = "clutter_extract"
-    # 99.8% of a trained policy's physics steps need 10 iterations at most, but one world that needs more stalls all
+    # 99.8% of a trained policy's physics steps need at most 10 iterations; one world that needs more stalls all others
     options = SLEEPING | {"iterations": 10}
     action_size = 5
 
     def bind(self, s: State) -> None:
-        """Find the arm, its contacts and the peg's bounds, and allocate what is kept between steps.
+        """Find the arm, its contacts and the peg's bounds, and allocate the tensors that are kept between steps.
 
         Raises:
             ArgumentError: The scene's groups let more things be present than there are slots.
@@ -134,7 +144,7 @@ class ClutterExtract(Task):
                 f"ClutterExtract-v0: up to {most} things beside the peg can be present in this scene, and there are "
                 f"{SLOTS} slots for them. Lower `count` of the groups in `overrides`."
             )
-        self.arm = ArmController(s)
+        self.arm = ArmController(s, "panda")
         self.touch = Touch(s, FINGERS, ("target",))
         self.bounds = Bounds(s, ("target",))
         kinds = [name.split("_")[0] for name in OTHERS]
@@ -161,7 +171,7 @@ class ClutterExtract(Task):
         filled, to_tool = self.filled[:, :, None], rotations.conjugate(tool[:, 3:])
         away, axes = target[:, :3] - tool[:, :3], rotations.axes(target[:, 3:])
         to_others = others[:, :, :3] - tool[:, None, :3]
-        # all in one rotation: the way to the peg, its two axes, and the ways to the others
+        # one rotation of them all: the way to the peg, its two axes, and the ways to the other things
         ways = torch.cat([away[:, None], axes.unflatten(1, (2, 3)), to_others], dim=1)
         seen = rotations.rotate(to_tool[:, None], ways)
         policy = {
@@ -200,7 +210,7 @@ class ClutterExtract(Task):
         over = (1.5 * (aside - 0.01)).clamp(0.0, 0.12)
         below = away[:, 2] + GRASP_HEIGHT
         distance = torch.hypot(aside, below + over)
-        # fingers that press on the peg from above touch it too
+        # fingers that press on the peg from above touch it as well: only near the grasp does it count
         around = torch.exp(-(torch.hypot(aside, below) / 0.03).square())
         grasped = self.touching(s).prod(dim=1)
         up = grasped * (height >= LIFTED)
@@ -221,7 +231,7 @@ class ClutterExtract(Task):
         }
 
     def success(self, s: State) -> Tensor:
-        """Return the worlds in which the peg has been held up for 0.5 s, and everything else is where it was."""
+        """Return the worlds in which the peg has been held up for 0.5 s and everything else is where it was."""
         return (self.held > self.hold_steps) & (self.moved(s) <= 1.0).all(dim=1)
 
     def terminated(self, s: State) -> Tensor:
@@ -229,7 +239,7 @@ class ClutterExtract(Task):
         return s.pose("target")[:, 2] < LOST_HEIGHT
 
     def on_reset(self, s: State, mask: Tensor) -> None:
-        """Give those that are present their slots, and clear what is kept between steps."""
+        """Give the things that are present their slots, and start all that is kept between steps anew."""
         target, poses = s.pose("target"), s.poses(OTHERS)
         away = (poses[:, :, :2] - target[:, None, :2]).norm(dim=2)
         away = torch.where(s.present(OTHERS), away, torch.inf)
@@ -252,11 +262,11 @@ class ClutterExtract(Task):
         return self.touch(s)[:, :, 0].float()
 
     def others(self, s: State) -> Tensor:
-        """Return the poses of the things in the slots, position [m] and rotation, shape (num_envs, 11, 7)."""
+        """Return the poses of the things in the slots: position [m], rotation; shape (num_envs, 11, 7)."""
         return self._gather(s.poses(OTHERS))
 
     def moved(self, s: State) -> Tensor:
-        """Return how far each is from where it was, or tilted, as a share of what is allowed, (num_envs, 11)."""
+        """Return by which share of what is allowed each thing has moved or tilted, shape (num_envs, 11)."""
         now = self.others(s)
         shift = (now[:, :, :3] - self.start[:, :, :3]).norm(dim=2) / MOVED
         before, after = (rotations.axes(pose[:, :, 3:])[:, :, 3:] for pose in (self.start, now))
@@ -264,11 +274,11 @@ class ClutterExtract(Task):
         return torch.maximum(shift, tilt) * self.filled
 
     def _gather(self, values: Tensor) -> Tensor:
-        """Return what belongs to the slots, out of values for all others, shape (num_envs, 11, ...)."""
+        """Return the values of the things in the slots, out of those of all other things, shape (num_envs, 11, ...)."""
         return values.gather(1, self.slots[:, :, None].expand(-1, -1, values.shape[2]))
 
     def _clearer(self, s: State) -> Tensor:
-        """Return the closing axis with more room [rad], and the room along both [m], shape (num_envs, 3)."""
+        """Return the angle of the closing axis with more room [rad], then the room along both [m], (num_envs, 3)."""
         target, others = s.pose("target"), self.others(s)
         flat = others[:, :, :2] - target[:, None, :2]
         radii, absent = self.radii[self.slots], torch.where(self.filled > 0, 0.0, torch.inf)
@@ -286,11 +296,12 @@ class ClutterExtract(Task):
         return torch.stack([angle, *rooms], dim=1)
 
     def _turn(self, s: State) -> Tensor:
-        """Return twice the angle from the axis along which the fingers close to the one they should, (num_envs,)."""
-        # the closing axis is the tool's y axis: pointing down, a quarter turn behind its x axis
+        """Return twice the angle from the fingers' closing axis to the one with more room [rad], shape (num_envs,)."""
+        # the closing axis is the tool's y axis: of a tool that points down, it is a quarter turn behind the x axis
         return 2.0 * (self.clear[:, 0] - rotations.yaw(self.arm.tool(s)[:, 3:]) + 0.5 * torch.pi)
 
     def _clear_side(self, s: State) -> Tensor:
+        """Return the observation `clear_side`, shape (num_envs, 7)."""
         angle, turn, rooms = 2.0 * self.clear[:, 0], self._turn(s), self.clear[:, 1:]
         parts = [angle.cos(), angle.sin(), turn.cos(), turn.sin()]
         return torch.cat([torch.stack(parts, dim=1), rooms, rooms.amax(dim=1, keepdim=True)], dim=1)

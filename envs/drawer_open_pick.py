@@ -1,4 +1,4 @@
-"""DrawerOpenPick-v0: pull a drawer open, and lift the banana out of it."""
+"""DrawerOpenPick-v0: pull a drawer open, and lift a banana out of it."""
 
 from __future__ import annotations
 
@@ -12,45 +12,48 @@ from sceniris_gym.vector.task import Observation
 from .drawer_pick import DrawerPick
 
 OPEN = 0.22
-"""How far the drawer should be open [m]; it goes to 0.25 m."""
+"""Opening at which the drawer counts as open [m]; it goes up to 0.25 m."""
 
 
 class DrawerOpenPick(DrawerPick):
-    """A Panda before a closed cabinet pulls its upper drawer open, and takes the banana out.
+    """A Panda in front of a closed cabinet pulls the upper drawer open, and takes a banana out of it.
 
     No policy has been trained on it yet. Frames, the banana's axes and its height are those of `DrawerPick-v0`. Every
-    reset draws the cabinet's position and yaw, both fruits and a little noise on the arm; both drawers are closed.
+    reset draws the cabinet's position and yaw, the poses of banana and apple, and a little noise on the arm; both
+    drawers are closed.
 
-    Action, 8 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.04 rad, and the
-    gripper from -1 (closed) to 1 (open).
+    Action, 8 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.04 rad, and the opening
+    of the gripper from -1 (closed) to 1 (open).
 
     Observations, group `policy`, 57 numbers:
 
-    | name | shape | what |
+    | name | shape | meaning |
     |---|---|---|
     | arm_qpos | 7 | joint angles [rad] |
     | arm_qvel | 7 | joint velocities [rad/s] |
     | arm_lead | 7 | joint targets minus joint angles [rad] |
     | finger_width | 1 | distance between the fingers [m] |
-    | tcp_pose | 7 | point between the finger tips: position [m], rotation |
-    | tcp_to_banana | 3 | from that point to the banana's underside [m] |
+    | tcp_pose | 7 | TCP, the point between the fingertips: position [m], rotation |
+    | tcp_to_banana | 3 | from the TCP to the banana's underside [m] |
     | banana_axes | 6 | axes of the banana |
-    | tcp_to_handle | 3 | from that point to the middle of the drawer's handle [m] |
+    | tcp_to_handle | 3 | from the TCP to the middle of the drawer's handle [m] |
     | drawer_pose | 7 | lower edge of the drawer's face: position [m], rotation |
-    | drawer_opening | 1 | how far the drawer is open [m] |
+    | drawer_opening | 1 | opening of the drawer [m] |
     | last_action | 8 | the last action, zeros after a reset |
 
-    Group `critic`, 79 numbers: the same, then `banana_velocity` (6: [m/s], [rad/s]), `apple_pose` (7: position [m],
-    rotation), `touching` (2: 1 where the left and the right finger touch the banana), `held` (1: how long it has been
-    held out without a break, in units of 0.5 s), `tcp_to_grasp` (3: from the point between the finger tips to where the
-    banana is grasped [m]), `turn_to_grasp` (2: cosine and sine of twice the angle from the tool's yaw to the banana's)
-    and `facing` (1: cosine of the angle between the tool's approach and the drawer's depth).
+    Group `critic`, 79 numbers: the same, then `banana_velocity` (6), `apple_pose` (7), `touching` (2), `held` (1),
+    `tcp_to_grasp` (3) and `turn_to_grasp` (2) as in `DrawerPick-v0`, and `facing` (1): cosine of the angle between the
+    tool's approach and the drawer's depth.
 
-    Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `handle` (0 to 1 while the drawer
-    is less than 0.22 m open, how near the tool is to the handle, half of it for how well it faces it; then 1),
-    `opening` (0 to 3, share of 0.22 m), and, once it is open so far, those of `DrawerPick-v0`: `reaching`, `aligning`,
-    `grasping`, `lifting` and `out`; and `effort`. Success and the end of an episode are those of `DrawerPick-v0`, which
-    is truncated after 400 steps (8 s).
+    Reward terms, per second (each is multiplied by the 0.02 s of a step), are summed:
+
+    - `handle`, 0 to 1: how near the tool is to the handle, of which half counts in any case and half by how well the
+      tool faces it; 1 once the drawer is 0.22 m open,
+    - `opening`, 0 to 3: the share of 0.22 m to which the drawer is open,
+    - `reaching`, `aligning`, `grasping`, `lifting` and `out` as in `DrawerPick-v0`, once the drawer is 0.22 m open,
+    - `effort`: -0.05 times the mean square of the action.
+
+    Success and termination are those of `DrawerPick-v0`. The episode is truncated after 400 steps (8 s).
     """
 
     scene = "drawer_open_pick"
@@ -98,7 +101,7 @@ class DrawerOpenPick(DrawerPick):
         }
 
     def _to_handle(self, s: State) -> Tensor:
-        """Return the way from the tool to the handle [m], shape (num_envs, 3)."""
+        """Return the vector from the tool to the handle [m], shape (num_envs, 3)."""
         return s.site("cabinet/upper_handle")[:, :3] - self.arm.tool(s)[:, :3]
 
     def _facing(self, s: State) -> Tensor:

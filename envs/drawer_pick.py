@@ -1,4 +1,4 @@
-"""DrawerPick-v0: lift the banana out of an open drawer."""
+"""DrawerPick-v0: lift a banana out of an open drawer."""
 
 from __future__ import annotations
 
@@ -13,72 +13,81 @@ from sceniris_gym.vector.task import Observation, Task
 from sceniris_gym.vector.touch import Touch
 
 CLEAR_HEIGHT = 0.55
-"""Height over the floor that counts as out of the drawer [m]: 5 cm over the cabinet, 7 cm over the drawer's face."""
+"""Height over the floor at which the banana is out [m]: 5 cm over the cabinet, 7 cm over the drawer's face."""
 
 HOLD = 0.5
-"""How long it should be held there [s]."""
+"""Time for which it has to be held there [s]."""
 
 FINGERS = ("panda/left_finger", "panda/right_finger")
 
 LOST_HEIGHT = 0.15
-"""If its origin is below this height [m], the banana has fallen out of the drawer, whose floor is at 0.27 m."""
+"""Height of its origin below which the banana has fallen out of the drawer, whose floor is at 0.27 m [m]."""
 
 LOWEST = 0.282
-"""Lower limit of the tool's target over the floor [m]: the finger tips are 9 mm lower, over the drawer's floor."""
+"""Lowest target of the tool over the floor [m]; the fingertips, 9 mm lower, are then just over the drawer's floor."""
 
 TURNS = (-0.6, 2.4)
-"""Limits of the tool's yaw [rad]: the banana lies at 0.3 to 2.2."""
+"""Limits of the yaw of the tool's target [rad]; the banana's yaw is between 0.3 and 2.2."""
 
 
 class DrawerPick(Task):
     """A Panda in front of a cabinet takes a banana out of the open upper drawer; an apple lies on the floor.
 
-    Frames: poses and velocities are in the robot's base frame (on the floor, x to the front, z up), rotations are
-    quaternions wxyz. Every reset draws the cabinet's position and yaw, the drawer's opening, both fruits and a little
-    noise on the arm. The tool always points down. The banana's underside is the origin of its body: the centre of the
-    face that it lies on at the start, turning with the banana; its axes are the x axis, along it, and the z axis of
-    the body. Its height is that of its lowest point, taken as the lowest corner of the smallest box around it along its
-    own axes: this is exact for a banana that lies as at the start, and up to 4 cm too low for a tilted one.
+    Frames: poses and velocities are in the robot's base frame (on the floor, x forward, z up); rotations are
+    quaternions wxyz. Every reset draws the cabinet's position and yaw, the drawer's opening, the poses of banana and
+    apple, and a little noise on the arm. The tool always points down. The banana's underside is the origin of its body:
+    the centre of the face on which it lies at the start. It turns with the banana, and so do its axes, the body's x
+    axis, which is along the banana, and z axis. The banana's height is that of the lowest corner of the smallest box
+    around it along its own axes. This is exact for a banana that lies as at the start, and up to 4 cm too low for a
+    tilted one.
 
     Action, 5 numbers in [-1, 1] at 50 Hz: changes of the tool's target along x, y and z in units of 0.02 m and about
-    the vertical in units of 0.1 rad, and the gripper from -1 (closed) to 1 (open).
+    the vertical in units of 0.1 rad, and the opening of the gripper from -1 (closed) to 1 (open).
 
     Observations, group `policy`, 47 numbers:
 
-    | name | shape | what |
+    | name | shape | meaning |
     |---|---|---|
     | arm_qpos | 7 | joint angles [rad] |
     | arm_qvel | 7 | joint velocities [rad/s] |
     | finger_width | 1 | distance between the fingers [m] |
-    | tcp_pose | 7 | point between the finger tips: position [m], rotation |
+    | tcp_pose | 7 | TCP, the point between the fingertips: position [m], rotation |
     | tool_lead | 4 | the tool's target minus the tool: x, y, z [m], yaw [rad] |
-    | tcp_to_banana | 3 | from that point to the banana's underside [m] |
+    | tcp_to_banana | 3 | from the TCP to the banana's underside [m] |
     | banana_axes | 6 | axes of the banana |
     | drawer_pose | 7 | lower edge of the drawer's face: position [m], rotation |
     | last_action | 5 | the last action, zeros after a reset |
 
-    Group `critic`, 68 numbers: the same, then `banana_velocity` (6: [m/s], [rad/s]), `apple_pose` (7: position [m],
-    rotation), `touching` (2: 1 where the left and the right finger touch the banana), `held` (1: how long it has been
-    held out without a break, in units of 0.5 s; from 1 on it is a success), `tcp_to_grasp` (3: from the point between
-    the finger tips to where the banana is grasped [m]) and `turn_to_grasp` (2: cosine and sine of twice the angle from
-    the tool's yaw to the banana's).
+    Group `critic`, 68 numbers: the same, then
 
-    Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, how near the
-    tool is to the grasp, or to the funnel above it, down which it should come), `aligning` (0 to 1, over the banana,
-    how well the fingers are turned across it), `grasping` (1 where both fingers touch the banana), `lifting` (0 to 4,
-    by the root of the share of the way out, while both touch), `out` (5 while the banana is out and both touch) and
-    `effort` (-0.05 times the mean square of the action). Success means that the banana is higher than 0.55 m and
-    touched by both fingers at the end of 26 steps in a row, 0.5 s from the first to the last. Contacts are those of the
-    last of a step's 4 physics steps; those in between are not checked. The episode terminates when the banana has
-    fallen out of the drawer, and is truncated after 200 steps (4 s).
+    - `banana_velocity` (6): linear [m/s], angular [rad/s],
+    - `apple_pose` (7): position [m], rotation,
+    - `touching` (2): 1 where the left and the right finger touch the banana,
+    - `held` (1): time for which the banana has been held out without a break, in units of 0.5 s; a success from 1 on,
+    - `tcp_to_grasp` (3): from the TCP to the point where the banana is grasped [m],
+    - `turn_to_grasp` (2): cosine and sine of twice the angle from the tool's yaw to the banana's.
+
+    Reward terms, per second (each is multiplied by the 0.02 s of a step), are summed:
+
+    - `reaching`, 0 to 1: how near the tool is to the grasp, or to the funnel above it, down which it should come,
+    - `aligning`, 0 to 1: over the banana, how well the fingers are turned across it,
+    - `grasping`, 1 while both fingers touch the banana,
+    - `lifting`, 0 to 4: while both fingers touch the banana, the root of the share of the way out,
+    - `out`, 5 while the banana is out and both fingers touch it,
+    - `effort`: -0.05 times the mean square of the action.
+
+    Success: at the end of 26 steps in a row, 0.5 s from the first to the last, the banana is higher than 0.55 m and
+    touched by both fingers. Contacts are those of the last of a step's 4 physics steps; the other three are not
+    checked. The episode terminates when the banana has fallen out of the drawer, and is truncated after 200 steps
+    (4 s).
     """
 
     scene = "drawer_pick"
     action_size = 5
 
     def bind(self, s: State) -> None:
-        """Find the arm, its contacts and the banana's bounds, and allocate what is kept between steps."""
-        self.arm = ArmController(s)
+        """Find the arm, its contacts and the banana's bounds, and allocate the tensors that are kept between steps."""
+        self.arm = ArmController(s, "panda")
         self.touch = Touch(s, FINGERS, ("banana",))
         self.bounds = Bounds(s, ("banana",))
         self.last_action = torch.zeros(s.num_envs, self.action_size or 0, device=s.device)
@@ -138,14 +147,14 @@ class DrawerPick(Task):
 
     def success(self, s: State) -> Tensor:
         """Return the worlds in which the banana has been held out for 0.5 s, clear of drawer and cabinet."""
-        return self.held > self.hold_steps  # the first one and that many more
+        return self.held > self.hold_steps  # one step, and as many more as HOLD takes
 
     def terminated(self, s: State) -> Tensor:
         """Return the worlds in which the banana has fallen out of the drawer."""
         return s.pose("banana")[:, 2] < LOST_HEIGHT
 
     def on_reset(self, s: State, mask: Tensor) -> None:
-        """Clear what is kept between steps, store how high the banana lies, and start the tool's target at the tool."""
+        """Clear the last action and the timer, note the banana's height, and set the tool's target to the tool."""
         self.last_action.masked_fill_(mask[:, None], 0.0)
         self.held.masked_fill_(mask, 0.0)
         self.start_height.copy_(torch.where(mask, self.height(s), self.start_height))
@@ -160,7 +169,7 @@ class DrawerPick(Task):
         return self.touch(s)[:, :, 0].float()
 
     def _to_grasp(self, s: State) -> Tensor:
-        """Return the way from the tool to the banana's grasp site [m], shape (num_envs, 3)."""
+        """Return the vector from the tool to the banana's grasp site [m], shape (num_envs, 3)."""
         return s.site("banana/grasp")[:, :3] - self.arm.tool(s)[:, :3]
 
     def _turn(self, s: State) -> Tensor:

@@ -1,4 +1,4 @@
-"""KitchenReset-v0: a furnished kitchen, for measuring what resets cost."""
+"""KitchenReset-v0: a furnished kitchen, for measuring the cost of resets."""
 
 from __future__ import annotations
 
@@ -24,31 +24,32 @@ THINGS = (
     "glass",
 )
 ALONE = tuple(name for name in THINGS if name not in ("chest", "lemon"))
-"""Things that stand on furniture and carry nothing; the lemon is on the chest's lid."""
+"""Things that stand on furniture and carry nothing; the chest carries the lemon on its lid."""
 
 
 class KitchenReset(Task):
     """A Panda on the worktop of a furnished kitchen with twelve objects in it. There is no goal.
 
-    It is for measuring resets, not for training: every reward is 0 and no step is a success.
+    It is for measuring resets, not for training: every reward is 0, and no step is a success.
 
-    Frames: poses are in the robot's base frame (over the worktop, x to the front, z up), rotations are quaternions
-    wxyz. Every reset draws the positions of furniture and objects, the angle of the cupboard's door, and a little noise
-    on the arm. Things sleep where they were placed until they are touched, which takes less time on a GPU, and about
-    twice as long on a CPU; where another scene places them so that they would tip over, they do not before that.
+    Frames: poses are in the robot's base frame (over the worktop, x forward, z up); rotations are quaternions wxyz.
+    Every reset draws the positions of furniture and objects, the angle of the cupboard's door, and a little noise on
+    the arm. Things sleep where they were placed until something touches them. Steps are then quicker on a GPU, and take
+    about twice as long on a CPU. In a scene of your own, a thing that is placed out of balance does not tip over before
+    it is touched.
 
     Action, 7 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.04 rad.
 
     Observations, groups `policy` and `critic` alike, 99 numbers:
 
-    | name | shape | what |
+    | name | shape | meaning |
     |---|---|---|
     | arm_qpos | 7 | joint angles [rad] |
     | arm_qvel | 7 | joint velocities [rad/s] |
     | door | 1 | angle of the cupboard's door [rad] |
     | things | 12, 7 | underside of each object: position [m], rotation |
 
-    The only reward term is `nothing`, which is 0. The episode is truncated after 200 steps (4 s).
+    The only reward term, `nothing`, is 0. The episode is truncated after 200 steps (4 s).
     """
 
     scene = "kitchen_reset"
@@ -57,7 +58,7 @@ class KitchenReset(Task):
 
     def bind(self, s: State) -> None:
         """Find the arm."""
-        self.arm = ArmController(s)
+        self.arm = ArmController(s, "panda")
 
     def apply(self, s: State, action: Tensor) -> None:
         """Move the joint targets."""
@@ -74,13 +75,13 @@ class KitchenReset(Task):
         return {"policy": seen, "critic": seen}
 
     def on_reset(self, s: State, mask: Tensor) -> None:
-        """Let things sleep where they were put, so that the steps after a reset are no slower than others."""
+        """Let things sleep where they were placed, so that the steps after a reset are no slower than others."""
         s.sleep(ALONE, mask)
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return the term nothing, which is 0."""
+        """Return the term `nothing`, which is 0."""
         return {"nothing": torch.zeros(s.num_envs, device=s.device)}
 
     def success(self, s: State) -> Tensor:
-        """Return no worlds: there is no goal."""
+        """Return False for all worlds, as there is no goal."""
         return torch.zeros(s.num_envs, dtype=torch.bool, device=s.device)

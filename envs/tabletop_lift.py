@@ -1,4 +1,4 @@
-"""TabletopLift-v0: grasp and lift a chosen one of several objects on a table."""
+"""TabletopLift-v0: grasp the chosen one of several objects on a table, and lift it."""
 
 from __future__ import annotations
 
@@ -13,75 +13,87 @@ from sceniris_gym.vector.task import Observation, Task
 from sceniris_gym.vector.touch import Touch
 
 GRASP_HEIGHTS = {"block": 0.0225, "can": 0.095, "lemon": 0.025}
-"""What can be chosen, and how high over its underside it is grasped [m]; the hand is 37 mm over the TCP."""
+"""Objects that can be chosen, and the heights over their undersides at which they are grasped [m].
+
+The palm is 37 mm over the TCP.
+"""
 
 OBJECTS = (*GRASP_HEIGHTS, "tin", "orange")
 
 FINGERS = ("panda/left_finger", "panda/right_finger")
 
 LIFTED = 0.1
-"""Height over the table that counts as lifted [m]."""
+"""Height over the table at which an object counts as lifted [m]."""
 
 HOLD = 0.5
-"""How long it should be held there [s]."""
+"""Time for which it has to be held there [s]."""
 
 LOWEST = 0.01
-"""Lower limit of the tool's target over the table [m]: the finger tips reach 9 mm further down."""
+"""Lowest target of the tool over the table [m]; the fingertips reach 9 mm below the tool."""
 
 LOST_HEIGHT = -0.05
-"""If its origin is below this height [m], the chosen object has fallen off the table."""
+"""Height of its origin below which the chosen object has fallen off the table [m]."""
 
 
 class TabletopLift(Task):
-    """A Panda on a table grasps a chosen one of block, can and lemon among other objects, and lifts it by 10 cm.
+    """A Panda on a table grasps the chosen one of block, can and lemon among other objects, and lifts it by 10 cm.
 
-    Frames: poses and velocities are in the robot's base frame (on the table's top, x to the front, z up), rotations
-    are quaternions wxyz. Every reset draws the positions and yaws of all objects, which of them is chosen, and a little
+    Frames: poses and velocities are in the robot's base frame (on the table's top, x forward, z up); rotations are
+    quaternions wxyz. Every reset draws the positions and yaws of all objects, which of them is chosen, and a little
     noise on the arm. The tool always points down. An object's underside is the origin of its body: the centre of the
-    face that it stands on at the start, turning with the object. The chosen object's height is that of its lowest
-    point, taken as the lowest corner of the smallest box around it along its own axes: this is exact for an object that
-    stands as at the start, and up to 2.4 cm too low for a tilted one. Pictures do not show which object is chosen; the
-    attribute `chosen`, shape (num_envs, 3), does.
+    face on which it stands at the start. It turns with the object. The chosen object's height is that of the lowest
+    corner of the smallest box around it along its own axes. This is exact for an object that stands as at the start,
+    and up to 2.4 cm too low for a tilted one. Pictures do not show which object is chosen; the attribute `chosen`,
+    shape (num_envs, 3), does.
 
     Action, 5 numbers in [-1, 1] at 50 Hz: changes of the tool's target along x, y and z in units of 0.02 m and about
-    the vertical in units of 0.1 rad, and the gripper from -1 (closed) to 1 (open).
+    the vertical in units of 0.1 rad, and the opening of the gripper from -1 (closed) to 1 (open).
 
     Observations, group `policy`, 79 numbers:
 
-    | name | shape | what |
+    | name | shape | meaning |
     |---|---|---|
     | arm_qpos | 7 | joint angles [rad] |
     | arm_qvel | 7 | joint velocities [rad/s] |
     | finger_width | 1 | distance between the fingers [m] |
-    | tcp_pose | 7 | point between the finger tips: position [m], rotation |
+    | tcp_pose | 7 | TCP, the point between the fingertips: position [m], rotation |
     | tool_lead | 4 | the tool's target minus the tool: x, y, z [m], yaw [rad] |
     | chosen | 3 | 1 for the chosen one of block, can and lemon, 0 for the others |
-    | tcp_to_objects | 5, 3 | from that point to the undersides of block, can, lemon, tin and orange [m] |
+    | tcp_to_objects | 5, 3 | from the TCP to the undersides of block, can, lemon, tin and orange [m] |
     | object_axes | 5, 6 | their x and z axes |
     | last_action | 5 | the last action, zeros after a reset |
 
-    Group `critic`, 117 numbers: the same, then `tcp_to_grasp` (3: from the point between the finger tips to where the
-    chosen object is grasped [m]), `turn_to_grasp` (2: cosine and sine of twice the angle from the tool's yaw to the
-    chosen object's), `touching` (2: 1 where the left and the right finger touch the chosen object), `held` (1: how long
-    it has been held up without a break, in units of 0.5 s; from 1 on it is a success) and `object_velocities` (5, 6:
-    linear [m/s] and angular [rad/s]). `TabletopLiftEasy-v0` tells the policy most of that.
+    Group `critic`, 117 numbers: the same, then
 
-    Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, how near the
-    tool is to the grasp), `grasping` (1 where both fingers touch the chosen object), `lifting` (0 to 4, share of the
-    way up, while both touch), `holding` (5 while it is up and both touch), `disturbing` (minus half the sum of the
-    other objects' speeds in m/s, -1 at the lowest) and `effort` (-0.05 times the mean square of the action). Success
-    means that the chosen object is 10 cm or more over the table and touched by both fingers at the end of 26 steps in a
-    row, 0.5 s from the first to the last. Contacts are those of the last of a step's 4 physics steps; those in between
-    are not checked. The episode terminates when that object has fallen off the table, and is truncated after 150 steps
-    (3 s).
+    - `tcp_to_grasp` (3): from the TCP to the point where the chosen object is grasped [m],
+    - `turn_to_grasp` (2): cosine and sine of twice the angle from the tool's yaw to the chosen object's,
+    - `touching` (2): 1 where the left and the right finger touch the chosen object,
+    - `held` (1): time for which it has been held up without a break, in units of 0.5 s; a success from 1 on,
+    - `object_velocities` (5, 6): linear [m/s], angular [rad/s].
+
+    In `TabletopLiftEasy-v0` the policy observes most of that, too.
+
+    Reward terms, per second (each is multiplied by the 0.02 s of a step), are summed:
+
+    - `reaching`, 0 to 1: how near the tool is to the grasp,
+    - `grasping`, 1 while both fingers touch the chosen object,
+    - `lifting`, 0 to 4: while both fingers touch it, the share of the way up,
+    - `holding`, 5 while it is up and both fingers touch it,
+    - `disturbing`, down to -1: minus half the sum of the other objects' speeds [m/s],
+    - `effort`: -0.05 times the mean square of the action.
+
+    Success: at the end of 26 steps in a row, 0.5 s from the first to the last, the chosen object is 10 cm or more over
+    the table and touched by both fingers. Contacts are those of the last of a step's 4 physics steps; the other three
+    are not checked. The episode terminates when the chosen object has fallen off the table, and is truncated after 150
+    steps (3 s).
     """
 
     scene = "tabletop_lift"
     action_size = 5
 
     def bind(self, s: State) -> None:
-        """Find the arm, its contacts and the objects' bounds, and allocate what is kept between steps."""
-        self.arm = ArmController(s)
+        """Find the arm, its contacts and the objects' bounds, and allocate the tensors that are kept between steps."""
+        self.arm = ArmController(s, "panda")
         self.touch = Touch(s, FINGERS, tuple(GRASP_HEIGHTS))
         self.bounds = Bounds(s, tuple(GRASP_HEIGHTS))
         self.grasp_heights = torch.tensor([[0.0, 0.0, height] for height in GRASP_HEIGHTS.values()], device=s.device)
@@ -122,7 +134,7 @@ class TabletopLift(Task):
         return {"policy": policy, "critic": policy | critic}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return the terms reaching, grasping, lifting, holding, disturbing and effort; count the steps held up."""
+        """Return the terms that the class lists, and count the steps held up."""
         poses = s.poses(OBJECTS)
         pose, height = self._chosen(poses), self._height(poses)
         distance = (self._grasp(pose) - self.arm.tool(s)[:, :3]).norm(dim=1)
@@ -143,14 +155,14 @@ class TabletopLift(Task):
 
     def success(self, s: State) -> Tensor:
         """Return the worlds in which the chosen object has been held up for 0.5 s."""
-        return self.held > self.hold_steps  # the first one and that many more
+        return self.held > self.hold_steps  # one step, and as many more as HOLD takes
 
     def terminated(self, s: State) -> Tensor:
         """Return the worlds in which the chosen object has fallen off the table."""
         return self.chosen_pose(s)[:, 2] < LOST_HEIGHT
 
     def on_reset(self, s: State, mask: Tensor) -> None:
-        """Choose an object, clear what is kept between steps, and start the tool's target at the tool."""
+        """Choose an object, clear the last action and the timer, and set the tool's target to the tool."""
         drawn = (s.random(1) * len(GRASP_HEIGHTS)).long().clamp(max=len(GRASP_HEIGHTS) - 1)
         chosen = torch.zeros_like(self.chosen).scatter_(1, drawn, 1.0)
         self.chosen.copy_(torch.where(mask[:, None], chosen, self.chosen))
@@ -159,11 +171,11 @@ class TabletopLift(Task):
         self.arm.start(s, mask)
 
     def height(self, s: State) -> Tensor:
-        """Return the height of the chosen object's lowest point over the table [m], (num_envs,); see the class."""
+        """Return the height of the chosen object over the table [m], shape (num_envs,); see the class."""
         return self._height(s.poses(OBJECTS))
 
     def chosen_pose(self, s: State) -> Tensor:
-        """Return the pose of the chosen object, position [m] and rotation, shape (num_envs, 7)."""
+        """Return the pose of the chosen object: position [m], rotation; shape (num_envs, 7)."""
         return self._chosen(s.poses(OBJECTS))
 
     def touching(self, s: State) -> Tensor:

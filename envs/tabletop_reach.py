@@ -1,4 +1,4 @@
-"""TabletopReach-v0: move the tool over a chosen one of several objects on a table."""
+"""TabletopReach-v0: move the tool over the chosen one of several objects on a table."""
 
 from __future__ import annotations
 
@@ -18,41 +18,48 @@ OVER = 0.05
 """Height of the target over the top of the chosen object [m]."""
 
 CLOSE = 0.025
-"""Distance from the target that counts as reached [m]."""
+"""Distance from the target within which it is reached [m]."""
 
 
 class TabletopReach(Task):
-    """A Panda on a table moves the point between its finger tips over a chosen object among four others.
+    """A Panda on a table moves the point between its fingertips over the chosen one of five objects.
 
-    Frames: poses and velocities are in the robot's base frame (on the table's top, x to the front, z up), rotations
-    are quaternions wxyz. Every reset draws the positions and yaws of all objects, which of them is chosen, and a little
-    noise on the arm. The target is straight over the centre of the chosen object's underside, 5 cm higher than its top
-    would be if it stood upright there: it moves with an object that is pushed, but is not lowered for one that is
-    tipped over. Pictures do not show which object is chosen; the attribute `chosen`, shape (num_envs, 5), does.
+    Frames: poses and velocities are in the robot's base frame (on the table's top, x forward, z up); rotations are
+    quaternions wxyz. Every reset draws the positions and yaws of all objects, which of them is chosen, and a little
+    noise on the arm. The target is straight over the centre of the chosen object's underside, 5 cm over the top of an
+    object that stands upright. It moves with an object that is pushed, and stays as high over one that is tipped over.
+    Pictures do not show which object is chosen; the attribute `chosen`, shape (num_envs, 5), does.
 
     Action, 7 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.04 rad.
 
     Observations, group `policy`, 55 numbers:
 
-    | name | shape | what |
+    | name | shape | meaning |
     |---|---|---|
     | arm_qpos | 7 | joint angles [rad] |
     | arm_qvel | 7 | joint velocities [rad/s] |
     | arm_lead | 7 | joint targets minus joint angles [rad] |
-    | tcp_pose | 7 | point between the finger tips: position [m], rotation |
-    | tcp_to_objects | 5, 3 | from that point to the undersides of bottle, apple, orange, can and block [m] |
+    | tcp_pose | 7 | TCP, the point between the fingertips: position [m], rotation |
+    | tcp_to_objects | 5, 3 | from the TCP to the undersides of bottle, apple, orange, can and block [m] |
     | chosen | 5 | 1 for the chosen object, 0 for the others |
     | last_action | 7 | the last action, zeros after a reset |
 
-    Group `critic`, 73 numbers: the same, then `tcp_to_target` (3: from the point between the finger tips to the target
-    [m]) and `object_velocities` (5, 3: linear velocities of the objects [m/s]). `TabletopReachEasy-v0` tells the policy
-    where its target is.
+    Group `critic`, 73 numbers: the same, then
 
-    Reward terms, in units per second (multiplied by the 0.02 s of a step) and summed: `reaching` (0 to 1, how near the
-    tool is to the target, on the scale of the arm), `hovering` (0 to 2, the same on the scale of centimetres),
-    `disturbing` (minus the sum of the objects' speeds in m/s, -1 at the lowest) and `effort` (-0.1 times the mean
-    square of the action). Success means that the tool is less than 2.5 cm from the target, for however short a time;
-    success at the last step therefore takes staying there. The episode is truncated after 100 steps (2 s).
+    - `tcp_to_target` (3): from the TCP to the target [m],
+    - `object_velocities` (5, 3): linear velocities of the objects [m/s].
+
+    In `TabletopReachEasy-v0` the policy observes `tcp_to_target`, too.
+
+    Reward terms, per second (each is multiplied by the 0.02 s of a step), are summed:
+
+    - `reaching`, 0 to 1: how near the tool is to the target, on the scale of the arm,
+    - `hovering`, 0 to 2: the same on the scale of centimetres,
+    - `disturbing`, down to -1: minus the sum of the objects' speeds [m/s],
+    - `effort`: -0.1 times the mean square of the action.
+
+    Success: the tool is less than 2.5 cm from the target, for however short a time. To succeed at the last step, it has
+    to stay there. The episode is truncated after 100 steps (2 s).
     """
 
     scene = "tabletop_reach"
@@ -60,8 +67,8 @@ class TabletopReach(Task):
     action_size = 7
 
     def bind(self, s: State) -> None:
-        """Find the arm, and allocate what is kept between steps."""
-        self.arm = ArmController(s)
+        """Find the arm, and allocate the tensors that are kept between steps."""
+        self.arm = ArmController(s, "panda")
         self.over = torch.tensor([[0.0, 0.0, height + OVER] for height in HEIGHTS.values()], device=s.device)
         self.chosen = torch.zeros(s.num_envs, len(OBJECTS), device=s.device)
         self.last_action = torch.zeros(s.num_envs, 7, device=s.device)
@@ -90,7 +97,7 @@ class TabletopReach(Task):
         return {"policy": policy, "critic": policy | critic}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return the terms reaching, hovering, disturbing and effort."""
+        """Return the terms that the class lists."""
         distance = self.distance(s)
         speeds = self._velocities(s).norm(dim=2).sum(dim=1)
         return {
@@ -112,7 +119,7 @@ class TabletopReach(Task):
         self.last_action.masked_fill_(mask[:, None], 0.0)
 
     def distance(self, s: State) -> Tensor:
-        """Return the distance from the point between the finger tips to the target [m], shape (num_envs,)."""
+        """Return the distance from the TCP to the target [m], shape (num_envs,)."""
         return (self._target(self._positions(s)) - self.arm.tool(s)[:, :3]).norm(dim=1)
 
     def _target(self, positions: Tensor) -> Tensor:
@@ -124,5 +131,5 @@ class TabletopReach(Task):
         return s.poses(OBJECTS)[:, :, :3]
 
     def _velocities(self, s: State) -> Tensor:
-        """Return their linear velocities [m/s], shape (num_envs, 5, 3)."""
+        """Return the linear velocities of the objects [m/s], shape (num_envs, 5, 3)."""
         return s.velocities(OBJECTS)[:, :, :3]

@@ -1,4 +1,4 @@
-"""TabletopReachEasy-v0: TabletopReach-v0 with the way to the target among what the policy sees."""
+"""TabletopReachEasy-v0: TabletopReach-v0 with the vector to the target in the policy's observations."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ POLICY = (
 
 
 class TabletopReachEasy(TabletopReach):
-    """TabletopReach-v0, but the policy is told where its target is; a first task for a training loop.
+    """TabletopReach-v0, but the policy observes where its target is: a first task for a training loop.
 
     Scene, action, reward, success and the end of an episode are those of `TabletopReach-v0`.
 
     Observations, group `policy`, 58 numbers:
 
-    | name | shape | what |
+    | name | shape | meaning |
     |---|---|---|
     | arm_qpos | 7 | joint angles [rad] |
     | arm_qvel | 7 | joint velocities [rad/s] |
     | arm_lead | 7 | joint targets minus joint angles [rad] |
-    | tcp_pose | 7 | point between the finger tips: position [m], rotation |
-    | tcp_to_target | 3 | from that point to the target [m] |
-    | tcp_to_objects | 5, 3 | from that point to the undersides of bottle, apple, orange, can and block [m] |
+    | tcp_pose | 7 | TCP, the point between the fingertips: position [m], rotation |
+    | tcp_to_target | 3 | from the TCP to the target [m] |
+    | tcp_to_objects | 5, 3 | from the TCP to the undersides of bottle, apple, orange, can and block [m] |
     | chosen | 5 | 1 for the chosen object, 0 for the others |
     | last_action | 7 | the last action, zeros after a reset |
 

@@ -1,11 +1,11 @@
-"""A vector environment by its Gymnasium id: random actions, seeds, masked resets and layout data in `info`."""
+"""A vector environment by its Gymnasium id: random actions, seeds, masked resets, and the layouts in `info`."""
 
 import gymnasium as gym
 import numpy as np
 import torch
 import tyro
 
-import sceniris_gym  # noqa: F401, the import registers the environments
+import sceniris_gym  # noqa: F401, importing it registers the environments
 
 
 def main(num_envs: int = 64, steps: int = 250, device: str | None = None) -> None:
@@ -22,11 +22,11 @@ def main(num_envs: int = 64, steps: int = 250, device: str | None = None) -> Non
     print("policy:", tuple(obs["policy"].shape), "critic:", tuple(obs["critic"].shape), "on", obs["policy"].device)
     print("layouts: seeds", info["layout_seed"][:4].tolist(), "episodes", info["layout_episode"][:4].tolist())
 
-    # worlds whose episode ends are reset within the step and get the layout of their next episode
+    # a world whose episode ends is reset within the step, and gets the layout of its next episode
     envs.action_space.seed(0)
     total, ended = torch.zeros(num_envs, device=obs["policy"].device), 0
     for _ in range(steps):
-        action = envs.action_space.sample()  # numpy, or a tensor that is already on the device
+        action = envs.action_space.sample()  # an array of numpy; a tensor on the device will do as well
         obs, reward, terminated, truncated, info = envs.step(action)
         total += reward
         ended += int((terminated | truncated).sum())
@@ -35,7 +35,7 @@ def main(num_envs: int = 64, steps: int = 250, device: str | None = None) -> Non
     print("reward terms:", {name: round(float(term.mean()), 3) for name, term in info["reward_terms"].items()})
     print(f"{fallbacks} worlds hold a layout from the bank; the others were made for their reset")
 
-    # fresh layouts for every other world; the rest stay bit-identical
+    # fresh layouts for every second world; the others keep their state to the bit
     mask = np.arange(num_envs) % 2 == 0
     before = obs["policy"]
     obs, info = envs.reset(options={"reset_mask": mask})

@@ -1,4 +1,4 @@
-"""Your own model and your own mujoco_warp loop: a paddle pushes boxes off a bench; worlds with a fallen box reset."""
+"""Your own model in your own mujoco_warp loop: a paddle pushes boxes off a bench, and worlds with one fallen reset."""
 
 from pathlib import Path
 
@@ -9,8 +9,8 @@ import warp as wp
 from sceniris_gym import ResetRandomizer, compile_scene
 
 SCENE = {
-    "model": str(Path(__file__).with_name("bench.xml")),  # its options, names and start pose are kept
-    "objects": {  # without an asset: bodies of the model
+    "model": str(Path(__file__).with_name("bench.xml")),  # keeps its options, names and start pose
+    "objects": {  # bodies of the model, as they name no asset
         "bench": {"kind": "static", "joints": {"travel": {"range": [0.0, 0.1]}}},
         "crate": {"on": "bench", "region": {"fraction": [[0.3, 0.0], [0.9, 1.0]]}, "ratio_on_support": 1},
         "parcel": {"on": "bench", "relations": [{"near": "crate", "distance": {"max": 0.25}}], "ratio_on_support": 1},
@@ -29,13 +29,13 @@ def main(nworld: int = 64, steps: int = 1500, device: str | None = None) -> None
     compiled = compile_scene(SCENE, device)
     with wp.ScopedDevice(compiled.device):
         model = mjw.put_model(compiled.mjm)
-        data = mjw.make_data(compiled.mjm, nworld=nworld, nconmax=64, njmax=256)  # room for each world
+        data = mjw.make_data(compiled.mjm, nworld=nworld, nconmax=64, njmax=256)  # room in each world
         randomizer = ResetRandomizer(compiled, model, data, seed=0)
-        randomizer.reset()  # all worlds; the paddle's actuator holds the sampled position
+        randomizer.reset()  # resets all worlds; the paddle's actuator holds the sampled position
         with wp.ScopedCapture() as capture:
             mjw.step(model, data)
 
-        # views of the simulation's arrays: any library can compute the mask, and nothing is copied to the host
+        # views of the simulation's arrays: any library can compute the mask from them, and nothing goes to the host
         height = wp.to_torch(data.xpos)[:, compiled.mjm.body("crate").id, 2]
         control = wp.to_torch(data.ctrl)
         resets = 0

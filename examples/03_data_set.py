@@ -1,4 +1,4 @@
-"""A data set of layouts, and how to use it with only MuJoCo and NumPy.
+"""A data set of layouts, written to files and used with nothing but MuJoCo and NumPy.
 
 `sceniris-gym generate kitchen -n 64 -o layouts/kitchen` writes the same files from the command line.
 """
@@ -20,8 +20,8 @@ def main(
 
     Args:
         scene: name of a shipped scene, or the path of a scene file.
-        n: number of layouts; row i has seed i and episode 0 for any n.
-        folder: where `dataset.json`, `scene.zip` and `layouts-*.npy` go; it must not hold a data set.
+        n: number of layouts; row i has seed i and episode 0, whatever n is.
+        folder: folder for `dataset.json`, `scene.zip` and `layouts-*.npy`, without a data set in it.
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
     """
     where = [] if device is None else ["--device", device]
@@ -35,7 +35,7 @@ def look(folder: Path) -> None:
     layouts = np.concatenate([np.load(part) for part in sorted(folder.glob("layouts-*.npy"))])
     model = mujoco.MjSpec.from_zip(str(folder / "scene.zip")).compile()
     data = mujoco.MjData(model)
-    names = about["object_names"]  # objects of the scene; the bodies have the same names
+    names = about["object_names"]  # objects of the scene; their bodies have the same names
     deepest = 0.0
     for qpos, pos, quat in zip(layouts["qpos"], layouts["mocap_pos"], layouts["mocap_quat"], strict=True):
         data.qpos[:], data.mocap_pos[:], data.mocap_quat[:] = qpos, pos, quat

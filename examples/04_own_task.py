@@ -1,4 +1,4 @@
-"""A task from scratch, with its own scene: the arm moves its fingers to an orange on a table."""
+"""A task from scratch, with a scene of its own: an arm moves its fingers to an orange on a table."""
 
 import gymnasium as gym
 import torch
@@ -9,29 +9,29 @@ from sceniris_gym import ArmController, State, Task
 
 
 class TouchOrange(Task):
-    """Move the point between the fingertips within 6 cm of the orange. Poses are in the robot's base frame."""
+    """Task of moving the fingertips to within 6 cm of the orange. Poses are in the robot's base frame."""
 
     action_size = 7
 
     def bind(self, s: State) -> None:
-        """Find the arm."""
+        """Find the arm: the only robot of the scene, so it needs no name."""
         self.arm = ArmController(s)
 
     def apply(self, s: State, action: Tensor) -> None:
-        """Move the targets of the seven joints."""
+        """Change the targets of the seven joints."""
         self.arm.move_joints(s, action)
 
     def observe(self, s: State) -> dict[str, dict[str, Tensor]]:
-        """Joint positions and velocities, and the vector from the fingers to the orange [m]."""
+        """Return joint positions and velocities, and the vector from the fingers to the orange [m]."""
         way = s.site("orange/grasp")[:, :3] - self.arm.tool(s)[:, :3]
         return {"policy": {"arm_qpos": self.arm.qpos(s), "arm_qvel": self.arm.qvel(s), "way": way}}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Reward being near, with a small penalty on large actions."""
+        """Reward short distances, with a small penalty on large actions."""
         return {"near": 1.0 - torch.tanh(5.0 * self.distance(s)), "effort": -0.01 * action.square().mean(dim=1)}
 
     def success(self, s: State) -> Tensor:
-        """Return in which worlds the fingers are at the orange."""
+        """Return the worlds in which the fingers are at the orange."""
         return self.distance(s) < 0.06
 
     def distance(self, s: State) -> Tensor:
@@ -40,7 +40,7 @@ class TouchOrange(Task):
 
 
 def main(num_envs: int = 64, steps: int = 100, device: str | None = None) -> None:
-    """Make the environment and take random actions."""
+    """Make the environment, and take random actions."""
     orange = {"asset": "orange", "on": "table", "ratio_on_support": 1, "reachable": "map"}
     robot = {"asset": "panda", "base": [-0.3, 0.0, 0.4]}
     scene = {"robot": robot, "objects": {"table": {"asset": "table", "kind": "static"}, "orange": orange}}

@@ -1,4 +1,4 @@
-"""Train PPO of Stable-Baselines3 on TabletopReachEasy-v0 and evaluate it on layouts it has never seen.
+"""Train Stable-Baselines3's PPO on TabletopReachEasy-v0, and evaluate it on layouts that it has never seen.
 
 Needs the extra: pip install 'sceniris-gym[sb3]'.
 """
@@ -18,7 +18,7 @@ ENV_ID = "sceniris_gym:sceniris_gym/TabletopReachEasy-v0"
 
 
 class PrintStatistics(BaseCallback):
-    """Print statistics of the episodes finished in a rollout; until then they are accumulated on the device."""
+    """Callback that prints statistics of the episodes of a rollout, which are summed up on the device."""
 
     def _on_step(self) -> bool:
         return True
@@ -57,8 +57,8 @@ def main(
         num_envs: number of worlds.
         steps: total number of steps over all worlds.
         rollout: steps of each world between two updates of the policy.
-        seed: of the policy; world i gets this seed + i.
-        device: of the worlds, "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
+        seed: seed of the policy; world i gets this seed + i.
+        device: device of the worlds, "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
         out: folder for model.zip and normalize.pkl; by default nothing is saved.
     """
     envs = VecNormalize(SB3VecEnv(gym.make_vec(ENV_ID, num_envs=num_envs, device=device)), gamma=0.9)
@@ -69,7 +69,7 @@ def main(
         batch_size=num_envs * rollout // 2,
         gamma=0.9,
         learning_rate=2e-3,
-        use_sde=True,  # noise that lasts for some steps moves an arm further
+        use_sde=True,  # noise that lasts for several steps moves an arm further
         sde_sample_freq=10,
         policy_kwargs={"log_std_init": -1.0},
         seed=seed,

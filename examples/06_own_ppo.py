@@ -1,4 +1,4 @@
-"""Your own learning loop: PPO (Schulman et al. 2017) in one file, all of it on the device of the worlds."""
+"""Your own learning loop: PPO (Schulman et al. 2017) in one file, all of it on the worlds' device."""
 
 import time
 
@@ -14,7 +14,7 @@ GAMMA, LAMBDA, CLIP, ENTROPY, EPOCHS, BATCHES = 0.98, 0.95, 0.2, 0.002, 5, 4
 
 
 class Normalizer(nn.Module):
-    """Normalizes observations to mean 0 and variance 1, with statistics of all observations so far."""
+    """Normalization of observations to mean 0 and variance 1, by the statistics of all observations so far."""
 
     mean: Tensor
     variance: Tensor
@@ -26,7 +26,7 @@ class Normalizer(nn.Module):
             self.register_buffer(name, value)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Normalize and clip outliers."""
+        """Return the observations normalized, with outliers clipped."""
         return ((x - self.mean) / (self.variance + 1e-4).sqrt()).clamp(-10.0, 10.0)
 
     def learn(self, x: Tensor) -> None:
@@ -40,7 +40,7 @@ class Normalizer(nn.Module):
 
 
 def mlp(size: int, out: int, gain: float) -> nn.Sequential:
-    """Return a small network whose last layer is initialized with this gain."""
+    """Return a small network; `gain` is that of the initial weights of its last layer."""
     layers = [nn.Linear(size, 256), nn.Linear(256, 128), nn.Linear(128, out)]
     for layer in layers:
         nn.init.orthogonal_(layer.weight, gain if layer is layers[-1] else 2**0.5)
@@ -83,8 +83,8 @@ def collect(envs: gym.vector.VectorEnv, agent: Agent, obs: dict[str, Tensor], st
         dist = agent.policy(obs["policy"])
         action = dist.sample()
         after, reward, terminated, truncated, info = envs.step(action)
-        # a truncated episode would have continued, so bootstrap with the value of its last observation; the value of a
-        # world that broke is NaN, so it is left out instead of multiplied by 0
+        # a truncated episode would have gone on: bootstrap with the value of its last observation. That of a world
+        # that broke is NaN, so it is selected rather than multiplied by 0.
         to_come = agent.value(info["final_obs"]["critic"])
         reward = reward + GAMMA * torch.where(truncated & ~terminated, to_come, 0.0)
         row = {"action": action, "log_prob": dist.log_prob(action).sum(-1), "value": agent.value(obs["critic"])}
@@ -117,14 +117,14 @@ def main(
     seed: int = 0,
     device: str | None = None,
 ) -> None:
-    """Train and print the progress.
+    """Train, and print the progress.
 
     Args:
         task: id of an environment of this package, without its namespace.
         num_envs: number of worlds.
         iterations: updates of the agent.
         steps: control steps of each world between two updates.
-        seed: of layouts, network and actions.
+        seed: seed of layouts, network and actions.
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
     """
     torch.manual_seed(seed)

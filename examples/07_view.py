@@ -10,7 +10,7 @@ import gymnasium as gym
 import torch
 import tyro
 
-import sceniris_gym  # noqa: F401, registers the environments
+import sceniris_gym  # noqa: F401, importing it registers the environments
 
 
 def main(
@@ -25,13 +25,13 @@ def main(
         env: id of the environment.
         num_envs: number of worlds.
         steps: control steps of each world.
-        device: cpu, cuda:0, ...; by default a GPU if there is one.
+        device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
     """
     envs: Any = gym.make_vec(env, num_envs=num_envs, device=device, render_mode="human").unwrapped
     envs.reset(seed=0)
     episodes, actions = 0, torch.zeros(num_envs, *envs.single_action_space.shape, device=envs.device)
     for step in range(steps):
-        if step % 10 == 0:  # half a random walk: what changes in every step only trembles
+        if step % 10 == 0:  # an arm whose actions change in every step only trembles
             actions = 0.5 * (2.0 * torch.rand_like(actions) - 1.0)
         _, _, terminated, truncated, _ = envs.step(actions)
         episodes += int((terminated | truncated).sum())

@@ -2,7 +2,7 @@
 
     torchrun --standalone --nproc-per-node gpu examples/08_all_gpus.py
 
-Started with `python` it is a training on one GPU. Needs the extra: pip install 'sceniris-gym[rsl-rl]'.
+Started with `python`, it trains on one GPU. Needs the extra: pip install 'sceniris-gym[rsl-rl]'.
 """
 
 from pathlib import Path
@@ -33,18 +33,18 @@ def main(
     device: str | None = None,
     out: Path = Path("all_gpus"),
 ) -> None:
-    """Train; the first process writes checkpoints and the log, averages of its own worlds.
+    """Train; the first process writes checkpoints, and a log of averages over its own worlds.
 
     Args:
         num_envs: number of worlds of each process.
-        iterations: how often the policy is updated; gradients are averaged over the processes.
+        iterations: updates of the policy; gradients are averaged over the processes.
         seed: world i of process r gets the seed r * 2^40 + seed + i.
         device: "cpu" or "cuda:0"; by default each process takes its own GPU.
         out: folder for checkpoints and the log.
     """
     envs = RslRlVecEnv(gym.make_vec(ENV_ID, num_envs=num_envs, device=device), seed=seed)
     rank = envs.unwrapped.rank
-    torch.manual_seed(seed * rank.size + rank.number)  # of the noise of actions; weights are those of the first process
+    torch.manual_seed(seed * rank.size + rank.number)  # for the noise on actions; weights come from the first process
     runner = OnPolicyRunner(envs, {**CONFIG, "seed": seed}, log_dir=str(out), device=str(envs.device))
     runner.learn(iterations, init_at_random_ep_len=True)
     print(f"process {rank.number} of {rank.size}: {envs.unwrapped.statistics.read()['success']:.3f} success")

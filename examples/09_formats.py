@@ -1,7 +1,7 @@
 """A data set in all formats, read back: npz and JSON in stock MuJoCo, USD in usd-core.
 
 `sceniris-gym generate mid -n 64 -o layouts/formats --format npz,usd,json` writes the same files from the command line.
-It needs the extra `import`, for USD.
+USD needs the extra: pip install 'sceniris-gym[import]'.
 """
 
 import json
@@ -24,8 +24,8 @@ def main(
     Args:
         scene: name of a shipped scene, or the path of a scene file.
         n: number of layouts.
-        folder: where the files go; it must not hold a data set.
-        row: the layout that becomes a stage of its own.
+        folder: folder for the files, without a data set in it.
+        row: layout that becomes a stage of its own.
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
     """
     where = [] if device is None else ["--device", device]
@@ -37,7 +37,7 @@ def main(
 
 
 def read_json(folder: Path) -> None:
-    """Put every layout into stock MuJoCo by its `qpos`, and compare where bodies are with `poses`."""
+    """Put every layout into stock MuJoCo by its `qpos`, and compare the poses of bodies with `poses`."""
     model = mujoco.MjSpec.from_zip(str(folder / "scene.zip")).compile()
     data, off, joints = mujoco.MjData(model), 0.0, 0
     layouts = json.loads((folder / "layouts-00000.json").read_text())
@@ -54,12 +54,12 @@ def read_json(folder: Path) -> None:
 
 
 def bodies(model: mujoco.MjModel, names: Iterable[str]) -> list[str]:
-    """Those names that are bodies of the model: a robot, and an object with a `body`, have another one there."""
+    """Return the names that bodies of the model have; a robot, or an object with a `body`, has another name there."""
     return [name for name in names if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) >= 0]
 
 
 def read_npz(folder: Path) -> None:
-    """The same by columns: a free object is put where its pose says, whatever its address in `qpos` is."""
+    """Do the same by columns: put free objects at their poses by name, whatever their addresses in `qpos` are."""
     model = mujoco.MjSpec.from_zip(str(folder / "scene.zip")).compile()
     data, layouts = mujoco.MjData(model), np.load(folder / "layouts-00000.npz")
     named = bodies(model, [key.removeprefix("pose/") for key in layouts if key.startswith("pose/")])
@@ -72,7 +72,7 @@ def read_npz(folder: Path) -> None:
 
 
 def read_usd(folder: Path) -> None:
-    """Frame i of the stage is row i: compare where objects are with the poses of the npz file."""
+    """Compare the poses of objects in frame i of the stage with those in row i of the npz file."""
     stage, layouts = Usd.Stage.Open(str(folder / "layouts-00000.usdc")), np.load(folder / "layouts-00000.npz")
     off, frames = 0.0, range(int(stage.GetEndTimeCode()) + 1)
     for i in frames:
@@ -86,7 +86,7 @@ def read_usd(folder: Path) -> None:
 
 
 def frozen(part: Path, row: int) -> Path:
-    """Write one row as a stage without time, as simulators and renderers of single scenes take it."""
+    """Write one row as a stage without time, for simulators and renderers of single scenes."""
     moving = Usd.Stage.Open(str(part))
     path = part.with_name(f"layout-{row}.usda")
     stage = Usd.Stage.CreateNew(str(path))

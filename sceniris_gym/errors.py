@@ -198,7 +198,7 @@ class InfeasibleSceneError(ScenirisError):
                 f"It is joined to '{joined}': give 'beside' a 'gap' of a few millimetres, or put the sites that far "
                 "outside of both, so that they keep their 'clearance'."
             )
-        elif cause == "roof":
+        elif cause == "overhead":
             advice = "'on' requires open space above, 'inside' a part of the supporting object; 'in' accepts both."
         elif cause == "unsound":
             advice = (

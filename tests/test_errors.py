@@ -30,9 +30,9 @@ from sceniris_gym.errors import (
 )
 
 COUNTS = {
-    "can": {"collision": 0, "roof": 0},
-    "apple": {"collision": 7, "roof": 2},
-    "pear": {"collision": 41, "roof": 0},
+    "can": {"collision": 0, "overhead": 0},
+    "apple": {"collision": 7, "overhead": 2},
+    "pear": {"collision": 41, "overhead": 0},
 }
 CLASSES = [
     kind for _, kind in inspect.getmembers(errors, inspect.isclass) if issubclass(kind, (ScenirisError, UserWarning))
@@ -145,14 +145,14 @@ def test_a_scene_without_layouts_is_told_with_what_was_counted():
     said = infeasible("collision")
     assert said.startswith("scene.yaml: ")
     assert "'apple'" in said
-    assert "apple: collision 7, roof 2; pear: collision 41." in said
+    assert "apple: collision 7, overhead 2; pear: collision 41." in said
     assert "can" not in re.findall(r"\w+(?=:)", said)
 
 
 def test_the_advice_for_a_scene_without_layouts_depends_on_the_cause():
     """Each names the word of the scene that would help."""
     assert "clearance" in infeasible("collision")
-    assert "'inside'" in infeasible("roof")
+    assert "'inside'" in infeasible("overhead")
     for cause in ("unreachable", "no_ik", "blocked"):
         assert "'reachable'" in infeasible(cause)
     assert "joints" in infeasible("empty", "cabinet/upper_drawer")

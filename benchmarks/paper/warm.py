@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import pkgutil
 import re
 import statistics
 import time
@@ -15,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-import sceniris_gym.layout
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
@@ -26,13 +24,13 @@ _KINDS = {
     "points": "regions",
     "sides": "regions",
     "region_pieces": "regions",
-    "screen": "screen",
+    "prefilter": "prefilter",
     "collision": "collision",
     "containment": "containment",
     "accept": "accept",
     "rounds": "rows and rounds",
 }
-"""What the kernels of a file of layout/ do."""
+"""The kind of work that the kernels of a file of layout/wave/ do."""
 
 _HASH = re.compile("_[0-9a-f]{8}$")  # at the end of a kernel's name on a GPU
 
@@ -105,13 +103,12 @@ def _key(activity: str) -> str:
 
 
 def _kinds_of_kernels() -> dict[str, str]:
-    """Return what the kernels of layout/ do, by their keys."""
+    """Return the kind of work of each kernel of layout/wave/, by its key."""
     found = {}
-    for module in pkgutil.iter_modules(sceniris_gym.layout.__path__):
-        members = vars(importlib.import_module(f"sceniris_gym.layout.{module.name}")).values()
-        kernels = (member for member in members if isinstance(member, wp.Kernel))
-        own = (k for k in kernels if k.func.__module__ == f"sceniris_gym.layout.{module.name}")
-        found |= {kernel.key: _KINDS[module.name] for kernel in own if module.name in _KINDS}
+    for name, kind in _KINDS.items():
+        module = importlib.import_module(f"sceniris_gym.layout.wave.{name}")
+        kernels = [member for member in vars(module).values() if isinstance(member, wp.Kernel)]
+        found |= {kernel.key: kind for kernel in kernels if kernel.func.__module__ == module.__name__}
     return found
 
 

@@ -39,8 +39,8 @@ class Misplaced:
         row: The layout.
         name: The object.
         cause: "support" (its pivot is on no surface of its parent, or not in its region), "footprint" (part of it
-            overhangs), "roof" (it is covered although it should be open above, or the other way round) or "heap" (it
-            lies as in no settled row).
+            overhangs), "overhead" (it is covered although it should be open above, or the other way round) or "heap"
+            (it lies as in no settled row).
     """
 
     row: int
@@ -126,7 +126,7 @@ class StandingAudit:
             wrong = {
                 "support": supporting[name] < 0,
                 "footprint": (supporting[name] >= 0) & ~stands,
-                "roof": self._wrong_roof(part, poses, pivots),
+                "overhead": self._wrongly_covered(part, poses, pivots),
             }
             for cause, rows in wrong.items():
                 found += [Misplaced(int(row), name, cause) for row in np.flatnonzero(rows)]
@@ -218,7 +218,7 @@ class StandingAudit:
                 parts[geom] = ((world - self._home.xpos[0, body]) @ self._home.xmat[0, body])[faces]
         return parts
 
-    def _wrong_roof(self, part: ObjectConfig, poses: Poses, pivots: np.ndarray) -> np.ndarray:
+    def _wrongly_covered(self, part: ObjectConfig, poses: Poses, pivots: np.ndarray) -> np.ndarray:
         """Return the rows, shape (nrow,), in which the parent covers the object but should not, or the reverse.
 
         A ray that passes an edge within the tolerance is not conclusive, so its four neighbours must agree.

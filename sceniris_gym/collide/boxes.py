@@ -11,7 +11,7 @@ import warp as wp
 from sceniris_gym.collide.axes import absolute, gap_across_edges, gap_at_faces
 from sceniris_gym.collide.leaves import (
     PairPoses,
-    cores_touch,
+    inner_boxes_touch,
     leaves_touch,
     margin_of,
     over_plane,
@@ -31,9 +31,6 @@ WAITING = 64
 """Room for pairs of leaves that wait until there is one for every lane: fewer than two a lane, for up to 32 lanes."""
 UNPROVEN = -1
 """In place of a cause: there was no room for all of a test."""
-_NONE = wp.constant(int(Cause.NONE))
-_COLLISION = wp.constant(int(Cause.COLLISION))
-_UNPROVEN = wp.constant(UNPROVEN)
 
 
 @wp.func
@@ -110,7 +107,7 @@ def next_step(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float
 
 @wp.func
 def leaves_below_touch(
-    program: Program, start: wp.vec3i, poses: PairPoses, margin: float, stack: wp.array(dtype=wp.vec3i)
+    program: Program, start: wp.vec3i, poses: PairPoses, margin: float, stack: wp.array[wp.vec3i]
 ) -> bool:
     """Are any leaves below an entry (pair, node of a, node of b) too near? One lane's work, with a stack of its own."""
     stack[0] = start
@@ -120,7 +117,7 @@ def leaves_below_touch(
         entry = stack[count]
         step = next_step(program, entry, poses, margin)
         if step.leaf:
-            if cores_touch(program, entry, poses, margin) or leaves_touch(program, entry, poses, margin):
+            if inner_boxes_touch(program, entry, poses, margin) or leaves_touch(program, entry, poses, margin):
                 return True
         elif step.inner:
             stack[count] = step.left
@@ -138,10 +135,10 @@ def collides(
     nodes: Any,
     leaves: Any,
     lane: int,
-    own_pos: wp.array(dtype=wp.vec3),
-    own_quat: wp.array(dtype=wp.vec4),
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
+    own_pos: wp.array[wp.vec3],
+    own_quat: wp.array[wp.vec4],
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
 ) -> int:
     """Is any pair of a list too near, leaves and all: COLLISION, NONE, or UNPROVEN where a stack had no room for all?
 
@@ -154,7 +151,7 @@ def collides(
     missed = int(0)
     while base < last or wp.tile_stack_count(nodes) + wp.tile_stack_count(leaves) > 0:
         if wp.tile_stack_count(nodes) == 0 and base < last:
-            wp.tile_stack_push(nodes, program.start[wp.min(base + lane, last - 1)], base + lane < last)
+            wp.tile_stack_push(nodes, program.broad_pair[wp.min(base + lane, last - 1)], base + lane < last)
             base += wp.block_dim()
         elif wp.tile_stack_count(leaves) >= wp.block_dim() or wp.tile_stack_count(nodes) == 0:
             entry, slot = wp.tile_stack_pop(leaves)
@@ -181,8 +178,8 @@ def collides(
             if step.leaf and at_leaf < 0:
                 missed = 1
     if hit != 0:
-        return _COLLISION
-    return wp.where(block_any(missed) != 0, _UNPROVEN, _NONE)
+        return Cause.COLLISION
+    return wp.where(block_any(missed) != 0, UNPROVEN, Cause.NONE)
 
 
 @wp.func
@@ -192,16 +189,16 @@ def collides_without_stack(
     startnum: int,
     support: int,
     lane: int,
-    own_pos: wp.array(dtype=wp.vec3),
-    own_quat: wp.array(dtype=wp.vec4),
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
+    own_pos: wp.array[wp.vec3],
+    own_quat: wp.array[wp.vec4],
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
 ) -> bool:
     """The same where the shared stacks had no room: every lane goes down both trees by itself."""
     hit = int(0)
     stack = wp.zeros(shape=(wp.static(OWN_STACK),), dtype=wp.vec3i)
     for i in range(startadr + lane, startadr + startnum, wp.block_dim()):
-        entry = program.start[i]
+        entry = program.broad_pair[i]
         poses = pair_poses(program, entry[0], own_pos, own_quat, body_pos, body_quat)
         if leaves_below_touch(program, entry, poses, margin_of(program, entry[0], support), stack):
             hit = 1

@@ -58,10 +58,10 @@ def encloses(
     pairadr: int,
     pairnum: int,
     lane: int,
-    own_pos: wp.array(dtype=wp.vec3),
-    own_quat: wp.array(dtype=wp.vec4),
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
+    own_pos: wp.array[wp.vec3],
+    own_quat: wp.array[wp.vec4],
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
 ) -> bool:
     """Is one collider of any pair of a list inside the other? All lanes of a block call it together; see `collides`."""
     inside = int(0)

@@ -11,13 +11,6 @@ from sceniris_gym.device.transforms import Pose, apply
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.program.device import Program
 
-_SPHERE = wp.constant(int(PieceType.SPHERE))
-_CAPSULE = wp.constant(int(PieceType.CAPSULE))
-_BOX = wp.constant(int(PieceType.BOX))
-_CYLINDER = wp.constant(int(PieceType.CYLINDER))
-_ELLIPSOID = wp.constant(int(PieceType.ELLIPSOID))
-_SEGMENT = wp.constant(int(PieceType.SEGMENT))
-
 # Bounds from below and above meet to 1 um: ten times the float32 rounding of a 1 m scene, a tenth of what a false alarm
 # may be off.
 _TOLERANCE = wp.constant(1.0e-6)
@@ -50,7 +43,7 @@ def piece_shape(program: Program, piece: int) -> Shape:
     s.vertadr = program.piece_vertadr[piece]
     s.vertnum = program.piece_vertnum[piece]
     s.radius = float(0.0)
-    if s.kind == _SPHERE or s.kind == _CAPSULE:
+    if s.kind == PieceType.SPHERE or s.kind == PieceType.CAPSULE:
         s.radius = s.size[0]
     return s
 
@@ -59,7 +52,7 @@ def piece_shape(program: Program, piece: int) -> Shape:
 def segment_shape(half_length: float) -> Shape:
     """A segment along its frame's x axis."""
     s = Shape()
-    s.kind = _SEGMENT
+    s.kind = PieceType.SEGMENT
     s.size = wp.vec3(half_length, 0.0, 0.0)
     s.vertadr = int(0)
     s.vertnum = int(0)
@@ -68,23 +61,23 @@ def segment_shape(half_length: float) -> Shape:
 
 
 @wp.func
-def support(vert: wp.array(dtype=wp.vec3), s: Shape, d: wp.vec3) -> wp.vec3:
+def support(vert: wp.array[wp.vec3], s: Shape, d: wp.vec3) -> wp.vec3:
     """The core's furthest point along `d`, in the shape's frame."""
     best = wp.vec3(0.0, 0.0, 0.0)
-    if s.kind == _BOX:
+    if s.kind == PieceType.BOX:
         best = wp.vec3(wp.sign(d[0]) * s.size[0], wp.sign(d[1]) * s.size[1], wp.sign(d[2]) * s.size[2])
-    elif s.kind == _CAPSULE:
+    elif s.kind == PieceType.CAPSULE:
         best = wp.vec3(0.0, 0.0, wp.sign(d[2]) * s.size[1])
-    elif s.kind == _SEGMENT:
+    elif s.kind == PieceType.SEGMENT:
         best = wp.vec3(wp.sign(d[0]) * s.size[0], 0.0, 0.0)
-    elif s.kind == _CYLINDER:
+    elif s.kind == PieceType.CYLINDER:
         radial = wp.sqrt(d[0] * d[0] + d[1] * d[1])
         scale = s.size[0] / wp.max(radial, 1.0e-12)
         best = wp.vec3(d[0] * scale, d[1] * scale, wp.sign(d[2]) * s.size[1])
-    elif s.kind == _ELLIPSOID:
+    elif s.kind == PieceType.ELLIPSOID:
         scaled = wp.cw_mul(s.size, d)
         best = wp.cw_mul(s.size, scaled) / wp.max(wp.length(scaled), 1.0e-12)
-    elif s.kind != _SPHERE:
+    elif s.kind != PieceType.SPHERE:
         top = float(-1.0e30)
         for i in range(s.vertnum):
             v = vert[s.vertadr + i]
@@ -96,7 +89,7 @@ def support(vert: wp.array(dtype=wp.vec3), s: Shape, d: wp.vec3) -> wp.vec3:
 
 
 @wp.func(inline=False)
-def least_extent(vert: wp.array(dtype=wp.vec3), s: Shape, frame: Pose, along: wp.vec3) -> float:
+def least_extent(vert: wp.array[wp.vec3], s: Shape, frame: Pose, along: wp.vec3) -> float:
     """Least extent [m] of a shape along a unit vector, from the origin of the frame that `frame` is given in."""
     down = -(wp.transpose(frame.rot) * along)
     return wp.dot(along, apply(frame, support(vert, s, down))) - s.radius
@@ -232,7 +225,7 @@ def _kept(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, p3: wp.vec3, bits: int):
 # One copy for roofs, footprints and obstacles rather than one each: with it, and the map asked before the roof, an H200
 # makes 1.065 times the layouts of the scene `mid`.
 @wp.func(inline=False)
-def separated(vert: wp.array(dtype=wp.vec3), sa: Shape, sb: Shape, rel: Pose, mask: wp.vec3, margin: float) -> bool:
+def separated(vert: wp.array[wp.vec3], sa: Shape, sb: Shape, rel: Pose, mask: wp.vec3, margin: float) -> bool:
     """Is the distance between two shapes above `margin` [m]?
 
     `rel` is the pose of `sb` in the frame of `sa`. `mask` multiplies coordinates of that frame: ones for space,

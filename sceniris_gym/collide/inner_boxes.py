@@ -45,12 +45,12 @@ def boxes_within(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pose, 
 
 
 @wp.func
-def cores_within(program: Program, a: int, b: int, rel: Pose, margin: float) -> bool:
+def inner_boxes_within(program: Program, a: int, b: int, rel: Pose, margin: float) -> bool:
     """Are the cores of two pieces plainly within `margin` [m] of each other? `rel` is b's body in the frame of a's."""
-    ha = program.core_half[a]
-    hb = program.core_half[b]
+    ha = program.inner_half[a]
+    hb = program.inner_half[b]
     if ha[0] == 0.0 or hb[0] == 0.0:
         return False
     frame = compose(rel, pose_of(program.piece_pos[b], program.piece_quat[b]))
     frame = relative(pose_of(program.piece_pos[a], program.piece_quat[a]), frame)
-    return boxes_within(program.core_center[a], ha, program.core_center[b], hb, frame, margin)
+    return boxes_within(program.inner_center[a], ha, program.inner_center[b], hb, frame, margin)

@@ -7,7 +7,7 @@ one pair of leaves that are not further apart than they have to be is rejected, 
 import warp as wp
 
 from sceniris_gym.collide.convex import Shape, least_extent, piece_shape
-from sceniris_gym.collide.inner_boxes import cores_within
+from sceniris_gym.collide.inner_boxes import inner_boxes_within
 from sceniris_gym.collide.near_part import near_parts_separated
 from sceniris_gym.collide.triangles import triangles_separated
 from sceniris_gym.device.transforms import Pose, apply, compose, pose_of, relative
@@ -21,9 +21,6 @@ wp.set_module_options({"enable_backward": False})
 # metres, below the 10 um to which a rejection must be right.
 SKIN = 5.0e-6
 
-_PIECE_LEAF = wp.constant(PIECE_LEAF)
-_HULL = wp.constant(int(PieceType.HULL))
-_STATIC = wp.constant(int(ObjectKind.STATIC))
 _OWN_A = wp.constant(1)
 _OWN_B = wp.constant(2)
 
@@ -49,10 +46,10 @@ class OverPlane:
 def pair_poses(
     program: Program,
     pair: int,
-    own_pos: wp.array(dtype=wp.vec3),
-    own_quat: wp.array(dtype=wp.vec4),
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
+    own_pos: wp.array[wp.vec3],
+    own_quat: wp.array[wp.vec4],
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
 ) -> PairPoses:
     """Where a pair's bodies are: those of what is tested as it is posed, all others as they stand."""
     bodies = program.pair_bodies[pair]
@@ -84,7 +81,7 @@ def margin_of(program: Program, pair: int, support_body: int) -> float:
 @wp.func
 def support_of(program: Program, obj: int) -> int:
     """The body that an object stands on, to which its clearance does not apply; -1 for none."""
-    if program.obj_kind[obj] == _STATIC:
+    if program.obj_kind[obj] == ObjectKind.STATIC:
         return -1
     return program.obj_ground[obj]
 
@@ -132,10 +129,10 @@ def _shapes_separated(
     """
     frame = relative(pose_a, compose(rel, pose_b))
     here = frame.pos
-    num = wp.where(margin < 0.0, program.pair_waynum[pair], 0)
+    num = wp.where(margin < 0.0, program.pair_directionnum[pair], 0)
     for i in range(1 + num):
         if i > 0:
-            way = program.way[program.pair_wayadr[pair] + i - 1]
+            way = program.direction[program.pair_directionadr[pair] + i - 1]
             if 2 * i > num:
                 way = rel.rot * way
             frame.pos = here - margin * (wp.transpose(pose_a.rot) * way)
@@ -164,9 +161,9 @@ def _pieces_separated(program: Program, pair: int, a: int, b: int, rel: Pose, ma
 @wp.func
 def _piece_of(program: Program, leaf: int) -> int:
     """The piece that a leaf is, or -1 for a triangle."""
-    if program.faces == 0:
+    if program.visual == 0:
         return leaf
-    return wp.max(leaf - _PIECE_LEAF, -1)
+    return wp.max(leaf - PIECE_LEAF, -1)
 
 
 @wp.func
@@ -177,7 +174,7 @@ def _leaf_shape(program: Program, leaf: int) -> Shape:
     if piece >= 0:
         s = piece_shape(program, piece)
     else:
-        s.kind = _HULL
+        s.kind = PieceType.HULL
         s.size = wp.vec3(0.0)
         s.vertadr = program.face_vertadr + 3 * leaf
         s.vertnum = int(3)
@@ -246,13 +243,13 @@ def _lowest_of_leaf(program: Program, leaf: int, in_body: wp.vec3) -> float:
 
 
 @wp.func
-def cores_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> bool:
+def inner_boxes_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> bool:
     """Do the cores of an entry (pair, node of a, node of b) say that its leaves touch? Triangles have none."""
-    if program.faces != 0 or margin < 0.0 or program.pair_bodies[entry[0]][3] >= 0:
+    if program.visual != 0 or margin < 0.0 or program.pair_bodies[entry[0]][3] >= 0:
         return False
     a = ~program.node_child[entry[1]]
     b = ~program.node_child[entry[2]]
-    return cores_within(program, a, b, poses.rel, margin)
+    return inner_boxes_within(program, a, b, poses.rel, margin)
 
 
 @wp.func

@@ -13,7 +13,6 @@ from sceniris_gym.geometry.pieces import PieceType
 
 wp.set_module_options({"enable_backward": False})
 
-_BOX = wp.constant(int(PieceType.BOX))
 _SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
 # What is cut off lies this much [m] beyond all that could matter.
 _BEYOND = wp.constant(1.0e-3)
@@ -29,7 +28,7 @@ def _near_part(shape: Shape, at: wp.vec3, reach: float):
     part = shape
     middle = wp.vec3(0.0)
     some = bool(True)
-    if shape.kind == _BOX:
+    if shape.kind == PieceType.BOX:
         low = wp.max(-shape.size, at - wp.vec3(reach))
         high = wp.min(shape.size, at + wp.vec3(reach))
         part.size = 0.5 * (high - low)
@@ -63,7 +62,7 @@ def _boxes_apart(ha: wp.vec3, hb: wp.vec3, rel: Pose, margin: float) -> bool:
 
 @wp.func
 def near_parts_separated(
-    vert: wp.array(dtype=wp.vec3),
+    vert: wp.array[wp.vec3],
     a: Shape,
     b: Shape,
     radius_a: float,
@@ -83,7 +82,7 @@ def near_parts_separated(
     near = Pose()
     near.rot = rel.rot
     near.pos = rel.pos + rel.rot * middle_b - middle_a
-    if a.kind == _BOX and b.kind == _BOX:
+    if a.kind == PieceType.BOX and b.kind == PieceType.BOX:
         if _boxes_apart(part_a.size, part_b.size, near, margin):
             return True
     return separated(vert, part_a, part_b, near, _SPACE, margin)

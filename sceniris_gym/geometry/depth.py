@@ -16,7 +16,7 @@ def _measure_depth(
     cell: float,
     most: float,
     # Out:
-    depth: wp.array(dtype=float),
+    depth: wp.array[float],
 ):
     i, j, k = wp.tid()
     at = lower + cell * wp.vec3(float(i) + 0.5, float(j) + 0.5, float(k) + 0.5)

@@ -20,17 +20,17 @@ Box = tuple[np.ndarray, np.ndarray]
 """Centre and half extents [m], shape (3,) each; half extents of 0 stand for no core."""
 
 
-def no_core() -> Box:
+def no_inner_box() -> Box:
     """What has no room for a box."""
     return np.zeros(3), np.zeros(3)
 
 
-def piece_core(piece: Piece) -> Box:
+def inner_box(piece: Piece) -> Box:
     """A large box inside of a piece's convex form, in the piece's frame."""
     sx, sy, _ = piece.size
     corner = 1.0 / math.sqrt(3.0)
     if piece.type == PieceType.HULL:
-        return _hull_core(piece)
+        return _hull_inner_box(piece)
     half = {
         PieceType.BOX: piece.size,
         PieceType.SPHERE: np.full(3, corner * sx),
@@ -38,13 +38,13 @@ def piece_core(piece: Piece) -> Box:
         PieceType.CYLINDER: np.array([math.sqrt(0.5) * sx, math.sqrt(0.5) * sx, sy]),
         PieceType.CAPSULE: np.array([corner * sx, corner * sx, sy + corner * sx]),
     }.get(piece.type)
-    return no_core() if half is None else _box(-half, half)
+    return no_inner_box() if half is None else _box(-half, half)
 
 
-def _hull_core(piece: Piece) -> Box:
+def _hull_inner_box(piece: Piece) -> Box:
     """That of a hull: it begins in the middle with the proportions of its bounds, then its sides move out in turn."""
     if piece.mesh is None:
-        return no_core()
+        return no_inner_box()
     triangles = (piece.mesh.triangles - piece.pos) @ matrix(piece.quat)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     lengths = np.linalg.norm(normals, axis=1)
@@ -58,7 +58,7 @@ def _hull_core(piece: Piece) -> Box:
     sizes = [((limits - normals @ m) / (np.abs(normals) @ (upper - lower))).min() for m in middles]
     best = int(np.argmax(sizes))
     if sizes[best] <= 0.0:
-        return no_core()
+        return no_inner_box()
     room = sizes[best] * (upper - lower)
     low, high = middles[best] - room, middles[best] + room
     for share in _SHARES:
@@ -73,4 +73,4 @@ def _hull_core(piece: Piece) -> Box:
 
 def _box(low: np.ndarray, high: np.ndarray) -> Box:
     half = 0.5 * (high - low) - _INSIDE
-    return (0.5 * (low + high), half) if half.min() >= _LEAST_HALF else no_core()
+    return (0.5 * (low + high), half) if half.min() >= _LEAST_HALF else no_inner_box()

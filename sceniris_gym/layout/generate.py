@@ -25,7 +25,7 @@ from sceniris_gym.layout.wave.collision import launch_test_collisions
 from sceniris_gym.layout.wave.containment import launch_test_containment
 from sceniris_gym.layout.wave.draw import launch_draw
 from sceniris_gym.layout.wave.points import launch_draw_points
-from sceniris_gym.layout.wave.prefilter import launch_screen
+from sceniris_gym.layout.wave.prefilter import launch_prefilter
 from sceniris_gym.layout.wave.region_pieces import launch_find_pieces, launch_measure_pieces
 from sceniris_gym.layout.wave.rounds import (
     launch_finish,
@@ -103,7 +103,7 @@ class LayoutGenerator(Fixed, StaysHere):
         if reaching is not None and reaching.staged:
             self._stage = ReachStage(compiled, reaching, nworld, SPLITS[split], size)
         self._related = compiled.related
-        self._faces = compiled.config.geometry == "visual"
+        self._visual = compiled.config.geometry == "visual"
         # as long as rows do not fit, all candidates are used; then every row has one in every wave
         most_trials, capacity = len(compiled.placed) * compiled.attempts, self._search.cause.shape[0]
         self._most_waves = most_trials + -(-(nworld + size.rows) * most_trials // capacity)
@@ -113,7 +113,7 @@ class LayoutGenerator(Fixed, StaysHere):
             compiled.device,
             block_dim=size.block_dim,
             related=self._related,
-            faces=self._faces,
+            visual=self._visual,
             staged=self._stage is not None,
         )
         self.reseed(seed)
@@ -212,9 +212,9 @@ class LayoutGenerator(Fixed, StaysHere):
             launch_find_pieces(program, size, view, search, device)
             launch_measure_pieces(program, split, size, view, search, device)
             launch_draw_points(program, split, size, view, search, device)
-        launch_screen(program, self._reaches, size, view, search, device)
-        launch_test_collisions(program, reach, size, self._faces, view, search, device)
-        if self._faces:
+        launch_prefilter(program, self._reaches, size, view, search, device)
+        launch_test_collisions(program, reach, size, self._visual, view, search, device)
+        if self._visual:
             launch_test_containment(program, size, view, search, device)
         launch_accept(program, reach, size, view, search, device)
 

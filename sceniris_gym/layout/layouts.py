@@ -30,33 +30,33 @@ class Status(IntEnum):
 class LayoutsView:
     """The arrays of a `Layouts` as device code takes them."""
 
-    seed: wp.array(dtype=wp.uint64)
-    episode: wp.array(dtype=int)
-    qpos: wp.array2d(dtype=float)
-    mocap_pos: wp.array2d(dtype=wp.vec3)
-    mocap_quat: wp.array2d(dtype=wp.quat)
-    status: wp.array(dtype=int)
-    attempts: wp.array(dtype=int)
-    first_pass_valid: wp.array(dtype=int)
-    present: wp.array2d(dtype=int)
-    grasp: wp.array2d(dtype=int)
-    grasp_qpos: wp.array3d(dtype=float)
-    pregrasp_qpos: wp.array3d(dtype=float)
-    rejections: wp.array2d(dtype=wp.int64)  # more than 32 bits in long runs
-    making: wp.array(dtype=int)  # the episode that is being made
-    row_rejections: wp.array3d(dtype=int)  # candidates that were rejected for the row, by object and cause
-    place: wp.array2d(dtype=wp.vec4)
-    bounds: wp.array2d(dtype=wp.vec4)
-    variant: wp.array2d(dtype=int)
-    body_pos: wp.array2d(dtype=wp.vec3)
-    body_quat: wp.array2d(dtype=wp.vec4)
+    seed: wp.array[wp.uint64]
+    episode: wp.array[int]
+    qpos: wp.array2d[float]
+    mocap_pos: wp.array2d[wp.vec3]
+    mocap_quat: wp.array2d[wp.quat]
+    status: wp.array[int]
+    attempts: wp.array[int]
+    first_pass_valid: wp.array[int]
+    present: wp.array2d[int]
+    grasp: wp.array2d[int]
+    grasp_qpos: wp.array3d[float]
+    pregrasp_qpos: wp.array3d[float]
+    rejections: wp.array2d[wp.int64]  # more than 32 bits in long runs
+    pending_episode: wp.array[int]  # the episode that is being made
+    row_rejections: wp.array3d[int]  # candidates that were rejected for the row, by object and cause
+    place: wp.array2d[wp.vec4]
+    bounds: wp.array2d[wp.vec4]
+    variant: wp.array2d[int]
+    body_pos: wp.array2d[wp.vec3]
+    body_quat: wp.array2d[wp.vec4]
     record_all: int
-    rejected_count: wp.array(dtype=int)
-    rejected_cause: wp.array(dtype=int)
-    rejected_object: wp.array(dtype=int)
-    rejected_qpos: wp.array2d(dtype=float)
-    rejected_mocap_pos: wp.array2d(dtype=wp.vec3)
-    rejected_mocap_quat: wp.array2d(dtype=wp.quat)
+    rejected_count: wp.array[int]
+    rejected_cause: wp.array[int]
+    rejected_object: wp.array[int]
+    rejected_qpos: wp.array2d[float]
+    rejected_mocap_pos: wp.array2d[wp.vec3]
+    rejected_mocap_quat: wp.array2d[wp.quat]
 
 
 def _part(poses: wp.array, first: int, dtype: type) -> wp.array:
@@ -169,7 +169,7 @@ class Layouts(StaysHere):
             view.attempts = wp.zeros(nworld, dtype=int)
             view.first_pass_valid = wp.zeros(nworld, dtype=int)
             view.rejections = wp.zeros((max(len(compiled.placed), 1), len(Cause)), dtype=wp.int64)
-            view.making = wp.full(nworld, -1, dtype=int)
+            view.pending_episode = wp.full(nworld, -1, dtype=int)
             view.row_rejections = wp.zeros((nrow, *view.rejections.shape), dtype=int)
             view.present = wp.ones((nrow, nslot), dtype=int)
             view.place = wp.array(np.tile(compiled.home_place, (nrow, 1, 1)), dtype=wp.vec4, shape=(nrow, nslot))

@@ -23,23 +23,25 @@ from sceniris_gym.layout.wave import (
 
 
 def kernel_modules(
-    *, related: bool, faces: bool, staged: bool, together: bool = True
+    *, related: bool, visual: bool, staged: bool, block_dim: int
 ) -> tuple[list[wp.Module], list[wp.Module]]:
     """Warp's modules of what a generator launches by lanes, and of what it launches by blocks.
 
     Args:
         related: Whether there are regions that differ between worlds.
-        faces: Whether triangles are tested.
+        visual: Whether triangles are tested.
         staged: Whether there is a stage after placing.
-        together: Whether blocks have more than one lane, as on a GPU.
+        block_dim: Lanes of a block.
     """
     by_lane = [draw, prefilter, rounds, *([sides, region_pieces] if related else [])]
     by_lane += [waves, poses, ik] if staged else []
     by_block = [accept, *([points] if related else []), *([hits] if staged else [])]
     lanes = [wp.get_module(m.__name__) for m in by_lane]
-    lanes += [k.module for k in collision.lane_kernels(faces, together) + (containment.LANE_KERNELS if faces else ())]
+    lanes += [
+        k.module for k in collision.lane_kernels(visual, block_dim) + (containment.LANE_KERNELS if visual else ())
+    ]
     blocks = [wp.get_module(m.__name__) for m in by_block]
-    return lanes, blocks + [k.module for k in collision.block_kernels(faces, together)]
+    return lanes, blocks + [k.module for k in collision.block_kernels(visual, block_dim)]
 
 
 def _is_kept(module: wp.Module, block_dim: int | None) -> bool:
@@ -47,17 +49,17 @@ def _is_kept(module: wp.Module, block_dim: int | None) -> bool:
     return Path(wp.config.kernel_cache_dir or "", module.get_module_identifier(block_dim)).is_dir()
 
 
-def load_kernels(device: str, *, block_dim: int, related: bool, faces: bool, staged: bool) -> None:
+def load_kernels(device: str, *, block_dim: int, related: bool, visual: bool, staged: bool) -> None:
     """Compile and load what makes layouts on a GPU, as far as it is not loaded yet; say so before that takes a while.
 
     Args:
         device: The device. For a CPU, for which Warp compiles one module at a time, that is left to the launches.
         block_dim: Lanes of a block.
         related: As in `kernel_modules`, as the next two.
-        faces: Whether triangles are tested.
+        visual: Whether triangles are tested.
         staged: Whether there is a stage after placing.
     """
-    lanes, blocks = kernel_modules(related=related, faces=faces, staged=staged, together=block_dim > 1)
+    lanes, blocks = kernel_modules(related=related, visual=visual, staged=staged, block_dim=block_dim)
     on_gpu = wp.get_device(device).is_cuda
     missing = sum(not _is_kept(module, None if on_gpu else 1) for module in lanes)
     missing += sum(not _is_kept(module, block_dim) for module in blocks)

@@ -45,14 +45,17 @@ _READY = wp.constant(2)
 
 @wp.kernel
 def _find_missing(
+    # Layouts in: seed, episode
     served: LayoutsView,
+    # Layouts in: seed, episode
     prepared: LayoutsView,
-    mask: wp.array(dtype=bool),
+    # In:
+    mask: wp.array[bool],
     # In and out:
-    stage: wp.array(dtype=int),
-    nwaiting: wp.array(dtype=int),
+    stage: wp.array[int],
+    nwaiting: wp.array[int],
     # Out:
-    missing: wp.array(dtype=bool),
+    missing: wp.array[bool],
 ):
     worldid = wp.tid()
     missing[worldid] = False
@@ -71,10 +74,15 @@ def _find_missing(
 
 @wp.kernel
 def _serve(
+    # Layouts in: episode, qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, present, grasp, grasp_qpos,
+    #   pregrasp_qpos, row_rejections
     prepared: LayoutsView,
-    mask: wp.array(dtype=bool),
-    missing: wp.array(dtype=bool),
-    # Layouts out:
+    # In:
+    mask: wp.array[bool],
+    missing: wp.array[bool],
+    # Layouts in: rejections, pending_episode, row_rejections
+    # Layouts out: episode, qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, present, grasp, grasp_qpos,
+    #   pregrasp_qpos, rejections
     served: LayoutsView,
 ):
     worldid, i = wp.tid()
@@ -85,7 +93,7 @@ def _serve(
     # the launches, none.
     if missing[worldid]:
         if i == 0:
-            served.episode[worldid] = served.making[worldid]
+            served.episode[worldid] = served.pending_episode[worldid]
         if i < served.rejections.shape[0]:
             count_rejections(served, worldid, i, served.rejections)
         return
@@ -114,11 +122,11 @@ def _serve(
 def _decide(
     many: int,
     most_patience: int,
-    due: wp.array(dtype=int),
+    due: wp.array[int],
     # In and out:
-    nwaiting: wp.array(dtype=int),
-    patience: wp.array(dtype=int),
-    begins: wp.array(dtype=int),
+    nwaiting: wp.array[int],
+    patience: wp.array[int],
+    begins: wp.array[int],
 ):
     # What begins and was not published, as somebody interrupted the launches, still does.
     if begins[0] == 1 or nwaiting[0] == 0 or due[0] == 1:
@@ -132,11 +140,14 @@ def _decide(
 
 @wp.kernel
 def _begin(
+    # Layouts in: seed, episode
     served: LayoutsView,
-    begins: wp.array(dtype=int),
+    # In:
+    begins: wp.array[int],
     # Out:
-    stage: wp.array(dtype=int),
-    being_made: wp.array(dtype=bool),
+    stage: wp.array[int],
+    being_made: wp.array[bool],
+    # Layouts out: seed, episode
     prepared: LayoutsView,
 ):
     worldid = wp.tid()
@@ -154,9 +165,9 @@ def _begin(
 @wp.kernel
 def _publish(
     # In and out:
-    begins: wp.array(dtype=int),
+    begins: wp.array[int],
     # Out:
-    due: wp.array(dtype=int),
+    due: wp.array[int],
 ):
     if begins[0] == 1:
         begins[0] = 0
@@ -165,9 +176,9 @@ def _publish(
 
 @wp.kernel
 def _finish(
-    being_made: wp.array(dtype=bool),
+    being_made: wp.array[bool],
     # In and out:
-    stage: wp.array(dtype=int),
+    stage: wp.array[int],
 ):
     worldid = wp.tid()
     if being_made[worldid]:

@@ -16,11 +16,11 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.kernel
 def _reseed(
-    seed_in: wp.array(dtype=wp.uint64),
-    mask: wp.array(dtype=bool),
+    seed_in: wp.array[wp.uint64],
+    mask: wp.array[bool],
     # Layouts out:
-    seed: wp.array(dtype=wp.uint64),
-    episode: wp.array(dtype=int),
+    seed: wp.array[wp.uint64],
+    episode: wp.array[int],
 ):
     worldid = wp.tid()
     if mask:

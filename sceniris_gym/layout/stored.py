@@ -20,7 +20,6 @@ wp.set_module_options({"enable_backward": False})
 
 # How far squared lengths of quaternions may be from 1.
 _UNIT = 1.0e-4
-_VALID = wp.constant(int(Status.VALID))
 
 
 @wp.kernel
@@ -66,7 +65,7 @@ def _serve(
             grasp_qpos_out[worldid, i, j] = grasp_qpos_in[row, i, j]
             pregrasp_qpos_out[worldid, i, j] = pregrasp_qpos_in[row, i, j]
     episode_out[worldid] = episode
-    status_out[worldid] = _VALID
+    status_out[worldid] = Status.VALID
 
 
 class StoredLayouts(StaysHere):

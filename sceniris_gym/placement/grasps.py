@@ -10,13 +10,9 @@ from sceniris_gym.reach.lookup import map_verdict
 
 wp.set_module_options({"enable_backward": False})
 
-_RISING = wp.constant(MOST_RISING)
-
 
 @wp.func
-def grasp_pose(
-    reach: Reach, grasp: int, base: Pose, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
-) -> Pose:
+def grasp_pose(reach: Reach, grasp: int, base: Pose, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]) -> Pose:
     """The TCP of a grasp in the frame of the arm's base, both in the poses of their world."""
     body = reach.grasp_body[grasp]
     quat = mul_quat(body_quat[body], reach.grasp_quat[grasp])
@@ -24,7 +20,7 @@ def grasp_pose(
 
 
 @wp.func
-def tcp_of(reach: Reach, grasp: int, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)):
+def tcp_of(reach: Reach, grasp: int, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]):
     """Position and orientation of the TCP in the world when it stands at a grasp."""
     body = reach.grasp_body[grasp]
     quat = body_quat[body]
@@ -32,14 +28,14 @@ def tcp_of(reach: Reach, grasp: int, body_pos: wp.array(dtype=wp.vec3), body_qua
 
 
 @wp.func
-def from_below(reach: Reach, grasp: int, body_quat: wp.array(dtype=wp.vec4)) -> bool:
+def from_below(reach: Reach, grasp: int, body_quat: wp.array[wp.vec4]) -> bool:
     """Whether the approach of a grasp rises in the world, so that it comes through what the object stands on."""
     turn = quat_mat(mul_quat(body_quat[reach.grasp_body[grasp]], reach.grasp_quat[grasp]))
-    return turn[2, 2] > _RISING
+    return turn[2, 2] > MOST_RISING
 
 
 @wp.func
-def approaches(reach: Reach, column: int, grasp: int, body_quat: wp.array(dtype=wp.vec4)) -> bool:
+def approaches(reach: Reach, column: int, grasp: int, body_quat: wp.array[wp.vec4]) -> bool:
     """Whether a grasp does not come through what its object stands on."""
     if reach.reach_below[column] == 0:
         return True
@@ -52,8 +48,8 @@ def first_through(
     column: int,
     variant: int,
     base: Pose,
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
 ) -> int:
     """The first grasp of a placed target, counted from its own first one, that the map lets through; -1 for none."""
     adr = reach.variant_graspadr[variant]
@@ -69,8 +65,8 @@ def passes_map(
     column: int,
     grasp: int,
     base: Pose,
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
 ) -> bool:
     """Whether a grasp does not come from below, and the arm's map, if there is one, lets it through."""
     through = bool(True)

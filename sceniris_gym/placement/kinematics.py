@@ -7,7 +7,6 @@ from sceniris_gym.device.random import uniforms
 from sceniris_gym.device.transforms import axis_angle_quat
 from sceniris_gym.program.device import ObjectKind, Program
 
-_FREE = wp.constant(int(ObjectKind.FREE))
 # The first draw of a trial is the pose's; joints follow, four numbers a draw.
 _FIRST_DRAW = wp.constant(2)
 
@@ -20,7 +19,7 @@ def draw_joints(
     episode: int,
     stream: wp.uint32,
     trial: int,
-    qpos: wp.array(dtype=float),
+    qpos: wp.array[float],
 ):
     """Draw the object's joint positions into its world's `qpos`."""
     adr = program.obj_drawadr[obj]
@@ -38,7 +37,7 @@ def draw_joints(
 
 
 @wp.func
-def follow_joints(program: Program, obj: int, qpos: wp.array(dtype=float)):
+def follow_joints(program: Program, obj: int, qpos: wp.array[float]):
     """Put the joints that follow the object's drawn ones where these are."""
     adr = program.obj_followadr[obj]
     for i in range(adr, adr + program.obj_follownum[obj]):
@@ -47,11 +46,11 @@ def follow_joints(program: Program, obj: int, qpos: wp.array(dtype=float)):
 
 @wp.func
 def follow_joint(
-    driveradr: wp.array(dtype=int),
-    qposadr: wp.array(dtype=int),
-    coef: wp.array2d(dtype=wp.float64),
+    driveradr: wp.array[int],
+    qposadr: wp.array[int],
+    coef: wp.array2d[wp.float64],
     i: int,
-    qpos: wp.array(dtype=float),
+    qpos: wp.array[float],
 ):
     """Put one joint where its equality has it, as MuJoCo computes that."""
     x = wp.float64(qpos[driveradr[i]]) - coef[i, 0]
@@ -63,9 +62,9 @@ def follow_joint(
 def pose_body(
     program: Program,
     body: int,
-    qpos: wp.array(dtype=float),
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
+    qpos: wp.array[float],
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
 ):
     """Pose one body, its parent being posed."""
     parent = program.body_parent[body]
@@ -91,9 +90,9 @@ def pose_bodies(
     program: Program,
     obj: int,
     first: int,
-    qpos: wp.array(dtype=float),
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
+    qpos: wp.array[float],
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
 ):
     """Pose the object's bodies from `first` on in its list (1: its root is posed already), parents before children."""
     adr = program.obj_bodyadr[obj]
@@ -107,13 +106,13 @@ def write_root(
     obj: int,
     pos: wp.vec3,
     quat: wp.vec4,
-    qpos: wp.array(dtype=float),
-    mocap_pos: wp.array(dtype=wp.vec3),
-    mocap_quat: wp.array(dtype=wp.quat),
+    qpos: wp.array[float],
+    mocap_pos: wp.array[wp.vec3],
+    mocap_quat: wp.array[wp.quat],
 ):
     """Write the pose of an object's root where MuJoCo reads it: its free joint, or its mocap body."""
     adr = program.obj_adr[obj]
-    if program.obj_kind[obj] == _FREE:
+    if program.obj_kind[obj] == ObjectKind.FREE:
         for i in range(3):
             qpos[adr + i] = pos[i]
         for i in range(4):

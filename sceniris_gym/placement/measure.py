@@ -9,18 +9,15 @@ from sceniris_gym.placement.kinematics import pose_bodies
 from sceniris_gym.placement.orientations import DrawnVariant
 from sceniris_gym.program.device import Measure, OrientationType, Program
 
-_ANY = wp.constant(int(OrientationType.ANY))
-_WHOLE = wp.constant(int(Measure.WHOLE))
-
 
 @wp.func
 def measure(
     program: Program,
     obj: int,
     turn: DrawnVariant,
-    qpos: wp.array(dtype=float),
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
+    qpos: wp.array[float],
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
 ) -> DrawnVariant:
     """The turn with the lowest point, and if need be the bounds, in the drawn joint state and orientation.
 
@@ -30,7 +27,7 @@ def measure(
     body_pos[program.obj_body[obj]] = wp.vec3(0.0)
     body_quat[program.obj_body[obj]] = turn.quat
     pose_bodies(program, obj, 1, qpos, body_pos, body_quat)
-    whole = program.obj_measured[obj] == _WHOLE
+    whole = program.obj_measured[obj] == Measure.WHOLE
     low = wp.vec3(1.0e30)
     high = wp.vec3(1.0e30)  # of the extent to the other side
     for i in range(program.obj_piecenum[obj]):
@@ -48,7 +45,7 @@ def measure(
     if whole:
         for axis in range(2):
             high[axis] = -high[axis]
-            if program.obj_orientation[obj] == _ANY:
+            if program.obj_orientation[obj] == OrientationType.ANY:
                 bottom[axis] = 0.5 * (low[axis] + high[axis])
         turn.bounds = wp.vec4(low[0] - bottom[0], low[1] - bottom[1], high[0] - bottom[0], high[1] - bottom[1])
     bottom[2] = low[2]
@@ -61,8 +58,8 @@ def _extent(
     program: Program,
     obj: int,
     axis: wp.vec3,
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
 ) -> wp.vec2:
     """Least and greatest extent [m] of the posed object along a unit vector of the world, from the origin on."""
     low = float(1.0e30)
@@ -82,8 +79,8 @@ def bounds_of(
     program: Program,
     obj: int,
     place: wp.vec4,
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
 ) -> wp.vec4:
     """The bounds of a posed object around its pivot, which stays where it is at home, in its heading."""
     to = unit_circle(place[3])

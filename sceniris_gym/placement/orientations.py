@@ -15,7 +15,6 @@ from sceniris_gym.device.transforms import quat_mat, quat_z
 from sceniris_gym.placement.placed import turned
 from sceniris_gym.program.device import OrientationType, Program
 
-_ANY = wp.constant(int(OrientationType.ANY))
 # An x axis points straight up or down if its shadow is shorter than this; see `scene.poses`.
 _UPRIGHT = wp.constant(1.0e-3)
 _TWO_PI = wp.constant(2.0 * math.pi)
@@ -68,7 +67,7 @@ def draw_turn(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> DrawnVarian
     t.pivot = program.variant_pivot[variant]
     t.bounds = program.variant_bounds[variant]
     t.yaw = program.obj_yaw[obj][0] + u[0] * (program.obj_yaw[obj][1] - program.obj_yaw[obj][0])
-    if program.obj_orientation[obj] == _ANY:
+    if program.obj_orientation[obj] == OrientationType.ANY:
         quat = _any_quat(w)
         t.yaw = heading_of(quat)
         t.quat = mul_quat(quat_z(-t.yaw), quat)

@@ -7,8 +7,6 @@ import warp as wp
 
 from sceniris_gym.config.limits import MAX_CORNERS
 
-_MAX_CORNERS = wp.constant(MAX_CORNERS)
-
 
 @wp.struct
 class HalfPlane:
@@ -36,7 +34,7 @@ def cross2(a: wp.vec2, b: wp.vec2) -> float:
 
 
 @wp.func
-def _sort_by_height(points: wp.array(dtype=wp.vec2), num: int):
+def _sort_by_height(points: wp.array[wp.vec2], num: int):
     """Sort points from low to high, those of one height from left to right."""
     for i in range(1, num):
         p = points[i]
@@ -51,7 +49,7 @@ def _sort_by_height(points: wp.array(dtype=wp.vec2), num: int):
 
 
 @wp.func
-def _turn_left(corners: wp.array(dtype=wp.vec2), first: int, base: int, num: int, p: wp.vec2) -> int:
+def _turn_left(corners: wp.array[wp.vec2], first: int, base: int, num: int, p: wp.vec2) -> int:
     """Drop corners after number `base` until the way on to `p` turns left. Returns how many are left."""
     left = int(num)
     while left > base + 1:
@@ -63,7 +61,7 @@ def _turn_left(corners: wp.array(dtype=wp.vec2), first: int, base: int, num: int
 
 
 @wp.func
-def convex_hull(points: wp.array(dtype=wp.vec2), num: int, corners: wp.array(dtype=wp.vec2), first: int) -> int:
+def convex_hull(points: wp.array[wp.vec2], num: int, corners: wp.array[wp.vec2], first: int) -> int:
     """The convex hull of points, counter-clockwise from the lowest, into `corners` from `first` on.
 
     The points are sorted in their place. They may coincide or lie on lines, as long as they do not all lie on one.
@@ -95,7 +93,7 @@ def convex_hull(points: wp.array(dtype=wp.vec2), num: int, corners: wp.array(dty
 
 
 @wp.func
-def set_triangle(p: wp.array(dtype=wp.vec2), a: wp.vec2, b: wp.vec2, c: wp.vec2) -> int:
+def set_triangle(p: wp.array[wp.vec2], a: wp.vec2, b: wp.vec2, c: wp.vec2) -> int:
     """Make `p` a triangle, turned counter-clockwise. Returns its number of corners."""
     p[0] = a
     if cross2(b - a, c - a) >= 0.0:
@@ -108,7 +106,7 @@ def set_triangle(p: wp.array(dtype=wp.vec2), a: wp.vec2, b: wp.vec2, c: wp.vec2)
 
 
 @wp.func
-def clip(p: wp.array(dtype=wp.vec2), num: int, h: HalfPlane) -> int:
+def clip(p: wp.array[wp.vec2], num: int, h: HalfPlane) -> int:
     """Cut `p` down to a half-plane, in its place. Returns the number of corners that are left.
 
     I. Sutherland, G. Hodgman, "Reentrant polygon clipping", CACM 17(1), 1974. A convex polygon enters a half-plane at
@@ -124,10 +122,10 @@ def clip(p: wp.array(dtype=wp.vec2), num: int, h: HalfPlane) -> int:
         hb = wp.dot(h.normal, b - h.origin) - h.offset
         leaves = ha < 0.0 and hb > 0.0
         enters = ha > 0.0 and hb < 0.0 and left <= i
-        if (leaves or enters) and left < _MAX_CORNERS:
+        if (leaves or enters) and left < MAX_CORNERS:
             p[left] = a + (b - a) * (ha / (ha - hb))
             left += 1
-        if hb <= 0.0 and left < _MAX_CORNERS:
+        if hb <= 0.0 and left < MAX_CORNERS:
             p[left] = b
             left += 1
         a = b
@@ -137,7 +135,7 @@ def clip(p: wp.array(dtype=wp.vec2), num: int, h: HalfPlane) -> int:
 
 
 @wp.func
-def area(p: wp.array(dtype=wp.vec2), num: int) -> float:
+def area(p: wp.array[wp.vec2], num: int) -> float:
     """Area [m^2]."""
     total = float(0.0)
     for i in range(2, num):
@@ -146,7 +144,7 @@ def area(p: wp.array(dtype=wp.vec2), num: int) -> float:
 
 
 @wp.func
-def draw_in_polygon(p: wp.array(dtype=wp.vec2), num: int, pick: float, u: float, v: float) -> wp.vec2:
+def draw_in_polygon(p: wp.array[wp.vec2], num: int, pick: float, u: float, v: float) -> wp.vec2:
     """A uniform point from three uniform numbers: a triangle of the fan by area, then a point of it."""
     left = 2.0 * pick * area(p, num)
     chosen = num - 1

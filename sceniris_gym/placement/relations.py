@@ -24,12 +24,6 @@ from sceniris_gym.placement.placed import (
 from sceniris_gym.placement.polygons import HalfPlane, convex_hull, cross2, half_plane
 from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, Program, RelationType
 
-_SECTOR = wp.constant(int(RelationType.SECTOR))
-_BETWEEN = wp.constant(int(RelationType.BETWEEN))
-_JOINED = wp.constant(int(RelationType.JOINED))
-_FRAME_SUPPORT = wp.constant(FRAME_SUPPORT)
-_FRAME_WORLD = wp.constant(FRAME_WORLD)
-_MAX_ANCHORS = wp.constant(MAX_ANCHORS)
 _PI = wp.constant(math.pi)
 _NO_LIMIT = wp.constant(1.0e29)
 # Anchors whose hull is thinner than this [m] are collinear: a strip takes the hull's place. If they are no further
@@ -64,14 +58,14 @@ class ResolvedRelation:
 
 
 @wp.func
-def load_placed(place: wp.array(dtype=wp.vec4), bounds: wp.array(dtype=wp.vec4), slot: int) -> Placed:
+def load_placed(place: wp.array[wp.vec4], bounds: wp.array[wp.vec4], slot: int) -> Placed:
     """The object in a slot of one world, from (x, y, z, heading) and its bounds (low x, low y, high x, high y)."""
     return placed(wp.vec2(place[slot][0], place[slot][1]), place[slot][3], bounds[slot])
 
 
 @wp.func
 def _between(
-    width: float, points: wp.array(dtype=wp.vec2), num: int, hull: wp.array(dtype=wp.vec2), first: int
+    width: float, points: wp.array[wp.vec2], num: int, hull: wp.array[wp.vec2], first: int
 ) -> ResolvedRelation:
     """The hull of the anchors; a strip around the longest segment if they lie on a line; a square around one point."""
     s = ResolvedRelation()
@@ -148,10 +142,10 @@ def resolve(
     rel: int,
     own: Placed,
     support_heading: float,
-    place: wp.array(dtype=wp.vec4),
-    bounds: wp.array(dtype=wp.vec4),
-    present: wp.array(dtype=int),
-    hull: wp.array(dtype=wp.vec2),
+    place: wp.array[wp.vec4],
+    bounds: wp.array[wp.vec4],
+    present: wp.array[int],
+    hull: wp.array[wp.vec2],
     first: int,
 ) -> ResolvedRelation:
     """What a relation comes to for an object (its bounds and heading; where it is does not matter) in one world.
@@ -160,14 +154,14 @@ def resolve(
     hull go into `hull` from `first` on.
     """
     adr = program.rel_anchoradr[rel]
-    points = wp.zeros(shape=(_MAX_ANCHORS,), dtype=wp.vec2)
+    points = wp.zeros(shape=(MAX_ANCHORS,), dtype=wp.vec2)
     num = int(0)
     for i in range(program.rel_anchornum[rel]):
         slot = program.rel_anchor[adr + i]
         if present[slot] != 0:
             points[num] = wp.vec2(place[slot][0], place[slot][1])
             num += 1
-    if program.rel_type[rel] == _BETWEEN:
+    if program.rel_type[rel] == RelationType.BETWEEN:
         width = program.rel_width[rel]
         if width < 0.0:
             size = own.high - own.low
@@ -179,17 +173,17 @@ def resolve(
     frame = program.rel_frame[rel]
     axis = program.rel_heading[rel]
     s.active = num > 0
-    if frame == _FRAME_SUPPORT:
+    if frame == FRAME_SUPPORT:
         axis += support_heading
-    elif frame != _FRAME_WORLD:
+    elif frame != FRAME_WORLD:
         axis += place[frame][3]
         s.active = s.active and present[frame] != 0
     if not s.active:
         return s
     anchor = load_placed(place, bounds, program.rel_anchor[adr])
-    if program.rel_type[rel] == _JOINED:
+    if program.rel_type[rel] == RelationType.JOINED:
         return _joined(program, rel, own, anchor)
-    if program.rel_type[rel] != _SECTOR:
+    if program.rel_type[rel] != RelationType.SECTOR:
         return _beside(program, rel, own, anchor, axis)
     s.apex = anchor.at
     s.axis = axis
@@ -216,7 +210,7 @@ def side_num(s: ResolvedRelation) -> int:
 
 
 @wp.func
-def _slice_sides(program: Program, rel: int, s: ResolvedRelation, sides: wp.array(dtype=HalfPlane), first: int):
+def _slice_sides(program: Program, rel: int, s: ResolvedRelation, sides: wp.array[HalfPlane], first: int):
     """Write the four half-planes that hold each slice of a sector: two rays, a chord and a tangent."""
     pieces = program.rel_piecenum[rel]
     slice = 2.0 * s.half_angle / float(pieces)
@@ -244,9 +238,9 @@ def write_sides(
     program: Program,
     rel: int,
     s: ResolvedRelation,
-    hull: wp.array(dtype=wp.vec2),
+    hull: wp.array[wp.vec2],
     corner: int,
-    sides: wp.array(dtype=HalfPlane),
+    sides: wp.array[HalfPlane],
     first: int,
 ):
     """Write the half-planes that hold all pieces of a relation into `sides` from `first` on.
@@ -260,7 +254,7 @@ def write_sides(
             a = hull[corner + k]
             edge = hull[corner + (k + 1) % s.hullnum] - a
             sides[first + k] = half_plane(wp.vec2(edge[1], -edge[0]), a, 0.0)
-    elif program.rel_type[rel] == _SECTOR:
+    elif program.rel_type[rel] == RelationType.SECTOR:
         _slice_sides(program, rel, s, sides, first)
     else:
         across = wp.vec2(-s.along[1], s.along[0])
@@ -276,11 +270,11 @@ def relation_holds(
     rel: int,
     s: ResolvedRelation,
     own: Placed,
-    place: wp.array(dtype=wp.vec4),
-    bounds: wp.array(dtype=wp.vec4),
+    place: wp.array[wp.vec4],
+    bounds: wp.array[wp.vec4],
 ) -> bool:
     """Does a relation hold exactly, with the object where `own` has it? One of its pieces holds the point already."""
-    if not s.active or program.rel_type[rel] != _SECTOR:
+    if not s.active or program.rel_type[rel] != RelationType.SECTOR:
         return True
     v = own.at - s.apex
     distance = wp.length(v)

@@ -96,7 +96,7 @@ def _fields(declared: Any, instance: Any) -> dict[str, np.ndarray]:
 def _fill(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], prefix: str, device: str) -> None:
     """Set the fields that `_fields` returned."""
     for name, variable in declared.vars.items():
-        if isinstance(variable.type, wp.array):
+        if wp.types.is_array(variable.type):
             fill_struct(declared, instance, {name: arrays[prefix + name]}, device)
         elif not _is_struct(variable.type):
             value = arrays[prefix + name]
@@ -105,7 +105,7 @@ def _fill(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], prefix
 
 def _is_struct(kind: Any) -> bool:
     """Return whether a field's declared type is a struct."""
-    return not isinstance(kind, wp.array | type)
+    return not (wp.types.is_array(kind) or isinstance(kind, type))
 
 
 def _plain(value: Any) -> Any:

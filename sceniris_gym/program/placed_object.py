@@ -9,11 +9,11 @@ from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.resting_poses import Variant
 from sceniris_gym.geometry.supports import SupportSurface
 from sceniris_gym.program.couplings import Follower
-from sceniris_gym.program.device import ObjectKind, Roof
+from sceniris_gym.program.device import Cover, ObjectKind
 from sceniris_gym.program.heap_poses import HeapPoses
 from sceniris_gym.scene.support import Support
 
-_ROOFS = {"in": Roof.EITHER, "on": Roof.OPEN, "inside": Roof.COVERED}
+_COVERS = {"in": Cover.EITHER, "on": Cover.OPEN, "inside": Cover.COVERED}
 
 
 @dataclass(frozen=True)
@@ -79,15 +79,15 @@ class PlacedObject:
         return None if self.support is None else self.support.body
 
     @property
-    def roof(self) -> Roof:
+    def cover(self) -> Cover:
         """The cover that is required above the point that it is placed on.
 
         Static geometry that belongs to no object, such as the world with its walls and ceilings, counts as open
         wherever there is room.
         """
         if self.support is None or self.support.is_floor:
-            return Roof.EITHER
+            return Cover.EITHER
         assert self.config is not None
         assert self.config.support is not None
-        roof = _ROOFS[self.config.support.word]
-        return Roof.EITHER if roof == Roof.OPEN and self.support.owner is None else roof
+        cover = _COVERS[self.config.support.word]
+        return Cover.EITHER if cover == Cover.OPEN and self.support.owner is None else cover

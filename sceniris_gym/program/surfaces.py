@@ -82,8 +82,8 @@ def may_lean(scene: SceneModel, support: Support) -> bool:
 def _level_surfaces(support: Support, pieces: list[Piece], *, open_above: bool) -> list[SupportSurface]:
     """Return the level surfaces of a support; static geometry of no object is open above wherever there is room."""
     own = [p for p in pieces if p.body == support.body]
-    roofed = open_above and support.owner is not None
-    return supports.level_surfaces(support.body, own, open_above=roofed, geom=support.geom)
+    covered = open_above and support.owner is not None
+    return supports.level_surfaces(support.body, own, open_above=covered, geom=support.geom)
 
 
 def _with_surfaces(scene: SceneModel, pieces: list[Piece], home: mujoco.MjData, word: str) -> str:

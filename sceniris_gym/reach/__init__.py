@@ -1,1 +1,1 @@
-"""What an arm can reach: forward and inverse kinematics, and maps that are built once and looked up at resets."""
+"""Reach of an arm: forward and inverse kinematics, and maps that are built once and looked up at resets."""

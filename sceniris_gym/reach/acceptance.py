@@ -1,4 +1,4 @@
-"""How many of the poses that a map accepts are out of reach, judged by inverse kinematics when it is built."""
+"""False accepts of a map: the share of accepted poses that inverse kinematics finds out of reach."""
 
 from __future__ import annotations
 
@@ -13,13 +13,17 @@ from sceniris_gym.reach.map import ReachMap
 from sceniris_gym.reach.solve import ITERATIONS, RESTARTS, solve
 
 POSES = 4096
-"""Accepted poses that are solved in each set: a share of 0.5% is known to 0.1% (standard error)."""
+"""Accepted poses to solve in each set: the standard error of a share of 0.5% is then 0.1%."""
 
-_SETS = ((0, 1, 2, 3), (0, 3), (1, 2))  # wxyz that are not 0: for any orientation, straight up, straight down
-_LEAST = 256  # a set of which fewer poses are accepted among all draws does not count: hardly a layout asks for them
+_SETS = (
+    (0, 1, 2, 3),
+    (0, 3),
+    (1, 2),
+)  # nonzero entries of the wxyz quaternion: any orientation, straight up, straight down
+_LEAST = 256  # a set with fewer accepted poses among all draws is ignored: layouts hardly ever ask for such poses
 _DRAWS, _ROUNDS = 1 << 16, 16
-# Restarts and steps: for all poses, then for those that are left. Of 61,440 poses that maps of a Panda, a UR5e and
-# Heron accept, none that these deny has an exact solution in closed form; one in 2,500 has one within the tolerance.
+# Restarts and steps: for all poses, then for those still unsolved. Of 61,440 poses that maps of a Panda, a UR5e and
+# Heron accept, none that stays unsolved has an exact solution in closed form; one in 2,500 has one within tolerance.
 _EFFORTS = ((RESTARTS, ITERATIONS), (2 * RESTARTS, 2 * ITERATIONS))
 
 
@@ -31,12 +35,12 @@ def measure_false_accepts(
     Three sets of poses are uniform over the map's box: in any orientation, straight up and straight down.
 
     Args:
-        reach_map: The map. Its seed is that of the poses, and of the starts from which they are solved.
-        device: Warp's name of the device. It takes a second on a CPU core, some more if much is out of reach.
-        progress: Called with the stage, how many sets are done, and how many there are.
+        reach_map: The map. Its seed determines the poses, and the starts from which they are solved.
+        device: Warp's name of the device. One CPU core takes a second, and longer if many poses are out of reach.
+        progress: Called with the stage, the number of finished sets, and the number of sets.
 
     Returns:
-        The largest share among the sets; None if the map accepts next to nothing of any.
+        The largest share among the sets; None if the map accepts almost no pose of any set.
     """
     shares = []
     for number, members in enumerate(_SETS):
@@ -48,7 +52,7 @@ def measure_false_accepts(
 
 
 def _accepted(reach_map: ReachMap, number: int, members: tuple[int, ...], device: str) -> Iterator[np.ndarray]:
-    """Yield poses of a set that the map accepts, position and wxyz quaternion, until there are POSES of them."""
+    """Yield poses of a set that the map accepts, as position and wxyz quaternion, until there are POSES of them."""
     draws = np.random.default_rng([reach_map.seed, number])
     half, view, found = abs(reach_map.u_low), reach_map.view(device), 0
     low = np.array([*(reach_map.arm.axis_xy - half), reach_map.z_low])
@@ -70,13 +74,13 @@ def _accepted(reach_map: ReachMap, number: int, members: tuple[int, ...], device
 
 
 def _approach(quat: np.ndarray) -> np.ndarray:
-    """The z axes of unit wxyz quaternions, shape (N, 4) -> (N, 3)."""
+    """Return the z axes of unit wxyz quaternions, shape (N, 4) -> (N, 3)."""
     w, x, y, z = quat.T
     return np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), w * w - x * x - y * y + z * z], axis=1)
 
 
 def _out_of_reach(reach_map: ReachMap, poses: np.ndarray, device: str) -> int:
-    """How many poses, shape (N, 7), are reached from none of many starts, other ones than the map was solved from."""
+    """Count the poses, shape (N, 7), that cannot be solved from many starts, none of which the map was built from."""
     for number, (restarts, iterations) in enumerate(_EFFORTS):
         seed = reach_map.seed + 1 + number
         _, ok = solve(reach_map.arm, poses, device, restarts=restarts, iterations=iterations, seed=seed)

@@ -22,8 +22,9 @@ HOME = "home"
 """Name of the keyframe of the start pose."""
 
 _ANGLE_TOL = 1e-4  # [rad]
-# How far the TCP may be off the last joint's axis, and its z axis lean from it, for a map to apply: a turn of the wrist
-# then moves the TCP by twice as much at most, half of what `ik` allows for. Files have angles in few digits.
+# A map applies if the TCP is at most this far off the last joint's axis and its z axis leans at most this much from it:
+# a turn of the wrist then moves the TCP by at most twice as much, half of the tolerance of `ik`. Neither is 0, because
+# model files give angles with few digits.
 _TCP_LENGTH_TOL = 2.5e-4  # [m]
 _TCP_ANGLE_TOL = np.radians(0.12)
 
@@ -34,8 +35,8 @@ class SerialArm:
 
     The pose of the TCP at joints q is the product of `link[i]` and the motion of joint i for all i, and then `link[n]`.
     A hinge turns by q - ref about its axis, a slide moves by q - ref along it. Joints beyond the TCP's body, or on
-    branches such as fingers, are not part of the arm. Neither is what moves the base, whose pose may differ between
-    worlds.
+    branches such as fingers, are not part of the arm. Neither are joints that move the base, whose pose may differ
+    between worlds.
 
     Attributes:
         name: Name of the base body.
@@ -108,9 +109,9 @@ class SerialArm:
 
     @cached_property
     def hash(self) -> str:
-        """Identifies the kinematics and limits, regardless of names and start pose: 16 hexadecimal digits.
+        """Hash of the kinematics and limits, 16 hexadecimal digits; names and the start pose do not enter.
 
-        Numbers are rounded to a millionth, so that an arm keeps its hash when its MJCF is attached to another one.
+        Numbers are rounded to a millionth, so that an arm keeps its hash when its MJCF is attached to another model.
         """
         quat = self.link_quat * np.where(self.link_quat[:, :1] < 0.0, -1.0, 1.0)
         parts = [self.slide, self.lower, self.upper, self.ref, self.axis, self.link_pos, quat]
@@ -120,46 +121,46 @@ class SerialArm:
     @property
     def tilt(self) -> float:
         """Angle [rad] between the first joint's axis and the base's z axis, upwards or downwards."""
-        return _angle_to_z(_rotate(self.axis[0], self.link_quat[0]))
+        return _angle_to(rotate(self.axis[0], self.link_quat[0]), np.array([0.0, 0.0, 1.0]))
 
     @property
     def vertical(self) -> bool:
-        """Whether the first joint is a hinge about the base's z axis or a parallel to it."""
+        """True if the first joint is a hinge about the base's z axis or an axis parallel to it."""
         return not self.slide[0] and self.tilt < _ANGLE_TOL
 
     @property
     def axis_xy(self) -> np.ndarray:
-        """Where the first joint's axis meets the base's plane z = 0 [m], shape (2,). Defined only if `vertical`."""
-        along = _rotate(self.axis[0], self.link_quat[0])
+        """Intersection of the first joint's axis with the base's plane z = 0 [m], shape (2,); only if `vertical`."""
+        along = rotate(self.axis[0], self.link_quat[0])
         return (self.link_pos[0] - along * (self.link_pos[0, 2] / along[2]))[:2]
 
     @property
     def tcp_offset(self) -> tuple[float, float]:
         """Distance [m] of the TCP from the last joint's axis, and angle [rad] between that axis and the TCP's z."""
         axis, pos = self.axis[-1], self.link_pos[-1]
-        turned = _rotate(np.array([0.0, 0.0, 1.0]), self.link_quat[-1])
+        turned = rotate(np.array([0.0, 0.0, 1.0]), self.link_quat[-1])
         away = pos - (pos @ axis) * axis
         return float(np.linalg.norm(away)), _angle_to(turned, axis)
 
     @property
     def tcp_on_axis(self) -> bool:
-        """Whether the last joint is a hinge about the TCP's own z axis."""
+        """True if the last joint is a hinge about the TCP's own z axis."""
         length, angle = self.tcp_offset
         return not self.slide[-1] and length < _TCP_LENGTH_TOL and angle < _TCP_ANGLE_TOL
 
     @property
     def free_base(self) -> bool:
-        """Whether the first joint can make a full turn."""
+        """True if the first joint can make a full turn."""
         return self._turns_freely(0)
 
     @property
     def free_wrist(self) -> bool:
-        """Whether the last joint can make a full turn."""
+        """True if the last joint can make a full turn."""
         return self._turns_freely(-1)
 
     @property
     def no_map(self) -> str | None:
-        """Why reachability maps, symmetric about the base's z and the TCP's z, do not apply; None if they do."""
+        """Reason why reachability maps, symmetric about the base's z and the TCP's z, do not apply; None if they do."""
         first, last = (f" '{name}'" if name else "" for name in (self.joints[0], self.joints[-1]))
         if self.slide[0]:
             return f"the first joint{first} is a slide, not a hinge about the vertical axis of '{self.name}'"
@@ -204,7 +205,7 @@ def _chain(mjm: mujoco.MjModel, base: int, tcp: int) -> tuple[list[int], np.ndar
 
 
 def _check_joints(mjm: mujoco.MjModel, base: str, tcp: str, ids: list[int]) -> None:
-    """Raise ArmError for a number or kinds of joints that an arm cannot have."""
+    """Raise ArmError for a number or a kind of joints that an arm cannot have."""
     if not ids:
         raise ArmError(
             f"arm '{base}': no joint is between it and the site '{tcp}'. The site should be on a body that joints move."
@@ -240,7 +241,7 @@ def _check_serial(mjm: mujoco.MjModel, base: str, base_body: int, ids: list[int]
 
 
 def _couples(mjm: mujoco.MjModel, eq: int, base: int, ids: list[int]) -> bool:
-    """Whether a constraint couples joints of the arm, or closes a loop through them."""
+    """Return True if a constraint couples joints of the arm, or closes a loop through them."""
     first, second = int(mjm.eq_obj1id[eq]), int(mjm.eq_obj2id[eq])
     kind = mujoco.mjtEq(mjm.eq_type[eq])
     if kind == mujoco.mjtEq.mjEQ_JOINT:
@@ -254,7 +255,7 @@ def _couples(mjm: mujoco.MjModel, eq: int, base: int, ids: list[int]) -> bool:
 
 
 def _joints_above(mjm: mujoco.MjModel, body: int, base: int, ids: list[int]) -> int | None:
-    """The number of the arm's joints that move a body; None for a body that moves independently of the arm."""
+    """Return the number of the arm's joints that move a body; None for a body that moves independently of the arm."""
     moved, free = 0, False
     while body not in (0, base):
         for joint in _joints_of(mjm, body):
@@ -265,25 +266,25 @@ def _joints_above(mjm: mujoco.MjModel, body: int, base: int, ids: list[int]) -> 
 
 
 def _joints_of(mjm: mujoco.MjModel, body: int) -> range:
-    """Ids of a body's own joints."""
+    """Return the ids of a body's own joints."""
     adr = int(mjm.body_jntadr[body])
     return range(adr, adr + int(mjm.body_jntnum[body]))
 
 
 def _joint_label(mjm: mujoco.MjModel, i: int) -> str:
-    """A joint as errors name it: by its body if it has no name."""
+    """Return how errors name a joint: by its body if it has no name."""
     name = mjm.joint(i).name
     return f"joint '{name}'" if name else f"the unnamed joint of body '{mjm.body(mjm.jnt_bodyid[i]).name}'"
 
 
 def _compose(pos: np.ndarray, quat: np.ndarray, then: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a transform followed by another one in its frame."""
+    """Return a transform followed by another transform in its frame."""
     both = np.zeros(4)
     mujoco.mju_mulQuat(both, quat, turn)
-    return pos + _rotate(then, quat), both
+    return pos + rotate(then, quat), both
 
 
-def _rotate(vector: np.ndarray, quat: np.ndarray) -> np.ndarray:
+def rotate(vector: np.ndarray, quat: np.ndarray) -> np.ndarray:
     """Return a vector, shape (3,), turned by a wxyz quaternion."""
     turned = np.zeros(3)
     mujoco.mju_rotVecQuat(turned, vector, quat)
@@ -291,9 +292,5 @@ def _rotate(vector: np.ndarray, quat: np.ndarray) -> np.ndarray:
 
 
 def _angle_to(vector: np.ndarray, axis: np.ndarray) -> float:
-    """Angle [rad] between the lines along two unit vectors."""
+    """Return the angle [rad] between the lines along two unit vectors."""
     return float(np.arctan2(np.linalg.norm(np.cross(vector, axis)), abs(vector @ axis)))
-
-
-def _angle_to_z(vector: np.ndarray) -> float:
-    return _angle_to(vector, np.array([0.0, 0.0, 1.0]))

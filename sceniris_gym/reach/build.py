@@ -1,8 +1,7 @@
-"""Building a reachability map: label corners by inverse kinematics, spread solutions to neighbours, find the surface.
+"""Build of a reachability map: label corners by inverse kinematics, spread solutions to neighbours, find the surface.
 
 Two kinds of lattice are labelled in the same way: the grid over (z, u, tilt, v), and the poles' tables over (z,
-radius). The work is done on the host in numpy, except for the inverse kinematics, which runs in large batches on the
-device.
+radius). The host does the work in NumPy, except for the inverse kinematics, which runs in large batches on the device.
 """
 
 from __future__ import annotations
@@ -17,29 +16,29 @@ import numpy as np
 from sceniris_gym.errors import ArmError, MapError
 from sceniris_gym.progress import Progress
 from sceniris_gym.reach.acceptance import measure_false_accepts
-from sceniris_gym.reach.arm import SerialArm
+from sceniris_gym.reach.arm import SerialArm, rotate
 from sceniris_gym.reach.checkpoint import Checkpoint
 from sceniris_gym.reach.forward import tcp_axes
-from sceniris_gym.reach.labels import ALL_TURNS, Labeller, rotate
+from sceniris_gym.reach.labels import ALL_TURNS, Labeller
 from sceniris_gym.reach.map import ReachMap, pack
 from sceniris_gym.reach.solve import random_joints
 from sceniris_gym.reach.witnesses import gather_witnesses
 
 STEP = 0.025
-"""Step of the grid [m]; for a larger arm, the reach divided by 44, which keeps the map below 16 MB."""
+"""Least default step of the grid [m]. A large arm gets its reach divided by 44, which keeps the map below 16 MB."""
 TILT_STEP = math.radians(2.5)
 STARTS = 64
 """Random starts per corner: for a Panda, 200 reached no more corners than 64, and 16 reached one in 700 fewer."""
 
 _STEPS_OF_REACH = 44
 _POLE_STEPS = 5  # steps of the poles' tables in a step of the grid
-_NEAR_STARTS = 32  # more random starts for corners with a neighbour that is reached in more turns
-_EDGE_STARTS = 16  # random starts for points on an edge, besides the solution at its reached end
+_NEAR_STARTS = 32  # further random starts for corners with a neighbour that is reached in more turns
+_EDGE_STARTS = 16  # random starts for points on an edge, besides the solution at the end that is reached
 _PASSES = 10
-_FEWEST_STEPS, _MOST_STEPS = 2, 10_000  # of the grid in the arm's reach
+_FEWEST_STEPS, _MOST_STEPS = 2, 10_000  # steps of the grid within the arm's reach
 _LEAST_TILT, _MOST_TILT = math.radians(0.01), math.radians(90.0)
-_HALVINGS = 4  # of an edge that the surface crosses: its distance is known to 1/32 of a step
-_MOST_CORNERS = 2**29  # keeps addresses within 32 bits, and joints within 16 GB while a map is built
+_HALVINGS = 4  # bisections of an edge that the surface crosses: the distance is then known to 1/32 of a step
+_MOST_CORNERS = 2**29  # keeps addresses within 32 bits, and joints within 16 GB during a build
 _FULL = 255  # label of a corner that is reached in every turn
 _HALF = 128
 _FAR = 255  # distance of a corner with no edge that the surface crosses
@@ -47,12 +46,12 @@ _FAR = 255  # distance of a corner with no edge that the surface crosses
 
 @dataclass(frozen=True)
 class Lattice:
-    """Corners of a regular grid in the coordinates of a map; those outside a ball are out of reach.
+    """Corners of a regular grid in the coordinates of a map; corners outside a ball are out of reach.
 
     Attributes:
         shape: Corners along each axis: (z, u, tilt, v) of the grid, (z, radius) of a pole's table.
         low, step: Coordinates of the first corner and steps, as (z, tilt, u, v) [m, rad], shape (4,).
-        order: Which of (z, tilt, u, v) each axis is.
+        order: The index in (z, tilt, u, v) of each axis.
         height, radius: Height of the ball's centre on the first axis, and radius [m].
     """
 
@@ -65,7 +64,7 @@ class Lattice:
 
     @property
     def strides(self) -> np.ndarray:
-        """How much a corner's number grows per step along each axis."""
+        """Change of a corner's number per step along each axis."""
         return np.cumprod([1, *self.shape[:0:-1]])[::-1]
 
     def coords(self, corner: np.ndarray) -> np.ndarray:
@@ -96,11 +95,12 @@ class Lattice:
 
 
 class LabelledGrid:
-    """Labels of a lattice's corners, and their distances from the surface that bounds what is reached.
+    """Labels of a lattice's corners, and their distances from the surface that bounds the reached region.
 
     Attributes:
-        level: In how many of the turns a corner is reached, 0 for none to 255 for all, shape (N,), uint8.
-        distance: To the nearest crossing on an edge of the corner, in 1/32 of a step; 255 without, shape (N,), uint8.
+        level: Share of the turns in which a corner is reached, 0 for none to 255 for all, shape (N,), uint8.
+        distance: Distance to the nearest crossing on an edge of the corner, in 1/32 of a step; 255 if there is none,
+            shape (N,), uint8.
         joints: A solution of each corner that is reached, shape (N, njoint), float16.
     """
 
@@ -112,7 +112,7 @@ class LabelledGrid:
         self.joints = np.zeros((n, njoint), np.float16)
 
     def solve(self, checkpoint: Checkpoint, progress: Progress) -> None:
-        """Do everything that is left to do according to the checkpoint."""
+        """Run the stages that the checkpoint does not have yet."""
         arrays = {f"{self.name}_{key}": getattr(self, key) for key in ("level", "distance", "joints")}
         batches = -(-len(self.lattice.inside) // self._batch)
         for stage in (self._label, self._spread, self._bisect):
@@ -131,7 +131,7 @@ class LabelledGrid:
             checkpoint.reached(at + self._batch)
 
     def _spread(self, checkpoint: Checkpoint, progress: Progress) -> None:
-        """Solve corners again, from solutions of neighbours that are reached in more turns, until nothing changes."""
+        """Solve corners again from solutions of neighbours that are reached in more turns, until nothing changes."""
         shape = self.lattice.shape
         changed = self.level > 0
         for turn in range(_PASSES):
@@ -152,7 +152,7 @@ class LabelledGrid:
                 break
 
     def _bisect(self, checkpoint: Checkpoint, progress: Progress) -> None:
-        """Find where the surface crosses edges, by bisection."""
+        """Find the crossings of the surface with edges, by bisection."""
         half = (self.level >= _HALF).reshape(self.lattice.shape)
         for axis, stride in enumerate(self.lattice.strides):
             along = np.moveaxis(half, axis, 0)
@@ -161,14 +161,14 @@ class LabelledGrid:
             edges = np.flatnonzero(crossed)
             for at in range(0, len(edges), self._batch):
                 corner = edges[at : at + self._batch]
-                way = self._crossing(corner, corner + stride, self.lattice.order[axis])
-                for end, share in ((corner, way), (corner + stride, 1.0 - way)):
+                at_share = self._crossing(corner, corner + stride, self.lattice.order[axis])
+                for end, share in ((corner, at_share), (corner + stride, 1.0 - at_share)):
                     self.distance[end] = np.minimum(self.distance[end], np.round(32.0 * share).astype(np.uint8))
                 what = f"{self.name}: surface along {('z', 'tilt', 'u', 'v')[self.lattice.order[axis]]}"
                 progress(what, min(at + self._batch, len(edges)), len(edges))
 
     def _crossing(self, low: np.ndarray, high: np.ndarray, coordinate: int) -> np.ndarray:
-        """Where the surface crosses edges from `low` to `high`, as a fraction of their length, shape (N,)."""
+        """Return the crossings of the surface with edges from `low` to `high`, as shares of their length, (N,)."""
         reached = self.level[low] >= _HALF
         warm = np.where(reached[:, None], self.joints[low], self.joints[high]).astype(np.float32)
         start = self.lattice.coords(low)
@@ -184,7 +184,7 @@ class LabelledGrid:
         return 0.5 * (lower + upper)
 
     def _raise(self, corner: np.ndarray, count: np.ndarray, joints: np.ndarray) -> np.ndarray:
-        """Take over better labels and their joints; return the corners that improved."""
+        """Keep labels that are better, with their joints; return the corners that improved."""
         level = np.where(count == 0, 0, np.maximum(1, count * _FULL // ALL_TURNS)).astype(np.uint8)
         better = level > self.level[corner]
         risen = corner[better]
@@ -193,7 +193,7 @@ class LabelledGrid:
         return risen
 
     def _joints_of(self, corner: np.ndarray) -> np.ndarray:
-        """Joints of corners, NaN where they are not reached or -1."""
+        """Return the joints of corners; NaN for a corner that is not reached, or that is -1."""
         there = (corner >= 0) & (self.level[corner] > 0)
         return np.where(there[..., None], self.joints[corner], np.float16(np.nan)).astype(np.float32)
 
@@ -203,7 +203,7 @@ class LabelledGrid:
 
 
 def _code_table() -> np.ndarray:
-    """Codes by level and distance, shape (256, 256), uint8."""
+    """Return the codes by level and distance, shape (256, 256), uint8."""
     level, distance = np.ogrid[:256, :256]
     fifth = np.minimum(distance * 5 // 32, 5)  # 5 without a crossing
     near = distance < 16
@@ -227,17 +227,17 @@ def build_map(
     """Build the reachability map of an arm.
 
     Args:
-        arm: The arm; its first axis is vertical, and its TCP lies on the last one.
+        arm: The arm; its first axis is vertical, and its TCP lies on its last axis.
         device: Warp's name of the device. A full map takes 5 to 13 s on an NVIDIA H200, and hours on a CPU core.
         step: Step of the grid along z, u and v [m]; by default STEP, or more for an arm with a reach above 1.1 m.
         tilt_step: Step of the grid [rad], rounded so that it divides a half turn.
         seed: Seed of the random starts.
-        state: File in which progress is saved now and then; a build that finds its own state there resumes.
-        progress: Called now and then, see `Progress`.
+        state: File in which progress is saved once in a while; a build that finds its own state there resumes.
+        progress: Called once in a while, see `Progress`.
 
     Raises:
-        ArmError: There can be no map of such an arm; the message says why.
-        MapError: `state` belongs to a different build; or a step is not positive, or too small.
+        ArmError: Such an arm cannot have a map; the message gives the reason.
+        MapError: `state` belongs to a different build, or a step is not positive, too small or too large.
     """
     if arm.no_map is not None:
         raise ArmError(f"{arm.name} can have no reachability map: {arm.no_map}. Use `reachable: ik` with it.")
@@ -309,9 +309,10 @@ def lattices(height: float, radius: float, step: float, tilt_step: float) -> tup
 
 
 def reach_ball(arm: SerialArm, device: str, seed: int = 0, num: int = 4096) -> tuple[float, float]:
-    """Height [m] of the second joint, taken on the first axis, and the largest distance [m] of the TCP from there.
+    """Return the height [m] of the second joint on the first axis, and the greatest distance [m] of the TCP from there.
 
-    The farthest of many random poses are improved by small random changes; 1 cm is added to the result.
+    The distance is found by random search: the farthest of many random poses are improved by small random changes, and
+    1 cm is added.
     """
     height = float(arm.link_pos[0, 2] + rotate(arm.link_pos[1], arm.link_quat[0])[2])
     centre = np.array([*arm.axis_xy, height])
@@ -330,7 +331,7 @@ def reach_ball(arm: SerialArm, device: str, seed: int = 0, num: int = 4096) -> t
 
 
 def pack_rows(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Keep each row of codes, shape (nz, nu, ntilt, nv), from one before the first to one after the last that is not 0.
+    """Trim each row of codes, shape (nz, nu, ntilt, nv), to one before the first nonzero code to one after the last.
 
     Returns:
         Rows and words as in ReachMap.
@@ -348,9 +349,9 @@ def pack_rows(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def turn_error(surface: LabelledGrid) -> float:
-    """Share of the reachable poses for which the majority of turns gives the wrong answer, estimated at the corners.
+    """Estimate the share of reachable poses for which the majority of turns gives the wrong verdict, at the corners.
 
-    Corners of a pole's table are weighted by radius, like the rings on which their poses lie.
+    Corners of a pole's table are weighted by radius, in proportion to the rings on which their poses lie.
     """
     share = surface.level.reshape(surface.lattice.shape) / _FULL
     weight = np.arange(share.shape[1]) if share.ndim == 2 else 1.0

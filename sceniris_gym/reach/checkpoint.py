@@ -1,4 +1,4 @@
-"""The progress of a long build, saved in a file so that it can be stopped and resumed."""
+"""Progress of a long build, saved in a file so that the build can be stopped and resumed."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _SECONDS = 60.0  # between two writes
 
 
 class Checkpoint:
-    """The progress of a build as a sequence of tasks, each with arrays that it fills.
+    """Progress of a build: a sequence of tasks, each with arrays that it fills.
 
     Args:
         path: The file; None saves nothing.
-        build: Identifies the build; a file of a different one is refused.
+        build: Identifier of the build; the file of a different build is refused.
 
     Raises:
         MapError: The file belongs to a different build, or is not a checkpoint.
@@ -39,12 +39,12 @@ class Checkpoint:
             self._read(path)
 
     def enter(self, task: str, arrays: Mapping[str, np.ndarray], most: float = math.inf) -> bool:
-        """Begin a task: restore its arrays, and return whether anything is left to do.
+        """Begin a task: restore its arrays, and return True if anything is left to do.
 
-        `done` then says how far it had got, which is `most` at most.
+        `done` is then the number of parts that are finished, at most `most`.
 
         Raises:
-            MapError: The file holds arrays of another form, or says that more was done than there is.
+            MapError: The file holds arrays of another shape or type, or more finished parts than the task has.
         """
         for name, array in arrays.items():
             if name in self._stored:
@@ -62,7 +62,7 @@ class Checkpoint:
         return True
 
     def reached(self, done: int) -> None:
-        """Record how far the task has got, and save it if the last save was long ago."""
+        """Record the number of finished parts, and save if the last save was long ago."""
         self.done = done
         if time.monotonic() - self._written > _SECONDS:
             self._write()
@@ -104,7 +104,7 @@ class Checkpoint:
 
 
 def remove_state(path: Path) -> None:
-    """Remove the file of a build that is over, and what a process left that was killed while it wrote it."""
+    """Remove the file of a finished build, and the temporary file of a process that was killed while writing it."""
     for left in (path, _unfinished(path)):
         left.unlink(missing_ok=True)
 

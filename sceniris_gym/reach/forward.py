@@ -15,10 +15,10 @@ def _tcp_axes(
     # Arm:
     arm: ArmView,
     # In:
-    joints: wp.array(dtype=vec8),
+    joints: wp.array[vec8],
     # Out:
-    pos_out: wp.array(dtype=wp.vec3),
-    approach_out: wp.array(dtype=wp.vec3),
+    pos_out: wp.array[wp.vec3],
+    approach_out: wp.array[wp.vec3],
 ):
     poseid = wp.tid()
     pos, quat = forward(arm, joints[poseid])

@@ -1,8 +1,8 @@
-"""Labels of a reachability map: in how many turns of base and wrist an arm reaches a pose.
+"""Labels of a reachability map: the number of turns of base and wrist in which an arm reaches a pose.
 
 A solution of one pose also solves the poses that are turned about the first axis or the approach axis, as far as the
-limits of the first and last joint allow. So each pose is solved with these two joints free, and each solution marks the
-turns that it covers.
+limits of the first and last joint allow. Each pose is therefore solved with these two joints free, and each solution
+marks the turns that it covers.
 """
 
 import math
@@ -12,14 +12,14 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.device.angles import unit_circle
-from sceniris_gym.reach.arm import SerialArm
+from sceniris_gym.reach.arm import SerialArm, rotate
 from sceniris_gym.reach.lookup import JointTurn, turned
 from sceniris_gym.reach.solve import ITERATIONS, ArmView, arm_view, as_vec8, refine, vec8
 
 wp.set_module_options({"enable_backward": False})
 
 TURNS = 16
-"""Turns of the base that a label counts, and for each as many turns of the wrist."""
+"""Turns of the base that a label distinguishes, and turns of the wrist for each of them."""
 ALL_TURNS = TURNS * TURNS
 _STEP = wp.constant(2.0 * math.pi / TURNS)
 _vec4l = wp.types.vector(length=4, dtype=wp.uint64)
@@ -27,7 +27,7 @@ _vec4l = wp.types.vector(length=4, dtype=wp.uint64)
 
 @wp.func
 def _covered(turn: JointTurn, angle: float) -> wp.uint64:
-    """Which turns, a bit each, a joint at `angle` makes within its limits."""
+    """Return the turns that a joint at `angle` can make within its limits, one bit each."""
     bits = wp.uint64(0)
     for i in range(TURNS):
         if turned(turn, angle + turn.sign * _STEP * float(i)) <= turn.upper:
@@ -51,7 +51,7 @@ def _count(marks: _vec4l) -> int:
 
 @wp.func
 def _with_turns(marks: _vec4l, bases: wp.uint64, wrists: wp.uint64) -> _vec4l:
-    """The marks, 16 bits for each turn of the base, with every pair of these turns of base and wrist added."""
+    """Add every pair of these turns of base and wrist to marks, which have 16 bits for each turn of the base."""
     for i in range(4):
         word = marks[i]
         for j in range(4):
@@ -78,15 +78,15 @@ def _label(
     wrist: JointTurn,
     axis_xy: wp.vec2,
     # In:
-    coords: wp.array(dtype=wp.vec4),
-    warm: wp.array2d(dtype=vec8),
-    starts: wp.array(dtype=vec8),
+    coords: wp.array[wp.vec4],
+    warm: wp.array2d[vec8],
+    starts: wp.array[vec8],
     iterations: int,
     pos_tol: float,
     rot_tol: float,
     # Out:
-    count_out: wp.array(dtype=int),
-    joints_out: wp.array(dtype=vec8),
+    count_out: wp.array[int],
+    joints_out: wp.array[vec8],
 ):
     poseid = wp.tid()
     c = coords[poseid]  # z, tilt, u, v
@@ -115,18 +115,13 @@ def _label(
     joints_out[poseid] = found
 
 
-def _launch_label(inputs: list, count_out: wp.array, joints_out: wp.array) -> None:
-    """Label as many poses as `count_out` has room for; `inputs` are the arguments of the kernel up to its outputs."""
-    wp.launch(_label, dim=count_out.shape[0], inputs=inputs, outputs=[count_out, joints_out], device=count_out.device)
-
-
 class Labeller:
-    """Labels canonical poses of an arm by inverse kinematics.
+    """Labels of canonical poses of an arm, by inverse kinematics.
 
     Args:
-        arm: The arm, with a vertical first axis and the TCP on the last one.
+        arm: The arm, with a vertical first axis and the TCP on its last axis.
         device: Warp's name of the device.
-        starts: How many random starts each pose gets.
+        starts: Number of random starts.
         seed: Seed of the starts.
         iterations: Steps from each start.
         pos_tol, rot_tol: Errors up to which a pose counts as reached [m, rad].
@@ -163,12 +158,12 @@ class Labeller:
 
         Args:
             coords: z [m], tilt [rad], u, v [m], shape (N, 4).
-            warm: Joints to start from before the random ones, shape (N, K, njoint); NaN where there are none.
+            warm: Joints to start from before the random starts, shape (N, K, njoint); NaN for no start.
             first: The first random start to try.
-            count: How many of them to try; by default all that are left.
+            count: Number of random starts to try; by default all from `first` on.
 
         Returns:
-            How many of the ALL_TURNS turns are reached, shape (N,), and joints of a solution, shape (N, 8).
+            The number of the ALL_TURNS turns that are reached, shape (N,), and joints of a solution, shape (N, 8).
         """
         n = len(coords)
         filled = np.zeros((n, 0 if warm is None else warm.shape[1], 8), np.float32)
@@ -188,18 +183,18 @@ class Labeller:
                 self._iterations,
                 *self._tols,
             ]
-            _launch_label(inputs, turns, joints)
+            wp.launch(_label, dim=n, inputs=inputs, outputs=[turns, joints])
         return turns.numpy(), joints.numpy()
 
 
 def base_turn(arm: SerialArm) -> JointTurn:
-    """The first joint as a JointTurn: its sign is positive if its axis points up."""
+    """Return the first joint as a JointTurn, whose sign is positive if its axis points up."""
     along = rotate(arm.axis[0], arm.link_quat[0])
     return _turn(arm, 0, along[2])
 
 
 def wrist_turn(arm: SerialArm) -> JointTurn:
-    """The last joint as a JointTurn: its sign is positive if its axis is that of the approach."""
+    """Return the last joint as a JointTurn, whose sign is positive if its axis points along the approach."""
     approach = rotate(np.array([0.0, 0.0, 1.0]), arm.link_quat[-1])
     return _turn(arm, len(arm.joints) - 1, float(approach @ arm.axis[-1]))
 
@@ -210,10 +205,3 @@ def _turn(arm: SerialArm, joint: int, sign: float) -> JointTurn:
     turn.lower, turn.upper = (-np.pi, 2.0 * np.pi) if free else (float(arm.lower[joint]), float(arm.upper[joint]))
     turn.sign = 1.0 if sign > 0.0 else -1.0
     return turn
-
-
-def rotate(vector: np.ndarray, quat: np.ndarray) -> np.ndarray:
-    """Return a vector, shape (3,), turned by a unit wxyz quaternion."""
-    w, axis = quat[0], quat[1:]
-    cross = 2.0 * np.cross(axis, vector)
-    return vector + w * cross + np.cross(axis, cross)

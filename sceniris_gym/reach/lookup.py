@@ -1,7 +1,7 @@
-"""Looking up a TCP pose in a reachability map, on the device.
+"""Lookup of a TCP pose in a reachability map, on the device.
 
-A reachability verdict of an arm whose first axis is vertical and whose last joint turns about the approach axis does
-not change when the target turns about the first axis or about its own approach axis. Of six coordinates, four remain
+The verdict on an arm whose first axis is vertical and whose last joint turns about the approach axis does not change
+when the target turns about the first axis or about its own approach axis. Of six coordinates, four remain
 (M. Rudorfer, "RM4D: A Combined Reachability and Inverse Reachability Map for Common 6-/7-axis Robot Arms by
 Dimensionality Reduction to 4D", 2024): height, tilt of the approach axis, and the planar position in the frame in which
 the approach axis points along +x.
@@ -11,6 +11,7 @@ import math
 
 import warp as wp
 
+from sceniris_gym.config.tier import Verdict
 from sceniris_gym.device.angles import angle_of, unit_circle
 from sceniris_gym.device.quaternions import mul_quat, neg_quat, z_axis
 from sceniris_gym.reach.arm import MAX_JOINTS
@@ -25,12 +26,12 @@ POLE_TILT = math.radians(0.1)
 _PI = wp.constant(math.pi)
 _TURN = wp.constant(2.0 * math.pi)
 _POLE_SINE = wp.constant(math.sin(POLE_TILT))
-# Codes of corners, four bits each; the label of a corner is how many of its turns are reached, and its distance is that
-# from the nearest change of the label along the grid's axes, as far as it is seen: see CODE_VALUES in map.py.
+# A code of four bits stands for the label of a corner, which is the number of its turns that are reached, and for its
+# distance from the nearest change of label along the grid's axes: see CODE_VALUES in map.py.
 MOST_NEVER = wp.constant(5)
-"""Codes up to this one are for corners that are reached in no turn of base and wrist."""
+"""Codes up to this one mark corners that are reached in no turn of base and wrist."""
 LEAST_ALWAYS = wp.constant(10)
-"""Codes from this one on are for corners that are reached in every turn."""
+"""Codes from this one on mark corners that are reached in every turn."""
 
 vec8h = wp.types.vector(length=MAX_JOINTS, dtype=wp.float16)
 """Joint positions of a witness, in half precision."""
@@ -38,7 +39,7 @@ vec8h = wp.types.vector(length=MAX_JOINTS, dtype=wp.float16)
 
 @wp.struct
 class JointTurn:
-    """The first or last joint of an arm: `q = angle * sign`, up to full turns, with limits [rad]."""
+    """The first or last joint of an arm: `q = angle * sign` up to full turns, with limits [rad]."""
 
     lower: float
     upper: float
@@ -47,40 +48,40 @@ class JointTurn:
 
 @wp.struct
 class MapView:
-    """A reachability map as device code takes it.
+    """A reachability map on the device.
 
     Corners are stored in rows along v, one for each (z, u), tilt by tilt. Corner (iz, it, iu, iv) is number
     `row[0] + it * row[2] + iv - row[1]` of the codes; `row = rows[iz * nu + iu]` holds (address, first iv, length).
     A row begins and ends with a corner that is never reached; nothing outside the rows is reached either.
     """
 
-    axis_x: float  # where the first axis meets z = 0 [m]
+    axis_x: float  # intersection of the first axis with z = 0 [m]
     axis_y: float
     # Grid:
     nz: int
     ntilt: int
     nu: int
     z_low: float
-    u_low: float  # that of v, too
+    u_low: float  # the same for v
     per_meter: float
     per_radian: float
-    rows: wp.array(dtype=wp.vec3i)
-    codes: wp.array(dtype=wp.uint32)  # eight in a word, the first one lowest
-    values: wp.array(dtype=float)  # of the 16 codes
-    # Poles, approach axis up and down: codes by (pole, z, radius), four bits as above:
+    rows: wp.array[wp.vec3i]
+    codes: wp.array[wp.uint32]  # eight per word, the first in the lowest bits
+    values: wp.array[float]  # signed distances that the 16 codes stand for
+    # Poles, approach axis up and down: codes by (pole, z, radius), packed in the same way:
     pole_nz: int
     pole_nr: int
     pole_z_low: float
     pole_per_meter: float
-    poles: wp.array(dtype=wp.uint32)
+    poles: wp.array[wp.uint32]
     # Witnesses:
     wit_nz: int
     wit_ntilt: int
     wit_nu: int
     wit_per_meter: float
     wit_per_radian: float
-    wit_cells: wp.array(dtype=wp.vec2i)  # (address, number) by (z, tilt, u, v)
-    wit_joints: wp.array(dtype=vec8h)
+    wit_cells: wp.array[wp.vec2i]  # (address, number) by (z, tilt, u, v)
+    wit_joints: wp.array[vec8h]
     home: vec8
     njoint: int
     base: JointTurn
@@ -89,25 +90,25 @@ class MapView:
 
 @wp.func
 def turned(turn: JointTurn, angle: float) -> float:
-    """The least angle [rad] that is `angle` up to full turns and not below the lower limit."""
+    """Return the least angle [rad] that equals `angle` up to full turns and is not below the lower limit."""
     return angle + _TURN * wp.ceil((turn.lower - angle) / _TURN - 1.0e-6)
 
 
 @wp.func
-def _code(words: wp.array(dtype=wp.uint32), n: int) -> int:
+def _code(words: wp.array[wp.uint32], n: int) -> int:
     return int((words[n >> 3] >> wp.uint32(4 * (n & 7))) & wp.uint32(15))
 
 
 @wp.func
 def _decide(least: int, most: int, value: float) -> int:
-    """The verdict on a cell from its least and greatest code and the value interpolated between them."""
-    verdict = int(1)
+    """Return the verdict on a cell from its least and greatest code and the interpolated value."""
+    verdict = int(Verdict.MIXED_NO)
     if most <= MOST_NEVER:
-        verdict = 0
+        verdict = Verdict.NO
     elif least >= LEAST_ALWAYS:
-        verdict = 3
+        verdict = Verdict.YES
     elif value >= 0.0:
-        verdict = 2
+        verdict = Verdict.MIXED_YES
     return verdict
 
 
@@ -115,7 +116,7 @@ def _decide(least: int, most: int, value: float) -> int:
 def _pole_verdict(view: MapView, z: float, radius: float, pole: int) -> int:
     fz = (z - view.pole_z_low) * view.pole_per_meter
     fr = radius * view.pole_per_meter
-    verdict = int(0)
+    verdict = int(Verdict.NO)
     if fz >= 0.0 and fr >= 0.0 and fz < float(view.pole_nz - 1) and fr < float(view.pole_nr - 1):
         iz = int(wp.floor(fz))
         ir = int(wp.floor(fr))
@@ -148,7 +149,7 @@ def _cell_verdict(view: MapView, z: float, tilt: float, u: float, v: float) -> i
     iu = int(wp.floor(fu))
     iv = int(wp.floor(fv))
     it = wp.clamp(int(wp.floor(ft)), 0, view.ntilt - 2)  # 180 degrees is the end of the last cell
-    verdict = int(0)
+    verdict = int(Verdict.NO)
     if iz >= 0 and iu >= 0 and iz < view.nz - 1 and iu < view.nu - 1:
         dz = fz - float(iz)
         dt = ft - float(it)
@@ -158,7 +159,7 @@ def _cell_verdict(view: MapView, z: float, tilt: float, u: float, v: float) -> i
         most = int(0)
         value = float(0.0)
         k = int(0)
-        while k < 4:  # a loop that is not unrolled: an H200 is faster with smaller placing kernels
+        while k < 4:  # a `while` is not unrolled: an H200 is faster with smaller placing kernels
             a = k >> 1
             b = k & 1
             row = view.rows[(iz + a) * view.nu + iu + b]
@@ -186,14 +187,14 @@ def _cell_verdict(view: MapView, z: float, tilt: float, u: float, v: float) -> i
 
 @wp.func
 def map_verdict(view: MapView, pos: wp.vec3, approach: wp.vec3) -> int:
-    """Look up a TCP position [m] and the unit approach axis (TCP +z), both in the base frame; gives a Verdict.
+    """Return the Verdict on a TCP position [m] and a unit approach axis (TCP +z), both in the base frame.
 
     Outside of the map the verdict is NO.
     """
     x = pos[0] - view.axis_x
     y = pos[1] - view.axis_y
     side = wp.sqrt(approach[0] * approach[0] + approach[1] * approach[1])
-    verdict = int(0)
+    verdict = int(Verdict.NO)
     if side < _POLE_SINE:
         verdict = _pole_verdict(view, pos[2], wp.sqrt(x * x + y * y), wp.where(approach[2] > 0.0, 0, 1))
     else:
@@ -206,10 +207,10 @@ def map_verdict(view: MapView, pos: wp.vec3, approach: wp.vec3) -> int:
 
 @wp.func
 def witness(view: MapView, pos: wp.vec3, quat: wp.vec4, k: int) -> vec8:
-    """Joints from which to solve for a TCP pose in the base frame: branch `k` of the witnesses kept near it.
+    """Return joints to solve from for a TCP pose in the base frame: branch `k` of the witnesses near it.
 
-    First and last joint are already turned to the pose. Branches repeat when there are fewer; where there is none, it
-    is the start pose, turned towards the target.
+    The first and last joint are already turned to the pose. Branches repeat if there are fewer; if there are none, the
+    joints are the start pose, turned towards the target.
     """
     approach = z_axis(quat)
     x = pos[0] - view.axis_x
@@ -257,10 +258,10 @@ def _look_up(
     # Map:
     view: MapView,
     # In:
-    pos: wp.array(dtype=wp.vec3),
-    approach: wp.array(dtype=wp.vec3),
+    pos: wp.array[wp.vec3],
+    approach: wp.array[wp.vec3],
     # Out:
-    verdict_out: wp.array(dtype=wp.uint8),
+    verdict_out: wp.array[wp.uint8],
 ):
     poseid = wp.tid()
     verdict_out[poseid] = wp.uint8(map_verdict(view, pos[poseid], approach[poseid]))

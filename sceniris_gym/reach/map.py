@@ -1,9 +1,10 @@
-"""Reachability maps: what an arm reaches with its TCP, looked up on the device in four coordinates.
+"""Reachability maps: the TCP poses that an arm reaches, looked up on the device in four coordinates.
 
-A map is kinematic: within joint limits, without self collision and without a scene. Corners of its grid are labelled by
-inverse kinematics, so a cell whose corners agree is as good as exact. The surface that bounds what is reached runs
-through the other cells; each corner keeps its distance from it along the grid's axes, and a pose is reached where these
-signed distances, interpolated over the 16 corners, are positive. lookup.py has the coordinates and the lookup.
+A map is kinematic: it knows joint limits, but no self collision and no scene. Corners of its grid are labelled by
+inverse kinematics, so a cell whose corners agree is practically exact. The surface that bounds the reached region runs
+through the other cells. Each corner stores its distance from that surface along the grid's axes, and a pose is reached
+where these signed distances, interpolated over the 16 corners, are positive. lookup.py has the coordinates and the
+lookup.
 """
 
 from __future__ import annotations
@@ -36,16 +37,16 @@ CODE_VALUES = np.array([-1.0, -0.9, -0.7, -0.5, -0.3, -0.1, -0.6, -0.2, 0.2, 0.6
 far and near; 8 and 9: in at least half, near and far. 10 to 15: in every turn, from near to far.
 """
 MOST_TURN_ERROR = 0.005
-"""A map is `limited` if a larger share of its verdicts than this holds only in some turns."""
+"""Largest share of verdicts that hold only in some turns; a map with a larger share is `limited`."""
 MOST_FALSE_ACCEPTS = 0.005
-"""A map is `coarse` if a larger share of the poses that it accepts than this is out of reach."""
+"""Largest share of accepted poses that are out of reach; a map with a larger share is `coarse`."""
 
 _FORMAT = 1
-_MOST = 100.0  # of steps and first coordinates [m, rad] in a file
+_MOST = 100.0  # largest absolute value of a step or first coordinate in a file [m, rad]
 _MOST_CORNERS = 1 << 16  # along an axis
 _ARRAYS = ("rows", "codes", "poles", "wit_cells", "wit_joints")
 _NUMBERS = ("step", "tilt_step", "z_low", "u_low", "nz", "ntilt", "nu", "pole_step", "pole_z_low", "turn_error", "seed")
-_MEASURED = "false_accepts"  # only in files of maps for which it was measured
+_MEASURED = "false_accepts"  # present only if it was measured
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,18 +58,18 @@ class ReachMap:
         step, tilt_step: Steps of the grid [m, rad]; `u` and `v` have the step of `z`.
         z_low: The grid's first height in the base frame [m].
         u_low: Its first u and v, relative to the first axis [m].
-        nz, ntilt, nu: Corners along z, tilt, and each of u and v.
-        rows: Rows of corners along v, as lookup.MapView has them, shape (nz * nu, 3), int32.
-        codes: Codes of the corners, eight in a word, uint32.
+        nz, ntilt, nu: Corners along z, along tilt, and along each of u and v.
+        rows: Rows of corners along v, as in lookup.MapView, shape (nz * nu, 3), int32.
+        codes: Codes of the corners, eight per word, uint32.
         pole_step, pole_z_low: Step and first height of the tables for approach axes that point up or down [m].
         poles: Codes of these tables by height and radius, 0 to 15, shape (2, nz, nradius), uint8.
         wit_cells: (address, number) of each coarse cell's witnesses, by (z, tilt, u, v), shape (..., 2), int32.
         wit_joints: Joints of poses in the coarse cells, shape (nwitness, njoint), float16.
-        turn_error: Share of verdicts on reachable poses that are wrong because limits of base and wrist matter in some
-            turns only: the largest among the grid and both poles.
+        turn_error: Share of verdicts on reachable poses that are wrong because the limits of base and wrist matter in
+            some turns only: the largest among the grid and both poles.
         seed: Seed of the starts from which the map was solved.
         false_accepts: Share of the accepted poses that are out of reach, as acceptance.py measures it; None if it was
-            not measured, as in files from before there was such a figure.
+            not measured, as in files of earlier versions.
     """
 
     arm: SerialArm
@@ -92,17 +93,17 @@ class ReachMap:
 
     @property
     def limited(self) -> bool:
-        """Whether too many verdicts depend on turns of base or wrist, so that poses are better solved one by one."""
+        """True if too many verdicts depend on turns of base or wrist, so that poses should be solved one by one."""
         return self.turn_error > MOST_TURN_ERROR
 
     @property
     def coarse(self) -> bool:
-        """Whether too many of the accepted poses are out of reach; a map for which it was not measured is not."""
+        """True if too many of the accepted poses are known to be out of reach."""
         return self.false_accepts is not None and self.false_accepts > MOST_FALSE_ACCEPTS
 
     @property
     def nbytes(self) -> tuple[int, int]:
-        """Bytes in memory: those of the map, and those of the witnesses."""
+        """Bytes in memory: of the map, and of its witnesses."""
         words = self.rows.nbytes + self.codes.nbytes + self.poles.size // 2
         return words, self.wit_cells.nbytes + 16 * len(self.wit_joints)
 
@@ -134,8 +135,8 @@ class ReachMap:
         Args:
             path: The file.
             arm: The arm.
-            advice: The last sentence of errors; by default how to build the map again, for an asset that has the name
-                of the arm's base body.
+            advice: The last sentence of errors; by default the command that builds the map again, for an asset with the
+                name of the arm's base body.
 
         Raises:
             MapError: The file is missing, damaged or not a map, or was built for another arm.
@@ -194,7 +195,7 @@ class ReachMap:
             device: Warp's name of the device; None is Warp's default.
 
         Returns:
-            A tier.Verdict each, shape (N,), uint8.
+            A tier.Verdict for each pose, shape (N,), uint8.
         """
         poses = np.asarray(poses, np.float64)
         with wp.ScopedDevice(device) as scope:
@@ -204,7 +205,7 @@ class ReachMap:
             return verdicts.numpy()
 
     def benchmark(self, device: str | wp.Device | None = None, *, num: int = 1 << 24, repeats: int = 20) -> float:
-        """Look up random poses in the map's box; return how many per second, the median of `repeats` rounds."""
+        """Look up random poses in the map's box; return the rate [1/s], the median of `repeats` rounds."""
         draws = np.random.default_rng(0)
         high = self.z_low + self.step * (self.nz - 1)
         low = [self.arm.axis_xy[0] + self.u_low, self.arm.axis_xy[1] + self.u_low, self.z_low]
@@ -226,33 +227,33 @@ class ReachMap:
 
 
 WITNESS_CELLS = (4, 6)
-"""Steps of z, u and v, and of tilt, in a coarse cell of witnesses: 10 cm and 15 degrees with the default steps."""
+"""Grid steps per coarse cell of witnesses, along z, u and v, and along tilt: by default 10 cm and 15 degrees."""
 
 
 def pack(codes: np.ndarray) -> np.ndarray:
-    """Pack four-bit codes, shape (N,), eight to a word, the first one in the lowest bits."""
+    """Pack four-bit codes, shape (N,), eight per word, the first in the lowest bits."""
     filled = np.zeros(-(-len(codes) // 8) * 8, np.uint32)
     filled[: len(codes)] = codes
     return np.bitwise_or.reduce(filled.reshape(-1, 8) << (4 * np.arange(8, dtype=np.uint32)), axis=1)
 
 
 def map_path(asset: str) -> Path:
-    """Where the map of an arm is looked for: with the shipped assets for the name of one, or beside your own MJCF."""
+    """Return the path of an arm's map: among the shipped assets for the name of one, else beside your own MJCF."""
     if asset.endswith((".xml", ".urdf")):
         return Path(asset).with_suffix(SUFFIX)
     return Path(str(resources.files("sceniris_gym.assets"))) / "maps" / f"{asset}{SUFFIX}"
 
 
 def map_file(asset: str) -> Path | None:
-    """Return the path of the map of an arm; None if there is no map."""
+    """Return the path of an arm's map; None if there is no map."""
     path = map_path(asset)
     return path if path.is_file() else None
 
 
 def why_not_map(arm: SerialArm, reach_map: ReachMap | None, asset: str, words: str = "") -> str | None:
-    """Return why no map, or not this one, should decide for an arm (an asset's name, or your own MJCF or URDF).
+    """Return the reason why inverse kinematics, not this map, should decide for an arm; None if the map should.
 
-    Inverse kinematics then does. None if the map should. `words` are those of `build_command`.
+    `asset` is an asset's name, or your own MJCF or URDF. `words` are those of `build_command`.
     """
     if arm.no_map is not None:
         return arm.no_map
@@ -273,23 +274,23 @@ def why_not_map(arm: SerialArm, reach_map: ReachMap | None, asset: str, words: s
 
 
 def default_tier(arm: SerialArm, reach_map: ReachMap | None) -> Tier:
-    """Return the tier that decides if none is named: `map` if there is a map that is right often enough, else `ik`."""
+    """Return the default tier of an arm: `map` if it has a map that is accurate enough, else `ik`."""
     return Tier.MAP if why_not_map(arm, reach_map, arm.name) is None else Tier.IK
 
 
 def build_command(asset: str, words: str = "", out: str | Path | None = None) -> str:
-    """The command that builds the map of an arm (an asset's name, or your own MJCF or URDF).
+    """Return the command that builds the map of an arm.
 
     Args:
-        asset: The arm.
-        words: What else it is to be told of the arm, such as its TCP.
-        out: Where the map is looked for; by default beside the arm.
+        asset: The arm: an asset's name, or your own MJCF or URDF.
+        words: Further options about the arm, such as its TCP.
+        out: The path of the map; by default `map_path` of the asset.
     """
     return " ".join(filter(None, [f"sceniris-gym reach {asset}", words, f"--build -o {out or map_path(asset)}"]))
 
 
 def _faults(fields: dict[str, Any], njoint: int) -> Iterator[str]:
-    """Yield what is impossible in the fields of a file; lookups on the device trust all of them."""
+    """Yield the impossible values in the fields of a file, since lookups on the device do not check them."""
     for name in ("nz", "ntilt", "nu", "seed"):
         if type(fields[name]) is not int or (name != "seed" and not 2 <= fields[name] < _MOST_CORNERS):
             yield f"{name} is {fields[name]!r}"

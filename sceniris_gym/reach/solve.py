@@ -1,8 +1,8 @@
 """Inverse kinematics on the device: damped least squares within joint limits, from given starts.
 
-The functions are written for one lane, which keeps a whole arm in registers: loops over joints are unrolled to
-MAX_JOINTS, so every index into joints and columns is a constant. Reachability maps and the stages of a reset share
-them, and `solve` runs them for a batch of poses.
+Each function runs on one lane, which keeps a whole arm in registers: loops over joints are unrolled to MAX_JOINTS, so
+every index into joints and columns is a constant. Reachability maps and the reach stage of a reset share these
+functions, and `solve` runs them for a batch of poses.
 """
 
 import math
@@ -17,16 +17,16 @@ from sceniris_gym.reach.arm import MAX_JOINTS, SerialArm
 wp.set_module_options({"enable_backward": False})
 
 POS_TOL = 1.0e-3
-"""Distance [m] from the requested position within which a solution is accepted."""
+"""Largest distance [m] from the requested position at which a solution is accepted."""
 ROT_TOL = math.radians(0.5)
-"""Angle [rad] from the requested orientation within which a solution is accepted."""
-# With these, none of 60,000 poses at random joints within limits was missed, for a Panda, a UR5e, one without limits, a
-# gantry with a wrist and a SCARA, at 6 to 20 us a pose on a CPU core (0.5 us a step). For a Panda two in five starts
-# converge, and 10 to 14 steps are fastest: a start that needs more is better given up for the next.
+"""Largest angle [rad] from the requested orientation at which a solution is accepted."""
+# With these values the solver missed none of 60,000 poses at random joints within limits, for a Panda, a UR5e, an arm
+# without limits, a gantry with a wrist and a SCARA, at 6 to 20 us per pose on a CPU core (0.5 us per step). For a Panda
+# two in five starts converge, and 10 to 14 steps are fastest: beyond that the next start is the better choice.
 ITERATIONS = 14
 """Most steps from one start."""
 RESTARTS = 64
-"""Most starts for one pose, by default."""
+"""Default number of starts for one pose."""
 
 vec8 = wp.types.vector(length=MAX_JOINTS, dtype=float)
 """Joint positions [rad, m] of one arm; entries from `njoint` on are 0."""
@@ -35,16 +35,16 @@ _mat83 = wp.types.matrix(shape=(MAX_JOINTS, 3), dtype=float)
 _mat86 = wp.types.matrix(shape=(MAX_JOINTS, 6), dtype=float)
 _mat66 = wp.types.matrix(shape=(6, 6), dtype=float)
 
-# Float32 kinematics of a metre of arm are off by about a micrometre: what is accepted here must hold in float64.
+# Float32 kinematics of a metre of arm are off by about a micrometre; an accepted solution must hold in float64.
 _POS_ACCEPT = wp.constant(POS_TOL - 1.0e-5)
 _ROT_ACCEPT = wp.constant(ROT_TOL - 1.0e-4)
-# Steps end when both errors are below this [m, rad]; float32 hardly does better.
+# Steps end once both errors are below this [m, rad], about the precision of float32.
 _CONVERGED = wp.constant(1.0e-5)
-# A radian of error counts as much as this many metres: about half the size of an arm's links.
+# Weight of a radian of error in metres: about half the length of an arm's links.
 _LEVER = wp.constant(0.3)
-# Damping is this share of the squared error, which lets a far start take careful steps and a near one converge
+# Damping is this share of the squared error, so that a far start takes careful steps and a near one converges
 # quadratically (T. Sugihara, "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method", IEEE
-# Transactions on Robotics 27, 2011), and never less than what keeps float32 stable in a singular pose.
+# Transactions on Robotics 27, 2011). The least damping keeps float32 stable in a singular pose.
 _DAMPING = wp.constant(0.1)
 _LEAST_DAMPING = wp.constant(1.0e-6)
 _LONGEST_STEP = wp.constant(1.0)
@@ -53,19 +53,19 @@ _PI = wp.constant(math.pi)
 
 @wp.struct
 class ArmView:
-    """An arm as device code takes it. All joints act along or about the z axis of their frame, and are 0 in it."""
+    """An arm on the device. Every joint acts along or about the z axis of its frame, and is 0 in that frame."""
 
     njoint: int
-    link_pos: wp.array(dtype=wp.vec3)  # njoint + 1: from one joint's frame to the next one's; the last to the TCP
-    link_quat: wp.array(dtype=wp.vec4)
-    slide: wp.array(dtype=int)
-    lower: wp.array(dtype=float)
-    upper: wp.array(dtype=float)
+    link_pos: wp.array[wp.vec3]  # njoint + 1: from one joint's frame to the next, the last one to the TCP
+    link_quat: wp.array[wp.vec4]
+    slide: wp.array[int]
+    lower: wp.array[float]
+    upper: wp.array[float]
 
 
 @wp.struct
 class IkResult:
-    """Joints within limits, and how far their TCP is from the requested pose [m, rad]."""
+    """Joints within limits, and the distance of their TCP from the requested pose [m, rad]."""
 
     q: vec8
     pos_err: float
@@ -73,7 +73,7 @@ class IkResult:
 
 
 def arm_view(arm: SerialArm, device: str) -> ArmView:
-    """Copy an arm to a device. Limits are rounded inwards, so that joints within them in float32 truly are."""
+    """Copy an arm to a device. Limits are rounded inwards, so that float32 joints within them keep the real limits."""
     n = len(arm.joints)
     pos, quat = _along_z(arm)
     lower, upper = arm.lower.astype(np.float32), arm.upper.astype(np.float32)
@@ -90,10 +90,10 @@ def arm_view(arm: SerialArm, device: str) -> ArmView:
 
 
 def _along_z(arm: SerialArm) -> tuple[np.ndarray, np.ndarray]:
-    """Links between joint frames whose z axis is the joint's; each joint's `ref` is moved into the link behind it."""
+    """Return links between joint frames whose z axis is the joint's; each `ref` moves into the link after its joint."""
     n = len(arm.joints)
     pos, quat = np.zeros((n + 1, 3)), np.zeros((n + 1, 4))
-    at, turn = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])  # the arm's frame in the one used here
+    at, turn = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])  # the arm's joint frame in the frame used here
     for i in range(n + 1):
         mujoco.mju_rotVecQuat(pos[i], arm.link_pos[i], turn)
         pos[i] += at
@@ -111,13 +111,13 @@ def _along_z(arm: SerialArm) -> tuple[np.ndarray, np.ndarray]:
 
 @wp.func
 def turns_freely(view: ArmView, i: int) -> bool:
-    """Is joint i a hinge without limits?"""
+    """Return True if joint `i` is a hinge without limits."""
     return view.slide[i] == 0 and view.upper[i] - view.lower[i] > 1.0e30
 
 
 @wp.func
 def _frames(view: ArmView, q: vec8):
-    """TCP position and orientation in the base frame, and origins and axes of all joints."""
+    """Return TCP position and orientation in the base frame, and origins and axes of all joints."""
     origin = _mat83()
     axis = _mat83()
     pos = view.link_pos[0]
@@ -139,16 +139,16 @@ def _frames(view: ArmView, q: vec8):
 
 @wp.func
 def forward(view: ArmView, q: vec8):
-    """TCP position [m] and wxyz orientation in the base frame at joints `q`."""
+    """Return TCP position [m] and wxyz orientation in the base frame at joints `q`."""
     pos, quat, _origin, _axis = _frames(view, q)
     return pos, quat
 
 
 @wp.func
 def _solve_positive(a: _mat66, b: _vec6) -> _vec6:
-    """Solve a x = b for a symmetric positive definite `a`, of which the lower triangle is read (Cholesky).
+    """Solve a x = b for a symmetric positive definite `a` by Cholesky; only its lower triangle is read.
 
-    Warp unrolls loops whose bounds are constants or counters of such loops, not sums of them: hence the inner ifs.
+    Warp unrolls loops whose bounds are constants or counters of such loops, but not sums of them: hence the inner ifs.
     """
     low = a
     x = b
@@ -180,7 +180,7 @@ def _solve_positive(a: _mat66, b: _vec6) -> _vec6:
 
 @wp.func
 def _descend(view: ArmView, q: vec8, origin: _mat83, axis: _mat83, pos: wp.vec3, dpos: wp.vec3, drot: wp.vec3) -> vec8:
-    """One damped step from `q` towards errors of zero. Joints that stand at a limit and want beyond it stay out."""
+    """Take one damped step from `q` towards errors of zero, without joints at a limit that would move beyond it."""
     e = _vec6(dpos[0], dpos[1], dpos[2], _LEVER * drot[0], _LEVER * drot[1], _LEVER * drot[2])
     col = _mat86()
     damping = _DAMPING * wp.dot(e, e) + _LEAST_DAMPING
@@ -221,9 +221,9 @@ def _descend(view: ArmView, q: vec8, origin: _mat83, axis: _mat83, pos: wp.vec3,
 
 @wp.func
 def refine(view: ArmView, pos: wp.vec3, quat: wp.vec4, q0: vec8, iterations: int) -> IkResult:
-    """Move joints from `q0` until the TCP stands at a pose of the base frame, or `iterations` steps are over.
+    """Move joints from `q0` until the TCP is at a pose, in the base frame, or for `iterations` steps.
 
-    Hinges without limits come back in [-pi, pi]; all others within their limits.
+    Hinges without limits are returned in [-pi, pi], all other joints within their limits.
     """
     q = vec8()
     for i in range(MAX_JOINTS):
@@ -252,13 +252,13 @@ def refine(view: ArmView, pos: wp.vec3, quat: wp.vec4, q0: vec8, iterations: int
 
 @wp.func
 def accepted(result: IkResult) -> bool:
-    """Is the TCP within POS_TOL and ROT_TOL of the asked pose, with room for the rounding of float32?"""
+    """Return True if the TCP is within POS_TOL and ROT_TOL of the requested pose, less the rounding of float32."""
     return result.pos_err < _POS_ACCEPT and result.rot_err < _ROT_ACCEPT
 
 
 @wp.func
 def closer(a: IkResult, b: IkResult) -> IkResult:
-    """Whichever is closer to its pose; the first of equals. What is accepted comes before what is not."""
+    """Return the result that is closer to its pose, the first of equals. An accepted result precedes any other."""
     result = a
     if accepted(b) == accepted(a):
         if b.pos_err + _LEVER * b.rot_err < a.pos_err + _LEVER * a.rot_err:
@@ -276,7 +276,7 @@ def random_joints(arm: SerialArm, num: int, seed: int = 0) -> np.ndarray:
 
 
 def as_vec8(joints: np.ndarray) -> np.ndarray:
-    """Joints of shape (N, njoint) as device code has them: (N, MAX_JOINTS), float32, padded with zeros."""
+    """Pad joints of shape (N, njoint) with zeros to (N, MAX_JOINTS), float32, as on the device."""
     padded = np.zeros((len(joints), MAX_JOINTS), np.float32)
     padded[:, : joints.shape[1]] = joints
     return padded
@@ -287,13 +287,13 @@ def _solve(
     # Arm:
     arm: ArmView,
     # In:
-    pos: wp.array(dtype=wp.vec3),
-    quat: wp.array(dtype=wp.vec4),
-    starts: wp.array(dtype=vec8),
+    pos: wp.array[wp.vec3],
+    quat: wp.array[wp.vec4],
+    starts: wp.array[vec8],
     iterations: int,
     # Out:
-    joints_out: wp.array(dtype=vec8),
-    ok_out: wp.array(dtype=bool),
+    joints_out: wp.array[vec8],
+    ok_out: wp.array[bool],
 ):
     poseid = wp.tid()
     best = refine(arm, pos[poseid], quat[poseid], starts[0], iterations)
@@ -317,20 +317,20 @@ def solve(
     iterations: int = ITERATIONS,
     seed: int = 0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find joints for TCP poses, trying one start after the other until one of them converges.
+    """Find joints for TCP poses: try one start after the other until one converges.
 
     Args:
         arm: The arm.
         poses: TCP poses in the base frame, shape (N, 7): position [m] and wxyz quaternion.
         device: Warp's name of the device.
-        starts: Joints to start from, tried in this order for every pose, shape (K, njoint). If None, they are drawn.
-        restarts: How many starts to draw, uniformly within limits.
-        iterations: Steps from each start.
+        starts: Joints to start from, tried in this order for every pose, shape (K, njoint); None draws them.
+        restarts: Number of starts to draw, uniformly within limits.
+        iterations: Most steps from each start.
         seed: Seed of the draws.
 
     Returns:
-        Joints [rad, m], shape (N, njoint), within limits, the closest ones found; and whether their TCP is within
-        POS_TOL and ROT_TOL of the pose, shape (N,), bool.
+        The closest joints found within limits [rad, m], shape (N, njoint), and True where their TCP is within POS_TOL
+        and ROT_TOL of the pose, shape (N,).
     """
     poses = np.asarray(poses, np.float64).reshape(-1, 7)
     first = random_joints(arm, restarts, seed) if starts is None else np.asarray(starts)

@@ -1,4 +1,4 @@
-"""Witnesses: joint positions that reach a coarse cell of a map, as starts for inverse kinematics."""
+"""Witnesses: joint positions that reach a coarse cell of a map, used as starts of inverse kinematics."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 from sceniris_gym.reach.map import WITNESS_CELLS
 
 BRANCHES = 4
-"""Most witnesses of one cell: those whose joints differ most."""
-_CANDIDATES = 64  # corners of a cell that are considered
+"""Most witnesses of one cell; those whose joints differ most are kept."""
+_CANDIDATES = 64  # corners of a cell to choose from
 
 
 def gather_witnesses(shape: tuple[int, ...], level: np.ndarray, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -47,9 +47,9 @@ def gather_witnesses(shape: tuple[int, ...], level: np.ndarray, joints: np.ndarr
 
 
 def _spread_out(joints: np.ndarray) -> np.ndarray:
-    """Return up to BRANCHES indices: the first, then always the one farthest from those picked before.
+    """Return up to BRANCHES indices: the first, then repeatedly the one farthest from those picked before.
 
-    The first and last joint are ignored, as they follow the turns of base and wrist.
+    The first and last joint are ignored, since they follow the turns of base and wrist.
     """
     inner = joints[:, 1:-1]
     picked = [0]

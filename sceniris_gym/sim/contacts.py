@@ -53,7 +53,7 @@ def _list_movers(rank: wp.array[int], mover_out: wp.array[int], nacon_out: wp.ar
 def _fill_holes(
     rank: wp.array[int],
     mover: wp.array[int],
-    # fields of contacts, any of them without columns:
+    # In and out: fields of contacts, each of which may have no columns
     a: wp.array2d[int],
     b: wp.array2d[int],
     c: wp.array2d[int],

@@ -19,5 +19,5 @@ def unchecked(compiled: CompiledScene) -> CompiledScene:
     for name in Program.vars:
         setattr(program, name, getattr(compiled.program, name))
     program.obj_pairnum = wp.zeros_like(compiled.program.obj_pairnum)
-    program.obj_startnum = wp.zeros_like(compiled.program.obj_startnum)
+    program.obj_broadnum = wp.zeros_like(compiled.program.obj_broadnum)
     return replace(compiled, program=program)

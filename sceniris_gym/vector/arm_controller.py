@@ -1,106 +1,160 @@
-"""`ArmController`: moves an arm by its joints or by its tool, and opens and closes its gripper."""
+"""`ArmController`: a robot of the scene, driven by its joints or by its tool, and its gripper."""
 
 from __future__ import annotations
 
+import mujoco
+import numpy as np
 import torch
 from torch import Tensor
 
-from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.errors import ArgumentError, ArmError, UnknownNameError
+from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.vector import rotations
-from sceniris_gym.vector.state import State
+from sceniris_gym.vector.fingers import Fingers
+from sceniris_gym.vector.position_actuators import PositionActuators
+from sceniris_gym.vector.state import FREE, SCALAR, SLIDE, State, as_columns
 
 JOINT_STEP = 0.04
-"""Largest change of a joint's target in a control step [rad]: 2 rad/s at 50 Hz."""
+"""Largest change of a hinge's target in a control step [rad]: 2 rad/s at 50 Hz."""
 
 TOOL_STEP = 0.02
-"""Largest change of the tool's target along an axis in a control step [m]: 1 m/s at 50 Hz."""
+"""Largest change of the tool's target along an axis, and of a slide's target, in a control step [m]: 1 m/s at 50 Hz."""
 
 TOOL_LEAD = 0.05
-"""How far the tool's target may lead the tool along an axis [m]."""
+"""Largest lead of the tool's target over the tool along an axis [m]."""
 
 TURN_STEP = 0.1
 """Largest change of the tool's target yaw in a control step [rad]."""
 
 TURN_LEAD = 0.3
-"""How far the target yaw may lead the tool's yaw [rad]."""
+"""Largest lead of the target yaw over the tool's yaw [rad]."""
 
 TURN_LIMIT = 1.7
-"""Largest target yaw to either side by default [rad]: a gripper is the same after half a turn."""
+"""Largest target yaw to either side by default [rad]; a gripper that has made half a turn is the same again."""
 
 DAMPING = 1e-3
 """Damping of the inverse kinematics [m^2]: its root is 3 cm/rad, a tenth of what a joint moves the tool by."""
 
 POSTURE_GAIN = 0.1
-"""Share of the way back to the home pose that the joints go in a step, as far as that does not move the tool."""
+"""Share of the way back to the home pose that the joints go in a step, within the motions that leave the tool still."""
 
 
 class ArmController:
-    """Reads and drives an arm with position actuators, in all worlds of a State and without host synchronisation.
+    """Controller of a robot of the scene, in all worlds of a State at once and without host synchronisation.
 
-    Its actuators are `<name>/joint1` and so on, and `<name>/gripper`, which commands the travel of a finger; its
-    tool is the site `<name>/tcp`.
+    The arm is the chain of hinges and slides from the robot's root body to its tool centre point (`tcp` in the scene,
+    by default the site 'tcp'). Each joint needs a position actuator of its own, which may act through a tendon and with
+    any gear. The gripper, if there is one, is the limited joints beyond the arm's last joint that actuators open and
+    close, directly, through tendons or through equalities of joints. Names inside the robot do not matter.
 
     Args:
         s: The worlds.
-        name: The arm's name in the scene, which is that of its asset.
+        name: The robot, by its name in `robots`. The only robot of a scene goes by the name of its asset or of its root
+            body, such as 'panda', and may be left out.
 
     Attributes:
-        joints: Number of joints, without the fingers.
-        lead: How far a joint's target may lead the joint [rad], shape (joints,): enough for its actuator to reach full
-            force and speed. With a larger lead, a target would only take longer to come back.
+        name: The robot's name.
+        joints: Number of joints of the arm.
+        joint_ids: Their ids in the model, from base to tip, as `State.qpos` and `State.put_joints` take them:
+            `s.put_joints(arm.joint_ids, s.pregrasp_qpos("can"), mask)`.
+        has_gripper: Whether `grip` and `width` can be used.
+        lead: Largest lead of a joint's target over the joint [rad or m], shape (joints,): enough for its actuator to
+            reach full force and speed. With a larger lead, a target would only take longer to come back. It is infinite
+            if nothing limits the force.
         tool_target: Target of the tool for `move_tool`: x, y, z [m] and yaw [rad] in the base frame, shape
-            (num_envs, 4).
+            (num_envs, 4). In a scene with several robots, x, y and z are in the world frame, and the yaw counts from
+            that of the robot's base.
 
     Raises:
-        UnknownNameError: The scene has no such arm.
+        UnknownNameError: The scene has no such robot.
+        ArgumentError: No name is given, and the scene has several robots.
+        ArmError: The scene has no robot, or this one has `in_scene: false`. The robot has no tool centre point, no
+            joint before it, a joint that is neither hinge nor slide, or one without a position actuator of its own.
     """
 
-    def __init__(self, s: State, name: str = "panda") -> None:
-        self.name, mjm = name, s.mjm
-        names = [mjm.actuator(i).name for i in range(mjm.nu)]
-        columns = [i for i, actuator in enumerate(names) if actuator.startswith(f"{name}/joint")]
-        if not columns:
-            raise UnknownNameError("arm", name, f"scene '{s.scene.config.name}'", {n.split("/")[0] for n in names})
-        self.joints, self._first = len(columns), columns[0]
-        self._gripper = s.actuator(f"{name}/gripper")
-        limits = s.control_range
-        self._lower, self._upper = limits[columns].unbind(dim=1)
-        self._open = limits[self._gripper, 1]
-        self.lead = _full_leads(s, columns)
-        self._home = torch.tensor(s.scene.home_ctrl[columns], dtype=torch.float32, device=s.device)
-        self._step = torch.tensor([TOOL_STEP] * 3 + [TURN_STEP], device=s.device)
-        self._lead = torch.tensor([TOOL_LEAD] * 3 + [TURN_LEAD], device=s.device)
+    def __init__(self, s: State, name: str | None = None) -> None:
+        def tensor(values: object) -> Tensor:
+            return torch.tensor(np.asarray(values), dtype=torch.float32, device=s.device)
+
+        mjm, robots, where = s.mjm, s.scene.config.all_robots, f"scene '{s.scene.config.name}': ArmController"
+        robot = _find_robot(s.scene, name, where)
+        where = f"{where}: {robots[robot].section}"
+        arm = _arm_joints(s.scene, robot, where)
+        self.name = robot if s.scene.config.robots else robots[robot].name
+        self.joints, self.joint_ids, self._tcp = len(arm), arm, s.scene.tcps[robot]
+        self._base = robot if len(robots) > 1 else None
+        self._actuators = PositionActuators(mjm, arm, s.device, where)
+        steps = np.where(mjm.jnt_type[list(arm)] == SLIDE, TOOL_STEP, JOINT_STEP)
+        self.lead = tensor(np.maximum(self._actuators.full_leads(steps / s.dt), steps))
+        self._joint_step, self._home = tensor(steps), tensor(s.scene.home_qpos[mjm.jnt_qposadr[list(arm)]])
+        self._step = tensor([TOOL_STEP] * 3 + [TURN_STEP])
+        self._lead = tensor([TOOL_LEAD] * 3 + [TURN_LEAD])
         self._damping = DAMPING * torch.eye(6, device=s.device)
         self.tool_target = torch.zeros(s.num_envs, 4, device=s.device)
+        self._where, self._fingers = where, Fingers.find(s.scene, mjm.site(self._tcp).id, arm)
+        self.has_gripper = self._fingers is not None
+        if self._fingers is not None:
+            closed, opened, qpos = self._fingers.closed, self._fingers.opened, self._fingers.closed_qpos
+            self._grip, self._closed = as_columns(self._fingers.controls, s.device), tensor(closed)
+            self._half = tensor(0.5 * (opened - closed))
+            width = 1.0 if self._fingers.width is None else self._fingers.width
+            plain = np.allclose(width, 1.0) and not qpos.any()
+            self._widths = None if plain else (tensor(qpos), tensor(width))
 
     def targets(self, s: State) -> Tensor:
-        """Return the targets of the joints [rad], a view to write to, shape (num_envs, joints)."""
-        return s.ctrl[:, self._first : self._first + self.joints]
+        """Return the targets of the joints [rad or m], shape (num_envs, joints); set them by `set_targets`."""
+        return self._actuators.targets(s.ctrl)
+
+    def set_targets(self, s: State, targets: Tensor) -> None:
+        """Set the targets of the joints [rad or m], shape (num_envs, joints), clamped to the limits of both."""
+        self._actuators.set_targets(s.ctrl, targets)
 
     def qpos(self, s: State) -> Tensor:
-        """Return the joint angles [rad], shape (num_envs, joints)."""
-        return s.qpos(self.name)[:, : self.joints]
+        """Return the joint positions [rad or m], shape (num_envs, joints)."""
+        return s.qpos(self.joint_ids)
 
     def qvel(self, s: State) -> Tensor:
-        """Return the joint velocities [rad/s], shape (num_envs, joints)."""
-        return s.qvel(self.name)[:, : self.joints]
+        """Return the joint velocities [rad/s or m/s], shape (num_envs, joints)."""
+        return s.qvel(self.joint_ids)
 
     def tool(self, s: State) -> Tensor:
-        """Return the tool's position [m] and orientation (wxyz), shape (num_envs, 7)."""
-        return s.site(f"{self.name}/tcp")
+        """Return the tool's position [m] and orientation (wxyz), as `s.site` does, shape (num_envs, 7)."""
+        return s.site(self._tcp)
 
     def width(self, s: State) -> Tensor:
-        """Return the distance between the fingers [m], shape (num_envs,)."""
-        return s.qpos(self.name)[:, self.joints :].sum(dim=1)
+        """Return the opening of the gripper [m], 0 when it is closed, shape (num_envs,).
+
+        It is the sum of the distances by which the fingers have moved aside: exact for fingers on slides, proportional
+        to the angle for fingers on hinges.
+
+        Raises:
+            ArmError: The robot has no gripper, or its fingers hang on linkages that a `connect` or a `weld` closes.
+        """
+        fingers = self._gripper()
+        if fingers.width is None:
+            raise ArmError(
+                f"{self._where}: the robot's fingers hang on linkages, so their joints do not tell its opening. Take "
+                "the distance between two of its bodies or sites, by State.poses or State.site."
+            )
+        qpos = s.qpos(fingers.joints)
+        if self._widths is not None:
+            closed, width = self._widths
+            qpos = (qpos - closed) * width
+        return qpos.sum(dim=1)
 
     def move_joints(self, s: State, action: Tensor) -> None:
-        """Change the targets of the joints by JOINT_STEP times `action`, shape (num_envs, joints) in [-1, 1]."""
-        qpos, targets = self.qpos(s), self.targets(s)
-        moved = (targets + JOINT_STEP * action).clamp(qpos - self.lead, qpos + self.lead)
-        targets.copy_(moved.clamp(self._lower, self._upper))
+        """Change the targets of the joints by `action` times JOINT_STEP, or TOOL_STEP for slides.
+
+        Args:
+            s: The worlds.
+            action: Changes in [-1, 1], shape (num_envs, joints).
+        """
+        qpos = self.qpos(s)
+        moved = self.targets(s) + self._joint_step * action
+        self.set_targets(s, moved.clamp(qpos - self.lead, qpos + self.lead))
 
     def start(self, s: State, mask: Tensor) -> None:
-        """Set the tool's target to where the tool is in the masked worlds; call it after their reset."""
+        """Set the tool's target to the tool's pose in the masked worlds; call it after their reset."""
         self.tool_target.copy_(torch.where(mask[:, None], self._tool_now(s), self.tool_target))
 
     def move_tool(
@@ -108,29 +162,31 @@ class ArmController:
     ) -> None:
         """Move the tool, which points down, along the axes of the base frame, and turn it about the vertical.
 
-        The target changes by `action` times 0.02 m and 0.1 rad, and leads the tool by TOOL_LEAD and TURN_LEAD at most.
-        Joint targets follow by damped least squares, dq = J^T (J J^T + lambda I)^-1 e (Wampler 1986), plus the part of
-        a step towards the home pose that does not move the tool.
+        The target changes by `action` times TOOL_STEP and TURN_STEP, and leads the tool by at most TOOL_LEAD and
+        TURN_LEAD. Joint targets follow by damped least squares, dq = J^T (J J^T + lambda I)^-1 e (Wampler 1986), plus
+        the part of a step towards the home pose that does not move the tool. In a scene with several robots, the axes
+        are those of the world.
 
         Args:
             s: The worlds.
             action: Changes of x, y, z and yaw in [-1, 1], shape (num_envs, 4).
-            lowest: Lower limit of the target's height [m], base frame.
-            turns: Limits of the target's yaw [rad], within half a turn.
+            lowest: Lower limit of the target's z [m].
+            turns: Limits of the target's yaw [rad], within half a turn to either side.
         """
         now = self._tool_now(s)
         target = (self.tool_target + self._step * action).clamp(now - self._lead, now + self._lead)
         target[:, 2].clamp_(min=lowest)
         target[:, 3].clamp_(*turns)
         self.tool_target.copy_(target)
-        half, zero = 0.5 * target[:, 3], torch.zeros_like(target[:, 3])
+        yaw = target[:, 3] if self._base is None else target[:, 3] + self._facing(s)
+        half, zero = 0.5 * yaw, torch.zeros_like(yaw)
         # half a turn about x, then the yaw: the tool's z axis points down
         wanted = torch.stack([zero, half.cos(), half.sin(), zero], dim=1)
         turn = rotations.multiply(wanted, rotations.conjugate(self.tool(s)[:, 3:]))
         turn = 2.0 * turn[:, 1:] * torch.where(turn[:, :1] < 0.0, -1.0, 1.0)
         error = torch.cat([target[:, :3] - now[:, :3], turn], dim=1)
 
-        jacobian = s.jacobian(f"{self.name}/tcp", self.name)[:, :, : self.joints]
+        jacobian = s.jacobian(self._tcp, self.joint_ids)
         transposed = jacobian.transpose(1, 2)
         inverse = transposed @ torch.linalg.inv_ex(jacobian @ transposed + self._damping)[0]
         qpos = self.qpos(s)
@@ -138,33 +194,86 @@ class ArmController:
         moved = posture + (inverse @ (error[:, :, None] - jacobian @ posture[:, :, None]))[:, :, 0]
         # all joints slow down together, so that the tool keeps its direction
         moved = moved / (moved / self.lead).abs().amax(dim=1, keepdim=True).clamp(min=1.0)
-        self.targets(s).copy_((qpos + moved).clamp(self._lower, self._upper))
+        self.set_targets(s, qpos + moved)
 
     def tool_lead(self, s: State) -> Tensor:
         """Return the tool's target minus the tool: x, y, z [m] and yaw [rad], shape (num_envs, 4)."""
         return self.tool_target - self._tool_now(s)
 
+    def grip(self, s: State, action: Tensor) -> None:
+        """Set the gripper's target from -1 (closed) to 1 (open), shape (num_envs,).
+
+        An actuator of the gripper that is no position actuator is set between the ends of its control range instead.
+
+        Raises:
+            ArmError: The robot has no gripper.
+        """
+        self._gripper()
+        s.ctrl[:, self._grip] = self._closed + self._half * (action[:, None] + 1.0)
+
+    def _gripper(self) -> Fingers:
+        if self._fingers is None:
+            raise ArmError(
+                f"{self._where}: the robot has no gripper: nothing beyond its last joint opens and closes by an "
+                "actuator. Give a limited joint of the hand a position actuator, or another one with a 'ctrlrange'."
+            )
+        return self._fingers
+
     def _tool_now(self, s: State) -> Tensor:
         """Return position [m] and yaw [rad] of the tool, shape (num_envs, 4)."""
         pose = self.tool(s)
-        return torch.cat([pose[:, :3], rotations.yaw(pose[:, 3:])[:, None]], dim=1)
+        yaw = rotations.yaw(pose[:, 3:])
+        if self._base is not None:
+            yaw = torch.remainder(yaw - self._facing(s) + torch.pi, 2.0 * torch.pi) - torch.pi
+        return torch.cat([pose[:, :3], yaw[:, None]], dim=1)
 
-    def grip(self, s: State, action: Tensor) -> None:
-        """Set the gripper's target from -1 (closed) to 1 (open), shape (num_envs,)."""
-        s.ctrl[:, self._gripper] = self._open * 0.5 * (action + 1.0)
+    def _facing(self, s: State) -> Tensor:
+        """Return the yaw of the robot's base in a scene with several robots [rad], shape (num_envs,)."""
+        assert self._base is not None
+        return rotations.yaw(s.pose(self._base)[:, 3:])
 
 
-def _full_leads(s: State, columns: list[int]) -> Tensor:
-    """Return how far each joint lags behind its target at full force and speed [rad], shape (len(columns),).
+def _find_robot(scene: SceneModel, name: str | None, where: str) -> str:
+    """Return the robot that a user names, or the only one, as `SceneConfig.all_robots` names it."""
+    robots = scene.config.all_robots
+    if not robots:
+        raise ArmError(
+            f"{where}: the scene has no robot. Name one in the scene: 'robot: {{asset: panda}}', or, for an arm of the "
+            "scene's own 'model', 'robot: {in_model: BODY, tcp: SITE}'."
+        )
+    if name is None and len(robots) > 1:
+        raise ArgumentError(f"{where}: should be given the name of one of the scene's robots: {', '.join(robots)}.")
+    found = {robot.name: key for key, robot in robots.items()} | {key: key for key in robots}
+    key = next(iter(robots)) if name is None else found.get(name)
+    if key is None:
+        written = robots if scene.config.robots else [robot.name for robot in robots.values()]
+        raise UnknownNameError("robot", str(name), where, written)
+    if key in scene.apart:
+        raise ArmError(
+            f"{where}: {robots[key].section} has 'in_scene: false', so there is nothing to drive. Take these words out."
+        )
+    return key
 
-    The force F is then balanced by the joint's damping d alone, so that the speed is F / d; and the actuator's own law
-    F = kp lead - kv F / d gives the lead.
-    """
-    mjm = s.mjm
-    force, gain, speed_gain = (
-        mjm.actuator_forcerange[columns, 1],
-        mjm.actuator_gainprm[columns, 0],
-        -mjm.actuator_biasprm[columns, 2],
-    )
-    damping = mjm.dof_damping[mjm.jnt_dofadr[mjm.actuator_trnid[columns, 0]]]
-    return torch.tensor(force / gain * (1.0 + speed_gain / damping), dtype=torch.float32, device=s.device)
+
+def _arm_joints(scene: SceneModel, robot: str, where: str) -> tuple[int, ...]:
+    """Return the ids of the joints from the root body of a robot to its tool centre point, from base to tip."""
+    mjm, root, tcp = scene.mjm, scene.bodies[robot], scene.tcps[robot]
+    section = scene.config.all_robots[robot].section
+    site = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_SITE, tcp)
+    if site < 0 or int(mjm.site_bodyid[site]) not in scene.subtree(robot):
+        raise ArmError(
+            f"{where}: the robot has no tool centre point: no site '{tcp}' is on its body '{mjm.body(root).name}' or "
+            f"below it. Name a site or a body of the robot: '{section}.tcp: NAME' in the scene."
+        )
+    path = [int(mjm.site_bodyid[site])]
+    while path[-1] != root:
+        path.append(int(mjm.body_parentid[path[-1]]))
+    joints = [j for j in range(mjm.njnt) if int(mjm.jnt_bodyid[j]) in path and mjm.jnt_type[j] != FREE]
+    ball = [mjm.joint(j).name for j in joints if mjm.jnt_type[j] not in SCALAR]
+    if ball or not joints:
+        lacks = f"'{ball[0]}' between them is a ball joint" if ball else "no joint is between them"
+        raise ArmError(
+            f"{where}: the arm from body '{mjm.body(root).name}' to site '{tcp}' should consist of hinges and slides, "
+            f"but {lacks}."
+        )
+    return tuple(joints)

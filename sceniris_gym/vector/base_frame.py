@@ -57,6 +57,10 @@ class BaseFrame:
         """
         return transform(self.body if seen is None else seen, torch.cat([position, quat], dim=-1)) + self._offset
 
+    def to_world(self, pose: Tensor) -> Tensor:
+        """Return poses of bodies in the world frame, given in the base frame as `pose` returns them, shape (..., 7)."""
+        return transform(self.body.T, pose - self._offset)
+
     def vectors(self, first: Tensor, second: Tensor) -> Tensor:
         """Return two vectors of the world frame, each of shape (..., 3), in the base frame: shape (..., 6)."""
         return transform(self._pair, torch.cat([first, second], dim=-1))
@@ -86,6 +90,11 @@ class DrawnBaseFrame(BaseFrame):
         at, back = self._over(self._at, position), conjugate(self._over(self._turned, quat))
         turned = multiply(multiply(back, quat), self.body if seen is None else seen)
         return torch.cat([rotate(back, position - at), turned], dim=-1)
+
+    def to_world(self, pose: Tensor) -> Tensor:
+        """Return poses of bodies in the world frame; see `BaseFrame`."""
+        at, turned = self._over(self._at, pose), self._over(self._turned, pose)
+        return torch.cat([at + rotate(turned, pose[..., :3]), multiply(turned, pose[..., 3:])], dim=-1)
 
     def vectors(self, first: Tensor, second: Tensor) -> Tensor:
         """Return two vectors of the world frame in the base frame; see `BaseFrame`."""

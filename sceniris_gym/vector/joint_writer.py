@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -13,10 +14,35 @@ from sceniris_gym.sim.control_history import history_samples
 from sceniris_gym.sim.write import rest_map
 
 
-class JointWriter:
-    """Writes the positions of some hinges and slides, zero velocities, and what their actuators hold them by.
+class Holding(NamedTuple):
+    """The controls, and after them the activations, that hold joints at rest: `matrix @ qpos + bias`, within limits.
 
-    That is controls and activations, as a reset writes them.
+    Attributes:
+        matrix: Shape (nu + na, nq); a row of zeros where nothing is held.
+        bias: Shape (nu + na,).
+        lower: Lower limits, shape (nu + na,).
+        upper: Upper limits, shape (nu + na,).
+    """
+
+    matrix: np.ndarray
+    bias: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+
+    @classmethod
+    def of(cls, mjm: mujoco.MjModel) -> Holding:
+        """Return those of a model; see `rest_map` for which actuators hold anything."""
+        rest = rest_map(mjm, np.zeros(mjm.nu), np.zeros(mjm.na), "cpu")
+        matrix = np.zeros((mjm.nu + mjm.na, mjm.nq))
+        rows = np.repeat(np.arange(len(matrix)), np.diff(rest.rowadr.numpy()))
+        np.add.at(matrix, (rows, rest.qposadr.numpy()), rest.coef.numpy())
+        return cls(matrix, rest.bias.numpy(), rest.lower.numpy(), rest.upper.numpy())
+
+
+class JointWriter:
+    """Writer of positions of some hinges and slides, of zero velocities, and of what their actuators hold them by.
+
+    These controls and activations are those that a reset writes.
 
     Args:
         mjm: The model.
@@ -25,14 +51,8 @@ class JointWriter:
     """
 
     def __init__(self, mjm: mujoco.MjModel, joints: Sequence[int], device: torch.device) -> None:
-        rest = rest_map(mjm, np.zeros(mjm.nu), np.zeros(mjm.na), "cpu")
-        rowadr, qposadr, coef = rest.rowadr.numpy(), rest.qposadr.numpy(), rest.coef.numpy()
-        columns = [int(mjm.jnt_qposadr[j]) for j in joints]
-        rows = [slice(rowadr[e], rowadr[e + 1]) for e in range(mjm.nu + mjm.na)]
-        held = np.array([e for e, row in enumerate(rows) if np.isin(qposadr[row], columns).any()], int)
-        matrix = np.zeros((mjm.nq, len(held)))
-        for k, e in enumerate(held):
-            np.add.at(matrix[:, k], qposadr[rows[e]], coef[rows[e]])
+        holding, columns = Holding.of(mjm), [int(mjm.jnt_qposadr[j]) for j in joints]
+        held = np.flatnonzero(holding.matrix[:, columns].any(axis=1))
         samples, controls = history_samples(mjm)
         delayed = np.isin(controls, held)
         dofs = [int(mjm.jnt_dofadr[j]) for j in joints]
@@ -41,7 +61,7 @@ class JointWriter:
         numbers = (*numbers, samples[delayed], controls[delayed])
         numbers = (torch.as_tensor(np.array(n, int), device=device) for n in numbers)
         self._columns, self._dofs, self._controls, self._activations, self._samples, self._sampled = numbers
-        values = (matrix, *(getattr(rest, name).numpy()[held] for name in ("bias", "lower", "upper")))
+        values = (holding.matrix[held].T, holding.bias[held], holding.lower[held], holding.upper[held])
         floats = (torch.tensor(v, dtype=torch.float32, device=device) for v in values)
         self._matrix, self._bias, self._lower, self._upper = floats
 

@@ -1,4 +1,4 @@
-"""`State`: what a task sees of the batch, as torch tensors by name, in the robot's base frame."""
+"""`State`: the worlds as a task reads them, as torch tensors by name, in the robot's base frame."""
 
 from __future__ import annotations
 
@@ -13,24 +13,31 @@ from torch import Tensor
 from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.program.reach import ReachTarget
+from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import subtree
 from sceniris_gym.sim.batch import Batch
-from sceniris_gym.sim.versions import sleeps
+from sceniris_gym.sim.versions import actuator_controls, sleeps
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.base_frame import base_frame
 from sceniris_gym.vector.joint_writer import JointWriter
+from sceniris_gym.vector.pose_writer import PoseWriter
 from sceniris_gym.vector.task_random import draw_uniform, task_stream
 
+Joints = str | tuple[int, ...]
+"""An object, a robot or one joint by its name, or joints by their numbers in the model."""
+
 FREE = int(mujoco.mjtJoint.mjJNT_FREE)
-SCALAR = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
+SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
+SCALAR = (SLIDE, int(mujoco.mjtJoint.mjJNT_HINGE))
 
 
 class State:
     """The state of all worlds by name. Tensors are on the environment's device; clone what you keep, some are views.
 
-    Names are those of the scene: an object, the robot (by its asset's name), or `object/part` for the bodies, sites,
-    joints and actuators inside. A name that the scene does not have raises UnknownNameError. Poses and velocities are
-    in the robot's base frame, or in the world frame if the scene has no robot or several.
+    Names are those of the scene: an object, a robot (the only one also by the name of its asset), or `object/part` for
+    the bodies, sites, joints and actuators inside. In a scene with a `model` all names of that model can be used too.
+    A name that the scene does not have raises UnknownNameError. Poses and velocities are in the robot's base frame, or
+    in the world frame if the scene has no robot or several.
 
     Args:
         batch: The worlds.
@@ -69,8 +76,10 @@ class State:
         self._xanchor, self._xaxis = wp.to_torch(d.xanchor), wp.to_torch(d.xaxis)
         self._base = base_frame(self.scene, self.device, self._xpos, self._xquat)
         self._sites: dict[str, tuple[int, int, Tensor]] = {}
-        self._spans: dict[tuple[str, str], slice | Tensor] = {}
-        self._writers: dict[tuple[str, int], JointWriter] = {}
+        self._spans: dict[tuple[str, Joints], slice | Tensor] = {}
+        self._jacobians: dict[tuple[str, Joints], tuple[Tensor, Tensor | None]] = {}
+        self._joint_writers: dict[tuple[Joints, int], JointWriter] = {}
+        self._pose_writers: dict[str, PoseWriter] = {}
         self._grasp_tables: dict[int, tuple[Tensor, Tensor, Tensor]] = {}
         if layouts.reaching is not None:
             self._layout_grasp = wp.to_torch(layouts.grasp)
@@ -79,7 +88,7 @@ class State:
 
     @property
     def finite(self) -> Tensor:
-        """Whether all positions and velocities of a world are finite, shape (num_envs,), bool."""
+        """Worlds of which all positions and velocities are finite, shape (num_envs,), bool."""
         # a sum is finite if its terms are, and a finite number minus itself is 0
         total = self._qpos.sum(dim=1) + self._qvel.sum(dim=1)
         return total - total == 0.0
@@ -126,21 +135,21 @@ class State:
         key = ("velocities", *names)
         if key not in self._columns:
             bodies = [self._id("body", name, "velocity") for name in names]
-            dofs = [[self._free_dof(body) + i for i in range(6)] for body in bodies]
+            dofs = [[self._free_dof(body, "velocity") + i for i in range(6)] for body in bodies]
             self._columns[key], self._columns["bodies of", *key] = self._index(dofs), self._index(bodies)
         linear, angular = self._qvel[:, self._columns[key]].split(3, dim=-1)
         # MuJoCo keeps the angular velocity of a free joint in the body's own frame
         angular = rotations.rotate(self._xquat[:, self._columns["bodies of", *key]], angular)
         return self._base.vectors(linear, angular)
 
-    def qpos(self, name: str) -> Tensor:
-        """Return positions [m or rad] of the hinges and slides inside an object or the robot, or of one joint.
+    def qpos(self, name: Joints) -> Tensor:
+        """Return positions [m or rad] of the hinges and slides inside an object or a robot, or of one joint.
 
-        Shape (num_envs, number of joints), in the order of the model.
+        Shape (num_envs, number of joints), in the order of the model, or in that of the numbers in a tuple.
         """
         return self._qpos[:, self._span("qpos", name)]
 
-    def qvel(self, name: str) -> Tensor:
+    def qvel(self, name: Joints) -> Tensor:
         """Return velocities [m/s or rad/s] of the same joints as qpos."""
         return self._qvel[:, self._span("qvel", name)]
 
@@ -173,43 +182,74 @@ class State:
         """
         return self._solved("pregrasp_qpos", name)
 
-    def jacobian(self, site: str, name: str) -> Tensor:
-        """Return the Jacobian of a site, shape (num_envs, 6, number of joints), [m/rad] above [rad/rad].
+    def jacobian(self, site: str, name: Joints) -> Tensor:
+        """Return the Jacobian of a site, shape (num_envs, 6, number of joints), linear above angular.
 
-        Column i is (a_i x (p - o_i), a_i) for a hinge's axis a_i, its anchor o_i and the site's position p, all in the
-        robot's base frame: the site's linear and angular velocity are this times qvel. Columns of slides, and of joints
-        that do not carry the site, are filled in the same way and mean nothing: use those of an arm's hinges.
+        This times qvel is the site's linear [m/s] and angular [rad/s] velocity in the robot's base frame. The column of
+        a hinge is (a x (p - o), a) for its axis a, its anchor o and the site's position p. The column of a slide is
+        (a, 0), that of a joint that does not carry the site 0.
 
         Args:
             site: The site.
-            name: An object, the robot, or one joint, as in `qpos`.
+            name: The joints, as in `qpos`.
         """
         number = self._id("site", site, "jacobian")
-        key = ("jacobian", name)
-        if key not in self._columns:
-            self._columns[key] = self._index(self._joints(name, "jacobian"))
-        joints = self._columns[key]
+        if (site, name) not in self._jacobians:
+            self._jacobians[site, name] = self._jacobian_columns(number, name)
+        joints, kinds = self._jacobians[site, name]
         axis, arm = self._xaxis[:, joints], self._site_xpos[:, None, number] - self._xanchor[:, joints]
-        return self._base.vectors(torch.linalg.cross(axis, arm), axis).transpose(1, 2)
+        linear = torch.linalg.cross(axis, arm)
+        if kinds is not None:
+            hinge, slide = kinds
+            linear, axis = hinge * linear + slide * axis, hinge * axis
+        return self._base.vectors(linear, axis).transpose(1, 2)
 
-    def put_joints(self, name: str, qpos: Tensor, mask: Tensor) -> None:
+    def put_joints(self, name: Joints, qpos: Tensor, mask: Tensor) -> None:
         """Set joint positions, at rest and held by their position actuators; for a task's `on_reset`.
 
-        `s.put_joints("panda", s.pregrasp_qpos("can"), mask)` starts an episode at the pre-grasp. What the task reads is
-        up to date afterwards. Collisions at the new positions are not checked.
+        `s.put_joints("panda", s.pregrasp_qpos("can"), mask)` starts an episode at the pre-grasp. Afterwards everything
+        that the task reads is up to date. Collisions at the new positions are not checked.
 
         Args:
-            name: An object, the robot, or one joint, as in `qpos`.
-            qpos: Positions of the first of its joints [m or rad], shape (num_envs, number of joints or fewer); worlds
+            name: The joints, as in `qpos`.
+            qpos: Positions of the first of these joints [m or rad], shape (num_envs, number of joints or fewer); worlds
                 with a NaN stay as they are.
             mask: Which worlds, shape (num_envs,), bool.
         """
         key = (name, qpos.shape[1])
-        if key not in self._writers:
+        if key not in self._joint_writers:
             joints = self._joints(name, "put_joints")[: qpos.shape[1]]
-            self._writers[key] = JointWriter(self.mjm, joints, self.device)
+            self._joint_writers[key] = JointWriter(self.mjm, joints, self.device)
         given = mask & qpos.isfinite().all(dim=1)
-        self._writers[key].write(self._qpos, self._qvel, self.ctrl, self._act, qpos, given, self._history)
+        self._joint_writers[key].write(self._qpos, self._qvel, self.ctrl, self._act, qpos, given, self._history)
+        self._batch.update()
+
+    def put_pose(self, name: str, pose: Tensor, mask: Tensor) -> None:
+        """Set the pose of a free object or of a marker, at rest and awake; for a task's `on_reset`.
+
+        The joints inside the object keep their positions. Afterwards everything that the task reads is up to date:
+        `grasp` has moved with the object, while `grasp_qpos` and `pregrasp_qpos` still belong to the layout's pose.
+        Collisions at the new pose are not checked, and things that stand on the object stay where they are.
+
+        Args:
+            name: A free object, a marker, or any other free or mocap body of the scene's own model.
+            pose: Position [m] and orientation (wxyz, of any length) in the frame of `State.pose`, shape (num_envs, 7);
+                worlds with a NaN stay as they are, and so do those in which the object is absent.
+            mask: Which worlds, shape (num_envs,), bool.
+
+        Raises:
+            UnknownNameError: The scene has no such body.
+            ArgumentError: The body is a robot, a fixture or static, or hangs on joints.
+        """
+        if name not in self._pose_writers:
+            body = self._id("body", name, "put_pose")
+            self._pose_writers[name] = PoseWriter(self._batch, body, self.device)
+        writer = self._pose_writers[name]
+        pose = torch.cat([pose[:, :3], torch.nn.functional.normalize(pose[:, 3:], dim=1, eps=0.0)], dim=1)
+        given = mask & pose.isfinite().all(dim=1)
+        if writer.owner in self.scene.config.objects:
+            given = given & self.present((writer.owner,))[:, 0]
+        writer.write(self._base.to_world(pose), given)
         self._batch.update()
 
     def sleep(self, names: Sequence[str], mask: Tensor) -> None:
@@ -226,7 +266,8 @@ class State:
         key = ("trees of", *names)
         if key not in self._columns:
             bodies = [self._id("body", name, "sleep") for name in names]
-            self._columns[key] = self._index([int(self.mjm.dof_treeid[self._free_dof(body)]) for body in bodies])
+            trees = [int(self.mjm.dof_treeid[self._free_dof(body, "sleep")]) for body in bodies]
+            self._columns[key] = self._index(trees)
         trees = self._columns[key]
         asleep, awake = wp.to_torch(self.data.tree_asleep), wp.to_torch(self.data.tree_awake)
         # a tree that sleeps by itself is named by its own number
@@ -235,7 +276,7 @@ class State:
 
     def actuator(self, name: str) -> int:
         """Return the column of an actuator in `ctrl`."""
-        return self._id("actuator", name, "actuator")
+        return int(actuator_controls(self.mjm)[0][self._id("actuator", name, "actuator")])
 
     def random(self, n: int, low: float = 0.0, high: float = 1.0, *, stream: int = 0) -> Tensor:
         """Draw uniform numbers in [low, high), shape (num_envs, n).
@@ -277,19 +318,22 @@ class State:
     def _index(self, numbers: list) -> Tensor:
         return torch.tensor(numbers, device=self.device)
 
-    def _free_dof(self, body: int) -> int:
+    def _free_dof(self, body: int, method: str) -> int:
         """Return the address of the first of the six velocities of a free object."""
         mjm = self.mjm
         joint = int(mjm.body_jntadr[body])
         if joint < 0 or mjm.jnt_type[joint] != FREE:
             free = [mjm.body(b).name for j, b in enumerate(mjm.jnt_bodyid) if mjm.jnt_type[j] == FREE]
-            raise self._unknown("free object", mjm.body(body).name, "velocity", free)
+            raise self._unknown("free object", mjm.body(body).name, method, free)
         return int(mjm.jnt_dofadr[joint])
 
     def _id(self, kind: str, name: str, method: str) -> int:
+        """Return the number of a body, a site or an actuator in the model."""
+        if kind == "body":
+            return find_body(self, name, f"State.{method}")
         number = mujoco.mj_name2id(self.mjm, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name)
         if number < 0:
-            count = {"body": self.mjm.nbody, "site": self.mjm.nsite, "actuator": self.mjm.nu}[kind]
+            count = {"site": self.mjm.nsite, "actuator": len(self.mjm.actuator_trntype)}[kind]
             valid = [getattr(self.mjm, kind)(i).name for i in range(count)]
             raise self._unknown(kind, name, method, filter(None, valid))
         return number
@@ -297,39 +341,66 @@ class State:
     def _unknown(self, kind: str, name: str, method: str, valid: Iterable[str]) -> UnknownNameError:
         return UnknownNameError(kind, name, f"scene '{self.scene.config.name}': State.{method}", valid)
 
-    def _span(self, array: str, name: str) -> slice | Tensor:
+    def _span(self, array: str, name: Joints) -> slice | Tensor:
         if (array, name) not in self._spans:
             adr = self.mjm.jnt_qposadr if array == "qpos" else self.mjm.jnt_dofadr
-            columns = [int(adr[j]) for j in self._joints(name, array)]
-            first = columns[0]
-            contiguous = columns == list(range(first, first + len(columns)))
-            self._spans[array, name] = (
-                slice(first, first + len(columns)) if contiguous else torch.tensor(columns, device=self.device)
-            )
+            self._spans[array, name] = as_columns([int(adr[j]) for j in self._joints(name, array)], self.device)
         return self._spans[array, name]
 
-    def _joints(self, name: str, method: str) -> list[int]:
-        """Return the scalar joints inside the body `name`, or the joint `name`."""
+    def _joints(self, name: Joints, method: str) -> list[int]:
+        """Return the ids of a joint, or of the hinges and slides inside an object, a robot or a body."""
+        if not isinstance(name, str):
+            return list(name)
         mjm = self.mjm
         scalar = [j for j in range(mjm.njnt) if mjm.jnt_type[j] in SCALAR]
-        body = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, name)
-        inside = subtree(mjm, body) if body >= 0 else []
         found = [j for j in scalar if mjm.joint(j).name == name]
-        found = found or [j for j in scalar if int(mjm.jnt_bodyid[j]) in inside]
+        body = _body(self.scene, name)
+        if not found and body >= 0:
+            inside = subtree(mjm, body)
+            found = [j for j in scalar if int(mjm.jnt_bodyid[j]) in inside]
         if not found:
             roots = {mjm.body(int(mjm.body_rootid[int(mjm.jnt_bodyid[j])])).name for j in scalar}
-            raise self._unknown("joint", name, method, roots | {mjm.joint(j).name for j in scalar})
+            raise self._unknown("joint", name, method, filter(None, roots | {mjm.joint(j).name for j in scalar}))
         return found
+
+    def _jacobian_columns(self, site: int, name: Joints) -> tuple[Tensor, Tensor | None]:
+        """Return the joints of a Jacobian, and flags of those that carry the site: of hinges, then of slides.
+
+        The flags are 0 or 1, shape (2, number of joints, 1), and None if all joints are hinges that carry the site.
+        """
+        mjm, joints = self.mjm, self._joints(name, "jacobian")
+        body = int(mjm.site_bodyid[site])
+        carries = np.array([body in subtree(mjm, int(mjm.jnt_bodyid[j])) for j in joints])
+        slide = mjm.jnt_type[joints] == SLIDE
+        kinds = np.stack([carries & ~slide, carries & slide])[:, :, None]
+        plain = bool(kinds[0].all())
+        return self._index(joints), None if plain else torch.tensor(kinds, dtype=torch.float32, device=self.device)
+
+
+def as_columns(numbers: list[int], device: torch.device) -> slice | Tensor:
+    """Return columns as a slice where they follow each other, so that indexing gives a view."""
+    first = numbers[0]
+    if numbers == list(range(first, first + len(numbers))):
+        return slice(first, first + len(numbers))
+    return torch.tensor(numbers, device=device)
 
 
 def find_body(s: State, name: str, where: str) -> int:
-    """Return the id of a body; `where` names the caller in an error.
+    """Return the id of a body, by the scene's name of an object or a robot, or by its name in the model.
+
+    `where` names the caller in an error.
 
     Raises:
         UnknownNameError: The scene has no such body.
     """
-    body = mujoco.mj_name2id(s.mjm, mujoco.mjtObj.mjOBJ_BODY, name)
+    body = _body(s.scene, name)
     if body < 0:
-        valid = [s.mjm.body(i).name for i in range(1, s.mjm.nbody)]
-        raise UnknownNameError("body", name, f"scene '{s.scene.config.name}': {where}", valid)
+        valid = {*s.scene.bodies, *(s.mjm.body(i).name for i in range(1, s.mjm.nbody))}
+        raise UnknownNameError("body", name, f"scene '{s.scene.config.name}': {where}", filter(None, valid))
     return body
+
+
+def _body(scene: SceneModel, name: str) -> int:
+    if name in scene.bodies:
+        return scene.bodies[name]
+    return mujoco.mj_name2id(scene.mjm, mujoco.mjtObj.mjOBJ_BODY, name)

@@ -13,7 +13,7 @@ from shapely.geometry.base import BaseGeometry
 from sceniris_gym.config.relations import Relation
 from sceniris_gym.geometry.supports import SupportSurface, triangulate
 from sceniris_gym.program.pack.relations import relations_of
-from sceniris_gym.viewer.roofs import under_right_roof
+from sceniris_gym.viewer.overhead import is_covered_rightly
 from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.sketch import GREY, PALETTE, Sketch
 
@@ -95,7 +95,7 @@ def _on_supports(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, Multi
         outline, region, height = _in_world(world, surface)
         for area in relations:
             region = region.intersection(area) if area is not None else region
-        region = under_right_roof(world, placed, region, height)
+        region = is_covered_rightly(world, placed, region, height)
         found.append((outline, _areas(region), height))
     return found
 

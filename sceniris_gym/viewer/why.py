@@ -20,7 +20,7 @@ _ABOVE = 0.15  # m from a candidate to its words
 _MOST_BEFORE = 20  # surfaces that a look passes through
 _BEYOND = 1e-4  # m behind a surface from where a look goes on
 CAUSES = {
-    "roof": "what is above it is not what 'on' (open space) or 'inside' (a cover of the same object) asks for",
+    "overhead": "what is above it is not what 'on' (open space) or 'inside' (a cover of the same object) asks for",
     "footprint": "part of it hangs over the edge of its support",
     "collision": "it would touch something, or be nearer to it than its clearance",
     "empty": "its region and relations leave nothing of its support",

@@ -111,7 +111,7 @@ def test_the_log_says_how_episodes_and_resets_went(env):
     assert {"Episode/success", "Reset/valid_share", "Reset/fallback_share", "Reset/attempts"} <= set(log)
     assert log["Reset/valid_share"] == 1
     assert log["Reset/attempts"] >= 1
-    assert {"Reset/reject_collision", "Reset/reject_roof"} <= set(log)
+    assert {"Reset/reject_collision", "Reset/reject_overhead"} <= set(log)
     assert all(value.shape == () for value in log.values())
 
 

@@ -15,7 +15,7 @@ from sceniris_gym.geometry.rotations import quaternion
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
-from tests.layout.reaching import RADIUS, crane_map, crane_mjcf, crane_scene
+from tests.layout.crane import RADIUS, crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, compile_on_cpu
 
 N = 30

@@ -33,8 +33,8 @@ def test_the_roof_is_judged_by_the_word():
     """Under the shelf's roof `on` is wrong and `inside` right, else the other way round, `in` is always right."""
     top = GAP + 0.02 + GAP
     rows = with_row(layout(MJM, 2), 1, layout(MJM, gem=(0, 0.04, top, 0)))
-    assert causes(rows) == [(1, "gem", "support"), (1, "gem", "roof")]
-    assert causes(rows, gem={"on": None, "inside": "shelf"}) == [(0, "gem", "roof")]
+    assert causes(rows) == [(1, "gem", "support"), (1, "gem", "overhead")]
+    assert causes(rows, gem={"on": None, "inside": "shelf"}) == [(0, "gem", "overhead")]
     assert causes(rows, gem={"on": None, "in": "shelf"}) == []
 
 

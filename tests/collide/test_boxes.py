@@ -15,14 +15,14 @@ N = 4000
 
 @wp.kernel
 def _separated(
-    ca: wp.array(dtype=wp.vec3),
-    ha: wp.array(dtype=wp.vec3),
-    cb: wp.array(dtype=wp.vec3),
-    hb: wp.array(dtype=wp.vec3),
-    pos: wp.array(dtype=wp.vec3),
-    rot: wp.array(dtype=wp.mat33),
-    margin: wp.array(dtype=float),
-    out: wp.array(dtype=bool),
+    ca: wp.array[wp.vec3],
+    ha: wp.array[wp.vec3],
+    cb: wp.array[wp.vec3],
+    hb: wp.array[wp.vec3],
+    pos: wp.array[wp.vec3],
+    rot: wp.array[wp.mat33],
+    margin: wp.array[float],
+    out: wp.array[bool],
 ):
     i = wp.tid()
     rel = Pose()

@@ -19,12 +19,12 @@ wp.set_module_options({"enable_backward": False})
 @wp.kernel
 def _separated(
     program: Program,
-    a: wp.array(dtype=int),
-    b: wp.array(dtype=int),
-    pos: wp.array(dtype=wp.vec3),
-    rot: wp.array(dtype=wp.mat33),
-    margin: wp.array(dtype=float),
-    out: wp.array(dtype=bool),
+    a: wp.array[int],
+    b: wp.array[int],
+    pos: wp.array[wp.vec3],
+    rot: wp.array[wp.mat33],
+    margin: wp.array[float],
+    out: wp.array[bool],
 ):
     i = wp.tid()
     rel = Pose()
@@ -38,12 +38,12 @@ def _separated(
 @wp.kernel
 def _near_parts_separated(
     program: Program,
-    radius: wp.array(dtype=float),
-    b: wp.array(dtype=int),
-    pos: wp.array(dtype=wp.vec3),
-    rot: wp.array(dtype=wp.mat33),
+    radius: wp.array[float],
+    b: wp.array[int],
+    pos: wp.array[wp.vec3],
+    rot: wp.array[wp.mat33],
     margin: float,
-    out: wp.array(dtype=bool),
+    out: wp.array[bool],
 ):
     i = wp.tid()
     rel = Pose()

@@ -9,7 +9,7 @@ import pytest
 import warp as wp
 from scipy.spatial.transform import Rotation
 
-from sceniris_gym.collide.inner_boxes import boxes_within, cores_within
+from sceniris_gym.collide.inner_boxes import boxes_within, inner_boxes_within
 from sceniris_gym.device.transforms import Pose
 from sceniris_gym.geometry.pieces import extract_pieces
 from sceniris_gym.program.device import Program, fill_struct
@@ -22,14 +22,14 @@ N = 6000
 
 @wp.kernel
 def _within(
-    ca: wp.array(dtype=wp.vec3),
-    ha: wp.array(dtype=wp.vec3),
-    cb: wp.array(dtype=wp.vec3),
-    hb: wp.array(dtype=wp.vec3),
-    pos: wp.array(dtype=wp.vec3),
-    rot: wp.array(dtype=wp.mat33),
+    ca: wp.array[wp.vec3],
+    ha: wp.array[wp.vec3],
+    cb: wp.array[wp.vec3],
+    hb: wp.array[wp.vec3],
+    pos: wp.array[wp.vec3],
+    rot: wp.array[wp.mat33],
     margin: float,
-    out: wp.array(dtype=bool),
+    out: wp.array[bool],
 ):
     i = wp.tid()
     rel = Pose()
@@ -39,20 +39,20 @@ def _within(
 
 
 @wp.kernel
-def _cores_within(
+def _inner_boxes_within(
     program: Program,
     a: int,
     b: int,
-    pos: wp.array(dtype=wp.vec3),
-    rot: wp.array(dtype=wp.mat33),
+    pos: wp.array[wp.vec3],
+    rot: wp.array[wp.mat33],
     margin: float,
-    out: wp.array(dtype=bool),
+    out: wp.array[bool],
 ):
     i = wp.tid()
     rel = Pose()
     rel.pos = pos[i]
     rel.rot = rot[i]
-    out[i] = cores_within(program, a, b, rel, margin)
+    out[i] = inner_boxes_within(program, a, b, rel, margin)
 
 
 def _turns(rng: np.random.Generator, count: int, slant: float | None) -> np.ndarray:
@@ -118,7 +118,9 @@ def test_cores_of_posed_pieces_are_where_the_pieces_are(margin: float):
     for a in range(half):
         for b in range(half, 2 * half):
             out = wp.zeros(count, dtype=bool, device="cpu")
-            wp.launch(_cores_within, dim=count, inputs=[program, a, b, *poses, margin], outputs=[out], device="cpu")
+            wp.launch(
+                _inner_boxes_within, dim=count, inputs=[program, a, b, *poses, margin], outputs=[out], device="cpu"
+            )
             for i, found in enumerate(out.numpy()):
                 data.qpos[:] = [0, 0, 0, 1, 0, 0, 0, *pos[i], *rot[i].as_quat(scalar_first=True)]
                 mujoco.mj_kinematics(mjm, data)

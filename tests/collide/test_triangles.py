@@ -15,7 +15,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.kernel
-def _separated(a: wp.array2d(dtype=wp.vec3), b: wp.array2d(dtype=wp.vec3), margin: float, out: wp.array(dtype=bool)):
+def _separated(a: wp.array2d[wp.vec3], b: wp.array2d[wp.vec3], margin: float, out: wp.array[bool]):
     i = wp.tid()
     out[i] = triangles_separated(a[i, 0], a[i, 1], a[i, 2], b[i, 0], b[i, 1], b[i, 2], margin)
 

@@ -12,7 +12,7 @@ from ruamel.yaml import YAML
 from sceniris_gym.commands.bench import REPEATS, bench, faces, peak_bytes
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
-from tests.layout.reaching import crane_map, crane_mjcf, crane_scene
+from tests.layout.crane import crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, compile_on_cpu, write_mjcf
 
 WORLDS = 16

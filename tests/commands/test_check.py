@@ -15,7 +15,7 @@ from ruamel.yaml import YAML
 from sceniris_gym.cli import main
 from sceniris_gym.commands.check import check, report, table_of_rejections
 from sceniris_gym.layout.generate import LayoutGenerator
-from tests.layout.reaching import crane_map, crane_mjcf, crane_scene
+from tests.layout.crane import crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, compile_on_cpu
 
 

@@ -20,7 +20,7 @@ def test_the_demo_resets_worlds_and_shows_them(capfd: pytest.CaptureFixture, tmp
     assert figures["valid"] == 1.0
     assert figures["first_pass_valid"] > 0.8
     assert figures["layouts_per_s"] > 100
-    assert figures["rejections"]["banana"]["roof"] > 0
+    assert figures["rejections"]["banana"]["overhead"] > 0
     assert f"world 0 is {figures['hash']}:train:0:2" in report(figures)
     pixels = np.asarray(Image.open(tmp_path / "layouts.png")).astype(int)
     tiles = [tile for row in np.array_split(pixels, 4) for tile in np.array_split(row, 4, axis=1)]

@@ -12,7 +12,7 @@ from scipy import ndimage
 from sceniris_gym.commands.narrowing import Narrowing, narrow, narrowing, picture
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.program.compiled import CompiledScene
-from tests.layout.reaching import RADIUS, crane_mjcf, crane_scene
+from tests.layout.crane import RADIUS, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, compile_on_cpu
 
 FLOOR = 4.0  # area of the crane's floor [m2]

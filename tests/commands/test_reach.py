@@ -26,7 +26,7 @@ from sceniris_gym.errors import (
     UnknownNameError,
 )
 from sceniris_gym.reach.arm import SerialArm
-from tests.layout.reaching import crane_map, crane_mjcf, crane_scene
+from tests.layout.crane import crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf
 from tests.reach.arms import hinge, link, model, site, tcp_poses
 from tests.reach.shapes import gantry, gantry_reaches, poses, random_axes

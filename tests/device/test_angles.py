@@ -16,7 +16,7 @@ NUM = 400_000
 
 
 @wp.kernel
-def _evaluate(x: wp.array(dtype=float), y: wp.array(dtype=float), out: wp.array(dtype=wp.vec3)):
+def _evaluate(x: wp.array[float], y: wp.array[float], out: wp.array[wp.vec3]):
     i = wp.tid()
     to = unit_circle(x[i])
     out[i] = wp.vec3(to[0], to[1], angle_of(x[i], y[i]))

@@ -13,7 +13,7 @@ from sceniris_gym.device.kernel_log import KernelLog, tell_of_compiling, use_ker
 
 
 @wp.kernel(module="unique")
-def _count(out: wp.array(dtype=int)):
+def _count(out: wp.array[int]):
     out[0] = out[0] + 1
 
 

@@ -14,17 +14,17 @@ N = 500
 
 @wp.kernel(enable_backward=False, module="unique")
 def _all(
-    a: wp.array(dtype=wp.vec4),
-    b: wp.array(dtype=wp.vec4),
-    v: wp.array(dtype=wp.vec3),
-    angle: wp.array(dtype=float),
+    a: wp.array[wp.vec4],
+    b: wp.array[wp.vec4],
+    v: wp.array[wp.vec3],
+    angle: wp.array[float],
     # Out:
-    product: wp.array(dtype=wp.vec4),
-    inverse: wp.array(dtype=wp.vec4),
-    turned: wp.array(dtype=wp.vec4),
-    rotated: wp.array(dtype=wp.vec3),
-    axis: wp.array(dtype=wp.vec3),
-    vector: wp.array(dtype=wp.vec3),
+    product: wp.array[wp.vec4],
+    inverse: wp.array[wp.vec4],
+    turned: wp.array[wp.vec4],
+    rotated: wp.array[wp.vec3],
+    axis: wp.array[wp.vec3],
+    vector: wp.array[wp.vec3],
 ):
     i = wp.tid()
     product[i] = mul_quat(a[i], b[i])

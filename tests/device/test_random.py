@@ -11,12 +11,12 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.kernel
-def _philox(seed: wp.uint64, counter: wp.vec4ui, out: wp.array(dtype=wp.vec4ui)):
+def _philox(seed: wp.uint64, counter: wp.vec4ui, out: wp.array[wp.vec4ui]):
     out[0] = philox(seed, counter)
 
 
 @wp.kernel
-def _uniforms(seed: wp.array(dtype=wp.uint64), episode: int, stream: wp.uint32, out: wp.array(dtype=wp.vec4)):
+def _uniforms(seed: wp.array[wp.uint64], episode: int, stream: wp.uint32, out: wp.array[wp.vec4]):
     i = wp.tid()
     out[i] = uniforms(seed[i], episode, stream, 0, 0)
 

@@ -12,7 +12,7 @@ CPU = wp.get_device("cpu")
 
 
 @wp.kernel(enable_backward=False)
-def _collatz(values: wp.array(dtype=int)):
+def _collatz(values: wp.array[int]):
     i = wp.tid()
     if values[i] % 2 == 0:
         values[i] = values[i] / 2
@@ -76,7 +76,7 @@ def test_inside_of_a_capture_the_launches_are_part_of_it():
 
 
 @wp.kernel(enable_backward=False)
-def _count_down(left: wp.array(dtype=int), rounds: wp.array(dtype=int)):
+def _count_down(left: wp.array[int], rounds: wp.array[int]):
     left[0] = left[0] - 1
     rounds[0] = rounds[0] + 1
 

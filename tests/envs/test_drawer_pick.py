@@ -17,7 +17,7 @@ from gymnasium.utils.env_checker import check_env
 
 import sceniris_gym
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.errors import ArmError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.arm_controller import TOOL_STEP, TURN_STEP
@@ -47,8 +47,10 @@ def host_data(envs: SceneVectorEnv, world: int) -> mujoco.MjData:
 
 def test_a_scene_without_the_arm_is_refused():
     """The error names the scene and what is missing in it, and is one of this package."""
-    with pytest.raises(UnknownNameError, match=r"scene 'mid': unknown arm 'panda'"):
+    with pytest.raises(ArmError, match=r"scene 'mid': ArmController: the scene has no robot"):
         SceneVectorEnv(DrawerPick, 1, scene="mid", device="cpu")
+    with pytest.raises(UnknownNameError, match=r"ArmController: unknown robot 'panda'. Valid: ur5e."):
+        SceneVectorEnv(DrawerPick, 1, scene={"robot": {"asset": "ur5e"}, "bank": 1}, device="cpu")
 
 
 def test_it_is_made_by_id_by_module_and_by_spec(compiled):

@@ -11,7 +11,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from sceniris_gym.geometry.inner_boxes import piece_core
+from sceniris_gym.geometry.inner_boxes import inner_box
 from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
 
 GEM = "1 0 0 -1 0 0 0 1 0 0 -1 0 0 0 1 0 0 -1"
@@ -62,7 +62,7 @@ def _holds(piece: Piece, points: np.ndarray) -> np.ndarray:
 def test_the_corners_of_a_core_lie_inside_and_it_has_most_of_the_room(name: str):
     """By 20 um at least; and it has two thirds of the volume of the best box there is."""
     piece = _piece(name)
-    center, half = piece_core(piece)
+    center, half = inner_box(piece)
     signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, 8).T
     assert piece.mesh is not None
     assert half.min() > 0.0 or name == "thread"  # which is too thin for one
@@ -84,7 +84,7 @@ def test_cores_of_random_hulls_lie_inside():
             piece = extract_pieces(mujoco.MjModel.from_xml_string(xml + "</worldbody></mujoco>"), "physics")[0]
         except ValueError:  # too flat for MuJoCo
             continue
-        center, half = piece_core(piece)
+        center, half = inner_box(piece)
         some += half.min() > 0.0
         assert half.min() == 0.0 or _holds(piece, center + signs * (half + 1.5e-5)).all()
     assert some > 100
@@ -95,7 +95,7 @@ def test_a_hull_of_many_faces_takes_no_more_memory_than_they_do():
     ball = trimesh.creation.icosphere(subdivisions=5, radius=0.1)
     piece = replace(_piece("gem"), vertices=np.asarray(ball.vertices), mesh=ball, pos=np.zeros(3), quat=np.eye(4)[0])
     tracemalloc.start()
-    _, half = piece_core(piece)
+    _, half = inner_box(piece)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert half.min() > 0.05
@@ -108,4 +108,4 @@ def test_a_plane_and_a_sheet_have_none():
         '<mujoco><worldbody><geom type="plane" size="1 1 1"/><geom type="box" size=".1 .1 .0002"/></worldbody></mujoco>'
     )
     for piece in extract_pieces(mujoco.MjModel.from_xml_string(xml), "physics"):
-        assert piece_core(piece)[1].tolist() == [0.0, 0.0, 0.0]
+        assert inner_box(piece)[1].tolist() == [0.0, 0.0, 0.0]

@@ -1,4 +1,4 @@
-"""What is left of the last wave of a generator: its refused candidates as states of the model."""
+"""The refused candidates of a generator's last wave, as states of the model."""
 
 from __future__ import annotations
 

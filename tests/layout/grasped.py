@@ -1,9 +1,9 @@
-"""A small arm that has no map, scenes with it, and what MuJoCo C says of the grasps of finished layouts."""
+"""A small arm without a map, scenes with it, and the grasps of finished layouts as MuJoCo C sees them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,13 @@ import numpy as np
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.grasping.grasps import Grasp
 from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.layout.reaching.poses import OPENING_MARGIN
 from sceniris_gym.layout.reaching.search import PREGRASP_DISTANCE
+from sceniris_gym.layout.reaching.stage import ReachStage
+from sceniris_gym.layout.reaching.waves import launch_open_worlds
+from sceniris_gym.layout.wave.search import default_size
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.reach import ReachTarget
 from tests.layout.scenes import box_mjcf, write_mjcf
@@ -31,16 +35,18 @@ LINKS = [  # position in the parent [m], joint, capsule along z from and to
     ("0 0 0.1", '<joint name="joint6" axis="0 0 1"/>', None),
 ]
 HOME = "0 -0.3 1.5 0 1.2 0 0.02 0.02"
+IN_FRONT = {"box": [[0.35, -0.15], [0.55, 0.15]]}
+"""A region of the floor in front of the arm."""
 
 
 def arm_mjcf(folder: Path, on_base: str = "", name: str = "picker", longer: float = 0.0) -> str:
     """Write an arm of six hinges, the last without limits, and a gripper that opens to 8 cm; return the file's path.
 
     Args:
-        folder: Where to.
-        on_base: More geoms of its base.
-        name: Of the asset and its base.
-        longer: By how much its fingers are longer than 7 cm [m].
+        folder: Folder of the file.
+        on_base: Further geoms of the base.
+        name: Name of the asset and of its base.
+        longer: Length of the fingers beyond 7 cm [m].
     """
     inertia = '<inertial pos="0 0 0" mass="0.1" diaginertia="1e-3 1e-3 1e-3"/>'
     body = f'<geom type="cylinder" size="0.06 0.05" pos="0 0 0.05"/>{on_base}'
@@ -60,13 +66,13 @@ def arm_mjcf(folder: Path, on_base: str = "", name: str = "picker", longer: floa
 
 
 def scene(folder: Path, objects: Mapping[str, Any], robot: str | None = None, **words: Any) -> dict[str, Any]:
-    """A floor, the small arm at the origin, and objects."""
+    """Return the words of a floor, the small arm at the origin, and objects."""
     arm = robot or arm_mjcf(folder)
     return {"floor": {"size": [1.5, 1.5]}, "robot": {"asset": arm, "yaw": 30.0}, "objects": dict(objects), **words}
 
 
 def cluttered(folder: Path, tier: str, device: str = "cpu", **words: Any) -> CompiledScene:
-    """A block and a can to reach among posts and a case, anywhere on a floor that is larger than the arm's reach."""
+    """Compile a block and a can to reach among posts and a case, on a floor that is larger than the arm's reach."""
     post = box_mjcf(folder, "post", 0.08, 0.08, 0.4)
     bar = box_mjcf(folder, "bar", 0.12, 0.05, 0.04)
     case = box_mjcf(folder, "case", 0.3, 0.2, 0.25)
@@ -79,15 +85,30 @@ def cluttered(folder: Path, tier: str, device: str = "cpu", **words: Any) -> Com
     return compile_scene(SceneConfig.load(scene(folder, objects, **words), {"bank": 8}), device)
 
 
+def is_clear(compiled: CompiledScene) -> bool:
+    """Return True if a cluttered scene is that of the tier `clear`."""
+    return compiled.config.objects["can"].reachable == "clear"
+
+
+def waiting(compiled: CompiledScene, nworld: int, **words: int) -> tuple[LayoutGenerator, ReachStage]:
+    """Return a generator whose worlds wait for joints, and its stage, in whose queue they are."""
+    generator = LayoutGenerator(compiled, nworld, seed=3, size=replace(default_size("cpu"), **words))
+    generator.launch_placing(None)
+    stage = generator._stage
+    assert stage is not None
+    launch_open_worlds(stage._arms[0][0], generator.layouts.view, generator._search, stage.search, "cpu")
+    return generator, stage
+
+
 @dataclass(frozen=True)
 class Taken:
     """A grasp of a finished layout, or its pre-grasp, as MuJoCo C sees it.
 
     Attributes:
         name: The object.
-        far: Distance [m] of the TCP from where the grasp is.
+        far: Distance [m] of the TCP from the grasp.
         turned: Angle [rad] between them.
-        within: Whether all joints are within their limits.
+        within: True if all joints are within their limits.
         itself: Pairs of the robot's bodies in contact.
         others: Names of bodies, other than the object's, that the robot is in contact with.
         on_target: Names of the robot's bodies that are in contact with the object.
@@ -103,7 +124,7 @@ class Taken:
 
 
 def states(compiled: CompiledScene, layouts: Layouts, which: str) -> Iterator[tuple[mujoco.MjData, str]]:
-    """All accepted grasps ("grasp_qpos") or pre-grasps ("pregrasp_qpos") of rows that hold a layout.
+    """Yield all accepted grasps ("grasp_qpos") or pre-grasps ("pregrasp_qpos") of rows that hold a layout.
 
     Yields:
         The model in that state, gripper opened and posed by MuJoCo C (one MjData, reused), and the object's name.
@@ -113,7 +134,7 @@ def states(compiled: CompiledScene, layouts: Layouts, which: str) -> Iterator[tu
 
 
 def taken(compiled: CompiledScene, layouts: Layouts, which: str) -> Iterator[Taken]:
-    """What MuJoCo C says of these states."""
+    """Yield the same states as MuJoCo C sees them."""
     back = PREGRASP_DISTANCE if which == "pregrasp_qpos" else 0.0
     for data, target, grasp in _grasped(compiled, layouts, which):
         yield _taken(compiled, data, target, grasp, back)

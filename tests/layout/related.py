@@ -101,7 +101,7 @@ def table_of(compiled: CompiledScene, n: int, seed: int = 0) -> LayoutTable:
 
 
 def judged(compiled: CompiledScene, table: LayoutTable) -> list[Kept]:
-    """What the audit says of the relations, orientations and groups of the layouts."""
+    """Return the audit's verdicts on the relations, orientations and groups of the layouts."""
     return Auditor(compiled.mjm, compiled.config, compiled.scene.bodies).judge_language(table)
 
 

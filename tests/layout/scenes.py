@@ -32,7 +32,7 @@ class Rows:
     attempts: np.ndarray
 
     def bits(self) -> bytes:
-        """All of it, for comparisons bit by bit."""
+        """Return all of it, for comparisons bit by bit."""
         return b"".join(a.tobytes() for a in (self.qpos, self.mocap_pos, self.mocap_quat, self.status, self.attempts))
 
     def __getitem__(self, index: Any) -> Rows:
@@ -45,6 +45,18 @@ def compile_on_cpu(
     """Build a scene's CompiledScene on the CPU, with `bank` rows for worlds that run out of restarts."""
     words = {**(overrides or {}), **({} if bank is None else {"bank": bank})}
     return compile_scene(SceneConfig.load(scene, words), "cpu")
+
+
+def compiled_from(model: Any, objects: Mapping[str, Any], **words: Any) -> CompiledScene:
+    """Compile the scene of a model in memory, with a small bank."""
+    return compile_scene({"model": model, "objects": objects, "home": "init_state", "bank": 2, **words}, "cpu")
+
+
+def full_tray(folder: Path) -> CompiledScene:
+    """Compile a tray that is so full that one attempt and no restart fail most of the time."""
+    crate = box_mjcf(folder, "crate", 0.1, 0.1, 0.05)
+    objects = {f"crate_{i}": {"asset": crate, "on": "floor", "orientation": "fixed"} for i in range(3)}
+    return compile_on_cpu({"floor": {"size": [0.4, 0.4]}, "attempts": 1, "restarts": 0, "objects": objects}, bank=16)
 
 
 def read(layouts: Layouts) -> Rows:
@@ -61,7 +73,7 @@ def make(compiled: CompiledScene, nworld: int, **options: Any) -> Rows:
 
 
 def posed(compiled: CompiledScene, rows: Rows) -> Iterator[mujoco.MjData]:
-    """The model in the state of each row, posed by MuJoCo C; one MjData, reused."""
+    """Yield the model in the state of each row, posed by MuJoCo C; one MjData, reused."""
     data = mujoco.MjData(compiled.mjm)
     for i in range(len(rows.qpos)):
         data.qpos[:] = rows.qpos[i]
@@ -72,12 +84,12 @@ def posed(compiled: CompiledScene, rows: Rows) -> Iterator[mujoco.MjData]:
 
 
 def valid(rows: Rows) -> Rows:
-    """The rows that are fresh and valid."""
+    """Return the rows that are fresh and valid."""
     return rows[rows.status == Status.VALID]
 
 
 def collisions(scene: Mapping, name: str, nworld: int = 200) -> tuple[int, int]:
-    """How many of `nworld` single candidates of an object collide, and how many worlds come out valid."""
+    """Return the number of `nworld` single candidates of an object that collide, and the number of valid worlds."""
     compiled = compile_on_cpu({"attempts": 1, "restarts": 0, **scene}, bank=1)
     generator = LayoutGenerator(compiled, nworld)
     generator.generate()

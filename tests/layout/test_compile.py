@@ -101,7 +101,7 @@ def test_every_field_of_the_device_program_is_set(scene: str | dict, geometry: s
     """Arrays that nobody filled would be null pointers in a kernel; float arrays hold numbers only."""
     compiled = compile_on_cpu(scene, {"geometry": geometry})
     for name, field in Program.vars.items():
-        if isinstance(field.type, wp.array):
+        if wp.types.is_array(field.type):
             values = getattr(compiled.program, name)
             assert values is not None, name
             assert values.dtype == field.type.dtype, name
@@ -238,7 +238,7 @@ def test_an_infeasible_scene_names_the_object_and_the_cause(crate: dict, geometr
     assert isinstance(error, InfeasibleSceneError)
     assert (error.name, error.cause) == ("crate", "collision")
     assert error.counts["crate"]["collision"] > error.counts["apple"]["collision"] > 0
-    assert error.counts["crate"]["roof"] == error.counts["crate"]["footprint"] == 0
+    assert error.counts["crate"]["overhead"] == error.counts["crate"]["footprint"] == 0
 
 
 def test_the_object_that_cannot_be_placed_is_blamed_and_not_the_one_that_is_hard(tmp_path: Path, crate: dict):
@@ -267,7 +267,7 @@ def test_a_word_that_the_roof_rules_out_is_told_with_one_that_it_does_not(word: 
     """Nothing is above the floor of a bowl, and nothing is open in a drawer that is shut."""
     owner = where.split("/")[0]
     objects = {owner: {"asset": owner, "kind": "static"}, "block": {"asset": "block", word: where}}
-    _refused({"objects": objects}, InfeasibleSceneError, "mostly because of roof", "'in' accepts both")
+    _refused({"objects": objects}, InfeasibleSceneError, "mostly because of overhead", "'in' accepts both")
 
 
 def test_an_open_mesh_is_refused_where_it_is_seen_and_is_a_hull_where_it_collides(tmp_path: Path):

@@ -1,4 +1,4 @@
-"""What is written about the arrays of a batch or of a CompiledScene is true: every name, in the order of the fields."""
+"""Docstrings list the arrays of a batch and of a CompiledScene: every name, in the order of the fields."""
 
 import dataclasses
 import re

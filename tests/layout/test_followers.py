@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.reaching.search import Step
+from sceniris_gym.layout.reaching.search import ReachStep
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.grasped import arm_mjcf, taken
 from tests.layout.scenes import ANYWHERE, Rows, box_mjcf, compile_on_cpu, make, read, write_mjcf
@@ -174,7 +174,7 @@ def test_the_gripper_that_reaches_opens_with_its_fingers_coupled(tmp_path: Path)
     generator.generate()
     assert generator._stage is not None
     posed = generator._stage.search
-    opened = posed.qpos.numpy()[posed.failed.numpy() == Step.PASSED]
+    opened = posed.qpos.numpy()[posed.failed.numpy() == ReachStep.PASSED]
     assert len(opened) > 0
     left, right = (compiled.mjm.joint(f"picker/{name}").qposadr[0] for name in ("left", "right"))
     assert np.abs(opened[:, left] - 0.02).min() > 1e-3

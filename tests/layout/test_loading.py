@@ -20,7 +20,7 @@ from tests.layout.grasped import cluttered
 def test_all_that_is_launched_is_compiled_ahead(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A block that shares a candidate has several lanes, as on a GPU. Nothing is compiled in vain either."""
     compiled = cluttered(tmp_path, name) if name == "clear" else compile_scene(name, "cpu")
-    generator = LayoutGenerator(compiled, 8, size=replace(default_size("cpu"), block_dim=32, leaves=4096))
+    generator = LayoutGenerator(compiled, 8, size=replace(default_size("cpu"), block_dim=32, narrow_pairs=4096))
     launched: dict[bool, set[wp.Module]] = {True: set(), False: set()}
     launch, launch_tiled = wp.launch, wp.launch_tiled
 
@@ -35,8 +35,8 @@ def test_all_that_is_launched_is_compiled_ahead(name: str, tmp_path: Path, monke
     monkeypatch.setattr(wp, "launch", record)
     monkeypatch.setattr(wp, "launch_tiled", record_tiled)
     generator.launch_generate(None)
-    faces, staged = compiled.config.geometry == "visual", name == "clear"
-    lanes, blocks = kernel_modules(related=compiled.related, faces=faces, staged=staged)
+    visual, staged = compiled.config.geometry == "visual", name == "clear"
+    lanes, blocks = kernel_modules(related=compiled.related, visual=visual, staged=staged, block_dim=32)
     assert launched == {True: set(blocks), False: set(lanes)}
 
 
@@ -47,12 +47,12 @@ def test_it_is_said_before_kernels_are_compiled(
     generator = LayoutGenerator(compile_scene("mid", "cpu"), 1)
     generator.generate()
     monkeypatch.setattr(kernel_log, "_told", set())
-    words = {"block_dim": 1, "related": False, "faces": False, "staged": False}
+    words = {"block_dim": 1, "related": False, "visual": False, "staged": False}
     capsys.readouterr()
     load_kernels("cpu", **words)
     assert capsys.readouterr().err == ""
     monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
     load_kernels("cpu", **words)
-    lanes, blocks = kernel_modules(related=False, faces=False, staged=False, together=False)
+    lanes, blocks = kernel_modules(related=False, visual=False, staged=False, block_dim=1)
     assert f"({len(lanes + blocks)} modules of this package" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

@@ -11,19 +11,13 @@ import pytest
 
 from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.errors import NoSupportError, SceneKeyError
-from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.tables import make_table
-from sceniris_gym.program.compiled import CompiledScene
+from tests.layout.scenes import compiled_from
 from tests.scene.memory import NEAR, cubes_on, model_text, spec_of
 
 NWORLD = 500
 HALF = 0.02
-
-
-def compiled_from(model: Any, objects: dict[str, Any], **words: Any) -> CompiledScene:
-    """Compile the scene of a model in memory, with a small bank."""
-    return compile_scene({"model": model, "objects": objects, "home": "init_state", "bank": 2, **words}, "cpu")
 
 
 def deepest(model: mujoco.MjModel, qpos: np.ndarray) -> float:
@@ -123,44 +117,6 @@ def test_what_has_no_level_surface_is_told_what_has_one():
         "roof",
         "terrain",
     }
-
-
-def test_poses_and_joints_are_views_by_name():
-    """Zero-copy: what a later layout is shows in the tensor that was asked for before it."""
-    spec = spec_of()
-    spec.body("cab/cabinet").mocap = True
-    objects = {
-        **cubes_on("ground", 1, region=NEAR),
-        "cabinet": {
-            "body": "cab/cabinet",
-            "kind": "fixture",
-            "on": "ledge",
-            "joints": {"slide": {"fraction": [0, 1]}},
-        },
-        "terrain": {"kind": "static"},
-    }
-    compiled = compiled_from(spec, objects)
-    generator = LayoutGenerator(compiled, 40)
-    layouts = generator.layouts
-    cube, cabinet, ground, slide = (
-        *(layouts.pose(name) for name in ("cube_0", "cabinet", "terrain")),
-        layouts.joint("cabinet/slide"),
-    )
-    for _ in range(2):
-        generator.generate()
-        qpos, mjm = layouts.qpos.numpy(), compiled.mjm
-        data = mujoco.MjData(mjm)
-        for i in range(40):
-            data.qpos[:] = qpos[i]
-            data.mocap_pos[:], data.mocap_quat[:] = layouts.mocap_pos.numpy()[i], layouts.mocap_quat.numpy()[i]
-            mujoco.mj_kinematics(mjm, data)
-            for pose, body in ((cube, "cube_0/cube"), (cabinet, "cab/cabinet"), (ground, "terrain")):
-                expected = np.concatenate([data.body(body).xpos, data.body(body).xquat])
-                np.testing.assert_allclose(pose[i].numpy(), expected, atol=1e-6)
-            assert slide[i] == pytest.approx(data.joint("cab/slide").qpos[0], abs=1e-6)
-    assert (cube.shape, cabinet.shape, ground.shape, slide.shape) == ((40, 7), (40, 7), (40, 7), (40,))
-    assert cube.data_ptr() == layouts.qpos.ptr + 4 * 2
-    assert cabinet.data_ptr() == layouts.mocap_pos.ptr
 
 
 def test_a_model_in_memory_is_compiled_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -24,7 +24,7 @@ Maker = Callable[[CompiledScene], LayoutSource]
 
 
 @wp.kernel(enable_backward=False)
-def _lift(mask: wp.array(dtype=wp.bool), episode: wp.array(dtype=int), qpos: wp.array2d(dtype=float)):
+def _lift(mask: wp.array[wp.bool], episode: wp.array[int], qpos: wp.array2d[float]):
     i = wp.tid()
     if not mask or mask[i]:
         episode[i] = episode[i] + 1

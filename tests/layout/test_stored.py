@@ -22,7 +22,7 @@ from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector.state import State
-from tests.layout.reaching import crane_map, crane_mjcf, crane_scene
+from tests.layout.crane import crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import FLOOR, box_mjcf, compile_on_cpu
 
 NROW = 7

@@ -9,7 +9,7 @@ import pytest
 from sceniris_gym.pictures.reach_picture import draw
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.map import ReachMap
-from tests.layout.reaching import HEIGHT, RADIUS, crane_map, crane_mjcf
+from tests.layout.crane import HEIGHT, RADIUS, crane_map, crane_mjcf
 
 PIXELS_A_METRE = 120.0  # a panel of 240 pixels shows 2 m
 

@@ -20,15 +20,15 @@ _FAR = 10.0  # [m], of a half-plane's other sides
 
 @wp.kernel
 def _cut(
-    triangle: wp.array2d(dtype=wp.vec2),
-    normal: wp.array2d(dtype=wp.vec2),
-    origin: wp.array2d(dtype=wp.vec2),
-    offset: wp.array2d(dtype=float),
-    u: wp.array(dtype=wp.vec3),
-    num: wp.array(dtype=int),
-    size: wp.array(dtype=float),
-    corner: wp.array2d(dtype=wp.vec2),
-    drawn: wp.array(dtype=wp.vec2),
+    triangle: wp.array2d[wp.vec2],
+    normal: wp.array2d[wp.vec2],
+    origin: wp.array2d[wp.vec2],
+    offset: wp.array2d[float],
+    u: wp.array[wp.vec3],
+    num: wp.array[int],
+    size: wp.array[float],
+    corner: wp.array2d[wp.vec2],
+    drawn: wp.array[wp.vec2],
 ):
     i = wp.tid()
     p = wp.zeros(shape=(_CORNERS,), dtype=wp.vec2)
@@ -105,7 +105,7 @@ _POINTS = wp.constant(MAX_ANCHORS)
 
 
 @wp.kernel
-def _surround(given: wp.array2d(dtype=wp.vec2), num: wp.array(dtype=int), hull: wp.array2d(dtype=wp.vec2)):
+def _surround(given: wp.array2d[wp.vec2], num: wp.array[int], hull: wp.array2d[wp.vec2]):
     i = wp.tid()
     p = wp.zeros(shape=(_POINTS,), dtype=wp.vec2)
     for k in range(given.shape[1]):

@@ -49,8 +49,8 @@ def test_every_list_of_the_program_is_in_the_array_that_it_addresses(geometry: s
     pieces, bodies = len(a["piece_type"]), compiled.mjm.nbody
     lists = {
         "obj_draw": "draw_qposadr", "draw_choice": "choice", "obj_variant": "variant_cdf", "obj_body": "body_list",
-        "obj_piece": "piece_list", "obj_shadow": "shadow_list", "obj_roof": "roof_list", "obj_rel": "rel_type",
-        "obj_pair": "pair_a", "obj_start": "start", "variant_tri": "tri_cdf", "rel_anchor": "rel_anchor",
+        "obj_piece": "piece_list", "obj_shadow": "shadow_list", "obj_overhead": "overhead_list", "obj_rel": "rel_type",
+        "obj_pair": "pair_a", "obj_broad": "broad_pair", "variant_tri": "tri_cdf", "rel_anchor": "rel_anchor",
         "group_": "group_slot", "surface_edge": "edge_a", "piece_vert": "vert", "collider_point": "point",
         "body_jnt": "jnt_axis",
     }  # fmt: skip
@@ -62,15 +62,15 @@ def test_every_list_of_the_program_is_in_the_array_that_it_addresses(geometry: s
     roofs = pieces if geometry == "physics" else len(a["collider_body"])
     inside = {
         "body_list": bodies, "obj_body": bodies, "obj_ground": bodies, "piece_body": bodies, "collider_body": bodies,
-        "body_parent": bodies, "piece_list": pieces, "shadow_list": pieces, "roof_list": roofs,
+        "body_parent": bodies, "piece_list": pieces, "shadow_list": pieces, "overhead_list": roofs,
         "collider_plane": pieces, "collider_root": len(a["node_child"]), "pair_a": len(a["collider_body"]),
         "pair_b": len(a["collider_body"]), "tri_surface": len(a["surface_height"]), "draw_qposadr": compiled.mjm.nq,
         "jnt_qposadr": compiled.mjm.nq, "obj_slot": len(compiled.slots), "rel_anchor": len(compiled.slots),
     }  # fmt: skip
     for name, size in inside.items():
         assert (a[name] < size).all(), name
-    assert (a["start"] < [len(a["pair_a"]), *[len(a["node_child"])] * 2]).all()
-    assert (a["start"] >= 0).all()
+    assert (a["broad_pair"] < [len(a["pair_a"]), *[len(a["node_child"])] * 2]).all()
+    assert (a["broad_pair"] >= 0).all()
 
 
 def test_its_start_is_that_of_the_model_s_keyframe():

@@ -17,19 +17,19 @@ class Held:
     """An array field of each kind."""
 
     count: int
-    numbers: wp.array(dtype=int)
-    lengths: wp.array(dtype=float)
-    ids: wp.array(dtype=wp.uint64)
-    pairs: wp.array(dtype=wp.vec2)
-    triples: wp.array(dtype=wp.vec3i)
-    turns: wp.array(dtype=wp.vec4)
-    rows: wp.array2d(dtype=int)
-    places: wp.array2d(dtype=wp.vec3)
-    blocks: wp.array3d(dtype=float)
+    numbers: wp.array[int]
+    lengths: wp.array[float]
+    ids: wp.array[wp.uint64]
+    pairs: wp.array[wp.vec2]
+    triples: wp.array[wp.vec3i]
+    turns: wp.array[wp.vec4]
+    rows: wp.array2d[int]
+    places: wp.array2d[wp.vec3]
+    blocks: wp.array3d[float]
 
 
 @wp.kernel(enable_backward=False, module="unique")
-def _total(held: Held, out: wp.array(dtype=float)):
+def _total(held: Held, out: wp.array[float]):
     """Sum all that a kernel sees, each entry once."""
     total = float(0.0)
     for i in range(held.numbers.shape[0]):
@@ -103,7 +103,7 @@ def test_a_field_that_is_not_declared_is_an_error():
 @pytest.mark.parametrize("declared", [Program, Reach], ids=["Program", "Reach"])
 def test_every_field_of_a_scene_can_be_empty(declared: Any):
     """A list without entries is an array without entries of the same kind, and no null pointer."""
-    fields = {name: var.type for name, var in declared.vars.items() if isinstance(var.type, wp.array)}
+    fields = {name: var.type for name, var in declared.vars.items() if wp.types.is_array(var.type)}
     assert len(fields) > 20
     instance = declared()
     empty = {}

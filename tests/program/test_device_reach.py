@@ -26,9 +26,9 @@ from tests.layout.scenes import box_mjcf
 def _read(
     reach: Reach,
     # Out:
-    numbers: wp.array(dtype=int),
-    home: wp.array(dtype=wp.vec3),
-    grasp: wp.array(dtype=wp.vec3),
+    numbers: wp.array[int],
+    home: wp.array[wp.vec3],
+    grasp: wp.array[wp.vec3],
 ):
     """Follow addresses through the struct and those inside of it."""
     column = wp.tid()
@@ -45,7 +45,7 @@ def _arrays(view: Any, name: str = "Reach") -> Iterator[tuple[str, Any, Any]]:
     """Name, declared type and value of all array fields, those of structs inside too."""
     for key, var in view._cls.vars.items():
         value = getattr(view, key)
-        if isinstance(var.type, wp.array):
+        if wp.types.is_array(var.type):
             yield f"{name}.{key}", var.type, value
         elif hasattr(value, "_cls"):
             yield from _arrays(value, f"{name}.{key}")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from sceniris_gym.program.device import ObjectKind, Roof
+from sceniris_gym.program.device import Cover, ObjectKind
 from sceniris_gym.program.placed_object import JointRange
 from sceniris_gym.program.plan import build_plan
 from tests.program.scenes import scene_of
@@ -21,23 +21,23 @@ def test_a_joint_is_drawn_from_an_interval_or_from_points():
 @pytest.mark.parametrize(
     ("words", "roof"),
     [
-        ({"on": "floor"}, Roof.EITHER),
-        ({"on": "cabinet"}, Roof.OPEN),
-        ({"in": "cabinet/upper_drawer"}, Roof.EITHER),
-        ({"inside": "cabinet/upper_drawer"}, Roof.COVERED),
-        ({"on": "wall"}, Roof.EITHER),
-        ({"region": {"box": [[0, 0, 1], [1, 1, 2]]}}, Roof.EITHER),
+        ({"on": "floor"}, Cover.EITHER),
+        ({"on": "cabinet"}, Cover.OPEN),
+        ({"in": "cabinet/upper_drawer"}, Cover.EITHER),
+        ({"inside": "cabinet/upper_drawer"}, Cover.COVERED),
+        ({"on": "wall"}, Cover.EITHER),
+        ({"region": {"box": [[0, 0, 1], [1, 1, 2]]}}, Cover.EITHER),
     ],
     ids=str,
 )
-def test_a_roof_is_asked_for_by_the_word_and_under_objects_only(tmp_path: Path, words: dict, roof: Roof):
+def test_a_roof_is_asked_for_by_the_word_and_under_objects_only(tmp_path: Path, words: dict, roof: Cover):
     """The floor and static geometry of no object are open wherever there is room."""
     wall = '<body name="wall"><geom name="wall" type="box" size=".5 .5 .1" pos="3 0 .1"/></body>'
     (tmp_path / "own.xml").write_text(f"<mujoco><worldbody>{wall}</worldbody></mujoco>")
     objects = {"cabinet": {"asset": "cabinet", "kind": "static"}, "apple": {"asset": "apple", **words}}
     scene = scene_of(objects, model=str(tmp_path / "own.xml"))
     (apple,) = build_plan(scene).objects
-    assert apple.roof == roof
+    assert apple.cover == roof
     assert apple.kind == ObjectKind.FREE
     name = next((value for word, value in words.items() if word != "region"), None)
     body = None if name is None else scene.mjm.body("world" if name == "floor" else name).id
@@ -48,5 +48,5 @@ def test_what_only_draws_joints_stands_on_nothing(folder: Path):
     """It has no poses and no surfaces."""
     gadget = {"asset": str(folder / "gadget.xml"), "kind": "static", "joints": {"slide": {"value": 0.1}}}
     (step,) = build_plan(scene_of({"gadget": gadget})).objects
-    assert (step.kind, step.ground, step.roof) == (ObjectKind.STATIC, None, Roof.EITHER)
+    assert (step.kind, step.ground, step.cover) == (ObjectKind.STATIC, None, Cover.EITHER)
     assert (step.variants, step.surfaces) == ([], [])

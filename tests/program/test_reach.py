@@ -12,7 +12,7 @@ from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import MapError, UnknownNameError
 from sceniris_gym.program.plan import build_plan
 from sceniris_gym.scene.model import build_model
-from tests.layout.reaching import crane_map, crane_mjcf, crane_scene
+from tests.layout.crane import crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, write_mjcf
 
 

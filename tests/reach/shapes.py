@@ -35,7 +35,7 @@ def gantry(base: str | None = None, wrist: str | None = None) -> tuple[mujoco.Mj
 
 
 def gantry_reaches(coords: np.ndarray) -> np.ndarray:
-    """Where a gantry that turns freely can be, by (z, tilt, u, v) [m, rad], shape (N, 4) -> (N,), bool.
+    """Return True where a gantry that turns freely can be, by (z, tilt, u, v) [m, rad], shape (N, 4) -> (N,).
 
     The base either points along the approach, or against it while the hand tilts the other way.
     """
@@ -43,7 +43,7 @@ def gantry_reaches(coords: np.ndarray) -> np.ndarray:
 
 
 def gantry_depths(coords: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far outside (positive) or inside of its limits the gantry is, both ways to turn [m or rad]."""
+    """Return the distance of a gantry outside (positive) or inside of its limits, for both ways to turn [m or rad]."""
     z, tilt, u, v = coords.T
     slides = np.stack([u - TOOL * np.sin(tilt), v, z - TOOL * np.cos(tilt)], axis=1)
     both = []
@@ -62,7 +62,7 @@ def drum() -> SerialArm:
 
 
 def drum_reaches(pos: np.ndarray) -> np.ndarray:
-    """Where a drum can be, however it points, up to 1 mm outside, by position [m], shape (N, 3) -> (N,), bool."""
+    """Return True where a drum can be, in any orientation and up to 1 mm outside, by position [m], (N, 3) -> (N,)."""
     out, up = np.hypot(pos[:, 0], pos[:, 1]) - DRUM[0], np.abs(pos[:, 2] - 0.4) - DRUM[1]
     return np.hypot(np.maximum(out, 0.0), np.maximum(up, 0.0)) < 1e-3
 

@@ -6,13 +6,12 @@ import math
 from functools import cache
 from itertools import pairwise
 
-import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from sceniris_gym.reach.arm import SerialArm
-from sceniris_gym.reach.labels import ALL_TURNS, TURNS, Labeller, base_turn, rotate, wrist_turn
+from sceniris_gym.reach.labels import ALL_TURNS, TURNS, Labeller, base_turn, wrist_turn
 from tests.reach.arms import MODELS, hinge, link, model, site, tcp_poses
 from tests.reach.shapes import gantry, gantry_depths
 
@@ -32,7 +31,7 @@ def _labeller(base: tuple[float, float] | None, wrist: tuple[float, float] | Non
 
 
 def _within(limits: tuple[float, float] | None, at: float) -> np.ndarray:
-    """Which of the turns of a joint that stands at `at` degrees it makes within its limits, shape (TURNS,)."""
+    """Return True for each turn that a joint at `at` degrees makes within its limits, shape (TURNS,)."""
     if limits is None:
         return np.ones(TURNS, bool)
     angles = at + 360.0 / TURNS * np.arange(TURNS)
@@ -40,7 +39,7 @@ def _within(limits: tuple[float, float] | None, at: float) -> np.ndarray:
 
 
 def _expected(coords: np.ndarray, base: tuple[float, float] | None, wrist: tuple[float, float] | None) -> np.ndarray:
-    """How many turns a gantry reaches: facing along the approach, or against it while its hand tilts the other way."""
+    """Count the turns that a gantry reaches: it faces along the approach, or against it with its hand tilted back."""
     ways = [np.outer(_within(base, at), _within(wrist, at)) for at in (0.0, 180.0)]
     reached = [depth < 0.0 for depth in gantry_depths(coords)]
     either = np.logical_or(*(r[:, None, None] & way for r, way in zip(reached, ways, strict=True)))
@@ -133,12 +132,3 @@ def test_limits_of_turns_are_those_of_the_joints():
                 assert np.degrees([turn.lower, turn.upper]) == pytest.approx(given, abs=1e-4)
             else:
                 assert turn.upper - turn.lower >= 2.0 * math.pi
-
-
-def test_vectors_are_rotated_as_mujoco_rotates_them():
-    """By random unit quaternions, wxyz."""
-    draws = np.random.default_rng(5)
-    for quat in Rotation.random(50, rng=draws).as_quat(scalar_first=True):
-        vector, expected = draws.normal(size=3), np.zeros(3)
-        mujoco.mju_rotVecQuat(expected, vector, quat)
-        np.testing.assert_allclose(rotate(vector, quat), expected, atol=1e-12)

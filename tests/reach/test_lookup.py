@@ -59,7 +59,7 @@ def test_outside_of_the_map_nothing_is_reached(shell: ReachMap):
 
 
 def test_indices_are_floored(monkeypatch: pytest.MonkeyPatch):
-    """What fills a map of 2 x 1.2 m to its last corner ends there, on all sides alike."""
+    """A shape that fills a map of 2 x 1.2 m to its last corner ends there, on all sides alike."""
     everything = map_of(lambda coords: np.ones(len(coords), bool), monkeypatch, gantry()[1], 0.2, math.radians(30))
     for axis in range(3):
         for side in (-1.0, 1.0):
@@ -98,10 +98,10 @@ def test_beside_a_pole_the_grid_agrees_with_the_pole(shell: ReachMap):
 @wp.kernel(enable_backward=False)
 def _witnesses(
     view: MapView,
-    pos: wp.array(dtype=wp.vec3),
-    quat: wp.array(dtype=wp.vec4),
+    pos: wp.array[wp.vec3],
+    quat: wp.array[wp.vec4],
     k: int,
-    joints: wp.array(dtype=vec8),
+    joints: wp.array[vec8],
 ):
     i = wp.tid()
     joints[i] = witness(view, pos[i], quat[i], k)

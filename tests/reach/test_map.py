@@ -144,7 +144,7 @@ def test_an_array_is_no_map(arm: SerialArm, tmp_path: Path):
 
 
 def test_the_advice_is_what_the_caller_says(arm: SerialArm, tmp_path: Path):
-    """Who asks knows which command is right."""
+    """A caller may know another command than the default."""
     with pytest.raises(MapError, match=r"no such reachability map\. Do this\.$"):
         ReachMap.load(tmp_path / "none.reach", arm, "Do this.")
 

@@ -93,7 +93,7 @@ def distances(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @wp.kernel(enable_backward=False, module="unique")
-def run_forward(view: Any, joints: wp.array(dtype=vec8), pos: wp.array(dtype=wp.vec3), quat: wp.array(dtype=wp.vec4)):
+def run_forward(view: Any, joints: wp.array[vec8], pos: wp.array[wp.vec3], quat: wp.array[wp.vec4]):
     """Forward kinematics of a batch."""
     i = wp.tid()
     at, turn = forward(view, joints[i])

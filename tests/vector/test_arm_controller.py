@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -10,12 +11,15 @@ import pytest
 import torch
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.errors import ArgumentError, ArmError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector import arm_controller
+from sceniris_gym.vector.arm_controller import ArmController
+from sceniris_gym.vector.state import State
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.vector.driving import Drive
+from tests.vector.workshop import HANDS, JOINTS, joints_of, mjcf, mujocos, state_of, step, tensor
 
 SCENE = {
     "floor": {"size": [2.0, 2.0]},
@@ -144,8 +148,236 @@ def test_a_start_concerns_the_masked_worlds_alone(driven):
     assert (task.arm.tool_target[1:3] == 9.0).all()
 
 
-def test_an_arm_that_is_not_there_is_named(driven):
-    """With the arms that are."""
-    envs, _ = driven
-    with pytest.raises(UnknownNameError, match=r"unknown arm 'ur5e'.*panda"):
-        arm_controller.ArmController(envs.state, "ur5e")
+@pytest.mark.parametrize(("asset", "joints", "open_"), [("panda", 7, 0.04), ("ur5e", 6, 0.0475), ("heron", 6, 0.044)])
+def test_shipped_arms_have_their_joints_actuators_and_gripper(asset, joints, open_):
+    """By their names in the asset, which the controller does not look at; the only robot needs no name."""
+    s = state_of({"robot": {"asset": asset, "base": [0.1, 0.2, 0.3], "yaw": 40}})
+    for arm in (ArmController(s), ArmController(s, asset), ArmController(s, "robot")):
+        assert (arm.name, arm.joints, arm.has_gripper) == (asset, joints, True)
+        names = [f"{asset}/joint{i + 1}" for i in range(joints)]
+        qpos = np.random.default_rng(0).uniform(-1.0, 1.0, (2, s.mjm.nq))
+        s.data.qpos.assign(qpos)
+        adr = [int(s.mjm.joint(name).qposadr[0]) for name in names]
+        np.testing.assert_array_equal(arm.qpos(s), qpos[:, adr].astype(np.float32))
+        columns = [s.mjm.actuator(name).id for name in names]
+        targets = tensor(s.mjm.actuator_ctrlrange[columns]).mean(dim=1).repeat(2, 1) + 0.01
+        s.ctrl.fill_(9.0)
+        arm.set_targets(s, targets)
+        torch.testing.assert_close(s.ctrl[:, columns], targets, rtol=0, atol=0)
+        for action, target in ((-1.0, 0.0), (0.5, 0.75 * open_), (1.0, open_)):
+            arm.grip(s, torch.full((2,), action))
+            torch.testing.assert_close(s.ctrl[:, s.actuator(f"{asset}/gripper")], torch.full((2,), target))
+        assert (s.ctrl == 9.0).sum() == 2 * (s.mjm.nu - joints - 1)
+        fingers = [int(s.mjm.joint(f"{asset}/finger_joint{i}").qposadr[0]) for i in (1, 2)]
+        np.testing.assert_allclose(arm.width(s), qpos[:, fingers].sum(axis=1), rtol=1e-6)
+
+
+def test_leads_of_shipped_arms_are_what_they_have_always_been():
+    """F / kp (1 + kv / d), from the numbers in the Panda's asset; policies were trained with these."""
+    arm = ArmController(state_of({"robot": {"asset": "panda"}}))
+    numbers = [(87, 2000, 100, 40)] * 2 + [(87, 1500, 60, 40), (87, 1500, 40, 40)]
+    numbers += [(12, 500, 15.402, 4.598)] * 2 + [(12, 400, 9.402, 4.598)]
+    assert arm.lead.tolist() == [np.float32(f / kp * (1.0 + kv / d)) for f, kp, kv, d in numbers]
+
+
+@pytest.fixture(scope="module")
+def pair_file(tmp_path_factory) -> Path:
+    """Return a model of two arms that face each other, with odd names and hands of their own."""
+    path = tmp_path_factory.mktemp("pair") / "two arms.xml"
+    arms = {"plinth": ("two actuators", "0 0 0", 10.0), "left": ("tendon", "1 0.2 0", 180.0)}
+    path.write_text(mjcf(arms))
+    return path
+
+
+def pair(path: Path) -> State:
+    """Return worlds with both arms; the name of the one is the root body of the other."""
+    left, right = {"in_model": "plinth", "tcp": "plinth:point"}, {"in_model": "left", "tcp": "left:point"}
+    return state_of({"model": str(path), "robots": {"left": left, "right": right}})
+
+
+def test_each_of_several_robots_has_a_controller_by_its_name_in_the_scene(pair_file):
+    """With joints, tool and gripper of its own, in a model of the user's; a root body's name is second to it."""
+    s = pair(pair_file)
+    for name, plinth in (("left", "plinth"), ("right", "left"), ("plinth", "plinth")):
+        arm = ArmController(s, name)
+        assert (arm.name, arm.joints, arm.has_gripper) == ("right" if plinth == "left" else "left", 4, True)
+        qpos = np.random.default_rng(1).uniform(-0.2, 0.2, (2, s.mjm.nq))
+        qvel = np.random.default_rng(2).uniform(-0.2, 0.2, (2, s.mjm.nv))
+        s.data.qpos.assign(qpos)
+        s.data.qvel.assign(qvel)
+        s._batch.update()
+        np.testing.assert_array_equal(arm.qpos(s), qpos[:, joints_of(s.mjm, plinth)].astype(np.float32))
+        dofs = [int(s.mjm.joint(f"{plinth}:{joint}").dofadr[0]) for joint in JOINTS]
+        np.testing.assert_array_equal(arm.qvel(s), qvel[:, dofs].astype(np.float32))
+        np.testing.assert_allclose(arm.tool(s)[0, :3], mujocos(s).site(f"{plinth}:point").xpos, atol=1e-6)
+
+
+def test_arms_of_any_make_are_driven_by_their_joints(pair_file):
+    """Gears, tendons and slides: each joint goes where it is told, the other arm stays where it is."""
+    s = pair(pair_file)
+    arm, other, datas = ArmController(s, "right"), ArmController(s, "left"), [mujocos(s, world) for world in range(2)]
+    other.set_targets(s, other.qpos(s))
+    before, wanted = other.qpos(s).clone(), tensor([[0.4, -0.5, 0.1, 0.6], [-0.3, 0.2, -0.1, -0.4]])
+    for _ in range(120):
+        arm.move_joints(s, ((wanted - arm.targets(s)) / tensor([0.04, 0.04, 0.02, 0.04])).clamp(-1.0, 1.0))
+        step(s, datas)
+    torch.testing.assert_close(arm.targets(s), wanted, rtol=0, atol=1e-5)
+    torch.testing.assert_close(arm.qpos(s), wanted, rtol=0, atol=1e-2)
+    torch.testing.assert_close(other.qpos(s), before, rtol=0, atol=1e-4)
+
+
+def test_tools_of_arms_that_face_each_other_go_along_the_axes_of_the_world(pair_file):
+    """Each keeps its heading, whichever way its base is turned, and arrives where MuJoCo has it."""
+    s = pair(pair_file)
+    arms = {"plinth": ArmController(s, "left"), "left": ArmController(s, "right")}
+    starts, datas = {plinth: mujocos(s).site(f"{plinth}:point") for plinth in arms}, [mujocos(s) for _ in range(2)]
+    for arm in arms.values():
+        arm.start(s, torch.ones(2, dtype=torch.bool))
+    goals = {plinth: starts[plinth].xpos + [-0.06, 0.03, -0.08] for plinth in arms}
+    for _ in range(150):
+        for plinth, arm in arms.items():
+            way = tensor(goals[plinth]) - arm.tool_target[:, :3]
+            action = torch.cat([way / arm_controller.TOOL_STEP, torch.zeros(2, 1)], dim=1)
+            arm.move_tool(s, action.clamp(-1.0, 1.0))
+        step(s, datas)
+    for plinth, arm in arms.items():
+        found = mujocos(s).site(f"{plinth}:point")
+        np.testing.assert_allclose(found.xpos, goals[plinth], atol=5e-3)
+        np.testing.assert_allclose(found.xmat, starts[plinth].xmat, atol=0.05)
+        torch.testing.assert_close(arm.tool_lead(s)[:, 3], torch.zeros(2), rtol=0, atol=0.02)
+
+
+def test_any_gripper_closes_and_opens(tmp_path):
+    """From -1 to 1, each by itself; the width is that of the geoms."""
+    path, hands = tmp_path / "arms.xml", [name for name, hand in HANDS.items() if hand.actuators]
+    path.write_text(mjcf({hand: (hand, f"0 {i} 0", 0.0) for i, hand in enumerate(hands)}))
+    robots = {f"r{i}": {"in_model": hand, "tcp": f"{hand}:point"} for i, hand in enumerate(hands)}
+    s = state_of({"model": str(path), "robots": robots}, 1)
+    arms, data = [ArmController(s, hand) for hand in hands], mujocos(s)
+    for command in (-1.0, 1.0):
+        for _ in range(100):
+            for arm in arms:
+                arm.grip(s, torch.full((1,), command))
+            step(s, [data])
+        for arm, hand in zip(arms, hands, strict=True):
+            closed, opened = HANDS[hand].gaps
+            found = np.linalg.norm(data.geom(f"{hand}:thumb").xpos - data.geom(f"{hand}:index").xpos)
+            assert found == pytest.approx(opened if command > 0.0 else closed, abs=2e-3)
+            assert arm.width(s).item() == pytest.approx(found - closed, abs=1e-3)
+
+
+def test_an_arm_without_a_gripper_is_driven_and_says_so_when_it_should_grip(tmp_path):
+    """A robot from a file, under the prefix that the scene gives it, with a joint in its root body."""
+    path = tmp_path / "crane.xml"
+    body = mjcf({"base": ("none", "0 0 0", 0.0)}).replace('pos="0 0 .4">', ">")
+    path.write_text(
+        body.replace('<body name="base" pos="0 0 0" euler="0 0 0.0">', "<body name='base'><joint name='0'/>")
+    )
+    path.write_text(path.read_text().replace("<actuator>", '<actuator><position joint="0" kp="900" kv="90"/>'))
+    s = state_of({"robot": {"model": str(path), "tcp": "base:point", "base": [0.2, 0.0, 0.1], "yaw": 70}})
+    arm = ArmController(s, "crane")
+    assert (arm.name, arm.joints, arm.has_gripper) == ("crane", 5, False)
+    for use in (arm.width, lambda s: arm.grip(s, torch.zeros(2))):
+        with pytest.raises(
+            ArmError, match=r"scene 'scene': ArmController: robot: the robot has no gripper: .*'ctrlrange'"
+        ):
+            use(s)
+    datas = [mujocos(s), mujocos(s)]
+    arm.start(s, torch.ones(2, dtype=torch.bool))
+    goal = arm.tool_target.clone() + tensor([0.0, -0.05, 0.05, 0.3])
+    for _ in range(120):
+        action = ((goal - arm.tool_target) / tensor([0.02] * 3 + [0.1])).clamp(-1.0, 1.0)
+        arm.move_tool(s, action, lowest=-1.0)
+        step(s, datas)
+    torch.testing.assert_close(arm.tool(s)[:, :3], goal[:, :3], rtol=0, atol=5e-3)
+    torch.testing.assert_close(arm.tool_target, goal, rtol=0, atol=1e-4)
+
+
+SMALL = {"model": str(Path(__file__).parents[1] / "data" / "small_arm.xml")}
+
+
+def test_an_arm_whose_actuators_are_not_called_joint_is_found():
+    """It was refused with "unknown arm 'panda'. Valid: arm.", and so was the name that this offered."""
+    s = state_of(SMALL | {"robot": {"in_model": "arm", "tcp": "arm/tcp"}})
+    assert ArmController(s).name == ArmController(s, "arm").name == "arm"
+    with pytest.raises(UnknownNameError, match=r"^scene 'scene': ArmController: unknown robot 'panda'. Valid: arm.$"):
+        ArmController(s, "panda")
+
+
+def test_a_root_body_of_another_name_than_the_actuators_begin_with_is_no_matter(tmp_path):
+    """Joints were looked for in a body `arm`, and missed: "unknown joint 'arm'. Valid: base, ..."."""
+    path = tmp_path / "arm.xml"
+    text = mjcf({"base": ("mimic", "0 0 0", 0.0)}).replace("base:", "arm/")
+    for i, name in enumerate(("alpha", "beta", "gamma", "delta")):
+        text = text.replace(f"arm/{name}", f"arm/joint{i + 1}")
+    path.write_text(text.replace("arm/only", "arm/gripper").replace("arm/point", "arm/tcp"))
+    s = state_of({"model": str(path), "robot": {"in_model": "base", "tcp": "arm/tcp"}})
+    arm = ArmController(s, "base")
+    assert (arm.qpos(s).shape, arm.qvel(s).shape, arm.width(s).shape) == ((2, 4), (2, 4), (2,))
+
+
+PLAIN = mjcf({"base": ("none", "0 0 0", 0.0)})
+NAMED = {"in_model": "base", "tcp": "base:point"}
+SITE, JOINT = '<site name="base:point"', '<joint name="base:turn about" axis="0 0 1"/>'
+BETA = next(line.strip() for line in PLAIN.replace("</actuator>", "\n").splitlines() if "base:beta" in line)
+
+
+@pytest.mark.parametrize(
+    ("changes", "robot", "message"),
+    [
+        (
+            {},
+            {"in_model": "base"},
+            "the robot has no tool centre point: no site 'tcp' is on its body 'base' or below it",
+        ),
+        (
+            {SITE: '<site name="tcp"', "<worldbody>": '<worldbody><body name="other"/>'},
+            {"in_model": "other"},
+            "no site 'tcp' is on its body 'other' or below it. Name a site or a body of the robot: 'robot.tcp: NAME'",
+        ),
+        (
+            {BETA: '<motor joint="base:turn about"/>'},
+            NAMED,
+            "joint 'base:turn about' should have one position actuator",
+        ),
+        ({BETA: "", JOINT: '<joint name="spin" type="ball"/>'}, NAMED, "'spin' between them is a ball joint."),
+        (
+            {},
+            NAMED | {"in_model": "base:palm"},
+            "from body 'base:palm' to site 'base:point' should consist of hinges and",
+        ),
+    ],
+)
+def test_a_robot_that_cannot_be_driven_is_told_why(tmp_path, changes, robot, message):
+    """In one error, which says where, and what would be right."""
+    text = PLAIN
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new)
+    path = tmp_path / "arm.xml"
+    path.write_text(text)
+    s = state_of({"model": str(path), "robot": robot})
+    with pytest.raises(ArmError) as caught:
+        ArmController(s)
+    assert str(caught.value).startswith("scene 'scene': ArmController: robot: ")
+    assert message in str(caught.value)
+
+
+def test_a_robot_that_is_not_there_is_told_with_those_that_are(pair_file):
+    """By the names that the user wrote."""
+    s = pair(pair_file)
+    with pytest.raises(
+        UnknownNameError, match=r"^scene 'scene': ArmController: unknown robot 'panda'. Valid: left, right"
+    ):
+        ArmController(s, "panda")
+    with pytest.raises(ArgumentError, match="should be given the name of one of the scene's robots: left, right"):
+        ArmController(s)
+    s = state_of({"robot": {"asset": "panda"}})
+    with pytest.raises(UnknownNameError, match=r"unknown robot 'ur5e'. Valid: panda."):
+        ArmController(s, "ur5e")
+    s = state_of(SMALL)
+    with pytest.raises(ArmError, match=r"the scene has no robot. Name one .*'robot: \{in_model: BODY, tcp: SITE\}'"):
+        ArmController(s, "arm")
+    s = state_of({"robot": {"asset": "panda", "in_scene": False}})
+    with pytest.raises(ArmError, match="robot has 'in_scene: false', so there is nothing to drive"):
+        ArmController(s, "panda")

@@ -51,6 +51,15 @@ def test_poses_are_seen_from_the_base():
             np.testing.assert_allclose(turned[i], [*expected, *whole], atol=1e-6)
 
 
+def test_poses_go_to_the_world_and_back():
+    """From a base that stands still and from one that is drawn."""
+    positions, quats = (torch.tensor(values).float() for values in drawn(20))
+    at, turned = positions.flip(0), quats.flip(0)
+    for base in (frame("base")[0], frame(None)[0], DrawnBaseFrame(at, turned)):
+        found = base.to_world(base.pose(positions, quats))
+        torch.testing.assert_close(found, torch.cat([positions, quats], dim=1), rtol=0, atol=2e-6)
+
+
 def test_vectors_are_turned_and_not_moved():
     """Two at once, in any leading shape."""
     base, data = frame("base")

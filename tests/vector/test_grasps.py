@@ -14,7 +14,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector.state import State
-from tests.layout.reaching import crane_map, crane_mjcf, crane_scene
+from tests.layout.crane import crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, compile_on_cpu
 
 NWORLD = 6

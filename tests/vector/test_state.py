@@ -8,7 +8,9 @@ import pytest
 import torch
 
 from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.sim.versions import SLEEPING
 from tests.vector.stepping import oracle
+from tests.vector.workshop import mjcf, mujocos, state_of
 
 
 @pytest.fixture
@@ -78,3 +80,49 @@ def test_unknown_names_are_answered_with_the_valid_ones(moving, method, name, me
     """A misspelt name is refused, with the names there are."""
     with pytest.raises(UnknownNameError, match=message):
         getattr(moving.state, method)(name)
+
+
+@pytest.fixture(scope="module")
+def arms(tmp_path_factory):
+    """Return worlds with two arms with slides, by names of the scene that are not those of their bodies."""
+    path = tmp_path_factory.mktemp("arms") / "arms.xml"
+    path.write_text(mjcf({"one": ("mimic", "0 0 0", 20.0), "two": ("none", "1 0 0", 0.0)}))
+    robots = {"left": {"in_model": "one", "tcp": "one:point"}, "right": {"in_model": "two", "tcp": "two:point"}}
+    s = state_of({"model": str(path), "robots": robots})
+    s.data.qpos.assign(np.random.default_rng(0).uniform(-0.3, 0.3, (2, s.mjm.nq)))
+    s._batch.update()
+    return s
+
+
+def test_the_jacobian_of_hinges_slides_and_joints_that_do_not_carry_the_site_is_mujocos(arms):
+    """Of a whole robot, fingers included, of another robot, and of joints by their numbers, in any order."""
+    mjm, jacobian = arms.mjm, np.zeros((6, arms.mjm.nv))
+    numbers = tuple(mjm.joint(f"one:{name}").id for name in ("run", "swing", "p"))
+    left, right = ([j for j in range(mjm.njnt) if mjm.joint(j).name.startswith(f"{arm}:")] for arm in ("one", "two"))
+    for world in range(2):
+        data = mujocos(arms, world)
+        mujoco.mj_jacSite(mjm, data, jacobian[:3], jacobian[3:], mjm.site("one:point").id)
+        for name, joints in (("left", left), ("one", left), ("right", right), (numbers, list(numbers))):
+            found = arms.jacobian("one:point", name)[world]
+            np.testing.assert_allclose(found, jacobian[:, mjm.jnt_dofadr[joints]], atol=1e-6)
+
+
+def test_robots_and_joints_are_found_by_the_names_of_the_scene_and_by_numbers(arms):
+    """A robot of a user's model has two names; joints without a name have their number."""
+    mjm, qpos = arms.mjm, arms.data.qpos.numpy()
+    np.testing.assert_array_equal(arms.pose("left"), arms.pose("one"))
+    np.testing.assert_array_equal(arms.qpos("right"), arms.qpos("two"))
+    np.testing.assert_array_equal(arms.qpos((4, 1)), qpos[:, mjm.jnt_qposadr[[4, 1]]])
+    arms.put_joints((0, 2), torch.tensor([[0.25, 0.125]] * 2), torch.tensor([False, True]))
+    np.testing.assert_array_equal(arms.data.qpos.numpy()[:, mjm.jnt_qposadr[[0, 2]]], [qpos[0, [0, 2]], [0.25, 0.125]])
+    with pytest.raises(UnknownNameError, match=r"State.pose: unknown body 'lef'. Did you mean 'left'\?"):
+        arms.pose("lef")
+
+
+@pytest.mark.skipif(not SLEEPING, reason="bodies sleep since MuJoCo 4")
+def test_what_cannot_sleep_is_told_by_the_method_that_was_called(moving):
+    """Once it was said to have no velocity."""
+    s = state_of({"model": moving.compiled.scene.config.model})
+    s._batch.model.opt.enableflags |= SLEEPING["enableflags"]
+    with pytest.raises(UnknownNameError, match=r"State.sleep: unknown free object 'cabinet'. Valid: block"):
+        s.sleep(("cabinet",), torch.ones(2, dtype=torch.bool))

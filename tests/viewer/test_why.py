@@ -90,7 +90,9 @@ def test_words_name_object_cause_count_and_what_is_in_the_way(deck: LayoutDeck):
 
 def test_the_table_has_a_row_for_each_object_and_a_column_for_each_cause():
     """And says of how many layouts it is."""
-    table = table_in_html({"apple": {"roof": 3, "collision": 0}, "pear": {"roof": 0, "collision": 12}}, 200, 150)
+    table = table_in_html(
+        {"apple": {"overhead": 3, "collision": 0}, "pear": {"overhead": 0, "collision": 12}}, 200, 150
+    )
     assert "200 layouts, 75.0% valid" in table
     assert table.count("<tr>") == 3
     assert "<td>pear</td><td align=right>-</td><td align=right>12</td>" in table

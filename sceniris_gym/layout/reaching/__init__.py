@@ -1,1 +1,1 @@
-"""The stages `ik` and `clear`, which follow placing."""
+"""The reach stage of a reset, which follows placing: tiers `ik` and `clear`."""

@@ -1,37 +1,30 @@
-"""The posed robots of candidates against lists of pairs, a block for each candidate."""
+"""Collision tests of posed robots against lists of pairs, one block per candidate."""
 
 import warp as wp
 
 from sceniris_gym.collide.boxes import SHARED_STACK, UNPROVEN, WAITING, collides, collides_without_stack
 from sceniris_gym.collide.containment import encloses
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.reaching.search import ReachSearch, Step, reach_candidate_num, takes_step
+from sceniris_gym.layout.reaching.search import ReachSearch, ReachStep, reach_candidate_num, takes_step
 from sceniris_gym.layout.wave.search import SearchSize
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
 
 wp.set_module_options({"enable_backward": False})
 
-_COLLISION = wp.constant(int(Cause.COLLISION))
-_UNPROVEN = wp.constant(UNPROVEN)
-_HAND_AND_TARGET = wp.constant(int(Step.HAND_AND_TARGET))
-_SELF_AT_GRASP = wp.constant(int(Step.SELF_AT_GRASP))
-_SELF_AT_PREGRASP = wp.constant(int(Step.SELF_AT_PREGRASP))
-_TARGET_AT_PREGRASP = wp.constant(int(Step.TARGET_AT_PREGRASP))
-
 
 @wp.func
 def _pairs_of(reach: Reach, step: int, column: int) -> int:
-    """The list of pairs that a step tests for a reach target."""
-    if step < _HAND_AND_TARGET:
+    """Return the list of pairs that a step tests for a reach target."""
+    if step < ReachStep.HAND_AND_TARGET:
         return reach.arm_hand[column]
-    if step == _HAND_AND_TARGET:
+    if step == ReachStep.HAND_AND_TARGET:
         return reach.arm_target[column]
-    if step == _SELF_AT_GRASP:
+    if step == ReachStep.SELF_AT_GRASP:
         return reach.arm_self[column]
-    if step == _SELF_AT_PREGRASP:
+    if step == ReachStep.SELF_AT_PREGRASP:
         return reach.arm_self[column]
-    if step == _TARGET_AT_PREGRASP:
+    if step == ReachStep.TARGET_AT_PREGRASP:
         return reach.arm_target[column]
     return reach.arm_scene[column]
 
@@ -43,33 +36,35 @@ def _test(
     first: int,
     last: int,
     blocks: int,
+    # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
-    search: ReachSearch,
+    # ReachSearch in: column, candidates, world, start, failed, body_pos, body_quat
+    # ReachSearch out: failed
+    reach_search: ReachSearch,
 ):
     block, lane = wp.tid()
     nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
     leaves = wp.tile_stack(capacity=wp.static(WAITING), dtype=wp.vec3i)
-    for c in range(block, reach_candidate_num(search), blocks):
-        worldid = search.world[c]
-        own_pos = search.body_pos[c]
-        own_quat = search.body_quat[c]
+    for c in range(block, reach_candidate_num(reach_search), blocks):
+        worldid = reach_search.world[c]
+        own_pos = reach_search.body_pos[c]
+        own_quat = reach_search.body_quat[c]
         pos = layouts.body_pos[worldid]
         quat = layouts.body_quat[worldid]
         step = int(first)
         hit = bool(False)
         while step <= last and not hit:
-            if takes_step(reach, search, c, step):
-                pairs = _pairs_of(reach, step, search.column[worldid])
-                adr = reach.arm_startadr[pairs]
-                num = reach.arm_startnum[pairs]
+            if takes_step(reach, reach_search, c, step):
+                pairs = _pairs_of(reach, step, reach_search.column[worldid])
+                adr = reach.arm_broadadr[pairs]
+                num = reach.arm_broadnum[pairs]
                 found = collides(program, adr, num, -1, nodes, leaves, lane, own_pos, own_quat, pos, quat)
-                hit = found == _COLLISION
-                if found == _UNPROVEN:
+                hit = found == Cause.COLLISION
+                if found == UNPROVEN:
                     hit = collides_without_stack(program, adr, num, -1, lane, own_pos, own_quat, pos, quat)
             step += 1
-        if lane == 0 and hit:  # all lanes have read what is written here
-            search.failed[c] = step - 1
+        if lane == 0 and hit:  # every lane has read `failed` by now
+            reach_search.failed[c] = step - 1
 
 
 @wp.kernel(grid_stride=False)
@@ -79,42 +74,44 @@ def _test_containment(
     first: int,
     last: int,
     blocks: int,
+    # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
-    search: ReachSearch,
+    # ReachSearch in: column, candidates, world, start, failed, body_pos, body_quat
+    # ReachSearch out: failed
+    reach_search: ReachSearch,
 ):
     block, lane = wp.tid()
-    for c in range(block, reach_candidate_num(search), blocks):
-        worldid = search.world[c]
-        own_pos = search.body_pos[c]
-        own_quat = search.body_quat[c]
+    for c in range(block, reach_candidate_num(reach_search), blocks):
+        worldid = reach_search.world[c]
+        own_pos = reach_search.body_pos[c]
+        own_quat = reach_search.body_quat[c]
         pos = layouts.body_pos[worldid]
         quat = layouts.body_quat[worldid]
         step = int(first)
         inside = bool(False)
         while step <= last and not inside:
-            if takes_step(reach, search, c, step):
-                pairs = _pairs_of(reach, step, search.column[worldid])
+            if takes_step(reach, reach_search, c, step):
+                pairs = _pairs_of(reach, step, reach_search.column[worldid])
                 adr = reach.arm_pairadr[pairs]
                 inside = encloses(program, adr, reach.arm_pairnum[pairs], lane, own_pos, own_quat, pos, quat)
             step += 1
-        if lane == 0 and inside:  # all lanes have read what is written here
-            search.failed[c] = step - 1
+        if lane == 0 and inside:  # every lane has read `failed` by now
+            reach_search.failed[c] = step - 1
 
 
 def launch_test_arm(
     program: Program,
     reach: Reach,
-    first: Step,
-    last: Step,
+    first: ReachStep,
+    last: ReachStep,
     size: SearchSize,
     layouts: LayoutsView,
-    search: ReachSearch,
+    reach_search: ReachSearch,
     device: str,
 ) -> None:
-    """Take the candidates that have come to a step through it and those after it, for all of which they are posed."""
+    """Test candidates at the steps from `first` to `last`, all of which have the pose that they are in now."""
     inputs = [program, reach, int(first), int(last), size.blocks, layouts]
-    words = {"dim": [size.blocks], "outputs": [search], "block_dim": size.block_dim, "device": device}
+    words = {"dim": [size.blocks], "outputs": [reach_search], "block_dim": size.block_dim, "device": device}
     wp.launch_tiled(_test, inputs=inputs, **words)
-    if program.faces:
+    if program.visual:
         wp.launch_tiled(_test_containment, inputs=inputs, **words)

@@ -1,20 +1,20 @@
-"""Inverse kinematics of candidates, a lane for each: from its start to the grasp, and from there to the pre-grasp."""
+"""Inverse kinematics of candidates, one lane each: from a start to the grasp, and from there to the pre-grasp."""
 
 import warp as wp
 
 from sceniris_gym.device.quaternions import mul_quat, neg_quat, rot_vec_quat, z_axis
-from sceniris_gym.device.random import REACH_STREAM, STREAM_BITS, uniforms
+from sceniris_gym.device.random import REACH_STREAM, uniforms
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reaching.search import (
     PREGRASP_DISTANCE,
     STARTS,
     ReachSearch,
-    Step,
+    ReachStep,
     first_start,
     reach_candidate_num,
     takes_step,
 )
-from sceniris_gym.layout.wave.search import Search
+from sceniris_gym.layout.wave.search import Search, numbered_stream
 from sceniris_gym.placement.grasps import tcp_of
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.reach.arm import MAX_JOINTS
@@ -24,20 +24,16 @@ from sceniris_gym.reach.solve import ITERATIONS, ArmView, accepted, refine, turn
 wp.set_module_options({"enable_backward": False})
 
 SAME_BRANCH = 0.8
-"""A joint [rad or m] that turns further between pre-grasp and grasp may have passed to another branch of solutions."""
+"""Largest change of a joint [rad or m] between pre-grasp and grasp; beyond it the arm may be on another branch."""
 WITNESSES = 4
-"""How many starts of a grasp are witnesses of the arm's map, if it has one. They follow the pose that the arm has."""
+"""Starts of a grasp that are witnesses of the arm's map, if it has one. They follow the arm's present pose."""
 
-_IK_AT_GRASP = wp.constant(int(Step.IK_AT_GRASP))
-_IK_AT_PREGRASP = wp.constant(int(Step.IK_AT_PREGRASP))
-_REACH_STREAM = wp.constant(wp.uint32(REACH_STREAM))
-_STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
 _PI = wp.constant(wp.pi)
 
 
 @wp.func
 def _target(reach: Reach, layouts: LayoutsView, worldid: int, grasp: int):
-    """Position and orientation of the TCP in a grasp, in the frame of the arm's base."""
+    """Return position and orientation of the TCP in a grasp, in the frame of the arm's base."""
     at, turn = tcp_of(reach, grasp, layouts.body_pos[worldid], layouts.body_quat[worldid])
     back = neg_quat(layouts.body_quat[worldid, reach.base_body])
     pos = rot_vec_quat(at - layouts.body_pos[worldid, reach.base_body], back)
@@ -46,7 +42,7 @@ def _target(reach: Reach, layouts: LayoutsView, worldid: int, grasp: int):
 
 @wp.func
 def _drawn(arm: ArmView, seed: wp.uint64, episode: int, stream: wp.uint32, trial: int, draw: int) -> vec8:
-    """Joints drawn uniformly within limits, or from -pi to pi where there are none."""
+    """Draw joints uniformly within their limits, or from -pi to pi for a hinge without limits."""
     low = uniforms(seed, episode, stream, trial, 2 * draw)
     high = uniforms(seed, episode, stream, trial, 2 * draw + 1)
     q = vec8()
@@ -63,8 +59,8 @@ def _drawn(arm: ArmView, seed: wp.uint64, episode: int, stream: wp.uint32, trial
 
 
 @wp.func
-def _same_branch(arm: ArmView, there: vec8, before: vec8):
-    """Joints of a pre-grasp with all turns as near as they can be to those of the grasp; and whether all are near."""
+def _nearest_turns(arm: ArmView, there: vec8, before: vec8):
+    """Shift a pre-grasp's joints by full turns towards those of the grasp; return them, and True if all are near."""
     near = bool(True)
     q = before
     for i in range(MAX_JOINTS):
@@ -79,21 +75,24 @@ def _same_branch(arm: ArmView, there: vec8, before: vec8):
 
 
 @wp.kernel(grid_stride=False)
-def _start(
+def _choose_starts(
     reach: Reach,
     split: wp.uint32,
     lanes: int,
+    # Layouts in: seed, qpos, pending_episode, body_pos, body_quat
     layouts: LayoutsView,
+    # Search in: restart
     search: Search,
-    # Search in and out:
+    # ReachSearch in: column, first, candidates, world, grasp, start, failed
+    # ReachSearch out: failed, grasp_qpos
     reach_search: ReachSearch,
 ):
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
         of_grasp = first_start(reach_search, c)
         if of_grasp >= 0:
-            if reach_search.failed[of_grasp] < _IK_AT_GRASP:
+            if reach_search.failed[of_grasp] < ReachStep.IK_AT_GRASP:
                 reach_search.failed[c] = reach_search.failed[of_grasp]
-        if not takes_step(reach, reach_search, c, _IK_AT_GRASP):
+        if not takes_step(reach, reach_search, c, ReachStep.IK_AT_GRASP):
             continue
         worldid = reach_search.world[c]
         column = reach_search.column[worldid]
@@ -108,10 +107,10 @@ def _start(
             pos, quat = _target(reach, layouts, worldid, grasp)
             q = witness(reach.map, pos, quat, start - 1)
         else:
-            stream = (split << _STREAM_BITS) + _REACH_STREAM
+            stream = numbered_stream(split, REACH_STREAM)
             trial = (search.restart[worldid] - 1) * layouts.grasp.shape[1] + column
             draw = (grasp - reach.reach_graspadr[column]) * wp.static(STARTS) + start
-            q = _drawn(reach.arm, layouts.seed[worldid], layouts.making[worldid], stream, trial, draw)
+            q = _drawn(reach.arm, layouts.seed[worldid], layouts.pending_episode[worldid], stream, trial, draw)
         reach_search.grasp_qpos[c] = q
 
 
@@ -120,26 +119,28 @@ def _solve(
     reach: Reach,
     step: int,
     lanes: int,
+    # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
-    search: ReachSearch,
+    # ReachSearch in: column, candidates, world, grasp, start, failed, grasp_qpos
+    # ReachSearch out: failed, grasp_qpos, pregrasp_qpos
+    reach_search: ReachSearch,
 ):
-    for c in range(wp.tid(), reach_candidate_num(search), lanes):
-        if not takes_step(reach, search, c, step):
+    for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
+        if not takes_step(reach, reach_search, c, step):
             continue
-        pos, quat = _target(reach, layouts, search.world[c], search.grasp[c])
-        if step == _IK_AT_PREGRASP:
+        pos, quat = _target(reach, layouts, reach_search.world[c], reach_search.grasp[c])
+        if step == ReachStep.IK_AT_PREGRASP:
             pos = pos - wp.static(PREGRASP_DISTANCE) * z_axis(quat)
-        found = refine(reach.arm, pos, quat, search.grasp_qpos[c], wp.static(ITERATIONS))
+        found = refine(reach.arm, pos, quat, reach_search.grasp_qpos[c], wp.static(ITERATIONS))
         passed = accepted(found)
-        if step == _IK_AT_PREGRASP:
-            q, near = _same_branch(reach.arm, search.grasp_qpos[c], found.q)
-            search.pregrasp_qpos[c] = q
+        if step == ReachStep.IK_AT_PREGRASP:
+            q, near = _nearest_turns(reach.arm, reach_search.grasp_qpos[c], found.q)
+            reach_search.pregrasp_qpos[c] = q
             passed = passed and near
         else:
-            search.grasp_qpos[c] = found.q
+            reach_search.grasp_qpos[c] = found.q
         if not passed:
-            search.failed[c] = step
+            reach_search.failed[c] = step
 
 
 def launch_ik(
@@ -152,9 +153,9 @@ def launch_ik(
     reach_search: ReachSearch,
     device: str,
 ) -> None:
-    """Look for joints of the candidates' grasps, and for those of the tier `clear` in their pre-grasps."""
+    """Solve for the joints of the candidates' grasps, and for the tier `clear` for those of their pre-grasps."""
     inputs = [reach, split, lanes, layouts, search]
-    wp.launch(_start, dim=lanes, inputs=inputs, outputs=[reach_search], device=device)
-    for step in (Step.IK_AT_GRASP, Step.IK_AT_PREGRASP) if clear else (Step.IK_AT_GRASP,):
+    wp.launch(_choose_starts, dim=lanes, inputs=inputs, outputs=[reach_search], device=device)
+    for step in (ReachStep.IK_AT_GRASP, ReachStep.IK_AT_PREGRASP) if clear else (ReachStep.IK_AT_GRASP,):
         inputs = [reach, int(step), lanes, layouts]
         wp.launch(_solve, dim=lanes, inputs=inputs, outputs=[reach_search], device=device)

@@ -1,44 +1,45 @@
-"""`ReachSearch`: what is kept while joints for grasps are looked for: worlds in a queue, and their candidates.
+"""`ReachSearch`: the state of a search for joints of grasps: a queue of worlds, and their candidates.
 
-A world that waits goes through its arms in order, through the reach targets of each, and through the grasps of each
-target. A *candidate* is one start of the inverse kinematics for one grasp. It goes through the steps of `Step`; the
-lowest (grasp, start) that passes all of them is kept. What is found of a grasp whatever the arm's joints are, is found
-once, for its first start.
+A waiting world works through its arms in order, through the reach targets of each arm, and through the grasps of each
+target. A *candidate* is one start of the inverse kinematics for one grasp. It takes the steps of `ReachStep` in order;
+the lowest (grasp, start) that passes all of them is kept. Steps that do not depend on the arm's joints are taken once
+per grasp, by its first start.
 """
 
 from enum import IntEnum
+from functools import partial
 
 import warp as wp
 
 from sceniris_gym.config.tier import Tier
-from sceniris_gym.layout.wave.search import SearchSize
+from sceniris_gym.layout.wave.search import SearchSize, allocate
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.reach.solve import vec8
 
 PREGRASP_DISTANCE = 0.08
-"""How far [m] a pre-grasp is back along the approach."""
+"""Distance [m] of a pre-grasp from its grasp, back along the approach axis."""
 STARTS = 8
-"""Starts of the inverse kinematics for each grasp: the pose that the arm has, witnesses of its map, and random ones."""
+"""Starts of the inverse kinematics for each grasp: the arm's present pose, witnesses of its map, then random joints."""
 MOST_AT_ONCE = 8 * STARTS
-"""The most candidates that a world has in a wave, through which one lane goes in the end."""
+"""Most candidates of a world in a wave; a single lane goes through them at the end."""
 
 
-class Step(IntEnum):
-    """What a candidate goes through, in this order. The first four are those of a grasp, the others of a start.
+class ReachStep(IntEnum):
+    """Tests of a candidate, in this order. The first four depend on the grasp alone, the others on the start as well.
 
-    The tier `ik` has MAP, IK_AT_GRASP and SELF_AT_GRASP alone.
+    The tier `ik` takes MAP, IK_AT_GRASP and SELF_AT_GRASP only.
     """
 
     MAP = 0
-    """The grasp does not come from below, and the arm's map lets it through."""
+    """The grasp does not approach from below, and the arm's map accepts it."""
     HAND_AT_GRASP = 1
     """The hand alone is clear of the layout."""
     HAND_AT_PREGRASP = 2
     HAND_AND_TARGET = 3
-    """In the pre-grasp the hand alone is clear of what it is to grasp."""
+    """In the pre-grasp the hand alone is clear of its target."""
     IK_AT_GRASP = 4
-    """There are joints for the grasp, and from those on for the pre-grasp."""
+    """Inverse kinematics finds joints for the grasp; for the pre-grasp it starts from these."""
     IK_AT_PREGRASP = 5
     SELF_AT_GRASP = 6
     """The robot is clear of itself."""
@@ -50,96 +51,85 @@ class Step(IntEnum):
     PASSED = 11
 
 
-_CLEAR = wp.constant(int(Tier.CLEAR))
-_MAP = wp.constant(int(Step.MAP))
-_IK_AT_GRASP = wp.constant(int(Step.IK_AT_GRASP))
-_SELF_AT_GRASP = wp.constant(int(Step.SELF_AT_GRASP))
-
-
 @wp.struct
 class ReachSearch:
-    """The arrays of a search for joints as device code takes them."""
+    """The arrays of a search for joints on the device."""
 
     # Worlds
-    arm: wp.array(dtype=int)  # the arm whose turn it is
-    column: wp.array(dtype=int)  # the reach target that it is at
-    number: wp.array(dtype=int)  # the next start to try, those of all grasps that are left by the map one by one
-    tried: wp.array(dtype=int)  # how many starts of this target have been tried in vain
-    furthest: wp.array(dtype=int)  # the last step that any candidate of this target came to
-    first: wp.array(dtype=int)  # its first candidate in this wave
-    trials: wp.array(dtype=int)  # and how many it has; 0 if the wave has no room for it
-    queue: wp.array2d(dtype=int)  # worlds that go on; two lists, of which one is read and one written
+    arm: wp.array[int]  # the arm that it is at
+    column: wp.array[int]  # the reach target that it is at
+    number: wp.array[int]  # number of the next start, counted over all grasps from the first that the map accepts
+    tried: wp.array[int]  # starts of this target that have failed so far
+    furthest: wp.array[int]  # the last step that any candidate of this target reached
+    first: wp.array[int]  # the world's first candidate in this wave
+    trials: wp.array[int]  # the number of its candidates; 0 if the wave has no room for them
+    queue: wp.array2d[int]  # worlds that continue: two lists, one read and one written
     # Counts
-    worlds_left: wp.array(dtype=int)
-    source: wp.array(dtype=int)  # which list of `queue` is read
-    worlds: wp.array(dtype=int)  # number of worlds in it
-    at_once: wp.array(dtype=int)  # candidates of each world
-    candidates: wp.array(dtype=int)
+    worlds_left: wp.array[int]
+    source: wp.array[int]  # the list of `queue` that is read
+    worlds: wp.array[int]  # number of worlds in that list
+    at_once: wp.array[int]  # candidates per world
+    candidates: wp.array[int]
     # Candidates
-    world: wp.array(dtype=int)
-    grasp: wp.array(dtype=int)
-    start: wp.array(dtype=int)
-    failed: wp.array(dtype=int)  # the step that it failed at, PASSED for none
-    grasp_qpos: wp.array(dtype=vec8)  # of the arm's joints: where the search starts, then in the grasp
-    pregrasp_qpos: wp.array(dtype=vec8)
-    # The robot as it is posed for a test; nothing else is posed here.
-    qpos: wp.array2d(dtype=float)
-    body_pos: wp.array2d(dtype=wp.vec3)
-    body_quat: wp.array2d(dtype=wp.vec4)
+    world: wp.array[int]
+    grasp: wp.array[int]
+    start: wp.array[int]
+    failed: wp.array[int]  # the step that it failed at; PASSED if it failed at none
+    grasp_qpos: wp.array[vec8]  # the arm's joints: first the start, then the solution for the grasp
+    pregrasp_qpos: wp.array[vec8]
+    # The state of the robot, posed for a test; other entries are not used.
+    qpos: wp.array2d[float]
+    body_pos: wp.array2d[wp.vec3]
+    body_quat: wp.array2d[wp.vec4]
 
 
 @wp.func
-def reach_candidate_num(search: ReachSearch) -> int:
-    """How many candidates this wave has: those that worlds asked for, as far as there is room."""
-    return wp.min(search.candidates[0], search.failed.shape[0])
+def reach_candidate_num(reach_search: ReachSearch) -> int:
+    """Return the number of candidates in this wave: as many as worlds asked for, up to the capacity."""
+    return wp.min(reach_search.candidates[0], reach_search.failed.shape[0])
 
 
 @wp.func
-def queue_world(search: ReachSearch, worldid: int):
-    """Let a world take part in the next wave."""
-    search.queue[1 - search.source[0], wp.atomic_add(search.worlds_left, 0, 1)] = worldid
+def queue_world(reach_search: ReachSearch, worldid: int):
+    """Queue a world for the next wave."""
+    reach_search.queue[1 - reach_search.source[0], wp.atomic_add(reach_search.worlds_left, 0, 1)] = worldid
 
 
 @wp.func
-def first_start(search: ReachSearch, c: int) -> int:
-    """The candidate that goes through the steps of a grasp for all its starts; -1: it has passed in an earlier wave."""
-    found = c - search.start[c]
-    if found < search.first[search.world[c]]:
+def first_start(reach_search: ReachSearch, c: int) -> int:
+    """Return the candidate of a grasp's first start, whose result holds for all; -1 if it was in an earlier wave."""
+    found = c - reach_search.start[c]
+    if found < reach_search.first[reach_search.world[c]]:
         return -1
     return found
 
 
 @wp.func
-def takes_step(reach: Reach, search: ReachSearch, c: int, step: int) -> bool:
-    """Whether a candidate has come to a step, and goes through it itself."""
-    if search.failed[c] < step:
+def takes_step(reach: Reach, reach_search: ReachSearch, c: int, step: int) -> bool:
+    """Return True if a candidate takes a step itself, and has not failed before it."""
+    if reach_search.failed[c] < step:
         return False
-    if step < _IK_AT_GRASP and search.start[c] != 0:
+    if step < ReachStep.IK_AT_GRASP and reach_search.start[c] != 0:
         return False
-    if step == _MAP:
+    if step == ReachStep.MAP:
         return True
-    if step == _IK_AT_GRASP:
+    if step == ReachStep.IK_AT_GRASP:
         return True
-    if step == _SELF_AT_GRASP:
+    if step == ReachStep.SELF_AT_GRASP:
         return True
-    return reach.reach_tier[search.column[search.world[c]]] == _CLEAR
+    return reach.reach_tier[reach_search.column[reach_search.world[c]]] == Tier.CLEAR
 
 
 def create_reach_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> ReachSearch:
     """Allocate the arrays of a search for the joints of `nworld` worlds."""
-    ncand = min(size.grasps, nworld * MOST_AT_ONCE)
+    ncand, mjm = min(size.grasps, nworld * MOST_AT_ONCE), compiled.mjm
     s = ReachSearch()
+    zeros = partial(allocate, ReachSearch, s)
     with wp.ScopedDevice(compiled.device):
-        for name in ("arm", "column", "number", "tried", "furthest", "first", "trials"):
-            setattr(s, name, wp.zeros(nworld, dtype=int))
-        s.queue = wp.zeros((2, nworld), dtype=int)
-        for name in ("worlds_left", "source", "worlds", "at_once", "candidates"):
-            setattr(s, name, wp.zeros(1, dtype=int))
-        for name in ("world", "grasp", "start", "failed"):
-            setattr(s, name, wp.zeros(ncand, dtype=int))
-        s.grasp_qpos = wp.zeros(ncand, dtype=vec8)
-        s.pregrasp_qpos = wp.zeros(ncand, dtype=vec8)
-        s.qpos = wp.zeros((ncand, compiled.mjm.nq), dtype=float)
-        s.body_pos = wp.zeros((ncand, compiled.mjm.nbody), dtype=wp.vec3)
-        s.body_quat = wp.zeros((ncand, compiled.mjm.nbody), dtype=wp.vec4)
+        zeros(nworld, "arm column number tried furthest first trials")
+        zeros((2, nworld), "queue")
+        zeros(1, "worlds_left source worlds at_once candidates")
+        zeros(ncand, "world grasp start failed grasp_qpos pregrasp_qpos")
+        zeros((ncand, mjm.nq), "qpos")
+        zeros((ncand, mjm.nbody), "body_pos body_quat")
     return s

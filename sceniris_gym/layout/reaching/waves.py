@@ -1,7 +1,7 @@
-"""Waves of the stages `ik` and `clear`: worlds that wait get candidates, and keep the first one that passes.
+"""Waves of the reach stage: open candidates in waiting worlds, and keep the first candidate of each that passes.
 
-The candidates of a world are its next grasps and starts. What comes after the one that is kept is not counted, so that
-nothing depends on how many are tried at once.
+The candidates of a world are its next grasps and starts. Those after the one that is kept are not counted, so the
+result does not depend on how many are tried at once.
 """
 
 import warp as wp
@@ -13,7 +13,7 @@ from sceniris_gym.layout.reaching.search import (
     MOST_AT_ONCE,
     STARTS,
     ReachSearch,
-    Step,
+    ReachStep,
     queue_world,
     reach_candidate_num,
     takes_step,
@@ -27,19 +27,10 @@ from sceniris_gym.reach.arm import MAX_JOINTS
 
 wp.set_module_options({"enable_backward": False})
 
-_TIER_IK = wp.constant(int(Tier.IK))
-_TIER_CLEAR = wp.constant(int(Tier.CLEAR))
-_NO_IK = wp.constant(int(Cause.NO_IK))
-_BLOCKED = wp.constant(int(Cause.BLOCKED))
-_MAP = wp.constant(int(Step.MAP))
-_IK_AT_GRASP = wp.constant(int(Step.IK_AT_GRASP))
-_SELF_AT_GRASP = wp.constant(int(Step.SELF_AT_GRASP))
-_PASSED = wp.constant(int(Step.PASSED))
-
 
 @wp.func
 def _take_first_through(reach: Reach, layouts: LayoutsView, worldid: int, column: int):
-    """Take the grasp that the base of its arm was accepted for, which was placed after the target."""
+    """Write the grasp that the arm's base was accepted for, where the base was placed after the target."""
     body_pos = layouts.body_pos[worldid]
     body_quat = layouts.body_quat[worldid]
     base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
@@ -48,11 +39,11 @@ def _take_first_through(reach: Reach, layouts: LayoutsView, worldid: int, column
 
 
 @wp.func
-def _go_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, worldid: int, column: int):
-    """Let a world go on with the first target of the arm from `column` on that is there and that this stage decides.
+def _move_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, worldid: int, column: int):
+    """Move a world to the arm's first target from `column` on that is present and of tier `ik` or `clear`.
 
-    Absent ones on the way have no grasp. After the last one it is the next arm's turn; after that of the last arm the
-    world waits no longer.
+    Absent targets on the way get no grasp. After the last target the world moves to the next arm; after the last arm
+    it no longer waits.
     """
     found = int(column)
     columns = layouts.grasp.shape[1]
@@ -63,7 +54,7 @@ def _go_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: Rea
                 layouts.grasp_qpos[worldid, found, i] = wp.nan
                 layouts.pregrasp_qpos[worldid, found, i] = wp.nan
         elif reach.reach_arm[found] == reach.number:
-            if reach.reach_tier[found] >= _TIER_IK:
+            if reach.reach_tier[found] >= Tier.IK:
                 break
             if reach.reach_late[found] != 0:
                 _take_first_through(reach, layouts, worldid, found)
@@ -76,43 +67,47 @@ def _go_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: Rea
     reach_search.column[worldid] = found
     reach_search.number[worldid] = 0
     reach_search.tried[worldid] = 0
-    reach_search.furthest[worldid] = _MAP
+    reach_search.furthest[worldid] = ReachStep.MAP
     queue_world(reach_search, worldid)
 
 
 @wp.kernel
 def _open_worlds(
     reach: Reach,
-    # Layouts in and out:
+    # Layouts in: present, grasp, variant, body_pos, body_quat
+    # Layouts out: grasp, grasp_qpos, pregrasp_qpos
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: waiting
+    # Search out: waiting
     search: Search,
+    # ReachSearch in: arm, worlds_left, source
+    # ReachSearch out: arm, column, number, tried, furthest, queue, worlds_left
     reach_search: ReachSearch,
 ):
     worldid = wp.tid()
     if reach.number == 0:
         reach_search.arm[worldid] = 0
     if search.waiting[worldid] and reach_search.arm[worldid] == reach.number:
-        _go_to(reach, layouts, search, reach_search, worldid, 0)
+        _move_to(reach, layouts, search, reach_search, worldid, 0)
 
 
 def launch_open_worlds(
     reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, device: str
 ) -> None:
-    """Let worlds that wait, and in which it is the arm's turn, take part in waves."""
+    """Queue the waiting worlds that are at this arm."""
     dim = search.waiting.shape[0]
     wp.launch(_open_worlds, dim=dim, inputs=[reach], outputs=[layouts, search, reach_search], device=device)
 
 
 @wp.func
 def _first_grasp(reach: Reach, layouts: LayoutsView, worldid: int, column: int) -> int:
-    """The first grasp of a target that is tried: placing has found that the map lets none through before it."""
+    """Return the first grasp of a target to try: while placing, the map rejected all before it."""
     return reach.reach_graspadr[column] + layouts.grasp[worldid, column]
 
 
 @wp.func
 def _start_num(reach: Reach, layouts: LayoutsView, worldid: int, column: int) -> int:
-    """How many starts the grasps from there on have."""
+    """Return the number of starts of all grasps from `_first_grasp` on."""
     variant = layouts.variant[worldid, column]
     last = reach.variant_graspadr[variant] + reach.variant_graspnum[variant]
     return (last - _first_grasp(reach, layouts, worldid, column)) * wp.static(STARTS)
@@ -121,67 +116,74 @@ def _start_num(reach: Reach, layouts: LayoutsView, worldid: int, column: int) ->
 @wp.kernel
 def _plan_wave(
     busy: int,
-    # Search in and out:
-    search: ReachSearch,
+    # ReachSearch in: worlds_left, source
+    # ReachSearch out: worlds_left, source, worlds, at_once, candidates
+    reach_search: ReachSearch,
 ):
-    worlds = search.worlds_left[0]
-    room = wp.min(busy, search.failed.shape[0])
-    search.at_once[0] = wp.clamp(room // wp.max(worlds, 1), 1, wp.static(MOST_AT_ONCE))
-    search.candidates[0] = 0
-    search.worlds[0] = worlds
-    search.source[0] = 1 - search.source[0]
-    search.worlds_left[0] = 0
+    worlds = reach_search.worlds_left[0]
+    room = wp.min(busy, reach_search.failed.shape[0])
+    reach_search.at_once[0] = wp.clamp(room // wp.max(worlds, 1), 1, wp.static(MOST_AT_ONCE))
+    reach_search.candidates[0] = 0
+    reach_search.worlds[0] = worlds
+    reach_search.source[0] = 1 - reach_search.source[0]
+    reach_search.worlds_left[0] = 0
 
 
 @wp.kernel(grid_stride=False)
 def _open_candidates(
     reach: Reach,
     lanes: int,
+    # Layouts in: grasp, variant
     layouts: LayoutsView,
-    # Search in and out:
-    search: ReachSearch,
+    # ReachSearch in: column, number, tried, queue, source, worlds, at_once, candidates
+    # ReachSearch out: first, trials, candidates, world, grasp, start, failed
+    reach_search: ReachSearch,
 ):
-    for i in range(wp.tid(), search.worlds[0], lanes):
-        worldid = search.queue[search.source[0], i]
-        column = search.column[worldid]
-        number = search.number[worldid]
-        # half as many as have been tried in vain: at most half as much again in fewer waves, of which each costs a CPU
-        # core 10 to 20 us, and a start 4 us
-        trials = wp.clamp(search.tried[worldid] // 2, search.at_once[0], wp.static(MOST_AT_ONCE))
+    for i in range(wp.tid(), reach_search.worlds[0], lanes):
+        worldid = reach_search.queue[reach_search.source[0], i]
+        column = reach_search.column[worldid]
+        number = reach_search.number[worldid]
+        # half as many as have failed so far: at most half as many again in vain, in far fewer waves; on a CPU core a
+        # wave costs 10 to 20 us, and a start 4 us
+        trials = wp.clamp(reach_search.tried[worldid] // 2, reach_search.at_once[0], wp.static(MOST_AT_ONCE))
         trials = wp.min(trials, _start_num(reach, layouts, worldid, column) - number)
-        first = wp.atomic_add(search.candidates, 0, trials)
-        trials = wp.clamp(search.failed.shape[0] - first, 0, trials)
-        search.first[worldid] = first
-        search.trials[worldid] = trials
+        first = wp.atomic_add(reach_search.candidates, 0, trials)
+        trials = wp.clamp(reach_search.failed.shape[0] - first, 0, trials)
+        reach_search.first[worldid] = first
+        reach_search.trials[worldid] = trials
         for t in range(trials):
-            search.world[first + t] = worldid
-            search.grasp[first + t] = _first_grasp(reach, layouts, worldid, column) + (number + t) // wp.static(STARTS)
-            search.start[first + t] = (number + t) % wp.static(STARTS)
-            search.failed[first + t] = _PASSED
+            reach_search.world[first + t] = worldid
+            reach_search.grasp[first + t] = _first_grasp(reach, layouts, worldid, column) + (number + t) // wp.static(
+                STARTS
+            )
+            reach_search.start[first + t] = (number + t) % wp.static(STARTS)
+            reach_search.failed[first + t] = ReachStep.PASSED
 
 
 @wp.kernel(grid_stride=False)
 def _look_up(
     reach: Reach,
     lanes: int,
+    # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
-    search: ReachSearch,
+    # ReachSearch in: column, candidates, world, grasp, start, failed
+    # ReachSearch out: failed
+    reach_search: ReachSearch,
 ):
-    for c in range(wp.tid(), reach_candidate_num(search), lanes):
-        if takes_step(reach, search, c, _MAP):
-            worldid = search.world[c]
+    for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
+        if takes_step(reach, reach_search, c, ReachStep.MAP):
+            worldid = reach_search.world[c]
             body_pos = layouts.body_pos[worldid]
             body_quat = layouts.body_quat[worldid]
             base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
-            if not passes_map(reach, search.column[worldid], search.grasp[c], base, body_pos, body_quat):
-                search.failed[c] = _MAP
+            if not passes_map(reach, reach_search.column[worldid], reach_search.grasp[c], base, body_pos, body_quat):
+                reach_search.failed[c] = ReachStep.MAP
 
 
 def launch_open_wave(
     reach: Reach, size: SearchSize, layouts: LayoutsView, reach_search: ReachSearch, device: str
 ) -> None:
-    """Give worlds candidates, the more, the fewer worlds there are, and look their grasps up in the arm's map."""
+    """Open candidates, more per world if few worlds are left, and look up their grasps in the arm's map."""
     wp.launch(_plan_wave, dim=1, inputs=[size.busy], outputs=[reach_search], device=device)
     words = {"dim": size.lanes, "inputs": [reach, size.lanes, layouts], "outputs": [reach_search], "device": device}
     wp.launch(_open_candidates, **words)
@@ -189,47 +191,48 @@ def launch_open_wave(
 
 
 @wp.func
-def _keep(reach: Reach, layouts: LayoutsView, search: ReachSearch, worldid: int, column: int, c: int):
-    """Write the joints of a candidate that has passed; pre-grasps are found for the tier `clear` alone."""
-    layouts.grasp[worldid, column] = search.grasp[c] - reach.reach_graspadr[column]
-    clear = reach.reach_tier[column] == _TIER_CLEAR
+def _keep(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, worldid: int, column: int, c: int):
+    """Write the joints of a candidate that passed; only the tier `clear` has pre-grasps."""
+    layouts.grasp[worldid, column] = reach_search.grasp[c] - reach.reach_graspadr[column]
+    clear = reach.reach_tier[column] == Tier.CLEAR
     for i in range(MAX_JOINTS):
         there = i < reach.arm.njoint
-        layouts.grasp_qpos[worldid, column, i] = wp.where(there, search.grasp_qpos[c][i], wp.nan)
-        layouts.pregrasp_qpos[worldid, column, i] = wp.where(there and clear, search.pregrasp_qpos[c][i], wp.nan)
+        layouts.grasp_qpos[worldid, column, i] = wp.where(there, reach_search.grasp_qpos[c][i], wp.nan)
+        layouts.pregrasp_qpos[worldid, column, i] = wp.where(there and clear, reach_search.pregrasp_qpos[c][i], wp.nan)
 
 
 @wp.func
-def _accept_first(reach: Reach, layouts: LayoutsView, search: ReachSearch, worldid: int, column: int) -> bool:
-    """Keep the first of a world's candidates that has passed. If none has, the next start is the one after them."""
-    after = search.number[worldid]
-    for c in range(search.first[worldid], search.first[worldid] + search.trials[worldid]):
-        failed = search.failed[c]
-        search.furthest[worldid] = wp.max(search.furthest[worldid], failed)
-        if failed == _PASSED:
-            _keep(reach, layouts, search, worldid, column, c)
+def _accept_first(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, worldid: int, column: int) -> bool:
+    """Keep the first of a world's candidates that passed, and return True; else move on to the starts after them."""
+    after = reach_search.number[worldid]
+    for c in range(reach_search.first[worldid], reach_search.first[worldid] + reach_search.trials[worldid]):
+        failed = reach_search.failed[c]
+        reach_search.furthest[worldid] = wp.max(reach_search.furthest[worldid], failed)
+        if failed == ReachStep.PASSED:
+            _keep(reach, layouts, reach_search, worldid, column, c)
             return True
-        after = search.number[worldid] + c + 1 - search.first[worldid]
-        if failed < _IK_AT_GRASP:  # and so do all starts of this grasp
-            after += wp.static(STARTS) - 1 - search.start[c]
+        after = reach_search.number[worldid] + c + 1 - reach_search.first[worldid]
+        if failed < ReachStep.IK_AT_GRASP:  # all starts of this grasp fail
+            after += wp.static(STARTS) - 1 - reach_search.start[c]
         else:
-            search.tried[worldid] += 1
-    search.number[worldid] = after
+            reach_search.tried[worldid] += 1
+    reach_search.number[worldid] = after
     return False
 
 
 @wp.func
-def _why_none(reach: Reach, search: ReachSearch, worldid: int) -> int:
-    """Why no grasp of a world's target has passed: for want of joints, or since something is in the way.
+def _reject_cause(reach: Reach, reach_search: ReachSearch, worldid: int) -> int:
+    """Return the cause for which no grasp of a world's target passed: NO_IK, or BLOCKED.
 
-    For the tier `clear` something is in the way of the hand in all its grasps, or of an arm that is clear of itself.
+    BLOCKED is for the tier `clear` alone: all candidates failed at a test of the hand, or one got past the arm's test
+    against itself.
     """
-    furthest = search.furthest[worldid]
-    if reach.reach_tier[search.column[worldid]] == _TIER_CLEAR and (
-        furthest < _IK_AT_GRASP or furthest > _SELF_AT_GRASP
+    furthest = reach_search.furthest[worldid]
+    if reach.reach_tier[reach_search.column[worldid]] == Tier.CLEAR and (
+        furthest < ReachStep.IK_AT_GRASP or furthest > ReachStep.SELF_AT_GRASP
     ):
-        return _BLOCKED
-    return _NO_IK
+        return Cause.BLOCKED
+    return Cause.NO_IK
 
 
 @wp.kernel(grid_stride=False)
@@ -238,21 +241,27 @@ def _accept(
     reach: Reach,
     split: wp.uint32,
     lanes: int,
-    # Layouts in and out:
+    # Layouts in: seed, present, grasp, pending_episode, row_rejections, variant, body_pos, body_quat
+    # Layouts out: qpos, mocap_pos, mocap_quat, status, first_pass_valid, present, grasp, grasp_qpos, pregrasp_qpos,
+    #   row_rejections
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: restart
+    # Search out: waiting
     search: Search,
+    # ReachSearch in: column, number, tried, furthest, first, trials, queue, worlds_left, source, worlds, grasp, start,
+    #   failed, grasp_qpos, pregrasp_qpos
+    # ReachSearch out: arm, column, number, tried, furthest, queue, worlds_left
     reach_search: ReachSearch,
 ):
     for i in range(wp.tid(), reach_search.worlds[0], lanes):
         worldid = reach_search.queue[reach_search.source[0], i]
         column = reach_search.column[worldid]
         if _accept_first(reach, layouts, reach_search, worldid, column):
-            _go_to(reach, layouts, search, reach_search, worldid, column + 1)
+            _move_to(reach, layouts, search, reach_search, worldid, column + 1)
         elif reach_search.number[worldid] < _start_num(reach, layouts, worldid, column):
             queue_world(reach_search, worldid)
         else:
-            layouts.row_rejections[worldid, reach.reach_obj[column], _why_none(reach, reach_search, worldid)] += 1
+            layouts.row_rejections[worldid, reach.reach_obj[column], _reject_cause(reach, reach_search, worldid)] += 1
             layouts.first_pass_valid[worldid] = 0
             if search.restart[worldid] > program.restarts:
                 layouts.status[worldid] = fall_back(program, reach, layouts, worldid, split)
@@ -269,6 +278,9 @@ def launch_accept_grasps(
     reach_search: ReachSearch,
     device: str,
 ) -> None:
-    """Keep what has passed. Worlds without it go on, or fail: these still wait, or fall back if out of restarts."""
+    """Keep candidates that passed. A world without one continues with its next starts; out of starts, it keeps waiting.
+
+    A waiting world continues with its next restart; if it has none left, it falls back here.
+    """
     inputs = [program, reach, split, lanes]
     wp.launch(_accept, dim=lanes, inputs=inputs, outputs=[layouts, search, reach_search], device=device)

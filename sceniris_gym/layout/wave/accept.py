@@ -1,4 +1,4 @@
-"""Candidates are accepted: the lowest trial that passed every test stays, and its row goes on to the next object."""
+"""Accept candidates: place the lowest trial of each row that passed every test, and move the row to its next object."""
 
 import warp as wp
 
@@ -12,11 +12,6 @@ from sceniris_gym.program.device_reach import Reach
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-_STATIC = wp.constant(int(ObjectKind.STATIC))
-_NONE = wp.constant(int(Cause.NONE))
-_EMPTY = wp.constant(int(Cause.EMPTY))
-_REGION = wp.constant(int(Cause.REGION))
-_COLLISION = wp.constant(int(Cause.COLLISION))
 _PLACED = wp.constant(-1)
 
 
@@ -28,18 +23,18 @@ def _write_state(
     obj: int,
     lane: int,
     lanes: int,
-    qpos: wp.array(dtype=float),
-    mocap_pos: wp.array(dtype=wp.vec3),
-    mocap_quat: wp.array(dtype=wp.quat),
+    qpos: wp.array[float],
+    mocap_pos: wp.array[wp.vec3],
+    mocap_quat: wp.array[wp.quat],
 ):
-    """Write a candidate's joints and the pose of its root: the part of one of so many lanes."""
+    """Write a candidate's joints and the pose of its root: the share of lane `lane` of `lanes`."""
     for i in range(lane, program.obj_drawnum[obj], lanes):
         adr = program.draw_qposadr[program.obj_drawadr[obj] + i]
         qpos[adr] = search.qpos[c, adr]
     for i in range(lane, program.obj_follownum[obj], lanes):
         adr = program.follow_qposadr[program.obj_followadr[obj] + i]
         qpos[adr] = search.qpos[c, adr]
-    if lane > 0 or program.obj_kind[obj] == _STATIC:
+    if lane > 0 or program.obj_kind[obj] == ObjectKind.STATIC:
         return
     root = program.obj_body[obj]
     write_root(program, obj, search.body_pos[c, root], search.body_quat[c, root], qpos, mocap_pos, mocap_quat)
@@ -57,7 +52,7 @@ def _place(
     lane: int,
     lanes: int,
 ):
-    """Write a candidate into its row: the part of one of so many lanes."""
+    """Write a candidate into its row: the share of lane `lane` of `lanes`."""
     qpos = layouts.qpos[row]
     _write_state(program, search, c, obj, lane, lanes, qpos, layouts.mocap_pos[row], layouts.mocap_quat[row])
     for i in range(lane, program.obj_bodynum[obj], lanes):
@@ -67,7 +62,7 @@ def _place(
     if lane > 0:
         return
     slot = program.obj_slot[obj]
-    if program.obj_kind[obj] != _STATIC:
+    if program.obj_kind[obj] != ObjectKind.STATIC:
         layouts.place[row, slot] = search.place[c]
         layouts.bounds[row, slot] = search.bounds[c]
     elif program.obj_measured[obj] != 0:
@@ -80,26 +75,26 @@ def _place(
 
 
 @wp.func
-def _leaves_nothing(cause: int) -> bool:
-    """Was nothing of the region left to draw from?"""
-    if cause == _EMPTY:
+def _had_no_region(cause: int) -> bool:
+    """Return True if a candidate was rejected because its region was empty, or no point of it held."""
+    if cause == Cause.EMPTY:
         return True
-    return cause == _REGION
+    return cause == Cause.REGION
 
 
 @wp.func
 def _is_recorded(layouts: LayoutsView, cause: int) -> bool:
-    """Is a candidate with this cause kept: one that collided, or any that got as far as a pose?"""
-    if layouts.rejected_object.shape[0] == 0 or cause == _NONE:
+    """Return True if rejected candidates with this cause are recorded: collisions, or all that were posed."""
+    if layouts.rejected_object.shape[0] == 0 or cause == Cause.NONE:
         return False
-    if cause == _COLLISION:
+    if cause == Cause.COLLISION:
         return True
-    return layouts.record_all != 0 and not _leaves_nothing(cause)
+    return layouts.record_all != 0 and not _had_no_region(cause)
 
 
 @wp.func
 def _record(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int):
-    """Keep a candidate that was rejected, as long as there is room for it."""
+    """Record a rejected candidate if the record has room for it."""
     slot = wp.atomic_add(layouts.rejected_count, 0, 1)
     if slot >= layouts.rejected_object.shape[0]:
         return
@@ -125,7 +120,7 @@ def _record(program: Program, layouts: LayoutsView, search: Search, c: int, row:
 
 @wp.func
 def _queue_trial(search: Search, row: int, trial: int):
-    """Queue a row for its next trial, unless an earlier restart of its world has placed everything already."""
+    """Queue a row for its next trial, unless an earlier restart of its world has already placed everything."""
     search.row_trial[row] = trial
     if search.best[search.row_world[row]] > search.row_restart[row]:
         queue_row(search, row)
@@ -133,19 +128,19 @@ def _queue_trial(search: Search, row: int, trial: int):
 
 @wp.func
 def _ends_row(program: Program, obj: int, cause: int) -> bool:
-    """Is a trial the last one of its object: one that passed, or one that no other draw could better?"""
-    if cause == _NONE:
+    """Return True if a trial is the last of its object: it passed, or no further trial could pass."""
+    if cause == Cause.NONE:
         return True
-    return program.obj_retry_if_empty[obj] == 0 and _leaves_nothing(cause)
+    return program.obj_retry_if_empty[obj] == 0 and _had_no_region(cause)
 
 
 @wp.func
 def _accept_first(
     program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, obj: int, lane: int, lanes: int
 ) -> int:
-    """Place the first of a row's candidates that passed. Returns the row's next trial, or PLACED.
+    """Place the first of a row's candidates that passed. Return the row's next trial, or _PLACED.
 
-    One lane does all of it, or all lanes of a block call it together.
+    Either one lane calls it alone, or all lanes of a block call it together.
     """
     first = search.row_first[row]
     trials = search.row_trials[row]
@@ -157,7 +152,7 @@ def _accept_first(
         end = wp.tile_extract(wp.tile_min(wp.tile(end)), 0)
     for t in range(lane, wp.min(end + 1, trials), lanes):
         cause = search.cause[first + t]
-        if cause != _NONE:
+        if cause != Cause.NONE:
             wp.atomic_add(layouts.row_rejections, row, obj, cause, 1)
         if _is_recorded(layouts, cause):
             _record(program, layouts, search, first + t, row, obj)
@@ -165,15 +160,15 @@ def _accept_first(
         search.row_attempts[row] += wp.min(end + 1, trials)
     if end == trials:
         return search.row_trial[row] + trials
-    if search.cause[first + end] != _NONE:
+    if search.cause[first + end] != Cause.NONE:
         return program.attempts
     _place(program, reach, layouts, search, first + end, row, obj, lane, lanes)
     return _PLACED
 
 
 @wp.func
-def _go_on_from(program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, obj: int, trial: int):
-    """Send a row on: to a trial of its object, or to the next one; or nowhere, if it has come to an end."""
+def _advance(program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, obj: int, trial: int):
+    """Queue a row for its next trial or for its next object, unless it is out of trials or out of objects."""
     if trial != _PLACED:
         if trial < program.attempts:
             _queue_trial(search, row, trial)
@@ -191,15 +186,19 @@ def _accept(
     program: Program,
     reach: Reach,
     blocks: int,
-    # Layouts in and out:
+    # Layouts in: qpos, mocap_pos, mocap_quat, present, row_rejections, body_pos, body_quat, record_all, rejected_count
+    # Layouts out: qpos, mocap_pos, mocap_quat, grasp, row_rejections, place, bounds, variant, body_pos, body_quat,
+    #   rejected_count, rejected_cause, rejected_object, rejected_qpos, rejected_mocap_pos, rejected_mocap_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: best, row_world, row_restart, row_object, row_trial, row_first, row_trials, row_attempts, queue,
+    #   rows_left, source, rows, cause, turn, place, bounds, grasp, qpos, body_pos, body_quat
+    # Search out: best, row_object, row_trial, row_attempts, queue, rows_left, candidates
     search: Search,
 ):
     block, lane = wp.tid()
     if block == 0 and lane == 0:
         search.candidates[0] = 0  # of the next wave
-    # A block for each row is sooner done with it, a lane for each gets through many rows.
+    # Few rows: a block for each is faster. Many rows: a lane for each.
     first = int(block)
     step = int(blocks)
     lanes = int(wp.block_dim())
@@ -212,18 +211,18 @@ def _accept(
         row = search.queue[search.source[0], i]
         obj = search.row_object[row]
         trial = int(search.row_trial[row])
-        if search.row_trials[row] > 0:  # else the wave had no room for it
+        if search.row_trials[row] > 0:  # otherwise the wave had no room for the row
             trial = _accept_first(program, reach, layouts, search, row, obj, lane, lanes)
         if lanes > 1:
-            block_sync()  # all lanes have read what is written here, and written what is read
+            block_sync()  # every lane has finished its reads and writes of the row
         if lane == 0:
-            _go_on_from(program, reach, layouts, search, row, obj, trial)
+            _advance(program, reach, layouts, search, row, obj, trial)
 
 
 def launch_accept(
     program: Program, reach: Reach, size: SearchSize, layouts: LayoutsView, search: Search, device: str
 ) -> None:
-    """Accept the candidates of this wave that passed every test."""
+    """Place the candidates of this wave that passed every test, and queue the rows that continue."""
     inputs = [program, reach, size.blocks]
     outputs = [layouts, search]
     words = {"block_dim": size.block_dim, "device": device}

@@ -1,26 +1,24 @@
-"""The bank of valid layouts on the device: what a world gets that has run out of restarts.
+"""The bank of valid layouts on the device, which worlds that run out of restarts fall back on.
 
-Each split has rows of its own, so that no world of an evaluation gets a layout that training may have seen.
+Each split has rows of its own, so that an evaluation never gets a layout that training may have seen.
 """
 
 import warp as wp
 
-from sceniris_gym.device.random import BANK_STREAM, SPLITS, STREAM_BITS, philox
+from sceniris_gym.device.random import BANK_STREAM, SPLITS, philox
 from sceniris_gym.layout.layouts import LayoutsView, Status
+from sceniris_gym.layout.wave.search import numbered_stream
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_reach import Reach
 
 wp.set_module_options({"enable_backward": False})
 
-_FALLBACK = wp.constant(int(Status.FALLBACK))
-_STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
-_BANK_STREAM = wp.constant(wp.uint32(BANK_STREAM))
 _EVAL = wp.constant(wp.uint32(SPLITS["eval"]))
 
 
 @wp.func
 def _bank_row(program: Program, layouts: LayoutsView, worldid: int, split: wp.uint32) -> int:
-    """The world's entry of its split's bank; -1 in a CompiledScene whose bank is still being made."""
+    """Return the world's entry of its split's bank; -1 while the bank of the scene is still being filled."""
     first = int(0)
     num = program.bank_ntrain
     if split == _EVAL:
@@ -28,16 +26,17 @@ def _bank_row(program: Program, layouts: LayoutsView, worldid: int, split: wp.ui
         num = program.bank_qpos.shape[0] - first
     if num == 0:
         return -1
-    stream = (split << _STREAM_BITS) + _BANK_STREAM
+    stream = numbered_stream(split, BANK_STREAM)
     words = philox(
-        layouts.seed[worldid], wp.vec4ui(wp.uint32(layouts.making[worldid]), stream, wp.uint32(0), wp.uint32(0))
+        layouts.seed[worldid],
+        wp.vec4ui(wp.uint32(layouts.pending_episode[worldid]), stream, wp.uint32(0), wp.uint32(0)),
     )
     return first + int(words[0] % wp.uint32(num))
 
 
 @wp.func
 def _take(program: Program, layouts: LayoutsView, worldid: int, row: int):
-    """Take an entry of the bank."""
+    """Copy an entry of the bank into a world."""
     for i in range(layouts.qpos.shape[1]):
         layouts.qpos[worldid, i] = program.bank_qpos[row, i]
     for i in range(program.bank_mocap_pos.shape[1]):
@@ -50,7 +49,7 @@ def _take(program: Program, layouts: LayoutsView, worldid: int, row: int):
 
 @wp.func
 def _take_grasps(reach: Reach, layouts: LayoutsView, worldid: int, row: int):
-    """Take the grasps of an entry of the bank."""
+    """Copy the grasps of an entry of the bank into a world."""
     for r in range(layouts.grasp.shape[1]):
         layouts.grasp[worldid, r] = reach.bank_grasp[row, r]
         for i in range(layouts.grasp_qpos.shape[2]):
@@ -60,10 +59,10 @@ def _take_grasps(reach: Reach, layouts: LayoutsView, worldid: int, row: int):
 
 @wp.func
 def fall_back(program: Program, reach: Reach, layouts: LayoutsView, worldid: int, split: wp.uint32) -> int:
-    """Take the world's entry of the bank, and return the status of its row."""
+    """Copy the world's entry of the bank, and return the status of its row."""
     row = _bank_row(program, layouts, worldid, split)
     if row < 0:
         return 0
     _take(program, layouts, worldid, row)
     _take_grasps(reach, layouts, worldid, row)
-    return _FALLBACK
+    return Status.FALLBACK

@@ -1,8 +1,9 @@
-"""Candidates of a wave are tested for collision with what stands in their row.
+"""Collision test of a wave's candidates against the objects placed before in their rows.
 
-With `geometry: physics` the lanes of a block go down the trees of a candidate, and leaves that come near each other
-wait in a queue for lanes of their own. With `geometry: visual`, where most leaves near each other mean a hit soon, a
-block tests its candidate as a whole. What finds no room is tested by one lane.
+With `geometry: physics` the lanes of a block traverse the bounding-volume trees of a candidate, and leaves that are
+close to each other are queued as narrow-phase pairs, one lane for each. With `geometry: visual` close leaves usually
+collide, so a block tests its candidate completely and stops at the first hit. A candidate for which a stack or queue
+overflowed is tested again by a single lane.
 """
 
 import warp as wp
@@ -17,61 +18,74 @@ from sceniris_gym.collide.boxes import (
     leaves_below_touch,
     next_step,
 )
-from sceniris_gym.collide.leaves import cores_touch, margin_of, pieces_touch, support_of
+from sceniris_gym.collide.leaves import inner_boxes_touch, margin_of, pieces_touch, support_of
 from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.posing import candidate_poses
-from sceniris_gym.layout.wave.prefilter import why_not
-from sceniris_gym.layout.wave.search import Search, SearchSize, candidate_num, leaf_num
+from sceniris_gym.layout.wave.prefilter import reject_cause
+from sceniris_gym.layout.wave.search import Search, SearchSize, candidate_num, narrow_pair_num
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
 
 wp.set_module_options({"enable_backward": False})
 
-_NONE = wp.constant(int(Cause.NONE))
-_COLLISION = wp.constant(int(Cause.COLLISION))
-_UNPROVEN = wp.constant(UNPROVEN)
-
 
 @wp.func
-def _passes_screen(program: Program, reach: Reach, search: Search, c: int, lane: int) -> bool:
-    """Does a candidate pass the screen? If not, the cause is kept. All lanes of a block call it together."""
+def _passes_prefilter(program: Program, reach: Reach, search: Search, c: int, lane: int) -> bool:
+    """Return True if a candidate passes the prefilter; else write the cause. All lanes of a block call it together."""
     cause = search.cause[c]
-    block_sync()  # all lanes have read it
-    if cause == _NONE:
-        cause = why_not(program, reach, search, c, search.obj[c])
-        if lane == 0 and cause != _NONE:
+    block_sync()  # every lane reads the cause before lane 0 writes it
+    if cause == Cause.NONE:
+        cause = reject_cause(program, reach, search, c, search.obj[c])
+        if lane == 0 and cause != Cause.NONE:
             search.cause[c] = cause
-    return cause == _NONE
+    return cause == Cause.NONE
 
 
 @wp.func
-def _miss(search: Search, c: int):
-    """Write down that there was no room for all of a candidate's test."""
-    search.missed[c] = 1
-    search.unproven[0] = 1
+def _mark_overflow(search: Search, c: int):
+    """Mark a candidate whose collision test did not fit into a stack or queue."""
+    search.overflowed[c] = 1
+    search.any_overflowed[0] = 1
+
+
+@wp.func
+def _collides_alone(program: Program, layouts: LayoutsView, search: Search, c: int) -> bool:
+    """Return True if a candidate collides; the test of a single lane."""
+    row = search.row[c]
+    obj = search.obj[c]
+    support = support_of(program, obj)
+    stack = wp.zeros(shape=(wp.static(OWN_STACK),), dtype=wp.vec3i)
+    for s in range(program.obj_broadadr[obj], program.obj_broadadr[obj] + program.obj_broadnum[obj]):
+        start = program.broad_pair[s]
+        poses = candidate_poses(program, layouts, search, c, row, start[0])
+        if leaves_below_touch(program, start, poses, margin_of(program, start[0], support), stack):
+            return True
+    return False
 
 
 @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
-def _queue_leaves(
+def _queue_narrow_pairs(
     program: Program,
     reach: Reach,
     blocks: int,
+    # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: candidates, narrow_pairs, row, obj, cause, grasp, covered, overhanging, body_pos, body_quat
+    # Search out: narrow_pairs, any_overflowed, cause, overflowed, narrow_pair
     search: Search,
 ):
     block, lane = wp.tid()
     nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
     for c in range(block, candidate_num(search), blocks):
-        if not _passes_screen(program, reach, search, c, lane):
+        if not _passes_prefilter(program, reach, search, c, lane):
             continue
         row = search.row[c]
         obj = search.obj[c]
         support = support_of(program, obj)
-        last = program.obj_startadr[obj] + program.obj_startnum[obj]
-        for base in range(program.obj_startadr[obj], last, wp.block_dim()):
-            wp.tile_stack_push(nodes, program.start[wp.min(base + lane, last - 1)], base + lane < last)
+        last = program.obj_broadadr[obj] + program.obj_broadnum[obj]
+        for base in range(program.obj_broadadr[obj], last, wp.block_dim()):
+            wp.tile_stack_push(nodes, program.broad_pair[wp.min(base + lane, last - 1)], base + lane < last)
             while wp.tile_stack_count(nodes) > 0:
                 entry, slot = wp.tile_stack_pop(nodes)
                 step = Step()
@@ -81,109 +95,102 @@ def _queue_leaves(
                 at_left = wp.tile_stack_push(nodes, step.left, step.inner)
                 at_right = wp.tile_stack_push(nodes, step.right, step.inner)
                 if step.inner and wp.min(at_left, at_right) < 0:
-                    _miss(search, c)
+                    _mark_overflow(search, c)
                 if step.leaf:
-                    at = wp.atomic_add(search.leaves, 0, 1)
-                    if at >= 0 and at < search.leaf.shape[0]:  # the count may go on beyond all numbers
-                        search.leaf[at] = wp.vec4i(c, entry[0], entry[1], entry[2])
+                    at = wp.atomic_add(search.narrow_pairs, 0, 1)
+                    if at >= 0 and at < search.narrow_pair.shape[0]:  # the count may overflow
+                        search.narrow_pair[at] = wp.vec4i(c, entry[0], entry[1], entry[2])
                     else:
-                        _miss(search, c)
+                        _mark_overflow(search, c)
 
 
 @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
-def _test_cores(
+def _test_inner_boxes(
     program: Program,
     lanes: int,
+    # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: narrow_pairs, row, obj, cause, body_pos, body_quat, narrow_pair
+    # Search out: cause
     search: Search,
 ):
-    for i in range(wp.tid(), leaf_num(search), lanes):
-        c = search.leaf[i][0]
-        entry = wp.vec3i(search.leaf[i][1], search.leaf[i][2], search.leaf[i][3])
-        if search.cause[c] == _NONE:
+    for i in range(wp.tid(), narrow_pair_num(search), lanes):
+        c = search.narrow_pair[i][0]
+        entry = wp.vec3i(search.narrow_pair[i][1], search.narrow_pair[i][2], search.narrow_pair[i][3])
+        if search.cause[c] == Cause.NONE:
             poses = candidate_poses(program, layouts, search, c, search.row[c], entry[0])
-            if cores_touch(program, entry, poses, margin_of(program, entry[0], support_of(program, search.obj[c]))):
-                search.cause[c] = _COLLISION
+            if inner_boxes_touch(
+                program, entry, poses, margin_of(program, entry[0], support_of(program, search.obj[c]))
+            ):
+                search.cause[c] = Cause.COLLISION
 
 
-# With all the registers that it would take, a multiprocessor holds few warps, and each waits for its own arithmetic.
+# Without a bound on registers a multiprocessor holds few warps, too few to hide the latency of the arithmetic.
 @wp.kernel(module="unique", enable_backward=False, grid_stride=False, cuda_max_registers=128)
-def _test_leaves(
+def _test_narrow_pairs(
     program: Program,
     blocks: int,
+    # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: narrow_pairs, row, obj, cause, body_pos, body_quat, narrow_pair
+    # Search out: any_overflowed, cause, overflowed
     search: Search,
 ):
     block, lane = wp.tid()
-    num = leaf_num(search)
-    # Most leaves are of candidates that collide for certain by now: the others wait until there is one for every lane.
+    num = narrow_pair_num(search)
+    # Most pairs belong to candidates that are known to collide by now. The others wait until every lane has one.
     waiting = wp.tile_stack(capacity=wp.static(WAITING), dtype=int)
     base = int(block * wp.block_dim())
     while base < num or wp.tile_stack_count(waiting) > 0:
         if base < num and wp.tile_stack_count(waiting) < wp.block_dim():
             i = wp.min(base + lane, num - 1)
-            c = search.leaf[i][0]
-            undecided = base + lane < num and search.cause[c] == _NONE
-            if wp.tile_stack_push(waiting, i, undecided) < 0 and undecided:
-                _miss(search, c)
+            c = search.narrow_pair[i][0]
+            pending = base + lane < num and search.cause[c] == Cause.NONE
+            if wp.tile_stack_push(waiting, i, pending) < 0 and pending:
+                _mark_overflow(search, c)
             base += blocks * wp.block_dim()
         else:
             i, slot = wp.tile_stack_pop(waiting)
             if slot >= 0:
-                c = search.leaf[i][0]
-                entry = wp.vec3i(search.leaf[i][1], search.leaf[i][2], search.leaf[i][3])
+                c = search.narrow_pair[i][0]
+                entry = wp.vec3i(search.narrow_pair[i][1], search.narrow_pair[i][2], search.narrow_pair[i][3])
                 poses = candidate_poses(program, layouts, search, c, search.row[c], entry[0])
                 if pieces_touch(
                     program, entry, poses, margin_of(program, entry[0], support_of(program, search.obj[c]))
                 ):
-                    search.cause[c] = _COLLISION
+                    search.cause[c] = Cause.COLLISION
 
 
 @wp.kernel(module="unique", enable_backward=False, grid_stride=False, cuda_max_registers=128)
-def _test_together(
+def _test_by_block(
     program: Program,
     reach: Reach,
     blocks: int,
+    # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: candidates, row, obj, cause, grasp, covered, overhanging, body_pos, body_quat
+    # Search out: any_overflowed, cause, overflowed
     search: Search,
 ):
     block, lane = wp.tid()
     nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
     leaves = wp.tile_stack(capacity=wp.static(WAITING), dtype=wp.vec3i)
     for c in range(block, candidate_num(search), blocks):
-        if _passes_screen(program, reach, search, c, lane):
+        if _passes_prefilter(program, reach, search, c, lane):
             row = search.row[c]
             obj = search.obj[c]
-            adr = program.obj_startadr[obj]
-            num = program.obj_startnum[obj]
+            adr = program.obj_broadadr[obj]
+            num = program.obj_broadnum[obj]
             support = support_of(program, obj)
             own_pos = search.body_pos[c]
             own_quat = search.body_quat[c]
             pos = layouts.body_pos[row]
             quat = layouts.body_quat[row]
             found = collides(program, adr, num, support, nodes, leaves, lane, own_pos, own_quat, pos, quat)
-            if lane == 0 and found == _COLLISION:
-                search.cause[c] = _COLLISION
-            if lane == 0 and found == _UNPROVEN:
-                _miss(search, c)
-
-
-@wp.func
-def _collides_alone(program: Program, layouts: LayoutsView, search: Search, c: int) -> bool:
-    """Does a candidate collide? One lane's work."""
-    row = search.row[c]
-    obj = search.obj[c]
-    support = support_of(program, obj)
-    stack = wp.zeros(shape=(wp.static(OWN_STACK),), dtype=wp.vec3i)
-    for s in range(program.obj_startadr[obj], program.obj_startadr[obj] + program.obj_startnum[obj]):
-        start = program.start[s]
-        poses = candidate_poses(program, layouts, search, c, row, start[0])
-        if leaves_below_touch(program, start, poses, margin_of(program, start[0], support), stack):
-            return True
-    return False
+            if lane == 0 and found == Cause.COLLISION:
+                search.cause[c] = Cause.COLLISION
+            if lane == 0 and found == UNPROVEN:
+                _mark_overflow(search, c)
 
 
 @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
@@ -191,44 +198,46 @@ def _test_alone(
     program: Program,
     reach: Reach,
     lanes: int,
-    missed: bool,
+    tested_by_blocks: bool,
+    # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: candidates, any_overflowed, row, obj, cause, grasp, overflowed, covered, overhanging, body_pos,
+    #   body_quat
+    # Search out: cause
     search: Search,
 ):
-    if missed and search.unproven[0] == 0:
+    if tested_by_blocks and search.any_overflowed[0] == 0:
         return
     for c in range(wp.tid(), candidate_num(search), lanes):
-        if not missed and search.cause[c] == _NONE:
-            search.cause[c] = why_not(program, reach, search, c, search.obj[c])
-        if search.cause[c] == _NONE and (not missed or search.missed[c] != 0):
+        if not tested_by_blocks and search.cause[c] == Cause.NONE:
+            search.cause[c] = reject_cause(program, reach, search, c, search.obj[c])
+        if search.cause[c] == Cause.NONE and (not tested_by_blocks or search.overflowed[c] != 0):
             if _collides_alone(program, layouts, search, c):
-                search.cause[c] = _COLLISION
-
-
-def lane_kernels(faces: bool, together: bool) -> tuple[wp.Kernel, ...]:
-    """The kernels that are launched by lanes; `together`: blocks have more than one."""
-    return (_test_cores, _test_alone) if together and not faces else (_test_alone,)
-
-
-def block_kernels(faces: bool, together: bool) -> tuple[wp.Kernel, ...]:
-    """Those that are launched by blocks."""
-    if not together:
-        return ()
-    return (_test_together,) if faces else (_queue_leaves, _test_leaves)
+                search.cause[c] = Cause.COLLISION
 
 
 def launch_test_collisions(
-    program: Program, reach: Reach, size: SearchSize, faces: bool, layouts: LayoutsView, search: Search, device: str
+    program: Program, reach: Reach, size: SearchSize, visual: bool, layouts: LayoutsView, search: Search, device: str
 ) -> None:
-    """Test the candidates that pass the screen."""
+    """Test the candidates that pass the prefilter for collision."""
     lanes = {"dim": size.lanes, "device": device}
     blocks = {"dim": [size.blocks], "block_dim": size.block_dim, "device": device}
-    together = size.block_dim > 1
-    if together and faces:
-        wp.launch_tiled(_test_together, inputs=[program, reach, size.blocks, layouts, search], **blocks)
-    elif together:
-        wp.launch_tiled(_queue_leaves, inputs=[program, reach, size.blocks, layouts, search], **blocks)
-        wp.launch(_test_cores, inputs=[program, size.lanes, layouts, search], **lanes)
-        wp.launch_tiled(_test_leaves, inputs=[program, size.blocks, layouts, search], **blocks)
-    wp.launch(_test_alone, inputs=[program, reach, size.lanes, together, layouts, search], **lanes)
+    if size.block_dim > 1 and visual:
+        wp.launch_tiled(_test_by_block, inputs=[program, reach, size.blocks, layouts, search], **blocks)
+    elif size.block_dim > 1:
+        wp.launch_tiled(_queue_narrow_pairs, inputs=[program, reach, size.blocks, layouts, search], **blocks)
+        wp.launch(_test_inner_boxes, inputs=[program, size.lanes, layouts, search], **lanes)
+        wp.launch_tiled(_test_narrow_pairs, inputs=[program, size.blocks, layouts, search], **blocks)
+    wp.launch(_test_alone, inputs=[program, reach, size.lanes, size.block_dim > 1, layouts, search], **lanes)
+
+
+def lane_kernels(visual: bool, block_dim: int) -> tuple[wp.Kernel, ...]:
+    """Return the kernels that are launched with independent lanes."""
+    return (_test_inner_boxes, _test_alone) if block_dim > 1 and not visual else (_test_alone,)
+
+
+def block_kernels(visual: bool, block_dim: int) -> tuple[wp.Kernel, ...]:
+    """Return the kernels that are launched with blocks of lanes."""
+    if block_dim == 1:
+        return ()
+    return (_test_by_block,) if visual else (_queue_narrow_pairs, _test_narrow_pairs)

@@ -1,4 +1,4 @@
-"""Candidates of a wave are tested for enclosing, or being enclosed by, what stands; for `geometry: visual`."""
+"""Containment test of a wave's candidates against the objects placed before in their rows; for `geometry: visual`."""
 
 import warp as wp
 
@@ -11,13 +11,10 @@ from sceniris_gym.program.device import Cause, Program
 
 wp.set_module_options({"enable_backward": False})
 
-_NONE = wp.constant(int(Cause.NONE))
-_COLLISION = wp.constant(int(Cause.COLLISION))
-
 
 @wp.func
 def _queue_points(program: Program, search: Search, c: int, a: int, b: int, rel: Pose):
-    """Queue the components of collider a that are in the box of b. `rel` is b in a's frame."""
+    """Queue a point of each component of collider a that is in b's bounding box. `rel` is b's pose in a's frame."""
     at = wp.transpose(rel.rot)
     for i in range(program.collider_pointnum[a]):
         p = at * (program.point[program.collider_pointadr[a] + i] - rel.pos)
@@ -27,8 +24,8 @@ def _queue_points(program: Program, search: Search, c: int, a: int, b: int, rel:
                 search.enclosed_candidate[slot] = c
                 search.enclosed_by[slot] = b
                 search.enclosed_point[slot] = p
-            elif in_solid(program, b, p):  # no room for it
-                search.cause[c] = _COLLISION
+            elif in_solid(program, b, p):  # the queue is full
+                search.cause[c] = Cause.COLLISION
 
 
 @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
@@ -36,8 +33,10 @@ def _queue_enclosed(
     program: Program,
     lanes: int,
     parts: int,
+    # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: candidates, enclosed, row, obj, cause, body_pos, body_quat
+    # Search out: enclosed, cause, enclosed_candidate, enclosed_by, enclosed_point
     search: Search,
 ):
     for i in range(wp.tid(), parts * candidate_num(search), lanes):
@@ -48,7 +47,7 @@ def _queue_enclosed(
         for pair in range(adr + i % parts, adr + program.obj_pairnum[obj], parts):
             a = program.pair_a[pair]
             b = program.pair_b[pair]
-            if search.cause[c] == _NONE and program.collider_plane[b] < 0:
+            if search.cause[c] == Cause.NONE and program.collider_plane[b] < 0:
                 poses = candidate_poses(program, layouts, search, c, row, pair)
                 _queue_points(program, search, c, a, b, relative(poses.a, poses.b))
                 _queue_points(program, search, c, b, a, relative(poses.b, poses.a))
@@ -58,24 +57,25 @@ def _queue_enclosed(
 def _test_enclosed(
     program: Program,
     lanes: int,
-    # Search in and out:
+    # Search in: enclosed, cause, enclosed_candidate, enclosed_by, enclosed_point
+    # Search out: cause
     search: Search,
 ):
     for i in range(wp.tid(), wp.min(search.enclosed[0], search.enclosed_point.shape[0]), lanes):
         c = search.enclosed_candidate[i]
-        if search.cause[c] == _NONE:
+        if search.cause[c] == Cause.NONE:
             if in_solid(program, search.enclosed_by[i], search.enclosed_point[i]):
-                search.cause[c] = _COLLISION  # other lanes write the same
+                search.cause[c] = Cause.COLLISION  # all lanes write the same value
 
 
 LANE_KERNELS = (_queue_enclosed, _test_enclosed)
-"""What is launched, by lanes."""
+"""The kernels of the containment test."""
 
 
 def launch_test_containment(
     program: Program, size: SearchSize, layouts: LayoutsView, search: Search, device: str
 ) -> None:
-    """Test whether a candidate encloses, or is enclosed by, what stands; for `geometry: visual`."""
+    """Reject candidates that enclose a placed object or are enclosed by one."""
     inputs = [program, size.lanes, size.parts, layouts, search]
     wp.launch(_queue_enclosed, dim=size.lanes, inputs=inputs, device=device)
     wp.launch(_test_enclosed, dim=size.lanes, inputs=[program, size.lanes, search], device=device)

@@ -1,4 +1,4 @@
-"""Candidates are drawn: a lane for each trial of each row's object. Joints first, then orientation, then a point.
+"""Draw candidates: one lane per trial of a row's object draws joints, then an orientation, then a point.
 
 Where relations leave a different region in every world, `points.py` draws the point.
 """
@@ -29,25 +29,19 @@ from sceniris_gym.program.device import Cause, Measure, ObjectKind, OrientationT
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-_STATIC = wp.constant(int(ObjectKind.STATIC))
-_ANY = wp.constant(int(OrientationType.ANY))
-_WHOLE = wp.constant(int(Measure.WHOLE))
-_NONE = wp.constant(int(Cause.NONE))
-_EMPTY = wp.constant(int(Cause.EMPTY))
-
 
 @wp.func
 def _draw_static(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int):
-    """Pose what stays where the model has it, its joints drawn."""
+    """Pose a static object at its place in the model, with its joints drawn."""
     pose_bodies(program, obj, 0, search.qpos[c], search.body_pos[c], search.body_quat[c])
-    if program.obj_measured[obj] == _WHOLE:
+    if program.obj_measured[obj] == Measure.WHOLE:
         place = layouts.place[row, program.obj_slot[obj]]
         search.bounds[c] = bounds_of(program, obj, place, search.body_pos[c], search.body_quat[c])
 
 
 @wp.func
 def _draw_point(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, u: wp.vec4):
-    """Draw the point under the pivot, and the heading, in a region that is the same in every world."""
+    """Draw the heading, and the point under the pivot if the region is the same in every world."""
     turn = search.turn[c]
     ground = program.obj_ground[obj]
     box = program.obj_box_upper[obj] - program.obj_box_lower[obj]
@@ -62,12 +56,12 @@ def _draw_point(program: Program, layouts: LayoutsView, search: Search, c: int, 
     if ground < 0:
         return
     frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])
-    if program.obj_orientation[obj] != _ANY and not is_joined:
+    if program.obj_orientation[obj] != OrientationType.ANY and not is_joined:
         search.heading[c] = turn.yaw + angle_of(frame.rot[0, 0], frame.rot[1, 0])
     if program.obj_cutnum[obj] > 0:
         return
     if program.variant_trinum[turn.variant] == 0:
-        search.cause[c] = _EMPTY
+        search.cause[c] = Cause.EMPTY
         return
     tri = draw_triangle(program, turn.variant, u[1])
     at = draw_in_triangle(program, tri, u[2], u[3])
@@ -86,9 +80,9 @@ def _draw_from_heap(
     obj: int,
     u: float,
 ):
-    """Pose a thing of a heap as a settled row has it in what it fills.
+    """Pose an object of a heap as in one of the heap's settled arrangements, relative to its container.
 
-    All things of the heap take the same row, which another restart draws anew and another trial does not.
+    All objects of the heap take the same arrangement, which is drawn once per restart, not once per trial.
     """
     heap = program.obj_heap[obj]
     settled = program.heap_pose[heap[0] + wp.min(int(u * float(heap[1])), heap[1] - 1)]
@@ -96,7 +90,7 @@ def _draw_from_heap(
     ground = program.obj_ground[obj]
     frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])
     if frame.rot[2, 2] < LEVEL:
-        search.cause[c] = _EMPTY
+        search.cause[c] = Cause.EMPTY
         return
     quat = wp.normalize(mul_quat(layouts.body_quat[row, ground], settled_quat))
     turn = search.turn[c]
@@ -116,8 +110,12 @@ def _draw(
     program: Program,
     split: wp.uint32,
     lanes: int,
+    # Layouts in: seed, present, pending_episode, place, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: row_world, row_restart, rows_left, source, candidates, row, obj, trial, cause, turn, heading, point,
+    #   qpos, body_pos, body_quat
+    # Search out: rows_left, source, rows, cuts, narrow_pairs, enclosed, any_overflowed, cause, turn, heading, point,
+    #   surface, place, bounds, grasp, overflowed, covered, overhanging, qpos, body_pos, body_quat
     search: Search,
 ):
     if wp.tid() == 0:
@@ -127,18 +125,18 @@ def _draw(
         obj = search.obj[c]
         trial = trial_of(program, search, c)
         seed = layouts.seed[search.row_world[row]]
-        episode = layouts.making[search.row_world[row]]
+        episode = layouts.pending_episode[search.row_world[row]]
         stream = stream_of(program, split, obj)
-        search.cause[c] = _NONE
-        search.missed[c] = 0
+        search.cause[c] = Cause.NONE
+        search.overflowed[c] = 0
         search.surface[c] = -1
         draw_joints(program, obj, seed, episode, stream, trial, search.qpos[c])
-        if program.obj_kind[obj] == _STATIC:
+        if program.obj_kind[obj] == ObjectKind.STATIC:
             _draw_static(program, layouts, search, c, row, obj)
             continue
         u = uniforms(seed, episode, stream, trial, 0)
         w = wp.vec4(0.0)
-        if program.obj_orientation[obj] == _ANY or program.obj_variantnum[obj] > 1:
+        if program.obj_orientation[obj] == OrientationType.ANY or program.obj_variantnum[obj] > 1:
             w = uniforms(seed, episode, stream, trial, 1)
         turn = draw_turn(program, obj, u, w)
         if program.obj_heap[obj][0] >= 0:
@@ -151,10 +149,10 @@ def _draw(
             turn = measure(program, obj, turn, search.qpos[c], search.body_pos[c], search.body_quat[c])
         search.turn[c] = turn
         _draw_point(program, layouts, search, c, row, obj, u)
-        if program.obj_cutnum[obj] == 0 and search.cause[c] == _NONE:
+        if program.obj_cutnum[obj] == 0 and search.cause[c] == Cause.NONE:
             pose_candidate(program, layouts, search, c, row, obj)
 
 
 def launch_draw(program: Program, split: int, lanes: int, layouts: LayoutsView, search: Search, device: str) -> None:
-    """Draw the candidates of this wave."""
+    """Draw the candidates of this wave; for regions that differ between worlds, all but their points."""
     wp.launch(_draw, dim=lanes, inputs=[program, split, lanes, layouts], outputs=[search], device=device)

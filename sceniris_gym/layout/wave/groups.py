@@ -1,32 +1,29 @@
-"""Which members of a group are in a world, and where the others are parked: untested, since nothing placed gets there.
+"""Members of groups: draw which are present in a world, and park the others.
 
-`program.parking_check` refuses scenes in which something might.
+Parked objects are not tested for collision: `program.checks.parking` refuses scenes in which a placed object could
+reach the parking area.
 """
 
 import warp as wp
 
-from sceniris_gym.device.random import GROUP_STREAM, STREAM_BITS, uniforms
+from sceniris_gym.device.random import GROUP_STREAM, uniforms
 from sceniris_gym.device.transforms import quat_mat
 from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.wave.search import numbered_stream
 from sceniris_gym.placement.kinematics import follow_joints, pose_bodies, write_root
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.scene.parking import PARKING_COLUMNS, PARKING_FROM, PARKING_SPACING
 
-_STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
-_GROUP_STREAM = wp.constant(wp.uint32(GROUP_STREAM))
-_FAR = wp.constant(PARKING_FROM)
-_SPACING = wp.constant(PARKING_SPACING)
-_COLUMNS = wp.constant(PARKING_COLUMNS)
-
 
 @wp.func
-def draw_groups(program: Program, seed: wp.uint64, episode: int, split: wp.uint32, present: wp.array(dtype=int)):
-    """Draw which objects of each group are present: k uniform in its interval, then k members without repetition.
+def draw_groups(program: Program, seed: wp.uint64, episode: int, split: wp.uint32, present: wp.array[int]):
+    """Draw which objects of each group are present: k uniform in its interval, then k members without replacement.
 
-    The draw belongs to the episode and not to a trial: restarts must not favour small sets, which are easier to place.
+    The draw belongs to the episode, not to a trial: otherwise restarts would favour small sets, which are easier to
+    place.
     """
-    stream = (split << _STREAM_BITS) + _GROUP_STREAM
+    stream = numbered_stream(split, GROUP_STREAM)
     for g in range(program.ngroup):
         adr = program.group_adr[g]
         num = program.group_num[g]
@@ -45,13 +42,17 @@ def draw_groups(program: Program, seed: wp.uint64, episode: int, split: wp.uint3
 
 @wp.func
 def _parking_place(slot: int) -> wp.vec3:
-    """Where an absent object's pivot lies [m], world frame, on the ground plane."""
-    return wp.vec3(_FAR + _SPACING * float(slot % _COLUMNS), _FAR + _SPACING * float(slot // _COLUMNS), 0.0)
+    """Return the place of an absent object's pivot [m], world frame, on the ground plane."""
+    return wp.vec3(
+        PARKING_FROM + PARKING_SPACING * float(slot % PARKING_COLUMNS),
+        PARKING_FROM + PARKING_SPACING * float(slot // PARKING_COLUMNS),
+        0.0,
+    )
 
 
 @wp.func
 def _park_absent(program: Program, layouts: LayoutsView, row: int, obj: int):
-    """Park an absent object, its joints at home."""
+    """Park an absent object, with its joints at home."""
     qpos = layouts.qpos[row]
     for i in range(program.obj_drawadr[obj], program.obj_drawadr[obj] + program.obj_drawnum[obj]):
         adr = program.draw_qposadr[i]
@@ -73,7 +74,7 @@ def _park_absent(program: Program, layouts: LayoutsView, row: int, obj: int):
 
 @wp.func
 def next_object(program: Program, reach: Reach, layouts: LayoutsView, row: int, obj: int) -> int:
-    """The first object from `obj` on that is present; absent ones on the way are parked."""
+    """Return the first present object from `obj` on; park absent ones on the way."""
     found = int(obj)
     while found < program.nobject and layouts.present[row, program.obj_slot[found]] == 0:
         _park_absent(program, layouts, row, found)

@@ -1,8 +1,8 @@
-"""The point of the support that an object goes to: uniform by area in the region that its relations leave.
+"""Draw the point of a support that an object is placed at: uniform by area in the region that its relations leave.
 
-Without relations the region is the same in every world and its triangles are cut once, on the host. With relations
-`region_pieces.py` cuts them in the world at hand and has a race choose a piece by area; here a point of that piece is
-drawn, and drawn again, from the next race, where it turns out not to hold.
+Without relations the region is the same in every world, and its triangles are clipped once, on the host. With relations
+`region_pieces.py` clips them in each world and samples a piece by area. This module draws a point of that piece; where
+the point fails the exact test of the relations, another exponential race and another point follow.
 """
 
 import warp as wp
@@ -11,33 +11,29 @@ from sceniris_gym.config.limits import MAX_CORNERS
 from sceniris_gym.device.blocks import block_any
 from sceniris_gym.device.transforms import Pose, apply
 from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.wave.exponential_race import NO_PIECE, arrival_key, piece_of, point_counter, point_uniforms
 from sceniris_gym.layout.wave.posing import pose_candidate
-from sceniris_gym.layout.wave.race import NOBODY, finish, numbers_of, point_numbers, winner_index
 from sceniris_gym.layout.wave.region_pieces import LEAST_AREA, cut_triangle, is_point, posed_triangle
 from sceniris_gym.layout.wave.search import Search, SearchSize
 from sceniris_gym.layout.wave.sides import support_pose
+from sceniris_gym.placement.cover_and_footprint import outline_distance
 from sceniris_gym.placement.orientations import facing
 from sceniris_gym.placement.placed import Placed, placed
 from sceniris_gym.placement.polygons import draw_in_polygon
 from sceniris_gym.placement.relations import relation_holds
-from sceniris_gym.placement.roofs_and_footprints import outline_distance
 from sceniris_gym.program.device import Cause, OrientationType, Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-_MAX_CORNERS = wp.constant(MAX_CORNERS)
-_EMPTY = wp.constant(int(Cause.EMPTY))
-_REGION = wp.constant(int(Cause.REGION))
-_FACE_TO = wp.constant(int(OrientationType.FACE_TO))
-# A slice holds at most twice what it should, so 64 redraws of a whole one in vain have a probability of 1e-19. Many may
-# be needed where the support or another relation leaves of it little more than what lies outside of the ring, and where
-# bounds are measured, of which the circles around them say little.
+# A slice covers at most twice the area that it should, so with a whole slice 64 redraws fail with a probability of
+# 1e-19. More redraws are needed where the support or another relation leaves little of a slice but the part outside of
+# the ring, and where distances are measured between bounds, which the circles around them describe poorly.
 _REDRAWS = wp.constant(64)
 
 
 @wp.func
 def draw_triangle(program: Program, variant: int, u: float) -> int:
-    """The triangle of the region of an object's pose that holds the share `u` of its area."""
+    """Return the triangle at share `u` of the cumulated area of a variant's region."""
     low = program.variant_triadr[variant]
     high = low + program.variant_trinum[variant] - 1
     while low < high:
@@ -51,7 +47,7 @@ def draw_triangle(program: Program, variant: int, u: float) -> int:
 
 @wp.func
 def draw_in_triangle(program: Program, tri: int, u: float, v: float) -> wp.vec2:
-    """A uniform point of a triangle. R. Osada et al., "Shape distributions", ACM Trans. Graphics 21(4), 2002."""
+    """Draw a uniform point of a triangle. R. Osada et al., "Shape distributions", ACM Trans. Graphics 21(4), 2002."""
     if is_point(program, tri):
         return program.tri_a[tri]
     s = wp.sqrt(u)
@@ -60,15 +56,15 @@ def draw_in_triangle(program: Program, tri: int, u: float, v: float) -> wp.vec2:
 
 @wp.func
 def _on_surface(frame: Pose, height: float, at: wp.vec2) -> wp.vec3:
-    """The point of a surface that is seen at `at` from above: level to 0.1 degree is not level to 0.1 mm."""
+    """Return the point of a surface above `at`. A surface that is level to 0.1 degree need not be level to 0.1 mm."""
     ground = apply(frame, wp.vec3(0.0, 0.0, height))
     n = wp.vec3(frame.rot[0, 2], frame.rot[1, 2], frame.rot[2, 2])
     return wp.vec3(at[0], at[1], ground[2] - (n[0] * (at[0] - ground[0]) + n[1] * (at[1] - ground[1])) / n[2])
 
 
 @wp.func
-def _keeps_off(program: Program, obj: int, tri: int, frame: Pose, own: Placed) -> bool:
-    """Does the pivot keep its distance from the outline of the surface, in the bounds that were drawn?"""
+def _clears_outline(program: Program, obj: int, tri: int, frame: Pose, own: Placed) -> bool:
+    """Return True if the pivot is far enough from the outline of the surface for the bounds that were drawn."""
     size = own.high - own.low
     surface = program.tri_surface[tri]
     p = wp.transpose(frame.rot) * (_on_surface(frame, program.surface_height[surface], own.at) - frame.pos)
@@ -77,7 +73,7 @@ def _keeps_off(program: Program, obj: int, tri: int, frame: Pose, own: Placed) -
 
 
 @wp.func
-def _all_hold(
+def _point_holds(
     program: Program,
     layouts: LayoutsView,
     search: Search,
@@ -88,18 +84,18 @@ def _all_hold(
     frame: Pose,
     own: Placed,
 ) -> bool:
-    """Do all relations hold exactly at the drawn point, and does the pivot keep off the outline?"""
+    """Return True if all relations hold exactly at the drawn point, and the pivot is far enough from the outline."""
     for i in range(program.obj_relnum[obj]):
         resolved = search.relations[c, i]
         rel = program.obj_reladr[obj] + i
         if not relation_holds(program, rel, resolved, own, layouts.place[row], layouts.bounds[row]):
             return False
-    return program.obj_erosion[obj] <= 0.0 or _keeps_off(program, obj, tri, frame, own)
+    return program.obj_erosion[obj] <= 0.0 or _clears_outline(program, obj, tri, frame, own)
 
 
 @wp.func
 def _keep_point(program: Program, search: Search, c: int, obj: int, tri: int, frame: Pose, at: wp.vec2):
-    """Write the candidate's point: on the surface, or where nothing carries the object at the drawn height over it."""
+    """Write a candidate's point: on the surface, or at the drawn height above it if the object has no support."""
     surface = program.tri_surface[tri]
     if program.obj_ground[obj] >= 0:
         search.surface[c] = surface
@@ -112,7 +108,7 @@ def _keep_point(program: Program, search: Search, c: int, obj: int, tri: int, fr
 def _draw_in_piece(
     program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, index: int, u: wp.vec4
 ) -> bool:
-    """Draw a point of a piece of a candidate's region from three uniform numbers, and keep it where all holds."""
+    """Draw a point of a piece from three uniform numbers; write it and return True if it passes the exact test."""
     frame = support_pose(program, layouts, row, obj)
     turn = search.turn[c]
     triangles = program.variant_trinum[turn.variant]
@@ -120,24 +116,24 @@ def _draw_in_piece(
     t = posed_triangle(program, tri, frame)
     at = t.a
     if not is_point(program, tri):
-        polygon = wp.zeros(shape=(_MAX_CORNERS,), dtype=wp.vec2)
+        polygon = wp.zeros(shape=(MAX_CORNERS,), dtype=wp.vec2)
         num = cut_triangle(program, search, c, obj, index // triangles, t, polygon)
         at = draw_in_polygon(polygon, num, u[0], u[1], u[2])
     heading = search.heading[c]
-    if program.obj_orientation[obj] == _FACE_TO:
+    if program.obj_orientation[obj] == OrientationType.FACE_TO:
         target = program.obj_target[obj]
         if layouts.present[row, target] != 0:
             place = layouts.place[row, target]
             heading = turn.yaw + facing(at, wp.vec2(place[0], place[1]))
     own = placed(at, heading, turn.bounds)
-    if not _all_hold(program, layouts, search, c, row, obj, tri, frame, own):
+    if not _point_holds(program, layouts, search, c, row, obj, tri, frame, own):
         return False
     _keep_point(program, search, c, obj, tri, frame, at)
     return True
 
 
 @wp.func
-def _race_again(
+def _repeat_race(
     program: Program,
     split: wp.uint32,
     layouts: LayoutsView,
@@ -147,21 +143,21 @@ def _race_again(
     lane: int,
     redraw: int,
 ) -> wp.uint64:
-    """The piece that wins the race of a redraw, for each lane whose candidate needs one.
+    """Return the arrival key that wins the race of a redraw, for each lane whose candidate needs one.
 
-    Lists may have hundreds of pieces, so all lanes of the block run the race of one candidate after the other.
+    A candidate may have hundreds of pieces, so all lanes of the block share its race, one candidate after the other.
     """
-    own = NOBODY
+    own = NO_PIECE
     wanted = wp.tile(wp.where(needs != 0, c, -1))
     for other in range(wp.block_dim()):
         racing = wp.tile_extract(wanted, other)
         if racing >= 0:
-            numbers = numbers_of(program, split, layouts, search, racing)
-            best = NOBODY
+            numbers = point_counter(program, split, layouts, search, racing)
+            best = NO_PIECE
             for k in range(lane, search.pieces[racing], wp.block_dim()):
                 size = search.piece_area[racing, k]
                 if size > LEAST_AREA:
-                    best = wp.min(best, finish(numbers, redraw, search.piece[racing, k], size))
+                    best = wp.min(best, arrival_key(numbers, redraw, search.piece[racing, k], size))
             best = wp.tile_extract(wp.tile_min(wp.tile(best)), 0)
             if lane == other:
                 own = best
@@ -173,8 +169,11 @@ def _draw_points(
     program: Program,
     split: wp.uint32,
     blocks: int,
+    # Layouts in: seed, present, pending_episode, place, bounds, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: row_world, row_restart, cuts, row, obj, trial, turn, heading, point, qpos, body_pos, body_quat,
+    #   relations, sides, side_num, pieces, piece, piece_area, winner, cut
+    # Search out: cause, point, surface, place, bounds, grasp, covered, overhanging, body_pos, body_quat
     search: Search,
 ):
     block, lane = wp.tid()
@@ -185,27 +184,27 @@ def _draw_points(
         row = search.row[c]
         obj = search.obj[c]
         winner = search.winner[c]
-        if winner == NOBODY and needs != 0:
-            search.cause[c] = _EMPTY
+        if winner == NO_PIECE and needs != 0:
+            search.cause[c] = Cause.EMPTY
             needs = 0
         redraw = int(0)
         while redraw < _REDRAWS and block_any(needs) != 0:
             if redraw > 0:
-                winner = _race_again(program, split, layouts, search, c, needs, lane, redraw)
+                winner = _repeat_race(program, split, layouts, search, c, needs, lane, redraw)
             if needs != 0:
-                u = point_numbers(numbers_of(program, split, layouts, search, c), redraw)
-                if _draw_in_piece(program, layouts, search, c, row, obj, winner_index(winner), u):
+                u = point_uniforms(point_counter(program, split, layouts, search, c), redraw)
+                if _draw_in_piece(program, layouts, search, c, row, obj, piece_of(winner), u):
                     needs = 0
                     pose_candidate(program, layouts, search, c, row, obj)
             redraw += 1
         if needs != 0:
-            search.cause[c] = _REGION
+            search.cause[c] = Cause.REGION
 
 
 def launch_draw_points(
     program: Program, split: int, size: SearchSize, layouts: LayoutsView, search: Search, device: str
 ) -> None:
-    """Draw the points of the candidates that are listed, a lane for each."""
+    """Draw the points of the listed candidates, one lane per candidate."""
     wp.launch_tiled(
         _draw_points,
         dim=[size.blocks],

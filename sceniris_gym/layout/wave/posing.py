@@ -1,4 +1,4 @@
-"""A candidate's bodies are posed where it was drawn."""
+"""Poses of a candidate's bodies at the point where it was drawn."""
 
 import warp as wp
 
@@ -13,9 +13,6 @@ from sceniris_gym.program.device import OrientationType, Program
 
 wp.set_module_options({"enable_backward": False})
 
-_FACE_TO = wp.constant(int(OrientationType.FACE_TO))
-_NO_GRASP = wp.constant(NO_GRASP)
-
 
 @wp.func
 def pose_candidate(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int):
@@ -23,7 +20,7 @@ def pose_candidate(program: Program, layouts: LayoutsView, search: Search, c: in
     turn = search.turn[c]
     heading = search.heading[c]
     point = search.point[c]
-    if program.obj_orientation[obj] == _FACE_TO:
+    if program.obj_orientation[obj] == OrientationType.FACE_TO:
         target = program.obj_target[obj]
         if layouts.present[row, target] != 0:
             at = layouts.place[row, target]
@@ -38,14 +35,14 @@ def pose_candidate(program: Program, layouts: LayoutsView, search: Search, c: in
     pose_bodies(program, obj, 1, search.qpos[c], search.body_pos[c], search.body_quat[c])
     search.place[c] = wp.vec4(pivot[0], pivot[1], pivot[2], heading)
     search.bounds[c] = turn.bounds
-    search.grasp[c] = _NO_GRASP
+    search.grasp[c] = NO_GRASP
     search.covered[c] = 0
-    search.off[c] = 0
+    search.overhanging[c] = 0
 
 
 @wp.func
 def candidate_poses(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, pair: int) -> PairPoses:
-    """Where the bodies of a pair are for a candidate of a row, beside what stands there."""
+    """Return the poses of a pair's bodies: the candidate's own, and those of the objects placed before in its row."""
     own_pos = search.body_pos[c]
     own_quat = search.body_quat[c]
     return pair_poses(program, pair, own_pos, own_quat, layouts.body_pos[row], layouts.body_quat[row])

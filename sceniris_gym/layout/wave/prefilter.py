@@ -1,4 +1,4 @@
-"""Posed candidates are screened, the cheap tests first: the arm's map, roofs, and the footprint."""
+"""Prefilter of posed candidates, cheap tests first: the arm's map, overhead obstacles, and the footprint."""
 
 from collections.abc import Sequence
 
@@ -7,27 +7,17 @@ import warp as wp
 from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.search import NO_GRASP, Search, SearchSize, candidate_num
+from sceniris_gym.placement.cover_and_footprint import is_covered, overhangs
 from sceniris_gym.placement.grasps import approaches, first_through, passes_map
-from sceniris_gym.placement.roofs_and_footprints import is_under_roof, overhangs
-from sceniris_gym.program.device import Cause, ObjectKind, Program, Roof
+from sceniris_gym.program.device import Cause, Cover, ObjectKind, Program
 from sceniris_gym.program.device_reach import UNASKED, Reach
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-_STATIC = wp.constant(int(ObjectKind.STATIC))
-_EITHER = wp.constant(int(Roof.EITHER))
-_COVERED = wp.constant(int(Roof.COVERED))
-_NO_GRASP = wp.constant(NO_GRASP)
-_UNASKED = wp.constant(UNASKED)
-_NONE = wp.constant(int(Cause.NONE))
-_ROOF = wp.constant(int(Cause.ROOF))
-_FOOTPRINT = wp.constant(int(Cause.FOOTPRINT))
-_UNREACHABLE = wp.constant(int(Cause.UNREACHABLE))
-
 
 @wp.func
-def _look_up(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int):
-    """Find the first of a candidate's grasps that the map lets through, if the base is where it will be."""
+def _find_grasp(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int):
+    """Find the first of a candidate's grasps that the arm's map accepts; if the base comes later, by approach alone."""
     column = reach.obj_reach[obj]
     late = reach.reach_late[column]
     base = pose_of(layouts.body_pos[row, reach.base_body], layouts.body_quat[row, reach.base_body])
@@ -45,8 +35,8 @@ def _look_up(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: in
 
 
 @wp.func
-def _look_up_from_base(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int):
-    """Find whether the map lets a grasp through of each target that was placed before a candidate base."""
+def _find_grasps_from_base(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int):
+    """Accept a candidate base if the map accepts a grasp of every target that was placed before it."""
     base = pose_of(search.body_pos[c, reach.base_body], search.body_quat[c, reach.base_body])
     for column in range(reach.reach_arm.shape[0]):
         if reach.reach_arm[column] == reach.number and reach.reach_late[column] != 0:
@@ -58,109 +48,113 @@ def _look_up_from_base(reach: Reach, layouts: LayoutsView, search: Search, c: in
 
 
 @wp.func
-def _look_at_map(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int):
-    """Look up what the arm is to reach; for a base one lane does it."""
+def _test_map(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int):
+    """Look up the grasps of a reach target, or those that a base has to reach; one lane works on a base."""
     column = reach.obj_reach[obj]
     if column >= 0:
         if reach.reach_arm[column] == reach.number:
-            _look_up(reach, layouts, search, c, row, obj, part, parts)
+            _find_grasp(reach, layouts, search, c, row, obj, part, parts)
     elif obj == reach.base_obj and part == 0:
-        _look_up_from_base(reach, layouts, search, c, row)
+        _find_grasps_from_base(reach, layouts, search, c, row)
 
 
 @wp.func
-def _look_up_to_roofs(
+def _test_cover(
     program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int
 ):
-    """Find whether anything is above the candidate's point."""
-    for i in range(part, program.obj_roofnum[obj], parts):
-        roof = program.roof_list[program.obj_roofadr[obj] + i]
+    """Mark a candidate as covered if an obstacle is above its point."""
+    for i in range(part, program.obj_overheadnum[obj], parts):
+        entry = program.overhead_list[program.obj_overheadadr[obj] + i]
         if search.covered[c] == 0:
-            if is_under_roof(program, roof, search.point[c], layouts.body_pos[row], layouts.body_quat[row]):
+            if is_covered(program, entry, search.point[c], layouts.body_pos[row], layouts.body_quat[row]):
                 search.covered[c] = 1
 
 
 @wp.func
-def _look_at_footprint(
+def _test_footprint(
     program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int
 ):
-    """Find whether any of the posed object's footprint lies off its support."""
+    """Mark a candidate as overhanging if part of its footprint lies off its support."""
     surface = search.surface[c]
     ground = program.obj_ground[obj]
     frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])
     for i in range(part, program.obj_shadownum[obj] * program.surface_edgenum[surface], parts):
-        if search.off[c] == 0:
+        if search.overhanging[c] == 0:
             if overhangs(program, obj, surface, i, frame, search.body_pos[c], search.body_quat[c]):
-                search.off[c] = 1
+                search.overhanging[c] = 1
 
 
-# Registers for fewer warps at a time make it slower.
+@wp.func
+def reject_cause(program: Program, reach: Reach, search: Search, c: int, obj: int) -> int:
+    """Return the cause for which the prefilter rejects a candidate, or NONE."""
+    if program.obj_kind[obj] == ObjectKind.STATIC:
+        return Cause.NONE
+    if reach.obj_reach.shape[0] > 0:
+        if reach.obj_reach[obj] != UNASKED and search.grasp[c] == NO_GRASP:
+            return Cause.UNREACHABLE
+    rule = program.obj_cover[obj]
+    if rule != Cover.EITHER:
+        if (search.covered[c] != 0) != (rule == Cover.COVERED):
+            return Cause.OVERHEAD
+    if search.overhanging[c] != 0:
+        return Cause.FOOTPRINT
+    return Cause.NONE
+
+
+# With more registers per lane fewer warps fit on a multiprocessor, which was measured to be slower.
 @wp.kernel(grid_stride=False, cuda_max_registers=128)
-def _look(
+def _prefilter(
     program: Program,
     reach: Reach,
     lanes: int,
     parts: int,
+    # Layouts in: present, variant, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: candidates, row, obj, cause, turn, point, surface, grasp, covered, overhanging, body_pos, body_quat
+    # Search out: grasp, covered, overhanging
     search: Search,
 ):
     for i in range(wp.tid(), parts * candidate_num(search), lanes):
         c = i // parts
         row = search.row[c]
         obj = search.obj[c]
-        if search.cause[c] == _NONE and program.obj_kind[obj] != _STATIC:
+        if search.cause[c] == Cause.NONE and program.obj_kind[obj] != ObjectKind.STATIC:
             if reach.obj_reach.shape[0] > 0:
-                if reach.obj_reach[obj] != _UNASKED:
-                    _look_at_map(reach, layouts, search, c, row, obj, i % parts, parts)
-                    if parts == 1 and search.grasp[c] == _NO_GRASP:
+                if reach.obj_reach[obj] != UNASKED:
+                    _test_map(reach, layouts, search, c, row, obj, i % parts, parts)
+                    if parts == 1 and search.grasp[c] == NO_GRASP:
                         continue
-            if program.obj_roof[obj] != _EITHER:
-                _look_up_to_roofs(program, layouts, search, c, row, obj, i % parts, parts)
-                if parts == 1 and (search.covered[c] != 0) != (program.obj_roof[obj] == _COVERED):
+            if program.obj_cover[obj] != Cover.EITHER:
+                _test_cover(program, layouts, search, c, row, obj, i % parts, parts)
+                if parts == 1 and (search.covered[c] != 0) != (program.obj_cover[obj] == Cover.COVERED):
                     continue
             if program.obj_footprint[obj] != 0 and search.surface[c] >= 0:
-                _look_at_footprint(program, layouts, search, c, row, obj, i % parts, parts)
+                _test_footprint(program, layouts, search, c, row, obj, i % parts, parts)
 
 
 @wp.kernel(grid_stride=False)
-def _look_at_map_of(
+def _prefilter_by_map(
     reach: Reach,
     lanes: int,
     parts: int,
+    # Layouts in: present, variant, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: candidates, row, obj, cause, turn, grasp, body_pos, body_quat
+    # Search out: grasp
     search: Search,
 ):
     for i in range(wp.tid(), parts * candidate_num(search), lanes):
         c = i // parts
         obj = search.obj[c]
-        if search.cause[c] == _NONE and reach.obj_reach[obj] != _UNASKED:
-            _look_at_map(reach, layouts, search, c, search.row[c], obj, i % parts, parts)
+        if search.cause[c] == Cause.NONE and reach.obj_reach[obj] != UNASKED:
+            _test_map(reach, layouts, search, c, search.row[c], obj, i % parts, parts)
 
 
-@wp.func
-def why_not(program: Program, reach: Reach, search: Search, c: int, obj: int) -> int:
-    """Why a candidate does not pass the screen, or NONE."""
-    if program.obj_kind[obj] == _STATIC:
-        return _NONE
-    if reach.obj_reach.shape[0] > 0:
-        if reach.obj_reach[obj] != _UNASKED and search.grasp[c] == _NO_GRASP:
-            return _UNREACHABLE
-    rule = program.obj_roof[obj]
-    if rule != _EITHER:
-        if (search.covered[c] != 0) != (rule == _COVERED):
-            return _ROOF
-    if search.off[c] != 0:
-        return _FOOTPRINT
-    return _NONE
-
-
-def launch_screen(
+def launch_prefilter(
     program: Program, reaches: Sequence[Reach], size: SearchSize, layouts: LayoutsView, search: Search, device: str
 ) -> None:
-    """Look at the maps of all arms, roofs and footprints for the candidates of this wave; `why_not` has the outcome."""
+    """Prefilter the candidates of this wave. `reject_cause` reads the result."""
     sizes = [size.lanes, size.parts, layouts, search]
     for reach in reaches[1:]:
-        wp.launch(_look_at_map_of, dim=size.lanes, inputs=[reach, *sizes], device=device)
-    wp.launch(_look, dim=size.lanes, inputs=[program, reaches[0], *sizes], device=device)
+        wp.launch(_prefilter_by_map, dim=size.lanes, inputs=[reach, *sizes], device=device)
+    wp.launch(_prefilter, dim=size.lanes, inputs=[program, reaches[0], *sizes], device=device)

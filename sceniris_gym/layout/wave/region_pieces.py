@@ -1,8 +1,7 @@
-"""The region that relations leave of a support, then: its triangles are cut, and what is left of each runs a race.
+"""Clip the support's triangles to each relation, and sample one of the pieces by area.
 
-A piece is what is left of a triangle within one convex piece of every relation, a *combination* of such. Its number is
-combination * triangles + triangle. Lanes share the pieces of a candidate, and more of them the fewer candidates there
-are.
+A piece is the part of a triangle inside one convex piece of every relation, a *combination* of them. Its number is
+combination * triangles + triangle. Several lanes share the pieces of a candidate: the fewer the candidates, the more.
 """
 
 import warp as wp
@@ -10,7 +9,7 @@ import warp as wp
 from sceniris_gym.config.limits import MAX_CORNERS
 from sceniris_gym.device.transforms import Pose, apply
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.wave.race import NOBODY, finish, numbers_of
+from sceniris_gym.layout.wave.exponential_race import NO_PIECE, arrival_key, point_counter
 from sceniris_gym.layout.wave.search import Search, SearchSize
 from sceniris_gym.layout.wave.sides import support_pose
 from sceniris_gym.placement.polygons import HalfPlane, area, clip, set_triangle
@@ -18,17 +17,17 @@ from sceniris_gym.program.device import Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-_MAX_CORNERS = wp.constant(MAX_CORNERS)
-# Pieces below this area [m^2] are rounding: a line of 1 mm, drawn 40 um wide, has 4e-8.
+# Pieces below this area [m^2] are rounding errors: a line of 1 mm, drawn 40 um wide, has 4e-8.
 LEAST_AREA = wp.constant(1.0e-10)
-# A triangle further beyond a side than this [m] has nothing left, and one that is further inside is left as it is: ten
-# times what rounds off within a few metres; 100 m away heights round to 0.03 mm, which moves a cut by no more.
+# A triangle that lies outside of a half-plane by more than this [m] is dropped, and one that lies inside by more is not
+# clipped. It is ten times the rounding error within a few metres; 100 m away, heights round to 0.03 mm, which moves a
+# cut by no more than that.
 _SURE = wp.constant(1.0e-5)
 
 
 @wp.struct
 class Triangle:
-    """A triangle of the region, seen from above in the world [m]."""
+    """A triangle of the region in the world, projected onto the ground plane [m]."""
 
     a: wp.vec2
     b: wp.vec2
@@ -37,7 +36,7 @@ class Triangle:
 
 @wp.func
 def is_point(program: Program, tri: int) -> bool:
-    """Is a triangle of the region one of its points? Those that are not have corners that differ."""
+    """Return True if a triangle of the region stands for a single point: its corners are equal."""
     a = program.tri_a[tri]
     return program.tri_b[tri] == a and program.tri_c[tri] == a
 
@@ -50,7 +49,7 @@ def _xy(frame: Pose, p: wp.vec2, height: float) -> wp.vec2:
 
 @wp.func
 def posed_triangle(program: Program, tri: int, frame: Pose) -> Triangle:
-    """Triangle `tri` of the support that is posed at `frame`."""
+    """Return triangle `tri` of a support with pose `frame`."""
     height = program.surface_height[program.tri_surface[tri]]
     t = Triangle()
     t.a = _xy(frame, program.tri_a[tri], height)
@@ -61,7 +60,7 @@ def posed_triangle(program: Program, tri: int, frame: Pose) -> Triangle:
 
 @wp.func
 def _is_out_of_reach(program: Program, search: Search, c: int, obj: int, t: Triangle) -> bool:
-    """Do the bounds of a triangle lie beyond the circle that holds all pieces of one of the relations?"""
+    """Return True if a triangle's bounding box lies outside of the circle around all pieces of one of the relations."""
     low = wp.min(wp.min(t.a, t.b), t.c)
     high = wp.max(wp.max(t.a, t.b), t.c)
     for i in range(program.obj_relnum[obj]):
@@ -75,7 +74,7 @@ def _is_out_of_reach(program: Program, search: Search, c: int, obj: int, t: Tria
 
 @wp.func
 def _depth(h: HalfPlane, t: Triangle) -> wp.vec2:
-    """How far outside of a half-plane the corners of a triangle lie, least and most, in lengths of its normal."""
+    """Return how far a triangle's corners lie outside of a half-plane, least and most, times the normal's length."""
     limit = h.offset + wp.dot(h.normal, h.origin)
     a = wp.dot(h.normal, t.a)
     b = wp.dot(h.normal, t.b)
@@ -85,7 +84,7 @@ def _depth(h: HalfPlane, t: Triangle) -> wp.vec2:
 
 @wp.func
 def _is_surely_empty(program: Program, search: Search, c: int, obj: int, combination: int, t: Triangle) -> bool:
-    """Does a triangle lie wholly beyond a side of one of the pieces? Most do, so it is asked before anything is cut."""
+    """Return True if a triangle lies outside of one half-plane of a combination: a cheap test that drops most."""
     rest = int(combination)
     for i in range(program.obj_relnum[obj]):
         rel = program.obj_reladr[obj] + i
@@ -110,9 +109,9 @@ def cut_triangle(
     obj: int,
     combination: int,
     t: Triangle,
-    polygon: wp.array(dtype=wp.vec2),
+    polygon: wp.array[wp.vec2],
 ) -> int:
-    """What is left of a triangle within one convex piece of every relation: the number of corners of `polygon`."""
+    """Clip a triangle to a combination: write `polygon`, and return the number of its corners."""
     num = set_triangle(polygon, t.a, t.b, t.c)
     rest = int(combination)
     for i in range(program.obj_relnum[obj]):
@@ -123,7 +122,7 @@ def cut_triangle(
         adr = program.rel_sideadr[rel] + piece * sides
         for k in range(adr, adr + sides):
             plane = search.sides[c, k]
-            # the whole plane cuts nothing
+            # a normal of zero stands for the whole plane
             if num > 0 and (plane.normal[0] != 0.0 or plane.normal[1] != 0.0):
                 if _depth(plane, t)[1] > -_SURE:
                     num = clip(polygon, num, plane)
@@ -135,8 +134,10 @@ def _find_pieces(
     program: Program,
     lanes: int,
     least_parts: int,
+    # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: cuts, row, obj, turn, relations, sides, side_num, pieces, cut
+    # Search out: pieces, piece
     search: Search,
 ):
     num = search.cuts[0]
@@ -155,25 +156,27 @@ def _find_pieces(
             for combination in range(program.obj_cutnum[obj]):
                 if not _is_surely_empty(program, search, c, obj, combination, t):
                     search.piece[c, wp.atomic_add(search.pieces, c, 1)] = combination * triangles + tri
-                    if single:  # in one race, though it may lie where two combinations meet
+                    if single:  # counted once, even where two combinations meet
                         break
 
 
 def launch_find_pieces(program: Program, size: SearchSize, layouts: LayoutsView, search: Search, device: str) -> None:
-    """List the pieces of listed candidates that may have any area."""
+    """List the pieces of the listed candidates that may have positive area."""
     inputs = [program, size.lanes, size.parts, layouts]
     wp.launch(_find_pieces, dim=size.lanes, inputs=inputs, outputs=[search], device=device)
 
 
-# Apart from the search for pieces: what is found there is shared out among lanes here, and all of them cut at once.
+# A kernel of its own, so that the pieces found above are spread evenly over the lanes that clip them.
 @wp.kernel(grid_stride=False)
 def _measure_pieces(
     program: Program,
     split: wp.uint32,
     lanes: int,
     least_parts: int,
+    # Layouts in: seed, pending_episode, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: row_world, row_restart, cuts, row, obj, trial, turn, sides, side_num, pieces, piece, winner, cut
+    # Search out: piece_area, winner
     search: Search,
 ):
     num = search.cuts[0]
@@ -182,11 +185,11 @@ def _measure_pieces(
         c = search.cut[i // parts]
         obj = search.obj[c]
         frame = support_pose(program, layouts, search.row[c], obj)
-        numbers = numbers_of(program, split, layouts, search, c)
+        numbers = point_counter(program, split, layouts, search, c)
         variant = search.turn[c].variant
         triangles = program.variant_trinum[variant]
-        polygon = wp.zeros(shape=(_MAX_CORNERS,), dtype=wp.vec2)
-        best = NOBODY
+        polygon = wp.zeros(shape=(MAX_CORNERS,), dtype=wp.vec2)
+        best = NO_PIECE
         for k in range(i % parts, search.pieces[c], parts):
             index = search.piece[c, k]
             tri = program.variant_triadr[variant] + index % triangles
@@ -196,14 +199,14 @@ def _measure_pieces(
                 size = area(polygon, cut_triangle(program, search, c, obj, index // triangles, t, polygon))
             search.piece_area[c, k] = size
             if size > LEAST_AREA:
-                best = wp.min(best, finish(numbers, 0, index, size))
-        if best != NOBODY:
+                best = wp.min(best, arrival_key(numbers, 0, index, size))
+        if best != NO_PIECE:
             wp.atomic_min(search.winner, c, best)
 
 
 def launch_measure_pieces(
     program: Program, split: int, size: SearchSize, layouts: LayoutsView, search: Search, device: str
 ) -> None:
-    """Measure the pieces that are listed, and let them run the first race."""
+    """Measure the area of the listed pieces, and run the first exponential race among them."""
     inputs = [program, split, size.lanes, size.parts, layouts]
     wp.launch(_measure_pieces, dim=size.lanes, inputs=inputs, outputs=[search], device=device)

@@ -1,7 +1,7 @@
-"""Rounds of restarts: every pending world tries one restart, or several where rows are free.
+"""Rounds of restarts: every pending world runs one restart, or several where rows are free.
 
-The lowest restart that placed everything is the world's layout; what later ones drew is not counted. A layout that is
-not sound is never served: its world falls back at once.
+The lowest restart that places everything becomes the world's layout; later restarts of the round are not counted. An
+unsound layout is never served: its world falls back at once.
 """
 
 import warp as wp
@@ -16,14 +16,12 @@ from sceniris_gym.program.device_reach import Reach
 
 wp.set_module_options({"enable_backward": False})
 
-_VALID = wp.constant(int(Status.VALID))
-_UNSOUND = wp.constant(int(Cause.UNSOUND))
 _NEVER = wp.constant(1 << 30)
 
 
 @wp.func
 def _clear_rejections(layouts: LayoutsView, row: int):
-    """Count rejections of a row from zero on."""
+    """Reset the rejection counts of a row."""
     for i in range(layouts.row_rejections.shape[1]):
         for j in range(layouts.row_rejections.shape[2]):
             layouts.row_rejections[row, i, j] = 0
@@ -32,15 +30,17 @@ def _clear_rejections(layouts: LayoutsView, row: int):
 @wp.kernel
 def _start(
     program: Program,
-    mask: wp.array(dtype=bool),
+    mask: wp.array[bool],
     split: wp.uint32,
-    # Layouts in and out:
+    # Layouts in: seed, episode
+    # Layouts out: attempts, present, pending_episode, row_rejections
     layouts: LayoutsView,
-    # Search out:
+    # Search in: worlds_left
+    # Search out: pending, waiting, restart, worlds_left, rows_left, candidates
     search: Search,
 ):
     worldid = wp.tid()
-    # Nothing is left of what was begun before, unless somebody interrupted the launches.
+    # These are already clear unless earlier launches were interrupted.
     search.pending[worldid] = False
     search.waiting[worldid] = False
     if worldid == 0:
@@ -50,7 +50,7 @@ def _start(
         if not mask[worldid]:
             return
     episode = layouts.episode[worldid] + 1
-    layouts.making[worldid] = episode
+    layouts.pending_episode[worldid] = episode
     layouts.attempts[worldid] = 0
     _clear_rejections(layouts, worldid)
     search.pending[worldid] = True
@@ -62,32 +62,17 @@ def _start(
 def launch_start(
     program: Program, mask: wp.array | None, split: int, layouts: LayoutsView, search: Search, device: str
 ) -> None:
-    """Let the masked worlds be pending, for the episode that follows theirs."""
+    """Mark the masked worlds as pending, each for its next episode."""
     dim = search.pending.shape[0]
     search.worlds_left.zero_()
     wp.launch(_start, dim=dim, inputs=[program, mask, split], outputs=[layouts, search], device=device)
-
-
-@wp.kernel
-def _plan_round(
-    program: Program,
-    # Search in and out:
-    search: Search,
-):
-    worlds = wp.max(search.worlds_left[0], 1)
-    extra = search.row_world.shape[0] - search.pending.shape[0]
-    # so many that less than half a world is expected to be left
-    wanted = int(wp.ceil(wp.log(2.0 * float(worlds)) / -wp.log(program.restart_rate)))
-    search.restarts_at_once[0] = wp.clamp(wp.min(extra // worlds + 1, wanted), 1, program.restarts + 1)
-    search.worlds_left[0] = 0
-    search.tickets[0] = 0
 
 
 @wp.func
 def _open_row(
     program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, worldid: int, restart: int
 ):
-    """Let a row try a restart of a world."""
+    """Begin a restart of a world in a row."""
     nworld = search.pending.shape[0]
     if row >= nworld:
         for i in range(layouts.present.shape[1]):
@@ -106,19 +91,37 @@ def _open_row(
 
 @wp.func
 def _row_of_restart(search: Search, worldid: int, number: int) -> int:
-    """The row of a world's restart of this round, by its number among them."""
+    """Return the row of restart `number` of a world, counted within this round."""
     if number == 0:
         return worldid
     return search.pending.shape[0] + search.ticket[worldid] * (search.restarts_at_once[0] - 1) + number - 1
 
 
 @wp.kernel
+def _plan_round(
+    program: Program,
+    # Search in: worlds_left
+    # Search out: worlds_left, tickets, restarts_at_once
+    search: Search,
+):
+    worlds = wp.max(search.worlds_left[0], 1)
+    extra = search.row_world.shape[0] - search.pending.shape[0]
+    # after so many restarts fewer than half a world is expected to be pending
+    wanted = int(wp.ceil(wp.log(2.0 * float(worlds)) / -wp.log(program.restart_rate)))
+    search.restarts_at_once[0] = wp.clamp(wp.min(extra // worlds + 1, wanted), 1, program.restarts + 1)
+    search.worlds_left[0] = 0
+    search.tickets[0] = 0
+
+
+@wp.kernel
 def _open_rows(
     program: Program,
     reach: Reach,
-    # Layouts in and out:
+    # Layouts in: qpos, present, body_pos, body_quat
+    # Layouts out: qpos, mocap_pos, mocap_quat, present, grasp, row_rejections, place, bounds, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: pending, restart, ticket, best, row_object, rows_left, tickets, restarts_at_once, source
+    # Search out: ticket, best, row_world, row_restart, row_object, row_trial, row_attempts, queue, rows_left, tickets
     search: Search,
 ):
     worldid = wp.tid()
@@ -133,7 +136,7 @@ def _open_rows(
 
 
 def launch_open_rows(program: Program, reach: Reach, layouts: LayoutsView, search: Search, device: str) -> None:
-    """Give the pending worlds rows."""
+    """Open rows for the pending worlds, one for each restart of this round."""
     wp.launch(_plan_round, dim=1, inputs=[program], outputs=[search], device=device)
     dim = search.pending.shape[0]
     wp.launch(_open_rows, dim=dim, inputs=[program, reach], outputs=[layouts, search], device=device)
@@ -144,7 +147,8 @@ def _open_candidates(
     program: Program,
     busy: int,
     lanes: int,
-    # Search in and out:
+    # Search in: row_object, row_trial, queue, rows_left, source, candidates
+    # Search out: row_first, row_trials, candidates, row, obj, trial
     search: Search,
 ):
     rows = search.rows_left[0]
@@ -165,14 +169,14 @@ def _open_candidates(
 
 
 def launch_open_candidates(program: Program, size: SearchSize, search: Search, device: str) -> None:
-    """Give rows candidates: the more, the fewer rows there are, and the more their objects usually need."""
+    """Open candidates for the queued rows: more per row if few rows are left or their objects usually need more."""
     inputs = [program, size.busy, size.lanes]
     wp.launch(_open_candidates, dim=size.lanes, inputs=inputs, outputs=[search], device=device)
 
 
 @wp.func
 def _count_row(layouts: LayoutsView, search: Search, worldid: int, row: int):
-    """Count the attempts and rejections of a restart that was reached among those of its world."""
+    """Add the attempts and rejections of a restart to those of its world."""
     layouts.attempts[worldid] += search.row_attempts[row]
     if row != worldid:
         for i in range(layouts.row_rejections.shape[1]):
@@ -182,7 +186,7 @@ def _count_row(layouts: LayoutsView, search: Search, worldid: int, row: int):
 
 @wp.func
 def _copy_row(layouts: LayoutsView, row: int, worldid: int):
-    """Copy a finished row into that of its world."""
+    """Copy a finished row into the row of its world."""
     for i in range(layouts.qpos.shape[1]):
         layouts.qpos[worldid, i] = layouts.qpos[row, i]
     for i in range(layouts.mocap_pos.shape[1]):
@@ -205,9 +209,13 @@ def _settle(
     reach: Reach,
     split: wp.uint32,
     staged: bool,
-    # Layouts in and out:
+    # Layouts in: seed, qpos, mocap_pos, mocap_quat, attempts, grasp, pending_episode, row_rejections, place, bounds,
+    #   variant, body_pos, body_quat
+    # Layouts out: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, present, grasp, grasp_qpos,
+    #   pregrasp_qpos, row_rejections, place, bounds, variant, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: pending, restart, ticket, best, row_attempts, worlds_left, restarts_at_once
+    # Search out: pending, waiting, restart, worlds_left
     search: Search,
 ):
     worldid = wp.tid()
@@ -227,13 +235,13 @@ def _settle(
     if best < _NEVER and sound:
         if row != worldid:
             _copy_row(layouts, row, worldid)
-        layouts.status[worldid] = _VALID
+        layouts.status[worldid] = Status.VALID
         layouts.first_pass_valid[worldid] = wp.where(best == 0, 1, 0)
         search.pending[worldid] = False
         search.waiting[worldid] = staged
     elif last == program.restarts or not sound:
         if not sound:
-            layouts.row_rejections[worldid, wp.max(program.nobject - 1, 0), _UNSOUND] += 1
+            layouts.row_rejections[worldid, wp.max(program.nobject - 1, 0), Cause.UNSOUND] += 1
         layouts.status[worldid] = fall_back(program, reach, layouts, worldid, split)
         layouts.first_pass_valid[worldid] = 0
         search.pending[worldid] = False
@@ -244,7 +252,7 @@ def _settle(
 def launch_settle(
     program: Program, reach: Reach, split: int, staged: bool, layouts: LayoutsView, search: Search, device: str
 ) -> None:
-    """End a round: worlds with a layout are done, those out of restarts fall back, and the others stay pending."""
+    """End a round: worlds with a layout are done, worlds out of restarts fall back, all others stay pending."""
     inputs = [program, reach, split, staged]
     dim = search.pending.shape[0]
     wp.launch(_settle, dim=dim, inputs=inputs, outputs=[layouts, search], device=device)
@@ -252,7 +260,8 @@ def launch_settle(
 
 @wp.kernel
 def _reopen(
-    # Search in and out:
+    # Search in: waiting, worlds_left
+    # Search out: pending, waiting, worlds_left
     search: Search,
 ):
     worldid = wp.tid()
@@ -263,13 +272,13 @@ def _reopen(
 
 
 def launch_reopen(search: Search, device: str) -> None:
-    """Let worlds that still wait for a layout within reach go on with their next restart."""
+    """Mark worlds as pending again whose layouts the reach stage rejected; they continue with their next restart."""
     wp.launch(_reopen, dim=search.pending.shape[0], inputs=[], outputs=[search], device=device)
 
 
 @wp.func
-def count_rejections(made: LayoutsView, worldid: int, obj: int, rejections: wp.array2d(dtype=wp.int64)):
-    """Count what was rejected of an object for a layout that is served."""
+def count_rejections(made: LayoutsView, worldid: int, obj: int, rejections: wp.array2d[wp.int64]):
+    """Add the rejections of an object in a served layout to the running counts."""
     for cause in range(made.row_rejections.shape[2]):
         number = made.row_rejections[worldid, obj, cause]
         if number > 0:
@@ -278,8 +287,9 @@ def count_rejections(made: LayoutsView, worldid: int, obj: int, rejections: wp.a
 
 @wp.kernel
 def _finish(
-    mask: wp.array(dtype=bool),
-    # Layouts in and out:
+    mask: wp.array[bool],
+    # Layouts in: rejections, pending_episode, row_rejections
+    # Layouts out: episode, rejections
     layouts: LayoutsView,
 ):
     worldid, obj = wp.tid()
@@ -287,11 +297,11 @@ def _finish(
         if not mask[worldid]:
             return
     if obj == 0:
-        layouts.episode[worldid] = layouts.making[worldid]
+        layouts.episode[worldid] = layouts.pending_episode[worldid]
     count_rejections(layouts, worldid, obj, layouts.rejections)
 
 
 def launch_finish(mask: wp.array | None, layouts: LayoutsView, device: str) -> None:
-    """Advance the masked worlds to the episode that was made, all of them at once, and count what was rejected."""
+    """Advance the masked worlds to their pending episodes, all at once, and add up their rejections."""
     dim = (layouts.seed.shape[0], layouts.rejections.shape[0])
     wp.launch(_finish, dim=dim, inputs=[mask], outputs=[layouts], device=device)

@@ -1,13 +1,15 @@
-"""`Search`: what is kept while layouts are looked for: rows, candidates, and queues of fixed capacity.
+"""`Search`: the state of a search for layouts: rows, candidates, and queues of fixed capacity.
 
-A *row* is one restart of one world: the objects placed so far, and the next one with its next trial. The first
-`nworld` rows are those of the worlds themselves; the others try later restarts of worlds at the same time. A
-*candidate* is one trial of one row's object. Counts that steer loops are arrays of one element, read on the device.
+A *row* is one restart of one world: the objects placed so far, and the next object with its next trial. The first
+`nworld` rows belong to the worlds themselves; the others run later restarts of worlds at the same time. A *candidate*
+is one trial of one row's object. Counts that control loops are arrays of one element, read on the device.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -22,9 +24,9 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program
 
 NO_GRASP = 1 << 30
-"""In place of a grasp: the arm's map lets none through."""
+"""Sentinel: the arm's map accepts no grasp."""
 
-# Room for the half-planes and pieces of the candidates of a wave, in words; rows that find none wait for the next one.
+# Most 4-byte words for the half-planes and pieces of the candidates of a wave; rows beyond that wait for the next wave.
 _MOST_WORDS = 1 << 27
 
 _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
@@ -32,149 +34,151 @@ _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
 
 @wp.struct
 class Search:
-    """The arrays of a search as device code takes them."""
+    """The arrays of a search on the device."""
 
     # Worlds
-    pending: wp.array(dtype=bool)  # no layout yet
-    waiting: wp.array(dtype=bool)  # placed, but whether the arm reaches it is open
-    restart: wp.array(dtype=int)  # the next one to try
-    ticket: wp.array(dtype=int)  # number among the pending worlds of this round
-    best: wp.array(dtype=int)  # the lowest restart of this round that has placed everything
+    pending: wp.array[bool]  # has no layout yet
+    waiting: wp.array[bool]  # has placed everything; the reach stage has yet to find joints for its grasps
+    restart: wp.array[int]  # the next restart
+    ticket: wp.array[int]  # its number among the pending worlds of this round
+    best: wp.array[int]  # the lowest restart of this round that placed everything
     # Rows
-    row_world: wp.array(dtype=int)
-    row_restart: wp.array(dtype=int)
-    row_object: wp.array(dtype=int)  # the object to place next; all are placed if there is no such object
-    row_trial: wp.array(dtype=int)  # its next trial, from 0
-    row_first: wp.array(dtype=int)  # its first candidate in this wave
-    row_trials: wp.array(dtype=int)  # and how many it has; 0 if the wave has no room for it
-    row_attempts: wp.array(dtype=int)  # candidates drawn in this restart
-    queue: wp.array2d(dtype=int)  # rows that still place objects; two lists, of which one is read and one written
+    row_world: wp.array[int]
+    row_restart: wp.array[int]
+    row_object: wp.array[int]  # the object to place next; `nobject` once all are placed
+    row_trial: wp.array[int]  # the next trial of that object, from 0
+    row_first: wp.array[int]  # the row's first candidate in this wave
+    row_trials: wp.array[int]  # the number of its candidates; 0 if the wave has no room for them
+    row_attempts: wp.array[int]  # candidates drawn in this restart
+    queue: wp.array2d[int]  # rows that still place objects: two lists, one read and one written
     # Counts
-    worlds_left: wp.array(dtype=int)
-    rows_left: wp.array(dtype=int)
-    tickets: wp.array(dtype=int)
-    restarts_at_once: wp.array(dtype=int)
-    source: wp.array(dtype=int)  # which list of `queue` is read
-    rows: wp.array(dtype=int)  # number of rows in it
-    candidates: wp.array(dtype=int)
-    cuts: wp.array(dtype=int)  # number of candidates in `cut`
-    leaves: wp.array(dtype=int)
-    enclosed: wp.array(dtype=int)
-    unproven: wp.array(dtype=int)  # 1: some candidate's test missed something
+    worlds_left: wp.array[int]
+    rows_left: wp.array[int]
+    tickets: wp.array[int]
+    restarts_at_once: wp.array[int]
+    source: wp.array[int]  # the list of `queue` that is read
+    rows: wp.array[int]  # number of rows in that list
+    candidates: wp.array[int]
+    cuts: wp.array[int]  # number of candidates in `cut`
+    narrow_pairs: wp.array[int]
+    enclosed: wp.array[int]
+    any_overflowed: wp.array[int]  # 1: at least one candidate has `overflowed` set
     # Candidates
-    row: wp.array(dtype=int)
-    obj: wp.array(dtype=int)
-    trial: wp.array(dtype=int)  # which trial of its object in this restart, from 0
-    cause: wp.array(dtype=int)
-    turn: wp.array(dtype=DrawnVariant)
-    heading: wp.array(dtype=float)
-    point: wp.array(dtype=wp.vec3)  # under the pivot [m]
-    surface: wp.array(dtype=int)
-    place: wp.array(dtype=wp.vec4)
-    bounds: wp.array(dtype=wp.vec4)
-    grasp: wp.array(dtype=int)
-    missed: wp.array(dtype=int)  # 1: there was no room for all of its test, and one lane has to make it
-    covered: wp.array(dtype=int)  # 1: something is above its point
-    off: wp.array(dtype=int)  # 1: some of its footprint is off the support
-    qpos: wp.array2d(dtype=float)
-    body_pos: wp.array2d(dtype=wp.vec3)
-    body_quat: wp.array2d(dtype=wp.vec4)
-    relations: wp.array2d(dtype=ResolvedRelation)
-    hulls: wp.array2d(dtype=wp.vec2)
-    sides: wp.array2d(dtype=HalfPlane)  # around the pieces of its relations
-    side_num: wp.array2d(dtype=int)  # how many of them each piece of a relation has; -1 where that is not active
-    pieces: wp.array(dtype=int)  # pieces of its region that may have any area
-    piece: wp.array2d(dtype=int)  # their numbers
-    piece_area: wp.array2d(dtype=float)  # [m^2]
-    winner: wp.array(dtype=wp.uint64)  # the piece that wins the first race: its time and its number
-    cut: wp.array(dtype=int)  # candidates whose region is another one in every world
-    leaf: wp.array(dtype=wp.vec4i)  # (candidate, pair, node of a, node of b)
-    # Points that are inside the box of a collider, in the frame of its body; for `geometry: visual`
-    enclosed_candidate: wp.array(dtype=int)
-    enclosed_by: wp.array(dtype=int)
-    enclosed_point: wp.array(dtype=wp.vec3)
+    row: wp.array[int]
+    obj: wp.array[int]
+    trial: wp.array[int]  # number of the trial of its object in this restart, from 0
+    cause: wp.array[int]
+    turn: wp.array[DrawnVariant]
+    heading: wp.array[float]
+    point: wp.array[wp.vec3]  # under the pivot [m]
+    surface: wp.array[int]
+    place: wp.array[wp.vec4]
+    bounds: wp.array[wp.vec4]
+    grasp: wp.array[int]
+    overflowed: wp.array[int]  # 1: a stack or queue had no room for all of its collision test; one lane repeats it
+    covered: wp.array[int]  # 1: an obstacle is above its point
+    overhanging: wp.array[int]  # 1: part of its footprint lies off the support
+    qpos: wp.array2d[float]
+    body_pos: wp.array2d[wp.vec3]
+    body_quat: wp.array2d[wp.vec4]
+    relations: wp.array2d[ResolvedRelation]
+    hulls: wp.array2d[wp.vec2]
+    sides: wp.array2d[HalfPlane]  # half-planes that bound the pieces of its relations
+    side_num: wp.array2d[int]  # number of half-planes of each piece of a relation; -1 if the relation is inactive
+    pieces: wp.array[int]  # number of pieces of its region that may have positive area
+    piece: wp.array2d[int]  # their numbers
+    piece_area: wp.array2d[float]  # [m^2]
+    winner: wp.array[wp.uint64]  # arrival key of the piece that wins the first exponential race
+    cut: wp.array[int]  # candidates whose region differs from world to world
+    narrow_pair: wp.array[wp.vec4i]  # (candidate, pair, node of a, node of b)
+    # Points inside the bounding box of a collider, in the frame of its body; for `geometry: visual`
+    enclosed_candidate: wp.array[int]
+    enclosed_by: wp.array[int]
+    enclosed_point: wp.array[wp.vec3]
 
 
 @wp.func
 def candidate_num(search: Search) -> int:
-    """How many candidates this wave has: those that rows asked for, as far as there is room."""
+    """Return the number of candidates in this wave: as many as rows asked for, up to the capacity."""
     return wp.min(search.candidates[0], search.cause.shape[0])
 
 
 @wp.func
-def leaf_num(search: Search) -> int:
-    """How many pairs of leaves wait: those that were found, as far as there is room."""
-    found = search.leaves[0]
-    if found < 0:  # the count went on beyond all numbers
-        return search.leaf.shape[0]
-    return wp.min(found, search.leaf.shape[0])
+def narrow_pair_num(search: Search) -> int:
+    """Return the number of narrow-phase pairs in the queue: as many as were found, up to the capacity."""
+    found = search.narrow_pairs[0]
+    if found < 0:  # the count overflowed
+        return search.narrow_pair.shape[0]
+    return wp.min(found, search.narrow_pair.shape[0])
 
 
 @wp.func
 def queue_row(search: Search, row: int):
-    """Let a row take part in the next wave."""
+    """Queue a row for the next wave."""
     search.queue[1 - search.source[0], wp.atomic_add(search.rows_left, 0, 1)] = row
 
 
 @wp.func
 def begin_wave(search: Search):
-    """Let the rows that were queued take part in this wave. A single lane calls it, once they have candidates."""
+    """Begin a wave with the queued rows. One lane calls it, after the rows have candidates."""
     search.rows[0] = search.rows_left[0]
     search.rows_left[0] = 0
     search.source[0] = 1 - search.source[0]
     search.cuts[0] = 0
-    search.leaves[0] = 0
+    search.narrow_pairs[0] = 0
     search.enclosed[0] = 0
-    search.unproven[0] = 0
+    search.any_overflowed[0] = 0
 
 
 @wp.func
 def first_trial_of(program: Program, search: Search, candidate: int) -> int:
-    """The number of the first trial of a candidate's restart."""
+    """Return the number of the first trial of a candidate's restart, counted over all restarts."""
     return search.row_restart[search.row[candidate]] * program.attempts
 
 
 @wp.func
 def trial_of(program: Program, search: Search, candidate: int) -> int:
-    """The number of a candidate's trial, all restarts together."""
+    """Return the number of a candidate's trial, counted over all restarts."""
     return first_trial_of(program, search, candidate) + search.trial[candidate]
 
 
 @wp.func
 def numbered_stream(split: wp.uint32, number: int) -> wp.uint32:
-    """The stream of random numbers with a number, in a split."""
+    """Return the random stream of a split with a given number."""
     return (split << _STREAM_BITS) + wp.uint32(number)
 
 
 @wp.func
 def stream_of(program: Program, split: wp.uint32, obj: int) -> wp.uint32:
-    """The stream of random numbers that an object's candidates are drawn from."""
+    """Return the random stream that an object's candidates are drawn from."""
     return numbered_stream(split, program.obj_stream[obj])
 
 
 @dataclass(frozen=True)
 class SearchSize:
-    """Capacities, which affect the speed and never the layouts.
+    """Capacities of a search. They affect its speed, never its layouts.
 
     Attributes:
-        rows: Rows beyond one for each world, for restarts that are tried at the same time.
-        candidates: Candidates of one wave.
-        busy: Candidates of a wave up to which further trials are drawn at the same time.
-        leaves: Pairs of leaves that wait for lanes of their own, or with `geometry: visual` points that may be
-            enclosed; 0: candidates are tested as a whole.
-        grasps: Candidates of one wave of the stages `ik` and `clear`, each with a pose of the robot.
-        lanes: Lanes of a launch in which each works for itself.
-        parts: Lanes that share the screen of one candidate, its containment, and the pieces of its region at least.
-        blocks, block_dim: Blocks of a launch in which a block's lanes share a candidate, and their number.
+        rows: Rows beyond one per world, for restarts that run at the same time.
+        candidates: Most candidates in a wave.
+        busy: Number of candidates that a wave is filled up to with further trials of its rows.
+        narrow_pairs: Capacity of the queue of narrow-phase pairs, or with `geometry: visual` of the queue of points
+            that may be enclosed. With 0 each candidate is tested as a whole.
+        grasps: Most candidates in a wave of the reach stage, each with a pose of the robot.
+        lanes: Lanes of a launch in which lanes work independently.
+        parts: Lanes that share the prefilter and the containment test of a candidate, and at least so many share the
+            pieces of its region.
+        blocks: Blocks of a launch in which the lanes of a block share a candidate.
+        block_dim: Lanes of such a block.
 
     Raises:
-        CountError: One of them is less than 1; `rows` and `leaves` may be 0.
+        CountError: A capacity is below 1, or below 0 for `rows` and `narrow_pairs`.
     """
 
     rows: int
     candidates: int
     busy: int
-    leaves: int
+    narrow_pairs: int
     grasps: int
     lanes: int
     parts: int
@@ -183,7 +187,7 @@ class SearchSize:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            least = 0 if name in ("rows", "leaves") else 1
+            least = 0 if name in ("rows", "narrow_pairs") else 1
             if value < least:
                 raise CountError(f"SearchSize: {name} should be at least {least}, got {value}.")
 
@@ -192,19 +196,27 @@ GPU_SIZE = SearchSize(
     rows=8192,
     candidates=1 << 17,
     busy=1 << 13,
-    leaves=1 << 21,
+    narrow_pairs=1 << 21,
     grasps=1 << 14,
     lanes=1 << 16,
     parts=8,
     blocks=1 << 12,
     block_dim=32,
 )
-CPU_SIZE = SearchSize(rows=0, candidates=512, busy=1, leaves=0, grasps=512, lanes=1, parts=1, blocks=1, block_dim=1)
+CPU_SIZE = SearchSize(
+    rows=0, candidates=512, busy=1, narrow_pairs=0, grasps=512, lanes=1, parts=1, blocks=1, block_dim=1
+)
 
 
 def default_size(device: str) -> SearchSize:
-    """What suits a device: on a CPU one lane does everything and nothing waits."""
+    """Return the default capacities of a device: on a CPU one lane does everything, and nothing is queued."""
     return GPU_SIZE if wp.get_device(device).is_cuda else CPU_SIZE
+
+
+def allocate(declared: Any, instance: Any, shape: int | tuple[int, ...], names: str) -> None:
+    """Set the named fields of a struct instance to arrays of zeros of a shape, with the types that it declares."""
+    for name in names.split():
+        setattr(instance, name, wp.zeros(shape, dtype=declared.vars[name].type.dtype))
 
 
 def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Search:
@@ -213,44 +225,26 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
     if compiled.related:
         words = 5 * compiled.sides + 2 * compiled.pieces
         ncand = min(ncand, max(_MOST_WORDS // words, 1))
-    nbody = mjm.nbody
+    related = ncand if compiled.related else 0
+    visual = compiled.config.geometry == "visual"
     s = Search()
+    zeros = partial(allocate, Search, s)
     with wp.ScopedDevice(compiled.device):
-        s.pending = wp.zeros(nworld, dtype=bool)
-        s.waiting = wp.zeros(nworld, dtype=bool)
-        for name in ("restart", "ticket", "best"):
-            setattr(s, name, wp.zeros(nworld, dtype=int))
-        for name in ("row_world", "row_restart", "row_object", "row_trial", "row_attempts", "row_first", "row_trials"):
-            setattr(s, name, wp.zeros(nrow, dtype=int))
-        s.queue = wp.zeros((2, nrow), dtype=int)
-        for name in ("worlds_left", "rows_left", "tickets", "restarts_at_once", "source", "rows"):
-            setattr(s, name, wp.zeros(1, dtype=int))
-        for name in ("candidates", "cuts", "leaves", "enclosed", "unproven"):
-            setattr(s, name, wp.zeros(1, dtype=int))
-        for name in ("row", "obj", "trial", "cause", "surface", "grasp", "missed", "covered", "off"):
-            setattr(s, name, wp.zeros(ncand, dtype=int))
-        s.turn = wp.zeros(ncand, dtype=DrawnVariant)
-        s.heading = wp.zeros(ncand, dtype=float)
-        s.point = wp.zeros(ncand, dtype=wp.vec3)
-        s.place = wp.zeros(ncand, dtype=wp.vec4)
-        s.bounds = wp.zeros(ncand, dtype=wp.vec4)
+        zeros(nworld, "pending waiting restart ticket best")
+        zeros(nrow, "row_world row_restart row_object row_trial row_attempts row_first row_trials")
+        zeros((2, nrow), "queue")
+        zeros(1, "worlds_left rows_left tickets restarts_at_once source rows")
+        zeros(1, "candidates cuts narrow_pairs enclosed any_overflowed")
+        zeros(ncand, "row obj trial cause turn heading point surface place bounds grasp")
+        zeros(ncand, "overflowed covered overhanging")
         s.qpos = wp.array(np.tile(compiled.home_qpos, (ncand, 1)), dtype=float, shape=(ncand, mjm.nq))
-        s.body_pos = wp.array(np.tile(compiled.home_xpos, (ncand, 1, 1)), dtype=wp.vec3, shape=(ncand, nbody))
-        s.body_quat = wp.array(np.tile(compiled.home_xquat, (ncand, 1, 1)), dtype=wp.vec4, shape=(ncand, nbody))
-        related = ncand if compiled.related else 0
-        s.relations = wp.zeros((related, MAX_RELATIONS), dtype=ResolvedRelation)
-        s.hulls = wp.zeros((related, MAX_RELATIONS * MAX_ANCHORS), dtype=wp.vec2)
-        s.sides = wp.zeros((related, compiled.sides), dtype=HalfPlane)
-        s.side_num = wp.zeros((related, MAX_RELATIONS), dtype=int)
-        for name in ("pieces", "cut"):
-            setattr(s, name, wp.zeros(related, dtype=int))
-        s.piece = wp.zeros((related, compiled.pieces), dtype=int)
-        s.piece_area = wp.zeros((related, compiled.pieces), dtype=float)
-        s.winner = wp.zeros(related, dtype=wp.uint64)
-        visual = compiled.config.geometry == "visual"
-        s.leaf = wp.zeros(0 if visual else size.leaves, dtype=wp.vec4i)
-        room = size.leaves if visual else 0
-        s.enclosed_candidate = wp.zeros(room, dtype=int)
-        s.enclosed_by = wp.zeros(room, dtype=int)
-        s.enclosed_point = wp.zeros(room, dtype=wp.vec3)
+        s.body_pos = wp.array(np.tile(compiled.home_xpos, (ncand, 1, 1)), dtype=wp.vec3, shape=(ncand, mjm.nbody))
+        s.body_quat = wp.array(np.tile(compiled.home_xquat, (ncand, 1, 1)), dtype=wp.vec4, shape=(ncand, mjm.nbody))
+        zeros((related, MAX_RELATIONS), "relations side_num")
+        zeros((related, MAX_RELATIONS * MAX_ANCHORS), "hulls")
+        zeros((related, compiled.sides), "sides")
+        zeros((related, compiled.pieces), "piece piece_area")
+        zeros(related, "pieces winner cut")
+        zeros(0 if visual else size.narrow_pairs, "narrow_pair")
+        zeros(size.narrow_pairs if visual else 0, "enclosed_candidate enclosed_by enclosed_point")
     return s

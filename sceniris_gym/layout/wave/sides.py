@@ -1,6 +1,6 @@
-"""The region that relations leave of a support, first: what they come to for each candidate, and its half-planes.
+"""Resolve the relations of each candidate in its world, and bound the region that they leave by half-planes.
 
-A lane for each relation of each candidate. Candidates whose region is another one in every world are listed.
+One lane works on one relation of one candidate. Candidates whose region differs from world to world are listed.
 """
 
 import warp as wp
@@ -9,7 +9,7 @@ from sceniris_gym.config.limits import MAX_ANCHORS, MAX_RELATIONS
 from sceniris_gym.device.angles import angle_of
 from sceniris_gym.device.transforms import Pose, pose_of
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.wave.race import NOBODY
+from sceniris_gym.layout.wave.exponential_race import NO_PIECE
 from sceniris_gym.layout.wave.search import Search, candidate_num
 from sceniris_gym.placement.placed import placed
 from sceniris_gym.placement.relations import resolve, side_num, write_sides
@@ -17,18 +17,13 @@ from sceniris_gym.program.device import Cause, ObjectKind, Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-_MAX_ANCHORS = wp.constant(MAX_ANCHORS)
-_MAX_RELATIONS = wp.constant(MAX_RELATIONS)
-_NONE = wp.constant(int(Cause.NONE))
-_EMPTY = wp.constant(int(Cause.EMPTY))
-_STATIC = wp.constant(int(ObjectKind.STATIC))
-# A surface carries as long as it is level to 0.1 degree.
+# Cosine of the largest tilt at which a surface supports objects: 0.1 degree.
 LEVEL = wp.constant(0.9999985)
 
 
 @wp.func
 def support_pose(program: Program, layouts: LayoutsView, row: int, obj: int) -> Pose:
-    """The pose of what carries the object; that of the world where nothing does."""
+    """Return the pose of the body that supports an object, or the identity for an object without a support."""
     frame = pose_of(wp.vec3(0.0), wp.vec4(1.0, 0.0, 0.0, 0.0))
     ground = program.obj_ground[obj]
     if ground >= 0:
@@ -38,7 +33,7 @@ def support_pose(program: Program, layouts: LayoutsView, row: int, obj: int) -> 
 
 @wp.func
 def _resolve(program: Program, layouts: LayoutsView, search: Search, c: int, i: int, row: int, obj: int, frame: Pose):
-    """What relation `i` of a candidate's object comes to in its row, and the half-planes around all its pieces."""
+    """Resolve relation `i` of a candidate's object in its row, and write the half-planes of its convex pieces."""
     rel = program.obj_reladr[obj] + i
     hull = search.hulls[c]
     resolved = resolve(
@@ -50,39 +45,41 @@ def _resolve(program: Program, layouts: LayoutsView, search: Search, c: int, i: 
         layouts.bounds[row],
         layouts.present[row],
         hull,
-        i * _MAX_ANCHORS,
+        i * MAX_ANCHORS,
     )
     search.relations[c, i] = resolved
     search.side_num[c, i] = side_num(resolved)
-    write_sides(program, rel, resolved, hull, i * _MAX_ANCHORS, search.sides[c], program.rel_sideadr[rel])
+    write_sides(program, rel, resolved, hull, i * MAX_ANCHORS, search.sides[c], program.rel_sideadr[rel])
 
 
 @wp.kernel(grid_stride=False)
 def _build_sides(
     program: Program,
     lanes: int,
+    # Layouts in: present, place, bounds, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in and out:
+    # Search in: candidates, cuts, row, obj, cause, turn, heading, hulls
+    # Search out: cuts, cause, relations, hulls, sides, side_num, pieces, winner, cut
     search: Search,
 ):
-    for k in range(wp.tid(), _MAX_RELATIONS * candidate_num(search), lanes):
-        c = k // _MAX_RELATIONS
-        i = k % _MAX_RELATIONS
+    for k in range(wp.tid(), MAX_RELATIONS * candidate_num(search), lanes):
+        c = k // MAX_RELATIONS
+        i = k % MAX_RELATIONS
         obj = search.obj[c]
-        if search.cause[c] == _NONE and program.obj_kind[obj] != _STATIC and program.obj_cutnum[obj] > 0:
+        if search.cause[c] == Cause.NONE and program.obj_kind[obj] != ObjectKind.STATIC and program.obj_cutnum[obj] > 0:
             row = search.row[c]
             frame = support_pose(program, layouts, row, obj)
             if frame.rot[2, 2] < LEVEL:
-                search.cause[c] = _EMPTY
+                search.cause[c] = Cause.EMPTY
                 continue
             if i == 0:
                 search.pieces[c] = 0
-                search.winner[c] = NOBODY
+                search.winner[c] = NO_PIECE
                 search.cut[wp.atomic_add(search.cuts, 0, 1)] = c
             if i < program.obj_relnum[obj]:
                 _resolve(program, layouts, search, c, i, row, obj, frame)
 
 
 def launch_build_sides(program: Program, lanes: int, layouts: LayoutsView, search: Search, device: str) -> None:
-    """List the candidates of this wave whose region differs between worlds, and bound it by half-planes."""
+    """List the candidates of this wave whose region differs between worlds, and bound their regions by half-planes."""
     wp.launch(_build_sides, dim=lanes, inputs=[program, lanes, layouts], outputs=[search], device=device)

@@ -1,6 +1,6 @@
 """The last check of a layout before it is served: finite, within the scene's bounds, with unit quaternions.
 
-What is refused on the host cannot get here; this is for what nobody thought of.
+Checks on the host refuse all known ways to such layouts; this one guards against the unknown.
 """
 
 import warp as wp
@@ -22,7 +22,7 @@ def _is_unit(w: float, x: float, y: float, z: float) -> bool:
 
 @wp.func
 def is_sound(program: Program, layouts: LayoutsView, row: int) -> bool:
-    """Whether a row may be served."""
+    """Return True if a row may be served."""
     for i in range(layouts.qpos.shape[1]):
         if not (wp.abs(layouts.qpos[row, i]) <= program.bound_qpos[i]):
             return False
@@ -33,7 +33,7 @@ def is_sound(program: Program, layouts: LayoutsView, row: int) -> bool:
             return False
     for i in range(program.bound_mocap.shape[0]):
         pos = layouts.mocap_pos[row, i]
-        far = wp.abs(pos[0]) + wp.abs(pos[1]) + wp.abs(pos[2])  # a maximum would pass over nan
+        far = wp.abs(pos[0]) + wp.abs(pos[1]) + wp.abs(pos[2])  # a maximum would ignore nan
         q = layouts.mocap_quat[row, i]
         if not (far <= program.bound_mocap[i]) or not _is_unit(q[0], q[1], q[2], q[3]):
             return False

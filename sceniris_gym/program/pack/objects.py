@@ -14,7 +14,7 @@ from sceniris_gym.geometry.colliders import Colliders
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.geometry.ragged import addressed, ranges
 from sceniris_gym.program.couplings import coupling_arrays
-from sceniris_gym.program.device import Measure, ObjectKind, OrientationType, Roof
+from sceniris_gym.program.device import Cover, Measure, ObjectKind, OrientationType
 from sceniris_gym.program.pack.pairs import PairRules
 from sceniris_gym.program.pack.relations import has_own_width, joints_of, relations_of
 from sceniris_gym.program.placed_object import PlacedObject
@@ -44,7 +44,7 @@ def pack_objects(plan: Plan, rules: PairRules) -> dict[str, np.ndarray]:
         "obj_gap": np.array([_gap(rules, o) for o in objects]),
         "obj_box_lower": np.reshape([b[0] for b in boxes], (-1, 3)),
         "obj_box_upper": np.reshape([b[1] for b in boxes], (-1, 3)),
-        "obj_roof": np.array([o.roof for o in objects], int),
+        "obj_cover": np.array([o.cover for o in objects], int),
         "obj_footprint": np.array([bool(o.config and o.config.ratio_on_support == 1.0) for o in objects], int),
         **_heaps(objects),
         **_joint_ranges(objects),
@@ -123,7 +123,7 @@ def _bodies_and_pieces(plan: Plan, colliders: Colliders) -> dict[str, np.ndarray
         "body": [o.bodies for o in objects],
         "piece": own,
         "shadow": shadows,
-        "roof": [_roofs(plan, colliders, o) for o in objects],
+        "overhead": [_overhead(plan, colliders, o) for o in objects],
     }
     fields: dict[str, np.ndarray] = {}
     for name, entries in lists.items():
@@ -146,9 +146,9 @@ def _gap(rules: PairRules, o: PlacedObject) -> float:
     return max(o.config.gap, touch + LEAST_GAP if touch > 0.0 else 0.0)
 
 
-def _roofs(plan: Plan, colliders: Colliders, o: PlacedObject) -> list[int]:
+def _overhead(plan: Plan, colliders: Colliders, o: PlacedObject) -> list[int]:
     """Return the pieces, or colliders of visual geometry, of the parent: any body of it may cover, but no plane."""
-    if o.roof == Roof.EITHER:
+    if o.cover == Cover.EITHER:
         return []
     assert o.support is not None
     parent = plan.scene.around(o.support)

@@ -10,7 +10,7 @@ from sceniris_gym.program.pack.pairs import ArmPairs, Pair, PairRules, arm_pairs
 from sceniris_gym.program.plan import Plan
 
 _ARM_LISTS = ("arm_scene", "arm_hand", "arm_target")
-ARM_LISTS = ("arm_pairadr", "arm_pairnum", "arm_startadr", "arm_startnum", "arm_self", *_ARM_LISTS)
+ARM_LISTS = ("arm_pairadr", "arm_pairnum", "arm_broadadr", "arm_broadnum", "arm_self", *_ARM_LISTS)
 """The packed lists that are fields of `Reach`: those of an arm in a grasp."""
 
 
@@ -38,25 +38,25 @@ def pack_pairs(plan: Plan, rules: PairRules, lanes: int) -> dict[str, np.ndarray
         for p in part
     ]
     touching = (() if p.geoms is None else np.concatenate(p.directions) for p in pairs)
-    directions, of_pairs = addressed("pair_way", touching)
+    directions, of_pairs = addressed("pair_direction", touching)
     return {
         "pair_bodies": np.reshape(bodies, (-1, 4)).astype(int),
         "obj_pairadr": pairadr[:number],
         "obj_pairnum": pairnum[:number],
-        "obj_startadr": startadr[:number],
-        "obj_startnum": startnum[:number],
+        "obj_broadadr": startadr[:number],
+        "obj_broadnum": startnum[:number],
         "arm_pairadr": pairadr[number:],
         "arm_pairnum": pairnum[number:],
-        "arm_startadr": startadr[number:],
-        "arm_startnum": startnum[number:],
+        "arm_broadadr": startadr[number:],
+        "arm_broadnum": startnum[number:],
         **arm_fields,
-        "start": np.reshape(start, (-1, 3)).astype(int),
+        "broad_pair": np.reshape(start, (-1, 3)).astype(int),
         "pair_a": np.array([p.a for p in pairs], int),
         "pair_b": np.array([p.b for p in pairs], int),
         "pair_margin": np.array([p.margin for p in pairs], float),
         "pair_touch": np.array([rules.touch(p.a, p.b) if p.geoms is None else p.margin for p in pairs], float),
         **of_pairs,
-        "way": np.reshape(directions, (-1, 3)),
+        "direction": np.reshape(directions, (-1, 3)),
     }
 
 

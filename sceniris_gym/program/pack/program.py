@@ -9,7 +9,7 @@ import numpy as np
 
 from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.geometry.colliders import Colliders
-from sceniris_gym.geometry.inner_boxes import no_core, piece_core
+from sceniris_gym.geometry.inner_boxes import inner_box, no_inner_box
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.ragged import addressed
 from sceniris_gym.program.pack.layout_bounds import layout_bounds
@@ -55,9 +55,9 @@ def pack_groups(groups: Collection[GroupConfig], slots: Sequence[str]) -> dict[s
 
 
 def pack_pieces(pieces: list[Piece], visual: bool) -> dict[str, np.ndarray]:
-    """Return the fields `piece_*`, `core_*` and `vert`; where faces are tested, pieces need no cores."""
+    """Return the fields `piece_*`, `inner_*` and `vert`; where faces are tested, pieces need no inner boxes."""
     vert, fields = addressed("piece_vert", (p.vertices for p in pieces))
-    cores = [no_core() if visual else piece_core(p) for p in pieces]
+    boxes = [no_inner_box() if visual else inner_box(p) for p in pieces]
     return {
         "piece_type": np.array([p.type for p in pieces], int),
         "piece_body": np.array([p.body for p in pieces], int),
@@ -66,8 +66,8 @@ def pack_pieces(pieces: list[Piece], visual: bool) -> dict[str, np.ndarray]:
         "piece_size": np.reshape([p.size for p in pieces], (-1, 3)),
         "piece_radius": np.array([p.radius for p in pieces], float),
         **fields,
-        "core_center": np.reshape([center for center, _ in cores], (-1, 3)),
-        "core_half": np.reshape([half for _, half in cores], (-1, 3)),
+        "inner_center": np.reshape([center for center, _ in boxes], (-1, 3)),
+        "inner_half": np.reshape([half for _, half in boxes], (-1, 3)),
         "vert": np.reshape(vert, (-1, 3)),
     }
 

@@ -1,4 +1,4 @@
-"""What is drawn of a candidate: headings, points of boxes in space, and joints."""
+"""Draws of a candidate: headings, points of boxes in space, and joints."""
 
 from __future__ import annotations
 

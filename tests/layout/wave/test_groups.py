@@ -55,7 +55,7 @@ def test_counts_and_members_are_uniform(count: Any, shapes: Shapes):
 
 
 def test_restarts_do_not_favour_small_sets(shapes: Shapes):
-    """Where many cubes hardly fit and layouts are made anew again and again, five are asked for as often as none."""
+    """Though five cubes hardly fit and need many restarts, five are drawn as often as none."""
     cubes = {name: {"asset": shapes.cube, "on": "floor", "clearance": 0.05} for name in MEMBERS}
     groups = {"some": {"of": MEMBERS, "count": [0, 5]}}
     compiled = scene(cubes, groups=groups, floor={"size": [0.3, 0.3]}, attempts=3, restarts=200)
@@ -198,7 +198,7 @@ FAR_AWAY = {
 
 @pytest.mark.parametrize("name", FAR_AWAY)
 def test_nothing_is_placed_where_the_absent_wait(name: str, tmp_path: Path):
-    """What could come there is refused, as it is not tested against what lies there; without groups it is not."""
+    """Objects that could get there are refused, since parked ones are not tested; without groups they are not."""
     words, objects = FAR_AWAY[name]
     sizes = {"cube": (0.3, 0.3, 0.3), "tower": (1.2, 1.2, 1.2)}
     cubes = {n: {"asset": box_mjcf(tmp_path, n, *sizes[n]), **part} for n, part in objects.items()}

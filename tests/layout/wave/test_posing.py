@@ -1,4 +1,4 @@
-"""Where candidates are posed: heights, pivots and tilts, on what stands and without a support."""
+"""Poses of candidates: heights, pivots and tilts, on placed objects and without a support."""
 
 from __future__ import annotations
 

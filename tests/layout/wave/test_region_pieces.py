@@ -1,4 +1,4 @@
-"""What relations leave of a region: all of it, whatever was skipped, and however many lanes shared the pieces."""
+"""Pieces of a region that relations leave: none is lost by a shortcut, or by the number of lanes that share them."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -30,9 +30,9 @@ def _cut_all(
     layouts: LayoutsView,
     search: Search,
     obj: int,
-    corner: wp.array3d(dtype=wp.vec2),
-    out_of_reach: wp.array2d(dtype=bool),
-    left: wp.array3d(dtype=float),
+    corner: wp.array3d[wp.vec2],
+    out_of_reach: wp.array2d[bool],
+    left: wp.array3d[float],
 ):
     c, k = wp.tid()
     row = search.row[c]
@@ -134,7 +134,7 @@ def test_nothing_is_dropped_of_what_relations_leave(name: str, tmp_path: Path):
 @pytest.mark.parametrize("name", LEFT)
 @pytest.mark.parametrize(("lanes", "parts"), [(7, 1), (200, 1), (3, 8), (5000, 8)])
 def test_any_number_of_lanes_finds_the_same_pieces(name: str, lanes: int, parts: int, tmp_path: Path):
-    """The same pieces with the same areas, and the same one of them wins the race."""
+    """The same pieces with the same areas, and the same one of them wins the exponential race."""
     generator = _generated(name, tmp_path)
     search, view, program = generator._search, generator.layouts.view, generator.compiled.program
     found: list[Any] = []

@@ -1,4 +1,4 @@
-"""How many restarts and trials are tried at once: as many as there is room for, at least one, never beyond the last."""
+"""Restarts and trials that run at once: as many as there is room for, at least one, never beyond the last."""
 
 import math
 from dataclasses import replace
@@ -77,7 +77,7 @@ def test_candidates_fit_into_a_wave(tray: CompiledScene, busy: int, candidates: 
         wp.launch(_begin, dim=1, outputs=[search], device="cpu")
         assert search.rows.numpy()[0] == number
         assert search.source.numpy()[0] == 1 - source
-        assert search.rows_left.numpy()[0] == search.leaves.numpy()[0] == 0
+        assert search.rows_left.numpy()[0] == search.narrow_pairs.numpy()[0] == 0
 
 
 def test_the_first_restart_that_places_everything_is_the_layout(tray: CompiledScene):

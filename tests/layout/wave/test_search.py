@@ -73,7 +73,7 @@ def compiled(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 @pytest.fixture(scope="module")
 def expected(compiled: CompiledScene) -> list[bytes]:
-    """What one trial of one restart at a time gives."""
+    """The result of one trial of one restart at a time."""
     return made(compiled, None, N)
 
 
@@ -100,11 +100,11 @@ def test_a_captured_graph_changes_no_bit(size: str | None, compiled: CompiledSce
     assert made(compiled, SIZES[size] if size else None, N, graph=True) == expected
 
 
-@pytest.mark.parametrize("leaves", [0, 1, 5, 1 << 14])
-def test_the_room_for_leaves_changes_no_bit(leaves: int, compiled: CompiledScene, expected: list[bytes]):
+@pytest.mark.parametrize("pairs", [0, 1, 5, 1 << 14])
+def test_the_room_for_narrow_pairs_changes_no_bit(pairs: int, compiled: CompiledScene, expected: list[bytes]):
     """Leaves that wait for lanes of their own, here a single one; a candidate without room for all is tested whole."""
     for size in ("1-64-5-3", "64-512-100-3"):
-        assert made(compiled, replace(SIZES[size], leaves=leaves, block_dim=2), N) == expected
+        assert made(compiled, replace(SIZES[size], narrow_pairs=pairs, block_dim=2), N) == expected
 
 
 def test_splits_differ_and_keep_their_bits(compiled: CompiledScene, expected: list[bytes]):
@@ -187,13 +187,13 @@ CUDA = [pytest.param("cuda:0", marks=pytest.mark.cuda)]
 @pytest.mark.parametrize("device", CUDA)
 @pytest.mark.parametrize("name", SCENES)
 def test_the_size_changes_no_bit_on_a_gpu(name: str, device: str, tmp_path: Path):
-    """With a block for each candidate, with room for all leaves, for few and for none, and in a captured graph."""
+    """With a block for each candidate, room for all narrow-phase pairs, few or none, and in a captured graph."""
     compiled = SCENES[name](tmp_path, device)
     expected = made(compiled, None, N)
     for size in sizes(device, blocks=64, block_dim=32).values():
         assert made(compiled, size, N) == expected
-    for leaves in (0, 5):
-        assert made(compiled, replace(default_size(device), leaves=leaves), N) == expected
+    for pairs in (0, 5):
+        assert made(compiled, replace(default_size(device), narrow_pairs=pairs), N) == expected
     for lanes in (1, 64):
         assert made(compiled, replace(default_size(device), block_dim=lanes), N) == expected
     assert made(compiled, None, N, graph=True) == expected
@@ -202,15 +202,15 @@ def test_the_size_changes_no_bit_on_a_gpu(name: str, device: str, tmp_path: Path
 @pytest.mark.parametrize("device", CUDA)
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
 def test_a_full_stack_changes_no_bit_on_a_gpu(geometry: str, device: str, tmp_path: Path):
-    """What a block has no room for is tested by a lane alone, which needs no shared stack."""
+    """A candidate whose test overflows a block's stack is tested by a single lane, which needs no shared stack."""
     compiled = _combs(tmp_path, device, geometry)
     alone = made(compiled, replace(default_size(device), block_dim=1), 64)
     assert made(compiled, None, 64) == alone
-    assert made(compiled, replace(default_size(device), leaves=0), 64) == alone
+    assert made(compiled, replace(default_size(device), narrow_pairs=0), 64) == alone
 
 
 def test_the_worst_case_of_waves_is_enough(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Where a graph cannot tell how often to repeat, everything is launched as often as could be needed: same bits."""
+    """Without conditional graphs everything is launched as often as the worst case needs: the same bits."""
     compiled = _combs(tmp_path, "cpu", "physics")
     size = replace(default_size("cpu"), candidates=3, rows=2)
     expected = made(compiled, size, 8)
@@ -225,14 +225,14 @@ def test_the_worst_case_of_waves_is_enough(tmp_path: Path, monkeypatch: pytest.M
 
 
 @wp.kernel(enable_backward=False)
-def _test_all(program: Program, layouts: LayoutsView, search: Search, hit: wp.array(dtype=bool)):
+def _test_all(program: Program, layouts: LayoutsView, search: Search, hit: wp.array[bool]):
     c = wp.tid()
     row = search.row[c]
     obj = search.obj[c]
     hit[c] = collides_without_stack(
         program,
-        program.obj_startadr[obj],
-        program.obj_startnum[obj],
+        program.obj_broadadr[obj],
+        program.obj_broadnum[obj],
         support_of(program, obj),
         0,
         search.body_pos[c],
@@ -270,7 +270,7 @@ def test_floors_without_objects_need_no_candidates():
 @pytest.mark.parametrize("name", [field.name for field in fields(SearchSize)])
 def test_a_size_that_would_never_end_is_refused(name: str):
     """By its name; the least one is accepted: 0 for what is only room for more at once."""
-    least = 0 if name in ("rows", "leaves") else 1
+    least = 0 if name in ("rows", "narrow_pairs") else 1
     replace(default_size("cpu"), **{name: least})
     with pytest.raises(CountError, match=f"{name} should be at least {least}, got {least - 1}"):
         replace(default_size("cpu"), **{name: least - 1})

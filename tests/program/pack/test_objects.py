@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.geometry.pieces import PieceType
-from sceniris_gym.program.device import Measure, ObjectKind, OrientationType, Roof
+from sceniris_gym.program.device import Cover, Measure, ObjectKind, OrientationType
 from sceniris_gym.program.pack.objects import footprint_hulls
 from tests.layout.scenes import box_mjcf
 from tests.program.scenes import pack, scene_of
@@ -98,22 +98,22 @@ def test_how_an_orientation_is_drawn(tmp_path: Path, orientation: Any, kind: Ori
 
 
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
-@pytest.mark.parametrize(("word", "roof"), [("on", Roof.OPEN), ("in", Roof.EITHER), ("inside", Roof.COVERED)])
-def test_a_roof_may_be_any_part_of_the_parent(word: str, roof: Roof, geometry: str):
+@pytest.mark.parametrize(("word", "roof"), [("on", Cover.OPEN), ("in", Cover.EITHER), ("inside", Cover.COVERED)])
+def test_a_roof_may_be_any_part_of_the_parent(word: str, roof: Cover, geometry: str):
     """All bodies of the cabinet for what is in a drawer of it, and nothing else; with `in` nobody looks up."""
     objects = {
         "cabinet": {"asset": "cabinet", "kind": "fixture", "on": "floor"},
         "block": {"asset": "block", word: "cabinet/upper_drawer"},
     }
     packed = pack(scene_of(objects, geometry=geometry))
-    assert packed["obj_roof"][packed.number("block")] == roof
-    assert packed["obj_roof"][packed.number("cabinet")] == Roof.EITHER
-    assert packed.listed("cabinet", "roof", "roof_list") == []
-    found = packed.listed("block", "roof", "roof_list")
+    assert packed["obj_cover"][packed.number("block")] == roof
+    assert packed["obj_cover"][packed.number("cabinet")] == Cover.EITHER
+    assert packed.listed("cabinet", "overhead", "overhead_list") == []
+    found = packed.listed("block", "overhead", "overhead_list")
     bodies = packed.colliders.body if geometry == "visual" else [p.body for p in packed.plan.pieces]
     own = packed.scene.subtree("cabinet")
     expected = [i for i, body in enumerate(bodies) if body in own]
-    assert found == (expected if roof != Roof.EITHER else [])
+    assert found == (expected if roof != Cover.EITHER else [])
     assert len(own) == 3
 
 

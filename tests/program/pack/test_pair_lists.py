@@ -17,16 +17,16 @@ def test_pairs_are_those_of_objects_and_then_those_of_the_arm(tmp_path: Path):
         packed = pack(scene_of(objects, robot={"asset": "panda"}), lanes)
         rules = PairRules(packed.scene, packed.colliders)
         expected = [("obj", i, p) for i, p in enumerate(collider_pairs(packed.plan, rules))]
-        assert len(packed["obj_pairadr"]) == len(packed["obj_startadr"]) == len(expected) == 2
+        assert len(packed["obj_pairadr"]) == len(packed["obj_broadadr"]) == len(expected) == 2
         arm = arm_pairs(packed.plan, rules)
         itself = [arm.itself["robot"]]
         named = {"arm_self": itself, "arm_scene": arm.scene, "arm_hand": arm.hand, "arm_target": arm.target}
         expected += [("arm", packed[name][i], p) for name, lists in named.items() for i, p in enumerate(lists)]
-        assert len(packed["arm_pairadr"]) == len(packed["arm_startadr"]) == 4
+        assert len(packed["arm_pairadr"]) == len(packed["arm_broadadr"]) == 4
         rows = list(zip(packed["pair_a"], packed["pair_b"], packed["pair_margin"], strict=True))
         for of, i, pairs in expected:
             adr, num = packed[f"{of}_pairadr"][i], packed[f"{of}_pairnum"][i]
             assert rows[adr : adr + num] == [(p.a, p.b, p.margin) for p in pairs]
-            start = packed["start"][packed[f"{of}_startadr"][i] :][: packed[f"{of}_startnum"][i]]
+            start = packed["broad_pair"][packed[f"{of}_broadadr"][i] :][: packed[f"{of}_broadnum"][i]]
             assert set(start[:, 0]) == set(range(adr, adr + num))
             assert len(start) == num if lanes == 1 else len(start) >= min(num, lanes)

@@ -1,7 +1,8 @@
-"""`reachable` inside placing: what the arm's map lets through, and which grasp that is."""
+"""The prefilter: grasps that the arm's map accepts, covers over points, and footprints on their supports."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -15,9 +16,13 @@ from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import GraspError, InfeasibleSceneError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.wave.prefilter import launch_prefilter, reject_cause
+from sceniris_gym.layout.wave.search import Search, default_size
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import Cause, Program
+from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.scene.model import build_model
-from tests.layout.reaching import HEIGHT, RADIUS, crane_map, crane_mjcf, crane_scene
+from tests.layout.crane import HEIGHT, RADIUS, crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, compile_on_cpu, read, write_mjcf
 
 SITE = '<site name="grasp_{0}" pos="0 0 {1}" quat="0 1 0 0"/>'
@@ -25,7 +30,7 @@ SITE = '<site name="grasp_{0}" pos="0 0 {1}" quat="0 1 0 0"/>'
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where the assets of these tests are."""
+    """The folder of the assets of these tests."""
     return tmp_path_factory.mktemp("reach")
 
 
@@ -39,7 +44,7 @@ def crane(folder: Path) -> str:
 
 @pytest.fixture(scope="module")
 def cube(folder: Path) -> str:
-    """A cube of 4 cm, which is taken at half its height."""
+    """A cube of 4 cm, which is grasped at half its height."""
     return box_mjcf(folder, "cube", 0.04, 0.04, 0.04)
 
 
@@ -50,7 +55,7 @@ def ring(crane: str, cube: str) -> CompiledScene:
 
 
 def tcps(compiled: CompiledScene, generator: LayoutGenerator, name: str = "thing") -> np.ndarray:
-    """Poses of the accepted grasps in the frame of the arm's base by MuJoCo C, (nworld, 4, 4); nan where none is."""
+    """Return poses of the accepted grasps in the frame of the arm's base by MuJoCo C, (nworld, 4, 4); nan for none."""
     layouts, mjm, data = generator.layouts, compiled.mjm, mujoco.MjData(compiled.mjm)
     assert compiled.reaching is not None
     column = compiled.reaching.names.index(name)
@@ -77,7 +82,7 @@ def _frame(data: mujoco.MjData, body: int) -> np.ndarray:
 
 
 def reached(poses: np.ndarray, slack: float = 1e-4) -> np.ndarray:
-    """Whether a crane can be there, by its joint limits alone."""
+    """Return True where a crane can be, by its joint limits alone."""
     r, z = np.hypot(poses[:, 0, 3], poses[:, 1, 3]), poses[:, 2, 3]
     down = poses[:, 2, 2] < -np.cos(np.radians(0.1))
     near = (r > RADIUS[0] - slack) & (r < RADIUS[1] + slack)
@@ -225,3 +230,38 @@ def test_what_is_wider_than_the_gripper_fails_before_anything_is_made(folder: Pa
     wide = box_mjcf(folder, "wide", 0.1, 0.1, 0.1)
     with pytest.raises(GraspError, match=r"objects\.thing\.reachable: .*an opening of 0\.1 m"):
         compile_on_cpu(crane_scene(crane, wide))
+
+
+@wp.kernel(enable_backward=False)
+def _reject(program: Program, reach: Reach, search: Search, cause_out: wp.array[int]):
+    c = wp.tid()
+    cause_out[c] = reject_cause(program, reach, search, c, search.obj[c])
+
+
+@pytest.mark.parametrize(("lanes", "parts"), [(1, 1), (3, 8), (200, 2)])
+def test_covers_and_overhangs_are_found_by_any_number_of_lanes(tmp_path: Path, lanes: int, parts: int):
+    """A crate on a slab below a board that is drawn out: by the places of its middle and of its corners."""
+    board = '<body name="board" pos="-.3 0 .5"><joint name="slide" type="slide" axis="1 0 0" range="0 .6"/>'
+    board += '<geom type="box" size=".3 .7 .01"/></body>'
+    shelf = {"asset": write_mjcf(tmp_path, "shelf", f'<geom type="box" size=".6 .6 .01"/>{board}'), "kind": "static"}
+    crate = {"asset": box_mjcf(tmp_path, "crate", 0.2, 0.1, 0.05), "on": "shelf", "ratio_on_support": 1.0}
+    objects = {"shelf": {**shelf, "joints": {"slide": {"fraction": [0, 1]}}}, "crate": crate}
+    compiled, n = compile_on_cpu({"attempts": 1, "restarts": 0, "objects": objects}, bank=1), 400
+    generator = LayoutGenerator(compiled, n, size=replace(default_size("cpu"), candidates=n))
+    generator.generate()
+    search, reach, body = generator._search, generator._reach, compiled.mjm.body("crate").id
+    search.candidates.fill_(n)  # the end of a wave sets it to 0
+    for array in (search.cause, search.covered, search.overhanging):
+        array.zero_()
+    size = replace(generator.size, lanes=lanes, parts=parts)
+    launch_prefilter(compiled.program, [reach], size, generator.layouts.view, search, "cpu")
+    found = wp.zeros(n, dtype=int, device="cpu")
+    wp.launch(_reject, dim=n, inputs=[compiled.program, reach, search], outputs=[found], device="cpu")
+    at, turn = search.body_pos.numpy()[:, body, :2], search.heading.numpy()
+    axes = np.stack([np.cos(turn), np.sin(turn)], axis=1), np.stack([-np.sin(turn), np.cos(turn)], axis=1)
+    corners = at[:, None] + np.stack([x * 0.1 * axes[0] + y * 0.05 * axes[1] for x in (-1, 1) for y in (-1, 1)], axis=1)
+    board_x = generator.layouts.view.body_pos.numpy()[search.row.numpy(), compiled.mjm.body("shelf/board").id, 0]
+    covered, over = np.abs(at[:, 0] - board_x) < 0.3, np.abs(corners).max(axis=(1, 2)) > 0.6
+    expected = np.where(covered, Cause.OVERHEAD, np.where(over, Cause.FOOTPRINT, Cause.NONE))
+    np.testing.assert_array_equal(found.numpy(), expected)
+    assert min(np.bincount(expected, minlength=3)[:3]) > 20

@@ -1,4 +1,4 @@
-"""Roofs over supports, judged by rays of MuJoCo C that go straight up."""
+"""Overhead over supports, judged by rays of MuJoCo C that go straight up."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import pytest
 import shapely
 from shapely.geometry import Point
 
-from sceniris_gym.program.device import Roof
+from sceniris_gym.program.device import Cover
+from sceniris_gym.viewer.overhead import cover_over, is_covered_rightly
 from sceniris_gym.viewer.regions import region_left
-from sceniris_gym.viewer.roofs import roof_over, under_right_roof
 from sceniris_gym.viewer.shown import ShownWorld
 from tests.viewer.worlds_on_show import world_of
 
@@ -34,12 +34,12 @@ def is_covered(world: ShownWorld, bodies: list[int], at: np.ndarray) -> bool:
 
 @pytest.mark.parametrize("scene", ["mid", "kitchen"])
 def test_a_roof_is_where_a_ray_up_meets_something(scene: str):
-    """At random points over the supports of all objects that ask for a roof, or for none, away from its rims."""
+    """At random points over the supports of all objects that ask for cover, or for none, away from its rims."""
     rng, judged = np.random.default_rng(0), [0, 0]
     world = world_of(scene, 1)
     for name in world.placed_names:
         placed = world.placed(name)
-        if placed.roof == Roof.EITHER:
+        if placed.cover == Cover.EITHER:
             continue
         assert placed.support is not None
         assert placed.support.owner is not None
@@ -49,9 +49,9 @@ def test_a_roof_is_where_a_ray_up_meets_something(scene: str):
             x0, y0, x1, y1 = surface.outline.bounds
             for x, y in rng.uniform((x0, y0), (x1, y1), (60, 2)):
                 at = mat @ [x, y, surface.height] + pos
-                roof = roof_over(world, placed, float(at[2]))
-                if shapely.distance(roof.boundary, Point(at[:2])) > 1e-3:
-                    covered = roof.contains(Point(at[:2]))
+                cover = cover_over(world, placed, float(at[2]))
+                if shapely.distance(cover.boundary, Point(at[:2])) > 1e-3:
+                    covered = cover.contains(Point(at[:2]))
                     assert covered == is_covered(world, parent, at + [0.0, 0.0, 2e-4]), f"{name} at {at}"
                     judged[covered] += 1
     assert min(judged) >= 10
@@ -61,11 +61,11 @@ def test_a_region_is_cut_as_the_word_asks():
     """What is inside of the cabinet's drawer is covered; whoever stands in the open part has the rest."""
     world = world_of("mid", 1)
     banana = world.placed("banana")
-    assert banana.roof != Roof.EITHER
+    assert banana.cover != Cover.EITHER
     ((left, height),) = [found for found in region_left(world, "banana") if not found[0].is_empty]
     around = left.envelope.buffer(0.1)
-    roof = roof_over(world, banana, height)
-    kept = under_right_roof(world, banana, around, height)
-    other = around.difference(roof) if banana.roof == Roof.OPEN else around.intersection(roof)
+    cover = cover_over(world, banana, height)
+    kept = is_covered_rightly(world, banana, around, height)
+    other = around.difference(cover) if banana.cover == Cover.OPEN else around.intersection(cover)
     assert shapely.symmetric_difference(kept, other).area < 1e-9
     assert 0.0 < kept.area < around.area

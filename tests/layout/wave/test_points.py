@@ -1,4 +1,4 @@
-"""Objects are spread evenly over the exact region that their relations leave, in every world another one."""
+"""Points of objects: uniform over the exact region that their relations leave, which differs from world to world."""
 
 from __future__ import annotations
 
@@ -51,10 +51,10 @@ class Drawn:
         return np.asarray(shapely.polygons(flat))
 
     def p_values(self, name: str, support: np.ndarray | shapely.Geometry = FLOOR_AREA) -> tuple[float, float]:
-        """How likely it is that an object is spread as unevenly over the area that its relations leave of a support.
+        """Test the hypothesis that an object is uniform over the area that its relations leave of a support.
 
         Returns:
-            The probabilities of such a spread, seen in the world and in the frame of the first anchor.
+            The p-values of its spread, seen in the world and in the frame of the first anchor.
         """
         relations = self.compiled.config.objects[name].relations
         areas = np.full(N, support)
@@ -152,7 +152,7 @@ def test_points_are_uniform_on_a_turned_support(shapes: Shapes):
 
 
 def test_points_are_uniform_on_the_floor_of_a_drawer(shapes: Shapes):
-    """What of it is behind its front, wherever it is drawn out to."""
+    """All of the floor that is behind the drawer's front, at any opening."""
     case = fixture(shapes.drawer, 0.0, 0.0, 0.3, joints={"slide": {"fraction": [0, 1]}})
     inside = {"asset": shapes.cube, "in": "case/drawer"}
     near = {**inside, "relations": [{"near": "a", "distance": {"max": 0.12}}]}

@@ -9,13 +9,12 @@ from sceniris_gym.device.transforms import Pose, compose, pose_of, relative
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.program.device import Program
 
-_BOX = wp.constant(int(PieceType.BOX))
 _SHADOW = wp.constant(wp.vec3(1.0, 1.0, 0.0))
 _SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
 # How far up a roof is looked for [m], and how far over the surface the look begins: surfaces of one height but of two
 # geoms may differ by rounding.
-_ROOF_REACH = wp.constant(5.0)
-_ROOF_START = wp.constant(1.0e-4)
+_OVERHEAD_REACH = wp.constant(5.0)
+_OVERHEAD_START = wp.constant(1.0e-4)
 # A footprint may graze the rim of its support by the skin of the collision test.
 _RIM = wp.constant(-1.0e-6)
 # Of a radius and the distances that it is compared with [m].
@@ -26,7 +25,7 @@ _ROUNDING = wp.constant(1.0e-5)
 def _upward(point: wp.vec3) -> Pose:
     """A frame whose x axis runs up from `point`, centred on the segment in which a roof is looked for."""
     p = Pose()
-    p.pos = point + wp.vec3(0.0, 0.0, _ROOF_START + 0.5 * _ROOF_REACH)
+    p.pos = point + wp.vec3(0.0, 0.0, _OVERHEAD_START + 0.5 * _OVERHEAD_REACH)
     p.rot = wp.mat33(0.0, 0.0, -1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0)
     return p
 
@@ -35,8 +34,8 @@ def _upward(point: wp.vec3) -> Pose:
 def _crosses_box(half: wp.vec3, rel: Pose) -> bool:
     """Does the segment in which a roof is looked for cross a box, posed in the segment's frame? By slabs."""
     start = -(wp.transpose(rel.rot) * rel.pos)
-    low = float(-0.5 * _ROOF_REACH)
-    high = float(0.5 * _ROOF_REACH)
+    low = float(-0.5 * _OVERHEAD_REACH)
+    high = float(0.5 * _OVERHEAD_REACH)
     for i in range(3):
         along = rel.rot[0, i]
         if wp.abs(along) < 1.0e-9:
@@ -51,9 +50,7 @@ def _crosses_box(half: wp.vec3, rel: Pose) -> bool:
 
 
 @wp.func
-def _origin(
-    program: Program, piece: int, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
-) -> wp.vec3:
+def _origin(program: Program, piece: int, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]) -> wp.vec3:
     """The origin of a piece's frame in the world, around which `piece_radius` holds it."""
     body = program.piece_body[piece]
     return body_pos[body] + rot_vec_quat(program.piece_pos[piece], body_quat[body])
@@ -61,7 +58,7 @@ def _origin(
 
 @wp.func
 def _is_under_piece(
-    program: Program, piece: int, point: wp.vec3, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
+    program: Program, piece: int, point: wp.vec3, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> bool:
     """Is a convex piece above `point` (world frame)?"""
     beside = _origin(program, piece, body_pos, body_quat) - point
@@ -70,9 +67,11 @@ def _is_under_piece(
     body = program.piece_body[piece]
     frame = compose(pose_of(body_pos[body], body_quat[body]), piece_pose(program, piece))
     rel = relative(_upward(point), frame)
-    if program.piece_type[piece] == _BOX:
+    if program.piece_type[piece] == PieceType.BOX:
         return _crosses_box(program.piece_size[piece], rel)
-    return not separated(program.vert, segment_shape(0.5 * _ROOF_REACH), piece_shape(program, piece), rel, _SPACE, 0.0)
+    return not separated(
+        program.vert, segment_shape(0.5 * _OVERHEAD_REACH), piece_shape(program, piece), rel, _SPACE, 0.0
+    )
 
 
 @wp.func
@@ -80,23 +79,25 @@ def _is_under_faces(
     program: Program,
     collider: int,
     point: wp.vec3,
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
 ) -> bool:
     """Is a triangle of the collider above `point` (world frame)?"""
     body = program.collider_body[collider]
     frame = pose_of(body_pos[body], body_quat[body])
     back = wp.transpose(frame.rot)
-    start = back * (point + wp.vec3(0.0, 0.0, _ROOF_START) - frame.pos)
-    return wp.mesh_query_ray(program.collider_mesh[collider], start, back * wp.vec3(0.0, 0.0, 1.0), _ROOF_REACH).result
+    start = back * (point + wp.vec3(0.0, 0.0, _OVERHEAD_START) - frame.pos)
+    return wp.mesh_query_ray(
+        program.collider_mesh[collider], start, back * wp.vec3(0.0, 0.0, 1.0), _OVERHEAD_REACH
+    ).result
 
 
 @wp.func
-def is_under_roof(
-    program: Program, entry: int, point: wp.vec3, body_pos: wp.array(dtype=wp.vec3), body_quat: wp.array(dtype=wp.vec4)
+def is_covered(
+    program: Program, entry: int, point: wp.vec3, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> bool:
-    """Is an entry of `roof_list` above `point` (world frame): a convex piece, or where faces are tested a collider?"""
-    if program.faces != 0:
+    """Is an entry of `overhead_list` above `point` (world frame): a convex piece, or for visual geometry a collider?"""
+    if program.visual != 0:
         return _is_under_faces(program, entry, point, body_pos, body_quat)
     return _is_under_piece(program, entry, point, body_pos, body_quat)
 
@@ -178,8 +179,8 @@ def overhangs(
     surface: int,
     index: int,
     ground: Pose,
-    body_pos: wp.array(dtype=wp.vec3),
-    body_quat: wp.array(dtype=wp.vec4),
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
 ) -> bool:
     """Does a piece of the posed object's footprint lie off the surface at an edge? `index`: of both, edges first.
 

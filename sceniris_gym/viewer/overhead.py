@@ -1,4 +1,4 @@
-"""Roofs over supports as the words `on` and `inside` mean them: what of a support's own object is above it."""
+"""Overhead over supports as the words `on` and `inside` mean them: what of a support's own object is above it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from sceniris_gym.geometry.pieces import PieceType
-from sceniris_gym.program.device import Roof
+from sceniris_gym.program.device import Cover
 from sceniris_gym.program.plan import PlacedObject
 from sceniris_gym.viewer.shown import ShownWorld
 
@@ -15,15 +15,15 @@ _OVER = 1e-4  # m above a surface that a roof begins, as when layouts are made
 _THIN = 1e-9  # m2; what is smaller is seen edge-on
 
 
-def under_right_roof(world: ShownWorld, placed: PlacedObject, region: BaseGeometry, height: float) -> BaseGeometry:
+def is_covered_rightly(world: ShownWorld, placed: PlacedObject, region: BaseGeometry, height: float) -> BaseGeometry:
     """Return what of a region of the world, seen from above, at a height [m] has the roof that an object asks for."""
-    if placed.roof == Roof.EITHER or region.is_empty:
+    if placed.cover == Cover.EITHER or region.is_empty:
         return region
-    roof = roof_over(world, placed, height)
-    return region.intersection(roof) if placed.roof == Roof.COVERED else region.difference(roof)
+    cover = cover_over(world, placed, height)
+    return region.intersection(cover) if placed.cover == Cover.COVERED else region.difference(cover)
 
 
-def roof_over(world: ShownWorld, placed: PlacedObject, height: float) -> BaseGeometry:
+def cover_over(world: ShownWorld, placed: PlacedObject, height: float) -> BaseGeometry:
     """Return the outline, seen from above, of what a support's own object has above a height [m] of the world."""
     compiled = world.compiled
     assert placed.support is not None

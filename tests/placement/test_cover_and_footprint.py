@@ -20,7 +20,7 @@ from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.placement import roofs_and_footprints as regions
+from sceniris_gym.placement import cover_and_footprint as regions
 from sceniris_gym.program.compiled import upload_scene
 from sceniris_gym.program.device import Program, fill_struct
 from sceniris_gym.scene.model import build_model
@@ -234,8 +234,8 @@ def test_the_roof_over_a_drawer_is_decided_by_its_opening(opening: float, geomet
 
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
 def test_a_shut_drawer_has_no_open_sky(geometry: str):
-    """What cannot be placed under it is named, with the roof as the cause."""
-    with pytest.raises(InfeasibleSceneError, match="'goal' could not be placed, mostly because of roof"):
+    """What cannot be placed under it is named, with what is overhead as the cause."""
+    with pytest.raises(InfeasibleSceneError, match="'goal' could not be placed, mostly because of overhead"):
         compile_on_cpu(_drawer("on", 0.0, geometry))
 
 
@@ -272,11 +272,11 @@ def test_a_roof_of_another_object_does_not_count(tmp_path: Path):
 
 @wp.kernel(enable_backward=False)
 def _crosses(
-    point: wp.array(dtype=wp.vec3),
-    half: wp.array(dtype=wp.vec3),
-    pos: wp.array(dtype=wp.vec3),
-    rot: wp.array(dtype=wp.mat33),
-    out: wp.array(dtype=bool),
+    point: wp.array[wp.vec3],
+    half: wp.array[wp.vec3],
+    pos: wp.array[wp.vec3],
+    rot: wp.array[wp.mat33],
+    out: wp.array[bool],
 ):
     i = wp.tid()
     frame = Pose()
@@ -322,13 +322,13 @@ def test_a_box_is_a_roof_where_a_line_straight_up_crosses_it():
 @wp.kernel(enable_backward=False)
 def _extends(
     program: Program,
-    piece: wp.array(dtype=int),
-    first: wp.array(dtype=int),
-    number: wp.array(dtype=int),
-    turn: wp.array(dtype=int),
-    pos: wp.array(dtype=wp.vec3),
-    rot: wp.array(dtype=wp.mat33),
-    out: wp.array(dtype=bool),
+    piece: wp.array[int],
+    first: wp.array[int],
+    number: wp.array[int],
+    turn: wp.array[int],
+    pos: wp.array[wp.vec3],
+    rot: wp.array[wp.mat33],
+    out: wp.array[bool],
 ):
     i = wp.tid()
     rel = Pose()

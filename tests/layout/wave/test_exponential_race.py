@@ -1,27 +1,27 @@
-"""The race in which a piece of a region is chosen: by area, also for a 0, and of equals the first."""
+"""The exponential race that chooses a piece of a region by area, also where a random number is 0."""
 
 import numpy as np
 import warp as wp
 
-from sceniris_gym.layout.wave.race import NOBODY, Numbers, finish, race_time, winner_index
+from sceniris_gym.layout.wave.exponential_race import NO_PIECE, PointCounter, arrival_key, arrival_time, piece_of
 
 STEP = 2.0**-24  # of a uniform number
 
 
 @wp.kernel(enable_backward=False)
-def _race(u: wp.array(dtype=float), size: wp.array(dtype=float), time_out: wp.array(dtype=float)):
+def _race(u: wp.array[float], size: wp.array[float], time_out: wp.array[float]):
     i = wp.tid()
-    time_out[i] = race_time(u[i], size[i])
+    time_out[i] = arrival_time(u[i], size[i])
 
 
 @wp.kernel(enable_backward=False)
-def _plain(u: wp.array(dtype=float), size: wp.array(dtype=float), time_out: wp.array(dtype=float)):
+def _plain(u: wp.array[float], size: wp.array[float], time_out: wp.array[float]):
     i = wp.tid()
     time_out[i] = -wp.log(1.0 - u[i]) / size[i]
 
 
 def _times(kernel: wp.Kernel, u: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Times at which pieces finish, compared as the race does: by their bits."""
+    """Return the arrival times of pieces as their bits, by which the race compares them."""
     inputs = [wp.array(a, dtype=float, device="cpu") for a in (u, size)]
     out = wp.zeros(len(u), dtype=float, device="cpu")
     wp.launch(kernel, dim=len(u), inputs=inputs, outputs=[out], device="cpu")
@@ -51,15 +51,15 @@ def test_zero_takes_its_share_of_the_race():
 
 
 @wp.kernel(enable_backward=False)
-def _finish(numbers: Numbers, size: wp.array(dtype=float), key: wp.array(dtype=wp.uint64), index: wp.array(dtype=int)):
+def _finish(numbers: PointCounter, size: wp.array[float], key: wp.array[wp.uint64], index: wp.array[int]):
     i = wp.tid()
-    key[i] = finish(numbers, 2, i, size[i])
-    index[i] = winner_index(key[i])
+    key[i] = arrival_key(numbers, 2, i, size[i])
+    index[i] = piece_of(key[i])
 
 
 def test_the_least_key_is_that_of_the_first_to_finish():
-    """In the upper word is the time, in the lower the number, and everybody is before nobody."""
-    numbers = Numbers()
+    """The upper word has the time and the lower the number; every piece precedes the sentinel."""
+    numbers = PointCounter()
     numbers.seed, numbers.episode, numbers.stream, numbers.trial = wp.uint64(3), 1, wp.uint32(4), 5
     size = np.tile(np.array([1e-9, 1e-3, 0.5, 2.0], np.float32), 5000)
     inputs = [numbers, wp.array(size, dtype=float, device="cpu")]
@@ -67,7 +67,7 @@ def test_the_least_key_is_that_of_the_first_to_finish():
     index = wp.zeros(len(size), dtype=int, device="cpu")
     wp.launch(_finish, dim=len(size), inputs=inputs, outputs=[key, index], device="cpu")
     assert (index.numpy() == np.arange(len(size))).all()
-    assert (key.numpy() < np.uint64(NOBODY)).all()
+    assert (key.numpy() < np.uint64(NO_PIECE)).all()
     time = (key.numpy() >> np.uint64(32)).astype(np.uint32).view(np.float32)
     assert (np.diff(time[np.argsort(key.numpy())]) >= 0.0).all()
     means = (time * size).reshape(-1, 4).mean(0)

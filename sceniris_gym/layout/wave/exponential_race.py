@@ -1,0 +1,80 @@
+"""An exponential race, which samples a piece of a region by area in one pass and without any sum.
+
+Each piece draws an arrival time at the rate of its area, and the least time wins: P(i) = area_i / total.
+P. Efraimidis, P. Spirakis, "Weighted random sampling with a reservoir", Information Processing Letters 97, 2006.
+"""
+
+import warp as wp
+
+from sceniris_gym.device.random import uniforms
+from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.wave.search import Search, stream_of, trial_of
+from sceniris_gym.program.device import Program
+
+# Draws of a trial from here on are those of the region: one block per redraw. The first draw of a block gives the
+# numbers of the point, each further one the numbers of four pieces.
+_FIRST_DRAW = wp.constant(1 << 16)
+_DRAWS = wp.constant(1 << 20)
+_HALF_STEP = wp.constant(2.0**-25)
+NO_PIECE = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
+"""Sentinel: no piece has positive area."""
+
+
+@wp.struct
+class PointCounter:
+    """The key and counter of the random numbers behind a candidate's point, all but the number of the draw."""
+
+    seed: wp.uint64
+    episode: int
+    stream: wp.uint32
+    trial: int
+
+
+@wp.func
+def point_counter(program: Program, split: wp.uint32, layouts: LayoutsView, search: Search, c: int) -> PointCounter:
+    """Return the counter of a candidate's point."""
+    world = search.row_world[search.row[c]]
+    n = PointCounter()
+    n.seed = layouts.seed[world]
+    n.episode = layouts.pending_episode[world]
+    n.stream = stream_of(program, split, search.obj[c])
+    n.trial = trial_of(program, search, c)
+    return n
+
+
+@wp.func
+def point_uniforms(n: PointCounter, redraw: int) -> wp.vec4:
+    """Return the uniform numbers that place the point of a redraw inside its piece."""
+    return uniforms(n.seed, n.episode, n.stream, n.trial, _FIRST_DRAW + redraw * _DRAWS)
+
+
+@wp.func
+def arrival_time(u: float, size: float) -> float:
+    """Return the arrival time of a piece of this area [m^2], from a uniform number.
+
+    The number 0 stands for all numbers below 2^-24 and is replaced by their midpoint: at time 0 the area would not
+    matter.
+    """
+    run = -wp.log(1.0 - u)
+    if u == 0.0:
+        run = _HALF_STEP
+    return run / size
+
+
+@wp.func
+def arrival_key(n: PointCounter, redraw: int, index: int, size: float) -> wp.uint64:
+    """Return the key of a piece of this number and area [m^2] in the race of a redraw; the least key wins.
+
+    The upper word is the arrival time, since the bits of positive floats are ordered like the floats themselves. The
+    lower word is the number of the piece.
+    """
+    u = uniforms(n.seed, n.episode, n.stream, n.trial, _FIRST_DRAW + redraw * _DRAWS + 1 + index // 4)
+    which = index % 4
+    own = wp.where(which < 2, wp.where(which == 0, u[0], u[1]), wp.where(which == 2, u[2], u[3]))
+    return (wp.uint64(wp.cast(arrival_time(own, size), wp.uint32)) << wp.uint64(32)) | wp.uint64(index)
+
+
+@wp.func
+def piece_of(key: wp.uint64) -> int:
+    """Return the number of the piece with an arrival key."""
+    return int(key & wp.uint64(0xFFFFFFFF))

@@ -1,0 +1,83 @@
+"""`PoseWriter`: sets the pose of a free body or a mocap body, at rest and awake."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import torch
+import warp as wp
+from torch import Tensor
+
+from sceniris_gym.errors import ArgumentError
+from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.scene.support import subtree
+from sceniris_gym.sim.batch import Batch
+from sceniris_gym.sim.versions import sleeps
+
+
+class PoseWriter:
+    """Writer of the pose of a free body or a mocap body, which it leaves at rest and awake.
+
+    Args:
+        batch: The worlds.
+        body: Id of the body.
+        device: Torch device.
+
+    Attributes:
+        owner: The object whose root body it is; None for a body of the scene's own model that is no object.
+
+    Raises:
+        ArgumentError: The body is a robot, a fixture or static, or hangs on joints.
+    """
+
+    def __init__(self, batch: Batch, body: int, device: torch.device) -> None:
+        scene, mjm, data = batch.scene, batch.scene.mjm, batch.data
+        self.owner = next((name for name, root in scene.bodies.items() if root == body), None)
+        refused = _refused(scene, self.owner, body)
+        if refused is not None:
+            movable = [name for name, root in scene.bodies.items() if _refused(scene, name, root) is None]
+            raise ArgumentError(
+                f"scene '{scene.config.name}': State.put_pose: '{self.owner or mjm.body(body).name}' is {refused}. "
+                f"Give a free object or a marker: {', '.join(movable) or 'the scene has none'}."
+            )
+        mocap, joint = int(mjm.body_mocapid[body]), int(mjm.body_jntadr[body])
+        if mocap >= 0:
+            self._pose = (wp.to_torch(data.mocap_pos)[:, mocap], wp.to_torch(data.mocap_quat)[:, mocap])
+        else:
+            adr = int(mjm.jnt_qposadr[joint])
+            self._pose = (wp.to_torch(data.qpos)[:, adr : adr + 3], wp.to_torch(data.qpos)[:, adr + 3 : adr + 7])
+        dofs = np.flatnonzero(np.isin(mjm.dof_bodyid, subtree(mjm, body)))
+        self._qvel, self._dofs = wp.to_torch(data.qvel), torch.tensor(dofs, device=device)
+        self._trees = torch.tensor(np.unique(mjm.dof_treeid[dofs]), device=device)
+        self._sleep = None
+        if len(dofs) and sleeps(batch.model):
+            self._sleep = wp.to_torch(data.tree_asleep), wp.to_torch(data.tree_awake)
+
+    def write(self, pose: Tensor, mask: Tensor) -> None:
+        """Set the pose of the body in the masked worlds, in place; the other worlds keep theirs.
+
+        Args:
+            pose: Position [m] and orientation (wxyz), world frame, shape (nworld, 7).
+            mask: Which worlds, shape (nworld,), bool.
+        """
+        mask = mask[:, None]
+        for array, value in zip(self._pose, (pose[:, :3], pose[:, 3:]), strict=True):
+            array.copy_(torch.where(mask, value, array))
+        self._qvel[:, self._dofs] = torch.where(mask, 0.0, self._qvel[:, self._dofs])
+        if self._sleep is not None:
+            asleep, awake = self._sleep
+            asleep[:, self._trees] = torch.where(mask, -(1 + mujoco.mjMINAWAKE), asleep[:, self._trees])
+            awake[:, self._trees] = torch.where(mask, 1, awake[:, self._trees])
+
+
+def _refused(scene: SceneModel, owner: str | None, body: int) -> str | None:
+    """Return why a task cannot set the pose of a body; None if it can."""
+    mjm, joint = scene.mjm, int(scene.mjm.body_jntadr[body])
+    if owner in scene.config.all_robots:
+        return "a robot, of which only joints can be set, by State.put_joints"
+    if owner is not None and (kind := scene.config.objects[owner].kind) in ("fixture", "static"):
+        return f"of the kind '{kind}', which stays where the layout has it"
+    free = joint >= 0 and mjm.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE
+    if free or mjm.body_mocapid[body] >= 0:
+        return None
+    return "neither free nor a mocap body; State.put_joints sets the joints of things"

@@ -1,0 +1,100 @@
+"""`PositionActuators`: the position actuators of some joints, found by what they move, as targets of these joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+import torch
+from torch import Tensor
+
+from sceniris_gym.errors import ArmError
+from sceniris_gym.sim.versions import actuator_controls
+from sceniris_gym.vector.joint_writer import Holding
+from sceniris_gym.vector.state import as_columns
+
+
+class PositionActuators:
+    """The position actuators of some joints, one each, whatever their names, gears and tendons.
+
+    A control `bias + scale * q` holds its joint at q (see `Holding`).
+
+    Args:
+        mjm: The model.
+        joints: Ids of the joints.
+        device: Torch device.
+        where: Begins errors.
+
+    Attributes:
+        lower, upper: Limits of the targets [rad or m], those of the controls and of the joints, shape (njoint,).
+
+    Raises:
+        ArmError: A joint that has no position actuator of its own, or several.
+    """
+
+    def __init__(self, mjm: mujoco.MjModel, joints: Sequence[int], device: torch.device, where: str) -> None:
+        def tensor(values: np.ndarray) -> Tensor:
+            return torch.tensor(values, dtype=torch.float32, device=device)
+
+        holding, controls, columns = Holding.of(mjm), [], mjm.jnt_qposadr[list(joints)]
+        alone = np.count_nonzero(holding.matrix[: mjm.nu], axis=1) == 1
+        owner = np.repeat(np.arange(len(mjm.actuator_trntype)), actuator_controls(mjm)[1])
+        for joint, column in zip(joints, columns, strict=True):
+            found = np.flatnonzero(alone & (holding.matrix[: mjm.nu, column] != 0.0)).tolist()
+            if len(found) != 1:
+                raise ArmError(_wrong(mjm, joint, [int(owner[e]) for e in found], where))
+            controls += found
+        self._mjm, self._joints, self._actuators = mjm, list(joints), owner[controls]
+        self._scale, bias = holding.matrix[controls, columns], holding.bias[controls]
+        ends = np.sort([(limit[controls] - bias) / self._scale for limit in (holding.lower, holding.upper)], axis=0)
+        limited = mjm.jnt_limited[self._joints].astype(bool)[:, None]
+        own = np.where(limited, mjm.jnt_range[self._joints], [-np.inf, np.inf]).T
+        self.lower, self.upper = tensor(np.maximum(ends[0], own[0])), tensor(np.minimum(ends[1], own[1]))
+        self._columns = as_columns(controls, device)
+        plain = not bias.any() and (self._scale == 1.0).all()
+        self._law = None if plain else (tensor(bias), tensor(self._scale))
+
+    def targets(self, ctrl: Tensor) -> Tensor:
+        """Return the targets that controls (num_envs, nu) stand for [rad or m], shape (num_envs, njoint)."""
+        controls = ctrl[:, self._columns]
+        return controls if self._law is None else (controls - self._law[0]) / self._law[1]
+
+    def set_targets(self, ctrl: Tensor, targets: Tensor) -> None:
+        """Write the controls of targets (num_envs, njoint), kept within their limits, into `ctrl` (num_envs, nu)."""
+        targets = targets.clamp(self.lower, self.upper)
+        ctrl[:, self._columns] = targets if self._law is None else self._law[0] + self._law[1] * targets
+
+    def full_leads(self, speed: np.ndarray) -> np.ndarray:
+        """Return how far joints lag behind their targets at full force and speed [rad or m], shape (njoint,).
+
+        The joint's damping d alone then balances the full torque T, so the speed is v = T / d. With the gear g from
+        joint to actuator, the actuator's own law T / g = kp g lead - kv g v gives lead = T / (kp g^2) + kv v / kp. The
+        lead is infinite where nothing limits the force.
+
+        Args:
+            speed: The full speed of joints without damping [rad/s or m/s], shape (njoint,).
+        """
+        mjm, i, joints = self._mjm, self._actuators, self._joints
+        stiffness, speed_gain = -mjm.actuator_biasprm[i, 1], -mjm.actuator_biasprm[i, 2]
+        gear = np.abs(self._scale * mjm.actuator_gainprm[i, 0] / stiffness)
+        force = np.where(mjm.actuator_forcelimited[i], mjm.actuator_forcerange[i, 1], np.inf)
+        own = np.where(mjm.jnt_actfrclimited[joints], mjm.jnt_actfrcrange[joints, 1], np.inf)
+        torque = np.minimum(force * gear, own)
+        damping = mjm.dof_damping[mjm.jnt_dofadr[joints]]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            speed = np.where(damping > 0.0, torque / damping, speed)
+            lag = np.where(speed_gain > 0.0, speed_gain * speed / stiffness, 0.0)
+        return torque / (stiffness * gear**2) + lag
+
+
+def _wrong(mjm: mujoco.MjModel, joint: int, found: Sequence[int], where: str) -> str:
+    """Return what is wrong with the position actuators `found` of a joint, and what would be right."""
+    name = mjm.joint(joint).name
+    label = f"joint '{name}'" if name else f"the unnamed joint of body '{mjm.body(mjm.jnt_bodyid[joint]).name}'"
+    wanted = f"{where}: {label} should have one position actuator of its own"
+    if not found:
+        add = "Add" if name else "Name it, and add"
+        return f"{wanted}, but has none. {add} <position joint='{name or '...'}' kp='...' ctrlrange='...'/>."
+    names = ", ".join(repr(mjm.actuator(i).name or i) for i in found)
+    return f"{wanted}, but has {len(found)}: {names}. Keep one of them."

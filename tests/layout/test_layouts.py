@@ -1,0 +1,85 @@
+"""Layouts as users see them: documented arrays, and views of poses and joints by name."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Layouts, Status
+from tests.layout.scenes import compiled_from
+from tests.scene.memory import NEAR, cubes_on, spec_of
+
+
+def test_poses_and_joints_are_views_by_name():
+    """Zero-copy: a tensor shows the layouts that are made after it."""
+    spec = spec_of()
+    spec.body("cab/cabinet").mocap = True
+    objects = {
+        **cubes_on("ground", 1, region=NEAR),
+        "cabinet": {
+            "body": "cab/cabinet",
+            "kind": "fixture",
+            "on": "ledge",
+            "joints": {"slide": {"fraction": [0, 1]}},
+        },
+        "terrain": {"kind": "static"},
+    }
+    compiled = compiled_from(spec, objects)
+    generator = LayoutGenerator(compiled, 40)
+    layouts = generator.layouts
+    cube, cabinet, ground, slide = (
+        *(layouts.pose(name) for name in ("cube_0", "cabinet", "terrain")),
+        layouts.joint("cabinet/slide"),
+    )
+    for _ in range(2):
+        generator.generate()
+        qpos, mjm = layouts.qpos.numpy(), compiled.mjm
+        data = mujoco.MjData(mjm)
+        for i in range(40):
+            data.qpos[:] = qpos[i]
+            data.mocap_pos[:], data.mocap_quat[:] = layouts.mocap_pos.numpy()[i], layouts.mocap_quat.numpy()[i]
+            mujoco.mj_kinematics(mjm, data)
+            for pose, body in ((cube, "cube_0/cube"), (cabinet, "cab/cabinet"), (ground, "terrain")):
+                expected = np.concatenate([data.body(body).xpos, data.body(body).xquat])
+                np.testing.assert_allclose(pose[i].numpy(), expected, atol=1e-6)
+            assert slide[i] == pytest.approx(data.joint("cab/slide").qpos[0], abs=1e-6)
+    assert (cube.shape, cabinet.shape, ground.shape, slide.shape) == ((40, 7), (40, 7), (40, 7), (40,))
+    assert cube.data_ptr() == layouts.qpos.ptr + 4 * 2
+    assert cabinet.data_ptr() == layouts.mocap_pos.ptr
+
+
+def test_rows_of_restarts_are_hidden():
+    """Rows beyond those of the worlds belong to restarts: public arrays end before them, whatever their shape."""
+    compiled = compiled_from(spec_of(), cubes_on("ground", 2, region=NEAR))
+    layouts = Layouts.create(compiled, 3, rows=5)
+    for name in ("qpos", "mocap_pos", "mocap_quat", "present"):
+        assert getattr(layouts.view, name).shape[0] == 8
+        assert getattr(layouts, name).shape[0] == layouts.nworld == 3
+        assert getattr(layouts, name).ptr == getattr(layouts.view, name).ptr
+    assert layouts.grasp.shape == (3, 0)
+
+
+def test_a_new_batch_holds_no_layout():
+    """Every world is before its first episode, and at home."""
+    compiled = compiled_from(spec_of(), cubes_on("ground", 2, region=NEAR))
+    layouts = Layouts.create(compiled, 3)
+    assert (layouts.episode.numpy() == -1).all()
+    assert (layouts.status.numpy() == Status.NONE).all()
+    assert (layouts.present.numpy() == 1).all()
+    np.testing.assert_array_equal(layouts.qpos.numpy(), np.tile(compiled.home_qpos, (3, 1)).astype(np.float32))
+    data = mujoco.MjData(compiled.mjm)
+    data.qpos[:] = compiled.home_qpos
+    mujoco.mj_kinematics(compiled.mjm, data)
+    np.testing.assert_allclose(layouts.view.body_pos.numpy(), np.tile(data.xpos, (3, 1, 1)), atol=1e-6)
+
+
+def test_unknown_names_are_refused_with_those_that_are_known():
+    """Of objects and of joints."""
+    layouts = Layouts.create(compiled_from(spec_of(), cubes_on("ground", 2, region=NEAR)), 1)
+    with pytest.raises(UnknownNameError, match="cube_0"):
+        layouts.pose("cube_7")
+    with pytest.raises(UnknownNameError, match="slide"):
+        layouts.joint("hinge")

@@ -1,0 +1,89 @@
+"""The bank: worlds out of restarts get one of its entries, each a valid layout, of their own split."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import Program, copied
+from tests.layout.scenes import Rows, full_tray, make, posed, read
+from tests.oracle.solids import Solids
+
+
+@pytest.fixture(scope="module")
+def hard(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
+    """A tray on which most worlds fall back."""
+    return full_tray(tmp_path_factory.mktemp("hard"))
+
+
+@pytest.mark.parametrize("split", ["train", "eval"])
+def test_an_exhausted_world_takes_an_entry_of_the_bank(hard: CompiledScene, split: str):
+    """All entries are taken equally often, and the entry of a world depends on its seed and episode alone."""
+    bank = [row.tobytes() for row in hard.program.bank_qpos.numpy()[hard.bank_rows(split)]]
+    generator = LayoutGenerator(hard, 400, seed=0, split=split)
+    generator.generate()
+    rows = read(generator.layouts)
+    fallen = rows.status == Status.FALLBACK
+    assert 100 < fallen.sum() < 390
+    assert (fallen | (rows.status == Status.VALID)).all()
+    served = [bank.index(row.tobytes()) for row in rows.qpos[fallen]]
+    assert stats.chisquare(np.bincount(served, minlength=len(bank))).pvalue > 0.001
+    assert not any(row.tobytes() in bank for row in rows.qpos[~fallen])
+    assert (generator.layouts.first_pass_valid.numpy() == ~fallen).all()
+    for seed in np.flatnonzero(fallen)[:20].tolist():
+        assert make(hard, 1, seed=seed, split=split).bits() == rows[seed : seed + 1].bits()
+
+
+def test_no_row_of_an_evaluation_is_one_of_training(hard: CompiledScene):
+    """Though half of the worlds fall back: each split has a bank of its own, and both are full."""
+    made = {split: make(hard, 2000, split=split) for split in ("train", "eval")}
+    assert all((rows.status == Status.FALLBACK).mean() > 0.3 for rows in made.values())
+    seen = {row.tobytes() for row in made["train"].qpos}
+    assert not any(row.tobytes() in seen for row in made["eval"].qpos)
+    assert len(hard.program.bank_qpos.numpy()) == 2 * hard.config.bank
+
+
+def test_bank_entries_are_valid_layouts(hard: CompiledScene):
+    """They keep every clearance, by FCL, and they differ."""
+    qpos = hard.program.bank_qpos.numpy()
+    solids = Solids(hard.mjm, "physics")
+    rows = Rows(qpos, hard.program.bank_mocap_pos.numpy(), hard.program.bank_mocap_quat.numpy(), *[np.zeros(32)] * 2)
+    names = list(hard.object_names)
+    for data in posed(hard, rows):
+        for i, a in enumerate(names):
+            assert all(solids.distance(data, solids.geoms(a), solids.geoms(b)) >= 0.001 for b in names[:i])
+    assert len({row.tobytes() for row in qpos}) == 32
+
+
+def test_a_failed_world_does_not_touch_its_neighbours(hard: CompiledScene):
+    """Beside worlds that fall back, and with the same seeds alone, valid worlds are bit for bit the same."""
+    rows = make(hard, 60, seed=900)
+    keep = rows.status == Status.VALID
+    seeds = 900 + np.flatnonzero(keep)
+    assert 3 < len(seeds) < 57
+    assert make(hard, len(seeds), seed=seeds).bits() == rows[keep].bits()
+
+
+def test_every_object_is_in_every_row(hard: CompiledScene):
+    """Nothing is switched off or parked anywhere when placement fails: all crates lie on the floor."""
+    rows = make(hard, 200)
+    for i in range(3):
+        at = rows.qpos[:, 7 * i : 7 * i + 3]
+        assert (np.abs(at[:, :2]) <= 0.2).all()
+        np.testing.assert_allclose(at[:, 2], 0.0005, atol=1e-6)
+
+
+def test_a_scene_without_a_bank_serves_no_fallback(hard: CompiledScene):
+    """While the bank is being filled: a world that runs out of restarts holds no layout, and says so."""
+    program = copied(Program, hard.program)
+    program.bank_ntrain = 0
+    rows, filled = make(replace(hard, program=program), 60, seed=900), make(hard, 60, seed=900)
+    assert set(rows.status.tolist()) == {Status.NONE, Status.VALID}
+    assert ((rows.status == Status.NONE) == (filled.status == Status.FALLBACK)).all()
+    assert rows[rows.status == Status.VALID].bits() == filled[filled.status == Status.VALID].bits()

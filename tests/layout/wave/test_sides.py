@@ -1,0 +1,83 @@
+"""Half-planes around relations: they are resolved for the right candidates, on level supports, and hold the region."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.wave.exponential_race import NO_PIECE
+from sceniris_gym.layout.wave.search import Search, default_size
+from sceniris_gym.layout.wave.sides import launch_build_sides
+from sceniris_gym.program.device import Cause
+from tests.layout.related import Shapes, near_middle, related, scene
+
+N = 60
+LOW, HIGH = 0.1, 0.3
+
+
+@pytest.fixture
+def generator(tmp_path: Path) -> LayoutGenerator:
+    """Worlds after one wave, whose candidates stand on a slab in a ring around an anchor that differs by world."""
+    shapes = Shapes(tmp_path, airy=True)
+    objects = {"a": near_middle(shapes.cube), "slab": {"asset": shapes.slab, "kind": "fixture", "on": "floor"}}
+    ring = {"near": "a", "distance": {"min": LOW, "max": HIGH}}
+    compiled = scene({**objects, "q": related(shapes.cube, ring, on="slab")}, attempts=1, restarts=0)
+    generator = LayoutGenerator(compiled, N, seed=5, size=replace(default_size("cpu"), candidates=N))
+    generator.generate()
+    search = generator._search
+    assert (search.obj.numpy() == compiled.placed.index("q")).all()
+    search.candidates.fill_(N)  # the end of a wave sets it to 0
+    search.cause.zero_()
+    search.cuts.zero_()
+    return generator
+
+
+def _listed(search: Search) -> list[int]:
+    return sorted(search.cut.numpy()[: search.cuts.numpy()[0]].tolist())
+
+
+@pytest.mark.parametrize("lanes", [1, 7, 1000])
+def test_candidates_on_level_supports_are_listed(generator: LayoutGenerator, lanes: int):
+    """A support that leans by more than 0.1 degree carries nothing; a candidate that has failed is left alone."""
+    search, view, compiled = generator._search, generator.layouts.view, generator.compiled
+    row = search.row.numpy()
+    lean = np.radians(np.tile([0.0, 0.08, 0.12, 1.0], N // 4))
+    quats = view.body_quat.numpy()
+    quats[row, compiled.mjm.body("slab").id] = np.stack([np.cos(lean / 2), np.sin(lean / 2), 0 * lean, 0 * lean], 1)
+    view.body_quat.assign(quats)
+    failed = np.arange(N) % 5 == 0
+    search.cause.assign(np.where(failed, Cause.COLLISION, Cause.NONE))
+    search.winner.fill_(7)
+    launch_build_sides(compiled.program, lanes, view, search, "cpu")
+    level = lean < np.radians(0.1)
+    assert _listed(search) == np.flatnonzero(level & ~failed).tolist()
+    expected = np.where(failed, Cause.COLLISION, np.where(level, Cause.NONE, Cause.EMPTY))
+    assert (search.cause.numpy() == expected).all()
+    assert (search.winner.numpy() == np.where(level & ~failed, np.uint64(NO_PIECE), np.uint64(7))).all()
+    assert (search.pieces.numpy()[level & ~failed] == 0).all()
+
+
+def test_half_planes_hold_the_region_of_each_world(generator: LayoutGenerator):
+    """Points in the ring around a world's anchor are in at least one of the pieces, points far outside in none."""
+    search, view, compiled = generator._search, generator.layouts.view, generator.compiled
+    launch_build_sides(compiled.program, 3, view, search, "cpu")
+    assert _listed(search) == list(range(N))
+    program, obj = compiled.program, compiled.placed.index("q")
+    rel = int(program.obj_reladr.numpy()[obj])
+    pieces, first = int(program.rel_piecenum.numpy()[rel]), int(program.rel_sideadr.numpy()[rel])
+    anchors = view.body_pos.numpy()[search.row.numpy(), compiled.mjm.body("a").id, :2]
+    assert np.ptp(anchors, axis=0).min() > 0.03
+    points = np.random.default_rng(0).uniform(-0.5, 0.5, (2000, 2))
+    for c in range(N):
+        sides = search.sides.numpy()[c, first : first + pieces * search.side_num.numpy()[c, 0]].reshape(pieces, -1)
+        inside = np.zeros(len(points), int)
+        for piece in sides:
+            along = (points[:, None] - piece["origin"]) * piece["normal"]
+            inside += (along.sum(axis=2) <= piece["offset"] + 1e-6).all(axis=1)
+        distance = np.linalg.norm(points - anchors[c], axis=1)
+        assert (inside[(distance > LOW) & (distance < HIGH)] >= 1).all()
+        assert (inside[(distance < 0.8 * LOW) | (distance > 1.2 * HIGH)] == 0).all()

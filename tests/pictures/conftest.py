@@ -1,0 +1,5 @@
+"""The small arm of the tests of the simulation."""
+
+from tests.sim.conftest import small_scene
+
+__all__ = ["small_scene"]

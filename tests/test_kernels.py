@@ -1,0 +1,169 @@
+"""Kernels say what they read and write of structs: comment lines above each argument name its fields, and no others."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.kernel_accesses import Access, Module, Package, StructName, UnclearError, comments_above, is_decorated
+
+ROOT = Path(__file__).parents[1]
+
+
+def read(name: str) -> str | None:
+    """Return the text of a module of this repository."""
+    path = ROOT / f"{name.replace('.', '/')}.py"
+    return path.read_text() if name.startswith("sceniris_gym.") and path.is_file() else None
+
+
+def of_package() -> list[Module]:
+    """Return the modules of the package with kernels."""
+    paths = [path for path in sorted((ROOT / "sceniris_gym").rglob("*.py")) if "@wp.kernel" in path.read_text()]
+    modules = [PACKAGE.module(".".join(path.relative_to(ROOT).with_suffix("").parts)) for path in paths]
+    return [module for module in modules if module is not None]
+
+
+PACKAGE = Package(read)
+MODULES = of_package()
+TITLES = {
+    StructName("sceniris_gym.layout.wave.search", "Search"): "Search",
+    StructName("sceniris_gym.layout.reaching.search", "ReachSearch"): "ReachSearch",
+    StructName("sceniris_gym.layout.layouts", "LayoutsView"): "Layouts",
+}
+KERNELS = [
+    pytest.param(module, kernel, id=f"{module.name.partition('.')[2]}.{kernel.name}")
+    for module in MODULES
+    for kernel in module.kernels
+]
+
+
+@pytest.mark.parametrize(("module", "kernel"), KERNELS)
+def test_a_kernel_names_the_fields_that_it_reads_and_writes(module: Module, kernel: ast.FunctionDef):
+    """Directly above a struct: `# Search in: row, obj` and `# Search out: cause`, in the order of its fields."""
+    expected = PACKAGE.expected_comments(module, kernel, TITLES)
+    for arg in kernel.args.args:
+        if arg.arg in expected:
+            lines = expected[arg.arg]
+            belongs = "\n".join(f"    {line}" for line in lines)
+            assert comments_above(module, arg) == lines, f"above '{arg.arg}' of {kernel.name} belongs\n{belongs}"
+
+
+def test_all_other_structs_are_constant():
+    """No kernel writes into the program, an arm or its map, so that these need no such lines."""
+    assert {struct for module in MODULES for struct in PACKAGE.written_structs(module)} == set(TITLES)
+
+
+@pytest.mark.parametrize(("module", "kernel"), KERNELS)
+def test_arrays_that_a_kernel_writes_are_called_out(module: Module, kernel: ast.FunctionDef):
+    """By `_out` at the end of their names, or by the heading of their section; all others are not."""
+    accesses, heading, params = PACKAGE.accesses(module, kernel), "", PACKAGE.params(module, kernel)
+    for arg in kernel.args.args:
+        above = comments_above(module, arg)
+        heading = " ".join(above) or heading
+        if params[arg.arg].ndim > 0:
+            called = re.search(r"\bout\b", f"{arg.arg.replace('_', ' ')} {heading}", re.IGNORECASE) is not None
+            assert called == (Access(arg.arg, None, written=True) in accesses), arg.arg
+
+
+MADE_UP = {
+    "pkg.structs": """
+@wp.struct
+class State:
+    size: int
+    row: wp.array[int]
+    pose: wp.array2d[wp.vec3]
+    drawn: wp.array[Drawn]
+    count: wp.array[int]
+
+@wp.struct
+class Drawn:
+    yaw: float
+""",
+    "pkg.deep": """
+from pkg.structs import State
+
+@wp.func
+def put(into: wp.array[wp.vec3], i: int):
+    into[i] = wp.vec3(0.0)
+
+@wp.func
+def _place(other: State, i: int):
+    put(other.pose[other.row[i]], i)
+
+@wp.func
+def middle(program: int, held: State, i: int) -> float:
+    if i < held.row.shape[0]:
+        _place(i=i, other=held)
+    return 1.0
+""",
+}
+
+
+def found_in(body: str, imports: str = "") -> set[str]:
+    """Return the accesses of a made-up kernel through its parameters, as `name.field` with < (read) or > (written)."""
+    head = "from pkg.structs import State, Drawn\nfrom pkg.deep import middle, put as stow\n" + imports
+    kernel = "@wp.kernel\ndef _kernel(s: State, values: wp.array[float], mask: wp.array[bool], n: int):\n"
+    text = head + kernel + "\n".join(f"    {line}" for line in body.strip().splitlines())
+    package = Package((MADE_UP | {"pkg.made_up": text}).get)
+    module = package.module("pkg.made_up")
+    assert module is not None
+    accesses = package.accesses(module, next(module.kernels))
+    return {f"{'>' if a.written else '<'}{a.param}{'.' + a.field if a.field else ''}" for a in accesses}
+
+
+@pytest.mark.parametrize(
+    ("body", "expected"),
+    [
+        ("x = s.row[n] + s.size", "<s.row <s.size"),
+        ("s.row[n] = 1", ">s.row"),
+        ("s.row[s.count[0]] = int(values[n])", ">s.row <s.count <values"),
+        ("s.row[n] += 1", "<s.row >s.row"),
+        ("at = wp.atomic_add(s.count, 0, s.row[n])", "<s.count >s.count <s.row"),
+        ("values[n] = s.pose[n, 0][2]", ">values <s.pose"),
+        ("s.pose[n, 0][2] = 1.0", ">s.pose"),
+        ("s.drawn[n].yaw = 1.0", ">s.drawn"),
+        ("d = s.drawn[n]\nd.yaw = 1.0", "<s.drawn"),
+        ("d = Drawn()\nd.yaw = values[n]", "<values"),
+        ("for i in range(s.pose.shape[0]):\n    x = i", ""),
+        ("if mask:\n    if not mask[n]:\n        return\nwhile s.count[0] > 0:\n    n -= 1", "<mask <s.count"),
+        ("a, b = s.row[n], s.count[n]", "<s.row <s.count"),
+        ("pose = s.pose[n]\npose[0] = wp.vec3(0.0)", ">s.pose"),
+        ("same = s\nsame.row[n] = 1", ">s.row"),
+        ("stow(s.pose[n], 0)", ">s.pose"),
+        ("x = middle(n, s, s.count[0])", "<s.count <s.row >s.pose"),
+        ("local = wp.zeros(shape=(4,), dtype=wp.vec3)\nstow(local, n)", ""),
+        ("x = wp.static(len(values))", ""),
+    ],
+)
+def test_reads_and_writes_are_seen(body: str, expected: str):
+    """Through two levels of functions of other modules, under other names, and through rows of arrays."""
+    assert found_in(body) == set(expected.split())
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "unknown(s.row)",
+        "wp.tile_load(s.row, 4)",
+        "x = s.row if n > 0 else s.count",
+        "row = s.row\nrow = s.count",
+        "d = Drawn()\nd.rows = s.row",
+        "middle(n, s.row, 0)",
+        "with s:\n    pass",
+        "x = s.row.ptr",
+    ],
+)
+def test_what_cannot_be_followed_is_no_silence(body: str):
+    """An array that is handed to something unknown, or kept under a name that stands for several."""
+    with pytest.raises(UnclearError):
+        found_in(body)
+
+
+def test_every_kernel_of_the_package_is_seen():
+    """Also one inside of a function, were there any."""
+    texts = [path.read_text() for path in (ROOT / "sceniris_gym").rglob("*.py")]
+    nodes = [node for text in texts for node in ast.walk(ast.parse(text))]
+    assert sum(is_decorated(node, "kernel") for node in nodes) == len(KERNELS) > 40
