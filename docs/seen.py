@@ -11,15 +11,16 @@ import mujoco
 import numpy as np
 import shapely
 from shapely import affinity
-from shapely.geometry import LineString, MultiPoint, Polygon, box
+from shapely.geometry import MultiPoint, Polygon, box
 
-from sceniris_gym.config.relations import Relation
+from sceniris_gym.config.relations import Joined, Relation
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.geometry.resting_poses import heading_of
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.plan import PlacedObject
+from sceniris_gym.viewer.regions import Standing, area_of
 
 _FAR = 10.0  # m: further than any support extends
 _UNIT_BOX = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
@@ -45,6 +46,11 @@ class Bounds:
     def to_world(self, shape: shapely.Geometry) -> shapely.Geometry:
         """Transform a shape given around the pivot, aligned with the heading, to the world frame."""
         return _moved(shape, self.pivot, self.heading)
+
+    @property
+    def standing(self) -> Standing:
+        """The same as the viewer has it."""
+        return np.array([*self.pivot, self.heading]), np.array([*self.low, *self.high])
 
     @property
     def front(self) -> np.ndarray:
@@ -171,36 +177,21 @@ class View:
             return None
         region = shapely.union_all([self._on_body(plan.ground, s.region, i) for s in plan.surfaces[0]])
         for relation in config.relations:
-            if relation.bounds or relation.kind in ("beside", "joined"):
+            if relation.by_bounds or isinstance(relation, Joined):
                 return None
             region = region.intersection(self._relation(name, relation, plan.ground, i))
         return region
 
     def _relation(self, name: str, relation: Relation, ground: int, i: int) -> shapely.Geometry:
         """The region in which a relation holds in world i: everywhere if its frame or too many anchors are absent."""
-        anchors = [self.bounds(a, i) for a in relation.anchors if self.is_present(a, i)]
-        turned_by = relation.frame_object
-        everywhere = box(-_FAR, -_FAR, _FAR, _FAR)
-        if relation.kind == "between":
-            if len(anchors) < 2:
-                return everywhere
-            hull = MultiPoint([a.pivot[:2] for a in anchors]).convex_hull
-            own = self.bounds(name, i)
-            width = relation.width or float((own.high - own.low).min())
-            return hull.buffer(0.5 * width, cap_style="flat") if isinstance(hull, LineString) else hull
-        if not anchors or (turned_by is not None and not self.is_present(turned_by, i)):
-            return everywhere
-        if turned_by is not None:
-            frame = self.bounds(turned_by, i).heading
-        else:
-            frame = {"anchor": anchors[0].heading, "world": 0.0, "support": self._heading(ground, i)}[relation.frame]
-        middle, half = relation.heading({"robot"}) + frame, relation.half_angle
-        angles = np.linspace(middle - half, middle + half, 361)
-        rim = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        # a full disc is cut open along one radius, which a buffer of 0 closes
-        whole = Polygon([(0.0, 0.0), *min(relation.high, _FAR) * rim]).buffer(0.0)
-        hole = Polygon([(0.0, 0.0), *relation.low * rim]).buffer(0.0) if relation.low > 0.0 else Polygon()
-        return _moved(whole.difference(hole), anchors[0].pivot, 0.0)
+        anchors = [self.bounds(a, i).standing for a in relation.anchors if self.is_present(a, i)]
+        turned_by = [other for key, other in relation.references if key == "frame"]
+        if len(anchors) < relation.least_anchors or not all(self.is_present(other, i) for other in turned_by):
+            return box(-_FAR, -_FAR, _FAR, _FAR)
+        frame = relation.reference_frame
+        turned = {"world": 0.0, "support": self._heading(ground, i)}
+        heading = turned[frame] if frame in turned else self.bounds(frame, i).heading
+        return area_of(relation, self.bounds(name, i).standing, anchors, relation.heading({"robot"}) + heading)
 
     def _plan(self, name: str) -> PlacedObject:
         return next(o for o in self.compiled.plan.objects if o.name == name)

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from sceniris_gym.audit import presence
+from sceniris_gym.audit import presence, relations
 from sceniris_gym.audit.geometry import Poses
 from sceniris_gym.audit.orientations import OrientationAudit
 from sceniris_gym.audit.outlines import Outlines
-from sceniris_gym.audit.relations import RelationAudit, support_headings
 from sceniris_gym.config.scene import SceneConfig
 
 TOLERANCES = {"m": 1e-4, "rad": 1e-3, "objects": 0.0}
@@ -56,7 +55,6 @@ class LanguageAudit:
         self, config: SceneConfig, outlines: Outlines, hulls: Mapping[str, np.ndarray], home: mujoco.MjData
     ) -> None:
         self.config, self.outlines = config, outlines
-        self._relations = RelationAudit(config, outlines.mjm, outlines.bodies)
         self._turns = OrientationAudit(config, outlines, hulls, home)
 
     def add(self, kept: list[Kept], start: int, poses: Poses, present: Mapping[str, np.ndarray]) -> list[Kept]:
@@ -68,12 +66,11 @@ class LanguageAudit:
             poses: Poses in these rows.
             present: Object name -> rows in which it is there, shape (nrow,).
         """
-        seen = {name: self.outlines.outline(name, poses) for name in self.outlines.bodies}
-        headings = support_headings(self.config, poses, self.outlines.mjm, self.outlines.bodies)
+        seen = self.outlines.see(poses, present)
         found = [
-            *self._relations.excess(poses, seen, present, headings).items(),
-            *self._turns.excess(poses, seen, present, headings).items(),
-            *presence.excess(self.config, seen, present).items(),
+            *relations.excess(self.outlines, seen).items(),
+            *self._turns.excess(seen).items(),
+            *presence.excess(self.config, seen).items(),
         ]
         before = kept or [Kept(*key, 0, 0, -np.inf, -1) for key, _ in found]
         return [_counted(k, start, amount) for k, (_, amount) in zip(before, found, strict=True)]

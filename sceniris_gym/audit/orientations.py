@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from sceniris_gym.audit.geometry import Poses
-from sceniris_gym.audit.outlines import Outline, Outlines
+from sceniris_gym.audit.outlines import Outline, Outlines, Seen
 from sceniris_gym.audit.relations import ROUNDING, wrapped
 from sceniris_gym.config.orientation import DrawnOrientation
 from sceniris_gym.config.scene import SceneConfig
@@ -37,40 +37,28 @@ class OrientationAudit:
             for name, root in outlines.bodies.items()
         }
 
-    def excess(
-        self,
-        poses: Poses,
-        seen: Mapping[str, Outline],
-        present: Mapping[str, np.ndarray],
-        support_heading: Mapping[str, np.ndarray],
-    ) -> dict[tuple[str, str, str], np.ndarray]:
+    def excess(self, seen: Seen) -> dict[tuple[str, str, str], np.ndarray]:
         """Measure the orientation of every placed object.
-
-        Args:
-            poses: Poses in the rows.
-            seen: Object name -> its outline in each row.
-            present: Object name -> rows in which it is present, shape (nrow,).
-            support_heading: Object name -> heading of what it stands on [rad], shape (nrow,).
 
         Returns:
             (object, word, unit) -> by how much it is missed in each row [m or rad], at most 0 where it is right, NaN
             where the object is absent. Shape (nrow,).
         """
-        found = {}
+        found, outlines = {}, seen.outlines
         for name, part in self.config.parts.items():
             if not part.is_placed or part.drawn_orientation.kind == "any":
                 continue
-            turn, rotation = part.drawn_orientation, self.outlines.turn(name, poses)
-            missed = {("yaw", "rad"): _off_interval(seen[name].heading - support_heading[name], 0.0, turn)}
+            turn, rotation = part.drawn_orientation, self.outlines.turn(name, seen.poses)
+            missed = {("yaw", "rad"): _off_interval(outlines[name].heading - seen.support_heading[name], 0.0, turn)}
             if turn.kind == "stable":
-                missed["stable", "m"] = self._off_balance(name, poses)
+                missed["stable", "m"] = self._off_balance(name, seen.poses)
             else:
                 missed["upright", "rad"] = np.arctan2(np.linalg.norm(rotation[:, :2, 2], axis=1), rotation[:, 2, 2])
             if turn.target is not None:
-                facing = _off_interval(*_from_target(seen[name], seen[turn.target]), turn)
+                facing = _off_interval(*_from_target(outlines[name], outlines[turn.target]), turn)
                 yaw = missed.pop(("yaw", "rad"))
-                missed["face_to", "rad"] = np.where(present[turn.target], facing, yaw)
-            found |= {(name, *key): np.where(present[name], amount, np.nan) for key, amount in missed.items()}
+                missed["face_to", "rad"] = np.where(seen.present[turn.target], facing, yaw)
+            found |= {(name, *key): np.where(seen.present[name], amount, np.nan) for key, amount in missed.items()}
         return found
 
     def _off_balance(self, name: str, poses: Poses) -> np.ndarray:

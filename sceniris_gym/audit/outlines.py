@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from sceniris_gym.audit.carriers import carrier_of
 from sceniris_gym.audit.geometry import Form, Poses, Solid
 from sceniris_gym.audit.pairs import Tree
 from sceniris_gym.config.scene import SceneConfig
@@ -44,6 +45,23 @@ class Outline:
         return along.min(1), along.max(1)
 
 
+@dataclass(frozen=True)
+class Seen:
+    """The objects of a scene in some rows, seen from above.
+
+    Attributes:
+        poses: The poses in the rows.
+        outlines: Object name -> its outline.
+        present: Object name -> rows in which it is present, shape (nrow,).
+        support_heading: Object name -> heading of its support [rad], shape (nrow,).
+    """
+
+    poses: Poses
+    outlines: Mapping[str, Outline]
+    present: Mapping[str, np.ndarray]
+    support_heading: Mapping[str, np.ndarray]
+
+
 class Outlines:
     """Computes the outlines of the objects of a scene.
 
@@ -64,6 +82,26 @@ class Outlines:
             owner = tree.owner[tree.mjm.geom_bodyid[solid.geom]]
             if owner in bodies and solid.form is not Form.HALFSPACE:
                 self._solids[owner].append(solid)
+
+    def see(self, poses: Poses, present: Mapping[str, np.ndarray]) -> Seen:
+        """Return what relations, orientations and groups are judged by.
+
+        Args:
+            poses: Poses in the rows.
+            present: Object name -> rows in which it is present, shape (nrow,).
+        """
+        outlines = {name: self.outline(name, poses) for name in self.bodies}
+        return Seen(poses, outlines, present, self.support_heading(poses))
+
+    def support_heading(self, poses: Poses) -> dict[str, np.ndarray]:
+        """Return object name -> heading [rad] of the x axis of its support, 0 on the floor and in the air."""
+        found = {}
+        for name, part in self.config.parts.items():
+            found[name] = np.zeros(len(poses.xpos))
+            if part.support is not None:
+                x = poses.xmat[:, carrier_of(self.mjm, self.bodies, self.config, part.support.parent).body, :, 0]
+                found[name] = np.arctan2(x[:, 1], x[:, 0])
+        return found
 
     def turn(self, name: str, poses: Poses) -> np.ndarray:
         """Return the rotation of an object from its authored orientation in each row, shape (nrow, 3, 3)."""

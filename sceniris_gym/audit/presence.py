@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from sceniris_gym.audit.outlines import Outline
+from sceniris_gym.audit.outlines import Seen
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.layout_table import LayoutTable
 
@@ -19,9 +17,7 @@ def presence(config: SceneConfig, table: LayoutTable) -> dict[str, np.ndarray]:
     return {name: table.present[:, i].astype(bool) for i, name in enumerate(names)}
 
 
-def excess(
-    config: SceneConfig, outlines: Mapping[str, Outline], present: Mapping[str, np.ndarray]
-) -> dict[tuple[str, str, str], np.ndarray]:
+def excess(config: SceneConfig, seen: Seen) -> dict[tuple[str, str, str], np.ndarray]:
     """Count the violations of groups.
 
     Returns:
@@ -30,10 +26,10 @@ def excess(
     """
     found = {}
     for name, group in config.groups.items():
-        count = np.sum([present[member] for member in group.of], axis=0)
+        count = np.sum([seen.present[member] for member in group.of], axis=0)
         low, high = group.count
         found[name, "count", "objects"] = np.maximum(np.maximum(low - count, count - high), 0).astype(float)
         for member in group.of:
-            away = outlines[member].pivot[:, :2].min(1) > FAR
-            found[member, "present", "objects"] = (away == present[member]).astype(float)
+            away = seen.outlines[member].pivot[:, :2].min(1) > FAR
+            found[member, "present", "objects"] = (away == seen.present[member]).astype(float)
     return found

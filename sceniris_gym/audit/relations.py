@@ -1,151 +1,121 @@
-"""Checks every relation of a scene, by distances and angles in double precision and by shapely."""
+"""Checks of relations, by distances and angles in double precision and by shapely."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from functools import singledispatch
 
 import mujoco
 import numpy as np
 import shapely
 
-from sceniris_gym.audit.carriers import carrier_of
-from sceniris_gym.audit.geometry import Poses
-from sceniris_gym.audit.outlines import Outline
-from sceniris_gym.config.objects import ObjectConfig
-from sceniris_gym.config.relations import Connection, Relation
-from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.audit.outlines import Outline, Outlines, Seen
+from sceniris_gym.config.relations import Beside, Between, Joined, Near, Relation, Sector
 
 THIN = 1e-3  # m; anchors whose hull is thinner lie on a line
 _NEARLY_THIN = 1e-5  # m; this near to THIN, either answer is right
 ROUNDING = 1e-6  # m; rounding error of a position in single precision, which is a large angle close to the anchor
 
 
-class RelationAudit:
-    """Measures by how much relations are missed.
+def excess(scene: Outlines, seen: Seen) -> dict[tuple[str, str, str], np.ndarray]:
+    """Measure every relation of every object.
 
-    Args:
-        config: The scene.
-        mjm: The model.
-        bodies: Object name -> root body id.
-    """
-
-    def __init__(self, config: SceneConfig, mjm: mujoco.MjModel, bodies: Mapping[str, int]) -> None:
-        self.config, self.mjm, self.bodies = config, mjm, bodies
-
-    def excess(
-        self,
-        poses: Poses,
-        outlines: Mapping[str, Outline],
-        present: Mapping[str, np.ndarray],
-        support_heading: Mapping[str, np.ndarray],
-    ) -> dict[tuple[str, str, str], np.ndarray]:
-        """Measure every relation of every object.
-
-        Args:
-            poses: Poses in the rows.
-            outlines: Object name -> its outline in each row.
-            present: Object name -> rows in which it is present, shape (nrow,).
-            support_heading: Object name -> heading of what it stands on [rad], shape (nrow,).
-
-        Returns:
-            (object, relation, unit) -> by how much it is missed in each row [m or rad], at most 0 where it holds, NaN
-            where it does not apply because something is absent. Shape (nrow,).
-        """
-        found = {}
-        for name, part in self.config.parts.items():
-            for i, relation in enumerate(part.relations):
-                judged = present[name] & _complete(relation, present)
-                if isinstance(relation.beside, Connection):
-                    missed = self._off_site(name, relation.beside, relation.site_gap, poses)
-                else:
-                    missed = self._missed(part, relation, outlines[name], outlines, present, support_heading[name])
-                for unit, amount in missed.items():
-                    found[name, f"{i} {relation.word}", unit] = np.where(judged, amount, np.nan)
-        return found
-
-    def _missed(
-        self,
-        part: ObjectConfig,
-        relation: Relation,
-        own: Outline,
-        outlines: Mapping[str, Outline],
-        present: Mapping[str, np.ndarray],
-        support_heading: np.ndarray,
-    ) -> dict[str, np.ndarray]:
-        """Return unit -> by how much a relation is missed. Absent objects count, except anchors of 'between'."""
-        if relation.kind == "between":
-            anchors = np.stack([outlines[a].pivot[:, :2] for a in relation.anchors], 1)
-            there = np.stack([present[a] for a in relation.anchors], 1)
-            width = (own.high - own.low).min(1) if relation.width is None else np.full(len(there), relation.width)
-            return {"m": _off_between(own.pivot[:, :2], anchors, there, width)}
-        anchor, axis = outlines[relation.anchors[0]], relation.heading(self.config.all_robots)
-        turned = {"anchor": anchor.heading, "support": support_heading, "world": np.zeros(len(anchor.heading))}
-        frame = turned[relation.frame] if relation.frame in turned else outlines[relation.frame].heading
-        if relation.kind == "beside":
-            return {"m": _off_beside(own, anchor, axis + frame, relation.gap)}
-        missed = {}
-        apart = own.pivot[:, :2] - anchor.pivot[:, :2]
-        if relation.low > 0 or relation.high < np.inf:
-            distance = _between_bounds(own, anchor) if relation.bounds else np.linalg.norm(apart, axis=1)
-            missed["m"] = np.maximum(relation.low - distance, distance - relation.high)
-        if relation.kind == "direction":
-            off = wrapped(np.arctan2(apart[:, 1], apart[:, 0]) - axis - frame)
-            rounding = ROUNDING / np.maximum(np.linalg.norm(apart, axis=1), ROUNDING)
-            missed["rad"] = np.abs(off) - relation.half_angle - rounding
-        return missed
-
-    def _off_site(self, name: str, joined: Connection, gap: float, poses: Poses) -> dict[str, np.ndarray]:
-        """Return how far [m] sites are from where they should meet, and how far [rad] one is turned from the other."""
-        own, own_x = self._site(name, joined.my, poses)
-        its, its_x = self._site(joined.of, joined.its, poses)
-        level = its_x / np.linalg.norm(its_x, axis=1, keepdims=True)
-        between = np.arctan2(own_x[:, 1], own_x[:, 0]) - np.arctan2(its_x[:, 1], its_x[:, 0])
-        off = wrapped(between - np.radians(joined.turn))
-        return {"m": np.linalg.norm(own - its - gap * level, axis=1), "rad": np.abs(off)}
-
-    def _site(self, name: str, word: str, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
-        """Where a site of an object is seen from above [m], and its x axis, shape (nrow, 2) each."""
-        root = self.bodies[name]
-        inside = self.mjm.body(root).name.rpartition("/")[0] or name
-        sites = {self.mjm.site(i).name: i for i in range(self.mjm.nsite)}
-        site = sites[f"{inside}/{word}" if f"{inside}/{word}" in sites else word]
-        body, turn = int(self.mjm.site_bodyid[site]), np.zeros(9)
-        mujoco.mju_quat2Mat(turn, self.mjm.site_quat[site])
-        at = poses.xpos[:, body] + poses.xmat[:, body] @ self.mjm.site_pos[site]
-        return at[:, :2], (poses.xmat[:, body] @ turn.reshape(3, 3)[:, 0])[:, :2]
-
-
-def support_headings(
-    config: SceneConfig, poses: Poses, mjm: mujoco.MjModel, bodies: Mapping[str, int]
-) -> dict[str, np.ndarray]:
-    """Return object name -> heading [rad] of the x axis of the body it stands on, 0 on the floor and in the air.
-
-    Args:
-        config: The scene.
-        poses: Poses in the rows.
-        mjm: The model.
-        bodies: Object name -> root body id.
+    Returns:
+        (object, relation, unit) -> by how much it is missed in each row [m or rad], at most 0 where it holds, NaN where
+        it does not apply because something is absent. Shape (nrow,).
     """
     found = {}
-    for name, part in config.parts.items():
-        found[name] = np.zeros(len(poses.xpos))
-        if part.support is not None:
-            x = poses.xmat[:, carrier_of(mjm, bodies, config, part.support.parent).body, :, 0]
-            found[name] = np.arctan2(x[:, 1], x[:, 0])
+    for name, part in scene.config.parts.items():
+        for i, relation in enumerate(part.relations):
+            applies = seen.present[name] & _is_complete(relation, seen)
+            for unit, amount in _missed(relation, name, scene, seen).items():
+                found[name, f"{i} {relation.word}", unit] = np.where(applies, amount, np.nan)
     return found
+
+
+def _is_complete(relation: Relation, seen: Seen) -> np.ndarray:
+    """Return the rows in which enough of a relation's objects are present, shape (nrow,)."""
+    enough = np.sum([seen.present[anchor] for anchor in relation.anchors], axis=0) >= relation.least_anchors
+    return np.all([enough, *(seen.present[name] for key, name in relation.references if key == "frame")], axis=0)
+
+
+@singledispatch
+def _missed(relation: Relation, name: str, scene: Outlines, seen: Seen) -> dict[str, np.ndarray]:
+    """Return unit -> by how much an object misses a relation. Absent objects count, except anchors of 'between'."""
+    raise NotImplementedError(f"no audit of {type(relation).__name__}")
+
+
+@_missed.register
+def _off_sector(relation: Sector, name: str, scene: Outlines, seen: Seen) -> dict[str, np.ndarray]:
+    own, anchor = seen.outlines[name], seen.outlines[relation.anchors[0]]
+    missed = {}
+    apart = own.pivot[:, :2] - anchor.pivot[:, :2]
+    if relation.low > 0 or relation.high < np.inf:
+        distance = _between_bounds(own, anchor) if relation.by_bounds else np.linalg.norm(apart, axis=1)
+        missed["m"] = np.maximum(relation.low - distance, distance - relation.high)
+    if not isinstance(relation, Near):
+        off = wrapped(np.arctan2(apart[:, 1], apart[:, 0]) - _heading(relation, name, scene, seen))
+        rounding = ROUNDING / np.maximum(np.linalg.norm(apart, axis=1), ROUNDING)
+        missed["rad"] = np.abs(off) - relation.half_angle - rounding
+    return missed
+
+
+@_missed.register
+def _off_between(relation: Between, name: str, scene: Outlines, seen: Seen) -> dict[str, np.ndarray]:
+    own = seen.outlines[name]
+    anchors = np.stack([seen.outlines[a].pivot[:, :2] for a in relation.anchors], 1)
+    there = np.stack([seen.present[a] for a in relation.anchors], 1)
+    width = (own.high - own.low).min(1) if relation.width is None else np.full(len(there), relation.width)
+    return {"m": _off_hull(own.pivot[:, :2], anchors, there, width)}
+
+
+@_missed.register
+def _off_beside(relation: Beside, name: str, scene: Outlines, seen: Seen) -> dict[str, np.ndarray]:
+    """Return the larger of two errors: of the gap along a heading, and how far the narrower bounds stick out."""
+    own, anchor, heading = seen.outlines[name], seen.outlines[relation.beside], _heading(relation, name, scene, seen)
+    side = np.stack([np.cos(heading), np.sin(heading)], 1)
+    across = np.stack([-side[:, 1], side[:, 0]], 1)
+    off = np.abs(own.span(side)[0] - anchor.span(side)[1] - relation.gap)
+    (low, high), (other_low, other_high) = own.span(across), anchor.span(across)
+    inside = np.maximum(other_low - low, high - other_high)
+    around = np.maximum(low - other_low, other_high - high)
+    return {"m": np.maximum(off, np.where(high - low <= other_high - other_low, inside, around))}
+
+
+@_missed.register
+def _off_site(relation: Joined, name: str, scene: Outlines, seen: Seen) -> dict[str, np.ndarray]:
+    """Return how far sites are from where they should meet, and by which angle one is turned wrongly from the other."""
+    sites = relation.beside
+    own, own_x = _site(name, sites.my, scene, seen)
+    its, its_x = _site(sites.of, sites.its, scene, seen)
+    level = its_x / np.linalg.norm(its_x, axis=1, keepdims=True)
+    between = np.arctan2(own_x[:, 1], own_x[:, 0]) - np.arctan2(its_x[:, 1], its_x[:, 0])
+    off = wrapped(between - np.radians(sites.turn))
+    return {"m": np.linalg.norm(own - its - (relation.gap or 0.0) * level, axis=1), "rad": np.abs(off)}
+
+
+def _heading(relation: Relation, name: str, scene: Outlines, seen: Seen) -> np.ndarray:
+    """Return the heading [rad] of a relation in the world, shape (nrow,)."""
+    turned = {"support": seen.support_heading[name], "world": np.zeros(len(seen.support_heading[name]))}
+    frame = relation.reference_frame
+    heading = turned[frame] if frame in turned else seen.outlines[frame].heading
+    return heading + relation.heading(scene.config.all_robots)
+
+
+def _site(name: str, word: str, scene: Outlines, seen: Seen) -> tuple[np.ndarray, np.ndarray]:
+    """Return where a site of an object is seen from above [m], and its x axis, shape (nrow, 2) each."""
+    mjm, poses = scene.mjm, seen.poses
+    inside = mjm.body(scene.bodies[name]).name.rpartition("/")[0] or name
+    sites = {mjm.site(i).name: i for i in range(mjm.nsite)}
+    site = sites[f"{inside}/{word}" if f"{inside}/{word}" in sites else word]
+    body, turn = int(mjm.site_bodyid[site]), np.zeros(9)
+    mujoco.mju_quat2Mat(turn, mjm.site_quat[site])
+    at = poses.xpos[:, body] + poses.xmat[:, body] @ mjm.site_pos[site]
+    return at[:, :2], (poses.xmat[:, body] @ turn.reshape(3, 3)[:, 0])[:, :2]
 
 
 def wrapped(angle: np.ndarray) -> np.ndarray:
     """Return angles [rad] wrapped into (-pi, pi]."""
     return np.pi - np.mod(np.pi - angle, 2 * np.pi)
-
-
-def _complete(relation: Relation, present: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return the rows in which enough of a relation's objects are present, shape (nrow,)."""
-    there = np.stack([present[a] for a in relation.anchors])
-    if relation.kind == "between":
-        return there.sum(0) >= 2
-    return there[0] if relation.frame_object is None else there[0] & present[relation.frame_object]
 
 
 def _rectangles(outline: Outline) -> np.ndarray:
@@ -157,18 +127,7 @@ def _between_bounds(own: Outline, anchor: Outline) -> np.ndarray:
     return np.asarray(shapely.distance(_rectangles(own), _rectangles(anchor)))
 
 
-def _off_beside(own: Outline, anchor: Outline, heading: np.ndarray, gap: float) -> np.ndarray:
-    """Return the larger of two errors [m]: of the gap along a heading, and how far the narrower bounds stick out."""
-    side = np.stack([np.cos(heading), np.sin(heading)], 1)
-    across = np.stack([-side[:, 1], side[:, 0]], 1)
-    off = np.abs(own.span(side)[0] - anchor.span(side)[1] - gap)
-    (low, high), (other_low, other_high) = own.span(across), anchor.span(across)
-    inside = np.maximum(other_low - low, high - other_high)
-    around = np.maximum(low - other_low, other_high - high)
-    return np.maximum(off, np.where(high - low <= other_high - other_low, inside, around))
-
-
-def _off_between(point: np.ndarray, anchors: np.ndarray, there: np.ndarray, width: np.ndarray) -> np.ndarray:
+def _off_hull(point: np.ndarray, anchors: np.ndarray, there: np.ndarray, width: np.ndarray) -> np.ndarray:
     """Return how far [m] points (nrow, 2) are outside the hull, strip or square of anchors (nrow, n, 2)."""
     first = anchors[np.arange(len(there)), there.argmax(1)]
     anchors = np.where(there[..., None], anchors, first[:, None])  # the absent ones do not count

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
@@ -31,10 +31,9 @@ from sceniris_gym.config.fields import (
     Reachable,
     wrong,
 )
-from sceniris_gym.config.limits import MAX_RELATIONS
 from sceniris_gym.config.loader import JOINT_FORMS, REGION_FORMS, SUPPORT_WORDS
 from sceniris_gym.config.orientation import DrawnOrientation, Orientation
-from sceniris_gym.config.relations import RELATION_WORDS, Relation
+from sceniris_gym.config.relations import RELATION_WORDS, Joined, Relations
 from sceniris_gym.config.section import Section, check_one_of
 
 _REACH_WORDS = ("tier", "by", "grasp")
@@ -112,7 +111,7 @@ class ObjectConfig(Section):
     in_: str | None = Field(default=None, alias="in")
     ratio_on_support: Fraction = 0.0
     region: RegionConfig | None = None
-    relations: Annotated[tuple[Relation, ...], Field(max_length=MAX_RELATIONS)] = ()
+    relations: Relations = ()
     orientation: Orientation | None = None
     joints: dict[str, JointConfig] = Field(default_factory=dict)
     clearance: Clearance = 0.001
@@ -144,14 +143,14 @@ class ObjectConfig(Section):
         return self.kind != "static" and (self.support is not None or self.region is not None)
 
     @property
+    def joined_to(self) -> str | None:
+        """The object that it is joined to at sites, or None."""
+        return next((relation.beside.of for relation in self.relations if isinstance(relation, Joined)), None)
+
+    @property
     def references(self) -> list[tuple[str, str]]:
         """The objects that its relations and orientation name: (key path inside the object, name)."""
-        found = []
-        for i, relation in enumerate(self.relations):
-            word = "of" if relation.word == "direction" else relation.word
-            word = "beside.of" if relation.kind == "joined" else word
-            found += [(f"relations.{i}.{word}", anchor) for anchor in relation.anchors]
-            found += [(f"relations.{i}.frame", relation.frame_object)] if relation.frame_object else []
+        found = [(f"relations.{i}.{key}", name) for i, r in enumerate(self.relations) for key, name in r.references]
         target = self.drawn_orientation.target
         return found + ([("orientation.face_to", target)] if target is not None else [])
 
@@ -202,13 +201,13 @@ class ObjectConfig(Section):
                 "should name its support ('on', 'inside' or 'in') or have a 3D box or 3D points as its region: it has "
                 "relations"
             )
-        joined = [relation for relation in self.relations if relation.kind == "joined"]
+        joined = [relation for relation in self.relations if isinstance(relation, Joined)]
         if joined and self.orientation is not None:
             raise wrong("should have no 'orientation': the sites that it is joined at say how it is turned")
         if len(joined) > 1:
             raise wrong("should be joined to one other object at most: two sites say where it is and how it is turned")
         for one, other in itertools.combinations(self.relations, 2):
-            if one.leaves_nothing_of(other):
+            if one.excludes(other):
                 raise wrong(
                     f"should have relations that can hold together: '{one.word}' and '{other.word}' of "
                     f"'{one.anchors[0]}' have no area in common. Take one out, or give both a wider 'angle'"
@@ -219,6 +218,6 @@ class ObjectConfig(Section):
         for word in ("by", "grasp"):  # with `reachable: false` they wait until it is turned on again
             if word in said and getattr(self, word) is not None and "reachable" not in said:
                 raise wrong(f"should have '{word}' only together with 'reachable'")
-        if not words and any(relation.frame == "support" for relation in self.relations):
+        if not words and any(relation.reference_frame == "support" for relation in self.relations):
             raise wrong("should name its support ('on', 'inside' or 'in'), which is the frame of one of its relations")
         return self

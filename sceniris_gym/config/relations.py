@@ -1,4 +1,4 @@
-"""Where an object is placed relative to others: `Relation`, one entry of an object's `relations`.
+"""Where an object is placed relative to others: the kinds of relation, a class each, and `AnyRelation`, their union.
 
 Directions are seen from above, x to the right and y to the back, so that the front is -y.
 """
@@ -6,39 +6,22 @@ Directions are seen from above, x to the right and y to the back, so that the fr
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Mapping
-from typing import Annotated, Any, Literal
+from collections.abc import Container, Iterable, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
-from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from sceniris_gym.config.fields import Direction2, Length, Number, Turn, Width, wrong
-from sceniris_gym.config.limits import MAX_ANCHORS
+from sceniris_gym.config.limits import MAX_ANCHORS, MAX_RELATIONS
 from sceniris_gym.config.section import Section, check_one_of
 
 HEADINGS = {"right": 0.0, "back": 0.5 * math.pi, "left": math.pi, "front": -0.5 * math.pi}
 """Heading [rad] of each side, from x towards y."""
 ROBOT_HEADINGS = {"front": 0.0, "left": 0.5 * math.pi, "back": math.pi, "right": -0.5 * math.pi}
 """The same in the frame of a robot, which looks along the x axis of its base and has its left hand along y."""
-SIDES = {f"{side}_of": side for side in ("front", "back", "left", "right")}
-"""The words that name a direction by themselves, and their sides."""
 FRAMES = ("anchor", "support", "world")
 """Frames of a relation that are not objects."""
-RELATION_WORDS = (*SIDES, "direction", "near", "between", "beside")
-"""Words of which a relation has exactly one."""
-
-# The words that each option goes with.
-_DIRECTED = (*SIDES, "direction")
-_OPTIONS = {
-    "of": ("direction",),
-    "angle": _DIRECTED,
-    "frame": (*_DIRECTED, "beside"),
-    "distance": (*_DIRECTED, "near"),
-    "measure": (*_DIRECTED, "near"),
-    "width": ("between",),
-    "side": ("beside",),
-    "gap": ("beside",),
-}
-
 
 # A band is drawn from slices that contain it, and should fill enough of them: below this half width [m] redraws get
 # frequent, partly because of rounding.
@@ -46,6 +29,9 @@ _LEAST_TOLERANCE = 1.0e-4
 # Half of the thinnest wedge [rad] that directions may have in common: about a tenth of a degree.
 _LEAST_ANGLE = 1.0e-3
 _THIN_BAND = "too few of the points drawn for a thinner band would lie in it"
+
+Angle = Annotated[Number, Field(gt=0.0, le=180.0)]
+Anchors = Annotated[tuple[str, ...], Field(min_length=2, max_length=MAX_ANCHORS)]
 
 
 def _wide_enough(tolerance: float) -> float:
@@ -55,7 +41,7 @@ def _wide_enough(tolerance: float) -> float:
 
 
 class Distance(Section):
-    """How far away [m]: from `min` to `max`, or `equal` within `tolerance` (0.01)."""
+    """An interval of distances [m]: from `min` to `max`, or `equal` within `tolerance` (0.01)."""
 
     min: Length | None = None
     max: Length | None = None
@@ -93,105 +79,95 @@ class Distance(Section):
         return self
 
 
-class Connection(Section):
-    """How an object is joined to another one at two sites.
-
-    The site `my` of the object is where the site `its` of the object `of` is, seen from above. Its x axis points the
-    other way, or is turned by `turn` [degrees] from that of the other site.
-    """
-
-    of: str
-    my: str
-    its: str
-    turn: Turn = 180.0
-
-
-def _form(value: Any) -> str:
-    return "[sites]" if isinstance(value, Mapping | Connection) else "[name]"
-
-
 class Relation(Section):
-    """One relation of an object to others; exactly one of the words is given.
+    """The base of all relations, with the answers of a kind that does not say otherwise.
 
-    `front_of`, `back_of`, `left_of`, `right_of` an object; `direction` [x, y] `of` an object; `near` an object;
-    `between` objects; `beside` an object, or joined to it at a site of each. docs/placement.md explains the options.
+    Each kind declares its keys in the order of the scene file, the word first, because hashes depend on the order.
 
-    Attributes of the relation, whatever the word:
-        kind: 'direction', 'near', 'between', 'beside' or 'joined'.
-        anchors: Names of the objects that it is relative to.
-        heading: Heading of its direction in its frame [rad], from x towards y; 0 without a direction.
-        half_angle: How far from that heading the object may lie [rad]; pi for all but 'direction'.
-        frame: The frame of its direction: 'anchor', 'support', 'world' or the name of an object.
-        low, high: Distance interval [m]; (0, inf) without a distance.
-        bounds: Whether the distance is measured between bounds rather than between origins.
-        width: Width of the strip around a line of anchors [m]; None for the shorter edge of the object's footprint.
-        gap: Gap between the bounds of objects that are beside each other [m]; see `site_gap`.
+    Attributes:
+        words: The keys that name the kind; a relation has exactly one of them.
+        least_anchors: Number of anchors that have to be present for the relation to apply.
+        reference_frame: The frame of its heading: 'support', 'world' or the name of an object.
+        half_angle: Greatest angle between the heading and the direction from the anchor to the object [rad].
+        low, high: Interval of the distance from the anchor [m].
+        by_bounds: Whether the region depends on the bounds of both objects.
+        has_own_width: Whether the region is as wide as the object itself.
     """
 
-    front_of: str | None = None
-    back_of: str | None = None
-    left_of: str | None = None
-    right_of: str | None = None
-    direction: Direction2 | None = None
-    near: str | None = None
-    between: Annotated[tuple[str, ...], Field(min_length=2, max_length=MAX_ANCHORS)] | None = None
-    beside: (
-        Annotated[Annotated[str, Tag("[name]")] | Annotated[Connection, Tag("[sites]")], Discriminator(_form)] | None
-    ) = None
-    of: str | None = None
-    angle: Annotated[Number, Field(gt=0.0, le=180.0)] | None = None
-    frame: str = "anchor"
-    distance: Distance | None = None
-    measure: Literal["origin", "bounds"] = "origin"
-    width: Width | None = None
-    side: Literal["left", "right", "front", "back"] | None = None
-    gap: Length = 0.01
+    words: ClassVar[tuple[str, ...]]
+    least_anchors: ClassVar[int] = 1
+    reference_frame: ClassVar[str] = "world"
+    half_angle: ClassVar[float] = math.pi
+    low: ClassVar[float] = 0.0
+    high: ClassVar[float] = math.inf
+    by_bounds: ClassVar[bool] = False
+    has_own_width: ClassVar[bool] = False
 
     @property
     def word(self) -> str:
-        """The word of `RELATION_WORDS` that is given."""
-        return self.given(RELATION_WORDS)[0]
+        """The word that is given."""
+        return self.given(self.words)[0]
 
     @property
-    def kind(self) -> Literal["direction", "near", "between", "beside", "joined"]:
-        """The kind of region that the relation describes."""
-        if self.near is not None:
-            return "near"
-        if self.between is not None:
-            return "between"
-        if isinstance(self.beside, Connection):
-            return "joined"
-        return "beside" if self.beside is not None else "direction"
+    def anchor_key(self) -> str:
+        """The key that names the anchors."""
+        return self.word
 
     @property
     def anchors(self) -> tuple[str, ...]:
         """Names of the objects that the relation is relative to."""
-        if self.between is not None:
-            return self.between
-        if isinstance(self.beside, Connection):
-            return (self.beside.of,)
-        return (getattr(self, "of" if self.direction is not None else self.word),)
+        return (getattr(self, self.anchor_key),)
+
+    @property
+    def references(self) -> list[tuple[str, str]]:
+        """The objects that the relation names: (key, name)."""
+        named = [(self.anchor_key, anchor) for anchor in self.anchors]
+        frame = [] if self.reference_frame in (*FRAMES, *self.anchors) else [("frame", self.reference_frame)]
+        return named + frame
+
+    @property
+    def summary(self) -> str:
+        """The relation in a line, as in 'right_of plate, at most 0.5 m'."""
+        return f"{self.word} {' and '.join(self.anchors)}"
 
     def heading(self, robots: Container[str]) -> float:
-        """Heading of the direction in its frame [rad], from x towards y; 0 without a direction.
+        """Return the heading of the direction in its frame [rad], from x towards y; 0 without a direction.
 
         Args:
             robots: Names of the scene's robots, which look along their +x.
         """
-        if self.direction is not None:
-            return math.atan2(self.direction[1], self.direction[0])
-        side = self.side or SIDES.get(self.word)
-        if side is None:
-            return 0.0
-        frame = self.anchors[0] if self.frame == "anchor" else self.frame
-        return (ROBOT_HEADINGS if frame in robots else HEADINGS)[side]
+        return 0.0
+
+    def excludes(self, other: Relation) -> bool:
+        """Return whether the regions of two relations have a line in common at most, in every world."""
+        return False
+
+    def _side_heading(self, side: str, robots: Container[str]) -> float:
+        return (ROBOT_HEADINGS if self.reference_frame in robots else HEADINGS)[side]
+
+    @classmethod
+    def _problem(cls, key: Any, valid: list[str]) -> PydanticCustomError:
+        words = [word for kind in KINDS if key in kind.model_fields for word in kind.words]
+        if words and key not in cls.misplaced:
+            return wrong(f"should stand only with {_listing(words)}, not with {_listing(cls.words)}")
+        return super()._problem(key, _known_keys())
+
+    @model_validator(mode="after")
+    def _has_one_word(self) -> Relation:
+        return check_one_of(self, self.words)
+
+
+class Sector(Relation):
+    """The base of the relations that leave a sector of the plane around one anchor, or a ring."""
+
+    if TYPE_CHECKING:
+        distance: Distance | None
+        measure: str
 
     @property
-    def half_angle(self) -> float:
-        """Greatest angle between the heading and the direction from the anchor to the object [rad]."""
-        if self.kind != "direction":
-            return math.pi
-        return math.radians(90.0 if self.angle is None else self.angle)
+    def reference_frame(self) -> str:
+        """The frame of the heading, by default the anchor."""
+        return self.anchors[0]
 
     @property
     def low(self) -> float:
@@ -204,48 +180,210 @@ class Relation(Section):
         return math.inf if self.distance is None else self.distance.high
 
     @property
-    def bounds(self) -> bool:
+    def by_bounds(self) -> bool:
         """Whether the distance is measured between bounds rather than between origins."""
         return self.measure == "bounds"
 
     @property
-    def site_gap(self) -> float:
-        """How far apart two joined sites are along the x axis of the other object's [m]: 0 unless it is given."""
-        return self.gap if "gap" in self.model_fields_set else 0.0
+    def summary(self) -> str:
+        """The relation in a line, with its distances."""
+        low = f", at least {self.low:g} m" if self.low > 0.0 else ""
+        high = f", at most {self.high:g} m" if self.high < math.inf else ""
+        return f"{super().summary}{low}{high}{' between bounds' if self.by_bounds else ''}"
+
+    @model_validator(mode="after")
+    def _measures_a_distance(self) -> Sector:
+        if self.distance is None and "measure" in self.model_fields_set:
+            raise wrong("should have a 'distance' with 'measure'")
+        return self
+
+
+class Direction(Sector):
+    """In a direction from an object, within `angle` [degrees] (90): on one of its sides, or in a `direction` [x, y].
+
+    Attributes:
+        of: The object that a `direction` is seen from.
+    """
+
+    words = ("front_of", "back_of", "left_of", "right_of", "direction")
+    front_of: str | None = None
+    back_of: str | None = None
+    left_of: str | None = None
+    right_of: str | None = None
+    direction: Direction2 | None = None
+    of: str | None = None
+    angle: Angle | None = None
+    frame: str = "anchor"
+    distance: Distance | None = None
+    measure: Literal["origin", "bounds"] = "origin"
 
     @property
-    def frame_object(self) -> str | None:
-        """The object that is the frame, or None."""
-        return None if self.frame in FRAMES else self.frame
+    def anchor_key(self) -> str:
+        """The key that names the anchor."""
+        return self.word if self.direction is None else "of"
 
-    def leaves_nothing_of(self, other: Relation) -> bool:
-        """Whether two directions from one anchor, in one frame, have a line in common at most."""
-        if {self.kind, other.kind} != {"direction"} or (self.anchors, self.frame) != (other.anchors, other.frame):
+    @property
+    def half_angle(self) -> float:
+        """Greatest angle between the heading and the direction from the anchor to the object [rad]."""
+        return math.radians(90.0 if self.angle is None else self.angle)
+
+    @property
+    def reference_frame(self) -> str:
+        """The frame of the direction: 'support', 'world' or the name of an object."""
+        return self.anchors[0] if self.frame == "anchor" else self.frame
+
+    def heading(self, robots: Container[str]) -> float:
+        """Return the heading of the direction in its frame [rad]."""
+        if self.direction is not None:
+            return math.atan2(self.direction[1], self.direction[0])
+        return self._side_heading(self.word.removesuffix("_of"), robots)
+
+    def excludes(self, other: Relation) -> bool:
+        """Return whether two directions from one anchor, in one frame, have a line in common at most."""
+        if not isinstance(other, Direction) or (self.anchors, self.frame) != (other.anchors, other.frame):
             return False
         apart = abs(math.remainder(self.heading(()) - other.heading(()), 2.0 * math.pi))
         return apart > self.half_angle + other.half_angle - _LEAST_ANGLE
 
     @model_validator(mode="after")
-    def _agrees_with_itself(self) -> Relation:
-        word = check_one_of(self, RELATION_WORDS).word
-        for option, words in _OPTIONS.items():
-            if option in self.model_fields_set and getattr(self, option) is not None and word not in words:
-                raise wrong(f"should have '{option}' only with {_listing(words)}, not with '{word}'")
+    def _is_seen_from_an_object(self) -> Direction:
         if self.direction is not None and self.of is None:
             raise wrong("should name the object that 'direction' is relative to, with 'of'")
-        if self.kind == "joined" and (given := [w for w in ("side", "frame") if w in self.model_fields_set]):
-            raise wrong(f"should have no '{given[0]}' where 'beside' names sites, which say where it is")
-        if self.kind == "beside" and self.side is None:
-            raise wrong("should have a 'side' with 'beside': left, right, front or back")
-        if self.near is not None and self.high == math.inf:
+        if self.of is not None and self.direction is None:
+            raise wrong(f"should have 'of' only with 'direction', not with '{self.word}'")
+        return self
+
+
+class Near(Sector):
+    """All around an object, up to a greatest distance."""
+
+    words = ("near",)
+    near: str
+    distance: Distance | None = None
+    measure: Literal["origin", "bounds"] = "origin"
+
+    @model_validator(mode="after")
+    def _is_limited(self) -> Near:
+        if self.high == math.inf:
             raise wrong("should have a 'distance' with 'max' or 'equal' with 'near'")
-        if self.distance is None and "measure" in self.model_fields_set:
-            raise wrong("should have a 'distance' with 'measure'")
-        if self.between is not None and len(set(self.between)) < len(self.between):
+        return self
+
+
+class Between(Relation):
+    """Within the hull of objects; on a strip where they lie on a line.
+
+    The strip is `width` [m] wide, by default as wide as the shorter edge of the object's footprint.
+    """
+
+    words = ("between",)
+    least_anchors = 2
+    between: Anchors
+    width: Width | None = None
+
+    @property
+    def anchors(self) -> tuple[str, ...]:
+        """Names of the objects."""
+        return self.between
+
+    @property
+    def has_own_width(self) -> bool:
+        """Whether the strip is as wide as the object itself."""
+        return self.width is None
+
+    @model_validator(mode="after")
+    def _names_everything_once(self) -> Between:
+        if len(set(self.between)) < len(self.between):
             raise wrong("should name every object of 'between' once")
         return self
 
 
-def _listing(words: tuple[str, ...]) -> str:
-    *others, last = (f"'{word}'" for word in words)
+class Connection(Section):
+    """Two sites at which an object is joined to another one.
+
+    The site `my` of the object is where the site `its` of the object `of` is, seen from above. Its x axis points the
+    other way, or is turned by `turn` [degrees] from that of the other site.
+    """
+
+    of: str
+    my: str
+    its: str
+    turn: Turn = 180.0
+
+
+class Joined(Relation):
+    """Joined to an object at a site of each; the sites are `gap` [m] (0) apart along the x axis of the other one."""
+
+    words = ("beside",)
+    misplaced = dict.fromkeys(("side", "frame"), "should be left out where 'beside' names sites, which say where it is")
+    anchor_key: ClassVar[str] = "beside.of"
+    beside: Connection
+    gap: Length | None = None
+
+    @property
+    def anchors(self) -> tuple[str, ...]:
+        """The other object."""
+        return (self.beside.of,)
+
+    @property
+    def summary(self) -> str:
+        """The two sites."""
+        return f"{self.beside.my} at {self.beside.its} of {self.beside.of}"
+
+
+class Beside(Relation):
+    """Side by side with an object: bounds are `gap` [m] apart, and the narrower ones within the span of the wider."""
+
+    words = ("beside",)
+    by_bounds = True
+    beside: str
+    frame: str = "anchor"
+    side: Literal["left", "right", "front", "back"] = Field(None, validate_default=True)
+    gap: Length = 0.01
+
+    @property
+    def reference_frame(self) -> str:
+        """The frame of the side: 'support', 'world' or the name of an object."""
+        return self.beside if self.frame == "anchor" else self.frame
+
+    @property
+    def summary(self) -> str:
+        """The object, the side and the gap."""
+        return f"beside {self.beside}, {self.side}, gap {self.gap:g} m"
+
+    def heading(self, robots: Container[str]) -> float:
+        """Return the heading of the side in its frame [rad]."""
+        return self._side_heading(self.side, robots)
+
+
+def _of_its_kind(value: Any) -> Relation:
+    """Return a relation from its keys, as the kind that its word names."""
+    if not isinstance(value, Mapping):
+        return value if isinstance(value, Relation) else Direction.model_validate(value)
+    known = _known_keys()
+    if set(value) <= set(known):
+        check_one_of(value, RELATION_WORDS)
+    given = {key for key in known if value.get(key) is not None}
+    kind = next((kind for kind in KINDS if given.intersection(kind.words)), Direction)
+    if kind is Beside and isinstance(value["beside"], Mapping | Connection):
+        kind = Joined
+    unset = set(known) - given - set(kind.model_fields)
+    return kind.model_validate({k: v for k, v in value.items() if k not in unset})
+
+
+AnyRelation = Annotated[Direction | Near | Between | Beside | Joined, BeforeValidator(_of_its_kind)]
+"""A relation of any kind."""
+Relations = Annotated[tuple[AnyRelation, ...], Field(max_length=MAX_RELATIONS)]
+"""The relations of one object."""
+KINDS: tuple[type[Relation], ...] = get_args(get_args(AnyRelation)[0])
+"""The classes of relations."""
+RELATION_WORDS = tuple(dict.fromkeys(word for kind in KINDS for word in kind.words))
+"""Words of which a relation has exactly one."""
+
+
+def _known_keys() -> list[str]:
+    return list(dict.fromkeys(key for kind in KINDS for key in kind.model_fields))
+
+
+def _listing(words: Iterable[str]) -> str:
+    *others, last = (f"'{word}'" for word in dict.fromkeys(words))
     return f"{', '.join(others)} or {last}" if others else last

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 from pydantic import ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
 from sceniris_gym.config.fields import ROBOT, Clearance, Gap, Point3, Turn, wrong
-from sceniris_gym.config.limits import MAX_RELATIONS
 from sceniris_gym.config.loader import ROBOT_FORMS
 from sceniris_gym.config.objects import JointConfig, ObjectConfig, RegionConfig
 from sceniris_gym.config.orientation import Orientation
-from sceniris_gym.config.relations import Relation
+from sceniris_gym.config.relations import Relations
 from sceniris_gym.config.section import Section, check_one_of
 
 _BASE = ("base", "roll", "pitch", "yaw")
@@ -83,7 +82,7 @@ class RobotConfig(Section):
     inside: str | None = None
     in_: str | None = Field(default=None, alias="in")
     region: RegionConfig | None = None
-    relations: Annotated[tuple[Relation, ...], Field(max_length=MAX_RELATIONS)] = ()
+    relations: Relations = ()
     orientation: Orientation | None = None
     gap: Gap = 0.0005
     _called: str | None = PrivateAttr(None)

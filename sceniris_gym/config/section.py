@@ -56,12 +56,12 @@ class Section(BaseModel):
         return [word for word in words if getattr(self, word) is not None]
 
 
-_PartT = TypeVar("_PartT", bound=Section)
+_PartT = TypeVar("_PartT", bound=Section | Mapping)
 
 
 def check_one_of(part: _PartT, words: tuple[str, ...]) -> _PartT:
-    """Return the part if exactly one of the fields `words` is given; otherwise raise an error."""
-    given = part.given(words)
+    """Return a section, or its keys, if exactly one of `words` is given; otherwise raise an error."""
+    given = part.given(words) if isinstance(part, Section) else [word for word in words if part.get(word) is not None]
     if len(given) != 1:
         has = " and ".join(given) if given else "none"
         raise wrong(f"should have exactly one of {', '.join(words)}, but has {has}")

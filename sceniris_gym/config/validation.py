@@ -114,7 +114,7 @@ def _check_body(scene: SceneNames, name: str, part: ObjectConfig, where: str) ->
             "Give it an asset or another orientation."
         )
     for i, relation in enumerate(part.relations):
-        if relation.kind == "between" and relation.width is None:
+        if relation.has_own_width:
             raise SceneKeyError(
                 f"{where}: objects.{name}.relations.{i}.width: is missing. A marker without an asset is a point and "
                 "has no width of its own."

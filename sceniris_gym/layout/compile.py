@@ -265,7 +265,7 @@ def _infeasible(compiled: CompiledScene, probe: LayoutGenerator) -> InfeasibleSc
         leaning,
         orientation if orientation in ("any", "stable") else None,
         obstruction,
-        None if part is None else next((r.anchors[0] for r in part.relations if r.kind == "joined"), None),
+        None if part is None else part.joined_to,
     )
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from functools import singledispatch
 
 import numpy as np
 import shapely
@@ -10,15 +12,17 @@ from shapely.affinity import affine_transform
 from shapely.geometry import LineString, MultiPoint, MultiPolygon, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from sceniris_gym.config.relations import Relation
+from sceniris_gym.config.relations import Beside, Between, Joined, Relation, Sector
 from sceniris_gym.geometry.supports import SupportSurface, triangulate
 from sceniris_gym.program.pack.relations import relations_of
 from sceniris_gym.viewer.overhead import is_covered_rightly
 from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.sketch import GREY, PALETTE, Sketch
 
+Standing = tuple[np.ndarray, np.ndarray]
+"""Place of an object, its pivot [m] and heading [rad], and its bounds around the pivot [m], as in `Plan`."""
 _FAR = 20.0  # m; a relation without a greatest distance is drawn so far
-_ARC = 64  # segments of a half circle
+_ARC = 128  # segments of a half circle
 _LINE = 0.002  # m; a line is drawn so wide to both sides
 _ALIKE = 0.75  # of the larger of two regions that share their words, and their surface
 _MOST_NAMED = 5
@@ -117,39 +121,71 @@ def _in_world(world: ShownWorld, surface: SupportSurface) -> tuple[MultiPolygon,
 
 def relation_area(world: ShownWorld, name: str, relation: Relation) -> BaseGeometry | None:
     """Return the area of the plane that a relation leaves for an object; None where it does not apply."""
-    anchors = [anchor for anchor in relation.anchors if world.is_shown(anchor)]
-    if len(anchors) < (2 if relation.kind == "between" else 1):
+    frames = [other for key, other in relation.references if key == "frame"]
+    anchors = [world.standing(anchor) for anchor in relation.anchors if world.is_shown(anchor)]
+    if len(anchors) < relation.least_anchors or not all(map(world.is_shown, frames)):
         return None
-    places = {anchor: world.standing(anchor) for anchor in anchors}
-    own = world.standing(name)[1]
-    if relation.kind == "between":
-        width = min(own[2] - own[0], own[3] - own[1]) if relation.width is None else relation.width
-        hull = MultiPoint([places[anchor][0][:2] for anchor in anchors]).convex_hull
-        if isinstance(hull, Polygon):
-            return hull
-        return hull.buffer(width / 2.0, cap_style="flat" if isinstance(hull, LineString) else "square")
-    (x, y, _, _), bounds = places[anchors[0]]
-    if relation.kind == "joined":
-        return Point(*world.standing(name)[0][:2]).buffer(_SITE)
-    axis = relation.heading(world.compiled.config.all_robots) + frame_heading(world, name, relation)
-    if relation.kind == "beside":
-        return _beside(world, name, relation, axis)
-    low, high = relation.low, min(relation.high, _FAR)
-    if relation.bounds:
-        low -= _outside(bounds) + _outside(own)
-        high += _radius(bounds) + _radius(own)
-    return _wedge(np.array([x, y]), axis, relation.half_angle, max(low, 0.0), high)
+    heading = relation.heading(world.compiled.config.all_robots) + _frame_heading(world, name, relation)
+    return area_of(relation, world.standing(name), anchors, heading)
 
 
-def frame_heading(world: ShownWorld, name: str, relation: Relation) -> float:
-    """Return the heading [rad] of the frame of a relation's direction."""
-    if relation.frame == "world":
+def _frame_heading(world: ShownWorld, name: str, relation: Relation) -> float:
+    """Return the heading [rad] of a relation's frame."""
+    if relation.reference_frame == "world":
         return 0.0
-    if relation.frame == "support":
+    if relation.reference_frame == "support":
         ground = world.placed(name).ground
         mat = world.data.xmat[0 if ground is None else ground]
         return math.atan2(mat[3], mat[0])
-    return float(world.standing(relation.anchors[0] if relation.frame == "anchor" else relation.frame)[0][3])
+    return float(world.standing(relation.reference_frame)[0][3])
+
+
+@singledispatch
+def area_of(relation: Relation, own: Standing, anchors: Sequence[Standing], heading: float) -> BaseGeometry:
+    """Return the area of the plane that a relation leaves for an object.
+
+    Args:
+        relation: The relation.
+        own: How the object stands.
+        anchors: How the anchors that are present stand.
+        heading: The heading [rad] of the relation in the world.
+    """
+    raise NotImplementedError(f"no area of {type(relation).__name__}")
+
+
+@area_of.register
+def _sector(relation: Sector, own: Standing, anchors: Sequence[Standing], heading: float) -> BaseGeometry:
+    (place, bounds), low, high = anchors[0], relation.low, min(relation.high, _FAR)
+    if relation.by_bounds:
+        low -= _outside(bounds) + _outside(own[1])
+        high += _radius(bounds) + _radius(own[1])
+    return _wedge(place[:2], heading, relation.half_angle, max(low, 0.0), high)
+
+
+@area_of.register
+def _between(relation: Between, own: Standing, anchors: Sequence[Standing], heading: float) -> BaseGeometry:
+    hull = MultiPoint([place[:2] for place, _ in anchors]).convex_hull
+    if isinstance(hull, Polygon):
+        return hull
+    width = relation.width or min(own[1][2:] - own[1][:2])
+    return hull.buffer(width / 2.0, cap_style="flat" if isinstance(hull, LineString) else "square")
+
+
+@area_of.register
+def _joined(relation: Joined, own: Standing, anchors: Sequence[Standing], heading: float) -> BaseGeometry:
+    return Point(*own[0][:2]).buffer(_SITE)
+
+
+@area_of.register
+def _beside(relation: Beside, own: Standing, anchors: Sequence[Standing], heading: float) -> BaseGeometry:
+    """Return the line of pivots whose bounds are the gap apart, the narrower within the wider."""
+    side = np.array([math.cos(heading), math.sin(heading)])
+    along = np.array([-side[1], side[0]])
+    offset = _extent(anchors[0], side)[1] + relation.gap - _extent(own, side)[0]
+    wide, narrow = _extent(anchors[0], along), _extent(own, along)
+    ends = sorted([wide[0] - narrow[0], wide[1] - narrow[1]])
+    middle = anchors[0][0][:2] + offset * side
+    return LineString([middle + ends[0] * along, middle + ends[1] * along]).buffer(_LINE)
 
 
 def _wedge(apex: np.ndarray, axis: float, half_angle: float, low: float, high: float) -> BaseGeometry:
@@ -161,20 +197,9 @@ def _wedge(apex: np.ndarray, axis: float, half_angle: float, low: float, high: f
     return Polygon(np.concatenate([apex + high * rays, inner]))
 
 
-def _beside(world: ShownWorld, name: str, relation: Relation, axis: float) -> BaseGeometry:
-    """The line of pivots whose bounds are the gap apart, the narrower within the wider."""
-    (anchor_place, anchor), (own_place, own) = world.standing(relation.anchors[0]), world.standing(name)
-    side = np.array([math.cos(axis), math.sin(axis)])
-    along = np.array([-side[1], side[0]])
-    offset = _extent(anchor, anchor_place[3], side)[1] + relation.gap - _extent(own, own_place[3], side)[0]
-    wide, narrow = _extent(anchor, anchor_place[3], along), _extent(own, own_place[3], along)
-    ends = sorted([wide[0] - narrow[0], wide[1] - narrow[1]])
-    middle = anchor_place[:2] + offset * side
-    return LineString([middle + ends[0] * along, middle + ends[1] * along]).buffer(_LINE)
-
-
-def _extent(bounds: np.ndarray, heading: float, along: np.ndarray) -> tuple[float, float]:
-    """How far bounds reach along a direction of the world, from their origin [m]."""
+def _extent(standing: Standing, along: np.ndarray) -> tuple[float, float]:
+    """Return how far bounds reach along a direction of the world, from their origin [m]."""
+    (*_, heading), bounds = standing
     c, s = math.cos(heading), math.sin(heading)
     corners = np.array([[x, y] for x in bounds[[0, 2]] for y in bounds[[1, 3]]]) @ np.array([[c, s], [-s, c]])
     reach = corners @ along

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from shapely.geometry import MultiPolygon, Point, Polygon
 
-from sceniris_gym.config.relations import Connection, Relation
+from sceniris_gym.config.relations import Sector
 from sceniris_gym.geometry.supports import triangulate
 from sceniris_gym.viewer.regions import relation_area
 from sceniris_gym.viewer.shown import ShownWorld
@@ -36,7 +36,7 @@ def sketch_relations(world: ShownWorld, only: str | None = None) -> Sketch:
             anchors = [world.standing(a)[0][:3] for a in relation.anchors if world.is_shown(a)]
             height = float(at[2]) + number * _LIFT
             seen = area
-            if relation.high == math.inf and relation.kind == "direction":
+            if isinstance(relation, Sector) and relation.high == math.inf:
                 far = float(np.linalg.norm(at[:2] - anchors[0][:2])) + _BEYOND
                 seen = area.intersection(Point(*anchors[0][:2]).buffer(far))
             triangles = triangulate(MultiPolygon([p for p in shapely.get_parts(seen) if isinstance(p, Polygon)]))
@@ -46,7 +46,7 @@ def sketch_relations(world: ShownWorld, only: str | None = None) -> Sketch:
             for anchor in relation.anchors:
                 if world.is_shown(anchor):
                     sketch.arrows.append((np.stack([_tail(world, anchor, tip), tip]), colour))
-            sketch.words.append((f"{name}: {describe(relation)}", tip + [0.0, 0.0, _LINE * (i + 1)]))
+            sketch.words.append((f"{name}: {relation.summary}", tip + [0.0, 0.0, _LINE * (i + 1)]))
     return sketch
 
 
@@ -67,17 +67,3 @@ def _tail(world: ShownWorld, anchor: str, tip: np.ndarray) -> np.ndarray:
     ends = np.where(far > 0.0, high[:2], low[:2]) - tail[:2]
     share = np.divide(ends, far, out=np.ones(2), where=far != 0.0).min()
     return tail + np.clip(share, 0.0, 1.0) * (tip - tail)
-
-
-def describe(relation: Relation) -> str:
-    """Say a relation in a line, as in 'right_of plate, at most 0.5 m'."""
-    words = f"{relation.word} {' and '.join(relation.anchors)}"
-    if relation.side is not None:
-        words = f"beside {relation.anchors[0]}, {relation.side}, gap {relation.gap:g} m"
-    if isinstance(relation.beside, Connection):
-        words = f"{relation.beside.my} at {relation.beside.its} of {relation.anchors[0]}"
-    if relation.low > 0.0:
-        words += f", at least {relation.low:g} m"
-    if relation.high < math.inf:
-        words += f", at most {relation.high:g} m"
-    return words + (" between bounds" if relation.bounds else "")

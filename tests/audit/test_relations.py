@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sceniris_gym.audit import relations
 from sceniris_gym.audit.auditor import Auditor
+from sceniris_gym.config.relations import KINDS, Relation
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.scene.model import build_model
@@ -123,3 +125,8 @@ def test_sites_that_should_meet_are_found_where_they_are(tmp_path: Path):
         assert found["m"].worst == pytest.approx(metres, abs=1e-6)
         assert found["rad"].worst == pytest.approx(radians, abs=1e-6)
         assert (found["m"].broken, found["rad"].broken) == (metres > 0.0, radians > 0.0)
+
+
+def test_every_kind_of_relation_is_judged():
+    """By a measure of its own, or by that of its base."""
+    assert all(relations._missed.dispatch(kind) is not relations._missed.dispatch(Relation) for kind in KINDS)

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from sceniris_gym.config.relations import Relation
+from sceniris_gym.config.relations import KINDS, Beside, Between, Direction, Joined, Near
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, ScenirisError, UnknownNameError
-from tests.config.scenes import NEAR, NEIGHBOURS, SMALL, only, refusal, refused
+from tests.config.scenes import NEAR, NEIGHBOURS, SMALL, only, refusal, refused, related
 
 RIGHT, BACK, LEFT, FRONT = 0.0, math.pi / 2, math.pi, -math.pi / 2
 
@@ -30,9 +30,9 @@ RIGHT, BACK, LEFT, FRONT = 0.0, math.pi / 2, math.pi, -math.pi / 2
 def test_a_directional_word_is_a_heading_in_the_anchor_s_frame(words: dict, heading: float):
     """The half-plane on that side, at any distance between origins."""
     relation = only(words)
-    assert (relation.kind, relation.anchors, relation.frame) == ("direction", ("cabinet",), "anchor")
+    assert (type(relation), relation.anchors, relation.reference_frame) == (Direction, ("cabinet",), "cabinet")
     assert (relation.heading(()), relation.half_angle) == pytest.approx((heading, math.pi / 2))
-    assert (relation.low, relation.high, relation.bounds) == (0.0, math.inf, False)
+    assert (relation.low, relation.high, relation.by_bounds) == (0.0, math.inf, False)
 
 
 @pytest.mark.parametrize(
@@ -52,15 +52,16 @@ def test_options_of_a_direction_are_carried():
         {"left_of": "cabinet", "angle": 30, "frame": "mug", "distance": {"min": 0.2, "max": 1}, "measure": "bounds"}
     )
     assert relation.half_angle == pytest.approx(math.radians(30))
-    assert (relation.frame, relation.frame_object) == ("mug", "mug")
-    assert (relation.low, relation.high, relation.bounds) == (0.2, 1.0, True)
-    assert [only({"near": "mug", "distance": {"max": 1}}).frame_object] == [None]
+    assert relation.reference_frame == "mug"
+    assert relation.references == [("left_of", "cabinet"), ("frame", "mug")]
+    assert (relation.low, relation.high, relation.by_bounds) == (0.2, 1.0, True)
+    assert only({"near": "post", "distance": {"max": 1}}).references == [("near", "post")]
 
 
 @pytest.mark.parametrize("frame", ["anchor", "support", "world", "cabinet", "mug", "post", "goal"])
 def test_a_frame_is_a_word_or_an_object(frame: str):
     """Every object, placed or not, and the anchor itself by its name."""
-    assert only({"left_of": "cabinet", "frame": frame}).frame == frame
+    assert only({"left_of": "cabinet", "frame": frame}).reference_frame == ("cabinet" if frame == "anchor" else frame)
 
 
 @pytest.mark.parametrize(
@@ -83,32 +84,40 @@ def test_a_distance_is_an_interval(distance: dict, low: float, high: float):
 def test_near_is_all_around_within_a_distance():
     """At most so far, or about so far."""
     relation = only({"near": "post", "distance": {"min": 0.1, "max": 0.3}})
-    assert (relation.kind, relation.anchors, relation.half_angle) == ("near", ("post",), math.pi)
+    assert (type(relation), relation.anchors, relation.half_angle) == (Near, ("post",), math.pi)
     assert (relation.low, relation.high) == (0.1, 0.3)
-    assert only({"near": "post", "distance": {"equal": 0.3}, "measure": "bounds"}).bounds
+    assert only({"near": "post", "distance": {"equal": 0.3}, "measure": "bounds"}).by_bounds
 
 
 def test_between_has_two_to_eight_anchors():
     """And a width, by default the object's own."""
     relation = only({"between": ["cabinet", "mug"]})
-    assert (relation.kind, relation.anchors, relation.width) == ("between", ("cabinet", "mug"), None)
-    assert only({"between": ["cabinet", "mug", "post"], "width": 0.1}).width == 0.1
+    assert isinstance(relation, Between)
+    assert (relation.anchors, relation.width, relation.has_own_width) == (("cabinet", "mug"), None, True)
+    assert not only({"between": ["cabinet", "mug", "post"], "width": 0.1}).has_own_width
 
 
 @pytest.mark.parametrize(("side", "heading"), [("left", LEFT), ("right", RIGHT), ("front", FRONT), ("back", BACK)])
 def test_beside_has_a_side_and_a_gap(side: str, heading: float):
     """The gap is 1 cm by default; the frame turns the side."""
     relation = only({"beside": "cabinet", "side": side})
-    assert (relation.kind, relation.anchors, relation.gap) == ("beside", ("cabinet",), 0.01)
+    assert isinstance(relation, Beside)
+    assert (relation.anchors, relation.gap) == (("cabinet",), 0.01)
     assert relation.heading(()) == pytest.approx(heading)
-    assert only({"beside": "cabinet", "side": side, "gap": 0, "frame": "world"}).gap == 0.0
+    turned = only({"beside": "cabinet", "side": side, "gap": 0, "frame": "world"})
+    assert isinstance(turned, Beside)
+    assert (turned.gap, turned.reference_frame) == (0.0, "world")
 
 
 def test_relations_made_in_python_are_judged_by_themselves():
     """Errors name the class where there is no file."""
-    assert Relation(front_of="mug", angle=45.0).half_angle == pytest.approx(math.pi / 4)
-    with pytest.raises(SceneKeyError, match=r"Relation: scene: .*should have exactly one of front_of"):
-        Relation(front_of="mug", near="cup")
+    assert Direction(front_of="mug", angle=45.0).half_angle == pytest.approx(math.pi / 4)
+    with pytest.raises(SceneKeyError, match=r"Direction: scene: .*should have exactly one of front_of"):
+        Direction(front_of="mug", back_of="cup")
+    with pytest.raises(
+        SceneKeyError, match=r"Direction: near: 'cup' should stand only with 'near', not with 'front_of'"
+    ):
+        Direction(front_of="mug", near="cup")  # type: ignore[call-arg]
 
 
 WRONG: dict[str, tuple] = {
@@ -127,8 +136,16 @@ WRONG: dict[str, tuple] = {
     "of without a direction": ([{"front_of": "mug", "of": "mug"}], SceneKeyError, ["'of' only with 'direction'"]),
     "an angle of 0": ([{"front_of": "mug", "angle": 0}], SceneKeyError, ["relations.0.angle: 0", "above 0"]),
     "an angle of 181": ([{"front_of": "mug", "angle": 181}], SceneKeyError, ["0.angle: 181", "at most 180"]),
-    "an angle of near": ([{**NEAR, "angle": 9}], SceneKeyError, ["'angle' only with 'front_of'", "not with 'near'"]),
-    "a frame of near": ([{**NEAR, "frame": "world"}], SceneKeyError, ["'frame' only with", "not with 'near'"]),
+    "an angle of near": (
+        [{**NEAR, "angle": 9}],
+        SceneKeyError,
+        ["0.angle: 9 should stand only with 'front_of'", "not with 'near'"],
+    ),
+    "a frame of near": (
+        [{**NEAR, "frame": "world"}],
+        SceneKeyError,
+        ["0.frame: 'world' should stand only with", "not with 'near'"],
+    ),
     "near anywhere": ([{"near": "mug"}], SceneKeyError, ["'distance' with 'max' or 'equal'"]),
     "near but far": ([{"near": "mug", "distance": {"min": 1}}], SceneKeyError, ["'distance' with 'max' or 'equal'"]),
     "a number for a distance": ([{"near": "mug", "distance": 1}], SceneKeyError, ["0.distance: 1", "mapping of keys"]),
@@ -182,13 +199,25 @@ WRONG: dict[str, tuple] = {
     "a distance of between": (
         [{"between": ["mug", "cabinet"], "distance": {"max": 1}}],
         SceneKeyError,
-        ["'distance' only with", "not with 'between'"],
+        ["0.distance: {'max': 1} should stand only with", "not with 'between'"],
     ),
     "no width": ([{"between": ["mug", "cabinet"], "width": 0}], SceneKeyError, ["0.width: 0", "above 0"]),
-    "a width of near": ([{**NEAR, "width": 1}], SceneKeyError, ["'width' only with 'between', not with 'near'"]),
-    "beside anywhere": ([{"beside": "mug"}], SceneKeyError, ["'side' with 'beside': left, right, front or back"]),
+    "a width of near": (
+        [{**NEAR, "width": 1}],
+        SceneKeyError,
+        ["0.width: 1 should stand only with 'between', not with 'near'"],
+    ),
+    "beside anywhere": (
+        [{"beside": "mug"}],
+        SceneKeyError,
+        ["0.side: None should be 'left', 'right', 'front' or 'back'"],
+    ),
     "an unknown side": ([{"beside": "mug", "side": "lft"}], SceneKeyError, ["0.side: 'lft'", "mean 'left'"]),
-    "a side of near": ([{**NEAR, "side": "left"}], SceneKeyError, ["'side' only with 'beside'"]),
+    "a side of near": (
+        [{**NEAR, "side": "left"}],
+        SceneKeyError,
+        ["0.side: 'left' should stand only with 'beside', not with 'near'"],
+    ),
     "a negative gap": ([{"beside": "mug", "side": "left", "gap": -1}], SceneKeyError, ["0.gap: -1", "at least 0"]),
     "no sites": ([{"beside": {"of": "mug", "my": "end"}}], SceneKeyError, ["0.beside.its: is missing"]),
     "a word of no connection": (
@@ -200,14 +229,18 @@ WRONG: dict[str, tuple] = {
     "a side of sites": (
         [{"beside": {"of": "mug", "my": "end", "its": "end"}, "side": "left"}],
         SceneKeyError,
-        ["no 'side' where"],
+        ["0.side: 'left' should be left out where 'beside' names sites"],
     ),
     "joined to nothing": (
         [{"beside": {"of": "mgu", "my": "end", "its": "end"}}],
         UnknownNameError,
         ["0.beside.of", "mean 'mug'"],
     ),
-    "a gap of near": ([{**NEAR, "gap": 0.1}], SceneKeyError, ["'gap' only with 'beside', not with 'near'"]),
+    "a gap of near": (
+        [{**NEAR, "gap": 0.1}],
+        SceneKeyError,
+        ["0.gap: 0.1 should stand only with 'beside', not with 'near'"],
+    ),
 }
 
 
@@ -247,7 +280,39 @@ def test_what_is_joined_has_no_orientation_of_its_own_and_is_joined_once():
 def test_joined_sites_are_as_far_apart_as_the_gap_that_is_given():
     """By default they coincide, while bounds are 1 cm apart."""
     beside = {"of": "post", "my": "end", "its": "end"}
-    assert only({"beside": beside}).kind == "joined"
-    assert only({"beside": beside}).anchors == ("post",)
-    assert only({"beside": beside}).site_gap == 0.0
-    assert only({"beside": beside, "gap": 0.2}).site_gap == 0.2
+    relation = only({"beside": beside})
+    assert isinstance(relation, Joined)
+    assert (relation.references, relation.gap) == ([("beside.of", "post")], None)
+    assert only({"beside": beside, "gap": 0.2}) == relation.model_copy(update={"gap": 0.2})
+
+
+def test_a_gap_between_sites_is_part_of_the_hash_whatever_it_is():
+    """One of 1 cm too, which is the default between bounds: sites that coincide make other layouts."""
+    beside = {"of": "post", "my": "end", "its": "end"}
+    words = [related({"beside": beside, **gap}).canonical() for gap in ({}, {"gap": 0.01}, {"gap": 0.02})]
+    assert len(set(words)) == 3
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_kind_of_relation_has_its_words_as_keys(kind: type):
+    """Each is a class, with a line that says what it is."""
+    assert kind.__doc__
+    assert set(kind.words) <= set(kind.model_fields)
+
+
+def test_keys_of_other_words_may_be_null():
+    """As when a scene that is based on another one takes them back."""
+    near = {"near": "mug", "distance": {"max": 1}}
+    assert only({**near, "front_of": None, "angle": None}) == only(near)
+    assert related({**near, "front_of": None}).canonical() == related(near).canonical()
+
+
+def test_relations_are_said_in_a_line():
+    """The word, its anchors, and its distance."""
+    assert only({"between": ["mug", "post"]}).summary == "between mug and post"
+    ring = {"right_of": "mug", "distance": {"min": 0.1, "max": 0.5}}
+    assert only(ring).summary == "right_of mug, at least 0.1 m, at most 0.5 m"
+    near = {"near": "mug", "measure": "bounds", "distance": {"max": 0.3}}
+    assert only(near).summary == "near mug, at most 0.3 m between bounds"
+    assert only({"beside": "post", "side": "front", "gap": 0.03}).summary == "beside post, front, gap 0.03 m"
+    assert only({"beside": {"of": "post", "my": "end", "its": "tip"}}).summary == "end at tip of post"

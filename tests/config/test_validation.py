@@ -137,7 +137,7 @@ def test_markers_may_be_related():
         NEIGHBOURS,
         {"objects.goal.relations": [NEAR, {"between": ["cabinet", "mug"], "width": 0.1}, {"left_of": "post"}]},
     ).objects["goal"]
-    assert [relation.kind for relation in goal.relations] == ["near", "between", "direction"]
+    assert [relation.word for relation in goal.relations] == ["near", "between", "left_of"]
 
 
 def test_a_circle_of_references_is_an_error_that_names_it():

@@ -18,7 +18,7 @@ from sceniris_gym import errors
 from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.objects import JointConfig, ObjectConfig, RegionConfig
 from sceniris_gym.config.orientation import Orientation, Stable
-from sceniris_gym.config.relations import Distance, Relation
+from sceniris_gym.config.relations import KINDS, Connection, Distance
 from sceniris_gym.config.robot import RobotConfig, TcpConfig
 from sceniris_gym.config.scene import Floor, SceneConfig
 from sceniris_gym.program.checks import oddities
@@ -29,7 +29,7 @@ PAGE = FOLDER / "placement.md"
 EXAMPLES = read_examples(PAGE)
 PARTS = (
     *(SceneConfig, Floor, RobotConfig, TcpConfig, ObjectConfig, RegionConfig, JointConfig, GroupConfig),
-    *(Relation, Distance, Orientation, Stable),
+    *(*KINDS, Connection, Distance, Orientation, Stable),
 )
 NOT_EXPLAINED = {"name", "objects", "asset"}  # what is no matter of placement
 

@@ -15,6 +15,29 @@ from tests.layout.scenes import box_mjcf, compile_on_cpu, write_mjcf
 
 FLOOR = {"size": [2.0, 2.0]}
 GENTLE = 0.03  # half width [m] of the box that keeps anchors near the middle
+SIDES = ("left", "right", "front", "back")
+ONE_ANCHOR: dict[str, tuple[dict[str, Any], int]] = {
+    **{f"{side} of": ({f"{side}_of": "a"}, 1) for side in SIDES},
+    **{
+        f"{frame} frame": ({"left_of": "a", "frame": frame, "angle": 20}, 1)
+        for frame in ("anchor", "support", "world", "b")
+    },
+    **{f"angle of {angle}": ({"left_of": "a", "angle": angle}, 1) for angle in (5, 45, 120, 175, 180)},
+    **{f"{side} across": ({f"{side}_of": "a", "angle": 60, "frame": "world"}, 1) for side in SIDES},
+    "direction": ({"direction": [-1, -0.1], "of": "a", "angle": 33}, 1),
+    "near": ({"near": "a", "distance": {"min": 0.1, "max": 0.4}}, 1),
+    "equal": ({"near": "a", "distance": {"equal": 0.3}}, 1),
+    "equal within 1 mm": ({"near": "a", "distance": {"equal": 0.3, "tolerance": 0.001}}, 1),
+    "slice of a ring": ({"left_of": "a", "angle": 40, "distance": {"min": 0.2, "max": 0.5}}, 2),
+    "far": ({"back_of": "a", "distance": {"min": 0.6}}, 2),
+    "near by bounds": ({"near": "a", "measure": "bounds", "distance": {"min": 0.05, "max": 0.1}}, 1),
+    "equal by bounds": ({"near": "a", "measure": "bounds", "distance": {"equal": 0.1}}, 1),
+    "side by bounds": ({"front_of": "a", "measure": "bounds", "distance": {"min": 0.02, "max": 0.1}}, 2),
+    **{f"beside {side}": ({"beside": "a", "side": side, "gap": 0.02}, 1) for side in SIDES},
+    **{f"beside {side} in the world": ({"beside": "a", "side": side, "frame": "world"}, 1) for side in SIDES},
+    "beside in another's frame": ({"beside": "a", "side": "left", "frame": "b"}, 1),
+}
+"""Relations of an object to `a`, some in the frame of `b`, and how many measures the audit takes of each."""
 
 
 def odd_mjcf(folder: Path, name: str, scale: float = 1.0) -> str:

@@ -10,7 +10,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from sceniris_gym.audit.outlines import Outline
-from sceniris_gym.config.relations import Relation
+from sceniris_gym.config.relations import Between, Relation
 
 _SEGMENTS = 32  # of a quarter circle
 _ENDLESS = 10.0  # m
@@ -36,17 +36,17 @@ def region(relation: Relation, own: Outline, anchors: Mapping[str, Outline], row
         support: heading of what the object stands on [rad].
     """
     at = [anchors[name].pivot[row, :2] for name in relation.anchors]
-    if relation.kind == "between":
+    if isinstance(relation, Between):
         hull = shapely.MultiPoint(at).convex_hull
         if relation.width is None or hull.minimum_rotated_rectangle.buffer(-5e-4).area > 0:
             return hull
         ends = max(combinations(at, 2), key=lambda pair: np.linalg.norm(pair[0] - pair[1]))
         return shapely.LineString(ends).buffer(relation.width / 2, cap_style="flat")
-    heading = {"anchor": anchors[relation.anchors[0]].heading[row], "support": support, "world": 0.0}
-    turned = heading[relation.frame] if relation.frame in heading else anchors[relation.frame].heading[row]
+    heading, frame = {"support": support, "world": 0.0}, relation.reference_frame
+    turned = heading[frame] if frame in heading else anchors[frame].heading[row]
     area = wedge(at[0], relation.heading(()) + turned, relation.half_angle)
     core = shapely.Point(at[0])
-    if relation.bounds:
+    if relation.by_bounds:
         theirs = anchors[relation.anchors[0]].corners()[row]
         mine = own.corners()[row] - own.pivot[row, :2]
         core = shapely.MultiPoint((theirs[:, None] - mine[None]).reshape(-1, 2)).convex_hull

@@ -17,11 +17,10 @@ from sceniris_gym.layout.tables import make_table
 from sceniris_gym.placement import relations
 from sceniris_gym.program.device import RelationType
 from sceniris_gym.program.pack import relations as pack_relations
-from tests.layout.related import Shapes, judged, near_middle, related, scene, table_of
+from tests.layout.related import ONE_ANCHOR, Shapes, judged, near_middle, related, scene, table_of
 from tests.versions import since_4
 
 N = 1000
-SIDES = ("left", "right", "front", "back")
 
 
 @pytest.fixture(scope="module")
@@ -39,29 +38,6 @@ def relations_hold(objects: dict[str, Any], words: int, n: int = N) -> None:
     mine = [k for k in kept if k.name == "q" and k.word not in ("yaw", "upright", "present")]
     assert len(mine) == words
     assert all(k.checked == n for k in mine)
-
-
-ONE_ANCHOR = {
-    **{f"{side} of": ({f"{side}_of": "a"}, 1) for side in SIDES},
-    **{
-        f"{frame} frame": ({"left_of": "a", "frame": frame, "angle": 20}, 1)
-        for frame in ("anchor", "support", "world", "b")
-    },
-    **{f"angle of {angle}": ({"left_of": "a", "angle": angle}, 1) for angle in (5, 45, 120, 175, 180)},
-    **{f"{side} across": ({f"{side}_of": "a", "angle": 60, "frame": "world"}, 1) for side in SIDES},
-    "direction": ({"direction": [-1, -0.1], "of": "a", "angle": 33}, 1),
-    "near": ({"near": "a", "distance": {"min": 0.1, "max": 0.4}}, 1),
-    "equal": ({"near": "a", "distance": {"equal": 0.3}}, 1),
-    "equal within 1 mm": ({"near": "a", "distance": {"equal": 0.3, "tolerance": 0.001}}, 1),
-    "slice of a ring": ({"left_of": "a", "angle": 40, "distance": {"min": 0.2, "max": 0.5}}, 2),
-    "far": ({"back_of": "a", "distance": {"min": 0.6}}, 2),
-    "near by bounds": ({"near": "a", "measure": "bounds", "distance": {"min": 0.05, "max": 0.1}}, 1),
-    "equal by bounds": ({"near": "a", "measure": "bounds", "distance": {"equal": 0.1}}, 1),
-    "side by bounds": ({"front_of": "a", "measure": "bounds", "distance": {"min": 0.02, "max": 0.1}}, 2),
-    **{f"beside {side}": ({"beside": "a", "side": side, "gap": 0.02}, 1) for side in SIDES},
-    **{f"beside {side} in the world": ({"beside": "a", "side": side, "frame": "world"}, 1) for side in SIDES},
-    "beside in another's frame": ({"beside": "a", "side": "left", "frame": "b"}, 1),
-}
 
 
 @pytest.mark.parametrize("name", ONE_ANCHOR)

@@ -26,33 +26,21 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.scene.layout_table import LayoutTable
-from tests.layout.related import Shapes, near_middle, related
+from tests.layout.related import ONE_ANCHOR, Shapes, near_middle, related
 
 _FLOOR = {"size": [2.0, 2.0]}
-_SIDES = ("front", "back", "left", "right")
-_RING = {"min": 0.2, "max": 0.6}
 
 # Relations of the object `q` to `a` (an L), `b` (a bar) and `c` (a cube), whose poses are sampled in every layout.
 RELATIONS: dict[str, tuple[dict[str, Any], ...]] = {
-    **{f"{side}_of": ({f"{side}_of": "a"},) for side in _SIDES},
-    "direction": ({"direction": [-1, -0.1], "of": "a", "angle": 33},),
-    **{f"angle {angle}": ({"left_of": "a", "angle": angle},) for angle in (2, 45, 120, 180)},
-    "angle across 180": ({"left_of": "a", "frame": "world", "angle": 60},),
-    **{f"frame {frame}": ({"left_of": "a", "frame": frame, "angle": 20},) for frame in ("anchor", "support", "world")},
-    "frame of an object": ({"left_of": "a", "frame": "b", "angle": 20},),
-    "near": ({"near": "a", "distance": {"max": 0.3}},),
-    "distance min": ({"back_of": "a", "distance": {"min": 0.6}},),
+    **{word: (relation,) for word, (relation, _) in ONE_ANCHOR.items()},
+    "angle of 2": ({"left_of": "a", "angle": 2},),
+    "near, max": ({"near": "a", "distance": {"max": 0.3}},),
     "distance max": ({"left_of": "a", "angle": 40, "distance": {"max": 0.5}},),
-    "distance min and max": ({"near": "a", "distance": _RING},),
-    "distance equal": ({"near": "a", "distance": {"equal": 0.3}},),
-    "tolerance of 1 mm": ({"near": "a", "distance": {"equal": 0.3, "tolerance": 0.001}},),
-    "measure bounds": ({"near": "a", "measure": "bounds", "distance": {"min": 0.05, "max": 0.1}},),
-    "measure bounds, equal": ({"front_of": "a", "measure": "bounds", "distance": {"equal": 0.1}},),
+    "distance min and max": ({"near": "a", "distance": {"min": 0.2, "max": 0.6}},),
+    "side by bounds, equal": ({"front_of": "a", "measure": "bounds", "distance": {"equal": 0.1}},),
     "between two, width": ({"between": ["a", "b"], "width": 0.2},),
     "between two": ({"between": ["a", "b"]},),
     "between three": ({"between": ["a", "b", "c"]},),
-    **{f"beside {side}": ({"beside": "a", "side": side, "gap": 0.02},) for side in _SIDES},
-    "beside in the world": ({"beside": "a", "side": "left", "frame": "world"},),
     "two relations": ({"front_of": "a", "distance": {"min": 0.2}}, {"right_of": "b", "angle": 80}),
     "four relations": (
         {"front_of": "a", "distance": {"min": 0.1}},
@@ -96,7 +84,7 @@ def scenes(shapes: Shapes) -> dict[str, dict[str, Any]]:
     by_it = {**inside, "relations": [{"near": "a", "distance": {"max": 0.1}}]}
     found["in a drawer"] = _scene({"case": case, "a": inside, "q": by_it})
     found["measure bounds, drawn joints"] = _scene(
-        {"a": {**case, "joints": {"*": {"fraction": [0, 1]}}}, "q": related(shapes.bar, *RELATIONS["measure bounds"])}
+        {"a": {**case, "joints": {"*": {"fraction": [0, 1]}}}, "q": related(shapes.bar, *RELATIONS["near by bounds"])}
     )
     box = {"region": {"box": [[-0.9, -0.9, 0.3], [0.9, 0.9, 0.6]]}, "orientation": "any"}
     found["in space"] = _scene({**anchors, "q": {"asset": shapes.odd, **box, "relations": list(near)}})

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import shapely
 from shapely.geometry import Point
 
-from sceniris_gym.viewer.regions import region_left, sketch_regions
+from sceniris_gym.config.relations import KINDS, Relation
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.viewer.deck import LayoutDeck, Where
+from sceniris_gym.viewer.regions import area_of, region_left, relation_area, sketch_regions
+from sceniris_gym.viewer.shown import ShownWorld
+from tests.layout.related import ONE_ANCHOR, Shapes, near_middle, related
 from tests.viewer.worlds_on_show import world_of
 
 SCENES = ["mid", "hard_plus", "kitchen", "table_top", "clutter_push"]
@@ -50,6 +58,28 @@ def test_what_no_roof_covers_is_no_inside():
             heights = [height for area, height in region_left(world, name) if not area.is_empty]
             assert heights
             assert max(heights) < top - 0.01
+
+
+def test_pivots_are_in_the_area_of_every_relation(tmp_path: Path):
+    """In that which is drawn. The things touch nothing, so that all of them are in one scene."""
+    shapes = Shapes(tmp_path, airy=True)
+    objects = {"a": near_middle(shapes.odd), "b": near_middle(shapes.bar, 0.8, 0.8)}
+    words = [*(relation for relation, _ in ONE_ANCHOR.values()), {"between": ["a", "b"]}]
+    things = {f"q{i}": related(shapes.odd, relation) for i, relation in enumerate(words)}
+    compiled = compile_scene(SceneConfig.load({"floor": {"size": [2.0, 2.0]}, "objects": {**objects, **things}}), "cpu")
+    deck = LayoutDeck(compiled, 1)
+    for seed in range(5):
+        world = ShownWorld(compiled, deck.make(Where(seed=seed)), stands=deck.stands("train"))
+        for name in things:
+            (relation,) = compiled.config.objects[name].relations
+            area = relation_area(world, name, relation)
+            assert area is not None
+            assert area.buffer(1e-3).contains(Point(*world.standing(name)[0][:2])), relation
+
+
+def test_every_kind_of_relation_has_an_area():
+    """Of its own, or that of its base."""
+    assert all(area_of.dispatch(kind) is not area_of.dispatch(Relation) for kind in KINDS)
 
 
 def test_relations_cut_the_region():

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sceniris_gym.config.relations import Connection, Relation
+from sceniris_gym.config.relations import Joined
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.program.plan import PlacedObject, Plan
@@ -18,43 +18,48 @@ _UPRIGHT = 1e-2
 
 
 @dataclass(frozen=True)
-class Joined:
-    """How one object is joined to another, seen from above and with both headings 0.
+class JoinedSites:
+    """The sites at which one object is joined to another, seen from above and with both headings 0.
 
     Attributes:
-        at: Where the sites meet, from the pivot of the other object [m], shape (2,): at its site, or a gap along the x
-            axis of that.
-        own: The object's own site from its pivot [m], shape (2,).
-        turn: What is added to the heading of the other object to get that of this one [rad].
+        to: The other object.
+        at: Position at which the sites meet, from the pivot of the other object [m], shape (2,): that of its site,
+            moved by the gap along the x axis of the site.
+        own: Position of the object's own site from its pivot [m], shape (2,).
+        turn: The angle that is added to the heading of the other object to get that of this one [rad].
     """
 
+    to: str
     at: np.ndarray
     own: np.ndarray
     turn: float
 
+    @property
+    def sites(self) -> np.ndarray:
+        """Both positions, shape (4,)."""
+        return np.hstack([self.at, self.own])
 
-def joined(scene: SceneModel, plan: Plan, name: str, relation: Relation, where: str) -> Joined:
-    """Work out how an object is joined.
+
+def joined_sites(scene: SceneModel, plan: Plan, name: str, relation: Joined, where: str) -> JoinedSites:
+    """Return how an object is joined.
 
     Args:
         scene: The scene.
         plan: Its plan.
         name: The object.
-        relation: One of its relations, of the kind 'joined'.
-        where: Begins errors: the relation.
+        relation: Its relation to the other object.
+        where: The relation's key, with which errors begin.
 
     Raises:
         UnknownNameError: An object has no such site.
-        SceneKeyError: A site that joints of the object move, whose x axis is vertical, or of an object that is not
-            placed upright.
+        SceneKeyError: Joints of the object move a site, its x axis is vertical, or the object is not placed upright.
     """
     words = relation.beside
-    assert isinstance(words, Connection)
     its, its_yaw = _site(scene, plan, words.of, words.its, f"{where}.beside.its")
     own, own_yaw = _site(scene, plan, name, words.my, f"{where}.beside.my")
-    at = its + relation.site_gap * np.array([math.cos(its_yaw), math.sin(its_yaw)])
+    at = its + (relation.gap or 0.0) * np.array([math.cos(its_yaw), math.sin(its_yaw)])
     turn = math.remainder(its_yaw + math.radians(words.turn) - own_yaw, 2.0 * math.pi)
-    return Joined(at, own, turn)
+    return JoinedSites(words.of, at, own, turn)
 
 
 def _site(scene: SceneModel, plan: Plan, name: str, word: str, where: str) -> tuple[np.ndarray, float]:

@@ -16,7 +16,7 @@ from sceniris_gym.geometry.ragged import addressed, ranges
 from sceniris_gym.program.couplings import coupling_arrays
 from sceniris_gym.program.device import Cover, Measure, ObjectKind, OrientationType
 from sceniris_gym.program.pack.pairs import PairRules
-from sceniris_gym.program.pack.relations import has_own_width, joints_of, relations_of
+from sceniris_gym.program.pack.relations import joints_of, relations_of
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.scene.model import SceneModel
@@ -91,7 +91,6 @@ def _orientations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
     upright = DrawnOrientation("yaw", (0.0, 0.0))
     drawn = [o.config.drawn_orientation if o.config is not None else upright for o in plan.objects]
     joints = joints_of(scene, plan)
-    beside = {o.name: r.anchors[0] for o in plan.objects for r in relations_of(o) if r.kind == "joined"}
     yaws = [(joints[o.name].turn,) * 2 if o.name in joints else d.yaw for o, d in zip(plan.objects, drawn, strict=True)]
     variants, fields = addressed("obj_variant", (o.variants for o in plan.objects))
     shares = [s for o in plan.objects for s in np.cumsum([v.probability for v in o.variants])]
@@ -100,7 +99,7 @@ def _orientations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
         "obj_target": np.array([plan.slots.index(d.target) if d.target else 0 for d in drawn], int),
         "obj_yaw": np.reshape(yaws, (-1, 2)),
         "obj_beside": np.array(
-            [plan.slots.index(beside[o.name]) if o.name in beside else -1 for o in plan.objects], int
+            [plan.slots.index(joints[o.name].to) if o.name in joints else -1 for o in plan.objects], int
         ),
         **fields,
         "variant_quat": np.reshape([v.quat for v in variants], (-1, 4)),
@@ -165,10 +164,10 @@ def _measured(plan: Plan, o: PlacedObject) -> Measure:
         return Measure.WHOLE
     if not o.joint_ranges:
         return Measure.NOTHING
-    if o.erosion > 0.0 or any(has_own_width(r) for r in relations_of(o)):
+    if o.erosion > 0.0 or any(r.has_own_width for r in relations_of(o)):
         return Measure.WHOLE
     seen = [r for other in plan.objects for r in relations_of(other) if o.name in (other.name, *r.anchors)]
-    return Measure.WHOLE if any(r.bounds or r.kind == "beside" for r in seen) else Measure.LOWEST
+    return Measure.WHOLE if any(r.by_bounds for r in seen) else Measure.LOWEST
 
 
 def _address(mjm: mujoco.MjModel, body: int, kind: ObjectKind) -> int:

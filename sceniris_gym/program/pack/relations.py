@@ -7,64 +7,60 @@ import math
 import numpy as np
 
 from sceniris_gym.config.limits import MAX_CORNERS
-from sceniris_gym.config.relations import Relation
+from sceniris_gym.config.relations import Beside, Between, Joined, Relation, Sector
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry.ragged import ranges
 from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, ObjectKind, RelationType
-from sceniris_gym.program.pack.joining import Joined, joined
+from sceniris_gym.program.pack.joining import JoinedSites, joined_sites
 from sceniris_gym.program.plan import PlacedObject, Plan
 from sceniris_gym.scene.model import SceneModel
 
 _TYPES = {
-    "direction": RelationType.SECTOR,
-    "near": RelationType.SECTOR,
-    "between": RelationType.BETWEEN,
-    "beside": RelationType.BESIDE,
-    "joined": RelationType.JOINED,
+    Sector: RelationType.SECTOR,
+    Between: RelationType.BETWEEN,
+    Beside: RelationType.BESIDE,
+    Joined: RelationType.JOINED,
 }
-_FRAMES = {"support": FRAME_SUPPORT, "world": FRAME_WORLD}
 _NO_LIMIT = 1.0e30
 # A ring is cut into slices of at most 30 degrees, of as many as this: chord and tangent of a slice hold about
 # radius * angle^2 / 4 more than its width, which is kept below that width.
 _SLICE = math.pi / 6.0
 MOST_SLICES = 256
-"""Slices that a ring is cut into, at most."""
+"""Greatest number of slices that a ring is cut into."""
 
 
 def pack_relations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
-    """Fields `rel_*`, and which of them each object has.
+    """Return the fields `rel_*`, and which of them each object has.
 
     Raises:
-        SceneKeyError: an object with relations that do not fit together, or into the polygons of the device.
+        SceneKeyError: An object has relations that do not fit together, or into the polygons of the device.
     """
+    owned = [(o, relation) for o in plan.objects for relation in relations_of(o)]
     relations, reladr, relnum = ranges(relations_of(o) for o in plan.objects)
+    slots = {name: slot for slot, name in enumerate(plan.slots)}
+    anchors, anchoradr, anchornum = ranges([slots[a] for a in r.anchors] for r in relations)
+    frames = {"support": FRAME_SUPPORT, "world": FRAME_WORLD, **slots}
     joints = joints_of(scene, plan)
-    anchors, anchoradr, anchornum = ranges([plan.slots.index(a) for a in r.anchors] for r in relations)
     for o in plan.objects:
         _check_size(scene, o)
     return {
         "obj_reladr": reladr,
         "obj_retry_if_empty": np.array([_insists(o) for o in plan.objects]),
         "obj_relnum": relnum,
-        "rel_type": np.array([_TYPES[r.kind] for r in relations], int),
+        "rel_type": np.array([_type(r) for r in relations], int),
         "rel_anchoradr": anchoradr,
         "rel_anchornum": anchornum,
         "rel_anchor": np.array(anchors, int),
-        "rel_frame": np.array([_frame(r, plan.slots) for r in relations], int),
+        "rel_frame": np.array([frames[r.reference_frame] for r in relations], int),
         "rel_heading": np.array([r.heading(scene.config.all_robots) for r in relations], float),
         "rel_half_angle": np.array([r.half_angle for r in relations], float),
         "rel_low": np.array([r.low for r in relations], float),
         "rel_high": np.array([min(r.high, _NO_LIMIT) for r in relations], float),
-        "rel_bounds": np.array([r.bounds for r in relations], int),
-        "rel_width": np.array([-1.0 if r.width is None else r.width for r in relations], float),
-        "rel_gap": np.array([r.gap for r in relations], float),
+        "rel_bounds": np.array([r.by_bounds for r in relations], int),
+        "rel_width": np.array([r.width or -1.0 if isinstance(r, Between) else -1.0 for r in relations], float),
+        "rel_gap": np.array([r.gap if isinstance(r, Beside) else 0.0 for r in relations], float),
         "rel_sites": np.reshape(
-            [
-                np.zeros(4) if r.kind != "joined" else np.hstack([joints[o.name].at, joints[o.name].own])
-                for o in plan.objects
-                for r in relations_of(o)
-            ],
-            (-1, 4),
+            [joints[o.name].sites if isinstance(r, Joined) else np.zeros(4) for o, r in owned], (-1, 4)
         ),
         "rel_sideadr": np.array([a for o in plan.objects for a in _side_addresses(relations_of(o))], int),
         "rel_piecenum": np.array([region_pieces(r) for r in relations], int),
@@ -72,33 +68,27 @@ def pack_relations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
 
 
 def relations_of(o: PlacedObject) -> tuple[Relation, ...]:
-    """The relations that an object is placed by."""
+    """Return the relations that an object is placed by."""
     return o.config.relations if o.config is not None and o.kind != ObjectKind.STATIC else ()
 
 
-def joints_of(scene: SceneModel, plan: Plan) -> dict[str, Joined]:
-    """How objects are joined to others at sites, by their names.
+def joints_of(scene: SceneModel, plan: Plan) -> dict[str, JoinedSites]:
+    """Return how objects are joined to others at sites, by their names.
 
     Raises:
-        UnknownNameError, SceneKeyError: As `joined`.
+        UnknownNameError, SceneKeyError: As `joined_sites`.
     """
-    found = {}
-    for o in plan.objects:
-        for i, relation in enumerate(relations_of(o)):
-            if relation.kind == "joined":
-                where = f"{scene.config.where}: objects.{o.name}.relations.{i}"
-                found[o.name] = joined(scene, plan, o.name, relation, where)
-    return found
-
-
-def has_own_width(relation: Relation) -> bool:
-    """Whether the strip of a `between` is as wide as the object itself."""
-    return relation.kind == "between" and relation.width is None
+    return {
+        o.name: joined_sites(scene, plan, o.name, relation, f"{scene.config.where}: objects.{o.name}.relations.{i}")
+        for o in plan.objects
+        for i, relation in enumerate(relations_of(o))
+        if isinstance(relation, Joined)
+    }
 
 
 def region_pieces(relation: Relation) -> int:
-    """How many convex pieces a relation is cut into."""
-    if relation.kind in ("between", "beside", "joined"):
+    """Return how many convex pieces a relation is cut into."""
+    if not isinstance(relation, Sector):
         return 1
     angle = math.pi
     if relation.low > 0.0 or relation.high < math.inf:
@@ -129,14 +119,12 @@ def _insists(o: PlacedObject) -> bool:
         or bool(o.joint_ranges)
         or (o.config is not None and o.config.drawn_orientation.kind == "any")
     )
-    by_bounds = any(r.bounds or r.kind == "beside" or (varies and has_own_width(r)) for r in relations_of(o))
+    by_bounds = any(r.by_bounds or (varies and r.has_own_width) for r in relations_of(o))
     return by_bounds or o.erosion > 0.0 or len({id(surfaces) for surfaces in o.surfaces}) > 1
 
 
-def _frame(relation: Relation, slots: tuple[str, ...]) -> int:
-    if relation.frame == "anchor":
-        return slots.index(relation.anchors[0])
-    return _FRAMES[relation.frame] if relation.frame in _FRAMES else slots.index(relation.frame)
+def _type(relation: Relation) -> RelationType:
+    return next(found for kind, found in _TYPES.items() if isinstance(relation, kind))
 
 
 def _check_size(scene: SceneModel, o: PlacedObject) -> None:
@@ -150,13 +138,13 @@ def _check_size(scene: SceneModel, o: PlacedObject) -> None:
     if (
         o.config is not None
         and o.config.drawn_orientation.kind == "face_to"
-        and any(r.kind == "beside" for r in relations_of(o))
+        and any(isinstance(r, Beside) for r in relations_of(o))
     ):
         raise SceneKeyError(
             f"{where}: 'beside' depends on how the object is turned, and 'face_to' on where it is. Use one of them."
         )
     for i, relation in enumerate(relations_of(o)):
-        if has_own_width(relation) and max(v.short_edge for v in o.variants) == 0.0:
+        if relation.has_own_width and max(v.short_edge for v in o.variants) == 0.0:
             raise SceneKeyError(
                 f"{where}.{i}.width: is missing. '{o.name}' has nothing that collides, so no bounds and no width of "
                 "its own."

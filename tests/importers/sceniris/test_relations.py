@@ -19,15 +19,15 @@ from tests.importers.sceniris.configurations import ONE, QUARTER_TURN, mug, read
 def test_the_default_frame_is_the_support_s():
     """The original turns a direction with the support unless it is told otherwise, and so does what is read."""
     found = relation({"anchor_object_ids": ["drawer"], "direction": "front"})
-    assert (found.kind, found.anchors, found.frame) == ("direction", ("drawer",), "support")
+    assert (found.word, found.anchors, found.reference_frame) == ("front_of", ("drawer",), "support")
     assert (found.heading(()), found.half_angle) == pytest.approx((-math.pi / 2, math.pi / 2))
-    assert (found.low, found.high, found.bounds) == (0.0, math.inf, False)
+    assert (found.low, found.high, found.by_bounds) == (0.0, math.inf, False)
 
 
 @pytest.mark.parametrize(
     ("transform", "frame", "heading"),
     [
-        ("drawer", "anchor", 0.0),
+        ("drawer", "drawer", 0.0),
         ("apple", "apple", 0.0),
         ("world", "world", 0.0),
         (None, "support", 0.0),
@@ -45,7 +45,7 @@ def test_a_frame_turns_the_direction(transform: Any, frame: str, heading: float)
         config, left_out = read(cfg)
         (found,) = config.objects["mug"].relations
         assert left_out == []
-        assert found.frame == frame
+        assert found.reference_frame == frame
         assert found.heading(()) == pytest.approx(heading)
 
 
@@ -82,16 +82,16 @@ def test_a_distance_is_a_limit_or_a_band(direction: str | None, distance: dict, 
 def test_a_distance_from_bounds_is_measured_between_bounds():
     """`distance_start_bbox`, with and without a distance."""
     bounds = {"anchor_object_ids": ["drawer"], "direction": "left", "distance_start_bbox": True}
-    assert relation(bounds | {"distance": 0.3, "distance_type": "less"}).bounds
+    assert relation(bounds | {"distance": 0.3, "distance_type": "less"}).by_bounds
     assert relation(bounds).low == pytest.approx(0.01)
-    assert not relation(bounds | {"distance_start_bbox": False, "max_mesh_projection_z": 0.5}).bounds
+    assert not relation(bounds | {"distance_start_bbox": False, "max_mesh_projection_z": 0.5}).by_bounds
 
 
 @pytest.mark.parametrize("keys", [{"direction": "middle"}, {"distance_type": "middle"}, {}])
 def test_several_anchors_are_between(keys: dict):
     """In all the ways in which the original says it."""
     found = relation({"anchor_object_ids": ["drawer", "apple"], "direction_tolerance_angle": 10, **keys})
-    assert (found.kind, found.anchors) == ("between", ("drawer", "apple"))
+    assert (found.word, found.anchors) == ("between", ("drawer", "apple"))
 
 
 LEFT_OUT: dict[str, tuple] = {

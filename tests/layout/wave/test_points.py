@@ -11,7 +11,6 @@ from scipy import stats
 
 from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.audit.geometry import poses_of
-from sceniris_gym.audit.relations import support_headings
 from sceniris_gym.layout.tables import make_table
 from tests.layout.related import Shapes, scene
 from tests.oracle.regions import region
@@ -42,7 +41,7 @@ class Drawn:
         outlines = Auditor(self.compiled.mjm, self.compiled.config, self.compiled.scene.bodies).outlines
         self.poses = poses_of(self.compiled.mjm, table)
         self.seen = {name: outlines.outline(name, self.poses) for name in objects}
-        self.under = support_headings(self.compiled.config, self.poses, self.compiled.mjm, self.compiled.scene.bodies)
+        self.under = outlines.support_heading(self.poses)
 
     def surface(self, body: str, corners: list[tuple[float, float]]) -> np.ndarray:
         """A polygon [m] of a body's own frame in each layout, seen from above, shape (N,)."""

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sceniris_gym.config.relations import Joined
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, ScenirisError, UnknownNameError
-from sceniris_gym.program.pack.joining import joined
+from sceniris_gym.program.pack.joining import joined_sites
 from tests.program.scenes import Packed, pack, scene_of
 
 BLOCK = """
@@ -33,8 +34,10 @@ def test_sites_are_measured_from_pivots_at_heading_zero(tmp_path: Path):
     """The pivot is below the middle of the box, 30 cm beside the root, and the lid does not move it."""
     packed = blocks(tmp_path, {"my": "front", "its": "front"}, gap=0.05)
     relation = packed.scene.config.objects["b"].relations[0]
-    found = joined(packed.scene, packed.plan, "b", relation, "here")
+    assert isinstance(relation, Joined)
+    found = joined_sites(packed.scene, packed.plan, "b", relation, "here")
     pivot = packed.object("a").variants[0].pivot
+    assert found.to == "a"
     assert found.own == pytest.approx([0.3 - pivot[0], -0.1 - pivot[1]])
     assert found.at == pytest.approx(found.own + [0.0, -0.05])
     assert abs(found.turn) == pytest.approx(np.pi)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import shapely
 
-from sceniris_gym.config.relations import Relation
+from sceniris_gym.config.relations import Beside, Between, Direction, Near, Sector
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, RelationType
 from sceniris_gym.program.pack.relations import MOST_SLICES, region_pieces
@@ -95,7 +95,7 @@ def test_a_side_is_its_direction(side: str, folder: Path):
         assert packed.plan.slots[row["frame"]] == "post"
 
 
-def _slices(relation: Relation) -> list[shapely.Polygon]:
+def _slices(relation: Sector) -> list[shapely.Polygon]:
     """The slices of a sector about the origin: between two rays, the inner arc's chord and the outer one's tangent."""
     n = region_pieces(relation)
     half = relation.half_angle / n
@@ -124,8 +124,8 @@ def _slices(relation: Relation) -> list[shapely.Polygon]:
 @pytest.mark.parametrize("angle", [None, 10, 90, 135], ids=str)
 def test_slices_hold_their_ring_and_little_more(distance: dict, angle: float | None):
     """By areas: all of the ring is in them, and half of them is ring; they are convex, apart and 30 degrees at most."""
-    words: dict[str, Any] = {"near": "a"} if angle is None else {"front_of": "a", "angle": angle}
-    relation = Relation.model_validate({**words, "distance": distance})
+    words: dict[str, Any] = {"distance": distance}
+    relation = Near(near="a", **words) if angle is None else Direction(front_of="a", angle=angle, **words)
     half, low, high = relation.half_angle, relation.low, relation.high
     turn = np.linspace(-half, half, 4001)
     arcs = [np.stack([r * np.cos(t), r * np.sin(t)], axis=1) for r, t in ((high, turn), (low, turn[::-1]))]
@@ -141,11 +141,11 @@ def test_slices_hold_their_ring_and_little_more(distance: dict, angle: float | N
 def test_slices_are_never_more_than_there_is_room_for_nor_wider_than_half_a_turn():
     """The thinnest ring has the most; without a distance two half planes are all around, and one is a half."""
     thinnest = {"near": "a", "distance": {"equal": 100.0, "tolerance": 1e-4}}
-    assert region_pieces(Relation.model_validate(thinnest)) == MOST_SLICES
-    counts = [region_pieces(Relation.model_validate({"front_of": "a", "angle": a})) for a in (1, 90, 91, 180)]
+    assert region_pieces(Near.model_validate(thinnest)) == MOST_SLICES
+    counts = [region_pieces(Direction(front_of="a", angle=a)) for a in (1, 90, 91, 180)]
     assert counts == [1, 1, 2, 2]
-    assert region_pieces(Relation.model_validate({"between": ["a", "b"]})) == 1
-    assert region_pieces(Relation.model_validate({"beside": "a", "side": "left"})) == 1
+    assert region_pieces(Between(between=("a", "b"))) == 1
+    assert region_pieces(Beside(beside="a", side="left")) == 1
 
 
 INSISTS = {
