@@ -123,7 +123,7 @@ LIMITS = {
     Path("program/checks/distance.py"),
     Path("program/checks/parking.py"),
     Path("program/checks/regions.py"),
-    Path("program/pack/relations.py"),
+    Path("program/checks/relations.py"),
     Path("scene/parking.py"),
 }
 ELSEWHERE = ("audit", "commands", "dataset", "pictures", "training", "importers")
