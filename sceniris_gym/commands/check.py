@@ -1,4 +1,4 @@
-"""The `check` command: says why a scene is hard, by the rejections per object and cause."""
+"""The `check` command: tells why a scene is hard, by its rejections per object and cause."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from sceniris_gym.commands.narrowing import narrow
-from sceniris_gym.layout.blame import obstructions
+from sceniris_gym.layout.blame import obstructions, recording
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.tables import read_table
 from sceniris_gym.program.compiled import CompiledScene
@@ -15,9 +15,9 @@ from sceniris_gym.program.compiled import CompiledScene
 def check(compiled: CompiledScene, layouts: int, seed: int, picture: Path | None = None) -> dict:
     """Make layouts, and return the share of valid ones and the rejections per object and cause.
 
-    For a scene with `reachable`, also measure how much that narrows where objects lie, and draw it if asked.
+    For a scene with `reachable`, also measure how much that narrows where objects lie, and draw it into `picture`.
     """
-    generator = LayoutGenerator(compiled, layouts, seed=seed)
+    generator = recording(LayoutGenerator(compiled, layouts, seed=seed))
     generator.generate()
     table = read_table(generator)
     return {
@@ -30,8 +30,8 @@ def check(compiled: CompiledScene, layouts: int, seed: int, picture: Path | None
         "first_pass_valid": float(table.first_pass_valid.mean()),
         "attempts_per_layout": float(table.attempts.mean()),
         "rejections": generator.rejection_counts(),
-        "in_the_way": {name: str(found) for name, found in obstructions(compiled, "train").items()},
-        **narrow(compiled, layouts, seed, picture),
+        "in_the_way": obstructions(generator),
+        **narrow(compiled, layouts, seed, picture, made=generator),
     }
 
 

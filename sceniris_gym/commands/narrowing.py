@@ -1,8 +1,7 @@
-"""How much `reachable` narrows where objects lie: compares a scene with it and without, in numbers and a picture.
+"""The effect of `reachable` on where objects lie: compares a scene with it and without, in numbers and a picture.
 
-The share that is kept is measured on one set of candidates, so apart from chance it does not depend on their number:
-it is the share of the layouts made without `reachable` in which the arm's map accepts a grasp of the object. For the
-tiers `ik` and `clear` it is multiplied by the share of finished layouts that passed them.
+The share of candidates that is kept is that of the layouts made without `reachable` in which the arm's map accepts a
+grasp of the object. For the tiers `ik` and `clear` it is multiplied by the share of finished layouts that passed them.
 """
 
 from __future__ import annotations
@@ -24,6 +23,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.tables import read_table
 from sceniris_gym.pictures.render import save
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.body_poses import body_poses
 from sceniris_gym.scene.layout_table import LayoutTable
 
 _REASONS = ("unreachable", "no_ik", "blocked")
@@ -36,7 +36,7 @@ _COLOURS = ((214, 96, 36), (38, 110, 184), (62, 140, 74), (150, 78, 158), (186, 
 
 @dataclass(frozen=True)
 class Narrowing:
-    """Where the objects that should be reachable lie, without `reachable` and with it.
+    """Positions of the objects that should be reachable, without `reachable` and with it.
 
     Attributes:
         before: Object name -> its world positions [m] in the layouts with it, shape (n, 2), without `reachable`.
@@ -44,8 +44,7 @@ class Narrowing:
         kept: Object name -> share of its candidates that `reachable` accepts.
         rejections: Rejections per object and cause, with `reachable`.
         bases: Position [m] and heading [rad] of the bases of robots that stand where they are, shape (n, 3).
-        lower: Corner of all that is drawn [m], shape (2,).
-        upper: The opposite corner [m], shape (2,).
+        lower, upper: Opposite corners of the picture [m], shape (2,).
     """
 
     before: Mapping[str, np.ndarray]
@@ -68,14 +67,17 @@ class Narrowing:
         }
 
 
-def narrow(compiled: CompiledScene, layouts: int, seed: int, path: Path | None = None) -> dict:
-    """Return what the commands print: `narrowing`, and `picture` if one was drawn; nothing without `reachable`.
+def narrow(
+    compiled: CompiledScene, layouts: int, seed: int, path: Path | None = None, made: LayoutGenerator | None = None
+) -> dict:
+    """Return the entries that commands print: `narrowing`, and `picture` if one was drawn; none without `reachable`.
 
     Args:
         compiled: The compiled scene.
         layouts: Number of layouts to make with `reachable`, and as many without.
         seed: Seed of the first layout.
-        path: Where to write a picture; None for no picture.
+        path: The file of the picture; None for no picture.
+        made: A generator of the compiled scene that has made these layouts already.
 
     Raises:
         SceneKeyError: A picture is asked for, but no object of the scene has `reachable`.
@@ -87,41 +89,40 @@ def narrow(compiled: CompiledScene, layouts: int, seed: int, path: Path | None =
                 "Add it, e.g. with --set objects.apple.reachable=map, or leave out --picture."
             )
         return {}
-    found = narrowing(compiled, layouts, seed)
+    found = narrowing(compiled, layouts, seed, made)
     if path is None:
         return {"narrowing": found.figures()}
     save(picture(found, compiled.config.name), path)
     return {"narrowing": found.figures(), "picture": str(path)}
 
 
-def narrowing(compiled: CompiledScene, layouts: int, seed: int) -> Narrowing:
-    """Make layouts of a scene as it is, and of the same scene without `reachable`.
-
-    Args:
-        compiled: The compiled scene.
-        layouts: Number of layouts of each.
-        seed: Seed of the first layout.
-    """
-    names = () if compiled.reaching is None else compiled.reaching.names
+def narrowing(compiled: CompiledScene, layouts: int, seed: int, made: LayoutGenerator | None = None) -> Narrowing:
+    """Compare layouts of a scene that has `reachable` with as many of the same scene without it; see `narrow`."""
+    assert compiled.reaching is not None
+    names = compiled.reaching.names
     changes = {f"objects.{name}.reachable": False for name in names}
-    plain = compile_scene(SceneConfig.load(compiled.config, changes), compiled.device) if names else compiled
-    tables, counts = [], []
-    for each in (plain, compiled):
-        generator = LayoutGenerator(each, layouts, seed=seed)
-        generator.generate()
-        tables.append(read_table(generator))
-        counts.append(generator.rejection_counts())
+    plain = compile_scene(SceneConfig.load(compiled.config, changes), compiled.device)
+    generator = made or _made(compiled, layouts, seed)
+    counts = generator.rejection_counts()
+    tables = [read_table(each) for each in (_made(plain, layouts, seed), generator)]
     before, after = ({name: _positions(compiled, table, name) for name in names} for table in tables)
     still = [compiled.slots.index(name) for name in compiled.config.all_robots if name not in compiled.config.parts]
     bases = compiled.plan.place[still][:, [0, 1, 3]]
-    lower, upper = _frame(compiled, [*before.values(), *after.values(), bases[:, :2]])
-    passed = _staged(compiled, tables[1], counts[1])
+    lower, upper = _corners(compiled, [*before.values(), *after.values(), bases[:, :2]])
+    passed = _staged(compiled, tables[1], counts)
     kept = {name: passed[name] * _on_map(compiled, plain, tables[0], name) for name in names}
-    return Narrowing(before, after, kept, counts[1], bases, lower, upper)
+    return Narrowing(before, after, kept, counts, bases, lower, upper)
+
+
+def _made(compiled: CompiledScene, layouts: int, seed: int) -> LayoutGenerator:
+    """Return a generator that has made the layouts of its first episode."""
+    generator = LayoutGenerator(compiled, layouts, seed=seed)
+    generator.generate()
+    return generator
 
 
 def picture(found: Narrowing, title: str) -> Image.Image:
-    """Draw from above where objects lie: without `reachable` on the left, with it on the right; x points right."""
+    """Draw the objects from above: without `reachable` on the left, with it on the right; x points right."""
     size = found.upper - found.lower
     scale = min(_SCALE, _PANEL / float(size.max()))
     width, height = (int(np.ceil(scale * edge)) for edge in size)
@@ -156,15 +157,9 @@ def _draw_base(draw: ImageDraw.ImageDraw, origin: np.ndarray, scale: float, base
 
 def _positions(compiled: CompiledScene, table: LayoutTable, name: str) -> np.ndarray:
     """Return the positions of an object's root [m] in the valid layouts in which it is present, shape (n, 2)."""
-    mjm, body = compiled.mjm, compiled.scene.bodies[name]
     there = table.present[:, compiled.slots.index(name)] & table.valid
-    mocap = int(mjm.body_mocapid[body])
-    if mocap >= 0:
-        return table.mocap_pos[there, mocap, :2]
-    joint = int(mjm.body_jntadr[body])
-    assert mjm.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE
-    adr = int(mjm.jnt_qposadr[joint])
-    return table.qpos[there, adr : adr + 2]
+    states = (column[there] for column in (table.qpos, table.mocap_pos, table.mocap_quat))
+    return body_poses(compiled.mjm, compiled.scene.bodies[name], *states)[0][:, :2]
 
 
 def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, name: str) -> float:
@@ -174,7 +169,7 @@ def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, n
     target = reaching.targets[reaching.names.index(name)]
     one = reaching.arm_of(target)
     placed = compiled.plan.objects[target.number]
-    grasps = [np.concatenate([g.pos, g.quat]) for g in target.grasp_set.grasps]
+    grasps = [pose_matrix(g.pos, g.quat) for g in target.grasp_set.grasps]
     ups = np.array([matrix(v.quat)[2] for v in placed.variants])  # world's z in the root's frame
     rows = np.flatnonzero(table.present[:, plain.slots.index(name)] & table.valid)
     poses, of = [], []
@@ -186,7 +181,7 @@ def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, n
         first, number = target.grasp_set.spans[int((ups @ root[2, :3]).argmax())]
         base = np.linalg.inv(_frame_of(data, plain.scene.bodies[one.robot]))
         for k in range(first, first + number):
-            tcp = _frame_of(data, target.grasp_set.grasps[k].body) @ pose_matrix(grasps[k][:3], grasps[k][3:])
+            tcp = _frame_of(data, target.grasp_set.grasps[k].body) @ grasps[k]
             if placed.ground is None or not comes_from_below(tcp[2, 2]):
                 poses.append(base @ tcp)
                 of.append(row)
@@ -214,10 +209,11 @@ def _staged(
 
 
 def _frame_of(data: mujoco.MjData, body: int) -> np.ndarray:
+    """Return the frame of a body in the world, shape (4, 4)."""
     return pose_matrix(data.xpos[body], data.xquat[body])
 
 
-def _frame(compiled: CompiledScene, points: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def _corners(compiled: CompiledScene, points: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Return the corners of the smallest rectangle around points and the floor, plus a margin."""
     every = np.concatenate(points)
     if compiled.config.floor is not None:

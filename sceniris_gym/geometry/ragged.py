@@ -13,3 +13,9 @@ def ranges(lists: Iterable) -> tuple[list, np.ndarray, np.ndarray]:
     num = np.array([len(x) for x in lists], int)
     adr = np.concatenate([[0], np.cumsum(num)[:-1]]) if len(num) else np.zeros(0, int)
     return [x for part in lists for x in part], adr, num
+
+
+def addressed(name: str, lists: Iterable) -> tuple[list, dict[str, np.ndarray]]:
+    """Return all entries in one list, and the fields `{name}adr` and `{name}num` that address them."""
+    flat, adr, num = ranges(lists)
+    return flat, {f"{name}adr": adr, f"{name}num": num}

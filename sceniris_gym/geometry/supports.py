@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import reduce
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -53,6 +53,11 @@ class SupportSurface:
     outline: MultiPolygon
     region: MultiPolygon | MultiPoint
     is_endless: bool = False
+
+    @cached_property
+    def triangles(self) -> np.ndarray:
+        """The region as triangles [m], shape (n, 3, 2); see `triangulate`."""
+        return triangulate(self.region)
 
 
 def level_surfaces(
@@ -149,7 +154,7 @@ def _kept(surfaces: list[SupportSurface], keep: Polygon | None, erosion: float) 
         left = _eroded(s, erosion)
         left = _parts(left.intersection(keep) if keep is not None else left)
         if not left.is_empty:
-            kept.append(SupportSurface(s.body, s.height, s.outline, left))
+            kept.append(replace(s, region=left))
     return kept
 
 
@@ -165,7 +170,7 @@ def _with_points(
     for s in surfaces:
         on = shapely.distance(_eroded(s, erosion), shapely.points(points)) <= _ON_EDGE
         if on.any():
-            kept.append(SupportSurface(s.body, s.height, s.outline, MultiPoint(np.array(points)[on])))
+            kept.append(replace(s, region=MultiPoint(np.array(points)[on])))
     return kept
 
 

@@ -1,4 +1,4 @@
-"""`attempts: auto`: how many candidates an object gets before a layout starts again, found by trying."""
+"""`attempts: auto`: the number of candidates that an object gets before a layout starts again, found by trying."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sceniris_gym.program.compiled import FEWEST_ATTEMPTS, CompiledScene
 from sceniris_gym.program.device import Cause, Program, copied
 from sceniris_gym.program.notices import warn
 
-# Worlds of the probe, how many of them are tried at a time, and how many may restart: less than 1%.
+# Worlds of the probe, those that are tried at a time, and those that may restart: less than 1%.
 _NWORLD = 1024
 _CHUNK = 128
 _MOST_RESTARTS = 10
@@ -23,9 +23,9 @@ _MOST_RESTARTS = 10
 def find_attempts(compiled: CompiledScene) -> int:
     """Return the attempts, 10 doubled as often as needed, with which less than 1% of the worlds would restart.
 
-    A function of the scene alone: seeds and streams are fixed. Worlds that end for a cause that no attempt cures (an
-    empty region) do not count, and what comes after placing is left out. More attempts change no layout that fewer
-    suffice for, so only worlds that have failed so far are tried again, and only until too many have failed.
+    They are a function of the scene alone, as seeds and streams are fixed. Worlds that end for a cause that no attempt
+    cures (an empty region) do not count, and stages after placing are left out. More attempts change no layout that
+    fewer suffice for, so only worlds that have failed so far are tried again, and only until too many have failed.
 
     Args:
         compiled: A scene with an empty bank.
@@ -41,14 +41,14 @@ def find_attempts(compiled: CompiledScene) -> int:
         if attempts == MOST_ATTEMPTS:
             break
         attempts = min(2 * attempts, MOST_ATTEMPTS)
-    if len(pending) == _NWORLD:  # it can hardly be made at all, which is found out sooner with few attempts
+    if len(pending) == _NWORLD:  # the scene can hardly be made at all, which shows sooner with few attempts
         return FEWEST_ATTEMPTS
-    warn(AttemptsWarning(compiled.config.where, attempts), stacklevel=5)
+    warn(AttemptsWarning(compiled.config.where, attempts))
     return attempts
 
 
 def _still_failing(trial: CompiledScene, seeds: np.ndarray) -> tuple[np.ndarray, bool]:
-    """The seeds whose worlds fail or are not tried any more, and whether few enough of them would restart."""
+    """Return the seeds whose worlds fail or are not tried any more, and whether few enough of them would restart."""
     left: list[np.ndarray] = []
     restarts = 0
     for start in range(0, len(seeds), _CHUNK):
@@ -64,7 +64,7 @@ def _still_failing(trial: CompiledScene, seeds: np.ndarray) -> tuple[np.ndarray,
 
 
 def _ended_at_once(generator: LayoutGenerator) -> int:
-    """How many worlds had nothing left of a region, which ends a layout whatever attempts there are."""
+    """Return the number of worlds with nothing left of a region, which ends a layout whatever attempts there are."""
     retries = generator.compiled.program.obj_retry_if_empty.numpy() != 0
     counts = generator.layouts.rejections.numpy()[: len(retries), [Cause.EMPTY, Cause.REGION]]
     return int(counts[~retries].sum())

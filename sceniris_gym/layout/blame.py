@@ -1,45 +1,29 @@
-"""Who is in the way: for candidates that were rejected for collision, which geoms they hit, and how deep."""
+"""The geoms that candidates are rejected for: which they hit, and how deep."""
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import mujoco
 import numpy as np
+import warp as wp
 
 from sceniris_gym.collide.leaves import SKIN
 from sceniris_gym.geometry.colliders import collect_colliders
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.tables import read_rejected
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import Cause
 from sceniris_gym.program.pack.home_touch import HomeTouch
-from sceniris_gym.program.pack.pairs import PairRules, collider_pairs
+from sceniris_gym.program.pack.pairs import Pair, PairRules, collider_pairs
 
-_WORLDS = 64
-_RECORDED = 512
+# Recorded candidates for each world, so that most objects have some.
+_RECORDED = 8
 _LOOKED_AT = 48  # of the recorded candidates of one object
-_UNDECIDED = 1.0e-6  # m; what is apart by no more than this beyond the margin and the skin may be rejected
-
-
-@dataclass(frozen=True)
-class Obstruction:
-    """The pair of geoms that most candidates of an object are rejected for.
-
-    Attributes:
-        pair: The geoms and their bodies, by name.
-        share: Share of the candidates rejected for collision that it rejects.
-        distance: Mean distance [m] in these; negative where they overlap.
-        margin: The least distance [m] that is asked for; negative where they may be as deep as they are at home.
-    """
-
-    pair: str
-    share: float
-    distance: float
-    margin: float
-
-    def __str__(self) -> str:
-        return f"{self.pair} ({_gap(self.distance, self.margin, ' on average')}; {self.share:.0%} of them)"
+_UNDECIDED = 1.0e-6  # m; geoms that are apart by no more than this beyond the margin and the skin may be rejected
 
 
 @dataclass(frozen=True)
@@ -47,9 +31,9 @@ class Hit:
     """Two geoms that are nearer to each other than a candidate may have them.
 
     Attributes:
-        geoms: Their ids; the first is of what is placed.
+        geoms: Their ids; the first is of the placed object.
         words: The geoms and their bodies, by name.
-        distance: How far apart they are [m]; negative where they overlap.
+        distance: Their distance [m]; negative where they overlap.
         margin: The least distance [m] that is asked for; negative where they may be as deep as they are at home.
     """
 
@@ -63,17 +47,20 @@ class Hit:
 
 
 class Blame:
-    """Finds what is in the way of candidates of a compiled scene, one by one.
+    """Finds the geoms that candidates of a compiled scene hit, one candidate at a time.
 
-    Distances are those of MuJoCo C, between what it collides, also with `geometry: visual`. Depths of geoms that are in
-    each other at home are measured as they were there.
+    Distances are those of MuJoCo C between the geoms that it collides, also with `geometry: visual`. Depths of geoms
+    that overlap at home are measured as they were there.
     """
 
     def __init__(self, compiled: CompiledScene) -> None:
-        self.compiled = compiled
-        self._colliders = collect_colliders(compiled.plan.pieces, compiled.config.geometry == "visual", compiled.device)
-        self._pieces = {piece.geom: piece for piece in compiled.plan.pieces}
-        self._tests: dict[int, dict[tuple[int, int], float]] = {}
+        plan = compiled.plan
+        colliders = collect_colliders(plan.pieces, compiled.config.geometry == "visual", compiled.device)
+        rules = PairRules(compiled.scene, colliders)
+        self._mjm = compiled.mjm
+        self._pieces = {piece.geom: piece for piece in plan.pieces}
+        pairs = zip(plan.objects, collider_pairs(plan, rules), strict=True)
+        self._margins = [_geom_margins(rules, o.ground, own) for o, own in pairs]
 
     def hits(self, data: mujoco.MjData, number: int) -> list[Hit]:
         """Return the pairs of geoms that a candidate is rejected for, the worst first.
@@ -82,33 +69,17 @@ class Blame:
             data: The state that it would have led to, kinematics up to date.
             number: Its object's index in placement order; objects after it are not looked at.
         """
-        mjm = self.compiled.mjm
-        if number not in self._tests:
-            self._tests[number] = self._pairs(number)
-        depths, found = HomeTouch(mjm, data), []
-        for geoms, margin in self._tests[number].items():
+        depths, found = HomeTouch(self._mjm, data), []
+        for geoms, margin in self._margins[number].items():
             distance = self._distance(data, depths, geoms, margin)
             if distance is not None:
-                words = " and ".join(_name(mjm, geom) for geom in geoms)
+                words = " and ".join(_name(self._mjm, geom) for geom in geoms)
                 found.append(Hit(geoms, words, distance, margin))
         return sorted(found, key=lambda hit: hit.distance - hit.margin)
 
-    def _pairs(self, number: int) -> dict[tuple[int, int], float]:
-        """Pairs of geoms that an object of the plan is tested for, and the least distance [m] of each."""
-        compiled, colliders = self.compiled, self._colliders
-        rules = PairRules(compiled.scene, colliders)
-        ground = compiled.plan.objects[number].ground
-        found = {}
-        for pair in collider_pairs(compiled.scene, compiled.plan, colliders)[number]:
-            stands = ground is not None and rules.colliders.body[pair.b] == ground
-            margin = rules.touch(pair.a, pair.b) if stands else pair.margin
-            geoms = product(rules.geoms(pair.a), rules.geoms(pair.b)) if pair.geoms is None else [pair.geoms]
-            found |= dict.fromkeys(geoms, margin)  # those that touch at home follow the others of their bodies
-        return found
-
     def _distance(self, data: mujoco.MjData, depths: HomeTouch, geoms: tuple[int, int], margin: float) -> float | None:
-        """How far apart two geoms are [m], None if that is as far as is asked for."""
-        mjm, (a, b), nearest = self.compiled.mjm, geoms, margin + SKIN + _UNDECIDED
+        """Return the distance of two geoms [m], None if it is as large as is asked for."""
+        mjm, (a, b), nearest = self._mjm, geoms, margin + SKIN + _UNDECIDED
         if margin < 0.0:
             touch = depths.between(self._pieces[a], self._pieces[b], nearest)
             return None if touch is None else touch.distance
@@ -120,42 +91,69 @@ class Blame:
         return distance if distance <= nearest else None
 
 
-def obstructions(compiled: CompiledScene, split: str) -> dict[str, Obstruction]:
-    """Return for each object that candidates are rejected of for collision what is in its way most; see Blame."""
-    generator = LayoutGenerator(compiled, _WORLDS, split=split, rejected=_RECORDED)
-    generator.generate()
-    view, mjm = generator.layouts.view, compiled.mjm
-    count = min(int(view.rejected_count.numpy()[0]), _RECORDED)
-    objects = view.rejected_object.numpy()[:count]
-    states = [a.numpy() for a in (view.rejected_qpos, view.rejected_mocap_pos, view.rejected_mocap_quat)]
-    blame, data, found = Blame(compiled), mujoco.MjData(mjm), {}
-    for number in np.unique(objects):
-        rows = np.flatnonzero(objects == number)[:_LOOKED_AT]
-        seen: Counter[tuple[int, int]] = Counter()
-        hits: dict[tuple[int, int], list[Hit]] = {}
-        for row in rows:
-            data.qpos[:] = states[0][row]
-            if mjm.nmocap:
-                data.mocap_pos[:], data.mocap_quat[:] = states[1][row], states[2][row]
-            mujoco.mj_kinematics(mjm, data)
-            for hit in blame.hits(data, int(number)):
-                seen[hit.geoms] += 1
-                hits.setdefault(hit.geoms, []).append(hit)
-        if seen:
-            pair, times = seen.most_common(1)[0]
-            distance = float(np.mean([hit.distance for hit in hits[pair]]))
-            first = hits[pair][0]
-            found[compiled.placed[number]] = Obstruction(first.words, times / len(rows), distance, first.margin)
+def recording(generator: LayoutGenerator) -> LayoutGenerator:
+    """Let a generator that has not launched anything yet record the first candidates that collide, and return it.
+
+    For the exact record of its argument `rejected`, restarts are tried one by one. Here they are tried at once as ever,
+    so some of the recorded candidates belong to restarts that were not needed.
+    """
+    view, num = generator.layouts.view, _RECORDED * generator.nworld
+    with wp.ScopedDevice(generator.compiled.device):
+        view.rejected_cause, view.rejected_object = (wp.zeros(num, dtype=int) for _ in range(2))
+        view.rejected_qpos = wp.zeros((num, view.qpos.shape[1]), dtype=float)
+        view.rejected_mocap_pos = wp.zeros((num, view.mocap_pos.shape[1]), dtype=wp.vec3)
+        view.rejected_mocap_quat = wp.zeros((num, view.mocap_pos.shape[1]), dtype=wp.quat)
+    return generator
+
+
+def obstructions(generator: LayoutGenerator) -> dict[str, str]:
+    """Describe, for each object with recorded collisions, the pair of geoms that most of its candidates collide at.
+
+    The share in the description is that of the candidates which the pair rejects, the distance their mean.
+
+    Args:
+        generator: A generator that has recorded candidates; see `recording`.
+    """
+    rejected, found = read_rejected(generator), {}
+    collided = np.flatnonzero(rejected.causes == Cause.COLLISION)
+    if not len(collided):
+        return {}
+    blame, data = Blame(generator.compiled), mujoco.MjData(generator.compiled.mjm)
+    for number in np.unique(rejected.objects[collided]).tolist():
+        rows = collided[rejected.objects[collided] == number][:_LOOKED_AT]
+        hits: defaultdict[tuple[int, int], list[Hit]] = defaultdict(list)
+        for row in rows.tolist():
+            rejected.states.put(data, row)
+            mujoco.mj_kinematics(data.model, data)
+            for hit in blame.hits(data, number):
+                hits[hit.geoms].append(hit)
+        if hits:
+            most = max(hits.values(), key=len)
+            gap = _gap(float(np.mean([hit.distance for hit in most])), most[0].margin, " on average")
+            share = f"{len(most) / len(rows):.0%} of them"
+            found[generator.compiled.placed[number]] = f"{most[0].words} ({gap}; {share})"
+    return found
+
+
+def _geom_margins(rules: PairRules, ground: int | None, pairs: Sequence[Pair]) -> dict[tuple[int, int], float]:
+    """Return the least distance [m] of each pair of geoms that an object on a body is tested for."""
+    found: dict[tuple[int, int], float] = {}
+    for pair in pairs:
+        stands = ground is not None and rules.colliders.body[pair.b] == ground
+        margin = rules.touch(pair.a, pair.b) if stands else pair.margin
+        geoms = product(rules.geoms(pair.a), rules.geoms(pair.b)) if pair.geoms is None else [pair.geoms]
+        found |= dict.fromkeys(geoms, margin)  # those that touch at home follow the others of their bodies
     return found
 
 
 def _gap(distance: float, margin: float, average: str = "") -> str:
-    """How far apart two geoms are [m], and how far they should be."""
+    """Return the distance of two geoms and the least that is asked for, in words."""
     gap = f"{1e3 * abs(distance):.3g} mm {'deep' if distance < 0.0 else 'apart'}{average}"
     rule = "deep is allowed, as at home" if margin < 0.0 else "apart is asked for"
     return f"{gap}, {1e3 * abs(margin):.3g} mm {rule}"
 
 
 def _name(mjm: mujoco.MjModel, geom: int) -> str:
+    """Return a geom and its body, as messages name them."""
     body = mjm.body(int(mjm.geom_bodyid[geom])).name
     return f"geom '{mjm.geom(geom).name or geom}' of body '{body}'"

@@ -1,4 +1,4 @@
-"""`compile_scene`: the only way from host to device. What cannot be supported fails here, with a reason."""
+"""`compile_scene`: the only way from host to device. Scenes that cannot be supported fail here, with a reason."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from sceniris_gym.device.kernel_log import start_warp
 from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.errors import FallbackWarning, InfeasibleSceneError, UnknownNameError
 from sceniris_gym.layout.attempts import find_attempts
-from sceniris_gym.layout.blame import obstructions
+from sceniris_gym.layout.blame import obstructions, recording
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.scene_cache import UNREADABLE, load_arrays, scene_key, store_arrays
@@ -27,30 +27,29 @@ from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Cause, Program, copied, fill_struct
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.notices import from_words, noting, to_words, warn
-from sceniris_gym.program.plan import UPRIGHT
+from sceniris_gym.program.surfaces import UPRIGHT
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.model import SceneModel, build_model
 
-# The probe makes layouts until the bank is full, in this many rounds at most; where one split has layouts and the other
-# has none yet, in this many.
+# The probe makes layouts until the bank is full, in `_ROUNDS` at most; if one split has layouts and the other none yet,
+# in `_MOST_ROUNDS`.
 _ROUNDS = 8
 _MOST_ROUNDS = 64
-# Candidates of an object that cannot be placed, in all worlds of a round, and those after which a probe that has found
-# nothing gives up; one that has found some, or that knows from the other split that there are some, goes on for longer.
-# With the default words a round has 5,760 of them.
+# A probe that has found nothing gives up after this many candidates. One that has found layouts, or that knows from the
+# other split that there are some, goes on to `_MOST_DRAWN`. With the default words a round has 5,760 candidates.
 _BUDGET = 200_000
 _MOST_DRAWN = 20 * _BUDGET
-# Above this share of layouts from the bank, a scene is worth a warning; so few of them say little of a small probe.
+# A scene gets a warning above this share of layouts from the bank, and this number: fewer say little of a small probe.
 _MOST_FALLBACKS = 0.05
 _FEWEST_FAILED = 3
 # Causes that only come up once all objects are placed.
 _LATE = (Cause.NO_IK.name.lower(), Cause.BLOCKED.name.lower())
 # Causes that end a layout without further attempts.
 _AT_ONCE = (Cause.EMPTY, Cause.REGION, Cause.NO_IK, Cause.BLOCKED, Cause.UNSOUND)
-# What a row of the bank holds.
+# The columns of the bank.
 _BANK = ("qpos", "mocap_pos", "mocap_quat", "present")
 _REACH_BANK = ("grasp", "grasp_qpos", "pregrasp_qpos")
-# What a file of the cache holds beside the scene.
+# The entries of a file of the cache beside the scene.
 _KEY, _WARNINGS = "key", "warnings"
 
 
@@ -65,13 +64,13 @@ def compile_scene(
     Args:
         scene: A shipped scene's name, a path, a mapping, a SceneConfig, or a SceneModel.
         device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
-        cache: Keep on disk what this works out, or take it from there, which is quicker and changes nothing else;
-            `scene_cache.py` has where that is.
+        cache: Keep the result on disk and take it from there the next time, which is quicker and changes nothing else;
+            see `scene_cache.cache_folder`.
 
     Raises:
         UnknownNameError: There is no such device.
         InfeasibleSceneError: No valid layout was found; the message says which object fails and why.
-        ScenirisError: Something else is wrong with the scene; see `SceneConfig.load`, `build_model` and `build_plan`.
+        ScenirisError: Something else is wrong with the scene; see `SceneConfig.load`, `build_model` and `upload_scene`.
     """
     start_warp()
     name = device_name(device)
@@ -107,6 +106,7 @@ def device_name(device: Any, where: str = "compile_scene") -> str:
 
 
 def _compiled(model: SceneModel, device: str) -> CompiledScene:
+    """Compile a scene without the cache."""
     compiled = upload_scene(model, device)
     if model.config.attempts == AUTO:
         compiled.program.attempts = find_attempts(compiled)
@@ -114,7 +114,7 @@ def _compiled(model: SceneModel, device: str) -> CompiledScene:
 
 
 def _from_cache(key: str, model: SceneModel, device: str) -> CompiledScene | None:
-    """The compiled scene as it was stored, with the warnings that compiling it gave; None if there is none."""
+    """Return a compiled scene as it was stored, and repeat its warnings; None if it is not there."""
     arrays = load_arrays(key)
     if arrays is None:
         return None
@@ -126,12 +126,12 @@ def _from_cache(key: str, model: SceneModel, device: str) -> CompiledScene | Non
     except UNREADABLE:
         return None
     for warning in warned:
-        warn(warning, stacklevel=4)
+        warn(warning)
     return compiled
 
 
 def _with_bank(compiled: CompiledScene) -> CompiledScene:
-    """The same scene with a bank for each split, made from streams that neither of them has."""
+    """Return the scene with a bank for each split, made from streams of their own."""
     probed = _within_budget(compiled)
     train, evaluation = _Probe(probed, "train_bank"), _Probe(probed, "eval_bank")
     if not train.fill(_ROUNDS):
@@ -155,34 +155,32 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
 
 
 def _within_budget(compiled: CompiledScene) -> CompiledScene:
-    """The same scene, with as many restarts for the probe as its budget has room for.
+    """Return the scene with as many restarts for the probe as its budget has room for.
 
-    Where a layout takes more of them the probe gives up, by a number of candidates and not by a time, so that a scene
-    compiles everywhere or nowhere.
+    The budget is a number of candidates and no time, so that a scene compiles everywhere or nowhere.
     """
     restarts = max(_BUDGET // (_probed_worlds(compiled) * compiled.attempts) - 1, 0)
-    if restarts >= compiled.config.restarts:
-        return compiled
     program = copied(Program, compiled.program)
-    program.restarts = restarts
+    program.restarts = min(restarts, compiled.config.restarts)
     return replace(compiled, program=program)
 
 
 def _probed_worlds(compiled: CompiledScene) -> int:
+    """Return the number of worlds of the probe."""
     return min(compiled.config.bank, max(_BUDGET // compiled.attempts, 1))
 
 
 class _Probe:
-    """Makes layouts of one split's bank, and counts those that ran out of restarts."""
+    """Makes layouts for one split's bank, records rejected candidates, and counts worlds that ran out of restarts."""
 
     def __init__(self, compiled: CompiledScene, split: str) -> None:
         self.size = compiled.config.bank
-        self.generator = LayoutGenerator(compiled, _probed_worlds(compiled), seed=0, split=split)
+        self.generator = recording(LayoutGenerator(compiled, _probed_worlds(compiled), seed=0, split=split))
         self.found: list[tuple[np.ndarray, ...]] = []
         self.made = self.failed = self.first = 0
 
     def fill(self, rounds: int, most: int = 0) -> bool:
-        """Make layouts until the bank is full, in `rounds` at most, or in `most` until there is one; is there one?"""
+        """Make layouts until the bank is full, for `rounds`, or `most` for a first one; return if there are any."""
         layouts, nworld = self.generator.layouts, self.generator.nworld
         rounds, most = (-(-number * self.size // nworld) for number in (rounds, most))
         done = drawn = 0
@@ -204,24 +202,24 @@ class _Probe:
 
 
 def _restart_rate(*probes: _Probe) -> float:
-    """Which share of the restarts place not everything: what rounds try at once, which changes no layout."""
+    """Return the share of restarts that fail, by which rounds try several at once; it changes no layout."""
     made, first = sum(probe.made for probe in probes), sum(probe.first for probe in probes)
     return (made - first + 0.5) / (made + 1.0)
 
 
 def _effort(*probes: _Probe) -> np.ndarray:
-    """About how many candidates it takes to place each object: what waves draw at once, which changes no layout."""
+    """Return about how many candidates each object takes, which waves draw at once; it changes no layout."""
     rejected = np.sum([probe.generator.layouts.rejections.numpy().sum(axis=1) for probe in probes], axis=0)
     return 1.0 + rejected / sum(probe.made for probe in probes)
 
 
 def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:
-    """Warn of a scene whose worlds often get a layout from the bank, with what would help."""
+    """Warn of a scene whose worlds often get a layout from the bank, with the remedies."""
     failed = sum(probe.failed for probe in probes)
     share = failed / sum(probe.made for probe in probes)
     if share <= _MOST_FALLBACKS or failed < _FEWEST_FAILED:
         return
-    # A restart takes as many rejections as there are attempts, but a single one of those that end a layout at once.
+    # A restart takes as many rejections as there are attempts, but a single one if its cause ends a layout at once.
     weights = {
         (name, cause): n if Cause[cause.upper()] in _AT_ONCE else n / compiled.attempts
         for probe in probes
@@ -238,26 +236,26 @@ def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:
     held = (found, config.bank) if found < config.bank else None
     if held is None:
         cures.append(f"a 'bank' above {config.bank}, which repeats itself less often")
-    warn(FallbackWarning(config.where, share, name, cause, cures, held), stacklevel=6)
+    warn(FallbackWarning(config.where, share, name, cause, cures, held))
 
 
 def _with_rows(declared: Any, instance: Any, bank: Mapping[str, np.ndarray], names: Sequence[str], device: str) -> Any:
-    """A copy of a device struct whose fields `bank_*` hold these rows."""
+    """Return a copy of a device struct whose fields `bank_*` hold these rows."""
     other = copied(declared, instance)
     fill_struct(declared, other, {f"bank_{name}": bank[name] for name in names}, device)
     return other
 
 
 def _infeasible(compiled: CompiledScene, probe: LayoutGenerator) -> InfeasibleSceneError:
-    """Blame the last object that was ever tried: all before it could be placed. Stages after placing are tried last."""
+    """Return the error that blames the last object ever tried: all before it could be placed, and stages come last."""
     counts = probe.rejection_counts()
     late = {name: {c: n for c, n in causes.items() if c in _LATE} for name, causes in counts.items()}
     tried = [(name, causes) for found in (counts, late) for name, causes in found.items() if any(causes.values())]
     name, causes = tried[-1]
-    cause = max(causes, key=causes.__getitem__)
+    cause, part = max(causes, key=causes.__getitem__), compiled.config.parts.get(name)
     leaning = _leaning_support(compiled, probe, name) if cause == Cause.EMPTY.name.lower() else None
     orientation = None if leaning is None else compiled.config.objects[leaning.split("/")[0]].drawn_orientation.kind
-    obstruction = obstructions(compiled, probe.split).get(name) if causes.get(Cause.COLLISION.name.lower()) else None
+    obstruction = obstructions(probe).get(name) if causes.get(Cause.COLLISION.name.lower()) else None
     return InfeasibleSceneError(
         compiled.config.where,
         name,
@@ -265,16 +263,16 @@ def _infeasible(compiled: CompiledScene, probe: LayoutGenerator) -> InfeasibleSc
         counts,
         leaning,
         orientation if orientation in ("any", "stable") else None,
-        None if obstruction is None else str(obstruction),
-        compiled.config.parts[name].joined_to if name in compiled.config.parts else None,
+        obstruction,
+        None if part is None else part.joined_to,
     )
 
 
 def _leaning_support(compiled: CompiledScene, probe: LayoutGenerator, name: str) -> str | None:
-    """What carries an object, if that leans in most worlds as they were left."""
-    ground = next(o.ground for o in compiled.plan.objects if o.name == name)
+    """Return the name of an object's support, if that leans in most worlds as they were left."""
+    ground = int(compiled.program.obj_ground.numpy()[compiled.placed.index(name)])
     part = compiled.config.parts.get(name)
-    if ground is None or part is None or part.support is None:
+    if ground < 0 or part is None or part.support is None:
         return None
     x, y = probe.layouts.view.body_quat.numpy()[:, ground, 1:3].T
     leans = 1.0 - 2.0 * (x * x + y * y) < UPRIGHT  # the z component of the body's z axis

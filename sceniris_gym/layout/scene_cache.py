@@ -1,9 +1,9 @@
-"""Compiled scenes on disk, so that a scene is worked out once and not at every start.
+"""Compiled scenes on disk, so that a scene is compiled once and not at every start.
 
 A file holds the arrays of one compiled scene in NumPy's format, without pickles, so that nothing in it is executed. Its
 name is a hash of all that the arrays depend on: the model, the words of the scene file, this package's own source, the
-versions of what computes them, and the kind of device. It is written beside its place and renamed, so that processes
-never see half of one. What cannot be read or written is as good as not there.
+versions of the libraries that compute them, and the kind of device. It is written beside its place and renamed, so that
+no process sees half of one. A file that cannot be read or written is as good as missing.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import hashlib
 import json
 import os
 import platform
-import tempfile
 import time
 from collections.abc import Mapping
 from functools import cache
@@ -26,18 +25,19 @@ import platformdirs
 import warp as wp
 
 from sceniris_gym.config import stored_arrays
+from sceniris_gym.files import replacing
 from sceniris_gym.scene.model import SceneModel
 
 VARIABLE = "SCENIRIS_GYM_CACHE"
 """The environment variable that names another folder, or is OFF."""
 OFF = "off"
 MOST_BYTES = 256 << 20
-"""Files that were not used for longest are removed as soon as all together take more than this."""
+"""The files that were not used for longest are removed as soon as all together take more than this."""
 UNREADABLE = (*stored_arrays.UNREADABLE, AttributeError)
-"""What reading a damaged or foreign file may raise."""
+"""Errors that reading a damaged or foreign file may raise."""
 
 _SUFFIX = ".npz"
-# From so many seconds on a file that is being written is one that nobody writes to any more.
+# A temporary file of this age [s] was left by a process that ended while it wrote.
 _LEFT = 3600.0
 _COMPUTE = ("mujoco", "warp-lang", "numpy", "scipy", "shapely", "trimesh")
 
@@ -81,7 +81,7 @@ def scene_key(scene: SceneModel, device: str) -> str:
 
 
 def load_arrays(key: str) -> dict[str, np.ndarray] | None:
-    """Return what was stored under a key; None if there is nothing that can be read."""
+    """Return the arrays that were stored under a key; None if there are none that can be read."""
     folder = cache_folder()
     if folder is None:
         return None
@@ -100,20 +100,13 @@ def store_arrays(key: str, arrays: Mapping[str, np.ndarray]) -> None:
     if folder is None:
         return
     with contextlib.suppress(OSError):
-        folder.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(prefix=f".{key}.", suffix=".tmp", dir=folder)
-        try:
-            with os.fdopen(handle, "wb") as file:
-                np.savez(file, allow_pickle=False, **arrays)
-            os.replace(temporary, folder / f"{key}{_SUFFIX}")
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
+        with replacing(folder / f"{key}{_SUFFIX}") as path, path.open("wb") as file:
+            np.savez(file, allow_pickle=False, **arrays)
         _remove_oldest(folder)
 
 
 def _remove_oldest(folder: Path) -> None:
-    """Remove what is beyond `MOST_BYTES`, and what processes left that were ended while they wrote."""
+    """Remove files beyond `MOST_BYTES`, and temporary files that nobody writes to any more."""
     for path in folder.glob(".*.tmp"):
         if time.time() - path.stat().st_mtime > _LEFT:
             path.unlink(missing_ok=True)
@@ -127,7 +120,7 @@ def _remove_oldest(folder: Path) -> None:
 
 @cache
 def _processor() -> str:
-    """The instructions that the processor has: compiled kernels use them, and round accordingly."""
+    """Return the instructions that the processor has: compiled kernels use them, and round accordingly."""
     lines: list[str] = []
     with contextlib.suppress(OSError), Path("/proc/cpuinfo").open() as info:
         lines = [line for line in info.read(1 << 14).splitlines() if line.startswith(("flags", "Features"))]
@@ -136,7 +129,7 @@ def _processor() -> str:
 
 @cache
 def _sources() -> str:
-    """A hash of this package's Python files, as a checkout changes without its version, and of what they compute by."""
+    """Return a hash of this package's Python files, as a checkout keeps its version, and of the libraries' versions."""
     digest = hashlib.sha256(repr([metadata.version(name) for name in _COMPUTE]).encode())
     root = Path(__file__).parents[1]
     for path in sorted(root.rglob("*.py")):

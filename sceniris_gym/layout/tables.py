@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import warp as wp
@@ -46,6 +46,34 @@ def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTab
         grasp_qpos=read(layouts.grasp_qpos)[:, :, :njoint],
         pregrasp_qpos=read(layouts.pregrasp_qpos)[:, :, :njoint],
     )
+
+
+@dataclass(frozen=True)
+class RejectedCandidates:
+    """Candidates that a LayoutGenerator recorded as it rejected them.
+
+    Attributes:
+        objects: Index in placement order of the object of each candidate, shape (n,).
+        causes: Its `Cause`, shape (n,).
+        states: The layouts that they would have led to, one row each; in all of them every object is present.
+    """
+
+    objects: np.ndarray
+    causes: np.ndarray
+    states: LayoutTable
+
+
+def read_rejected(generator: LayoutGenerator) -> RejectedCandidates:
+    """Copy the record of a LayoutGenerator that was made with `rejected` to the host."""
+    view, nmocap = generator.layouts.view, generator.compiled.mjm.nmocap
+    objects = view.rejected_object.numpy()
+    count = min(int(view.rejected_count.numpy()[0]), len(objects))
+    qpos, pos, quat = (
+        a.numpy()[:count].copy() for a in (view.rejected_qpos, view.rejected_mocap_pos, view.rejected_mocap_quat)
+    )
+    present = np.ones((count, len(generator.compiled.slots)), bool)
+    states = LayoutTable.from_states(qpos, pos[:, :nmocap], quat[:, :nmocap], present)
+    return RejectedCandidates(objects[:count].copy(), view.rejected_cause.numpy()[:count].copy(), states)
 
 
 def grasp_poses(compiled: CompiledScene, table: LayoutTable, grasp: np.ndarray) -> np.ndarray:

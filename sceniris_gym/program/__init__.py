@@ -1,1 +1,1 @@
-"""What the device runs: the placement program, planned on the host and packed into flat arrays."""
+"""The placement program, which the device runs: planned on the host, checked, and packed into flat arrays."""

@@ -1,4 +1,4 @@
-"""A compiled scene as named arrays, and back: all that took work and that the model does not say by itself."""
+"""A compiled scene as named arrays, and back: all of it that took work and that its model does not have."""
 
 from __future__ import annotations
 
@@ -18,21 +18,23 @@ from sceniris_gym.grasping.gripper import Gripper
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program, fill_struct
 from sceniris_gym.program.device_reach import Reach
-from sceniris_gym.program.reach import Reaching, ReachingArm, ReachTarget, empty_view, load_map, robot_arm
+from sceniris_gym.program.pack.reach import set_map_and_arm
+from sceniris_gym.program.reach import Reaching, ReachingArm, ReachTarget, load_map, robot_arm
 from sceniris_gym.scene.model import SceneModel
 
 _HOME = ("home_qpos", "home_place", "home_bounds", "home_xpos", "home_xquat")
-# Holds ids of device meshes, which are made anew from their triangles.
+_COUNTS = ("sides", "pieces")
+# The field with ids of device meshes, which are made anew from their triangles.
 _MESHES = "collider_mesh"
 
 
 def to_arrays(compiled: CompiledScene) -> dict[str, np.ndarray]:
-    """A compiled scene as arrays, without what `build_model` and the arm's map give."""
+    """Return a compiled scene as arrays, without its model and the maps of its arms."""
     arrays = {name: getattr(compiled, name) for name in _HOME}
     arrays |= {f"program.{name}": value for name, value in _fields(Program, compiled.program).items()}
     for i, mesh in enumerate(compiled.meshes):
         arrays[f"mesh.{i}"] = mesh.points.numpy()
-    words: dict[str, Any] = {"sides": compiled.sides}
+    words: dict[str, Any] = {name: getattr(compiled, name) for name in _COUNTS}
     if compiled.reaching is not None:
         for one in compiled.reaching.arms:
             arrays |= {f"reach.{one.robot}.{name}": value for name, value in _fields(Reach, one.view).items()}
@@ -42,12 +44,12 @@ def to_arrays(compiled: CompiledScene) -> dict[str, np.ndarray]:
 
 
 def from_arrays(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray]) -> CompiledScene:
-    """The compiled scene that `to_arrays` was given.
+    """Return the compiled scene that `to_arrays` was given.
 
     Args:
         scene: The same model.
         device: A device of the same kind.
-        arrays: What `to_arrays` returned.
+        arrays: The result of `to_arrays`.
 
     Raises:
         KeyError, TypeError, ValueError, RuntimeError: Something is missing, or of another kind.
@@ -60,30 +62,31 @@ def from_arrays(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray]
     ids = np.zeros(len(arrays[f"program.{_MESHES}"]), np.uint64)
     ids[with_mesh] = [mesh.id for mesh in meshes]
     fill_struct(Program, program, {_MESHES: ids}, device)
+    kept: dict[str, Any] = {name: arrays[name] for name in _HOME} | {name: words[name] for name in _COUNTS}
     return CompiledScene(
         scene=scene,
         device=device,
         program=program,
         reaching=_reaching(scene, device, arrays, words) if "targets" in words else None,
-        sides=int(words["sides"]),
         meshes=meshes,
-        **{name: arrays[name] for name in _HOME},
+        **kept,
     )
 
 
 def _reaching(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray], words: dict) -> Reaching:
+    """Return the arms and reach targets that `to_arrays` was given."""
     arms = []
     for name, gripper in words["grippers"].items():
         arm = robot_arm(scene, name)
         reach_map = load_map(arm, scene.config.all_robots[name], scene.config.where)
-        view = empty_view(arm, reach_map, device)
-        _fill(Reach, view, arrays, f"reach.{name}.", device)
-        arms.append(ReachingArm(name, arm, _typed(Gripper, gripper), reach_map, view))
+        arms.append(ReachingArm(name, arm, _typed(Gripper, gripper), reach_map))
+        set_map_and_arm(arms[-1], device)
+        _fill(Reach, arms[-1].view, arrays, f"reach.{name}.", device)
     return Reaching(tuple(arms), _typed(tuple[ReachTarget, ...], words["targets"]))
 
 
 def _fields(declared: Any, instance: Any) -> dict[str, np.ndarray]:
-    """The arrays and numbers of a device struct by name; not the structs in it."""
+    """Return the arrays and numbers of a device struct by name, without the structs in it."""
     values = {
         name: getattr(instance, name) for name, variable in declared.vars.items() if not _is_struct(variable.type)
     }
@@ -101,11 +104,12 @@ def _fill(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], prefix
 
 
 def _is_struct(kind: Any) -> bool:
+    """Return whether a field's declared type is a struct."""
     return not (wp.types.is_array(kind) or isinstance(kind, type))
 
 
 def _plain(value: Any) -> Any:
-    """A value of our dataclasses as what JSON can hold; numbers keep their bits."""
+    """Return a value of this package's dataclasses as JSON can hold it; numbers keep their bits."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, tuple | list):
@@ -118,7 +122,7 @@ def _plain(value: Any) -> Any:
 
 
 def _typed(hint: Any, value: Any) -> Any:
-    """The value of an annotated type that `_plain` was given."""
+    """Return the value of an annotated type that `_plain` was given."""
     origin, parts = typing.get_origin(hint), typing.get_args(hint)
     if dataclasses.is_dataclass(hint):
         hints = typing.get_type_hints(hint)

@@ -1,7 +1,8 @@
-"""`CompiledScene`: a scene with everything that a reset needs on its device, precomputed and frozen."""
+"""`CompiledScene`: a scene with all that a reset needs on its device, precomputed and frozen."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import SupportsInt
@@ -15,23 +16,49 @@ from sceniris_gym.config.scene import AUTO, SceneConfig
 from sceniris_gym.errors import ArgumentError, SeedError
 from sceniris_gym.geometry.colliders import collect_colliders, collider_arrays
 from sceniris_gym.geometry.pieces import ROUND
+from sceniris_gym.program.checks.constraints import check_constraints
 from sceniris_gym.program.checks.distance import check_distances
+from sceniris_gym.program.checks.followers import check_followers
+from sceniris_gym.program.checks.heaps import check_heaps
+from sceniris_gym.program.checks.memory import check_pairs_fit
 from sceniris_gym.program.checks.oddities import warn_of_oddities
+from sceniris_gym.program.checks.parking import check_parking
+from sceniris_gym.program.checks.reach import check_reach
+from sceniris_gym.program.checks.regions import check_regions
+from sceniris_gym.program.checks.relations import check_relations
+from sceniris_gym.program.checks.supports import check_supports
+from sceniris_gym.program.checks.tendon_limits import check_tendon_limits
 from sceniris_gym.program.device import Program, fill_struct
-from sceniris_gym.program.device_reach import Reach
-from sceniris_gym.program.pack.objects import ARM_LISTS
+from sceniris_gym.program.pack.pair_lists import ARM_LISTS
 from sceniris_gym.program.pack.program import pack_program
+from sceniris_gym.program.pack.reach import fill_views
+from sceniris_gym.program.pack.regions import cut_pieces
 from sceniris_gym.program.pack.relations import most_sides
 from sceniris_gym.program.plan import Plan, build_plan, placement_order, slot_names
-from sceniris_gym.program.reach import Reaching, build_reaching
+from sceniris_gym.program.reach import Reaching
 from sceniris_gym.scene.model import SceneModel
 
+CHECKS: tuple[Callable[[Plan], None], ...] = (
+    check_constraints,
+    check_followers,
+    check_tendon_limits,
+    check_heaps,
+    check_supports,
+    check_distances,
+    check_pairs_fit,
+    check_relations,
+    check_regions,
+    check_parking,
+    warn_of_oddities,
+    check_reach,
+)
+"""All checks of a scene, in the order in which they refuse it or warn of it."""
 FEWEST_ATTEMPTS = 10
-"""The number from which `attempts: auto` is raised."""
+"""The number of attempts from which `attempts: auto` goes up."""
 USER_SPLITS = ("train", "eval")
-"""What a user chooses from: independent streams of the same seeds."""
+"""The splits that a user chooses from: independent streams of the same seeds."""
 MOST_EPISODES = 1 << 31
-"""How many episodes a seed has: they are counted in 32 bits, and -1 stands for none yet."""
+"""The number of episodes that a seed has: they are counted in 32 bits, and -1 stands for none yet."""
 # Lanes of a warp, which share a candidate on a GPU.
 _WARP = 32
 
@@ -46,9 +73,10 @@ class CompiledScene:
         program: The placement program on the device.
         reaching: The arms and their reach targets, None if there are none.
         home_qpos: Start pose, shape (nq,).
-        home_place, home_bounds: Where each of `slots` is at the start, as relations see it; see `Plan`.
+        home_place, home_bounds: Place and bounds of each of `slots` at the start, as relations see them; see `Plan`.
         home_xpos, home_xquat: Poses of all bodies at the start, shapes (nbody, 3) and (nbody, 4) wxyz.
         sides: The most half-planes that hold the pieces of one object's relations.
+        pieces: The most pieces that relations cut the region of one object into.
         meshes: The device meshes that `program` points to.
     """
 
@@ -62,11 +90,12 @@ class CompiledScene:
     home_xpos: np.ndarray
     home_xquat: np.ndarray
     sides: int
+    pieces: int
     meshes: tuple[wp.Mesh, ...] = field(repr=False)
 
     @cached_property
     def plan(self) -> Plan:
-        """The placement program on the host, worked out when it is asked for: resets do without."""
+        """The placement program on the host, worked out when it is asked for, as resets do without it."""
         return build_plan(self.scene)
 
     @property
@@ -81,7 +110,7 @@ class CompiledScene:
 
     @property
     def hash(self) -> str:
-        """Identifies the scene in layout ids."""
+        """The scene's part of layout ids."""
         return self.scene.hash
 
     def layout_id(self, seed: SupportsInt, episode: SupportsInt, split: str = "train") -> str:
@@ -89,12 +118,12 @@ class CompiledScene:
 
         Args:
             seed: 64 bits, as a number of any library; negative ones are read as two's complement.
-            episode: Number of resets before the one that made the layout, counted from when the world got its seed.
+            episode: Number of resets of the world between the one that gave it its seed and the one of the layout.
             split: "train" or "eval".
 
         Raises:
             SeedError: A seed of more than 64 bits.
-            ArgumentError: Another split, or an episode that there is not: -1 is that of a world without a layout.
+            ArgumentError: Another split, or an episode out of range; -1 is that of a world without a layout.
         """
         number, count = int(seed), int(episode)
         if not -(2**63) <= number < 2**64:
@@ -125,26 +154,12 @@ class CompiledScene:
 
     @property
     def related(self) -> bool:
-        """Whether any object's region differs between worlds."""
+        """True if the region of any object differs between worlds."""
         return bool(self.program.obj_cutnum.numpy().any())
 
     @property
-    def pieces(self) -> int:
-        """The most pieces that relations cut the region of one object into."""
-        program = self.program
-        triangles, cuts = program.variant_trinum.numpy(), program.obj_cutnum.numpy()
-        first, number = program.obj_variantadr.numpy(), program.obj_variantnum.numpy()
-        parts = self.config.parts
-        most = 0
-        for i, name in enumerate(self.placed):
-            region = parts[name].region if name in parts else None
-            of_each = min(int(cuts[i]), 1) if region is not None and region.points is not None else int(cuts[i])
-            most = max(most, of_each * int(triangles[first[i] : first[i] + number[i]].max(initial=0)))
-        return most
-
-    @property
     def attempts(self) -> int:
-        """How many candidates an object gets before a layout starts again: as written, or as found for `auto`."""
+        """The candidates that an object gets before a layout starts again: as written, or as found for `auto`."""
         return int(self.program.attempts)
 
     def bank_rows(self, split: str) -> slice:
@@ -154,26 +169,27 @@ class CompiledScene:
 
 
 def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
-    """Upload a scene to a device. The bank is still empty; `layout.compile.compile_scene` fills it."""
+    """Check a scene and upload it to a device. The bank is still empty; `layout.compile.compile_scene` fills it.
+
+    Raises:
+        ScenirisError: Something is wrong with the scene; see `build_plan` and `CHECKS`.
+    """
     plan = build_plan(scene)
-    check_distances(scene, plan)
-    warn_of_oddities(scene, plan)
-    colliders = collect_colliders(plan.pieces, scene.config.geometry == "visual", device)
+    for check in CHECKS:
+        check(plan)
+    is_visual = scene.config.geometry == "visual"
+    colliders = collect_colliders(plan.pieces, is_visual, device)
     lanes = _WARP if wp.get_device(device).is_cuda else 1
-    arrays = pack_program(scene, plan, colliders, lanes) | collider_arrays(colliders)
-    mocap = max(scene.mjm.nmocap, 1)
+    arrays = pack_program(plan, colliders, lanes) | collider_arrays(colliders)
+    fill_views(plan, {name: arrays.pop(name) for name in ARM_LISTS}, device)
     program = Program()
-    program.visual = int(scene.config.geometry == "visual")
+    program.visual = int(is_visual)
     program.face_vertadr = 0
-    if program.visual and any(p.type in ROUND for p in plan.pieces):  # triangles are hulls as well
+    if is_visual and any(p.type in ROUND for p in plan.pieces):  # triangles are hulls as well
         program.face_vertadr = len(arrays["vert"])
         corners = np.stack([arrays[name] for name in ("face_a", "face_b", "face_c")], axis=1)
         arrays["vert"] = np.concatenate([arrays["vert"], corners.reshape(-1, 3)])
-    arm_lists = {name: arrays.pop(name) for name in ARM_LISTS}
-    reaching = build_reaching(scene, plan, device)
-    if reaching is not None:
-        for one in reaching.arms:
-            fill_struct(Reach, one.view, arm_lists, device)
+    mocap = max(scene.mjm.nmocap, 1)
     arrays |= {
         "bank_present": np.zeros((0, len(plan.slots))),
         "bank_qpos": np.zeros((0, scene.mjm.nq)),
@@ -191,12 +207,13 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
         scene=scene,
         device=device,
         program=program,
-        reaching=reaching,
+        reaching=plan.reaching,
         home_qpos=scene.home_qpos.astype(np.float32),
         home_place=plan.place.astype(np.float32),
         home_bounds=plan.bounds.astype(np.float32),
         home_xpos=plan.home.xpos.astype(np.float32),
         home_xquat=plan.home.xquat.astype(np.float32),
         sides=most_sides(plan),
+        pieces=max(map(cut_pieces, plan.objects), default=0),
         meshes=tuple(colliders.keep),
     )

@@ -1,4 +1,4 @@
-"""The settled poses of the things of heaps, and what they are put into with them."""
+"""The settled poses of the things of heaps, and the support that they fill."""
 
 from __future__ import annotations
 
@@ -8,33 +8,34 @@ from pathlib import Path
 import numpy as np
 from shapely.geometry import MultiPolygon, box
 
-from sceniris_gym.config.heaps import HeapConfig
 from sceniris_gym.errors import HeapError
 from sceniris_gym.geometry.supports import SupportSurface
-from sceniris_gym.scene.heaps import filled_body, read_rows, rigid_part, rigid_thing, settled_with
+from sceniris_gym.scene.heaps import filled_body, read_rows, rigid_part, rigid_thing
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import Support
 
-_AROUND = 1e-3  # m that the surface which stands for all rows is larger than what it holds
+_AROUND = 1e-3  # m that the surface which stands for all rows extends beyond the roots
 
 
 @dataclass(frozen=True)
 class HeapPoses:
-    """The settled poses of one thing of a heap, relative to the body that is filled.
+    """The settled poses of one thing of a heap, relative to the body that the heap fills.
 
     Attributes:
-        pos: Where its root is [m], shape (nrow, 3).
+        pos: Position of its root [m], shape (nrow, 3).
         quat: Its orientation, wxyz, shape (nrow, 4).
         stream: The random stream that the row is drawn from, one for all things of the heap.
-        together: All bodies that MuJoCo settled: those of the things, and those fixed to the body that is filled.
-        support: What is filled.
-        surface: A rectangle that holds the roots in all rows, seen from above, as high as the highest of them.
+        together: All bodies that settled together: those of the things, and those fixed to the filled body.
+        settled_with: Identifies the shapes and masses that the poses were settled with; see `scene.heaps`.
+        support: The support that the heap fills.
+        surface: A rectangle around the roots in all rows, seen from above, as high as the highest of them.
     """
 
     pos: np.ndarray
     quat: np.ndarray
     stream: int
     together: frozenset[int]
+    settled_with: str
     support: Support
     surface: SupportSurface
 
@@ -43,34 +44,27 @@ def heap_poses(scene: SceneModel) -> dict[str, HeapPoses]:
     """Read the settled poses of all things of heaps, by name.
 
     Raises:
-        HeapError: There are no rows, or they were settled with other things.
+        HeapError: There are no rows, or they are of other things.
         NotSupportedError: A thing with joints of its own, or a heap that fills the world.
     """
-    heaps = scene.config.heaps.items()
-    return {name: poses for key, heap in heaps for name, poses in _poses(scene, key, heap).items()}
-
-
-def _poses(scene: SceneModel, key: str, heap: HeapConfig) -> dict[str, HeapPoses]:
-    config = scene.config
-    where = f"{config.where}: heaps.{key}"
-    if heap.rows is None:
-        raise HeapError(
-            f"{where}.rows: is missing. Make them with `sceniris-gym settle SCENE -o ROWS.npz`, and name the file."
-        )
-    rows = read_rows(Path(heap.rows), heap, where)
-    if rows.settled_with != settled_with(scene, heap, where):
-        raise HeapError(
-            f"{where}.rows: '{heap.rows}' was settled with other shapes or masses. Make it anew with "
-            "`sceniris-gym settle SCENE`."
-        )
-    body = filled_body(scene, heap, where)
-    low, high = rows.pos.min(axis=(0, 1)) - _AROUND, rows.pos.max(axis=(0, 1)) + _AROUND
-    area = MultiPolygon([box(low[0], low[1], high[0], high[1])])
-    things = [thing for name in heap.of for thing in rigid_thing(scene, name, where)]
-    shared = {
-        "stream": 1 + list(config.objects).index(heap.of[0]),
-        "together": frozenset([*things, *rigid_part(scene.mjm, body)]),
-        "support": scene.support(heap.fill, f"{where}.fill"),
-        "surface": SupportSurface(body, float(high[2]), area, area),
-    }
-    return {name: HeapPoses(rows.pos[:, i], rows.quat[:, i], **shared) for i, name in enumerate(heap.of)}
+    found: dict[str, HeapPoses] = {}
+    for key, heap in scene.config.heaps.items():
+        where = f"{scene.config.where}: heaps.{key}"
+        if heap.rows is None:
+            raise HeapError(
+                f"{where}.rows: is missing. Make them with `sceniris-gym settle SCENE -o ROWS.npz`, and name the file."
+            )
+        rows = read_rows(Path(heap.rows), heap, where)
+        body = filled_body(scene, heap, where)
+        low, high = rows.pos.min(axis=(0, 1)) - _AROUND, rows.pos.max(axis=(0, 1)) + _AROUND
+        area = MultiPolygon([box(low[0], low[1], high[0], high[1])])
+        things = [thing for name in heap.of for thing in rigid_thing(scene, name, where)]
+        shared = {
+            "stream": 1 + list(scene.config.objects).index(heap.of[0]),
+            "together": frozenset([*things, *rigid_part(scene.mjm, body)]),
+            "settled_with": rows.settled_with,
+            "support": scene.support(heap.fill, f"{where}.fill"),
+            "surface": SupportSurface(body, float(high[2]), area, area),
+        }
+        found |= {name: HeapPoses(rows.pos[:, i], rows.quat[:, i], **shared) for i, name in enumerate(heap.of)}
+    return found

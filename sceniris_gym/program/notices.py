@@ -1,7 +1,9 @@
-"""Warnings about a scene, issued where they come up and written down for when the scene is taken from the cache."""
+"""Warnings about a scene: issued at the caller's line, and noted for when the scene is taken from the cache."""
 
 from __future__ import annotations
 
+import os
+import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,20 +11,24 @@ from contextvars import ContextVar
 
 from sceniris_gym import errors
 
+_PACKAGE = os.path.join(os.path.dirname(errors.__file__), "")
 _noted: ContextVar[list[UserWarning] | None] = ContextVar("noted", default=None)
 
 
-def warn(warning: UserWarning, stacklevel: int = 1) -> None:
-    """Issue a warning as `warnings.warn` does, and note it for `noting`."""
+def warn(warning: UserWarning) -> None:
+    """Issue a warning at the line that called this package, and note it for `noting`."""
     noted = _noted.get()
     if noted is not None:
         noted.append(warning)
-    warnings.warn(warning, stacklevel=stacklevel + 1)
+    level, frame = 1, sys._getframe()
+    while frame is not None and frame.f_code.co_filename.startswith(_PACKAGE):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(warning, stacklevel=level)
 
 
 @contextmanager
 def noting() -> Iterator[list[UserWarning]]:
-    """Yield a list that gets all warnings which this thread issues by `warn` inside of the block."""
+    """Yield a list that collects all warnings which this thread issues by `warn` inside of the block."""
     noted: list[UserWarning] = []
     token = _noted.set(noted)
     try:
@@ -32,13 +38,13 @@ def noting() -> Iterator[list[UserWarning]]:
 
 
 def to_words(warning: UserWarning) -> list:
-    """A warning as what JSON can hold: the name of its class, and the arguments that make it again."""
+    """Return a warning as JSON can hold it: the name of its class, and the arguments that make it again."""
     _, arguments = warning.__reduce__()[:2]
     return [type(warning).__name__, list(arguments)]
 
 
 def from_words(words: list) -> UserWarning:
-    """The warning that `to_words` was given.
+    """Return the warning that `to_words` was given.
 
     Raises:
         ValueError: The words name no warning of this package.

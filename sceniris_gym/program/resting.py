@@ -16,13 +16,13 @@ from sceniris_gym.program.couplings import Follower
 from sceniris_gym.scene.couplings import follow
 from sceniris_gym.scene.model import SceneModel
 
-# In how many states of its joints a pose is looked at: a grid of at most this many levels of each joint, or as many
-# random corners and points.
+# A pose is tested in this many states of its joints, on a grid of at most so many levels of each joint, or at random
+# corners and points.
 _STATES = 128
 _LEVELS = 33
-# How far [m] an object may fall until it is carried; more moves it by a centimetre as it tilts.
+# Height [m] that an object may fall until it is carried; more moves it by a centimetre as it tilts.
 _FALL = 2.5e-3
-# What weighs less than this share of its mass does not rest.
+# An object that weighs less than this share of its mass does not rest.
 _LEAST_WEIGHT = 1.0e-3
 
 
@@ -33,11 +33,12 @@ def stable_poses(
     home: mujoco.MjData,
     drawn: Mapping[int, Sequence[tuple[float, float]]],
     followers: Sequence[Follower],
+    ground: int | None,
 ) -> list[tuple[np.ndarray, float]]:
-    """Return the stable poses of an object and their probabilities, also where what is seen keeps apart.
+    """Return the stable poses of an object and their probabilities, by its physics also with `geometry: visual`.
 
     The poses and probabilities are those of its home state. A free object keeps those in which it rests in all states
-    that its joints are drawn in, on what of it touches its support, from the distance at which MuJoCo acts.
+    that its joints are drawn in, on those of its pieces that touch its support, at the distance at which MuJoCo acts.
 
     Args:
         scene: The scene.
@@ -46,13 +47,13 @@ def stable_poses(
         home: MjData at the start pose.
         drawn: The intervals that each of its drawn joints is in, by its address in qpos.
         followers: The joints that follow them.
+        ground: The body that carries it, None in a box in space.
 
     Raises:
         SceneKeyError: It has no such pose.
     """
     where, bodies = f"{scene.config.where}: objects.{name}.orientation", scene.subtree(name)
     pieces = extract_pieces(scene.mjm, "physics", set(bodies))
-    config, ground = scene.config.parts[name], _carrier(scene, name)
     if not (pieces or own):
         raise SceneKeyError(
             f"{where}: it has no collision geometry and so no stable pose. Give it geoms that collide, or another "
@@ -60,14 +61,14 @@ def stable_poses(
         )
     touch = [None] * len(pieces) if ground is None else _touch_distances(scene, pieces, ground)
     carried = [(p, distance) for p, distance in zip(pieces, touch, strict=True) if distance is not None]
-    if config.kind != "free" or not carried:  # what nothing carries falls, whatever its pose
+    if scene.config.parts[name].kind != "free" or not carried:  # without a carrier it falls in any pose
         return HomeShape(home, bodies[0], pieces or own).stable(where)
     _check_weight(scene.mjm, bodies, where)
     resting, margins = [p for p, _ in carried], np.array([distance for _, distance in carried])
     poses = HomeShape(home, bodies[0], resting, margins).stable(where)
     states = chain([home], _drawn_states(scene, home, drawn, followers))
     shapes = [(HomeShape(s, bodies[0], resting, margins), HomeShape(s, bodies[0], pieces)) for s in states]
-    is_seen = scene.config.geometry == "visual"  # then it stands on what is seen, whatever carries it
+    is_seen = scene.config.geometry == "visual"  # then it stands on visual geometry, whatever carries it
     kept = [pose for pose in poses if is_seen or all(_drop(*shape, pose[0]) <= _FALL for shape in shapes)]
     if not kept:
         raise SceneKeyError(
@@ -85,14 +86,8 @@ def stable_poses(
     return [(quat, share / total) for quat, share in kept] if len(kept) < len(poses) else poses
 
 
-def _carrier(scene: SceneModel, name: str) -> int | None:
-    """The body that an object is put on, None in a box in space."""
-    support = scene.config.parts[name].support
-    return None if support is None else scene.support(support.parent, f"{scene.config.where}: objects.{name}").body
-
-
 def _check_weight(mjm: mujoco.MjModel, bodies: list[int], where: str) -> None:
-    """Refuse what does not press on its support; what nothing pulls at stays wherever it is."""
+    """Refuse an object that rises off its support; one that nothing pulls at stays wherever it is."""
     left, least = weights(mjm)[bodies], _LEAST_WEIGHT * mjm.body_mass[bodies].sum()
     if left.sum() <= least and np.abs(left).max() > least:
         raise SceneKeyError(
@@ -102,7 +97,7 @@ def _check_weight(mjm: mujoco.MjModel, bodies: list[int], where: str) -> None:
 
 
 def _touch_distances(scene: SceneModel, pieces: list[Piece], ground: int) -> list[float | None]:
-    """From which distance [m] on MuJoCo lets each piece rest on a body; None for what it does not let rest there."""
+    """Return the distance [m] from which on each piece rests on a body in MuJoCo; None for pieces that never do."""
     rules = ContactRules(scene.mjm, "physics")
     under = {int(rules.classes[g]) for g in np.flatnonzero(scene.mjm.geom_bodyid == ground) if rules.collides(int(g))}
 
@@ -122,9 +117,9 @@ def _drawn_states(
     drawn: Mapping[int, Sequence[tuple[float, float]]],
     followers: Sequence[Follower],
 ) -> Iterator[mujoco.MjData]:
-    """States that joints are drawn in: their ends and what is between, on a grid, or at random where there are many.
+    """Yield states that joints are drawn in, their ends among them: on a grid, or at random where there are many.
 
-    All of them in the same MjData, which is spared the making of many.
+    All states are in one MjData, as making many of them takes long.
     """
     levels = [np.unique([np.linspace(low, high, _LEVELS) for low, high in parts]) for parts in drawn.values()]
     if not levels:
@@ -149,7 +144,7 @@ def _drawn_states(
 
 
 def _drop(resting: HomeShape, whole: HomeShape, quat: np.ndarray) -> float:
-    """How far [m] an object in a pose falls until its support carries it.
+    """Return the height [m] that an object in a pose falls until its support carries it.
 
     It is put down with its lowest point as high as the largest of the distances from which its pieces are carried.
     """
@@ -157,6 +152,6 @@ def _drop(resting: HomeShape, whole: HomeShape, quat: np.ndarray) -> float:
 
 
 def _quoted(scene: SceneModel, drawn: Iterable[int]) -> str:
-    """Joints at these addresses in qpos, as errors name them."""
+    """Return joints at these addresses in qpos, as errors name them."""
     joints = [int(np.flatnonzero(scene.mjm.jnt_qposadr == adr)[0]) for adr in drawn]
     return ", ".join(f"'{scene.mjm.joint(j).name}'" for j in joints)

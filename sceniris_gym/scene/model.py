@@ -6,6 +6,7 @@ import copy
 import fnmatch
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -101,6 +102,11 @@ class SceneModel:
     def subtree(self, name: str) -> list[int]:
         """Return the ids of an object's root body and of all bodies below it, in ascending order."""
         return subtree(self.mjm, self.bodies[name])
+
+    @cached_property
+    def owners(self) -> dict[int, str]:
+        """The object or robot that each body belongs to, by body id; bodies of neither are left out."""
+        return {body: name for name in self.bodies for body in self.subtree(name)}
 
     def around(self, support: Support) -> list[int]:
         """Return the bodies of the object that a support is part of: they may be its roof; of none, its own body."""

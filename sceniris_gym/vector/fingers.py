@@ -11,8 +11,8 @@ import numpy as np
 from sceniris_gym.scene.couplings import active_equalities, driven_by, follow, free_range
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import subtree
-from sceniris_gym.sim.versions import actuator_controls, actuator_outputs
 from sceniris_gym.sim.rest import CTRL_HOLDS, SCALAR_JOINTS
+from sceniris_gym.sim.versions import actuator_controls, actuator_outputs
 
 # Fingers that move by less [m] across the approach axis neither open nor close.
 _STILL = 1e-4

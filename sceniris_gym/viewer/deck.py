@@ -15,7 +15,7 @@ from sceniris_gym.layout.blame import Blame, Hit
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.layout.tables import read_table
+from sceniris_gym.layout.tables import read_rejected, read_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -105,16 +105,11 @@ class LayoutDeck:
         view = recorder.layouts.view
         view.rejected_count.zero_()
         before = view.rejections.numpy().copy()
-        _made(recorder, where)
+        made = _made(recorder, where)
         counts = view.rejections.numpy() - before
-        num = min(int(view.rejected_count.numpy()[0]), MOST_RECORDED)
-        nmocap, present = self.compiled.mjm.nmocap, recorder.layouts.present.numpy()[:1] != 0
-        states = [a.numpy()[:num] for a in (view.rejected_qpos, view.rejected_mocap_pos, view.rejected_mocap_quat)]
-        found = []
-        for i in range(num):
-            number, cause = int(view.rejected_object.numpy()[i]), int(view.rejected_cause.numpy()[i])
-            row = [a[i : i + 1].copy() for a in states]
-            state = LayoutTable.from_states(row[0], row[1][:, :nmocap], row[2][:, :nmocap], present.copy())
+        rejected, found = read_rejected(recorder), []
+        for i, (number, cause) in enumerate(zip(rejected.objects.tolist(), rejected.causes.tolist(), strict=True)):
+            state = replace(rejected.states[i : i + 1], present=made.present)
             name = self.compiled.placed[number]
             found.append(Candidate(name, number, Cause(cause).name.lower(), int(counts[number, cause]), state))
         return found
@@ -125,6 +120,11 @@ class LayoutDeck:
         candidate.state.put(data, 0)
         mujoco.mj_kinematics(self.compiled.mjm, data)
         return self._blame.hits(data, candidate.number)
+
+    @cached_property
+    def _blame(self) -> Blame:
+        """Finds the geoms that candidates hit; made when it is first asked for."""
+        return Blame(self.compiled)
 
     def find(self, text: str) -> Where:
         """Return the choice that shows the layout with an id.
@@ -146,10 +146,6 @@ class LayoutDeck:
         seen = {c for c in Cause if self.counts[:, c].any()}
         rows = ((name, self.counts[i]) for i, name in enumerate(self.compiled.placed))
         return {name: {c.name.lower(): int(row[c]) for c in sorted(seen)} for name, row in rows if row.any()}
-
-    @cached_property
-    def _blame(self) -> Blame:
-        return Blame(self.compiled)
 
     def _generator(self, split: str, record: bool = False) -> LayoutGenerator:
         """Return the generator of all worlds, or the one of the first world that records its rejected candidates."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from ruamel.yaml import YAML
 
 from sceniris_gym.cli import main
 from sceniris_gym.commands.check import check, report, table_of_rejections
+from sceniris_gym.layout.generate import LayoutGenerator
 from tests.layout.crane import crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, compile_on_cpu
 
@@ -50,9 +53,35 @@ def test_every_candidate_of_a_single_object_is_rejected_or_stays(tmp_path: Path)
     assert "picture" not in found
 
 
+def test_layouts_are_made_once_and_their_rejections_name_what_is_in_the_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """Two crates on a small floor: the second one is told with the first, and a single generator made it all."""
+    crate = {"asset": box_mjcf(tmp_path, "crate", 0.1, 0.1, 0.1), "on": "floor"}
+    compiled = compile_on_cpu({"floor": {"size": [0.3, 0.3]}, "objects": {"a": crate, "b": crate}}, bank=4)
+    made: list[LayoutGenerator] = []
+    monkeypatch.setattr(LayoutGenerator, "generate", _counted(LayoutGenerator.generate, made))
+    found = check(compiled, 100, 5)
+    assert len(made) == 1
+    assert found["rejections"]["b"]["collision"] > 20
+    assert list(found["in_the_way"]) == ["b"]
+    assert "of body 'b' and geom '1' of body 'a'" in found["in_the_way"]["b"]
+    assert "100% of them" in found["in_the_way"]["b"]
+
+
+def _counted(function: Callable, calls: list) -> Callable:
+    """The same function, which notes what it was called on."""
+
+    def counted(self: Any, *words: Any) -> Any:
+        calls.append(self)
+        return function(self, *words)
+
+    return counted
+
+
 def test_the_report_has_shares_causes_and_the_picture():
     """As text: percentages, a table of objects and causes with its columns in line, and what is within reach."""
-    counts = {"mug": {"collision": 7, "overhead": 0}, "long_named_pan": {"collision": 12345, "overhead": 3}}
+    counts = {"mug": {"collision": 7, "roof": 0}, "long_named_pan": {"collision": 12345, "roof": 3}}
     found = {
         **{
             "scene": "desk",
@@ -70,7 +99,7 @@ def test_the_report_has_shares_causes_and_the_picture():
     assert "40 attempts" in lines[1]
     assert lines[2].endswith("0123:train:4:0")
     assert [line.split() for line in lines[3:6]] == [
-        ["rejected", "collision", "overhead"],
+        ["rejected", "collision", "roof"],
         ["mug", "7", "0"],
         ["long_named_pan", "12345", "3"],
     ]

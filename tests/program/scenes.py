@@ -9,8 +9,10 @@ import numpy as np
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.geometry.colliders import Colliders, collect_colliders
+from sceniris_gym.program.compiled import CHECKS
 from sceniris_gym.program.pack.program import pack_program
-from sceniris_gym.program.plan import PlacedObject, Plan, build_plan
+from sceniris_gym.program.placed_object import PlacedObject
+from sceniris_gym.program.plan import Plan, build_plan
 from sceniris_gym.scene.model import SceneModel, build_model
 
 BOX = (
@@ -57,8 +59,16 @@ class Packed:
         return self[values][adr : adr + num].tolist()
 
 
+def checked(scene: SceneModel) -> Plan:
+    """Plan a scene, with all that is checked before it is uploaded."""
+    plan = build_plan(scene)
+    for check in CHECKS:
+        check(plan)
+    return plan
+
+
 def pack(scene: SceneModel, lanes: int = 1) -> Packed:
     """Pack a scene for so many lanes a world."""
     plan = build_plan(scene)
     colliders = collect_colliders(plan.pieces, scene.config.geometry == "visual", "cpu")
-    return Packed(scene, plan, colliders, pack_program(scene, plan, colliders, lanes))
+    return Packed(scene, plan, colliders, pack_program(plan, colliders, lanes))

@@ -11,17 +11,33 @@ import numpy as np
 import pytest
 import warp as wp
 
+from sceniris_gym import program
 from sceniris_gym.collide.boxes import OWN_STACK
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, SeedError
-from sceniris_gym.program.compiled import CompiledScene, upload_scene
+from sceniris_gym.program.compiled import CHECKS, CompiledScene, upload_scene
 from sceniris_gym.program.device import Program
 from sceniris_gym.scene.model import build_model
 from tests.program.scenes import scene_of
 
+PROGRAM = Path(program.__file__).parent
+
 
 def _uploaded(scene: str = "mid", geometry: str = "physics") -> CompiledScene:
     return upload_scene(build_model(SceneConfig.load(scene, {"geometry": geometry})), "cpu")
+
+
+def test_every_check_of_the_folder_is_run_and_warnings_come_late():
+    """Once each; the check of reach comes last, as arms are only planned for it."""
+    homes = sorted(check.__module__.rpartition(".")[2] for check in CHECKS)
+    assert homes == sorted(path.stem for path in (PROGRAM / "checks").glob("*.py") if path.stem != "__init__")
+    assert [check.__name__ for check in CHECKS][-2:] == ["warn_of_oddities", "check_reach"]
+
+
+@pytest.mark.parametrize("path", [p for p in PROGRAM.rglob("*.py") if p.parent.name != "checks"], ids=lambda p: p.stem)
+def test_only_the_upload_knows_the_checks(path: Path):
+    """Neither the plan nor a packer asks for one."""
+    assert ("sceniris_gym.program.checks" in path.read_text()) == (path.name == "compiled.py")
 
 
 @pytest.mark.parametrize("geometry", ["physics", "visual"])

@@ -1,8 +1,7 @@
-"""What is accepted although it was probably not meant: one warning for each kind, with its extent and the remedy."""
+"""Warnings of oddities, which are accepted but probably not meant: one for each kind, with its extent and remedy."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -13,6 +12,7 @@ from sceniris_gym.config.bounds import MOST_FAR
 from sceniris_gym.errors import ModelWarning
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.pieces import Piece, PieceType, flat_faces, geom_name
+from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.notices import warn
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.scene.model import SceneModel
@@ -22,29 +22,29 @@ if TYPE_CHECKING:
 
 # A hull that is larger than its mesh by more than this factor fills something in.
 _FILLED = 1.3
-# The largest extent of a thing [m]; beyond, its units are probably others.
+# Extents of an object [m]; outside of them its units are probably others.
 _SMALLEST, _LARGEST = 1.0e-3, 50.0
-# How deep [m] two things that are not placed may overlap: files are rounded.
+# Depth [m] to which two objects that are not placed may overlap, as files are rounded.
 _SUNK = 1.0e-3
-# Without contacts nothing is pushed.
+# Flags that switch contact forces off.
 _NO_CONTACTS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-# How far [m] geoms may reach from the origin, along an axis: up to there rounding stays below what counts as touching.
+# Distance [m] from the origin, along an axis, up to which rounding stays below the skin of collision tests.
 _FINE = 128.0
 
 
-def warn_of_oddities(scene: SceneModel, plan: Plan) -> None:
-    """Warn of what is odd in a scene: `ModelWarning`, once for each kind of oddity."""
-    kinds = _flat(scene, plan), _filled(scene, plan), _sizes(scene, plan), _sunk(scene, plan), _coarse(scene, plan)
-    for text in itertools.chain(*kinds):
-        warn(ModelWarning(f"{scene.config.where}: {text}"), stacklevel=2)
+def warn_of_oddities(plan: Plan) -> None:
+    """Warn of oddities in a scene: one `ModelWarning` for each kind."""
+    for kind in (_flat, _filled, _sizes, _sunk, _coarse):
+        for text in kind(plan):
+            warn(ModelWarning(f"{plan.scene.config.where}: {text}"))
 
 
-def _flat(scene: SceneModel, plan: Plan) -> Iterator[str]:
-    """Faces without area, which have no inside and no normal."""
-    if scene.config.geometry != "visual":
+def _flat(plan: Plan) -> Iterator[str]:
+    """Warn of faces without area, which have no inside and no normal."""
+    if plan.scene.config.geometry != "visual":
         return
     counts = {p.geom: _flat_number(p.mesh) for p in plan.pieces if p.mesh is not None}
-    found = [f"{count} of geom '{geom_name(scene.mjm, geom)}'" for geom, count in counts.items() if count]
+    found = [f"{count} of geom '{geom_name(plan.scene.mjm, geom)}'" for geom, count in counts.items() if count]
     if found:
         yield (
             f"faces without area are left out: {_some(found)}. Nothing is lost if the mesh is closed without them; "
@@ -52,13 +52,13 @@ def _flat(scene: SceneModel, plan: Plan) -> Iterator[str]:
         )
 
 
-def _filled(scene: SceneModel, plan: Plan) -> Iterator[str]:
-    """Meshes that collide as a hull much larger than they are."""
+def _filled(plan: Plan) -> Iterator[str]:
+    """Warn of meshes that collide as a hull much larger than they are."""
     import trimesh
 
-    if scene.config.geometry != "physics":
+    if plan.scene.config.geometry != "physics":
         return
-    mjm, found = scene.mjm, []
+    mjm, found = plan.scene.mjm, []
     for p in plan.pieces:
         if p.type == PieceType.HULL and p.mesh is not None:
             mesh = int(mjm.geom_dataid[p.geom])
@@ -78,18 +78,18 @@ def _filled(scene: SceneModel, plan: Plan) -> Iterator[str]:
 
 
 def _flat_number(mesh: trimesh.Trimesh) -> int:
-    """How many faces of a mesh have no area, those among them that are left out already."""
+    """Return the number of faces of a mesh without area, including those that are left out already."""
     return int(flat_faces(mesh.triangles).sum()) + mesh.metadata.get("left_out", 0)
 
 
-def _sizes(scene: SceneModel, plan: Plan) -> Iterator[str]:
-    """Objects of a size that suggests other units."""
+def _sizes(plan: Plan) -> Iterator[str]:
+    """Warn of objects of a size that suggests other units."""
     found = []
     for name in plan.slots:
-        bodies = set(scene.subtree(name))
-        ends = [plan.extents(p) for p in plan.pieces if p.body in bodies and p.type != PieceType.PLANE]
+        bodies = set(plan.scene.subtree(name))
+        ends = [(low, high) for p, low, high in plan.solids if p.body in bodies]
         if ends:
-            size = float((np.max([high for _, high in ends], 0) - np.min([low for low, _ in ends], 0)).max())
+            size = float((np.max(ends, (0, 1)) - np.min(ends, (0, 1))).max())
             if not _SMALLEST <= size <= _LARGEST:
                 found.append(f"'{name}' ({size:.3g} m)")
     if found:
@@ -99,16 +99,16 @@ def _sizes(scene: SceneModel, plan: Plan) -> Iterator[str]:
         )
 
 
-def _sunk(scene: SceneModel, plan: Plan) -> Iterator[str]:
-    """What layouts leave where it is, and what is inside of something else that they leave there."""
+def _sunk(plan: Plan) -> Iterator[str]:
+    """Warn of things that overlap at home and that layouts leave there."""
+    scene, mjm = plan.scene, plan.scene.mjm
     if scene.config.geometry != "physics":
         return
-    mjm = scene.mjm
     is_pushed = not mjm.opt.disableflags & _NO_CONTACTS
     still: list[str] = []
     pushed: list[str] = []
     cures: dict[str, None] = {}
-    placed = {b for name, o in scene.config.parts.items() if o.is_placed for b in scene.subtree(name)}
+    placed = {body for o in plan.objects if o.kind != ObjectKind.STATIC for body in o.bodies}
     for depth, geoms in _overlaps(mjm, plan.home, [p for p in plan.pieces if p.body not in placed]):
         free = [geom for geom in geoms if _can_move(mjm, geom)]
         one, other = geoms if not free or geoms[0] in free else reversed(geoms)
@@ -120,20 +120,20 @@ def _sunk(scene: SceneModel, plan: Plan) -> Iterator[str]:
             cures |= dict.fromkeys(_cure(scene, geom) for geom in free)
     if still:
         yield (
-            f"what stands still overlaps: {_some(still)}. Nothing moves them apart; correct their positions (for the "
-            "robot `robot.base`), or exclude the pair if that is meant."
+            f"geoms that never move overlap: {_some(still)}. Nothing moves them apart; correct their positions (for "
+            "the robot `robot.base`), or exclude the pair if that is meant."
         )
     if pushed:
         yield (
-            f"what can move overlaps something in the start pose, and contact forces push it out at the start: "
+            "movable geoms overlap others in the start pose, and contact forces push them out at the start: "
             f"{_some(pushed)}. {'; '.join(cures)}; or exclude the pair if that is meant."
         )
 
 
 def _overlaps(mjm: mujoco.MjModel, home: mujoco.MjData, pieces: list[Piece]) -> Iterator[tuple[float, tuple[int, int]]]:
-    """How deep [m] things are in each other at home, and which geoms are: the deepest of each two things.
+    """Yield the depths [m] of overlaps at home with the two geoms, the deepest of each two things.
 
-    What cannot move and what can are told apart.
+    Overlaps of geoms that can move and of geoms that cannot count separately.
     """
     rules = ContactRules(mjm, "physics")
     deepest: dict[tuple[int, int, bool], tuple[float, tuple[int, int]]] = {}
@@ -150,23 +150,23 @@ def _overlaps(mjm: mujoco.MjModel, home: mujoco.MjData, pieces: list[Piece]) -> 
 
 
 def _can_move(mjm: mujoco.MjModel, geom: int) -> bool:
-    """Whether a joint moves a geom."""
+    """Return whether a joint moves a geom."""
     return bool(mjm.body_dofnum[mjm.body_weldid[mjm.geom_bodyid[geom]]])
 
 
 def _owner(scene: SceneModel, geom: int) -> str:
-    """What messages call the thing that a geom is part of: the object, the robot, or a body of the model."""
+    """Return the name of the object, the robot or the body of the model that a geom is part of."""
     root = int(scene.mjm.body_rootid[scene.mjm.geom_bodyid[geom]])
-    names = {body: name for name, body in scene.bodies.items()}
-    return names.get(root) or str(scene.mjm.body(root).name)
+    return scene.owners.get(root) or str(scene.mjm.body(root).name)
 
 
 def _geom_of(scene: SceneModel, geom: int) -> str:
+    """Return a geom and its owner as messages name them."""
     return f"geom '{geom_name(scene.mjm, geom)}' of '{_owner(scene, geom)}'"
 
 
 def _cure(scene: SceneModel, geom: int) -> str:
-    """What brings a geom that can move to another place at the start."""
+    """Return the remedy that moves a geom at the start."""
     name, mjm = _owner(scene, geom), scene.mjm
     root = int(mjm.body_rootid[mjm.geom_bodyid[geom]])
     robot = scene.config.all_robots.get(name)
@@ -179,28 +179,27 @@ def _cure(scene: SceneModel, geom: int) -> str:
     return f"Place '{name}' as an object with `on` or `region`, or move it"
 
 
-def _coarse(scene: SceneModel, plan: Plan) -> Iterator[str]:
-    """What reaches so far that rounding there may use up the clearance of something that is placed or drawn."""
-    mjm, found = scene.mjm, []
+def _coarse(plan: Plan) -> Iterator[str]:
+    """Warn of geoms so far out that rounding there may use up the clearance of something that is placed or drawn."""
+    mjm, found = plan.scene.mjm, []
     drawn = [o.config for o in plan.objects if o.config is None or o.config.kind != "marker"]
     least = min((c.clearance if c is not None and c.is_placed else 0.0 for c in drawn), default=np.inf)
     if np.any(mjm.geom_margin > 0.0) or np.any(mjm.pair_margin > 0.0):  # nothing may come into a margin
         least = min(least, 0.0)
-    for p in (p for p in plan.pieces if drawn and p.type != PieceType.PLANE):
-        low, high = plan.extents(p)
+    for p, low, high in plan.solids if drawn else []:
         reach = float(np.abs([low, high]).max())
         resolution = float(np.spacing(np.float32(reach)))
         if reach > _FINE and resolution > least and np.all(low <= MOST_FAR) and np.all(high >= -MOST_FAR):
             found.append(f"geom '{geom_name(mjm, p.geom)}' ({reach:.4g} m, {1e6 * resolution:.2g} um)")
     if found:
         yield (
-            f"what reaches beyond {_FINE:g} m from the world's origin is rounded, and things of less 'clearance' "
-            f"may touch it: {_some(found)}. Use a plane or smaller geoms, or a 'clearance' of 0.0001 or more."
+            f"geoms that reach beyond {_FINE:g} m from the world's origin are rounded, and objects of less 'clearance' "
+            f"may touch them: {_some(found)}. Use a plane or smaller geoms, or a 'clearance' of 0.0001 or more."
         )
 
 
 def _near(mjm: mujoco.MjModel, home: mujoco.MjData, pieces: list[Piece]) -> Iterator[tuple[Piece, Piece]]:
-    """Pairs of pieces whose geoms' bounding spheres meet at home. All of a row at once: scenes have thousands."""
+    """Yield pairs of pieces whose geoms' bounding spheres meet at home. A row at a time, as scenes have thousands."""
     geoms = [p.geom for p in pieces]
     at, radius = home.geom_xpos[geoms], mjm.geom_rbound[geoms]
     radius = np.where(radius > 0.0, radius, np.inf)  # 0 for a plane
@@ -211,6 +210,6 @@ def _near(mjm: mujoco.MjModel, home: mujoco.MjData, pieces: list[Piece]) -> Iter
 
 
 def _some(found: list[str], most: int = 5) -> str:
-    """The first of a list of findings, and how many more there are."""
+    """Return the first of a list of findings, and how many more there are."""
     more = f", and {len(found) - most} more" if len(found) > most else ""
     return ", ".join(found[:most]) + more

@@ -1,4 +1,4 @@
-"""Limits of fixed tendons: joints are not drawn from intervals in which a tendon would go beyond its own."""
+"""Check of the limits of fixed tendons: no draw of joints takes a tendon beyond its own."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.errors import SceneKeyError
-from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.program.plan import Plan
 
-# By how much a tendon may leave its limits: rounding.
+# Rounding by which a tendon may leave its limits.
 _ROUNDING = 1e-6
 
 
 def has_active_limits(mjm: mujoco.MjModel, tendon: int) -> bool:
-    """Whether MuJoCo enforces limits of a tendon."""
+    """Return whether MuJoCo enforces limits of a tendon."""
     disabled = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT) | int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
     return bool(mjm.tendon_limited[tendon]) and not mjm.opt.disableflags & disabled
 
@@ -29,71 +29,60 @@ def tendon_joints(mjm: mujoco.MjModel, tendon: int) -> dict[int, float]:
     }
 
 
-def check_tendon_limits(scene: SceneModel, drawn: Mapping[int, Sequence[tuple[float, float]]]) -> None:
-    """Check that drawn joints, and what follows them, keep fixed tendons within their limits.
+def check_tendon_limits(plan: Plan) -> None:
+    """Check that drawn joints and their followers keep fixed tendons within their limits.
 
     A tendon that the start pose has beyond its limits may be as far beyond them, and no farther.
-
-    Args:
-        scene: The scene.
-        drawn: The intervals that each drawn joint is in, by its address in qpos.
 
     Raises:
         SceneKeyError: A tendon that would leave its limits.
     """
-    mjm = scene.mjm
-    moving = _moving(scene, drawn)
+    scene, mjm = plan.scene, plan.scene.mjm
+    drawn = {d.qposadr: d.intervals for o in plan.objects for d in o.joint_ranges}
+    moving = _moving(plan)
     for tendon in range(mjm.ntendon):
         factors = {int(mjm.jnt_qposadr[j]): factor for j, factor in tendon_joints(mjm, tendon).items()}
-        if not has_active_limits(mjm, tendon) or not moving.keys() & factors.keys():
+        shares, lengths = _shares(factors, moving), {adr: f * scene.home_qpos[adr] for adr, f in factors.items()}
+        if not has_active_limits(mjm, tendon) or not shares:
             continue
-        low, high = _lengths(factors, moving, drawn, scene.home_qpos)
-        home = sum(factor * scene.home_qpos[adr] for adr, factor in factors.items())
+        ends = [_range(share, drawn[root]) for root, share in shares.items()]
+        still, home = sum(lengths[adr] for adr in lengths.keys() - moving.keys()), sum(lengths.values())
+        low, high = (still + sum(bounds) for bounds in zip(*ends, strict=True))
         least, most = mjm.tendon_range[tendon]
         if low < min(least, home) - _ROUNDING or high > max(most, home) + _ROUNDING:
-            names = [
-                f"'{mjm.joint(j).name}'" for j in range(mjm.njnt) if mjm.jnt_qposadr[j] in _drivers(factors, moving)
-            ]
+            names = ", ".join(f"'{mjm.joint(j).name}'" for j in range(mjm.njnt) if mjm.jnt_qposadr[j] in shares)
             raise SceneKeyError(
-                f"{scene.config.where}: drawing {', '.join(names)} would make tendon '{mjm.tendon(tendon).name}' "
-                f"{low:.4g} to {high:.4g} long, which should be inside its limits [{least:g}, {most:g}]. Draw these "
-                "joints from smaller ranges, or take the limits out."
+                f"{scene.config.where}: drawing {names} would make tendon '{mjm.tendon(tendon).name}' {low:.4g} to "
+                f"{high:.4g} long, which should be inside its limits [{least:g}, {most:g}]. Draw these joints from "
+                "smaller ranges, or take the limits out."
             )
 
 
-def _moving(scene: SceneModel, drawn: Mapping[int, Sequence[tuple[float, float]]]) -> dict[int, tuple[int, np.poly1d]]:
-    """What moves each joint that is not the same in all layouts: a drawn one, and its position as a polynomial of that.
+def _moving(plan: Plan) -> dict[int, tuple[int, np.poly1d]]:
+    """Return the drawn joint that moves each joint, and the joint's position as a polynomial of that of the drawn one.
 
-    All are addresses in qpos.
+    All joints that differ between layouts are there, by their addresses in qpos.
     """
-    found = {adr: (adr, np.poly1d([1.0, 0.0])) for adr in drawn}
-    for c in scene.couplings:
-        if c.driver is not None and c.driver_adr in found:
-            root, position = found[c.driver_adr]
-            found[c.adr] = root, np.poly1d((*reversed(c.coef), c.offset))(position - c.origin)
+    found = {d.qposadr: (d.qposadr, np.poly1d([1.0, 0.0])) for o in plan.objects for d in o.joint_ranges}
+    for c in (f.coupling for o in plan.objects for f in o.followers):
+        root, position = found[c.driver_adr]
+        found[c.adr] = root, np.poly1d((*reversed(c.coef), c.offset))(position - c.origin)
     return found
 
 
-def _drivers(factors: Mapping[int, float], moving: Mapping[int, tuple[int, np.poly1d]]) -> set[int]:
-    return {moving[adr][0] for adr in factors if adr in moving}
+def _shares(factors: Mapping[int, float], moving: Mapping[int, tuple[int, np.poly1d]]) -> dict[int, np.poly1d]:
+    """Return the part of a tendon's length that each drawn joint decides, as a polynomial of its position."""
+    shares: dict[int, np.poly1d] = {}
+    for adr in factors.keys() & moving.keys():
+        root, position = moving[adr]
+        shares[root] = shares.get(root, np.poly1d([0.0])) + factors[adr] * position
+    return shares
 
 
-def _lengths(
-    factors: Mapping[int, float],
-    moving: Mapping[int, tuple[int, np.poly1d]],
-    drawn: Mapping[int, Sequence[tuple[float, float]]],
-    home: np.ndarray,
-) -> tuple[float, float]:
-    """The least and the greatest length of a tendon over all draws: drawn joints are independent of each other."""
-    low = high = float(sum(factor * home[adr] for adr, factor in factors.items() if adr not in moving))
-    for root in _drivers(factors, moving):
-        share = np.poly1d([0.0])
-        for adr, factor in factors.items():
-            if adr in moving and moving[adr][0] == root:
-                share = share + factor * moving[adr][1]
-        turns = np.roots(np.polyder(share).coeffs)
-        turns = turns.real[np.abs(turns.imag) < _ROUNDING]
-        ends = [x for part in drawn[root] for x in (*part, *turns[(turns > part[0]) & (turns < part[1])])]
-        values = np.asarray(share(np.array(ends)))
-        low, high = low + float(values.min()), high + float(values.max())
-    return low, high
+def _range(share: np.poly1d, intervals: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Return the least and the greatest value of a polynomial over some intervals."""
+    turns = np.roots(np.polyder(share).coeffs)
+    turns = turns.real[np.abs(turns.imag) < _ROUNDING]
+    ends = [x for part in intervals for x in (*part, *turns[(turns > part[0]) & (turns < part[1])])]
+    values = np.asarray(share(np.array(ends)))
+    return float(values.min()), float(values.max())

@@ -1,1 +1,1 @@
-"""A Plan as the flat arrays of the device."""
+"""Packers: each turns a part of a Plan into flat arrays of the device."""

@@ -1,4 +1,4 @@
-"""Where the collision test begins: pairs of boxes of two trees, see `collide/boxes.py`."""
+"""First nodes of the collision test: pairs of boxes of two trees; see `collide/boxes.py`."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from sceniris_gym.geometry.colliders import Colliders
 
 
 def first_nodes(c: Colliders, entries: Sequence[tuple[int, int, int]], lanes: int) -> list[tuple[int, int, int]]:
-    """Where the descent of both trees begins: (pair, node of a, node of b).
+    """Return the entries that the descent of both trees begins with: (pair, node of a, node of b).
 
-    The largest boxes are opened ahead of time, whatever the poses, until there is an entry for every lane: that saves
-    the first passes of every test, in which most lanes would have nothing to do.
+    The largest boxes are opened ahead of time, whatever the poses, until there is an entry for every lane. That saves
+    the first passes of every test, in which most lanes would idle.
 
     Args:
         c: All colliders.
-        entries: What is to be tested for one object, in as few entries as possible.
-        lanes: How many lanes share the work; a single one does best with the fewest entries.
+        entries: The test of one object, in as few entries as possible.
+        lanes: Number of lanes that share the work; a single one does best with the fewest entries.
     """
     half, child = _half(c), _child(c)
     found = list(entries)
@@ -33,7 +33,7 @@ def first_nodes(c: Colliders, entries: Sequence[tuple[int, int, int]], lanes: in
 
 
 def nodes_without(c: Colliders, a: int, b: int, left_out: Collection[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Pairs of nodes below two colliders that together cover all pairs of their leaves but those left out.
+    """Return pairs of nodes below two colliders that together cover all pairs of their leaves but those left out.
 
     Args:
         c: All colliders.
@@ -55,7 +55,7 @@ def nodes_without(c: Colliders, a: int, b: int, left_out: Collection[tuple[int, 
 
 
 def leaf_nodes(c: Colliders, collider: int) -> dict[int, int]:
-    """The leaves of a collider by their nodes: pieces, also where it is a plane."""
+    """Return the leaves of a collider by their nodes: the numbers of pieces, also of a plane."""
     if c.plane[collider] >= 0:
         return {c.root[collider]: c.plane[collider]}
     child = _child(c)
@@ -63,21 +63,23 @@ def leaf_nodes(c: Colliders, collider: int) -> dict[int, int]:
 
 
 def _half(c: Colliders) -> np.ndarray:
+    """Return the half sizes of all boxes [m], shape (nnode, 3)."""
     return np.concatenate([*c.half, np.zeros((0, 3))])
 
 
 def _child(c: Colliders) -> np.ndarray:
+    """Return the first child of each node; ~leaf for a leaf."""
     return np.concatenate([*c.child, np.zeros(0, int)])
 
 
 def _leaves(child: np.ndarray, node: int) -> list[int]:
-    """Leaves below a node."""
+    """Return the leaves below a node."""
     first = int(child[node])
     return [node] if first < 0 else _leaves(child, first) + _leaves(child, first + 1)
 
 
 def _opened(half: np.ndarray, child: np.ndarray, a: int, b: int) -> list[tuple[int, int]]:
-    """The two smaller pairs of boxes that a pair of boxes consists of, not both of which are leaves."""
+    """Return the two smaller pairs of boxes that make up a pair of boxes, not both of which are leaves."""
     if child[b] < 0 or (child[a] >= 0 and half[a].max() > half[b].max()):
         return [(int(child[a]), b), (int(child[a]) + 1, b)]
     return [(a, int(child[b])), (a, int(child[b]) + 1)]

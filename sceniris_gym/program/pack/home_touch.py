@@ -1,4 +1,4 @@
-"""How near two geoms are at home, and which way out of each other is the shortest where they overlap there."""
+"""Distances between geoms at home, and the shortest separating direction where they overlap there."""
 
 from __future__ import annotations
 
@@ -9,36 +9,36 @@ import numpy as np
 
 from sceniris_gym.geometry.pieces import Piece, PieceType
 
-# Room [m] that geoms are given beyond their overlap, so that a distance says in which direction they are nearest.
+# Room [m] that geoms get beyond their overlap, so that their distance has a direction.
 _ROOM = 1.0e-3
 # Overlaps end in under ten steps, and from most starts in two.
 _STEPS = 30
 _PRECISION = 1.0e-9  # m
 _FAR = 1.0e3  # m
-# Directions all around that are looked at, and how many of the best are followed, no two of which are as close as that
-# cosine: of 4,200 overlaps of random shapes all ended within 1 um of the least one.
+# Directions all around that are tried, the number of the best that are followed, and the cosine between two of these at
+# most: all of 4,200 overlaps of random shapes ended within 1 um of the least one.
 _SPREAD, _STARTS, _CLOSE = 400, 16, 0.95
 
 
 @dataclass(frozen=True)
 class Touch:
-    """How near two geoms are.
+    """The distance of two geoms.
 
     Attributes:
-        distance: Their distance [m]; negative: how far one must move to leave the other.
-        way: The direction, a unit vector of the world, shape (3,), in which the second is away from the first.
+        distance: Their distance [m]; negative: the depth that one must move to leave the other.
+        direction: The unit vector of the world, shape (3,), along which the second is away from the first.
     """
 
     distance: float
-    way: np.ndarray
+    direction: np.ndarray
 
 
 class HomeTouch:
     """Measures distances between the geoms of a model at home.
 
-    Overlaps are those along a direction, by the exact extents of both geoms: never less than what they are, and the
-    least of what was found. MuJoCo's own depths stop early for some round shapes, and it takes some capsules that are
-    in a box to be outside of it.
+    An overlap is the least of those found along separating directions, by the exact extents of both geoms, so it is
+    never less than the true one. MuJoCo's own depths stop early for some round shapes, and it takes some capsules
+    inside a box to be outside of it.
 
     Args:
         mjm: The model.
@@ -54,11 +54,11 @@ class HomeTouch:
         self._spread = np.stack([ring * np.cos(turn), ring * np.sin(turn), height], axis=1)
 
     def between(self, a: Piece, b: Piece, near: float) -> Touch | None:
-        """Return how near two pieces of bodies are, a plane as the second; None from a distance `near` [m] on."""
+        """Return the distance of two pieces, a plane as the second; None from a distance `near` [m] on."""
         if b.type == PieceType.PLANE:
-            way = -self._home.geom_xmat[b.geom].reshape(3, 3)[:, 2]
-            top = way @ self._home.geom_xpos[b.geom]
-            over = Touch(float(top - self._greatest(a, way[None])[0]), way)
+            down = -self._home.geom_xmat[b.geom].reshape(3, 3)[:, 2]
+            top = down @ self._home.geom_xpos[b.geom]
+            over = Touch(float(top - self._greatest(a, down[None])[0]), down)
             return over if over.distance < near else None
         apart = np.linalg.norm(self._home.geom_xpos[a.geom] - self._home.geom_xpos[b.geom])
         if apart - self._mjm.geom_rbound[[a.geom, b.geom]].sum() >= near:
@@ -77,7 +77,7 @@ class HomeTouch:
         return best if best.distance < near else None
 
     def _directions(self, a: Piece, b: Piece) -> np.ndarray:
-        """Directions that may be the shortest: MuJoCo's, from centre to centre, axes of both geoms and across them."""
+        """Return candidates: MuJoCo's direction, from centre to centre, the axes of both geoms and their products."""
         home, fromto = self._home, np.zeros(6)
         mujoco.mj_geomDistance(self._mjm, home, a.geom, b.geom, _FAR, fromto)
         away, apart = fromto[3:] - fromto[:3], home.geom_xpos[b.geom] - home.geom_xpos[a.geom]
@@ -88,17 +88,17 @@ class HomeTouch:
         length = np.linalg.norm(found, axis=1)
         return found[length > 0.0] / length[length > 0.0, None]
 
-    def _shortest(self, a: Piece, b: Piece, way: np.ndarray) -> Touch:
-        """Follow a direction to a shorter way out.
+    def _shortest(self, a: Piece, b: Piece, direction: np.ndarray) -> Touch:
+        """Follow a separating direction to one along which the overlap is least.
 
-        With b moved out along `way` and a little further, the direction of their distance is a better one, or the same:
-        nowhere else are they further apart.
+        With b moved out along it and a little further, the direction of their distance is better or the same: along no
+        other one are they further apart.
         """
-        overlap = float(self._overlaps(a, b, way[None])[0])
+        overlap = float(self._overlaps(a, b, direction[None])[0])
         fromto = np.zeros(6)
         for _ in range(_STEPS):
             self._moved.geom_xpos[a.geom] = self._home.geom_xpos[a.geom]
-            self._moved.geom_xpos[b.geom] = self._home.geom_xpos[b.geom] + (overlap + _ROOM) * way
+            self._moved.geom_xpos[b.geom] = self._home.geom_xpos[b.geom] + (overlap + _ROOM) * direction
             mujoco.mj_geomDistance(self._mjm, self._moved, a.geom, b.geom, _FAR, fromto)
             away = fromto[3:] - fromto[:3]
             if not np.linalg.norm(away) > 0.0:
@@ -107,14 +107,14 @@ class HomeTouch:
             less = float(self._overlaps(a, b, other[None])[0])
             if not less < overlap - _PRECISION:
                 break
-            way, overlap = other, less
-        return Touch(-overlap, way)
+            direction, overlap = other, less
+        return Touch(-overlap, direction)
 
-    def _overlaps(self, a: Piece, b: Piece, ways: np.ndarray) -> np.ndarray:
-        """How far b must move [m] along each of some directions, shape (n, 3), until a plane separates it from a."""
-        return self._greatest(a, ways) + self._greatest(b, -ways)
+    def _overlaps(self, a: Piece, b: Piece, directions: np.ndarray) -> np.ndarray:
+        """Return the distance [m] that b must move along each direction, shape (n, 3), until a plane separates them."""
+        return self._greatest(a, directions) + self._greatest(b, -directions)
 
-    def _greatest(self, piece: Piece, ways: np.ndarray) -> np.ndarray:
-        """Greatest extent [m] of a piece along directions of the world, shape (n, 3)."""
+    def _greatest(self, piece: Piece, directions: np.ndarray) -> np.ndarray:
+        """Return the greatest extent [m] of a piece along directions of the world, shape (n, 3)."""
         turned = self._home.xmat[piece.body].reshape(3, 3)
-        return piece.extents(ways @ turned)[1] + ways @ self._home.xpos[piece.body]
+        return piece.extents(directions @ turned)[1] + directions @ self._home.xpos[piece.body]

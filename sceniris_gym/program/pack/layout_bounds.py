@@ -1,4 +1,4 @@
-"""How large the numbers of a layout can be: bounds for the last check before it is served."""
+"""Bounds of the numbers of a layout, for the last check before it is served."""
 
 from __future__ import annotations
 
@@ -7,22 +7,21 @@ import numpy as np
 
 from sceniris_gym.config.bounds import MOST_WIDE
 from sceniris_gym.program.plan import Plan
-from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.parking import PARKING_SPACING
 
 # Shares and absolute numbers by which rounding may exceed a bound.
 _ROUNDING = 1.0e-3
 
 
-def layout_bounds(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
-    """Fields `bound_*`, the greatest absolute values, and `quat_qposadr`, where quaternions begin in qpos.
+def layout_bounds(plan: Plan) -> dict[str, np.ndarray]:
+    """Return the fields `bound_*`, greatest absolute values, and `quat_qposadr`, addresses of quaternions in qpos.
 
-    Joints that are drawn, and those that follow them, stay within what is drawn, and all others at home. What is placed
-    stays within what the scene may reach; absent objects are parked the further out the more there are.
+    Drawn joints and their followers stay within what is drawn, and all others at home. Placed objects stay within what
+    the scene may reach; absent ones are parked the further out the more there are.
     """
-    mjm = scene.mjm
+    mjm = plan.scene.mjm
     far = MOST_WIDE + PARKING_SPACING * len(plan.slots)
-    bound = np.abs(scene.home_qpos)
+    bound = np.abs(plan.scene.home_qpos)
     quats = []
     for kind, adr in zip(mjm.jnt_type, mjm.jnt_qposadr, strict=True):
         is_free = kind == mujoco.mjtJoint.mjJNT_FREE

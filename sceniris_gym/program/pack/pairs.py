@@ -1,14 +1,14 @@
-"""Which colliders an object is kept apart from when it is placed, and by how much; the same for an arm in a grasp.
+"""Pairs of colliders that are kept apart, with their margins: of each placed object, and of an arm in a grasp.
 
 Parts of one object may touch at home already. With `geometry: physics` such geoms stay as far apart as at home, or get
-no deeper into each other; the other geoms of their bodies are kept apart. What is seen (`geometry: visual`) has no
-depth, so colliders that touch at home are left alone there.
+no deeper into each other; the other geoms of their bodies are kept apart. Visual geometry has no depth, so colliders
+that touch at home are left alone there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Container, Iterable
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import mujoco
@@ -19,22 +19,19 @@ from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.grasping.gripper import carried
-from sceniris_gym.program.checks.memory import check_memory
 from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.pack.descent import leaf_nodes, nodes_without
 from sceniris_gym.program.pack.home_touch import HomeTouch
 from sceniris_gym.program.plan import Plan
-from sceniris_gym.program.reach import robot_arm
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.scene.support import is_static
 
-# What is nearer at home than this [m] touches: distances are compared with a skin of half as much.
+# Geoms that are nearer at home than this [m] touch: distances are compared with a skin of half as much.
 _NEAR = 1.0e-5
-# How much nearer than at home [m] geoms may come that touch there, the skin included: half of it is left for rounding.
+# Geoms that touch at home may come nearer by this [m], the skin included: half of it is left for rounding.
 _DEEPER = 1.0e-5
-# Memory that a pair takes while a scene is compiled, measured with 500,000 of them.
-_PAIR_BYTES = 600
-_NO_WAYS = np.zeros((0, 3))
+_NO_DIRECTIONS = np.zeros((0, 3))
 
 
 @dataclass(frozen=True)
@@ -46,8 +43,8 @@ class Pair:
         margin: The least distance [m]; negative: how deep they may be in each other.
         starts: Nodes of a and b that the descent of their trees begins with.
         geoms: The two geoms that touch at home, None for all other pairs.
-        ways: Ways of b's geom out of a's, that are tried to prove how deep they are: unit vectors in the frame of a's
-            body, and others in that of b's, shape (n, 3) each; the shortest one at home comes first.
+        directions: Separating directions that are tried, which bounds the depth of b's geom in a's: unit vectors in the
+            frame of a's body, and others in that of b's, shape (n, 3) each; the best one at home comes first.
     """
 
     a: int
@@ -55,31 +52,31 @@ class Pair:
     margin: float
     starts: tuple[tuple[int, int], ...]
     geoms: tuple[int, int] | None = None
-    ways: tuple[np.ndarray, np.ndarray] = (_NO_WAYS, _NO_WAYS)
+    directions: tuple[np.ndarray, np.ndarray] = (_NO_DIRECTIONS, _NO_DIRECTIONS)
 
 
 @dataclass(frozen=True)
 class ArmPairs:
-    """What an arm in a grasp is kept apart from, in lists like those of `collider_pairs`.
+    """Pairs of an arm in a grasp, in lists like those of `collider_pairs`; all are empty without reach targets.
 
     Attributes:
         robots: For each reach target, in placement order, the robot that is to reach it.
         itself: Each of these robots with itself, as MuJoCo would report it.
-        scene: For each reach target the robot with all but markers, where the hand (what the robot's last joint
-            carries) may touch the target.
+        scene: For each reach target the robot with all but markers; the hand (all that the robot's last joint carries)
+            may touch the target.
         hand: The same for the hand alone, without the target.
         target: The hand with the target.
     """
 
-    robots: list[str]
-    itself: dict[str, list[Pair]]
-    scene: list[list[Pair]]
-    hand: list[list[Pair]]
-    target: list[list[Pair]]
+    robots: list[str] = field(default_factory=list)
+    itself: dict[str, list[Pair]] = field(default_factory=dict)
+    scene: list[list[Pair]] = field(default_factory=list)
+    hand: list[list[Pair]] = field(default_factory=list)
+    target: list[list[Pair]] = field(default_factory=list)
 
 
 class PairRules:
-    """Which colliders of a scene can meet, by MuJoCo's rules, and from which distance on they touch.
+    """MuJoCo's rules for the colliders of a scene: which of them can meet, and from which distance on they touch.
 
     Args:
         scene: The scene.
@@ -91,23 +88,27 @@ class PairRules:
         self.contacts = ContactRules(scene.mjm, scene.config.geometry)
         self.is_physics = scene.config.geometry == "physics"
         self._simulated = self.contacts if self.is_physics else ContactRules(scene.mjm, "physics")
-        self._fixed = ((self.mjm.body_weldid == 0) & (self.mjm.body_mocapid[self.mjm.body_rootid] < 0)).tolist()
+        self._fixed = is_static(scene.mjm).tolist()
         self._filters_parents = not scene.mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
 
+    def of(self, bodies: Container[int]) -> list[int]:
+        """Return the colliders of some bodies."""
+        return [c for c, body in enumerate(self.colliders.body) if body in bodies]
+
     def touch(self, a: int, b: int) -> float:
-        """From which distance [m] on MuJoCo acts on two colliders."""
+        """Return the distance [m] from which on MuJoCo acts on two colliders."""
         return self.contacts.distance(self.colliders.contact_class[a], self.colliders.contact_class[b])
 
     def apart(self, a: int, b: int, margin: float) -> Pair:
-        """The pair of two colliders, in either order, that keep a distance [m]."""
+        """Return the pair of two colliders, given in either order, that keep a distance [m]."""
         if self.colliders.plane[a] >= 0:
             a, b = b, a
         return Pair(a, b, margin, ((self.colliders.root[a], self.colliders.root[b]),))
 
     def meet(self, a: int, b: int) -> bool:
-        """Whether two colliders can touch at all; no two planes do.
+        """Return whether two colliders can touch at all; no two planes do.
 
-        Fixtures are kept apart also where MuJoCo would not report them.
+        Fixtures are kept apart even if MuJoCo would not report their contact.
         """
         first, second = self.colliders.body[a], self.colliders.body[b]
         if min(self.colliders.plane[a], self.colliders.plane[b]) >= 0:
@@ -120,7 +121,7 @@ class PairRules:
         return not self.contacts.excludes(first, second) and self.contacts.meet(classes[a], classes[b])
 
     def meet_within(self, a: int, b: int) -> bool:
-        """The same for two colliders of one object, of which MuJoCo filters neighbours."""
+        """Return whether two colliders of one object can touch; MuJoCo filters neighbours."""
         first, second = self.colliders.body[a], self.colliders.body[b]
         weld, parent = self.mjm.body_weldid, self.mjm.body_parentid
         if weld[first] == weld[second] or not self.meet(a, b):
@@ -131,7 +132,7 @@ class PairRules:
         return not ((wa != 0 and wa == weld[parent[wb]]) or (wb != 0 and wb == weld[parent[wa]]))
 
     def geoms(self, collider: int) -> list[int]:
-        """What MuJoCo collides of a collider, also where what is seen is kept apart."""
+        """Return the geoms that MuJoCo collides of a collider, also with `geometry: visual`."""
         mjm, colliders = self.mjm, self.colliders
         of_body = np.flatnonzero(mjm.geom_bodyid == colliders.body[collider]).tolist()
         if self._simulated is not self.contacts:
@@ -139,48 +140,30 @@ class PairRules:
         return [geom for geom in of_body if self.contacts.classes[geom] == colliders.contact_class[collider]]
 
     def _is_explicit(self, a: int, b: int) -> bool:
+        """Return whether the model names the contact of two colliders."""
         classes = self.colliders.contact_class
         return self.contacts.is_explicit(classes[a], classes[b])
 
 
-def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[list[Pair]]:
-    """For each object of the plan, which colliders to keep apart when it is placed, and the least gap [m].
+def collider_pairs(plan: Plan, rules: PairRules) -> list[list[Pair]]:
+    """Return, for each object of a plan, the pairs of its colliders with others that are kept apart when it is placed.
 
     Args:
-        scene: The scene.
-        plan: Its plan.
-        colliders: Its colliders.
-
-    Returns:
-        A list for each object, of its own colliders with others.
+        plan: The plan.
+        rules: The rules for its colliders.
     """
-    mjm, bodies = scene.mjm, colliders.body
-    rules = PairRules(scene, colliders)
-    ordered = {body for o in plan.objects for body in o.bodies}
-    standing = {body: 0.0 for body in range(mjm.nbody) if body not in ordered}
-    robots = scene.config.all_robots
-    for name, robot in robots.items():
-        standing.update({body: robot.clearance for body in scene.subtree(name) if body in standing})
-    for name, part in scene.config.objects.items():
-        for body in scene.subtree(name):
-            if part.kind == "marker":
-                standing.pop(body, None)
-            elif body in standing:
-                standing[body] = part.clearance
-
-    _check_room(scene, plan, colliders)
+    bodies, standing = rules.colliders.body, _standing_clearances(plan)
+    robots = plan.scene.config.all_robots
     result = []
     for i, o in enumerate(plan.objects):
         tell("pairs", i + 1, len(plan.objects))
         clearance = o.config.clearance if o.config is not None else robots[o.name].clearance
         is_static = o.kind == ObjectKind.STATIC
-        own = [c for c, body in enumerate(bodies) if body in o.bodies]
-        others = [c for c, body in enumerate(bodies) if body in standing]
         pairs = []
         if o.config is None or o.config.kind != "marker":
             pairs = [
                 rules.apart(a, b, max(rules.touch(a, b), 0.0 if is_static else max(clearance, standing[bodies[b]])))
-                for a, b in product(own, others)
+                for a, b in product(rules.of(o.bodies), rules.of(standing))
                 if rules.meet(a, b) and not (o.heap is not None and bodies[b] in o.heap.together)
             ]
             if o.joint_ranges:
@@ -190,54 +173,56 @@ def collider_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> list[
     return result
 
 
-def _check_room(scene: SceneModel, plan: Plan, colliders: Colliders) -> None:
-    """Refuse scenes of so many things that their pairs do not fit into memory."""
-    number = len(colliders.body)
-    own = sum(len(o.bodies) for o in plan.objects)
-    pairs = own * (number - own) + own * own // 2
-    cure = "Use fewer objects, or geoms of one body in place of many bodies."
-    check_memory(f"{scene.config.where}: the pairs of {number} colliders", pairs * _PAIR_BYTES, "cpu", cure)
+def _standing_clearances(plan: Plan) -> dict[int, float]:
+    """Return the clearance [m] of each body that stands before anything is placed; nothing keeps off markers."""
+    scene, config = plan.scene, plan.scene.config
+    clearances = dict.fromkeys(range(scene.mjm.nbody), 0.0)
+    for name, part in (*config.all_robots.items(), *config.objects.items()):
+        clearances |= dict.fromkeys(scene.subtree(name), part.clearance)
+    left_out = _marker_bodies(scene).union(*(o.bodies for o in plan.objects))
+    return {body: clearance for body, clearance in clearances.items() if body not in left_out}
 
 
-def arm_pairs(scene: SceneModel, plan: Plan, colliders: Colliders) -> ArmPairs | None:
-    """Which colliders an arm in a grasp is kept apart from; None for a scene without reach targets.
+def _marker_bodies(scene: SceneModel) -> set[int]:
+    """Return the bodies of all markers."""
+    markers = [name for name, part in scene.config.objects.items() if part.kind == "marker"]
+    return {body for name in markers for body in scene.subtree(name)}
+
+
+def arm_pairs(plan: Plan, rules: PairRules) -> ArmPairs:
+    """Return the pairs of colliders that an arm in a grasp keeps apart.
 
     Args:
-        scene: The scene.
-        plan: Its plan.
-        colliders: Its colliders.
+        plan: The plan.
+        rules: The rules for its colliders.
     """
-    targets = [o.name for o in plan.objects if o.config is not None and o.config.reachable]
-    if not targets:
-        return None
-    mjm, bodies = scene.mjm, colliders.body
-    by = [scene.config.robot_for(name) for name in targets]
-    markers = {body for n, part in scene.config.objects.items() if part.kind == "marker" for body in scene.subtree(n)}
-    rules = PairRules(scene, colliders)
-    present = [name for name in dict.fromkeys(by) if name not in scene.apart]
-    carries = {name: carried(mjm, robot_arm(scene, name)) for name in present}
+    reaching, scene, bodies = plan.reaching, plan.scene, rules.colliders.body
+    if reaching is None:
+        return ArmPairs()
+    markers = _marker_bodies(scene)
+    carries = {one.robot: carried(rules.mjm, one.arm) for one in reaching.arms if one.robot not in scene.apart}
 
     def apart(own: list[int], others: Iterable[int]) -> list[Pair]:
         return [rules.apart(a, b, rules.touch(a, b)) for a, b in product(own, others) if rules.meet(a, b)]
 
-    whole, alone, touched = [], [], []
-    for name, owner in zip(targets, by, strict=True):
+    found = ArmPairs([reaching.arm_of(target).robot for target in reaching.targets])
+    for name, owner in zip(reaching.names, found.robots, strict=True):
         robot = scene.subtree(owner)
-        moving = [c for c, body in enumerate(bodies) if body in robot and body != robot[0]]
+        moving = rules.of(robot[1:])
         hand = [c for c in moving if bodies[c] in carries.get(owner, ())]
         arm = [c for c in moving if c not in hand]
-        target = [c for c, body in enumerate(bodies) if body in scene.subtree(name)]
+        target = rules.of(scene.subtree(name))
         others = [c for c, body in enumerate(bodies) if body not in markers.union(robot) and c not in target]
-        whole.append(apart(moving, others) + apart(arm, target))
-        alone.append(apart(hand, others))
-        touched.append(apart(hand, target))
-    itself = {name: _among(rules, plan, scene.subtree(name)) for name in dict.fromkeys(by)}
-    return ArmPairs(by, itself, whole, alone, touched)
+        found.scene.append(apart(moving, others) + apart(arm, target))
+        found.hand.append(apart(hand, others))
+        found.target.append(apart(hand, target))
+    found.itself.update({name: _among(rules, plan, scene.subtree(name)) for name in dict.fromkeys(found.robots)})
+    return found
 
 
 def _among(rules: PairRules, plan: Plan, bodies: list[int]) -> list[Pair]:
-    """Pairs within one object, except neighbours."""
-    own = [c for c, body in enumerate(rules.colliders.body) if body in bodies]
+    """Return the pairs within one object, except neighbours."""
+    own = rules.of(bodies)
     pairs = [rules.apart(a, b, rules.touch(a, b)) for a, b in product(own, own) if a < b and rules.meet_within(a, b)]
     if not rules.is_physics:
         return [pair for pair in pairs if not _touch_at_home(rules, plan, pair)]
@@ -246,9 +231,9 @@ def _among(rules: PairRules, plan: Plan, bodies: list[int]) -> list[Pair]:
 
 
 def _touch_at_home(rules: PairRules, plan: Plan, pair: Pair) -> bool:
-    """Whether two colliders touch in the start pose of the model.
+    """Return whether two colliders touch in the start pose of the model.
 
-    Geom by geom: all that is not placed yet is at the origin there, and more contacts than MuJoCo has room for.
+    Geom by geom: all unplaced objects are at the origin there, with more contacts than MuJoCo has room for.
     """
     near = max(pair.margin, _NEAR)
     geoms = [rules.geoms(collider) for collider in (pair.a, pair.b)]
@@ -256,20 +241,21 @@ def _touch_at_home(rules: PairRules, plan: Plan, pair: Pair) -> bool:
 
 
 def _as_at_home(rules: PairRules, plan: Plan, home: HomeTouch, pair: Pair) -> list[Pair]:
-    """Two colliders without those of their geoms that touch at home, and these as pairs of their own."""
+    """Return a pair without those of its geoms that touch at home, and these geoms as pairs of their own."""
     touching = []
     leaves = [leaf_nodes(rules.colliders, collider).items() for collider in (pair.a, pair.b)]
     for (node, first), (other, second) in product(*leaves):
         a, b = plan.pieces[first], plan.pieces[second]
         touch = home.between(a, b, max(pair.margin, _NEAR))
         if touch is not None:
-            margin, ways = touch.distance - _DEEPER, (_ways(plan, a, touch.way), _ways(plan, b, touch.way))
-            touching.append(Pair(pair.a, pair.b, margin, ((node, other),), (a.geom, b.geom), ways))
+            directions = _directions(plan, a, touch.direction), _directions(plan, b, touch.direction)
+            margin, geoms = touch.distance - _DEEPER, (a.geom, b.geom)
+            touching.append(Pair(pair.a, pair.b, margin, ((node, other),), geoms, directions))
     rest = nodes_without(rules.colliders, pair.a, pair.b, [part.starts[0] for part in touching])
     return [*([replace(pair, starts=tuple(rest))] if rest else []), *touching]
 
 
-def _ways(plan: Plan, piece: Piece, way: np.ndarray) -> np.ndarray:
-    """Directions in the frame of a piece's body: one of the world at home, and the piece's axes, to and fro."""
-    found = np.vstack([plan.home.xmat[piece.body].reshape(3, 3).T @ way, matrix(piece.quat).T])
+def _directions(plan: Plan, piece: Piece, direction: np.ndarray) -> np.ndarray:
+    """Return a direction of the world at home and the piece's axes, to and fro, in the frame of the piece's body."""
+    found = np.vstack([plan.home.xmat[piece.body].reshape(3, 3).T @ direction, matrix(piece.quat).T])
     return np.concatenate([found, -found])

@@ -2,48 +2,52 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
+
 import mujoco
 import numpy as np
 
+from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.geometry.colliders import Colliders
 from sceniris_gym.geometry.inner_boxes import inner_box, no_inner_box
 from sceniris_gym.geometry.pieces import Piece
-from sceniris_gym.geometry.ragged import ranges
-from sceniris_gym.program.checks.parking import check_parking
+from sceniris_gym.geometry.ragged import addressed
 from sceniris_gym.program.pack.layout_bounds import layout_bounds
 from sceniris_gym.program.pack.objects import footprint_hulls, pack_objects
+from sceniris_gym.program.pack.pair_lists import pack_pairs
+from sceniris_gym.program.pack.pairs import PairRules
 from sceniris_gym.program.pack.regions import pack_regions
 from sceniris_gym.program.pack.relations import pack_relations
 from sceniris_gym.program.plan import Plan
-from sceniris_gym.scene.model import SceneModel
 
 
-def pack_program(scene: SceneModel, plan: Plan, colliders: Colliders, lanes: int) -> dict[str, np.ndarray]:
-    """All fields of `device.Program` but those of colliders and of the bank, for `lanes` that share a world's work.
+def pack_program(plan: Plan, colliders: Colliders, lanes: int) -> dict[str, np.ndarray]:
+    """Return all fields of `device.Program` but those of colliders and of the bank, and `ARM_LISTS`.
 
-    Raises:
-        SceneKeyError: an object with more relations than fit into the polygons of the device.
+    Args:
+        plan: The plan.
+        colliders: Its colliders.
+        lanes: Number of lanes that share the work of a world.
     """
+    scene, rules = plan.scene, PairRules(plan.scene, colliders)
     return (
-        pack_objects(scene, plan, colliders, lanes)
+        pack_objects(plan, rules)
+        | pack_pairs(plan, rules, lanes)
         | pack_relations(scene, plan)
-        | pack_groups(scene, plan)
-        | pack_regions(plan, scene.config.where)
-        | pack_pieces([*plan.pieces, *footprint_hulls(plan)], scene.config.geometry == "visual")
-        | pack_bodies(scene)
-        | layout_bounds(scene, plan)
+        | pack_groups(scene.config.groups.values(), plan.slots)
+        | pack_regions(plan.objects)
+        | pack_pieces([*plan.pieces, *footprint_hulls(plan.objects)], scene.config.geometry == "visual")
+        | pack_bodies(scene.mjm, scene.home_qpos)
+        | layout_bounds(plan)
         | {"home_qpos": scene.home_qpos, "home_place": plan.place, "home_bounds": plan.bounds}
     )
 
 
-def pack_groups(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
-    """Fields `group_*`: the members of each group as slots, and how many of them are present."""
-    groups = scene.config.groups.values()
-    members, adr, num = ranges([plan.slots.index(name) for name in g.of] for g in groups)
-    check_parking(scene, plan)
+def pack_groups(groups: Collection[GroupConfig], slots: Sequence[str]) -> dict[str, np.ndarray]:
+    """Return the fields `group_*`: the members of each group as slots, and how many of them are present."""
+    members, fields = addressed("group_", ([slots.index(name) for name in g.of] for g in groups))
     return {
-        "group_adr": adr,
-        "group_num": num,
+        **fields,
         "group_slot": np.array(members, int),
         "group_low": np.array([g.count[0] for g in groups], int),
         "group_high": np.array([g.count[1] for g in groups], int),
@@ -51,9 +55,9 @@ def pack_groups(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
 
 
 def pack_pieces(pieces: list[Piece], visual: bool) -> dict[str, np.ndarray]:
-    """Fields `piece_*`, `core_*` and `vert`; where faces are tested, pieces need no cores."""
-    vert, adr, num = ranges(p.vertices for p in pieces)
-    cores = [no_inner_box() if visual else inner_box(p) for p in pieces]
+    """Return the fields `piece_*`, `inner_*` and `vert`; where faces are tested, pieces need no inner boxes."""
+    vert, fields = addressed("piece_vert", (p.vertices for p in pieces))
+    boxes = [no_inner_box() if visual else inner_box(p) for p in pieces]
     return {
         "piece_type": np.array([p.type for p in pieces], int),
         "piece_body": np.array([p.body for p in pieces], int),
@@ -61,34 +65,32 @@ def pack_pieces(pieces: list[Piece], visual: bool) -> dict[str, np.ndarray]:
         "piece_quat": np.reshape([p.quat for p in pieces], (-1, 4)),
         "piece_size": np.reshape([p.size for p in pieces], (-1, 3)),
         "piece_radius": np.array([p.radius for p in pieces], float),
-        "piece_vertadr": adr,
-        "piece_vertnum": num,
-        "inner_center": np.reshape([center for center, _ in cores], (-1, 3)),
-        "inner_half": np.reshape([half for _, half in cores], (-1, 3)),
+        **fields,
+        "inner_center": np.reshape([center for center, _ in boxes], (-1, 3)),
+        "inner_half": np.reshape([half for _, half in boxes], (-1, 3)),
         "vert": np.reshape(vert, (-1, 3)),
     }
 
 
-def pack_bodies(scene: SceneModel) -> dict[str, np.ndarray]:
-    """Bodies and joints for forward kinematics, which knows hinges and slides only.
+def pack_bodies(mjm: mujoco.MjModel, home_qpos: np.ndarray) -> dict[str, np.ndarray]:
+    """Return bodies and joints for forward kinematics, which knows hinges and slides only.
 
     Free and ball joints are never drawn. A root that stays at the start pose of its freejoint gets that as its body's
     pose; a ball joint becomes a hinge that stands at the angle of its start pose.
     """
-    mjm = scene.mjm
     pos, quat, num = mjm.body_pos.copy(), mjm.body_quat.copy(), mjm.body_jntnum.copy()
     axis, qpos0 = mjm.jnt_axis.copy(), mjm.qpos0[mjm.jnt_qposadr].copy()
     for joint, (kind, adr) in enumerate(zip(mjm.jnt_type, mjm.jnt_qposadr, strict=True)):
         if kind == mujoco.mjtJoint.mjJNT_FREE:
             body = mjm.jnt_bodyid[joint]
-            pos[body], quat[body], num[body] = scene.home_qpos[adr : adr + 3], scene.home_qpos[adr + 3 : adr + 7], 0
+            pos[body], quat[body], num[body] = home_qpos[adr : adr + 3], home_qpos[adr + 3 : adr + 7], 0
             quat[body] /= np.linalg.norm(quat[body])
         elif kind == mujoco.mjtJoint.mjJNT_BALL:
             rotation = np.zeros(3)
-            mujoco.mju_quat2Vel(rotation, scene.home_qpos[adr : adr + 4], 1.0)
+            mujoco.mju_quat2Vel(rotation, home_qpos[adr : adr + 4], 1.0)
             angle = np.linalg.norm(rotation)
             axis[joint] = rotation / angle if angle > 0.0 else axis[joint]
-            qpos0[joint] = scene.home_qpos[adr] - angle
+            qpos0[joint] = home_qpos[adr] - angle
     return {
         "body_parent": mjm.body_parentid,
         "body_pos": pos,

@@ -6,9 +6,7 @@ import math
 
 import numpy as np
 
-from sceniris_gym.config.limits import MAX_CORNERS
 from sceniris_gym.config.relations import Beside, Between, Joined, Relation, Sector
-from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry.ragged import ranges
 from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, ObjectKind, RelationType
 from sceniris_gym.program.pack.joining import JoinedSites, joined_sites
@@ -41,8 +39,6 @@ def pack_relations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
     anchors, anchoradr, anchornum = ranges([slots[a] for a in r.anchors] for r in relations)
     frames = {"support": FRAME_SUPPORT, "world": FRAME_WORLD, **slots}
     joints = joints_of(scene, plan)
-    for o in plan.objects:
-        _check_size(scene, o)
     return {
         "obj_reladr": reladr,
         "obj_retry_if_empty": np.array([_insists(o) for o in plan.objects]),
@@ -125,27 +121,3 @@ def _insists(o: PlacedObject) -> bool:
 
 def _type(relation: Relation) -> RelationType:
     return next(found for kind, found in _TYPES.items() if isinstance(relation, kind))
-
-
-def _check_size(scene: SceneModel, o: PlacedObject) -> None:
-    corners = 3 + sum(max(4, len(r.anchors)) for r in relations_of(o))
-    where = f"{scene.config.where}: objects.{o.name}.relations"
-    if corners > MAX_CORNERS:
-        raise SceneKeyError(
-            f"{where}: together may cut a support into pieces of {corners} corners, and there is room for "
-            f"{MAX_CORNERS}. Use fewer relations, or fewer anchors of 'between'."
-        )
-    if (
-        o.config is not None
-        and o.config.drawn_orientation.kind == "face_to"
-        and any(isinstance(r, Beside) for r in relations_of(o))
-    ):
-        raise SceneKeyError(
-            f"{where}: 'beside' depends on how the object is turned, and 'face_to' on where it is. Use one of them."
-        )
-    for i, relation in enumerate(relations_of(o)):
-        if relation.has_own_width and max(v.short_edge for v in o.variants) == 0.0:
-            raise SceneKeyError(
-                f"{where}.{i}.width: is missing. '{o.name}' has nothing that collides, so no bounds and no width of "
-                "its own."
-            )

@@ -7,10 +7,8 @@ from pathlib import Path
 import pytest
 
 from sceniris_gym.errors import NotSupportedError, SceneKeyError
-from sceniris_gym.program.checks.constraints import check_constraints
-from sceniris_gym.program.plan import build_plan
 from tests.layout.scenes import write_mjcf
-from tests.program.scenes import scene_of
+from tests.program.scenes import checked, scene_of
 
 OWN = """<mujoco><worldbody>
   <body name="post" pos="1 0 0"><geom type="box" size=".1 .1 .1"/><site name="hook" pos="0 0 .1"/></body>
@@ -66,31 +64,31 @@ def test_a_weld_or_connect_between_things_that_are_drawn_apart_is_refused(
 ):
     """By its name and both bodies, with what would be right; a disabled or inactive one is nobody's business."""
     with pytest.raises(NotSupportedError) as caught:
-        build_plan(own(tmp_path, f"<equality>{tie}</equality>", objects))
+        checked(own(tmp_path, f"<equality>{tie}</equality>", objects))
     for text in says:
         assert text in str(caught.value)
     inactive = tie.replace("/>", ' active="false"/>')
-    build_plan(own(tmp_path, f"<equality>{inactive}</equality>", objects))
-    build_plan(own(tmp_path, f'<option><flag equality="disable"/></option><equality>{tie}</equality>', objects))
+    checked(own(tmp_path, f"<equality>{inactive}</equality>", objects))
+    checked(own(tmp_path, f'<option><flag equality="disable"/></option><equality>{tie}</equality>', objects))
 
 
 def test_a_weld_between_things_that_stay_is_allowed_where_the_start_pose_keeps_it(tmp_path: Path):
     """Neither has a region; one that the start pose misses is refused with by how much."""
     rest = '<equality><weld name="glue" body1="cup" body2="jar"/></equality>'
-    build_plan(own(tmp_path, rest, {"cup": {}, "jar": {}}))
+    checked(own(tmp_path, rest, {"cup": {}, "jar": {}}))
     key = '<keyframe><key name="home" qpos="0 0 0 1 0 0 0 0 1.5 0 1 0 0 0"/></keyframe>'
     with pytest.raises(NotSupportedError, match=r"'glue' \(weld\) is missed by 0.5 m.*keyframe 'home'"):
-        build_plan(own(tmp_path, rest + key, {"cup": {}, "jar": {}}))
+        checked(own(tmp_path, rest + key, {"cup": {}, "jar": {}}))
 
 
 @pytest.mark.parametrize("kind", ["free", "fixture"])
 def test_a_loop_within_an_object_is_allowed_unless_its_joints_are_drawn(tmp_path: Path, kind: str):
     """Wherever the object is placed; other joints of it may be drawn."""
     linkage = {"asset": write_mjcf(tmp_path, "linkage", LOOP, PIN), "kind": kind, **PLACED}
-    build_plan(scene_of({"linkage": linkage}))
-    build_plan(scene_of({"linkage": {**linkage, "joints": {"lid": {"fraction": [0, 1]}}}}))
+    checked(scene_of({"linkage": linkage}))
+    checked(scene_of({"linkage": {**linkage, "joints": {"lid": {"fraction": [0, 1]}}}}))
     with pytest.raises(NotSupportedError, match=r"'linkage/pin' \(connect\).*'linkage/rod'.*drawing 'linkage/b' would"):
-        build_plan(scene_of({"linkage": {**linkage, "joints": {"b": {"noise": 0.1}}}}))
+        checked(scene_of({"linkage": {**linkage, "joints": {"b": {"noise": 0.1}}}}))
 
 
 TENDONS = """<tendon><fixed name="pull"><joint joint="a" coef="1"/><joint joint="lid" coef="-2"/></fixed>
@@ -102,13 +100,13 @@ def test_an_equality_of_tendons_is_refused_where_their_joints_are_drawn(tmp_path
     """With what would be right: an equality of joints."""
     rest = TENDONS + f'<equality><tendon name="even" tendon1="pull" {second}/></equality>'
     linkage = {"asset": write_mjcf(tmp_path, "linkage", LOOP, rest), "kind": "fixture", **PLACED}
-    build_plan(scene_of({"linkage": linkage}))
+    checked(scene_of({"linkage": linkage}))
     with pytest.raises(
         NotSupportedError, match=r"even' \(tendon\).*'linkage/pull'.*drawing joints 'linkage/lid'"
     ) as caught:
-        build_plan(scene_of({"linkage": {**linkage, "joints": {"lid": {"noise": 0.1}}}}))
+        checked(scene_of({"linkage": {**linkage, "joints": {"lid": {"noise": 0.1}}}}))
     assert "<equality><joint>" in str(caught.value)
-    build_plan(scene_of({"linkage": {**linkage, "joints": {"rod": {"noise": 0.1}}}}))
+    checked(scene_of({"linkage": {**linkage, "joints": {"rod": {"noise": 0.1}}}}))
 
 
 def test_a_spatial_tendon_that_pulls_is_refused_between_objects_and_allowed_within_one(tmp_path: Path):
@@ -116,22 +114,22 @@ def test_a_spatial_tendon_that_pulls_is_refused_between_objects_and_allowed_with
     strap = '<tendon><spatial name="strap" {}><site site="ear"/><site site="hook"/></spatial></tendon>'
     for words, flag in (('limited="true" range="0 .3"', "limit"), ('stiffness="5"', "spring")):
         off = f'<option><flag {flag}="disable"/></option>'
-        build_plan(own(tmp_path, off + strap.format(words), {"cup": PLACED}))
+        checked(own(tmp_path, off + strap.format(words), {"cup": PLACED}))
         with pytest.raises(NotSupportedError, match=r"tendon 'strap' has limits or stiffness.*'cup', 'world'"):
-            build_plan(own(tmp_path, strap.format(words), {"cup": PLACED}))
-        build_plan(own(tmp_path, strap.format(words), {"cup": {}}))
-    build_plan(own(tmp_path, strap.format(""), {"cup": PLACED}))
+            checked(own(tmp_path, strap.format(words), {"cup": PLACED}))
+        checked(own(tmp_path, strap.format(words), {"cup": {}}))
+    checked(own(tmp_path, strap.format(""), {"cup": PLACED}))
     within = """<geom type="box" size=".02 .02 .02"/><site name="s"/><body name="arm" pos="0 0 .1"><site name="t"/>
       <joint name="j" axis="0 1 0" range="-1 1"/><geom type="box" size=".01 .01 .01" pos=".05 0 0"/></body>"""
     rest = '<tendon><spatial name="strap" stiffness="5"><site site="s"/><site site="t"/></spatial></tendon>'
     hook = {"asset": write_mjcf(tmp_path, "hook", within, rest), "joints": {"j": {"noise": 0.1}}, **PLACED}
-    check_constraints(scene_of({"hook": hook}))
+    checked(scene_of({"hook": hook}))
     write_mjcf(tmp_path, "hook", within, rest.replace('stiffness="5"', 'limited="false" range="0 1"'))
-    check_constraints(scene_of({"hook": hook}))
+    checked(scene_of({"hook": hook}))
     write_mjcf(tmp_path, "hook", within, rest.replace('stiffness="5"', 'limited="true" range="0 1"'))
-    check_constraints(scene_of({"hook": {**hook, "joints": {}}}))
+    checked(scene_of({"hook": {**hook, "joints": {}}}))
     with pytest.raises(NotSupportedError, match=r"tendon 'hook/strap' is spatial and has limits.*'hook/j' changes"):
-        check_constraints(scene_of({"hook": hook}))
+        checked(scene_of({"hook": hook}))
 
 
 def test_a_fixed_tendon_may_run_between_objects(tmp_path: Path):
@@ -142,10 +140,10 @@ def test_a_fixed_tendon_may_run_between_objects(tmp_path: Path):
     )
     band = '<tendon><fixed name="band" {}><joint joint="d" coef="1"/><joint joint="e" coef="1"/></fixed></tendon>'
     objects = {"d": {"kind": "static", "joints": {"d": {"value": 0.5}}}, "e": {"kind": "static"}}
-    build_plan(own(tmp_path, band.format('stiffness="5"'), objects, doors))
-    build_plan(own(tmp_path, band.format('limited="true" range="0 1"'), objects, doors))
+    checked(own(tmp_path, band.format('stiffness="5"'), objects, doors))
+    checked(own(tmp_path, band.format('limited="true" range="0 1"'), objects, doors))
     with pytest.raises(SceneKeyError, match="drawing 'd' would make tendon 'band'"):
-        build_plan(own(tmp_path, band.format('limited="true" range="0 .2"'), objects, doors))
+        checked(own(tmp_path, band.format('limited="true" range="0 .2"'), objects, doors))
 
 
 def test_an_equality_of_a_flex_is_refused_by_its_name(tmp_path: Path):
@@ -155,4 +153,4 @@ def test_an_equality_of_a_flex_is_refused_by_its_name(tmp_path: Path):
       </flexcomp>"""
     rag = {"asset": write_mjcf(tmp_path, "rag", cloth), "kind": "static"}
     with pytest.raises(NotSupportedError, match="flex 'rag/cloth' cannot be placed"):
-        build_plan(scene_of({"rag": rag}))
+        checked(scene_of({"rag": rag}))

@@ -15,7 +15,6 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.program.checks import memory
 from sceniris_gym.program.compiled import upload_scene
-from sceniris_gym.program.pack import pairs
 from sceniris_gym.scene.model import build_model
 from tests.layout.scenes import compile_on_cpu
 
@@ -80,6 +79,6 @@ def test_what_worlds_take_is_nearly_all_counted(monkeypatch: pytest.MonkeyPatch)
 def test_more_pairs_than_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """By the scene; here pairs are made large instead of many."""
     system(monkeypatch, tmp_path, GIB, "max")
-    monkeypatch.setattr(pairs, "_PAIR_BYTES", 2 * GIB)
+    monkeypatch.setattr(memory, "_PAIR_BYTES", 2 * GIB)
     with pytest.raises(MemoryLimitError, match=r"the pairs of .* colliders.*Use fewer objects"):
         upload_scene(build_model(SceneConfig.load("mid")), "cpu")

@@ -28,7 +28,7 @@ def warned(objects: dict, **others: object) -> list[str]:
     plan = build_plan(scene)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        warn_of_oddities(scene, plan)
+        warn_of_oddities(plan)
     assert all(w.category is ModelWarning for w in caught)
     return [str(w.message) for w in caught]
 
@@ -40,7 +40,7 @@ def test_shipped_scenes_give_no_warning(scene: str):
     plan = build_plan(model)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warn_of_oddities(model, plan)
+        warn_of_oddities(plan)
 
 
 def test_shipped_assets_give_no_warning():
@@ -122,7 +122,7 @@ PARTS = {
         <geom name="front" type="box" size=".1 .1 .05"/></body></body>""",
 }
 STATIC = {"kind": "static"}
-PUSHED = "contact forces push it out at the start"
+PUSHED = "contact forces push them out at the start"
 ARM = """<mujoco><worldbody><body name="base"><geom type="box" size=".05 .05 .05" pos="0 0 .05"/>
   <body name="arm" pos="0 0 .3"><joint name="arm" axis="0 1 0"/>
     <geom name="finger" type="capsule" fromto="0 0 0 {reach} 0 0" size=".02"/></body></body></worldbody>

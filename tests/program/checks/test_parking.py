@@ -28,7 +28,7 @@ def _scene(folder: Path, objects: dict[str, Any], groups: dict[str, Any] | None 
 
 
 def _check(scene: SceneModel) -> None:
-    check_parking(scene, build_plan(scene))
+    check_parking(build_plan(scene))
 
 
 def _crane(folder: Path, reach: float) -> str:

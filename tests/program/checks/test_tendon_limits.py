@@ -14,7 +14,7 @@ from sceniris_gym.program.plan import build_plan
 from sceniris_gym.scene.couplings import follow
 from sceniris_gym.scene.model import SceneModel
 from tests.layout.scenes import write_mjcf
-from tests.program.scenes import scene_of
+from tests.program.scenes import checked, scene_of
 
 SLIDES = '<geom type="box" size=".02 .02 .02"/>' + "".join(
     f'<body name="{n}" pos="0 {x} 0"><joint name="{n}" type="slide" range="-.1 .2"/><geom size=".01"/></body>'
@@ -73,10 +73,10 @@ def test_limits_are_judged_by_what_mujoco_measures_over_all_draws(tmp_path: Path
     free = rack(tmp_path, joints, (-9, 9), rest)
     found = lengths(free, draws(free))
     low, high = float(found.min()), float(found.max())
-    build_plan(rack(tmp_path, joints, (low - 1e-3, high + 1e-3), rest))
+    checked(rack(tmp_path, joints, (low - 1e-3, high + 1e-3), rest))
     for limits in ((low + 1e-3, high + 1e-3), (low - 1e-3, high - 1e-3)):
         with pytest.raises(SceneKeyError) as caught:
-            build_plan(rack(tmp_path, joints, limits, rest))
+            checked(rack(tmp_path, joints, limits, rest))
         for text in ("tendon 'rack/cable'", "'rack/p'", f"[{limits[0]:g}, {limits[1]:g}]", "smaller ranges"):
             assert text in str(caught.value)
 
@@ -97,9 +97,9 @@ def test_limits_that_act_on_nothing_drawn_or_on_nothing_at_all_are_left_alone(tm
     joints = {"p": {"fraction": [0, 1]}}
     off = '<option><flag limit="disable"/></option>'
     with pytest.raises(SceneKeyError, match="tendon 'rack/cable'"):
-        build_plan(rack(tmp_path, joints, (-0.01, 0.01)))
-    build_plan(rack(tmp_path, {}, (-0.01, 0.01)))
-    build_plan(rack(tmp_path, joints, (-0.01, 0.01), limited="false"))
+        checked(rack(tmp_path, joints, (-0.01, 0.01)))
+    checked(rack(tmp_path, {}, (-0.01, 0.01)))
+    checked(rack(tmp_path, joints, (-0.01, 0.01), limited="false"))
     model = tmp_path / "own.xml"
     tendon = TENDON.format(limited="true", low=-0.01, high=0.01)
     body = f'<worldbody><body name="rack">{SLIDES}</body></worldbody>'
@@ -108,15 +108,15 @@ def test_limits_that_act_on_nothing_drawn_or_on_nothing_at_all_are_left_alone(tm
         model.write_text(f"<mujoco>{option}{body}{tendon}</mujoco>")
         scene = scene_of(objects, model=str(model))
         if fits:
-            build_plan(scene)
+            checked(scene)
         else:
             with pytest.raises(SceneKeyError, match="tendon 'cable'"):
-                build_plan(scene)
+                checked(scene)
 
 
 def test_a_start_pose_beyond_a_limit_may_be_kept_but_not_left_further(tmp_path: Path):
     """What home has, no layout makes worse."""
     key = HOME.format(0.15)
-    build_plan(rack(tmp_path, {"p": {"value": 0.15}, "q": {"range": [0, 0.05]}}, (-0.2, 0.1), key))
+    checked(rack(tmp_path, {"p": {"value": 0.15}, "q": {"range": [0, 0.05]}}, (-0.2, 0.1), key))
     with pytest.raises(SceneKeyError, match=r"tendon 'rack/cable' 0\.15 to 0\.16 long"):
-        build_plan(rack(tmp_path, {"p": {"range": [0.15, 0.16]}}, (-0.2, 0.1), key))
+        checked(rack(tmp_path, {"p": {"range": [0.15, 0.16]}}, (-0.2, 0.1), key))

@@ -74,7 +74,7 @@ def test_polyhedra_are_as_deep_as_their_minkowski_difference(kinds: tuple[str, s
         if found is not None:
             count += 1
             assert found.distance == pytest.approx(exact, abs=1e-7)
-            out = qpos + np.r_[-found.distance * found.way, np.zeros(4)]
+            out = qpos + np.r_[-found.distance * found.direction, np.zeros(4)]
             assert signed_distance(*vertices(mjm, out)) == pytest.approx(0.0, abs=1e-7)
     assert count > 10
 
@@ -90,7 +90,7 @@ def test_all_kinds_are_no_deeper_than_mujoco_finds_out_of_each_other(kinds: tupl
         if found is None:
             continue
         count += 1
-        data.qpos[:] = qpos + np.r_[(1e-4 - found.distance) * found.way, np.zeros(4)]
+        data.qpos[:] = qpos + np.r_[(1e-4 - found.distance) * found.direction, np.zeros(4)]
         mujoco.mj_kinematics(mjm, data)
         assert mujoco.mj_geomDistance(mjm, data, 0, 1, 1.0, None) == pytest.approx(1e-4, abs=3e-6)
         turned = Rotation.from_quat(qpos[3:], scalar_first=True).inv()
@@ -107,7 +107,7 @@ def test_a_way_is_found_also_where_geoms_just_touch():
         found = touch(mjm, np.array([0.02, 0.03, 0.12 + gap, 1, 0, 0, 0]), 1e-5)
         assert found is not None
         assert found.distance == pytest.approx(gap, abs=1e-12)
-        np.testing.assert_allclose(found.way, [0, 0, 1], atol=1e-6)
+        np.testing.assert_allclose(found.direction, [0, 0, 1], atol=1e-6)
     assert touch(mjm, np.array([0.0, 0.0, 0.1201, 1, 0, 0, 0]), 1e-5) is None
 
 
@@ -123,4 +123,4 @@ def test_the_way_over_a_plane_is_that_into_it():
     found = HomeTouch(mjm, data).between(ball, plane, 1e-5)
     assert found is not None
     assert found.distance == pytest.approx(-0.01)
-    np.testing.assert_allclose(found.way, [0, 0, -1])
+    np.testing.assert_allclose(found.direction, [0, 0, -1])

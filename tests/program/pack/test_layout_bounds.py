@@ -27,7 +27,7 @@ def test_drawn_joints_keep_to_what_is_drawn_and_others_to_their_home(tmp_path: P
             "box": {"asset": str(box), "on": "floor"},
         }
     )
-    bounds = layout_bounds(scene, build_plan(scene))
+    bounds = layout_bounds(build_plan(scene))
     joints = scene.joints("gadget")
     slide, hinge = (int(scene.mjm.jnt_qposadr[joints[name]]) for name in ("slide", "hinge"))
     free = int(scene.mjm.jnt_qposadr[scene.mjm.joint("box/free").id])

@@ -11,7 +11,6 @@ import pytest
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.program.device import Cover, Measure, ObjectKind, OrientationType
 from sceniris_gym.program.pack.objects import footprint_hulls
-from sceniris_gym.program.pack.pairs import arm_pairs, collider_pairs
 from tests.layout.scenes import box_mjcf
 from tests.program.scenes import pack, scene_of
 
@@ -149,29 +148,6 @@ def test_only_what_may_change_and_is_looked_at_is_measured(case: str, folder: Pa
     assert packed["obj_measured"][packed.number("thing")] == measure
 
 
-def test_pairs_are_those_of_objects_and_then_those_of_the_arm(tmp_path: Path):
-    """Every list at its address, with its margins; entries to begin with belong to the pairs of their own list."""
-    cube = {"asset": box_mjcf(tmp_path, "cube", 0.05, 0.05, 0.05), "on": "floor"}
-    objects = {"a": {**cube, "clearance": 0.02, "reachable": "ik"}, "b": cube}
-    for lanes in (1, 32):
-        packed = pack(scene_of(objects, robot={"asset": "panda"}), lanes)
-        expected = [("obj", i, p) for i, p in enumerate(collider_pairs(packed.scene, packed.plan, packed.colliders))]
-        assert len(packed["obj_pairadr"]) == len(packed["obj_broadadr"]) == len(expected) == 2
-        arm = arm_pairs(packed.scene, packed.plan, packed.colliders)
-        assert arm is not None
-        itself = [arm.itself["robot"]]
-        named = {"arm_self": itself, "arm_scene": arm.scene, "arm_hand": arm.hand, "arm_target": arm.target}
-        expected += [("arm", packed[name][i], p) for name, lists in named.items() for i, p in enumerate(lists)]
-        assert len(packed["arm_pairadr"]) == len(packed["arm_broadadr"]) == 4
-        rows = list(zip(packed["pair_a"], packed["pair_b"], packed["pair_margin"], strict=True))
-        for of, i, pairs in expected:
-            adr, num = packed[f"{of}_pairadr"][i], packed[f"{of}_pairnum"][i]
-            assert rows[adr : adr + num] == [(p.a, p.b, p.margin) for p in pairs]
-            start = packed["broad_pair"][packed[f"{of}_broadadr"][i] :][: packed[f"{of}_broadnum"][i]]
-            assert set(start[:, 0]) == set(range(adr, adr + num))
-            assert len(start) == num if lanes == 1 else len(start) >= min(num, lanes)
-
-
 def test_a_footprint_is_a_piece_of_its_own_only_where_all_of_it_must_be_carried(folder: Path):
     """Of what has several pieces, with a ratio of 1, and no joints that are drawn; else each piece has a shadow."""
     gadget = {"asset": str(folder / "gadget.xml"), "kind": "fixture", "on": "floor"}
@@ -182,7 +158,7 @@ def test_a_footprint_is_a_piece_of_its_own_only_where_all_of_it_must_be_carried(
         "single": {"asset": str(folder / "box.xml"), "on": "floor", "ratio_on_support": 1.0},
     }
     packed = pack(scene_of(objects))
-    assert [hull.type for hull in footprint_hulls(packed.plan)] == [PieceType.HULL]
+    assert [hull.type for hull in footprint_hulls(packed.plan.objects)] == [PieceType.HULL]
     assert packed.listed("whole", "shadow", "shadow_list") == [len(packed.plan.pieces)]
     for name in ("part", "moving", "single"):
         assert packed.listed(name, "shadow", "shadow_list") == packed.listed(name, "piece", "piece_list")

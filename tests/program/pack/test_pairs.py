@@ -11,7 +11,7 @@ import pytest
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.geometry.colliders import Colliders, collect_colliders
 from sceniris_gym.program.pack.descent import leaf_nodes
-from sceniris_gym.program.pack.pairs import ArmPairs, Pair, arm_pairs, collider_pairs
+from sceniris_gym.program.pack.pairs import ArmPairs, Pair, PairRules, arm_pairs, collider_pairs
 from sceniris_gym.program.plan import Plan, build_plan
 from sceniris_gym.scene.model import SceneModel, build_model
 from tests.layout.scenes import box_mjcf
@@ -35,9 +35,7 @@ class Scene:
         self.plan: Plan = build_plan(self.model)
         self.colliders: Colliders = collect_colliders(self.plan.pieces, False, "cpu")
 
-        arm = arm_pairs(self.model, self.plan, self.colliders)
-        assert arm is not None
-        self.arm: ArmPairs = arm
+        self.arm: ArmPairs = arm_pairs(self.plan, PairRules(self.model, self.colliders))
 
     def names(self, pairs: list[Pair]) -> set[frozenset[str]]:
         """A list as pairs of names of bodies."""
@@ -95,9 +93,8 @@ def test_the_hand_has_lists_of_its_own(tmp_path: Path):
 
 def test_a_scene_without_reach_has_no_lists(tmp_path: Path):
     """What is not asked for is not prepared."""
-    scene = build_model(SceneConfig.load("mid"))
-    plan = build_plan(scene)
-    assert arm_pairs(scene, plan, collect_colliders(plan.pieces, False, "cpu")) is None
+    plan = build_plan(build_model(SceneConfig.load("mid")))
+    assert arm_pairs(plan, PairRules(plan.scene, collect_colliders(plan.pieces, False, "cpu"))) == ArmPairs()
 
 
 def _meetings(scene: SceneModel, plan: Plan | None = None) -> dict[tuple[str, str], float]:
@@ -105,7 +102,7 @@ def _meetings(scene: SceneModel, plan: Plan | None = None) -> dict[tuple[str, st
     plan = plan or build_plan(scene)
     colliders = collect_colliders(plan.pieces, False, "cpu")
     found = {}
-    for pairs in collider_pairs(scene, plan, colliders):
+    for pairs in collider_pairs(plan, PairRules(scene, colliders)):
         for pair in pairs:
             names = tuple(scene.mjm.body(colliders.body[c]).name for c in (pair.a, pair.b))
             assert names not in found
@@ -189,7 +186,7 @@ def _beside(
     scene = scene_of({"thing": thing}, geometry=geometry)
     plan = build_plan(scene)
     colliders = collect_colliders(plan.pieces, geometry == "visual", "cpu")
-    (pairs,) = collider_pairs(scene, plan, colliders)
+    (pairs,) = collider_pairs(plan, PairRules(scene, colliders))
     own = set(scene.subtree("thing"))
     return scene, [p for p in pairs if {colliders.body[p.a], colliders.body[p.b]} <= own], colliders
 
@@ -207,10 +204,10 @@ def test_geoms_that_touch_at_home_are_a_pair_of_their_own(tmp_path: Path, at: fl
     assert touching.geoms is not None
     assert [name[g] for g in touching.geoms] == ["thing/l0", "thing/r0"]
     assert touching.margin == pytest.approx(expected - 1e-5, abs=1e-9)
-    np.testing.assert_allclose([ways[0] for ways in touching.ways], [[1, 0, 0], [1, 0, 0]], atol=1e-9)
-    assert [{tuple(np.round(way).tolist()) for way in ways} for ways in touching.ways] == [ALL_AXES, ALL_AXES]
+    np.testing.assert_allclose([found[0] for found in touching.directions], [[1, 0, 0], [1, 0, 0]], atol=1e-9)
+    assert [{tuple(np.round(way).tolist()) for way in found} for found in touching.directions] == [ALL_AXES, ALL_AXES]
     assert rest.margin == (0.02 if margin else 0.0)
-    assert (rest.geoms, len(rest.ways[0]), len(rest.ways[1])) == (None, 0, 0)
+    assert (rest.geoms, len(rest.directions[0]), len(rest.directions[1])) == (None, 0, 0)
     met = sorted(_geoms_met(scene, colliders, rest) + _geoms_met(scene, colliders, touching))
     assert met == sorted((f"thing/l{i}", f"thing/r{j}") for i in range(3) for j in range(2))
 

@@ -15,7 +15,9 @@ from sceniris_gym.geometry.colliders import collider_arrays
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_reach import Reach
-from sceniris_gym.program.pack.objects import ARM_LISTS, pack_objects
+from sceniris_gym.program.pack.objects import pack_objects
+from sceniris_gym.program.pack.pair_lists import ARM_LISTS, pack_pairs
+from sceniris_gym.program.pack.pairs import PairRules
 from sceniris_gym.program.pack.regions import pack_regions
 from sceniris_gym.program.pack.relations import pack_relations
 from tests.layout.scenes import write_mjcf
@@ -107,10 +109,12 @@ def test_every_field_of_the_program_is_packed_and_by_one_packer(folder: Path, ge
     assert set(packed.arrays) | set(collider_arrays(packed.colliders)) | BANK == declared.union(ARM_LISTS)
     assert set(ARM_LISTS) <= set(Reach.vars) - declared
     assert not set(packed.arrays) & set(collider_arrays(packed.colliders))
+    rules = PairRules(packed.scene, packed.colliders)
     parts = [
-        pack_objects(packed.scene, packed.plan, packed.colliders, 1),
+        pack_objects(packed.plan, rules),
+        pack_pairs(packed.plan, rules, 1),
         pack_relations(packed.scene, packed.plan),
-        pack_regions(packed.plan, "here"),
+        pack_regions(packed.plan.objects),
     ]
     names = [name for part in parts for name in part]
     assert len(names) == len(set(names))

@@ -11,7 +11,6 @@ import pytest
 import shapely
 
 from sceniris_gym.config.relations import Beside, Between, Direction, Near, Sector
-from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, RelationType
 from sceniris_gym.program.pack.relations import MOST_SLICES, region_pieces
 from tests.program.scenes import Packed, pack, scene_of
@@ -176,22 +175,3 @@ def test_an_object_insists_where_its_own_draw_may_open_a_region(case: str, folde
     objects = {"post": {**box, "kind": "fixture"}, "tail": {**box, "kind": "fixture"}, "thing": {**box, **words}}
     packed = pack(scene_of(objects))
     assert bool(packed["obj_retry_if_empty"][packed.number("thing")]) is insists
-
-
-def test_what_does_not_know_its_turn_cannot_be_beside(folder: Path):
-    """`face_to` needs to know where it is first; the message names the relations."""
-    box = {"asset": str(folder / "box.xml"), "on": "floor"}
-    words = {"orientation": {"face_to": "post"}, "relations": [{"beside": "post", "side": "left"}]}
-    with pytest.raises(SceneKeyError, match=r"objects\.thing\.relations: 'beside' depends on how .* 'face_to'"):
-        pack(scene_of({"post": {**box, "kind": "fixture"}, "thing": {**box, **words}}))
-
-
-def test_what_has_no_bounds_needs_a_width(folder: Path):
-    """A marker that touches nothing, between two posts; the message names the width that is missing."""
-    box = {"asset": str(folder / "box.xml"), "on": "floor", "kind": "fixture"}
-    mark: dict[str, Any] = {**box, "kind": "marker", "relations": [{"between": ["a", "b"]}]}
-    with pytest.raises(SceneKeyError, match=r"objects\.mark\.relations\.0\.width: is missing\. 'mark' has nothing"):
-        pack(scene_of({"a": box, "b": box, "mark": mark}))
-    assert pack(scene_of({"a": box, "b": box, "mark": mark}, geometry="visual"))["rel_width"].tolist() == [-1.0]
-    mark["relations"] = [{"between": ["a", "b"], "width": 0.1}]
-    assert pack(scene_of({"a": box, "b": box, "mark": mark}))["rel_width"].tolist() == [0.1]

@@ -1,0 +1,73 @@
+"""Pairs of colliders as lists in `device.Program`: those of objects, then those of arms in a grasp."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sceniris_gym.geometry.ragged import addressed, ranges
+from sceniris_gym.program.pack.descent import first_nodes
+from sceniris_gym.program.pack.pairs import ArmPairs, Pair, PairRules, arm_pairs, collider_pairs
+from sceniris_gym.program.plan import Plan
+
+_ARM_LISTS = ("arm_scene", "arm_hand", "arm_target")
+ARM_LISTS = ("arm_pairadr", "arm_pairnum", "arm_broadadr", "arm_broadnum", "arm_self", *_ARM_LISTS)
+"""The packed lists that are fields of `Reach`: those of an arm in a grasp."""
+
+
+def pack_pairs(plan: Plan, rules: PairRules, lanes: int) -> dict[str, np.ndarray]:
+    """Return the pairs of colliders that are kept apart, with their margins: the lists of objects, then those of arms.
+
+    Args:
+        plan: The plan.
+        rules: The rules for its colliders.
+        lanes: Number of lanes that share the collision test of a world.
+    """
+    colliders, number = rules.colliders, len(plan.objects)
+    arm_lists, robots, arm_fields = _arm_lists(arm_pairs(plan, rules))
+    lists = [*collider_pairs(plan, rules), *arm_lists]
+    pairs, pairadr, pairnum = ranges(lists)
+    start, startadr, startnum = ranges(
+        first_nodes(colliders, [(int(first) + i, *nodes) for i, p in enumerate(part) for nodes in p.starts], lanes)
+        for part, first in zip(lists, pairadr, strict=True)
+    )
+    owners = [o.bodies for o in plan.objects] + [plan.scene.subtree(name) for name in robots]
+    body = colliders.body
+    bodies = [
+        (body[p.a], body[p.b], (body[p.a] in own) + 2 * (body[p.b] in own), colliders.plane[p.b])
+        for own, part in zip(owners, lists, strict=True)
+        for p in part
+    ]
+    touching = (() if p.geoms is None else np.concatenate(p.directions) for p in pairs)
+    directions, of_pairs = addressed("pair_direction", touching)
+    return {
+        "pair_bodies": np.reshape(bodies, (-1, 4)).astype(int),
+        "obj_pairadr": pairadr[:number],
+        "obj_pairnum": pairnum[:number],
+        "obj_broadadr": startadr[:number],
+        "obj_broadnum": startnum[:number],
+        "arm_pairadr": pairadr[number:],
+        "arm_pairnum": pairnum[number:],
+        "arm_broadadr": startadr[number:],
+        "arm_broadnum": startnum[number:],
+        **arm_fields,
+        "broad_pair": np.reshape(start, (-1, 3)).astype(int),
+        "pair_a": np.array([p.a for p in pairs], int),
+        "pair_b": np.array([p.b for p in pairs], int),
+        "pair_margin": np.array([p.margin for p in pairs], float),
+        "pair_touch": np.array([rules.touch(p.a, p.b) if p.geoms is None else p.margin for p in pairs], float),
+        **of_pairs,
+        "direction": np.reshape(directions, (-1, 3)),
+    }
+
+
+def _arm_lists(arm: ArmPairs) -> tuple[list[list[Pair]], list[str], dict[str, np.ndarray]]:
+    """Return the lists of arms in a grasp, the robot of each, and the number of each list for the reach targets."""
+    names = list(arm.itself)
+    column = np.arange(len(arm.robots))
+    fields = {"arm_self": np.array([names.index(name) for name in arm.robots], int)}
+    lists, robots = list(arm.itself.values()), list(names)
+    for field, part in zip(_ARM_LISTS, (arm.scene, arm.hand, arm.target), strict=True):
+        fields[field] = len(lists) + column
+        lists += part
+        robots += arm.robots
+    return lists, robots, fields

@@ -1,0 +1,120 @@
+"""The reach targets of a plan as the fields of `device_reach.Reach`, one for each arm."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+import warp as wp
+
+from sceniris_gym.geometry.ragged import addressed
+from sceniris_gym.grasping.gripper import carried
+from sceniris_gym.program.couplings import coupling_arrays
+from sceniris_gym.program.device import fill_struct
+from sceniris_gym.program.device_reach import BASE, UNASKED, Reach
+from sceniris_gym.program.placed_object import PlacedObject
+from sceniris_gym.program.plan import Plan
+from sceniris_gym.program.reach import Reaching, ReachingArm, ReachTarget
+from sceniris_gym.reach.arm import MAX_JOINTS
+from sceniris_gym.reach.lookup import MapView
+from sceniris_gym.reach.solve import arm_view
+from sceniris_gym.scene.model import SceneModel
+
+
+def fill_views(plan: Plan, arm_lists: Mapping[str, np.ndarray], device: str) -> None:
+    """Fill the views of all arms that are to reach something.
+
+    Args:
+        plan: The plan of the scene.
+        arm_lists: The fields `pack.objects.ARM_LISTS`, which all arms share.
+        device: Warp's name of the device.
+    """
+    if plan.reaching is None:
+        return
+    arms, names = plan.reaching.arms, [o.name for o in plan.objects]
+    late = {target.arm for target in plan.reaching.targets if target.late}
+    bases = [names.index(one.robot) if i in late else UNASKED for i, one in enumerate(arms)]
+    shared = _target_arrays(plan, plan.reaching, bases)
+    for i, one in enumerate(arms):
+        set_map_and_arm(one, device)
+        one.view.number, one.view.last, one.view.base_obj = i, len(arms) - 1, bases[i]
+        own = _arm_fields(plan.scene, plan.home, one)
+        fill_struct(Reach, one.view, {**arm_lists, **shared, **own}, device)
+
+
+def set_map_and_arm(one: ReachingArm, device: str) -> None:
+    """Set the parts of an arm's view that are structs of their own."""
+    one.view.map = MapView() if one.map is None else one.map.view(device)
+    one.view.arm = arm_view(one.arm, device)
+
+
+def _arm_fields(scene: SceneModel, home: mujoco.MjData, one: ReachingArm) -> dict[str, np.ndarray]:
+    """Set the plain fields of an arm's view, and return its arrays that differ between arms."""
+    view, gripper, present = one.view, one.gripper, one.robot not in scene.apart
+    hand = sorted(carried(scene.mjm, one.arm)) if present else []
+    view.base_body = scene.bodies[one.robot]
+    view.mapped = int(one.map is not None)
+    view.gap_closed, view.gap_open = gripper.closed, gripper.opening
+    if present:
+        view.hand_pos, view.hand_quat = _in_tcp(home, one.arm.tcp_site, hand[0])
+    driver, follower, coef = coupling_arrays(gripper.couplings)
+    return {
+        "arm_qposadr": one.arm.qposadr if present else np.zeros(0, int),
+        "arm_body": np.array(scene.subtree(one.robot)[1:], int),
+        "hand_body": np.array(hand, int),
+        "grip_qposadr": gripper.qposadr,
+        "grip_closed": gripper.closed_qpos,
+        "grip_open": gripper.open_qpos,
+        "grip_driveradr": driver,
+        "grip_followadr": follower,
+        "grip_coef": coef,
+    }
+
+
+def _in_tcp(home: mujoco.MjData, site: int, body: int) -> tuple[wp.vec3, wp.vec4]:
+    """Return the pose of a body that moves with the TCP, in the frame of the TCP, a site."""
+    turn, quat = np.zeros(4), np.zeros(4)
+    mujoco.mju_mat2Quat(turn, home.site_xmat[site])
+    mujoco.mju_negQuat(turn, turn.copy())
+    mujoco.mju_mulQuat(quat, turn, home.xquat[body])
+    pos = home.site_xmat[site].reshape(3, 3).T @ (home.xpos[body] - home.site_xpos[site])
+    return wp.vec3(*pos), wp.vec4(*quat)
+
+
+def _target_arrays(plan: Plan, reaching: Reaching, bases: list[int]) -> dict[str, np.ndarray]:
+    """Return the arrays that all arms share: reach targets, their grasps, and an empty bank."""
+    targets, rows = reaching.targets, len(reaching.targets)
+    grasps, fields = addressed("reach_grasp", (t.grasp_set.grasps for t in targets))
+    numbers = np.full(len(plan.objects), UNASKED)
+    numbers[[t.number for t in targets]] = np.arange(rows)
+    numbers[[base for base in bases if base != UNASKED]] = BASE
+    spans = np.concatenate([np.zeros((0, 2), int), *_spans(plan.objects, targets, fields["reach_graspadr"])])
+    return {
+        "obj_reach": numbers,
+        "variant_graspadr": spans[:, 0],
+        "variant_graspnum": spans[:, 1],
+        "reach_obj": np.array([t.number for t in targets], int),
+        "reach_slot": np.array([plan.slots.index(t.name) for t in targets], int),
+        "reach_arm": np.array([t.arm for t in targets], int),
+        "reach_late": np.array([t.late for t in targets], int),
+        "reach_tier": np.array([t.tier for t in targets], int),
+        "reach_least": np.array([t.tier.least_verdict for t in targets], int),
+        "reach_below": np.array([plan.objects[t.number].ground is not None for t in targets], int),
+        **fields,
+        "grasp_body": np.array([g.body for g in grasps], int),
+        "grasp_pos": np.reshape([g.pos for g in grasps], (-1, 3)),
+        "grasp_quat": np.reshape([g.quat for g in grasps], (-1, 4)),
+        "grasp_opening": np.array([g.opening for g in grasps], float),
+        "bank_grasp": np.zeros((0, rows)),
+        "bank_grasp_qpos": np.zeros((0, rows, MAX_JOINTS)),
+        "bank_pregrasp_qpos": np.zeros((0, rows, MAX_JOINTS)),
+    }
+
+
+def _spans(objects: list[PlacedObject], targets: tuple[ReachTarget, ...], adr: np.ndarray) -> list[np.ndarray]:
+    """Return the (address, number) of the grasps of each variant of each object; (0, 0) for other objects."""
+    spans = [np.zeros((len(o.variants), 2), int) for o in objects]
+    for target, first in zip(targets, adr, strict=True):
+        spans[target.number] = np.array(target.grasp_set.spans) + [int(first), 0]
+    return spans

@@ -1,0 +1,99 @@
+"""The surfaces that an object may stand on: the level faces of its support, cropped to its region."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.config.fields import FLOOR
+from sceniris_gym.errors import NoSupportError
+from sceniris_gym.geometry import supports
+from sceniris_gym.geometry.pieces import Piece
+from sceniris_gym.geometry.supports import SupportSurface
+from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.scene.support import Support, static_supports
+
+UPRIGHT = float(np.cos(np.radians(0.1)))
+"""Least z component of a support's z axis: 0.1 degree is 0.1 mm under an object of 8 cm, a fifth of the default gap."""
+
+
+def surfaces_of(
+    scene: SceneModel,
+    name: str,
+    support: Support | None,
+    pieces: list[Piece],
+    home: mujoco.MjData,
+    edges: list[float],
+) -> list[list[SupportSurface]]:
+    """Return the surfaces that an object may stand on, a list for each of its variants.
+
+    Args:
+        scene: The scene.
+        name: The object, or a robot whose base is drawn.
+        support: Its support, None in space.
+        pieces: All obstacles.
+        home: MjData at the start pose.
+        edges: The least shorter edge of the bounds [m] for each variant, which `ratio_on_support` erodes by.
+
+    Raises:
+        NoSupportError: A support without any level surface.
+        ErodedSupportError: Nothing is left of the support after its erosion and region.
+    """
+    config = scene.config.parts[name]
+    if config.support is None or support is None:
+        assert config.region is not None
+        if config.region.points is not None:
+            return [supports.points_in_space(config.region)] * len(edges)
+        return [[supports.shadow_of_box(config.region)] if config.relations else []] * len(edges)
+    word, parent = config.support.word, config.support.parent
+    where = f"{scene.config.where}: {scene.config.key(name)}.{word}"
+    if support.is_floor:
+        assert scene.config.floor is not None
+        found = [supports.floor_surface(scene.config.floor.size)]
+    else:
+        found = _level_surfaces(support, pieces, open_above=word == "on")
+    if not found:
+        raise NoSupportError(
+            f"{where}: '{parent}' has no level surface of 2 cm or more in width"
+            f"{' that is open above' if word == 'on' else ''}. Valid: {_with_surfaces(scene, pieces, home, word)}."
+        )
+    half = 0.5 * config.ratio_on_support
+    return supports.crop(found, config.region, [half * edge for edge in edges], where)
+
+
+def may_lean(scene: SceneModel, support: Support) -> bool:
+    """Return whether a support may lean: its object may lie, or a joint above it turns about a tilted axis."""
+    if support.owner is None:
+        return False
+    owner = scene.config.parts.get(support.owner)
+    if owner is not None and owner.drawn_orientation.kind in ("stable", "any"):
+        return True
+    mjm, chain = scene.mjm, [support.body]
+    while chain[-1] not in (0, scene.bodies[support.owner]):
+        chain.append(int(mjm.body_parentid[chain[-1]]))
+    return any(
+        mjm.jnt_bodyid[j] in chain
+        and mjm.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE
+        and abs(mjm.jnt_axis[j][2]) < UPRIGHT
+        for j in scene.moving_joints(support.owner)
+    )
+
+
+def _level_surfaces(support: Support, pieces: list[Piece], *, open_above: bool) -> list[SupportSurface]:
+    """Return the level surfaces of a support; static geometry of no object is open above wherever there is room."""
+    own = [p for p in pieces if p.body == support.body]
+    covered = open_above and support.owner is not None
+    return supports.level_surfaces(support.body, own, open_above=covered, geom=support.geom)
+
+
+def _with_surfaces(scene: SceneModel, pieces: list[Piece], home: mujoco.MjData, word: str) -> str:
+    """Return the names of all supports with a level surface, for messages."""
+    known = {name: Support(scene.bodies[name], name) for name in scene.config.objects}
+    for name in scene.config.objects:
+        known |= {f"{name}/{part}": Support(body, name) for part, body in scene.parts(name).items()}
+    if scene.config.model is not None:
+        known = {**static_supports(scene.mjm, scene.bodies), **known}
+    level = {name: s for name, s in known.items() if home.xmat[s.body][8] >= UPRIGHT}
+    found = sorted(name for name, s in level.items() if _level_surfaces(s, pieces, open_above=word == "on"))
+    floor = [] if scene.config.floor is None or word == "inside" else [FLOOR]
+    return ", ".join([*floor, *found]) or "none, as nothing in this scene has one"
