@@ -10,6 +10,7 @@ from sceniris_gym.collide.convex import Shape, least_extent, piece_shape
 from sceniris_gym.collide.inner_boxes import inner_boxes_within
 from sceniris_gym.collide.near_part import near_parts_separated
 from sceniris_gym.collide.triangles import triangles_separated
+from sceniris_gym.device.quaternions import rot_vec_quat
 from sceniris_gym.device.transforms import Pose, apply, compose, pose_of, relative
 from sceniris_gym.geometry.colliders import PIECE_LEAF
 from sceniris_gym.geometry.pieces import PieceType
@@ -90,6 +91,13 @@ def support_of(program: Program, obj: int) -> int:
 def piece_pose(program: Program, piece: int) -> Pose:
     """Return the pose of a piece's frame in its body's frame."""
     return pose_of(program.piece_pos[piece], program.piece_quat[piece])
+
+
+@wp.func
+def piece_origin(program: Program, piece: int, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]) -> wp.vec3:
+    """Return the origin of a piece's frame in the world, around which `piece_radius` holds the piece."""
+    body = program.piece_body[piece]
+    return body_pos[body] + rot_vec_quat(program.piece_pos[piece], body_quat[body])
 
 
 @wp.func

@@ -163,7 +163,7 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
     arrays = pack_program(scene, plan, colliders, lanes) | collider_arrays(colliders)
     mocap = max(scene.mjm.nmocap, 1)
     program = Program()
-    program.visual = int(scene.config.geometry == "visual")
+    program.visual = scene.config.geometry == "visual"
     program.face_vertadr = 0
     if program.visual and any(p.type in ROUND for p in plan.pieces):  # triangles are hulls as well
         program.face_vertadr = len(arrays["vert"])

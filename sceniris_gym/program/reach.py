@@ -151,7 +151,7 @@ def _set_arm(scene: SceneModel, plan: Plan, one: ReachingArm) -> dict[str, np.nd
     view, gripper, present = one.view, one.gripper, one.robot not in scene.apart
     hand = sorted(carried(scene.mjm, one.arm)) if present else []
     view.base_body = scene.bodies[one.robot]
-    view.mapped = int(one.map is not None)
+    view.mapped = one.map is not None
     view.gap_closed, view.gap_open = gripper.closed, gripper.opening
     if present:
         view.hand_pos, view.hand_quat = _in_tcp(plan.home, one.arm, hand[0])
@@ -163,9 +163,9 @@ def _set_arm(scene: SceneModel, plan: Plan, one: ReachingArm) -> dict[str, np.nd
         "grip_qposadr": gripper.qposadr,
         "grip_closed": gripper.closed_qpos,
         "grip_open": gripper.open_qpos,
-        "grip_driveradr": driver,
-        "grip_followadr": follower,
-        "grip_coef": coef,
+        "follow_driveradr": driver,
+        "follow_qposadr": follower,
+        "follow_coef": coef,
     }
 
 

@@ -42,8 +42,8 @@ def pack_groups(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
     members, adr, num = ranges([plan.slots.index(name) for name in g.of] for g in groups)
     check_parking(scene, plan)
     return {
-        "group_adr": adr,
-        "group_num": num,
+        "group_slotadr": adr,
+        "group_slotnum": num,
         "group_slot": np.array(members, int),
         "group_low": np.array([g.count[0] for g in groups], int),
         "group_high": np.array([g.count[1] for g in groups], int),

@@ -50,7 +50,7 @@ def pack_regions(plan: Plan, where: str) -> dict[str, np.ndarray]:
         "surface_height": np.array([s.height for s in surfaces]),
         "surface_edgeadr": edgeadr,
         "surface_edgenum": edgenum,
-        "surface_convex": np.array([_convex_turn(supports.edges(s.outline)) for s in surfaces], int),
+        "surface_winding": np.array([_convex_turn(supports.edges(s.outline)) for s in surfaces], int),
         "edge_a": side[:, 0],
         "edge_b": side[:, 1],
     }
