@@ -55,12 +55,12 @@ def scene() -> tuple[Program, tuple[trimesh.Trimesh, trimesh.Trimesh], list]:
     """Return the program of the colliders and their pairs, the two surfaces of the shell, and meshes to keep alive."""
     outer, inner = (trimesh.creation.icosphere(3, radius) for radius in (0.3, 0.2))
     inner.invert()
-    shell = trimesh.util.concatenate([outer, inner])
+    shell = trimesh.util.concatenate(outer, inner)
     spec = mujoco.MjSpec()
     spec.add_mesh(
         name="shell",
-        uservert=shell.vertices.ravel(),
-        userface=shell.faces.ravel(),
+        uservert=np.ravel(shell.vertices),  # type: ignore[attr-defined]
+        userface=np.ravel(shell.faces),  # type: ignore[attr-defined]
         inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
     )
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 0.1])

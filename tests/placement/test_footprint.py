@@ -153,7 +153,7 @@ def test_points_and_shadows_lie_in_an_outline_as_shapely_says():
     """An L with a hole: points in and out with their distances, and shadows of a hull that an edge passes through."""
     n, rng = 3000, np.random.default_rng(9)
     shape = shapely.union_all([box(*low, *high) for low, high in TILES]).simplify(1e-9)
-    rings = [shapely.get_coordinates(ring) for ring in (shape.exterior, *shape.interiors)]
+    rings = [shapely.get_coordinates(ring) for ring in shapely.get_rings(shape)]
     sides = np.concatenate([np.stack([ring[:-1], ring[1:]], axis=1) for ring in rings])
     hull = rng.normal(size=(12, 3)) * [0.04, 0.03, 0.02]
     program = Program()

@@ -82,8 +82,8 @@ def test_grasps_pass_by_the_map_and_by_their_approach(mapped: bool, stands: bool
     pos, tcp_quat, from_base, approach, passes, first = (a.numpy() for a in out)
     allowed = np.empty(shape, bool)
     for world in range(WORLDS):
-        turn = turns[world][body] * grasp_turn
-        where = turns[world][body].apply(grasp_pos) + body_pos[world, body]
+        of_body = Rotation.from_quat(quat[world, body], scalar_first=True)
+        turn, where = of_body * grasp_turn, of_body.apply(grasp_pos) + body_pos[world, body]
         np.testing.assert_allclose(pos[world], where, atol=1e-6)
         assert (Rotation.from_quat(tcp_quat[world], scalar_first=True) * turn.inv()).magnitude().max() < 1e-5
         back = turns[world][BASE].inv()
