@@ -1,1 +1,1 @@
-"""Device code that tells whether two things are too near each other."""
+"""Device code that decides if two bodies are too near each other; it knows neither search nor layouts."""

@@ -1,7 +1,8 @@
-"""Trees of boxes against each other: one step down both of them, and the whole test of a list of pairs.
+"""Bounding-volume descent: one step down two box trees, and the test of a list of broad-phase pairs.
 
-What overlaps comes back as two smaller pairs of boxes, until leaves are left. The lanes of a block share a stack of
-such pairs, and every lane takes one.
+An *entry* is a pair of nodes: (pair of colliders, node of a, node of b). Where the boxes of an entry are near each
+other, two entries further down take its place, until both nodes are leaves: a narrow-phase pair. The lanes of a block
+share a stack of entries, and each takes one at a time.
 """
 
 from typing import Any
@@ -24,21 +25,22 @@ from sceniris_gym.program.device import Cause, Program
 wp.set_module_options({"enable_backward": False})
 
 SHARED_STACK = 512
-"""Room for the pairs of nodes that a block's lanes leave behind: one for each lane and level of both trees."""
+"""Capacity of the stack of entries that a block shares: one for each lane and each level of both trees."""
 OWN_STACK = 64
-"""Room for those that a lane by itself leaves behind: one for each level of both trees, which are halved at each."""
+"""Capacity of the stack of a single lane: one entry for each level of both trees, which halve at each level."""
 WAITING = 64
-"""Room for pairs of leaves that wait until there is one for every lane: fewer than two a lane, for up to 32 lanes."""
+"""Capacity of the stack of narrow-phase pairs, which wait for one per lane: fewer than two a lane, up to 32 lanes."""
 UNPROVEN = -1
-"""In place of a cause: there was no room for all of a test."""
+"""Sentinel in place of a cause: a stack was too small to complete the test."""
 
 
 @wp.func
 def boxes_separated(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pose, margin: float) -> bool:
-    """Is there a separating axis with a gap above `margin` between two boxes (centre, half extents)?
+    """Test whether two boxes (centre, half extents [m]) have a separating axis with a gap above `margin` [m].
 
-    Box b lies in the frame that `rel` places in a's. S. Gottschalk, M. Lin, D. Manocha, "OBBTree", SIGGRAPH 1996. The
-    nine axes across edges are not normalised (their length is at most 1), which errs towards "not separated".
+    Box b is given in a frame whose pose in a's frame is `rel`. S. Gottschalk, M. Lin, D. Manocha, "OBBTree", SIGGRAPH
+    1996. The nine cross products of edges are not normalised (their length is at most 1), which errs towards "not
+    separated".
     """
     t = apply(rel, cb) - ca
     r = rel.rot
@@ -57,7 +59,7 @@ def boxes_separated(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pos
 
 @wp.func
 def _nodes_separated(program: Program, pair: int, na: int, nb: int, poses: PairPoses, margin: float) -> bool:
-    """Are the boxes of two nodes of a pair further apart than `margin` [m]?"""
+    """Test whether the boxes of two nodes of a pair are further apart than `margin` [m]."""
     center = program.node_center[na]
     half = program.node_half[na]
     plane = program.pair_bodies[pair][3]
@@ -66,14 +68,14 @@ def _nodes_separated(program: Program, pair: int, na: int, nb: int, poses: PairP
         n = over.normal
         reach = wp.abs(n[0]) * half[0] + wp.abs(n[1]) * half[1] + wp.abs(n[2]) * half[2]
         return over.height + wp.dot(n, center) - reach > margin
-    # only leaves may be in each other: of boxes no depth is proven
+    # only leaves may penetrate by a negative margin: boxes prove no depth
     least = wp.max(margin, 0.0)
     return boxes_separated(center, half, program.node_center[nb], program.node_half[nb], poses.rel, least)
 
 
 @wp.struct
 class Step:
-    """What a pair of nodes leads to: nothing, two smaller pairs, or a test of the leaves themselves."""
+    """The outcome of one entry: nothing, two entries further down (`inner`), or a narrow-phase test (`leaf`)."""
 
     inner: bool
     leaf: bool
@@ -83,7 +85,7 @@ class Step:
 
 @wp.func
 def next_step(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> Step:
-    """One step down both trees from an entry (pair, node of a, node of b)."""
+    """Descend one step from an entry."""
     step = Step()
     pair = entry[0]
     na = entry[1]
@@ -109,7 +111,7 @@ def next_step(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float
 def leaves_below_touch(
     program: Program, start: wp.vec3i, poses: PairPoses, margin: float, stack: wp.array[wp.vec3i]
 ) -> bool:
-    """Are any leaves below an entry (pair, node of a, node of b) too near? One lane's work, with a stack of its own."""
+    """Test whether any leaves below an entry are too near. One lane does this alone, with its own stack."""
     stack[0] = start
     count = int(1)
     while count > 0:
@@ -140,10 +142,10 @@ def collides(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> int:
-    """Is any pair of a list too near, leaves and all: COLLISION, NONE, or UNPROVEN where a stack had no room for all?
+    """Test a list of broad-phase pairs: COLLISION, NONE, or UNPROVEN if a stack was too small.
 
-    All lanes of a block call it together, with empty stacks. `own_pos` and `own_quat` pose what is tested, `body_pos`
-    and `body_quat` all others; `support` is the body that it stands on, or -1.
+    All lanes of a block call it together, with empty stacks. `own_pos` and `own_quat` are the poses of the bodies that
+    are tested, `body_pos` and `body_quat` those of all others; `support` is the body that they stand on, or -1.
     """
     base = int(startadr)
     last = base + startnum
@@ -194,7 +196,7 @@ def collides_without_stack(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> bool:
-    """The same where the shared stacks had no room: every lane goes down both trees by itself."""
+    """Test a list of broad-phase pairs as `collides` does. Each lane has its own stack, which is never too small."""
     hit = int(0)
     stack = wp.zeros(shape=(wp.static(OWN_STACK),), dtype=wp.vec3i)
     for i in range(startadr + lane, startadr + startnum, wp.block_dim()):

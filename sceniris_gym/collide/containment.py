@@ -1,4 +1,7 @@
-"""Surfaces that do not meet may still enclose one another: points of each against the winding number of the other."""
+"""Containment: points of one collider against the winding number of the other's mesh.
+
+Two surfaces that do not intersect may still enclose one another.
+"""
 
 import warp as wp
 
@@ -12,7 +15,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func
 def in_solid(program: Program, collider: int, p: wp.vec3) -> bool:
-    """Is a point, in the frame of a collider's body, inside its solid?"""
+    """Test whether a point, in the frame of a collider's body, lies inside its solid."""
     query = wp.mesh_query_point_sign_winding_number(
         program.collider_mesh[collider], p, program.collider_depth[collider]
     )
@@ -21,7 +24,7 @@ def in_solid(program: Program, collider: int, p: wp.vec3) -> bool:
 
 @wp.func
 def in_bounds(program: Program, collider: int, p: wp.vec3) -> bool:
-    """Is it inside its box?"""
+    """Test whether a point, in the frame of a collider's body, lies inside its bounding box."""
     root = program.collider_root[collider]
     d = p - program.node_center[root]
     half = program.node_half[root]
@@ -30,7 +33,7 @@ def in_bounds(program: Program, collider: int, p: wp.vec3) -> bool:
 
 @wp.func
 def _has_points_inside(program: Program, a: int, b: int, rel: Pose) -> bool:
-    """Is a component of collider a inside the solid of b? `rel` is b in a's frame."""
+    """Test whether a component of collider a lies inside the solid of b; `rel` is the pose of b's body in a's frame."""
     at = wp.transpose(rel.rot)
     for i in range(program.collider_pointnum[a]):
         p = at * (program.point[program.collider_pointadr[a] + i] - rel.pos)
@@ -42,7 +45,7 @@ def _has_points_inside(program: Program, a: int, b: int, rel: Pose) -> bool:
 
 @wp.func
 def _is_one_inside(program: Program, pair: int, poses: PairPoses) -> bool:
-    """Is one collider of a pair inside the other?"""
+    """Test whether one collider of a pair lies inside the other."""
     a = program.pair_a[pair]
     b = program.pair_b[pair]
     if program.collider_plane[b] >= 0:
@@ -63,7 +66,10 @@ def encloses(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> bool:
-    """Is one collider of any pair of a list inside the other? All lanes of a block call it together; see `collides`."""
+    """Test whether one collider of any pair of a list lies inside the other.
+
+    All lanes of a block call it together, with the poses that `collides` takes.
+    """
     inside = int(0)
     for pair in range(pairadr + lane, pairadr + pairnum, wp.block_dim()):
         if _is_one_inside(program, pair, pair_poses(program, pair, own_pos, own_quat, body_pos, body_quat)):

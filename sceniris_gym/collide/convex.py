@@ -1,8 +1,8 @@
-"""Are two convex pieces further apart than a margin? One test for distance, penetration and containment.
+"""Separation of two convex pieces by a margin: one test for distance, penetration and containment.
 
-Gilbert, Johnson, Keerthi, "A fast procedure for computing the distance between complex objects", IEEE J. Robotics and
-Automation 4(2), 1988, with the exits that a yes-or-no question allows: a direction whose support is beyond the margin
-proves separation, a point of the Minkowski difference within the margin proves contact.
+E. Gilbert, D. Johnson, S. Keerthi, "A fast procedure for computing the distance between complex objects", IEEE J.
+Robotics and Automation 4(2), 1988, which ends early because only yes or no is asked: a direction whose support lies
+beyond the margin proves separation, and a point of the Minkowski difference within the margin proves contact.
 """
 
 import warp as wp
@@ -11,21 +11,21 @@ from sceniris_gym.device.transforms import Pose, apply
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.program.device import Program
 
-# Bounds from below and above meet to 1 um: ten times the float32 rounding of a 1 m scene, a tenth of what a false alarm
-# may be off.
+# Lower and upper bound have to meet to 1 um: ten times the float32 rounding of a scene of 1 m, and a tenth of the error
+# that a false alarm may have.
 _TOLERANCE = wp.constant(1.0e-6)
-# Height of a tetrahedron, in shares of its longest edge, below which it is flat.
+# A tetrahedron is flat if its height is below this share of its longest edge.
 _FLAT = wp.constant(1.0e-4)
-# How often a test begins anew where rounding has led it astray, and bounds [m] that need not be brought any closer.
+# Number of restarts after rounding has stopped progress, and the gap between bounds [m] that needs no restart.
 _MAX_RESTARTS = wp.constant(3)
 _SETTLED = wp.constant(1.0e-5)
-# Polytopes end in under 20; a cylinder or ellipsoid that needs more is known to far better than 0.1 mm by then.
+# Polytopes take fewer than 20; a cylinder or ellipsoid that takes more is known to far better than 0.1 mm by then.
 _MAX_ITERATIONS = wp.constant(48)
 
 
 @wp.struct
 class Shape:
-    """A convex core with a radius around it."""
+    """A convex core and a radius [m] around it."""
 
     kind: int
     size: wp.vec3
@@ -36,7 +36,7 @@ class Shape:
 
 @wp.func
 def piece_shape(program: Program, piece: int) -> Shape:
-    """The shape of a piece; spheres and capsules are a point and a segment with a radius, which makes them exact."""
+    """Return the shape of a piece. Spheres and capsules are a point and a segment with a radius, and so exact."""
     s = Shape()
     s.kind = program.piece_type[piece]
     s.size = program.piece_size[piece]
@@ -50,7 +50,7 @@ def piece_shape(program: Program, piece: int) -> Shape:
 
 @wp.func
 def segment_shape(half_length: float) -> Shape:
-    """A segment along its frame's x axis."""
+    """Return a segment along the x axis of its frame."""
     s = Shape()
     s.kind = PieceType.SEGMENT
     s.size = wp.vec3(half_length, 0.0, 0.0)
@@ -62,7 +62,7 @@ def segment_shape(half_length: float) -> Shape:
 
 @wp.func
 def support(vert: wp.array[wp.vec3], s: Shape, d: wp.vec3) -> wp.vec3:
-    """The core's furthest point along `d`, in the shape's frame."""
+    """Return the support point of the core: the furthest one along `d`, in the shape's frame."""
     best = wp.vec3(0.0, 0.0, 0.0)
     if s.kind == PieceType.BOX:
         best = wp.vec3(wp.sign(d[0]) * s.size[0], wp.sign(d[1]) * s.size[1], wp.sign(d[2]) * s.size[2])
@@ -90,14 +90,14 @@ def support(vert: wp.array[wp.vec3], s: Shape, d: wp.vec3) -> wp.vec3:
 
 @wp.func(inline=False)
 def least_extent(vert: wp.array[wp.vec3], s: Shape, frame: Pose, along: wp.vec3) -> float:
-    """Least extent [m] of a shape along a unit vector, from the origin of the frame that `frame` is given in."""
+    """Return the least coordinate [m] of a shape along a unit vector, both in the frame that `frame` is given in."""
     down = -(wp.transpose(frame.rot) * along)
     return wp.dot(along, apply(frame, support(vert, s, down))) - s.radius
 
 
 @wp.func
 def _closest_on_segment(a: wp.vec3, b: wp.vec3):
-    """The segment's point nearest to the origin, and a bit for each vertex that it rests on."""
+    """Return the point of a segment nearest to the origin, and a bit for each vertex that supports it."""
     ab = b - a
     t = -wp.dot(a, ab)
     if t <= 0.0:
@@ -110,15 +110,15 @@ def _closest_on_segment(a: wp.vec3, b: wp.vec3):
 
 @wp.func
 def _closest_on_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """The triangle's point nearest to the origin, and a bit for each vertex that it rests on.
+    """Return the point of a triangle nearest to the origin, and a bit for each vertex that supports it.
 
-    C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.5. A triangle without area falls back to its edges.
+    C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.5. Of a triangle without area only the edges count.
     """
     ab = b - a
     ac = c - a
     n = wp.cross(ab, ac)
     nn = wp.dot(n, n)
-    # on which side of each edge the origin lies, seen along the normal
+    # the side of each edge on which the origin lies, seen along the normal
     in_ab = wp.dot(wp.cross(a, ab), n)
     in_bc = wp.dot(wp.cross(b, c - b), n)
     in_ca = wp.dot(wp.cross(c, a - c), n)
@@ -140,7 +140,7 @@ def _closest_on_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3):
 
 @wp.func
 def _beyond(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3) -> bool:
-    """Is the origin beyond the face abc of a tetrahedron, seen from d? A flat one counts as beyond."""
+    """Test whether the face abc of a tetrahedron separates the origin from d; true for a flat tetrahedron."""
     n = wp.cross(b - a, c - a)
     toward = wp.dot(d - a, n)
     origin = -wp.dot(a, n)
@@ -149,7 +149,7 @@ def _beyond(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3) -> bool:
 
 @wp.func
 def _is_flat(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3) -> bool:
-    """Is a tetrahedron so flat that rounding decides on which side of its faces a point is?"""
+    """Test whether a tetrahedron is so flat that rounding decides the side of its faces on which a point lies."""
     ab = b - a
     ac = c - a
     ad = d - a
@@ -162,7 +162,10 @@ def _is_flat(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3) -> bool:
 
 @wp.func
 def _closest_on_tetrahedron(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, p3: wp.vec3):
-    """The tetrahedron's point nearest to the origin, and a bit for each vertex that it rests on; all of them inside."""
+    """Return the point of a tetrahedron nearest to the origin, and a bit for each vertex that supports it.
+
+    All four bits are set if the origin lies inside.
+    """
     best = wp.vec3(0.0)
     best_sq = float(1.0e30)
     bits = int(15)
@@ -194,7 +197,7 @@ def _closest_on_tetrahedron(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, p3: wp.vec3):
 
 @wp.func
 def _kept(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, p3: wp.vec3, bits: int):
-    """The vertices of a simplex that its nearest point rests on, one after the other, and how many there are."""
+    """Return the vertices of a simplex that support its nearest point, one after the other, and their number."""
     count = int(0)
     a = p0
     b = p1
@@ -222,14 +225,15 @@ def _kept(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, p3: wp.vec3, bits: int):
     return a, b, c, count
 
 
-# One copy for roofs, footprints and obstacles rather than one each: with it, and the map asked before the roof, an H200
-# makes 1.065 times the layouts of the scene `mid`.
+# One copy for covers, footprints and obstacles rather than one each: with it, and the map asked before the cover, an
+# H200 makes 1.065 times the layouts of the scene `mid`.
 @wp.func(inline=False)
 def separated(vert: wp.array[wp.vec3], sa: Shape, sb: Shape, rel: Pose, mask: wp.vec3, margin: float) -> bool:
-    """Is the distance between two shapes above `margin` [m]?
+    """Test whether the distance between two shapes is above `margin` [m].
 
     `rel` is the pose of `sb` in the frame of `sa`. `mask` multiplies coordinates of that frame: ones for space,
-    (1, 1, 0) for the shapes' shadows on its xy plane. What cannot be decided to within 1 um counts as not separated.
+    (1, 1, 0) for the shapes' shadows on its xy plane. A distance that differs from the margin by less than 1 um may
+    count as not separated.
     """
     limit = margin + sa.radius + sb.radius
     to_b = wp.transpose(rel.rot)
@@ -273,7 +277,7 @@ def separated(vert: wp.array[wp.vec3], sa: Shape, sb: Shape, rel: Pose, mask: wp
             if bits == 15:
                 if restarts == _MAX_RESTARTS or not _is_flat(p0, p1, p2, p3):
                     return False  # the origin lies inside
-                # of a flat tetrahedron rounding decides: begin anew from the last point
+                # rounding decides where the tetrahedron is flat: restart from the last point
                 restarts += 1
                 p0 = w
                 v = w

@@ -1,4 +1,4 @@
-"""Cores of convex pieces, boxes inside of them: where two overlap the pieces do, and nothing else has to be asked."""
+"""Inner boxes of convex pieces: two pieces overlap wherever the boxes inside of them do, which is quick to prove."""
 
 import warp as wp
 
@@ -8,24 +8,24 @@ from sceniris_gym.program.device import Program
 
 wp.set_module_options({"enable_backward": False})
 
-# Edges are in parallel up to an angle of 1.4e-3, that of this cosine; three pairs of edges may be so at once.
+# Edges count as parallel up to an angle of 1.4e-3 rad, whose cosine this is; three pairs of edges may be so at once.
 _PARALLEL = wp.constant(1.0 - 1.0e-6)
-# What boxes overlap by along their faces, in shares of the sum of their half diagonals: twice what turning them until
-# such edges are in parallel moves them against each other.
+# The overlap required along face normals, as a share of the sum of the half diagonals: twice the displacement from
+# turning the boxes until such edges are exactly parallel.
 _OVERLAP = wp.constant(5.0e-3)
 _ROUNDING = wp.constant(1.0e-7)
 
 
 @wp.func
 def boxes_within(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pose, margin: float) -> bool:
-    """Are two boxes (centre, half extents) plainly within `margin` [m] of each other, which may be 0?
+    """Test whether two boxes (centre, half extents [m]) are certainly within `margin` [m], 0 or more, of each other.
 
-    Box b lies in the frame that `rel` places in a's. It is moved towards a by the margin: what overlaps then is no
-    further apart than that.
+    Box b is given in a frame whose pose in a's frame is `rel`. It is moved towards a by the margin: boxes that overlap
+    then are no further apart than that. May return False for boxes that are just within the margin, never the reverse.
 
-    S. Gottschalk, M. Lin, D. Manocha, "OBBTree", SIGGRAPH 1996, with the axes of both boxes and those across two edges.
-    Edges in parallel have no such axis, and where they nearly are rounding decides what it says: it is not asked, and
-    the boxes have to overlap so far along the others that it could not say no.
+    S. Gottschalk, M. Lin, D. Manocha, "OBBTree", SIGGRAPH 1996. Parallel edges have no cross product, and that of
+    nearly parallel ones is mostly rounding. Such axes are skipped; instead the boxes have to overlap along their face
+    normals by so much that no skipped axis could separate them.
     """
     t = apply(rel, cb) - ca
     t = t * wp.max(1.0 - margin / wp.max(wp.length(t), 1.0e-9), 0.0)
@@ -46,7 +46,7 @@ def boxes_within(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pose, 
 
 @wp.func
 def inner_boxes_within(program: Program, a: int, b: int, rel: Pose, margin: float) -> bool:
-    """Are the cores of two pieces plainly within `margin` [m] of each other? `rel` is b's body in the frame of a's."""
+    """Test whether inner boxes prove that two pieces are within `margin` [m]; `rel` poses b's body in a's frame."""
     ha = program.inner_half[a]
     hb = program.inner_half[b]
     if ha[0] == 0.0 or hb[0] == 0.0:

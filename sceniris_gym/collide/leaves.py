@@ -1,7 +1,7 @@
-"""Leaves of box trees against each other: convex pieces, triangles, and planes.
+"""The narrow phase: tests of two leaves of box trees, which are convex pieces, triangles or planes.
 
-With `geometry: physics` a leaf is a convex piece, with `geometry: visual` a triangle or a round piece. A candidate with
-one pair of leaves that are not further apart than they have to be is rejected, so the order of the pairs cannot matter.
+With `geometry: physics` a leaf is a convex piece, with `geometry: visual` a triangle or a round piece. One pair of
+leaves that are too near rejects a candidate, so the order of the pairs does not matter.
 """
 
 import warp as wp
@@ -10,6 +10,7 @@ from sceniris_gym.collide.convex import Shape, least_extent, piece_shape
 from sceniris_gym.collide.inner_boxes import inner_boxes_within
 from sceniris_gym.collide.near_part import near_parts_separated
 from sceniris_gym.collide.triangles import triangles_separated
+from sceniris_gym.device.quaternions import rot_vec_quat
 from sceniris_gym.device.transforms import Pose, apply, compose, pose_of, relative
 from sceniris_gym.geometry.colliders import PIECE_LEAF
 from sceniris_gym.geometry.pieces import PieceType
@@ -17,8 +18,8 @@ from sceniris_gym.program.device import ObjectKind, Program
 
 wp.set_module_options({"enable_backward": False})
 
-# Distances are compared with the margin plus this [m]: above the rounding of float32 poses and vertices within a few
-# metres, below the 10 um to which a rejection must be right.
+# Added to every margin [m]: more than the rounding of float32 poses and vertices within a few metres, less than the
+# 10 um by which a rejection may be wrong.
 SKIN = 5.0e-6
 
 _OWN_A = wp.constant(1)
@@ -27,7 +28,7 @@ _OWN_B = wp.constant(2)
 
 @wp.struct
 class PairPoses:
-    """The bodies of a pair of colliders in the world, and b's in the frame of a's."""
+    """World poses of the two bodies of a pair of colliders, and the pose of b's body in a's frame."""
 
     a: Pose
     b: Pose
@@ -36,7 +37,7 @@ class PairPoses:
 
 @wp.struct
 class OverPlane:
-    """A plane seen from a body: its normal in the body's frame, and the height of the body's origin over it."""
+    """A plane seen from a body: its normal in the body's frame, and the height [m] of the body's origin over it."""
 
     normal: wp.vec3
     height: float
@@ -51,7 +52,7 @@ def pair_poses(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> PairPoses:
-    """Where a pair's bodies are: those of what is tested as it is posed, all others as they stand."""
+    """Return the poses of a pair's bodies: from `own_*` if they are part of what is tested, else from `body_*`."""
     bodies = program.pair_bodies[pair]
     a = bodies[0]
     b = bodies[1]
@@ -71,7 +72,7 @@ def pair_poses(
 
 @wp.func
 def margin_of(program: Program, pair: int, support_body: int) -> float:
-    """The least distance [m] of a pair, negative for a depth; without clearance to the body that it stands on."""
+    """Return the least distance [m] of a pair, negative for a depth; no clearance applies to the supporting body."""
     margin = program.pair_margin[pair]
     if program.pair_bodies[pair][1] == support_body:
         margin = program.pair_touch[pair]
@@ -80,7 +81,7 @@ def margin_of(program: Program, pair: int, support_body: int) -> float:
 
 @wp.func
 def support_of(program: Program, obj: int) -> int:
-    """The body that an object stands on, to which its clearance does not apply; -1 for none."""
+    """Return the body that an object stands on, to which its clearance does not apply; -1 for none."""
     if program.obj_kind[obj] == ObjectKind.STATIC:
         return -1
     return program.obj_ground[obj]
@@ -88,19 +89,26 @@ def support_of(program: Program, obj: int) -> int:
 
 @wp.func
 def piece_pose(program: Program, piece: int) -> Pose:
-    """A piece's frame in its body's."""
+    """Return the pose of a piece's frame in its body's frame."""
     return pose_of(program.piece_pos[piece], program.piece_quat[piece])
 
 
 @wp.func
+def piece_origin(program: Program, piece: int, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]) -> wp.vec3:
+    """Return the origin of a piece's frame in the world, around which `piece_radius` holds the piece."""
+    body = program.piece_body[piece]
+    return body_pos[body] + rot_vec_quat(program.piece_pos[piece], body_quat[body])
+
+
+@wp.func
 def lowest(program: Program, piece: int, in_body: wp.vec3) -> float:
-    """Least extent of a convex piece along the direction `in_body`, both in the body's frame."""
+    """Return the least coordinate [m] of a convex piece along the unit vector `in_body`, both in the body's frame."""
     return least_extent(program.vert, piece_shape(program, piece), piece_pose(program, piece), in_body)
 
 
 @wp.func
 def over_plane(program: Program, pose: Pose, plane_pose: Pose, plane: int) -> OverPlane:
-    """A plane seen from a body, both bodies posed in the world."""
+    """Return a plane as seen from a body, given the world poses of both bodies."""
     up = compose(plane_pose, piece_pose(program, plane))
     axis = wp.vec3(up.rot[0, 2], up.rot[1, 2], up.rot[2, 2])
     over = OverPlane()
@@ -122,20 +130,20 @@ def _shapes_separated(
     rel: Pose,
     margin: float,
 ) -> bool:
-    """Are two shapes, posed in their bodies, further apart than `margin` [m]? `rel` is b's body in a's frame.
+    """Test whether two shapes, posed in their bodies, are further apart than `margin` [m].
 
-    They are no deeper in each other than a negative margin allows if they are apart, or would be with b moved by so
-    much in any direction. Those of the pair are tried.
+    `rel` is the pose of b's body in a's frame. A negative margin allows penetration: the shapes are then tested where
+    they are, and with b moved by that depth along each separating direction of the pair; one success is enough.
     """
     frame = relative(pose_a, compose(rel, pose_b))
     here = frame.pos
     num = wp.where(margin < 0.0, program.pair_directionnum[pair], 0)
     for i in range(1 + num):
         if i > 0:
-            way = program.direction[program.pair_directionadr[pair] + i - 1]
+            direction = program.direction[program.pair_directionadr[pair] + i - 1]
             if 2 * i > num:
-                way = rel.rot * way
-            frame.pos = here - margin * (wp.transpose(pose_a.rot) * way)
+                direction = rel.rot * direction
+            frame.pos = here - margin * (wp.transpose(pose_a.rot) * direction)
         if near_parts_separated(program.vert, a, b, radius_a, radius_b, frame, wp.max(margin, 0.0)):
             return True
     return False
@@ -143,7 +151,7 @@ def _shapes_separated(
 
 @wp.func
 def _pieces_separated(program: Program, pair: int, a: int, b: int, rel: Pose, margin: float) -> bool:
-    """Are two convex pieces further apart than `margin` [m]? `rel` is b's body in a's frame."""
+    """Test whether two convex pieces are further apart than `margin` [m]; `rel` poses b's body in a's frame."""
     return _shapes_separated(
         program,
         pair,
@@ -160,15 +168,15 @@ def _pieces_separated(program: Program, pair: int, a: int, b: int, rel: Pose, ma
 
 @wp.func
 def _piece_of(program: Program, leaf: int) -> int:
-    """The piece that a leaf is, or -1 for a triangle."""
-    if program.visual == 0:
+    """Return the piece that a leaf stands for, or -1 for a triangle."""
+    if not program.visual:
         return leaf
     return wp.max(leaf - PIECE_LEAF, -1)
 
 
 @wp.func
 def _leaf_shape(program: Program, leaf: int) -> Shape:
-    """The shape of a leaf: that of a piece, or of a triangle as the hull of its corners."""
+    """Return the shape of a leaf: that of its piece, or the hull of a triangle's corners."""
     s = Shape()
     piece = _piece_of(program, leaf)
     if piece >= 0:
@@ -184,7 +192,7 @@ def _leaf_shape(program: Program, leaf: int) -> Shape:
 
 @wp.func
 def _leaf_radius(program: Program, leaf: int) -> float:
-    """Radius [m] of a sphere around its frame's origin that holds it; of triangles none is known."""
+    """Return the radius [m] of a sphere around the origin of a leaf's frame that holds it; unbounded for a triangle."""
     piece = _piece_of(program, leaf)
     if piece >= 0:
         return program.piece_radius[piece]
@@ -193,7 +201,7 @@ def _leaf_radius(program: Program, leaf: int) -> float:
 
 @wp.func
 def _leaf_pose(program: Program, leaf: int) -> Pose:
-    """Its frame in its body's."""
+    """Return the pose of a leaf's frame in its body's frame."""
     p = Pose()
     p.pos = wp.vec3(0.0)
     p.rot = wp.identity(n=3, dtype=float)
@@ -205,7 +213,7 @@ def _leaf_pose(program: Program, leaf: int) -> Pose:
 
 @wp.func
 def _leaves_separated(program: Program, pair: int, a: int, b: int, rel: Pose, margin: float) -> bool:
-    """The same of two leaves of any geometry."""
+    """Test whether two leaves, pieces or triangles, are further apart than `margin` [m]."""
     if _piece_of(program, a) < 0 and _piece_of(program, b) < 0:
         return triangles_separated(
             program.face_a[a],
@@ -232,7 +240,7 @@ def _leaves_separated(program: Program, pair: int, a: int, b: int, rel: Pose, ma
 
 @wp.func
 def _lowest_of_leaf(program: Program, leaf: int, in_body: wp.vec3) -> float:
-    """Least extent [m] of a leaf along a direction, both in the body's frame."""
+    """Return the least coordinate [m] of a leaf along the unit vector `in_body`, both in the body's frame."""
     piece = _piece_of(program, leaf)
     if piece >= 0:
         return lowest(program, piece, in_body)
@@ -244,8 +252,11 @@ def _lowest_of_leaf(program: Program, leaf: int, in_body: wp.vec3) -> float:
 
 @wp.func
 def inner_boxes_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> bool:
-    """Do the cores of an entry (pair, node of a, node of b) say that its leaves touch? Triangles have none."""
-    if program.visual != 0 or margin < 0.0 or program.pair_bodies[entry[0]][3] >= 0:
+    """Test whether inner boxes prove that the leaves of an entry (pair, node of a, node of b) are within `margin` [m].
+
+    Triangles have no inner box.
+    """
+    if program.visual or margin < 0.0 or program.pair_bodies[entry[0]][3] >= 0:
         return False
     a = ~program.node_child[entry[1]]
     b = ~program.node_child[entry[2]]
@@ -254,7 +265,7 @@ def inner_boxes_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margi
 
 @wp.func
 def pieces_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> bool:
-    """Are the pieces of an entry (pair, node of a, node of b) no further apart than `margin` [m]?"""
+    """Test whether the pieces of an entry (pair, node of a, node of b) are no further apart than `margin` [m]."""
     a = ~program.node_child[entry[1]]
     plane = program.pair_bodies[entry[0]][3]
     if plane >= 0:
@@ -266,7 +277,7 @@ def pieces_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: fl
 
 @wp.func
 def leaves_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> bool:
-    """The same of leaves of any geometry."""
+    """Test whether the leaves of an entry, pieces or triangles, are no further apart than `margin` [m]."""
     a = ~program.node_child[entry[1]]
     plane = program.pair_bodies[entry[0]][3]
     if plane >= 0:

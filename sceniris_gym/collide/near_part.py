@@ -1,7 +1,7 @@
-"""Boxes: what of them is near, and the axes that tell two of them apart.
+"""Near parts of large boxes, and the separating-axis test of two boxes.
 
-Beside a wall of ten metres a gap of 10 um is lost in rounding, and rounding may lead the general test astray before it
-finds one: it calls some boxes of decimetres in contact that are 10 to 100 um apart.
+A gap of 10 um beside a wall of ten metres is lost in rounding. Rounding can also stop the general test before it finds
+a gap: it reports contact for some boxes of decimetres that are 10 to 100 um apart.
 """
 
 import warp as wp
@@ -14,16 +14,17 @@ from sceniris_gym.geometry.pieces import PieceType
 wp.set_module_options({"enable_backward": False})
 
 _SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
-# What is cut off lies this much [m] beyond all that could matter.
+# Everything that is cut off is at least this much [m] further away than the margin.
 _BEYOND = wp.constant(1.0e-3)
-# Of sums of six products in single precision, in shares of what is multiplied.
+# Rounding of a sum of six products in single precision, relative to the sum of lengths.
 _ROUNDING = wp.constant(4.0e-7)
 
 
 @wp.func
 def _near_part(shape: Shape, at: wp.vec3, reach: float):
-    """What of a box lies within `reach` [m] of a point along each of its axes, the centre of that in its frame, and
-    whether there is any. Other shapes stay as they are.
+    """Return the part of a box within `reach` [m] of a point along each axis, its centre, and False if there is none.
+
+    Point and centre are in the box's frame. Shapes of any other kind are returned whole.
     """
     part = shape
     middle = wp.vec3(0.0)
@@ -39,9 +40,9 @@ def _near_part(shape: Shape, at: wp.vec3, reach: float):
 
 @wp.func
 def _boxes_apart(ha: wp.vec3, hb: wp.vec3, rel: Pose, margin: float) -> bool:
-    """Is there an axis along which two boxes, each centred in its frame, are further apart than `margin` [m]?
+    """Test whether two boxes, each centred in its frame, have a separating axis with a gap above `margin` [m].
 
-    Axes across two edges count as far as their length is known: the less, the more parallel the edges are.
+    The cross product of two edges is the shorter, and rounding weighs the more, the more parallel they are.
     """
     t = rel.pos
     r = rel.rot
@@ -70,9 +71,9 @@ def near_parts_separated(
     rel: Pose,
     margin: float,
 ) -> bool:
-    """Is the distance between two shapes above `margin` [m], 0 or more? `rel` is the pose of `b` in the frame of `a`.
+    """Test whether the distance between two shapes is above `margin` [m], 0 or more.
 
-    Each lies within its radius [m] of its frame's origin.
+    `rel` is the pose of `b` in the frame of `a`. Each shape lies within its radius [m] of the origin of its frame.
     """
     reach = margin + _BEYOND
     part_a, middle_a, some_a = _near_part(a, rel.pos, radius_b + reach)

@@ -1,23 +1,24 @@
-"""Are two triangles further apart than a margin? Edges against edges, vertices against faces, edges through faces."""
+"""Separation of two triangles by a margin: edges against edges, vertices against faces, edges through faces."""
 
 import warp as wp
 
-# A triangle is thin if its height is less than this share of its longest edge. Then rounding turns the cross product of
-# two edges, and with it the heights of points far away: by up to 0.6 mm for a sliver of 1 m x 0.1 mm.
+# A triangle is thin if its height is below this share of its longest edge. Rounding then rotates the cross product of
+# two edges, which shifts the heights of points far away: by up to 0.6 mm for a sliver of 1 m x 0.1 mm.
 _THIN = wp.constant(0.01)
-# Below this share its height itself is rounding: it is its edges, and has no normal.
+# Below this share the height itself is rounding: the triangle has no normal and counts as its three edges.
 _FLAT = wp.constant(4.0e-7)
-# Segments at a smaller angle than the root of this: rounding moves the nearest point of their lines too far.
+# Squared sines: of an angle below which the quick formula for the nearest points loses too much to rounding, and of one
+# below which segments count as parallel.
 _NEARLY_PARALLEL = wp.constant(1.0e-4)
 _PARALLEL = wp.constant(1.0e-12)
 
 
 @wp.func
 def _thin_normal(e0: wp.vec3, e1: wp.vec3, e2: wp.vec3) -> wp.vec3:
-    """The normal of a thin triangle with these edges, one after the other; zero for one without height.
+    """Return the normal of a thin triangle with these consecutive edges; zero for a triangle without height.
 
-    It is exactly across the longest edge, so that what rounding leaves is a turn about that edge: this moves the plane
-    by less than the rounding of a vertex wherever the triangle is.
+    The normal is exactly perpendicular to the longest edge, so rounding can only rotate it about that edge. Within the
+    triangle that moves the plane by less than the rounding of a vertex.
     """
     edge = e0
     after = e1
@@ -44,7 +45,7 @@ def _thin_normal(e0: wp.vec3, e1: wp.vec3, e2: wp.vec3) -> wp.vec3:
 
 @wp.func
 def _normal(a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec3:
-    """The normal of a triangle, twice its area long; zero if it is no more than its edges."""
+    """Return the normal of a triangle, with twice its area as length; zero for a triangle without height."""
     ab = b - a
     ac = c - a
     n = wp.cross(ab, ac)
@@ -56,7 +57,7 @@ def _normal(a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec3:
 
 @wp.func
 def _segments_within(p: wp.vec3, d1: wp.vec3, q: wp.vec3, d2: wp.vec3, limit_sq: float) -> bool:
-    """Are the segments p + [0, 1] d1 and q + [0, 1] d2 within sqrt(limit_sq)?
+    """Test whether the segments p + [0, 1] d1 and q + [0, 1] d2 are within sqrt(limit_sq) of each other.
 
     C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.9.
     """
@@ -71,7 +72,7 @@ def _segments_within(p: wp.vec3, d1: wp.vec3, q: wp.vec3, d2: wp.vec3, limit_sq:
     if denominator > _NEARLY_PARALLEL * a * e:
         s = wp.clamp((b * f - c * e) / denominator, 0.0, 1.0)
     else:
-        n = wp.cross(d1, d2)  # the same without the difference of two almost equal products
+        n = wp.cross(d1, d2)  # the same, without subtracting two nearly equal products
         denominator = wp.dot(n, n)
         if denominator > _PARALLEL * a * e:
             s = wp.clamp(wp.dot(wp.cross(d2, r), n) / denominator, 0.0, 1.0)
@@ -92,7 +93,7 @@ def _segments_within(p: wp.vec3, d1: wp.vec3, q: wp.vec3, d2: wp.vec3, limit_sq:
 
 @wp.func
 def _over_face(p: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3, n: wp.vec3) -> bool:
-    """Does the line through p along the normal n pass the triangle abc?"""
+    """Test whether the line through p along the normal n passes through the triangle abc."""
     return (
         wp.dot(wp.cross(b - a, p - a), n) >= 0.0
         and wp.dot(wp.cross(c - b, p - b), n) >= 0.0
@@ -104,9 +105,10 @@ def _over_face(p: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3, n: wp.vec3) -> bo
 def _meets_face(
     p: wp.vec3, q: wp.vec3, hp: float, hq: float, a: wp.vec3, b: wp.vec3, c: wp.vec3, n: wp.vec3, limit: float
 ) -> bool:
-    """Is the vertex p within `limit` of the face abc, or does the edge pq pass it? hp, hq, limit: times |n|.
+    """Test whether the vertex p is within `limit` of the face abc, or the edge pq passes through it.
 
-    A face without a normal meets nothing: what comes near it comes near its edges.
+    The heights hp and hq of p and q over the face, and `limit`, are multiplied by |n|. A face without a normal meets
+    nothing: a point near it is near one of its edges.
     """
     if wp.abs(hp) < limit and _over_face(p, a, b, c, n):
         return True
@@ -117,15 +119,16 @@ def _meets_face(
 
 @wp.func
 def _all_beyond(h: wp.vec3, limit: float) -> bool:
+    """Test whether three heights are all above `limit`, or all below `-limit`."""
     return wp.min(h) > limit or wp.max(h) < -limit
 
 
-# A function of its own, as `separated` of `convex.py` is: its registers are not those of the kernel at all times.
+# Not inlined, as `separated` in `convex.py`: otherwise the kernel holds these registers all the time.
 @wp.func(inline=False)
 def triangles_separated(
     a0: wp.vec3, a1: wp.vec3, a2: wp.vec3, b0: wp.vec3, b1: wp.vec3, b2: wp.vec3, margin: float
 ) -> bool:
-    """Is the distance between the triangles a and b above `margin` [m], a positive one? Both in one frame."""
+    """Test whether the distance between two triangles, given in one frame, is above `margin` [m], a positive number."""
     na = _normal(a0, a1, a2)
     la = wp.length(na) * margin
     hb = wp.vec3(wp.dot(na, b0 - a0), wp.dot(na, b1 - a0), wp.dot(na, b2 - a0))

@@ -1,1 +1,1 @@
-"""Anything that any kernel may use: poses, random numbers, launches."""
+"""Tools of all kernels: poses, angles, random numbers, thread blocks, and sequences of launches."""

@@ -1,4 +1,4 @@
-"""What the lanes of a thread block do together. On a CPU a block is one lane."""
+"""Cooperation of the lanes of a thread block; on a CPU a block is one lane."""
 
 import warp as wp
 
@@ -11,7 +11,7 @@ return value;
 #endif
 """)
 def block_any(value: int) -> int:
-    """Non-zero on every lane of the block if `value` is non-zero on any."""
+    """Return non-zero on every lane of the block if `value` is non-zero on any of them."""
     ...
 
 
@@ -21,5 +21,5 @@ __syncthreads();
 #endif
 """)
 def block_sync():
-    """A barrier: what any lane wrote before is visible to all lanes of the block after."""
+    """Wait for all lanes of the block, a barrier after which each sees what the others wrote before."""
     ...

@@ -1,6 +1,6 @@
-"""Quaternions on the device, in MuJoCo's order: (w, x, y, z), kept in a `wp.vec4`.
+"""Quaternions on the device in MuJoCo's order (w, x, y, z), stored in a `wp.vec4`.
 
-Warp's own `wp.quat` is (x, y, z, w). It is not used in device code here, so the two orders can never be mixed up.
+Warp's own `wp.quat` is (x, y, z, w). Device code here does not compute with it, so the two orders are never mixed up.
 """
 
 import warp as wp
@@ -12,7 +12,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func
 def mul_quat(a: wp.vec4, b: wp.vec4) -> wp.vec4:
-    """Hamilton product of two wxyz quaternions."""
+    """Return the Hamilton product of two wxyz quaternions."""
     return wp.vec4(
         a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
         a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
@@ -23,13 +23,13 @@ def mul_quat(a: wp.vec4, b: wp.vec4) -> wp.vec4:
 
 @wp.func
 def neg_quat(q: wp.vec4) -> wp.vec4:
-    """The inverse of a unit wxyz quaternion."""
+    """Return the inverse of a unit wxyz quaternion."""
     return wp.vec4(q[0], -q[1], -q[2], -q[3])
 
 
 @wp.func
 def rot_vec_quat(v: wp.vec3, q: wp.vec4) -> wp.vec3:
-    """`v` rotated by the unit wxyz quaternion `q`."""
+    """Return `v` rotated by the unit wxyz quaternion `q`."""
     u = wp.vec3(q[1], q[2], q[3])
     t = 2.0 * wp.cross(u, v)
     return v + q[0] * t + wp.cross(u, t)
@@ -37,7 +37,7 @@ def rot_vec_quat(v: wp.vec3, q: wp.vec4) -> wp.vec3:
 
 @wp.func
 def z_axis(q: wp.vec4) -> wp.vec3:
-    """The z axis of a frame with the unit wxyz orientation `q`."""
+    """Return the z axis of a frame with the unit wxyz orientation `q`."""
     return wp.vec3(
         2.0 * (q[1] * q[3] + q[0] * q[2]),
         2.0 * (q[2] * q[3] - q[0] * q[1]),
@@ -47,7 +47,7 @@ def z_axis(q: wp.vec4) -> wp.vec3:
 
 @wp.func
 def turn_z(q: wp.vec4, angle: float) -> wp.vec4:
-    """`q` followed by a turn by `angle` [rad] about the z axis of its frame."""
+    """Return `q` followed by a rotation by `angle` [rad] about the z axis of its frame."""
     to = unit_circle(0.5 * angle)
     c = to[0]
     s = to[1]
@@ -56,7 +56,7 @@ def turn_z(q: wp.vec4, angle: float) -> wp.vec4:
 
 @wp.func
 def rotation_vector(q: wp.vec4) -> wp.vec3:
-    """Axis times angle [rad] of the unit wxyz quaternion `q`, the angle from 0 to pi."""
+    """Return axis times angle [rad] of the unit wxyz quaternion `q`, the angle from 0 to pi."""
     v = wp.vec3(q[1], q[2], q[3])
     w = q[0]
     if w < 0.0:

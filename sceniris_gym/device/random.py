@@ -1,15 +1,15 @@
-"""Philox4x32-10: random numbers that are a pure function of a key and a counter.
+"""Philox4x32-10, random numbers as a pure function of a key and a counter.
 
-Source: J. Salmon, M. Moraes, R. Dror, D. Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011.
-The key is a world's 64-bit seed. The counter is (episode, stream, trial, draw): a layout therefore does not depend on
-which other worlds are reset, in which order, or on how many lanes share the work.
+J. Salmon, M. Moraes, R. Dror, D. Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011. The key is the 64-bit
+seed of a world, the counter (episode, stream, trial, draw). So a layout depends neither on the other worlds that are
+reset, nor on their order, nor on the number of lanes that share the work.
 """
 
 import warp as wp
 
-# Streams of one seed and episode. An object's placement uses stream SPLIT * 2^24 + object; what a task draws is kept
-# apart from layouts by the top bit, so that goals and noise never repeat the numbers behind the poses.
-SPLITS = {"train": 0, "eval": 1, "train_bank": 2, "eval_bank": 3}  # those of banks are for compile_scene alone
+# Streams of one seed and episode. The placement of an object uses stream split * 2^24 + object. Streams of tasks have
+# the top bit set, so that goals and noise never repeat the numbers behind the poses.
+SPLITS = {"train": 0, "eval": 1, "train_bank": 2, "eval_bank": 3}  # only compile_scene draws from those of banks
 STREAM_BITS = 24
 TASK_STREAM = 1 << 31
 BANK_STREAM = (1 << STREAM_BITS) - 1
@@ -24,12 +24,13 @@ _W1 = wp.constant(wp.uint32(0xBB67AE85))
 
 @wp.func
 def _mulhi(a: wp.uint32, b: wp.uint32) -> wp.uint32:
+    """Return the upper 32 bits of a product."""
     return wp.uint32((wp.uint64(a) * wp.uint64(b)) >> wp.uint64(32))
 
 
 @wp.func
 def philox(seed: wp.uint64, counter: wp.vec4ui) -> wp.vec4ui:
-    """Philox4x32-10 of `counter` under the key `seed` (low word first)."""
+    """Return Philox4x32-10 of `counter` under the key `seed` (low word first)."""
     k0 = wp.uint32(seed & wp.uint64(0xFFFFFFFF))
     k1 = wp.uint32(seed >> wp.uint64(32))
     c0 = counter[0]
@@ -52,12 +53,12 @@ def philox(seed: wp.uint64, counter: wp.vec4ui) -> wp.vec4ui:
 
 @wp.func
 def uniform(word: wp.uint32) -> float:
-    """A float in [0, 1) from the upper 24 bits of `word`: every value is exact in float32."""
+    """Return a float in [0, 1) from the upper 24 bits of `word`, which is exact in float32."""
     return float(word >> wp.uint32(8)) * 5.9604644775390625e-08
 
 
 @wp.func
 def uniforms(seed: wp.uint64, episode: int, stream: wp.uint32, trial: int, draw: int) -> wp.vec4:
-    """Four independent numbers in [0, 1) for one draw of one trial."""
+    """Return four independent uniform numbers in [0, 1) for one draw of one trial."""
     words = philox(seed, wp.vec4ui(wp.uint32(episode), stream, wp.uint32(trial), wp.uint32(draw)))
     return wp.vec4(uniform(words[0]), uniform(words[1]), uniform(words[2]), uniform(words[3]))

@@ -1,4 +1,4 @@
-"""Poses on the device, in MuJoCo's order: a quaternion is (w, x, y, z), in a `wp.vec4` (see reach/quaternions.py)."""
+"""Poses on the device; quaternions are (w, x, y, z) in a `wp.vec4`, as in `device/quaternions.py`."""
 
 import warp as wp
 
@@ -7,7 +7,7 @@ from sceniris_gym.device.angles import unit_circle
 
 @wp.struct
 class Pose:
-    """A rigid pose: `x = pos + rot @ y` takes y from the posed frame to its parent's."""
+    """A rigid pose: `x = pos + rot @ y` maps a point y of the posed frame to its parent frame."""
 
     pos: wp.vec3
     rot: wp.mat33
@@ -15,21 +15,21 @@ class Pose:
 
 @wp.func
 def quat_z(angle: float) -> wp.vec4:
-    """Rotation by `angle` [rad] about z."""
+    """Return the quaternion of a rotation by `angle` [rad] about z."""
     to = unit_circle(0.5 * angle)
     return wp.vec4(to[0], 0.0, 0.0, to[1])
 
 
 @wp.func
 def axis_angle_quat(axis: wp.vec3, angle: float) -> wp.vec4:
-    """Rotation by `angle` [rad] about the unit vector `axis`."""
+    """Return the quaternion of a rotation by `angle` [rad] about the unit vector `axis`."""
     to = unit_circle(0.5 * angle)
     return wp.vec4(to[0], axis[0] * to[1], axis[1] * to[1], axis[2] * to[1])
 
 
 @wp.func
 def quat_mat(q: wp.vec4) -> wp.mat33:
-    """Rotation matrix of the unit wxyz quaternion `q`."""
+    """Return the rotation matrix of the unit wxyz quaternion `q`."""
     w = q[0]
     x = q[1]
     y = q[2]
@@ -43,7 +43,7 @@ def quat_mat(q: wp.vec4) -> wp.mat33:
 
 @wp.func
 def pose_of(pos: wp.vec3, quat: wp.vec4) -> Pose:
-    """The pose with position `pos` and unit wxyz orientation `quat`."""
+    """Return the pose with position `pos` and unit wxyz orientation `quat`."""
     p = Pose()
     p.pos = pos
     p.rot = quat_mat(quat)
@@ -52,7 +52,7 @@ def pose_of(pos: wp.vec3, quat: wp.vec4) -> Pose:
 
 @wp.func
 def compose(a: Pose, b: Pose) -> Pose:
-    """`b`, given in `a`'s frame, in the frame that `a` is given in."""
+    """Return `b`, given in the frame of `a`, in the parent frame of `a`."""
     p = Pose()
     p.pos = a.pos + a.rot * b.pos
     p.rot = a.rot * b.rot
@@ -61,7 +61,7 @@ def compose(a: Pose, b: Pose) -> Pose:
 
 @wp.func
 def relative(a: Pose, b: Pose) -> Pose:
-    """`b` in the frame of `a`, both given in one frame."""
+    """Return `b` in the frame of `a`, both given in one frame."""
     at = wp.transpose(a.rot)
     p = Pose()
     p.pos = at * (b.pos - a.pos)
@@ -71,5 +71,5 @@ def relative(a: Pose, b: Pose) -> Pose:
 
 @wp.func
 def apply(a: Pose, v: wp.vec3) -> wp.vec3:
-    """The point `v` of `a`'s frame in the frame that `a` is given in."""
+    """Return the point `v`, given in the frame of `a`, in the parent frame of `a`."""
     return a.pos + a.rot * v

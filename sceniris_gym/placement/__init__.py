@@ -1,1 +1,1 @@
-"""The words of a scene file in one world, as device code."""
+"""Device code for the words of a scene file, each for one object in one world: the twin of docs/placement.md."""

@@ -1,4 +1,4 @@
-"""Grasps on the device: where the TCP is to be, and which of them the arm's map lets through."""
+"""`reachable`: poses of the TCP for grasps of a posed object, and the grasps that the arm's map accepts."""
 
 import warp as wp
 
@@ -13,7 +13,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func
 def grasp_pose(reach: Reach, grasp: int, base: Pose, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]) -> Pose:
-    """The TCP of a grasp in the frame of the arm's base, both in the poses of their world."""
+    """Return the pose of the TCP at a grasp in the frame of the arm's base, given body poses of the world."""
     body = reach.grasp_body[grasp]
     quat = mul_quat(body_quat[body], reach.grasp_quat[grasp])
     return relative(base, pose_of(apply(pose_of(body_pos[body], body_quat[body]), reach.grasp_pos[grasp]), quat))
@@ -21,7 +21,7 @@ def grasp_pose(reach: Reach, grasp: int, base: Pose, body_pos: wp.array[wp.vec3]
 
 @wp.func
 def tcp_of(reach: Reach, grasp: int, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]):
-    """Position and orientation of the TCP in the world when it stands at a grasp."""
+    """Return position [m] and orientation (wxyz) of the TCP at a grasp in the world."""
     body = reach.grasp_body[grasp]
     quat = body_quat[body]
     return body_pos[body] + rot_vec_quat(reach.grasp_pos[grasp], quat), mul_quat(quat, reach.grasp_quat[grasp])
@@ -29,15 +29,15 @@ def tcp_of(reach: Reach, grasp: int, body_pos: wp.array[wp.vec3], body_quat: wp.
 
 @wp.func
 def from_below(reach: Reach, grasp: int, body_quat: wp.array[wp.vec4]) -> bool:
-    """Whether the approach of a grasp rises in the world, so that it comes through what the object stands on."""
-    turn = quat_mat(mul_quat(body_quat[reach.grasp_body[grasp]], reach.grasp_quat[grasp]))
-    return turn[2, 2] > MOST_RISING
+    """Test whether the approach axis of a grasp rises so steeply that the hand would come through the support."""
+    rot = quat_mat(mul_quat(body_quat[reach.grasp_body[grasp]], reach.grasp_quat[grasp]))
+    return rot[2, 2] > MOST_RISING
 
 
 @wp.func
 def approaches(reach: Reach, column: int, grasp: int, body_quat: wp.array[wp.vec4]) -> bool:
-    """Whether a grasp does not come through what its object stands on."""
-    if reach.reach_below[column] == 0:
+    """Test whether the hand can approach a grasp without coming through the support of its object."""
+    if not reach.reach_below[column]:
         return True
     return not from_below(reach, grasp, body_quat)
 
@@ -51,7 +51,7 @@ def first_through(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> int:
-    """The first grasp of a placed target, counted from its own first one, that the map lets through; -1 for none."""
+    """Return the first grasp of a variant that passes the map, counted from the target's first grasp; -1 for none."""
     adr = reach.variant_graspadr[variant]
     for grasp in range(adr, adr + reach.variant_graspnum[variant]):
         if passes_map(reach, column, grasp, base, body_pos, body_quat):
@@ -68,11 +68,9 @@ def passes_map(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> bool:
-    """Whether a grasp does not come from below, and the arm's map, if there is one, lets it through."""
-    through = bool(True)
-    if reach.reach_below[column] != 0:
-        through = not from_below(reach, grasp, body_quat)
-    if reach.mapped != 0 and through:
+    """Test whether a grasp does not come from below, and the arm's map, if there is one, accepts it."""
+    through = approaches(reach, column, grasp, body_quat)
+    if reach.mapped and through:
         tcp = grasp_pose(reach, grasp, base, body_pos, body_quat)
         approach = wp.vec3(tcp.rot[0, 2], tcp.rot[1, 2], tcp.rot[2, 2])
         through = map_verdict(reach.map, tcp.pos, approach) >= reach.reach_least[column]

@@ -1,4 +1,4 @@
-"""Joint positions and body poses of one object, as `mj_kinematics` computes them."""
+"""`joints`: draw the joint positions of one object, and pose its bodies as `mj_kinematics` does."""
 
 import warp as wp
 
@@ -7,7 +7,7 @@ from sceniris_gym.device.random import uniforms
 from sceniris_gym.device.transforms import axis_angle_quat
 from sceniris_gym.program.device import ObjectKind, Program
 
-# The first draw of a trial is the pose's; joints follow, four numbers a draw.
+# Number of the first draw of a trial that is for joints; each draw has four numbers.
 _FIRST_DRAW = wp.constant(2)
 
 
@@ -21,7 +21,7 @@ def draw_joints(
     trial: int,
     qpos: wp.array[float],
 ):
-    """Draw the object's joint positions into its world's `qpos`."""
+    """Draw the joint positions of an object into the `qpos` of its world."""
     adr = program.obj_drawadr[obj]
     u = wp.vec4(0.0)
     for i in range(program.obj_drawnum[obj]):
@@ -38,7 +38,7 @@ def draw_joints(
 
 @wp.func
 def follow_joints(program: Program, obj: int, qpos: wp.array[float]):
-    """Put the joints that follow the object's drawn ones where these are."""
+    """Set the joints that follow the drawn joints of an object by equalities."""
     adr = program.obj_followadr[obj]
     for i in range(adr, adr + program.obj_follownum[obj]):
         follow_joint(program.follow_driveradr, program.follow_qposadr, program.follow_coef, i, qpos)
@@ -52,7 +52,7 @@ def follow_joint(
     i: int,
     qpos: wp.array[float],
 ):
-    """Put one joint where its equality has it, as MuJoCo computes that."""
+    """Set one joint to the polynomial of its equality, evaluated as MuJoCo does."""
     x = wp.float64(qpos[driveradr[i]]) - coef[i, 0]
     y = coef[i, 1] + x * (coef[i, 2] + x * (coef[i, 3] + x * (coef[i, 4] + x * coef[i, 5])))
     qpos[qposadr[i]] = float(y)
@@ -66,7 +66,7 @@ def pose_body(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ):
-    """Pose one body, its parent being posed."""
+    """Pose one body, given the pose of its parent."""
     parent = program.body_parent[body]
     quat = mul_quat(body_quat[parent], program.body_quat[body])
     pos = body_pos[parent] + rot_vec_quat(program.body_pos[body], body_quat[parent])
@@ -74,7 +74,7 @@ def pose_body(
         joint = program.body_jntadr[body] + j
         q = qpos[program.jnt_qposadr[joint]] - program.jnt_qpos0[joint]
         axis = program.jnt_axis[joint]
-        if program.jnt_slide[joint] != 0:
+        if program.jnt_slide[joint]:
             pos += rot_vec_quat(axis, quat) * q
         else:
             anchor = program.jnt_pos[joint]
@@ -94,7 +94,7 @@ def pose_bodies(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ):
-    """Pose the object's bodies from `first` on in its list (1: its root is posed already), parents before children."""
+    """Pose an object's bodies, parents before children, from number `first` of its list on (1: the root is posed)."""
     adr = program.obj_bodyadr[obj]
     for i in range(first, program.obj_bodynum[obj]):
         pose_body(program, program.body_list[adr + i], qpos, body_pos, body_quat)
@@ -110,7 +110,7 @@ def write_root(
     mocap_pos: wp.array[wp.vec3],
     mocap_quat: wp.array[wp.quat],
 ):
-    """Write the pose of an object's root where MuJoCo reads it: its free joint, or its mocap body."""
+    """Write the pose of an object's root to its free joint or its mocap body."""
     adr = program.obj_adr[obj]
     if program.obj_kind[obj] == ObjectKind.FREE:
         for i in range(3):

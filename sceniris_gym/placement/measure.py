@@ -1,4 +1,4 @@
-"""How far a posed object reaches: down to what it stands on, and to the sides as relations see it."""
+"""Pivots and bounds: measure the lowest point of a posed object, and its bounds as relations see them."""
 
 import warp as wp
 
@@ -14,22 +14,22 @@ from sceniris_gym.program.device import Measure, OrientationType, Program
 def measure(
     program: Program,
     obj: int,
-    turn: DrawnVariant,
+    drawn: DrawnVariant,
     qpos: wp.array[float],
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> DrawnVariant:
-    """The turn with the lowest point, and if need be the bounds, in the drawn joint state and orientation.
+    """Return `drawn` with its pivot at the lowest point and, if need be, its bounds in the drawn joint state.
 
-    The bodies are left posed at the origin with heading 0. The pivot stays the centre of the bounds in the home state
-    where joints are drawn; with a free orientation there is no such state, and it is the centre of the bounds drawn.
+    Leaves the bodies posed with the root at the origin, heading 0. Sideways the pivot stays the centre of the bounds in
+    the start pose of the joints; with `orientation: any` it is the centre of the drawn bounds.
     """
     body_pos[program.obj_body[obj]] = wp.vec3(0.0)
-    body_quat[program.obj_body[obj]] = turn.quat
+    body_quat[program.obj_body[obj]] = drawn.quat
     pose_bodies(program, obj, 1, qpos, body_pos, body_quat)
     whole = program.obj_measured[obj] == Measure.WHOLE
     low = wp.vec3(1.0e30)
-    high = wp.vec3(1.0e30)  # of the extent to the other side
+    high = wp.vec3(1.0e30)  # negated: the least coordinate along the opposite direction
     for i in range(program.obj_piecenum[obj]):
         piece = program.piece_list[program.obj_pieceadr[obj] + i]
         body = program.piece_body[piece]
@@ -41,16 +41,16 @@ def measure(
                 at = body_pos[body][axis]
                 low[axis] = wp.min(low[axis], at + lowest(program, piece, along))
                 high[axis] = wp.min(high[axis], lowest(program, piece, -along) - at)
-    bottom = quat_mat(turn.quat) * turn.pivot
+    bottom = quat_mat(drawn.quat) * drawn.pivot
     if whole:
         for axis in range(2):
             high[axis] = -high[axis]
             if program.obj_orientation[obj] == OrientationType.ANY:
                 bottom[axis] = 0.5 * (low[axis] + high[axis])
-        turn.bounds = wp.vec4(low[0] - bottom[0], low[1] - bottom[1], high[0] - bottom[0], high[1] - bottom[1])
+        drawn.bounds = wp.vec4(low[0] - bottom[0], low[1] - bottom[1], high[0] - bottom[0], high[1] - bottom[1])
     bottom[2] = low[2]
-    turn.pivot = wp.transpose(quat_mat(turn.quat)) * bottom
-    return turn
+    drawn.pivot = wp.transpose(quat_mat(drawn.quat)) * bottom
+    return drawn
 
 
 @wp.func
@@ -61,9 +61,9 @@ def _extent(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> wp.vec2:
-    """Least and greatest extent [m] of the posed object along a unit vector of the world, from the origin on."""
+    """Return the least and greatest coordinate [m] of a posed object along a unit vector of the world."""
     low = float(1.0e30)
-    high = float(1.0e30)  # to the other side
+    high = float(1.0e30)  # negated
     for i in range(program.obj_piecenum[obj]):
         piece = program.piece_list[program.obj_pieceadr[obj] + i]
         body = program.piece_body[piece]
@@ -82,7 +82,10 @@ def bounds_of(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> wp.vec4:
-    """The bounds of a posed object around its pivot, which stays where it is at home, in its heading."""
+    """Return the bounds (low x, low y, high x, high y) [m] of a posed object around its pivot, in its own heading.
+
+    `place` is (x, y, z, heading) of the pivot.
+    """
     to = unit_circle(place[3])
     ahead = wp.vec3(to[0], to[1], 0.0)
     across = wp.vec3(-ahead[1], ahead[0], 0.0)

@@ -1,8 +1,8 @@
-"""How an object is turned: yaw, stable poses, all of SO(3), or facing another object.
+"""`orientation`: draw a yaw, a stable pose or any rotation, and face another object.
 
-Every orientation is split in two: one of heading 0, which decides the pivot, the bounds and the lowest point, and a
+Every orientation is a rotation with heading 0, which decides the pivot, the bounds and the lowest point, followed by a
 yaw about the vertical. The heading of an object is the direction of its root's x axis, seen from above; where that axis
-points straight up or down it is that of its y axis less a right angle.
+points straight up or down, it is the direction of its y axis minus 90 degrees.
 """
 
 import math
@@ -15,17 +15,17 @@ from sceniris_gym.device.transforms import quat_mat, quat_z
 from sceniris_gym.placement.placed import turned
 from sceniris_gym.program.device import OrientationType, Program
 
-# An x axis points straight up or down if its shadow is shorter than this; see `scene.poses`.
+# An x axis points straight up or down if its shadow is shorter than this, as in `scene/body_poses.py`.
 _UPRIGHT = wp.constant(1.0e-3)
 _TWO_PI = wp.constant(2.0 * math.pi)
 
 
 @wp.struct
 class DrawnVariant:
-    """A drawn orientation of heading 0, the yaw that goes with it [rad], and what they make of the object's bounds.
+    """A drawn orientation of heading 0, its yaw [rad], and the pivot and bounds that an object has in it.
 
-    `variant` is the pose of the program that it was drawn from. `pivot` is in the root's frame [m]. `bounds` is (low x,
-    low y, high x, high y) around the pivot [m].
+    `variant` is the number of the pose in `Program` from which it was drawn. `pivot` is in the root's frame [m].
+    `bounds` is (low x, low y, high x, high y) around the pivot [m].
     """
 
     variant: int
@@ -37,7 +37,7 @@ class DrawnVariant:
 
 @wp.func
 def heading_of(quat: wp.vec4) -> float:
-    """The heading [rad] of a root with orientation `quat`."""
+    """Return the heading [rad] of a root with orientation `quat`."""
     mat = quat_mat(quat)
     if wp.abs(mat[0, 0]) + wp.abs(mat[1, 0]) < _UPRIGHT:
         return angle_of(mat[1, 1], -mat[0, 1])
@@ -46,7 +46,7 @@ def heading_of(quat: wp.vec4) -> float:
 
 @wp.func
 def _any_quat(u: wp.vec4) -> wp.vec4:
-    """A uniform rotation. K. Shoemake, "Uniform random rotations", Graphics Gems III, 1992."""
+    """Return a uniform rotation. K. Shoemake, "Uniform random rotations", Graphics Gems III, 1992."""
     a = wp.sqrt(1.0 - u[0])
     b = wp.sqrt(u[0])
     first = unit_circle(_TWO_PI * u[1])
@@ -56,7 +56,7 @@ def _any_quat(u: wp.vec4) -> wp.vec4:
 
 @wp.func
 def draw_turn(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> DrawnVariant:
-    """Draw an orientation from two draws of four uniform numbers (of `u` the first only)."""
+    """Draw an orientation from two draws of uniform numbers; of `u` only the first number is used."""
     t = DrawnVariant()
     variant = program.obj_variantadr[obj]
     last = variant + program.obj_variantnum[obj] - 1
@@ -76,6 +76,6 @@ def draw_turn(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> DrawnVarian
 
 @wp.func
 def facing(at: wp.vec2, target: wp.vec2) -> float:
-    """The heading [rad] that points an object's front (-y) from `at` to `target`."""
+    """Return the heading [rad] that points an object's front (-y) from `at` to `target`."""
     d = turned(target - at, 0.5 * wp.static(math.pi))
     return angle_of(d[0], d[1])

@@ -1,4 +1,4 @@
-"""Where the objects of a world stand: what relations see of those that were placed before."""
+"""Placed objects as relations see them: pivot, heading and bounds, from above."""
 
 import warp as wp
 
@@ -7,7 +7,7 @@ from sceniris_gym.device.angles import unit_circle
 
 @wp.struct
 class Placed:
-    """One object seen from above: its pivot [m], its x axis, and its bounds along its axes around the pivot."""
+    """An object seen from above: its pivot [m], its x axis, and its bounds [m] along its axes around the pivot."""
 
     at: wp.vec2
     axis: wp.vec2
@@ -17,7 +17,7 @@ class Placed:
 
 @wp.func
 def placed(at: wp.vec2, heading: float, bounds: wp.vec4) -> Placed:
-    """An object with its pivot at `at`, this heading [rad] and bounds: low x, low y, high x, high y."""
+    """Return an object from its pivot [m], heading [rad] and bounds (low x, low y, high x, high y)."""
     p = Placed()
     p.at = at
     p.axis = unit_circle(heading)
@@ -28,25 +28,25 @@ def placed(at: wp.vec2, heading: float, bounds: wp.vec4) -> Placed:
 
 @wp.func
 def _turned_to(v: wp.vec2, to: wp.vec2) -> wp.vec2:
-    """A plane vector turned as the x axis is turned to the unit vector `to`."""
+    """Return a plane vector rotated by the rotation that takes the x axis to the unit vector `to`."""
     return wp.vec2(to[0] * v[0] - to[1] * v[1], to[1] * v[0] + to[0] * v[1])
 
 
 @wp.func
 def along_axes(p: Placed, v: wp.vec2) -> wp.vec2:
-    """A vector in the axes of an object as one in the world."""
+    """Return a vector given along the axes of an object in the world's axes."""
     return _turned_to(v, p.axis)
 
 
 @wp.func
 def turned(v: wp.vec2, angle: float) -> wp.vec2:
-    """A plane vector turned counter-clockwise by `angle` [rad]."""
+    """Return a plane vector rotated counter-clockwise by `angle` [rad]."""
     return _turned_to(v, unit_circle(angle))
 
 
 @wp.func
 def bounds_corner(p: Placed, i: int) -> wp.vec2:
-    """Corner `i` (0 to 3, counter-clockwise) of an object's bounds in the world."""
+    """Return corner `i` (0 to 3, counter-clockwise) of an object's bounds in the world."""
     x = p.low[0]
     y = p.low[1]
     if i == 1 or i == 2:
@@ -58,7 +58,7 @@ def bounds_corner(p: Placed, i: int) -> wp.vec2:
 
 @wp.func
 def bounds_radius(p: Placed) -> float:
-    """Distance [m] from the pivot to the furthest corner of the bounds."""
+    """Return the distance [m] from the pivot to the furthest corner of the bounds."""
     x = wp.max(wp.abs(p.low[0]), wp.abs(p.high[0]))
     y = wp.max(wp.abs(p.low[1]), wp.abs(p.high[1]))
     return wp.sqrt(x * x + y * y)
@@ -66,7 +66,7 @@ def bounds_radius(p: Placed) -> float:
 
 @wp.func
 def bounds_extent(p: Placed, direction: wp.vec2) -> wp.vec2:
-    """Least and greatest extent [m] of the bounds along a unit vector, counted from the pivot."""
+    """Return the least and greatest coordinate [m] of the bounds along a unit vector, relative to the pivot."""
     low = float(1.0e30)
     high = float(-1.0e30)
     for i in range(4):
@@ -78,7 +78,7 @@ def bounds_extent(p: Placed, direction: wp.vec2) -> wp.vec2:
 
 @wp.func
 def _outside_sq(p: Placed, x: wp.vec2) -> float:
-    """Squared distance of a point from the bounds, 0 inside."""
+    """Return the squared distance [m^2] of a point from the bounds, 0 inside."""
     local = _turned_to(x - p.at, wp.vec2(p.axis[0], -p.axis[1]))
     dx = wp.max(wp.max(p.low[0] - local[0], local[0] - p.high[0]), 0.0)
     dy = wp.max(wp.max(p.low[1] - local[1], local[1] - p.high[1]), 0.0)
@@ -87,12 +87,13 @@ def _outside_sq(p: Placed, x: wp.vec2) -> float:
 
 @wp.func
 def bounds_offset(p: Placed) -> float:
-    """How far [m] the pivot is outside of the bounds, where drawn joints carried all of an object away from it."""
+    """Return the distance [m] of the pivot from the bounds: above 0 if drawn joints moved all geometry away from it."""
     return wp.sqrt(_outside_sq(p, p.at))
 
 
 @wp.func
 def _apart_along(a: Placed, b: Placed, direction: wp.vec2) -> bool:
+    """Test whether two bounds are apart along a unit vector."""
     shift = wp.dot(b.at - a.at, direction)
     ea = bounds_extent(a, direction)
     eb = bounds_extent(b, direction)
@@ -101,7 +102,7 @@ def _apart_along(a: Placed, b: Placed, direction: wp.vec2) -> bool:
 
 @wp.func
 def bounds_distance(a: Placed, b: Placed) -> float:
-    """Distance [m] of two bounds seen from above; 0 if they overlap.
+    """Return the distance [m] between two bounds seen from above; 0 if they overlap.
 
     Two convex polygons that are apart are closest at a corner of one of them.
     """

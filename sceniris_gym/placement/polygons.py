@@ -1,6 +1,6 @@
-"""Small convex polygons on the device: around points, clipped by half-planes, measured, drawn from.
+"""Small convex polygons on the device: hulls of points, clipping by half-planes, areas, and uniform points.
 
-A polygon is a lane's own array of `MAX_CORNERS` corners [m], counter-clockwise, and how many of them count.
+A polygon is an array of `MAX_CORNERS` corners [m] that one lane owns, counter-clockwise, and the number in use.
 """
 
 import warp as wp
@@ -19,7 +19,7 @@ class HalfPlane:
 
 @wp.func
 def half_plane(normal: wp.vec2, origin: wp.vec2, offset: float) -> HalfPlane:
-    """The half-plane of these fields."""
+    """Return the half-plane with these fields."""
     h = HalfPlane()
     h.normal = normal
     h.origin = origin
@@ -29,13 +29,13 @@ def half_plane(normal: wp.vec2, origin: wp.vec2, offset: float) -> HalfPlane:
 
 @wp.func
 def cross2(a: wp.vec2, b: wp.vec2) -> float:
-    """The z component of the cross product of two plane vectors."""
+    """Return the z component of the cross product of two plane vectors."""
     return a[0] * b[1] - a[1] * b[0]
 
 
 @wp.func
 def _sort_by_height(points: wp.array[wp.vec2], num: int):
-    """Sort points from low to high, those of one height from left to right."""
+    """Sort points in place by y, then by x."""
     for i in range(1, num):
         p = points[i]
         j = int(i)
@@ -50,7 +50,10 @@ def _sort_by_height(points: wp.array[wp.vec2], num: int):
 
 @wp.func
 def _turn_left(corners: wp.array[wp.vec2], first: int, base: int, num: int, p: wp.vec2) -> int:
-    """Drop corners after number `base` until the way on to `p` turns left. Returns how many are left."""
+    """Drop corners from the end, down to number `base`, until the turn to `p` is a left one.
+
+    Returns the number of corners that remain.
+    """
     left = int(num)
     while left > base + 1:
         before = corners[first + left - 2]
@@ -62,12 +65,12 @@ def _turn_left(corners: wp.array[wp.vec2], first: int, base: int, num: int, p: w
 
 @wp.func
 def convex_hull(points: wp.array[wp.vec2], num: int, corners: wp.array[wp.vec2], first: int) -> int:
-    """The convex hull of points, counter-clockwise from the lowest, into `corners` from `first` on.
+    """Write the convex hull of points, counter-clockwise from the lowest, to `corners` from `first` on.
 
-    The points are sorted in their place. They may coincide or lie on lines, as long as they do not all lie on one.
-    Returns the number of corners, at most `num`. A. Andrew, "Another efficient algorithm for convex hulls in two
-    dimensions", Information Processing Letters 9(5), 1979; each side of the line from the lowest to the highest point
-    is gone along by itself, so that no more room is needed than there are points.
+    Sorts the points in place. They may coincide or lie on lines, as long as they do not all lie on one line. Returns
+    the number of corners, at most `num`. A. Andrew, "Another efficient algorithm for convex hulls in two dimensions",
+    Information Processing Letters 9(5), 1979. The chains on both sides of the line from the lowest to the highest point
+    are built one after the other, so the hull never needs more room than there are points.
     """
     _sort_by_height(points, num)
     lowest = points[0]
@@ -94,7 +97,7 @@ def convex_hull(points: wp.array[wp.vec2], num: int, corners: wp.array[wp.vec2],
 
 @wp.func
 def set_triangle(p: wp.array[wp.vec2], a: wp.vec2, b: wp.vec2, c: wp.vec2) -> int:
-    """Make `p` a triangle, turned counter-clockwise. Returns its number of corners."""
+    """Write a triangle to `p`, counter-clockwise, and return its number of corners."""
     p[0] = a
     if cross2(b - a, c - a) >= 0.0:
         p[1] = b
@@ -107,11 +110,11 @@ def set_triangle(p: wp.array[wp.vec2], a: wp.vec2, b: wp.vec2, c: wp.vec2) -> in
 
 @wp.func
 def clip(p: wp.array[wp.vec2], num: int, h: HalfPlane) -> int:
-    """Cut `p` down to a half-plane, in its place. Returns the number of corners that are left.
+    """Clip `p` by a half-plane in place, and return the number of corners that are left.
 
     I. Sutherland, G. Hodgman, "Reentrant polygon clipping", CACM 17(1), 1974. A convex polygon enters a half-plane at
-    most once, so never more than one corner too many is written, and reading one ahead suffices. Where rounding has it
-    enter twice, the second entrance is left out.
+    most once, so writing is at most one corner ahead of reading, and reading one ahead suffices. If rounding makes it
+    enter twice, the second entry is ignored.
     """
     left = int(0)
     a = p[wp.max(num - 1, 0)]
@@ -136,7 +139,7 @@ def clip(p: wp.array[wp.vec2], num: int, h: HalfPlane) -> int:
 
 @wp.func
 def area(p: wp.array[wp.vec2], num: int) -> float:
-    """Area [m^2]."""
+    """Return the area [m^2] of a polygon."""
     total = float(0.0)
     for i in range(2, num):
         total += cross2(p[i - 1] - p[0], p[i] - p[0])
@@ -145,7 +148,7 @@ def area(p: wp.array[wp.vec2], num: int) -> float:
 
 @wp.func
 def draw_in_polygon(p: wp.array[wp.vec2], num: int, pick: float, u: float, v: float) -> wp.vec2:
-    """A uniform point from three uniform numbers: a triangle of the fan by area, then a point of it."""
+    """Return a uniform point: uniform numbers choose a triangle of the fan (`pick`) and a point of it (`u`, `v`)."""
     left = 2.0 * pick * area(p, num)
     chosen = num - 1
     for i in range(2, num):

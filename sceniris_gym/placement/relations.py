@@ -1,8 +1,8 @@
-"""Spatial relations as regions of the plane: convex pieces that hold them, and the exact test of a point.
+"""`relations`: enclose the region of a relation in convex pieces, and test a point exactly.
 
-A wedge with distances is cut into slices of at most 30 degrees, of fewer where the ring is thin, each held by four
-half-planes: two rays, a chord inside the inner circle and a tangent outside the outer one. The slices do not overlap,
-so areas add up; what they hold too much, less than there is, is drawn again after the exact test.
+A wedge with distances is cut into slices of at most 30 degrees, fewer where the ring is thin. Each slice is bounded by
+four half-planes: two rays, a chord inside the inner circle and a tangent outside the outer one. Slices are disjoint, so
+their areas add up. They over-cover the ring by less than its area; points outside of it are redrawn.
 """
 
 import math
@@ -26,23 +26,24 @@ from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, Program, Rel
 
 _PI = wp.constant(math.pi)
 _NO_LIMIT = wp.constant(1.0e29)
-# Anchors whose hull is thinner than this [m] are collinear: a strip takes the hull's place. If they are no further
-# apart than that they are one point: a square along the world's axes takes the strip's.
+# Anchors whose hull is thinner than this [m] count as collinear, and their region is a strip. If they are no further
+# apart than this they count as one point, and their region is a square along the world's axes.
 _THIN = wp.constant(1.0e-3)
-# Beside is a line, and joined a point; both are drawn as strips of this half width [m], a fifth of what a violation
-# would be.
+# `beside` describes a line, and at sites a point; both are drawn as strips of this half width [m], a fifth of the
+# error that counts as a violation.
 _LINE = wp.constant(2.0e-5)
-# What is no further [m] than this from its anchor is in no direction from it, but for rounding.
+# A point no further [m] than this from its anchor has no direction from it but rounding.
 _NO_DIRECTION = wp.constant(1.0e-5)
 
 
 @wp.struct
 class ResolvedRelation:
-    """What one relation comes to in one world.
+    """The region of one relation in one world.
 
-    A sector: apex, direction of its axis and half angle [rad], least and greatest distance that its pieces hold [m]. A
-    strip or a line: `apex` and the unit vector `along`, from `low` to `high` along it and `half` to both sides. A hull:
-    its number of corners, which are kept beside. `reach` is a radius around `apex` that holds all pieces [m].
+    A sector has an apex, the direction of its axis, a half angle [rad], and the least and greatest distance [m] that
+    its pieces enclose. A strip or a line extends from `low` to `high` along the unit vector `along` from `apex`, and by
+    `half` to both sides [m]. A hull has `hullnum` corners, which are stored elsewhere. All pieces lie within `reach`
+    [m] of `apex`.
     """
 
     active: bool
@@ -59,7 +60,7 @@ class ResolvedRelation:
 
 @wp.func
 def load_placed(place: wp.array[wp.vec4], bounds: wp.array[wp.vec4], slot: int) -> Placed:
-    """The object in a slot of one world, from (x, y, z, heading) and its bounds (low x, low y, high x, high y)."""
+    """Return the object in a slot, from its (x, y, z, heading) and its bounds (low x, low y, high x, high y)."""
     return placed(wp.vec2(place[slot][0], place[slot][1]), place[slot][3], bounds[slot])
 
 
@@ -67,7 +68,7 @@ def load_placed(place: wp.array[wp.vec4], bounds: wp.array[wp.vec4], slot: int) 
 def _between(
     width: float, points: wp.array[wp.vec2], num: int, hull: wp.array[wp.vec2], first: int
 ) -> ResolvedRelation:
-    """The hull of the anchors; a strip around the longest segment if they lie on a line; a square around one point."""
+    """Resolve `between`: the hull of the anchors, or a strip if they lie on a line, or a square if at one point."""
     s = ResolvedRelation()
     s.active = num >= 2
     s.reach = _NO_LIMIT
@@ -104,7 +105,7 @@ def _between(
 
 @wp.func
 def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float) -> ResolvedRelation:
-    """The line on which the pivot lies where the bounds are `gap` apart and the narrower lies within the wider."""
+    """Resolve `beside`: the pivots with bounds `gap` apart, the narrower one within the span of the wider one."""
     s = ResolvedRelation()
     s.active = True
     s.reach = _NO_LIMIT
@@ -114,7 +115,7 @@ def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float
     wide = bounds_extent(anchor, s.along)
     narrow = bounds_extent(own, s.along)
     s.apex = anchor.at + side * offset
-    # wider by as much at its ends: it is a point where both are of one width
+    # extended at both ends as well: it is a point if both are equally wide
     s.low = wp.min(wide[0] - narrow[0], wide[1] - narrow[1]) - _LINE
     s.high = wp.max(wide[0] - narrow[0], wide[1] - narrow[1]) + _LINE
     s.half = _LINE
@@ -123,7 +124,7 @@ def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float
 
 @wp.func
 def _joined(program: Program, rel: int, own: Placed, anchor: Placed) -> ResolvedRelation:
-    """The point at which the pivot lies where the sites meet."""
+    """Resolve `beside` at sites: the point of the pivot at which the two sites meet."""
     s = ResolvedRelation()
     s.active = True
     sites = program.rel_sites[rel]
@@ -148,10 +149,10 @@ def resolve(
     hull: wp.array[wp.vec2],
     first: int,
 ) -> ResolvedRelation:
-    """What a relation comes to for an object (its bounds and heading; where it is does not matter) in one world.
+    """Resolve a relation of an object, given its heading and bounds, to its region in one world.
 
-    Absent anchors count as not named; a relation that is left without enough of them is not active. The corners of a
-    hull go into `hull` from `first` on.
+    Absent anchors count as not named; a relation without enough anchors is not active. The corners of a hull are
+    written to `hull` from `first` on.
     """
     adr = program.rel_anchoradr[rel]
     points = wp.zeros(shape=(MAX_ANCHORS,), dtype=wp.vec2)
@@ -190,18 +191,18 @@ def resolve(
     s.half_angle = program.rel_half_angle[rel]
     s.low = program.rel_low[rel]
     s.high = program.rel_high[rel]
-    if program.rel_bounds[rel] != 0:
+    if program.rel_bounds[rel]:
         s.low -= bounds_offset(anchor) + bounds_offset(own)
         s.high += bounds_radius(anchor) + bounds_radius(own)
     if s.high < _NO_LIMIT:
-        # where the tangents of two slices meet, and more than what rounds
+        # the point where the tangents of two slices meet, and more than rounding
         s.reach = 1.001 * s.high / unit_circle(s.half_angle / float(program.rel_piecenum[rel]))[0]
     return s
 
 
 @wp.func
 def side_num(s: ResolvedRelation) -> int:
-    """How many half-planes hold one piece of a relation; -1 where it is not active."""
+    """Return the number of half-planes that bound one piece of a relation; -1 if it is not active."""
     if not s.active:
         return -1
     if s.hullnum > 0:
@@ -211,7 +212,7 @@ def side_num(s: ResolvedRelation) -> int:
 
 @wp.func
 def _slice_sides(program: Program, rel: int, s: ResolvedRelation, sides: wp.array[HalfPlane], first: int):
-    """Write the four half-planes that hold each slice of a sector: two rays, a chord and a tangent."""
+    """Write the four half-planes that bound each slice of a sector: two rays, a chord and a tangent."""
     pieces = program.rel_piecenum[rel]
     slice = 2.0 * s.half_angle / float(pieces)
     inner = s.low * unit_circle(0.5 * slice)[0]
@@ -243,9 +244,9 @@ def write_sides(
     sides: wp.array[HalfPlane],
     first: int,
 ):
-    """Write the half-planes that hold all pieces of a relation into `sides` from `first` on.
+    """Write the half-planes that bound all pieces of a relation to `sides` from `first` on.
 
-    The corners of its hull are those of `hull` from `corner` on.
+    The corners of its hull start at `corner` in `hull`.
     """
     if not s.active:
         return
@@ -273,12 +274,12 @@ def relation_holds(
     place: wp.array[wp.vec4],
     bounds: wp.array[wp.vec4],
 ) -> bool:
-    """Does a relation hold exactly, with the object where `own` has it? One of its pieces holds the point already."""
+    """Test whether a relation holds exactly for the object at `own`, whose pivot one of its pieces already contains."""
     if not s.active or program.rel_type[rel] != RelationType.SECTOR:
         return True
     v = own.at - s.apex
     distance = wp.length(v)
-    if program.rel_bounds[rel] != 0:
+    if program.rel_bounds[rel]:
         distance = bounds_distance(own, load_placed(place, bounds, program.rel_anchor[program.rel_anchoradr[rel]]))
     if distance < program.rel_low[rel] or distance > program.rel_high[rel]:
         return False

@@ -183,7 +183,7 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
     arrays = pack_program(plan, colliders, lanes) | collider_arrays(colliders)
     fill_views(plan, {name: arrays.pop(name) for name in ARM_LISTS}, device)
     program = Program()
-    program.visual = int(is_visual)
+    program.visual = is_visual
     program.face_vertadr = 0
     if is_visual and any(p.type in ROUND for p in plan.pieces):  # triangles are hulls as well
         program.face_vertadr = len(arrays["vert"])

@@ -7,8 +7,7 @@ import pytest
 import warp as wp
 
 from sceniris_gym.device.angles import angle_of, unit_circle
-from sceniris_gym.layout.wave import accept, draw, points, region_pieces, sides
-from sceniris_gym.layout.wave import prefilter as screen
+from sceniris_gym.layout.wave import accept, draw, points, prefilter, region_pieces, sides
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -55,7 +54,7 @@ def test_a_gpu_has_the_same_bits():
     assert evaluated("cuda:0").tobytes() == evaluated("cpu").tobytes()
 
 
-@pytest.mark.parametrize("module", [accept, draw, points, region_pieces, screen, sides])
+@pytest.mark.parametrize("module", [accept, draw, points, prefilter, region_pieces, sides])
 def test_what_makes_layouts_fuses_nothing(module: object):
     """A fused multiply-add rounds once where a CPU rounds twice."""
     assert wp.get_module(module.__name__).options["fuse_fp"] is False  # type: ignore[attr-defined]

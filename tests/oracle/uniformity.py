@@ -77,3 +77,21 @@ def spread_p_value(points: np.ndarray, regions: np.ndarray, cells: int = 5) -> f
         return 0.0
     counts, _, _ = np.histogram2d(*shares(points, regions).T, bins=cells, range=[[0, 1], [0, 1]])
     return float(scipy.stats.chisquare(counts.ravel()).pvalue)
+
+
+def grid_p_value(points: np.ndarray, region: BaseGeometry, n: int = 8) -> float:
+    """Return the p value of a chi-square test of points (n, 2) over the cells that a grid cuts the region into."""
+    assert shapely.covers(region.buffer(1e-6), shapely.points(points)).all()
+    x0, y0, x1, y1 = region.bounds
+    xs, ys = np.linspace(x0, x1, n + 1), np.linspace(y0, y1, n + 1)
+    cells = [shapely.box(xs[i], ys[j], xs[i + 1], ys[j + 1]) for i in range(n) for j in range(n)]
+    share = shapely.area(shapely.intersection(cells, region)) / region.area
+    i, j = (
+        np.clip(np.searchsorted(s, p, side="right") - 1, 0, n - 1) for s, p in ((xs, points[:, 0]), (ys, points[:, 1]))
+    )
+    count = np.bincount(i * n + j, minlength=n * n)
+    small = share * len(points) < 8
+    expected = np.append(share[~small], share[small].sum()) * len(points)
+    observed = np.append(count[~small], count[small].sum())
+    keep = expected > 1e-6
+    return float(scipy.stats.chisquare(observed[keep], expected[keep]).pvalue)

@@ -315,7 +315,7 @@ def test_every_type_of_relation_has_a_case_in_the_kernels():
         relations.relation_holds: {RelationType.BETWEEN, RelationType.BESIDE, RelationType.JOINED},
     }
     for function, rest in left_to_else.items():
-        named = {t for t in RelationType if f"_{t.name}" in inspect.getsource(function.func)}
+        named = {t for t in RelationType if f"RelationType.{t.name}" in inspect.getsource(function.func)}
         assert named | rest == set(RelationType), function.key
     assert set(pack_relations._TYPES.values()) == set(RelationType)
 

@@ -108,5 +108,5 @@ def test_columns_bodies_and_joints_are_those_of_the_model(scene: tuple[SceneMode
     assert [mjm.joint(int(np.flatnonzero(mjm.jnt_qposadr == adr)[0])).name for adr in view.arm_qposadr.numpy()] == [
         *reaching.arms[0].arm.joints
     ]
-    assert view.reach_below.numpy().tolist() == [1, 1]
-    assert view.mapped == 1
+    assert view.reach_below.numpy().tolist() == [True, True]
+    assert view.mapped

@@ -41,8 +41,8 @@ def _open_gripper(reach: Reach, grasp: int, qpos: wp.array[float]):
     for i in range(reach.grip_qposadr.shape[0]):
         joint = reach.grip_closed[i] + wp.clamp(share, 0.0, 1.0) * (reach.grip_open[i] - reach.grip_closed[i])
         qpos[reach.grip_qposadr[i]] = joint
-    for i in range(reach.grip_followadr.shape[0]):
-        follow_joint(reach.grip_driveradr, reach.grip_followadr, reach.grip_coef, i, qpos)
+    for i in range(reach.follow_qposadr.shape[0]):
+        follow_joint(reach.follow_driveradr, reach.follow_qposadr, reach.follow_coef, i, qpos)
 
 
 @wp.kernel(grid_stride=False)

@@ -25,8 +25,8 @@ def draw_groups(program: Program, seed: wp.uint64, episode: int, split: wp.uint3
     """
     stream = numbered_stream(split, GROUP_STREAM)
     for g in range(program.ngroup):
-        adr = program.group_adr[g]
-        num = program.group_num[g]
+        adr = program.group_slotadr[g]
+        num = program.group_slotnum[g]
         low = program.group_low[g]
         left = low + int(uniforms(seed, episode, stream, g, 0)[0] * float(program.group_high[g] - low + 1))
         left = wp.min(left, program.group_high[g])

@@ -16,7 +16,7 @@ from sceniris_gym.layout.wave.posing import pose_candidate
 from sceniris_gym.layout.wave.region_pieces import LEAST_AREA, cut_triangle, is_point, posed_triangle
 from sceniris_gym.layout.wave.search import Search, SearchSize
 from sceniris_gym.layout.wave.sides import support_pose
-from sceniris_gym.placement.cover_and_footprint import outline_distance
+from sceniris_gym.placement.footprint import outline_distance
 from sceniris_gym.placement.orientations import facing
 from sceniris_gym.placement.placed import Placed, placed
 from sceniris_gym.placement.polygons import draw_in_polygon

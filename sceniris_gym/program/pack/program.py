@@ -45,7 +45,7 @@ def pack_program(plan: Plan, colliders: Colliders, lanes: int) -> dict[str, np.n
 
 def pack_groups(groups: Collection[GroupConfig], slots: Sequence[str]) -> dict[str, np.ndarray]:
     """Return the fields `group_*`: the members of each group as slots, and how many of them are present."""
-    members, fields = addressed("group_", ([slots.index(name) for name in g.of] for g in groups))
+    members, fields = addressed("group_slot", ([slots.index(name) for name in g.of] for g in groups))
     return {
         **fields,
         "group_slot": np.array(members, int),

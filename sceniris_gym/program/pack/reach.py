@@ -54,7 +54,7 @@ def _arm_fields(scene: SceneModel, home: mujoco.MjData, one: ReachingArm) -> dic
     view, gripper, present = one.view, one.gripper, one.robot not in scene.apart
     hand = sorted(carried(scene.mjm, one.arm)) if present else []
     view.base_body = scene.bodies[one.robot]
-    view.mapped = int(one.map is not None)
+    view.mapped = one.map is not None
     view.gap_closed, view.gap_open = gripper.closed, gripper.opening
     if present:
         view.hand_pos, view.hand_quat = _in_tcp(home, one.arm.tcp_site, hand[0])
@@ -66,9 +66,9 @@ def _arm_fields(scene: SceneModel, home: mujoco.MjData, one: ReachingArm) -> dic
         "grip_qposadr": gripper.qposadr,
         "grip_closed": gripper.closed_qpos,
         "grip_open": gripper.open_qpos,
-        "grip_driveradr": driver,
-        "grip_followadr": follower,
-        "grip_coef": coef,
+        "follow_driveradr": driver,
+        "follow_qposadr": follower,
+        "follow_coef": coef,
     }
 
 

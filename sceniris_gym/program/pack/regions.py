@@ -46,7 +46,7 @@ def pack_regions(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
         "tri_cdf": np.concatenate(cdf),
         "surface_height": np.array([s.height for s in surfaces]),
         **fields,
-        "surface_convex": np.array([_convex_turn(supports.edges(s.outline)) for s in surfaces], int),
+        "surface_winding": np.array([_convex_turn(supports.edges(s.outline)) for s in surfaces], int),
         "edge_a": side[:, 0],
         "edge_b": side[:, 1],
     }

@@ -163,7 +163,7 @@ def test_groups_are_their_members_slots_and_counts(folder: Path):
     packed = pack(scene_of(objects, groups=groups))
     members = [
         [list(objects)[slot] for slot in packed["group_slot"][adr : adr + num]]
-        for adr, num in zip(packed["group_adr"], packed["group_num"], strict=True)
+        for adr, num in zip(packed["group_slotadr"], packed["group_slotnum"], strict=True)
     ]
     assert members == [["c", "a"], ["b"]]
     assert (packed["group_low"].tolist(), packed["group_high"].tolist()) == ([0, 1], [2, 1])

@@ -1,0 +1,117 @@
+"""`ratio_on_support`: test if the footprint of a posed object, its shadow seen from above, lies on its support."""
+
+import warp as wp
+
+from sceniris_gym.collide.convex import least_extent, piece_shape, segment_shape, separated
+from sceniris_gym.collide.leaves import piece_origin, piece_pose
+from sceniris_gym.device.transforms import Pose, compose, pose_of, relative
+from sceniris_gym.program.device import Program
+
+_SHADOW = wp.constant(wp.vec3(1.0, 1.0, 0.0))
+# A footprint may extend beyond the edge of its support by this much [m], the tolerance of the separation test.
+_RIM = wp.constant(-1.0e-6)
+# Rounding [m] of a radius and of the distances that it is compared with.
+_ROUNDING = wp.constant(1.0e-5)
+
+
+@wp.func
+def inside_outline(program: Program, surface: int, p: wp.vec2) -> bool:
+    """Test whether `p` lies inside the outline of a surface, holes left out, by crossings of a ray along x."""
+    inside = bool(False)
+    for i in range(program.surface_edgenum[surface]):
+        a = program.edge_a[program.surface_edgeadr[surface] + i]
+        b = program.edge_b[program.surface_edgeadr[surface] + i]
+        if (a[1] > p[1]) != (b[1] > p[1]) and p[0] < a[0] + (b[0] - a[0]) * (p[1] - a[1]) / (b[1] - a[1]):
+            inside = not inside
+    return inside
+
+
+@wp.func
+def outline_distance(program: Program, surface: int, p: wp.vec2) -> float:
+    """Return the distance [m] from `p` to the nearest edge of the outline of a surface."""
+    least = float(1.0e30)
+    for i in range(program.surface_edgenum[surface]):
+        a = program.edge_a[program.surface_edgeadr[surface] + i]
+        along = program.edge_b[program.surface_edgeadr[surface] + i] - a
+        share = wp.clamp(wp.dot(p - a, along) / wp.dot(along, along), 0.0, 1.0)
+        least = wp.min(least, wp.length(p - a - share * along))
+    return least
+
+
+@wp.func
+def shadow_on_edge(program: Program, piece: int, edge: int, rel: Pose) -> bool:
+    """Test whether an edge of an outline passes through the shadow of a piece.
+
+    `rel` is the pose of the piece in the outline's frame, z up. A convex shadow lies in an outline if one of its points
+    does and no edge of the outline passes through it.
+    """
+    a = program.edge_a[edge]
+    b = program.edge_b[edge]
+    along = b - a
+    length = wp.length(along)
+    c = along[0] / length
+    s = along[1] / length
+    frame = Pose()
+    frame.pos = wp.vec3(0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.0)
+    frame.rot = wp.mat33(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
+    seen = relative(frame, rel)
+    beside = wp.max(wp.abs(seen.pos[0]) - 0.5 * length, 0.0)
+    if wp.length(wp.vec2(beside, seen.pos[1])) > program.piece_radius[piece]:
+        return False
+    return not separated(program.vert, segment_shape(0.5 * length), piece_shape(program, piece), seen, _SHADOW, _RIM)
+
+
+@wp.func
+def _inward(program: Program, edge: int, winding: int) -> wp.vec3:
+    """Return the inward unit normal of an edge of a convex outline; `winding` is -1 if that runs clockwise, else 1."""
+    along = wp.normalize(program.edge_b[edge] - program.edge_a[edge])
+    return float(winding) * wp.vec3(-along[1], along[0], 0.0)
+
+
+@wp.func
+def _lies_inside(program: Program, edge: int, winding: int, at: wp.vec3, radius: float) -> bool:
+    """Test whether a sphere, in the outline's frame, lies well inside an edge of a convex outline."""
+    a = program.edge_a[edge]
+    inward = _inward(program, edge, winding)
+    return wp.dot(inward, at) - inward[0] * a[0] - inward[1] * a[1] > radius + _ROUNDING
+
+
+@wp.func
+def _extends_beyond(program: Program, piece: int, edge: int, winding: int, rel: Pose) -> bool:
+    """Test whether a piece with pose `rel` in the outline's frame extends beyond an edge of a convex outline."""
+    a = program.edge_a[edge]
+    inward = _inward(program, edge, winding)
+    least = least_extent(program.vert, piece_shape(program, piece), rel, inward)
+    return least < inward[0] * a[0] + inward[1] * a[1] + _RIM
+
+
+@wp.func
+def overhangs(
+    program: Program,
+    obj: int,
+    surface: int,
+    index: int,
+    ground: Pose,
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
+) -> bool:
+    """Test whether one piece of an object's footprint extends beyond one edge of a surface.
+
+    `index` counts the pairs of pieces and edges, edges fastest. `ground` is the pose of the surface's body. A footprint
+    lies on the surface if no pair overhangs.
+    """
+    sides = program.surface_edgenum[surface]
+    piece = program.shadow_list[program.obj_shadowadr[obj] + index // sides]
+    body = program.piece_body[piece]
+    edge = program.surface_edgeadr[surface] + index % sides
+    winding = program.surface_winding[surface]
+    if winding != 0:
+        at = wp.transpose(ground.rot) * (piece_origin(program, piece, body_pos, body_quat) - ground.pos)
+        if _lies_inside(program, edge, winding, at, program.piece_radius[piece]):  # most do
+            return False
+    rel = relative(ground, compose(pose_of(body_pos[body], body_quat[body]), piece_pose(program, piece)))
+    if winding != 0:
+        return _extends_beyond(program, piece, edge, winding, rel)
+    if shadow_on_edge(program, piece, edge, rel):
+        return True
+    return index % sides == 0 and not inside_outline(program, surface, wp.vec2(rel.pos[0], rel.pos[1]))
