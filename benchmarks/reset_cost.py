@@ -81,7 +81,7 @@ def main(options: Options) -> None:
         "fresh": None,
         "in_place": None,
         "replayed": layout_sources.replayed(layout_sources.episodes(compiled, seeds, per_world)),
-        "fixed": layout_sources.replayed(layout_sources.home_rows(compiled, seeds[0])),
+        "fixed": layout_sources.replayed(layout_sources.valid_rows(compiled, 1, seeds[0])),
     }
     environments = {
         name: make_env(

@@ -42,7 +42,7 @@ def episodes(compiled: CompiledScene, seeds: list[int], number: int, split: str 
 
 
 def replayed(table: LayoutTable) -> Callable[[CompiledScene, int], StoredLayouts]:
-    """Return a `layout_source` for SceneVectorEnv that serves a world with seed s row s + episode, modulo the row count."""
+    """Return a `layout_source` for SceneVectorEnv: a world with seed s gets row s + episode, modulo the row count."""
     return lambda compiled, num_envs: StoredLayouts(compiled, table, num_envs)
 
 

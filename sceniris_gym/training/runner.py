@@ -23,7 +23,7 @@ def runner_of(env: RslRlVecEnv, settings: Settings, seed: int) -> OnPolicyRunner
     from rsl_rl.runners import OnPolicyRunner  # below the adapter, which says how to install it
 
     torch.manual_seed(seed)
-    config = _config(settings, seed, [str(group) for group in env.get_observations().keys()])
+    config = _config(settings, seed, list(env.unwrapped.observation_names))
     with redirect_stdout(None):  # it prints the networks
         return OnPolicyRunner(env, config, log_dir=None, device=str(env.device))
 
