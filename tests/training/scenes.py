@@ -17,6 +17,12 @@ def reach_scene(*, reachable: bool = True) -> CompiledScene:
     return compile_scene(SceneConfig.load(scene_of("TabletopReach-v0", reachable=reachable), {"bank": 8}), "cpu")
 
 
+SMALL = (
+    *("--num-envs", "2", "--layouts", "3", "--device", "cpu"),
+    *("--every", "1", "--million-steps", "0.00001", "--changes", "hidden=(8,)", "steps=4"),
+)
+"""Options of a training of two iterations."""
+
 OWN_TASK = """
 import gymnasium as gym
 import torch
@@ -38,7 +44,7 @@ class Lower(Task):
         return s.site("arm/tcp")[:, 2] < 0.0
 
 
-gym.register("Lower-v0", vector_entry_point=SceneVectorEnv, max_episode_steps=4, kwargs={"task": Lower})
+gym.register(f"{__name__}-v0", vector_entry_point=SceneVectorEnv, max_episode_steps=4, kwargs={"task": Lower})
 """
 """A task that lowers the tool of an arm beside a block; it shows the policy one group, and the critic no other."""
 
@@ -52,9 +58,9 @@ bank: 4
 
 
 def write_task(folder: Path, module: str) -> str:
-    """Write a module with a task of one's own and its scene to a folder, and return the name of the task."""
+    """Write a module that registers a task, and its scene, to a folder; return the name of the task."""
     model = Path(__file__).parents[1] / "data" / "small_arm.xml"
     (folder / "small_arm.xml").write_bytes(model.read_bytes())
     (folder / "lower.yaml").write_text(OWN_SCENE)
     (folder / f"{module}.py").write_text(OWN_TASK.replace("SCENE\n", f"{str(folder / 'lower.yaml')!r}\n", 1))
-    return f"{module}:Lower-v0"
+    return f"{module}:{module}-v0"

@@ -23,6 +23,7 @@ from sceniris_gym.training.settings import SETTINGS, Options
 @pytest.mark.slow
 def test_a_training_that_is_killed_goes_on_from_its_last_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Whatever the log has of later is cut off; worlds begin their next episodes; the table has what came of it."""
+    monkeypatch.setenv("SCENIRIS_GYM_CACHE", str(tmp_path / "cache"))  # two runs compile the same scenes
     monkeypatch.setattr(train, "make_env", partial(task_scenes.make_env, max_episode_steps=10))
     out = tmp_path / "fresh_0"
     common: dict[str, Any] = {
