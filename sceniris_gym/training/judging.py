@@ -35,20 +35,21 @@ TARGETS = {
 """The objects that a task is about; where an episode is about one of several, in the order of the task's `chosen`."""
 
 
-def judges_of(task: str, layouts: int, device: str | None, **kwargs: Any) -> dict[str, RslRlVecEnv]:
+def judges_of(task: str, layouts: int, device: str | None) -> dict[str, RslRlVecEnv]:
     """Return environments to judge a task's policies in: on `valid` layouts, and on `unfiltered` ones."""
     worlds = layouts + max(1, layouts // SPARE)
     made = {}
     for name, reachable, source in (("valid", True, None), ("unfiltered", False, layout_sources.uniform("eval"))):
         compiled = compile_scene(scene_of(task, reachable=reachable), device)
-        made[name] = RslRlVecEnv(make_env(task, worlds, compiled, split="eval", layout_source=source, **kwargs))
+        made[name] = RslRlVecEnv(make_env(task, worlds, compiled, split="eval", layout_source=source))
     return made
 
 
 def density(task: str, s: State, chosen: Tensor) -> tuple[Tensor, Tensor]:
-    """Return how many other free objects are present, and how far the nearest is from the target [m]; (num_envs,).
+    """Return the number of other free objects present, and the distance of the nearest one from the target [m].
 
-    The distance is between the middles of both, seen from above, and infinite where a task is not in TARGETS.
+    Both have shape (num_envs,). The distance is between the origins of both, seen from above, and infinite for a task
+    that is not in TARGETS, whose free objects all count.
 
     Args:
         task: An id of this package without its namespace.
@@ -71,7 +72,7 @@ def density(task: str, s: State, chosen: Tensor) -> tuple[Tensor, Tensor]:
 
 
 @torch.inference_mode()
-def judge(policy: Any, env: RslRlVecEnv, task: str, layouts: int, seed: int = EVAL_SEED) -> dict[str, Any]:
+def judge(policy: Any, env: RslRlVecEnv, task: str, layouts: int) -> dict[str, Any]:
     """Run the first episodes of the first `layouts` worlds with a layout of their own.
 
     Returns:
@@ -80,7 +81,7 @@ def judge(policy: Any, env: RslRlVecEnv, task: str, layouts: int, seed: int = EV
         task of this package that chooses one; and `each`, for every layout: `success`, `things`, the number of other
         objects, and `nearest`, the distance of the nearest one [mm].
     """
-    obs, _ = env.reset(seed=seed)
+    obs, _ = env.reset(seed=EVAL_SEED)
     s = env.unwrapped.state
     fresh = s.layout_status == Status.VALID
     counted = fresh & (fresh.cumsum(dim=0) <= layouts)

@@ -89,7 +89,7 @@ class Run:
 
     @property
     def resumes(self) -> bool:
-        """Whether to resume: it was asked for, and there is a checkpoint."""
+        """True if the run goes on from a checkpoint: it should, and there is one."""
         return self.options.resume and self.checkpoint.exists()
 
     @property
@@ -99,7 +99,7 @@ class Run:
 
     @property
     def finished(self) -> bool:
-        """Whether the time is up, or all steps are taken."""
+        """True if the time is up or all steps are taken."""
         options = self.options
         most = math.inf if options.million_steps is None else 1e6 * options.million_steps
         return self.seconds >= 60.0 * options.minutes or self.env_steps >= most
