@@ -1,14 +1,16 @@
-"""Tables and picture for folders of training runs, as made by benchmarks/evidence.sh.
+"""Draw tables and a picture for folders of training runs, as benchmarks/evidence.sh makes them.
 
     python -m benchmarks.curves results --picture results/training.png
 
-Prints the success on layouts that were not trained on, by the last evaluation of each run, with its Wilson interval;
-for runs that trained for some time, when an evaluation first reached what is asked of the task; and for comparisons
-success over density, all seeds together: by the number of other things that are present, and by how near the nearest of
-them is to the target, in four parts of about equal size. An interval is that of these policies on any layouts; the
-seeds show how much another training may differ. A run that has not been evaluated yet is left out. Runs of different
-sources are refused, and so are comparisons of a task after the same number of steps that differ in more than seed and
-layouts, or in nothing.
+The first table shows, for runs that trained for some time, the success of each run's last evaluation on layouts that it
+was not trained on, with its 95% Wilson interval, and when an evaluation first reached what is asked of the task. The
+second shows the same for comparisons, which end after a number of steps. The third shows their success over density,
+all seeds together: by the number of other things that are present, and by the distance of the nearest one from the
+target, in four ranges of about equally many layouts. An interval covers these policies on any layouts; how far seeds
+differ shows what another training may give.
+
+Runs without an evaluation are left out. Runs of different sources are refused, and so are comparisons of one task and
+number of steps that differ in more than seed and layouts, or in nothing.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from sceniris_gym.training.intervals import wilson
+from sceniris_gym.training.records import evaluations, share, success_interval
 
 ASKED = {
     "ClutterExtract-v0": 0.8,
@@ -33,15 +35,15 @@ ASKED = {
     "TabletopReachEasy-v0": 0.95,
     "TabletopLiftEasy-v0": 0.8,
 }
-"""Target success on valid layouts."""
+"""Success on valid layouts that is asked of each task."""
 
 COLORS = dict(zip(ASKED, ("tab:red", "tab:green", "tab:orange", "tab:blue", "tab:cyan", "tab:purple"), strict=True))
 
 JUDGED = {"valid": "valid layouts", "unfiltered": "layouts placed without checks"}
-"""The layouts on which policies are evaluated, and their names in the picture."""
+"""The kinds of layouts that policies are evaluated on, and their names in the picture."""
 
 SAME = ("num_envs", "reachable", "changes", "layouts")
-"""Options in which all comparisons of a task after the same number of steps are alike."""
+"""Options that all comparisons of a task after the same number of steps share."""
 
 
 @dataclass(frozen=True)
@@ -60,42 +62,41 @@ class Run:
 
     @property
     def kind(self) -> str:
-        """Where its layouts came from: a bank of so many, "fresh" or "uniform"."""
+        """Source of its layouts: a bank of so many, "fresh" or "uniform"."""
         if self.options.get("bank"):
             return f"bank of {self.options['bank']:,}"
         return "uniform" if self.options.get("uniform") else "fresh"
 
     @property
     def million_steps(self) -> float | None:
-        """After how many million steps it was to end, and did; None if it ended otherwise, and counts by its time."""
+        """Million steps after which it was to end, and did; None if it ended otherwise, and counts by its time."""
         limit = self.options.get("million_steps")
         return limit if limit is not None and self.evaluations[-1]["env_steps"] >= 1e6 * limit else None
 
     @property
     def comparison(self) -> tuple[str, float | None]:
-        """The comparison that it belongs to: its task, and after how many million steps."""
+        """Key of its comparison: its task and `million_steps`."""
         return self.task, self.million_steps
 
     @property
     def reached(self) -> dict[str, Any] | None:
-        """The first evaluation that reached the target, if any."""
+        """The first evaluation that reached what is asked of the task, if any."""
         good = (line for line in self.evaluations if line["valid"]["success"] >= ASKED.get(self.task, 1.0))
         return next(good, None)
 
 
 def read(*folders: Path) -> list[Run]:
-    """Return the runs in folders that have been evaluated at least once, by task, steps and kind.
+    """Return the evaluated runs in folders, by task, steps and kind.
 
     Raises:
-        SystemExit: a folder is not there, or they are of different sources, or comparisons that are not alike
+        SystemExit: a folder is missing, the runs are of different sources, or comparisons are not alike
     """
     for folder in folders:
         if not folder.is_dir():
             raise SystemExit(f"{folder}: there is no such folder. Give folders of training runs.")
     found, sources = [], {}
     for log in sorted(path for folder in folders for path in folder.glob("*/log.jsonl")):
-        lines = [json.loads(line) for line in log.read_text().splitlines()]
-        judged = [line for line in lines if line["kind"] == "eval"]
+        judged = evaluations(log.parent)
         if not judged:
             continue
         told = json.loads((log.parent / "config.json").read_text())
@@ -137,7 +138,7 @@ def _check_alike(runs: Sequence[Run]) -> None:
 
 
 def grouped(runs: Sequence[Run]) -> list[list[Run]]:
-    """Return runs by task, steps and kind, in their order."""
+    """Return the runs of each task, number of steps and kind, in their order."""
     groups: dict[tuple[Any, ...], list[Run]] = {}
     for run in runs:
         groups.setdefault((run.comparison, run.kind), []).append(run)
@@ -145,7 +146,7 @@ def grouped(runs: Sequence[Run]) -> list[list[Run]]:
 
 
 def steps_of(runs: Sequence[Run]) -> str:
-    """Return after how many steps runs were evaluated last, as text."""
+    """Return the numbers of steps after which runs were last evaluated, as text."""
     return spread([run.evaluations[-1]["env_steps"] / 1e6 for run in runs], "{:.1f} M")
 
 
@@ -157,8 +158,7 @@ def spread(values: list[float], form: str = "{:.1%}") -> str:
 
 def by_seed(runs: Sequence[Run], judged: str) -> str:
     """Return the share of successes of each run's last evaluation with its 95% Wilson interval, as text."""
-    last = [run.evaluations[-1][judged] for run in runs]
-    return "; ".join("{:.1%} ({:.1%} to {:.1%})".format(one["success"], *one["interval"]) for one in last)
+    return "; ".join(share(run.evaluations[-1][judged]) for run in runs)
 
 
 def table(runs: Sequence[Run]) -> str:
@@ -180,7 +180,7 @@ def table(runs: Sequence[Run]) -> str:
 
 
 def by_density(runs: Sequence[Run]) -> str:
-    """Return a Markdown table of success on valid layouts over density, for tasks that have some of it."""
+    """Return a Markdown table of success on valid layouts over density."""
     rows = [
         "| task | layouts in training | steps | which layouts | successes | share | 95% interval |",
         "|---|---|---|---|---|---|---|",
@@ -200,14 +200,14 @@ def by_density(runs: Sequence[Run]) -> str:
         ]
         for label, chosen in parts:
             hits, number = sum(s for s, c in zip(success, chosen, strict=True) if c), sum(chosen)
-            low, high = wilson(hits, number)
-            share = f"{hits / number:.1%} | {low:.1%} to {high:.1%}"
-            rows.append(f"| {task} | {kind} | {steps_of(members)} | {label} | {hits:,} of {number:,} | {share} |")
+            low, high = success_interval(hits, number)
+            told = f"{hits:,} of {number:,} | {hits / number:.1%} | {low:.1%} to {high:.1%}"
+            rows.append(f"| {task} | {kind} | {steps_of(members)} | {label} | {told} |")
     return "\n".join(rows)
 
 
 def _quarters(runs: Sequence[Run]) -> list[tuple[int, int]]:
-    """Return four ranges of how near the nearest thing is [mm], in each of which are about as many layouts."""
+    """Return four ranges of the distance of the nearest thing [mm], each with about as many layouts."""
     far = sorted(d for run in runs for d in run.judged["valid"]["each"]["nearest"] if d is not None)
     if not far:
         return []
@@ -216,7 +216,7 @@ def _quarters(runs: Sequence[Run]) -> list[tuple[int, int]]:
 
 
 def draw(runs: Sequence[Run], picture: Path) -> None:
-    """Draw success over time where it was trained for some time, and by the source of layouts where it was compared."""
+    """Draw success over time for runs that trained for some time, and by the source of layouts for comparisons."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -250,7 +250,7 @@ def draw(runs: Sequence[Run], picture: Path) -> None:
 
 
 def draw_curves(panel: Any, runs: Sequence[Run]) -> None:
-    """Draw success on valid layouts over training time, a line for each run, and a dashed one at what is asked."""
+    """Draw success on valid layouts over training time as a line for each run, and what is asked as a dashed line."""
     panel.set(xlabel="training [min]")
     panel.set_title("over time,\na line for each run", fontsize=9)
     for task, of_task in itertools.groupby(runs, lambda run: run.task):
@@ -268,7 +268,7 @@ def draw_curves(panel: Any, runs: Sequence[Run]) -> None:
 
 
 def draw_comparison(panel: Any, runs: Sequence[Run]) -> None:
-    """Draw the success of every seed as a point, and the range of each kind's as a line."""
+    """Draw the success of each seed as a point, and the range of each kind as a line."""
     groups = grouped(runs)
     for name, color, shift in zip(JUDGED, ("tab:blue", "tab:gray"), (-0.15, 0.15), strict=True):
         for i, members in enumerate(groups):
@@ -282,7 +282,7 @@ def draw_comparison(panel: Any, runs: Sequence[Run]) -> None:
 
 
 def main(folders: Annotated[list[Path], tyro.conf.Positional], picture: Path | None = None) -> None:
-    """Print the tables, and draw the picture if asked."""
+    """Print the tables, and draw the picture if there is a path for it."""
     runs = read(*folders)
     print("Trained for some time:\n", table([run for run in runs if not run.million_steps]), sep="\n")
     compared = [run for run in runs if run.million_steps]

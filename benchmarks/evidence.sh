@@ -1,18 +1,22 @@
 #!/usr/bin/env bash
-# The training runs of RESULTS.md: benchmarks/evidence.sh FOLDER [PART]. PART is `figures` (does fresh training reach
-# what it should, in time: one run on each GPU), `curves` (banks of layouts, fresh ones and uniform placement, of
-# equal steps: four runs on each GPU), `resets` (what resets cost, and whether they are honest), `keep` or `all`. Stop
-# it at any time, and its runs stop with it; run again, it resumes. A folder that is in use, and results of other
-# sources, steps, worlds or layouts than the present ones, are refused. DrawerPick has no runs of uniform placement:
-# next to nothing is ever rejected there. `keep` puts what tables and picture need of the runs that are done into an
-# archive, unless that has runs of other sources, or some that the folder lacks; a new folder of the same sources
-# begins with those, so that another machine can go on. The script ends with 1 if a run failed, or something is
-# refused.
+# Make the training runs of RESULTS.md: benchmarks/evidence.sh FOLDER [PART]
 #
-# From the environment: CUDA_VISIBLE_DEVICES, the GPUs to use (all), PER_GPU (4), ASKED (half, or whole for the longer
-# comparison), and KEPT, the archive (benchmarks/training_runs.tar.xz; training_runs_whole.tar.xz). For small trials
-# DEVICE (cuda:0), WORLDS (4096), LAYOUTS (4096), SEEDS ("0 1 2"), and STEPS, which replaces the millions of steps of
-# every task.
+# PART is one of
+#   figures  one run on each GPU: does training on fresh layouts reach its target in time?
+#   curves   four runs on each GPU: banks of layouts, fresh ones and uniform placement, after equal numbers of steps.
+#            DrawerPick has no runs of uniform placement, as hardly anything is ever rejected there.
+#   resets   what resets cost, and whether any starts in contact or explodes
+#   keep     an archive of what tables and picture need of the runs that are done. An archive with runs of other
+#            sources, or with runs that FOLDER lacks, is left alone. A new folder of the same sources starts from the
+#            archive, so another machine can go on.
+#   all      figures, curves and resets; the default
+# Each part ends with the tables and the picture. Stop the script at any time, and its runs stop with it; start it again,
+# and they resume. A folder that is in use is refused, and so are results of other sources, steps, worlds or layouts. The
+# exit status is 1 if a run failed or something was refused.
+#
+# From the environment: CUDA_VISIBLE_DEVICES, the GPUs to use (all); PER_GPU (4); ASKED (half, or whole for the longer
+# comparison); and KEPT, the archive (benchmarks/training_runs.tar.xz, or training_runs_whole.tar.xz). For small trials:
+# DEVICE (cuda:0), WORLDS (4096), LAYOUTS (4096), SEEDS ("0 1 2"), and STEPS, millions of steps for every task.
 set -euo pipefail
 export out=${1:?a folder for the results}
 part=${2:-all}
@@ -31,14 +35,14 @@ export gpus
 common="--num-envs ${WORLDS:-4096} --layouts ${LAYOUTS:-4096} --device $device"
 seeds=${SEEDS:-0 1 2}
 
-# Millions of control steps in the comparisons: those after which a pilot run on fresh layouts first passed half of
-# what is asked of the task, fixed before the first run. That of ClutterPush passed 45% after 5.2, that of
-# ClutterExtract 40% after 17.0 (episodes of training). That of DrawerPick passed 40% between 7.9 and 13.1, that of
-# TabletopLift, of which 80% is asked, too, between 7.9 (31.5%) and 14.4 (67.2%; evaluations).
+# Millions of control steps in the comparisons, fixed before their first run. Those of `half` are about those after
+# which a pilot on fresh layouts first passed half of what is asked of its task. ClutterPush passed 45% after 5.2 and
+# ClutterExtract 40% after 17.0, in episodes of training; DrawerPick passed 40% between 7.9 and 13.1, and TabletopLift
+# between 7.9 (31.5%) and 14.4 (67.2%), in evaluations.
 #
-# After these steps one of three seeds on fresh layouts hardly held the peg up yet. So there is a second comparison of
-# ClutterExtract, after those at which its pilot first passed all that is asked (80.4% of an evaluation after 24.9).
-# It was added when the first had been seen, and fixed before the first run of its own.
+# After these steps one of three seeds on fresh layouts hardly held the peg of ClutterExtract up yet. So `whole` goes on
+# to those after which its pilot first passed all that is asked (80.4% of an evaluation after 24.9). It was added when
+# the results of `half` were known.
 asked=${ASKED:-half}
 case $asked in
   half)
@@ -56,7 +60,8 @@ case $asked in
 esac
 kept=${KEPT:-benchmarks/$archive}
 
-sources="$(python -m sceniris_gym.training.sources) worlds ${WORLDS:-4096} layouts ${LAYOUTS:-4096}"
+benchmarks=$(cat benchmarks/{honest_resets,reset_cost}.py | sha256sum | cut -c -16)
+sources="$(python -m sceniris_gym.training.sources) benchmarks $benchmarks worlds ${WORLDS:-4096} layouts ${LAYOUTS:-4096}"
 for task in $(printf '%s\n' "${!steps[@]}" | sort); do
   sources+=" $task ${STEPS:-${steps[$task]}}"
 done
@@ -86,15 +91,15 @@ train() { # a slot, a folder, then options
   card=$(cut -d , -f $(($1 % gpus + 1)) <<< "$cards")
   shift 2
   [ -e "$folder/done" ] && return
-  CUDA_VISIBLE_DEVICES=$card python -m sceniris_gym.training.train "$@" --out "$folder" --resume \
+  CUDA_VISIBLE_DEVICES=$card python -m sceniris_gym train "$@" --out "$folder" --resume \
     > "$folder.txt" 2>&1 < /dev/null && touch "$folder/done"
 }
 export -f train
 
-# Lines of runs from a function, so many at a time on each GPU. A run that fails is told of, and left for the next time.
-run() {
+# A run that fails is reported, and starts again the next time.
+run() { # how many at a time on each GPU, a function that prints a line for each run
   "$2" > "$out/lines"
-  # a group of its own, which is stopped as a whole
+  # a process group of its own, which is stopped as a whole
   setsid xargs -a "$out/lines" -P "$(($1 * gpus))" -L 1 --process-slot-var=SLOT \
     bash -c 'train "$SLOT" "$@" || { echo "failed: $1, see its .txt" >&2; touch "$out/failed"; }' _ &
   workers=$!
@@ -116,7 +121,7 @@ figures() {
   echo "figure_push_0 ClutterPush-v0 --minutes 10 $common"
 }
 
-compare() { # task, kinds: fresh, uniform, or the size of a bank
+compare() { # a task, then kinds: fresh, uniform, or the size of a bank
   local task=$1 kind option seed name
   shift
   name=$(echo "${task%-v0}" | tr '[:upper:]' '[:lower:]')

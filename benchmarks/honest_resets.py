@@ -2,11 +2,11 @@
 
     python -m benchmarks.honest_resets --layouts 100000 --out results/honest.jsonl
 
-For every task, this compares layouts from the generator with uniform placement without checks. A reset explodes when an
-object, or a point of a door or drawer, is faster than 1 m/s within 0.1 s while the arm is held in its start pose.
-Contacts and motion are those of MuJoCo-Warp; a contact that it had no room for is an error. The output is one line of
-JSON per task and kind of placement. Lines that are already in the file are not measured again; a file that was made
-with other options is refused.
+Compares, for each task, layouts from the generator with uniform placement without checks. A reset explodes when an
+object, or a point of a door or drawer, moves faster than 1 m/s within 0.1 s while the arm is held in its start pose.
+Contacts and motion are those of MuJoCo-Warp; a contact that it had no room for is an error. Prints a line of JSON for
+each task and kind of placement. Lines that the file has already are not measured again, and a file that was made with
+other options is refused.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from sceniris_gym.scene.model import subtree
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.versions import OverflowType
-from sceniris_gym.training import layout_sources
 from sceniris_gym.training.task_scenes import SEED_SPACING, scene_of
+from sceniris_gym.training.unchecked import unchecked
 
 FASTEST = 1.0
 """Speed of an object above which a reset counts as exploded [m/s]."""
@@ -42,22 +42,22 @@ WATCHED = 0.1
 """How long a reset is watched [s]."""
 
 LOST = OverflowType.HFIELD | OverflowType.EPA_HORIZON | OverflowType.NJMAX_NNZ
-"""Overflows that lose a contact or its effect, in addition to those that `Batch.check_budget` reports."""
+"""Overflows that lose a contact or its effect, besides those that `Batch.check_budget` reports."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """What to count.
+    """Options of a count.
 
     Attributes:
-        layouts: number of each kind, rounded up to whole batches
+        layouts: number of layouts of each kind, rounded up to whole batches
         num_envs: worlds in a batch
         tasks: ids without their namespace; all tasks of this package if empty
         out: file for the results
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one
         nconmax: room for contacts of each world
         njmax: room for constraint rows of each world
-        seed: number of the experiment; its layout seeds start at 16 * 2^20 times this number
+        seed: number of the experiment; its layout seeds start at 16 * 2^20 times it
     """
 
     layouts: int = 100_000
@@ -117,7 +117,7 @@ class Judge:
         return np.nan_to_num(np.hstack([free, jointed]).max(axis=1, initial=0.0), nan=np.inf)
 
     def _touching(self) -> tuple[np.ndarray, Counter]:
-        """Return in which worlds bodies touch that do not carry each other, and the number of worlds for each pair."""
+        """Return a mask of worlds where bodies touch that do not carry each other, and the number of worlds by pair."""
         d, mjm = self.batch.data, self.compiled.mjm
         self._check_room()
         number = int(d.nacon.numpy()[0])
@@ -133,7 +133,7 @@ class Judge:
         return in_contact, pairs
 
     def _check_room(self) -> None:
-        """Check the contacts of the current state, and raise if any was lost now or since the reset."""
+        """Raise if a contact was lost now or since the reset."""
         self.batch.check_budget()
         lost = OverflowType(int(np.bitwise_or.reduce(self.batch.data.overflow.numpy()))) & LOST
         if lost:
@@ -142,18 +142,15 @@ class Judge:
 
 def supports(compiled: CompiledScene) -> dict[str, str]:
     """Return the body that each object stands on; `world` for the floor."""
-    found = {}
-    for name, part in compiled.config.objects.items():
-        if part.support is not None:
-            found[name] = "world" if part.support.parent == "floor" else part.support.parent
-    return found
+    parents = {name: part.support.parent for name, part in compiled.config.objects.items() if part.support is not None}
+    return {name: "world" if parent == "floor" else parent for name, parent in parents.items()}
 
 
 def levers(compiled: CompiledScene) -> dict[int, float]:
-    """Return for each joint of an object how fast its fastest point is at unit velocity, by address in qvel.
+    """Return the speed of the fastest point at unit velocity of each joint of an object, by address in qvel.
 
-    That is 1 for a slide [m/s per m/s]. For a hinge it is the distance from its axis to the farthest corner of the
-    geoms that it rotates, in the model's start pose [m/s per rad/s].
+    It is 1 for a slide [m/s per m/s]. For a hinge it is the distance from its axis to the farthest corner of the geoms
+    that it rotates, in the model's start pose [m/s per rad/s].
     """
     mjm, robot = compiled.mjm, compiled.config.robot
     data = mujoco.MjData(mjm)
@@ -184,7 +181,7 @@ def _corners(mjm: mujoco.MjModel, data: mujoco.MjData, body: int) -> np.ndarray:
 def count(task: str, placement: str, options: Options) -> dict[str, Any]:
     """Return the counts for a task and a kind of placement ("fresh" or "uniform")."""
     compiled = compile_scene(scene_of(task, reachable=placement == "fresh"), options.device)
-    drawn = compiled if placement == "fresh" else layout_sources.unchecked(compiled)
+    drawn = compiled if placement == "fresh" else unchecked(compiled)
     judge = Judge(compiled, LayoutGenerator(drawn, options.num_envs), options)
     counts, pairs = Counter(), Counter()
     seed = options.seed * 16 * SEED_SPACING
@@ -198,12 +195,12 @@ def count(task: str, placement: str, options: Options) -> dict[str, Any]:
 
 
 def asked_of(options: Options) -> dict[str, int]:
-    """Return the options that a result depends on; room for contacts is not one, since too little of it is an error."""
+    """Return the options that a result depends on; room for contacts is none, as too little of it is an error."""
     return {name: getattr(options, name) for name in ("layouts", "num_envs", "seed")}
 
 
 def answers(file: Path) -> list[dict[str, Any]]:
-    """Return the lines of a file of results; a line that was cut off when a run was stopped is removed."""
+    """Return the lines of a file of results, after removing one that was cut off when a run was stopped."""
     text = file.read_text() if file.exists() else ""
     whole = text[: text.rfind("\n") + 1]
     if whole != text:
@@ -212,7 +209,7 @@ def answers(file: Path) -> list[dict[str, Any]]:
 
 
 def main(options: Options) -> None:
-    """Count everything that is not in the file yet.
+    """Count what the file lacks.
 
     Raises:
         SystemExit: the file has results for other options

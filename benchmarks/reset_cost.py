@@ -1,13 +1,12 @@
-"""Cost of fresh layouts: env steps per second, compared with the same layouts from a bank and with one fixed layout.
+"""Measure the cost of fresh layouts: env steps per second, beside the same layouts from a bank and one fixed layout.
 
     python -m benchmarks.reset_cost --task TabletopReach-v0 --out results/reset_cost.json
 
-Four environments run the same actions with the same staggered resets: episodes of 200 control steps that start at
-random points. `fresh` makes its layouts ahead, `in_place` when they are wanted, `replayed` gets the same ones from a
-bank, and `fixed` gets one layout again and again. They take turns in one run; a turn is as long as an episode, and the
-first turn of each does not count.
-If the output file exists, its result is printed and nothing is measured; a run that was stopped has no file and starts
-over.
+Four environments take the same actions with the same staggered resets, in episodes of 200 control steps that start at
+random points. `fresh` makes its layouts ahead, `in_place` when a reset needs them, `replayed` gets the same ones from a
+bank, and `fixed` gets one layout again and again. They take turns as long as an episode, of which the first does not
+count. If the output file exists, its result is printed and nothing is measured; a run that was stopped has no file and
+starts over.
 """
 
 from __future__ import annotations
@@ -32,10 +31,10 @@ from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 @dataclass(frozen=True)
 class Options:
-    """What to measure.
+    """Options of a measurement.
 
     Attributes:
-        task: id without its namespace
+        task: id of a task, as `sceniris-gym train` takes it
         num_envs: worlds
         rounds: turns of each environment that are counted
         episode: control steps of an episode, and of a turn
@@ -52,7 +51,7 @@ class Options:
 
 
 def turn(envs: SceneVectorEnv, actions: torch.Tensor, steps: int) -> float:
-    """Step an environment and return the time it takes [s]."""
+    """Return the time that steps of an environment take [s]."""
     wait(envs)
     start = time.perf_counter()
     for step in range(steps):
@@ -62,7 +61,7 @@ def turn(envs: SceneVectorEnv, actions: torch.Tensor, steps: int) -> float:
 
 
 def main(options: Options) -> None:
-    """Measure and write a line of JSON, unless the file exists already.
+    """Measure, and write a line of JSON, unless the file exists already.
 
     Raises:
         SystemExit: the file has a result for other options
@@ -75,13 +74,13 @@ def main(options: Options) -> None:
         print(json.dumps(answer))
         return
     compiled = compile_scene(scene_of(options.task, reachable=True), options.device)
-    per_world = options.rounds + 3  # episodes: the first one, one per turn, and the rest of the last
+    per_world = options.rounds + 3  # episodes: the first, one for each turn, and the one that the last begins
     seeds = [11 * 16 * SEED_SPACING + i * per_world for i in range(options.num_envs)]
     sources: dict[str, Any] = {
         "fresh": None,
         "in_place": None,
         "replayed": layout_sources.replayed(layout_sources.episodes(compiled, seeds, per_world)),
-        "fixed": layout_sources.replayed(layout_sources.home_rows(compiled, seeds[0])),
+        "fixed": layout_sources.replayed(layout_sources.valid_rows(compiled, 1, seeds[0])),
     }
     environments = {
         name: make_env(

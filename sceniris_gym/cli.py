@@ -36,6 +36,8 @@ from sceniris_gym.commands.options import (
 from sceniris_gym.config.tier import Tier, TierWord
 from sceniris_gym.errors import NotSupportedError, ScenirisError
 from sceniris_gym.files import UNWRITABLE, check_picture
+from sceniris_gym.training.records import CONFIG, as_json
+from sceniris_gym.training.settings import Options
 from sceniris_gym.viewer.server import HOST, MOST_SHOWN, PORT, address, opened_page
 
 P = ParamSpec("P")
@@ -452,10 +454,43 @@ def settle(
     return dumps(found) if json else tool.report(found)
 
 
+@_command
+def train(options: Annotated[Options, tyro.conf.arg(name="")], json: Json = False) -> str:
+    """Train a task with rsl-rl's PPO (extra `rsl-rl`), and judge its policy on layouts that it has not seen."""
+    check_counts(1, num_envs=options.num_envs, layouts=options.layouts, every=options.every)
+    check_counts(0, most=2**31 - 1, seed=options.seed)
+    checked_target(options.out / CONFIG)
+    from sceniris_gym.commands import train as tool
+
+    found = tool.train(options, quiet=json)
+    return as_json(found) if json else tool.report(found)
+
+
+@_command
+def evaluate(
+    run: Annotated[
+        Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN", help="folder of a training, with its model.pt")
+    ],
+    layouts: Annotated[int, tyro.conf.arg(help="layouts of each kind")] = 4096,
+    out: Annotated[
+        Path | None, tyro.conf.arg(aliases=["-o"], help="JSON file to write: the verdict on every layout")
+    ] = None,
+    device: Device = None,
+    json: Json = False,
+) -> str:
+    """Judge the policy of a training on layouts that it has not seen: valid ones, and ones placed without checks."""
+    check_counts(1, layouts=layouts)
+    target = None if out is None else checked_target(out)
+    from sceniris_gym.commands import evaluate as tool
+
+    found = tool.evaluate(run, layouts, device, target)
+    return as_json(found) if json else tool.report(found)
+
+
 ABOUT = "Fresh, collision-free scene layouts for every reset of batched MuJoCo-Warp environments."
 COMMANDS = {
     command.__name__.rstrip("_"): command
-    for command in (demo, generate, audit, bench, replay, check, reach, import_, init, settle, view)
+    for command in (demo, generate, audit, bench, replay, check, reach, import_, init, settle, train, evaluate, view)
 }
 
 

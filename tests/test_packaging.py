@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 import sys
@@ -14,6 +15,8 @@ from pathlib import Path
 import pytest
 
 from sceniris_gym import SceneConfig, __version__, build_model
+from sceniris_gym.training.sources import source_hash
+from tests.training.scenes import SMALL, write_task
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -129,3 +132,20 @@ def test_the_console_script_is_installed(python: Path, tmp_path: Path):
     said = run(python.parent / "sceniris-gym", "--help", cwd=tmp_path)
     for command in ("demo", "generate", "audit", "bench", "replay"):
         assert command in said
+
+
+@pytest.mark.slow
+def test_the_wheel_alone_makes_layouts_trains_and_evaluates(python: Path, tmp_path: Path):
+    """`demo`, and a small training and evaluation of a task that lies where the program is started."""
+    pytest.importorskip("rsl_rl")
+    program, task = python.parent / "sceniris-gym", write_task(tmp_path, "own_task_of_the_wheel")
+    figures = json.loads(run(program, "demo", "--device", "cpu", "--out", "demo.png", "--json", cwd=tmp_path))
+    assert (figures["valid"], (tmp_path / "demo.png").is_file()) == (1.0, True)
+    trained = json.loads(run(program, "train", task, *SMALL, "--out", "run", "--json", cwd=tmp_path))
+    assert (trained["task"], trained["valid"]["layouts"]) == (task, 3)
+    said = run(program, "evaluate", "run", "--layouts", "3", "--device", "cpu", cwd=tmp_path)
+    assert [line.split(": ")[0] for line in said.splitlines()] == ["valid", "unfiltered"]
+    code = "import sceniris_gym as s, sceniris_gym.training.sources as h; print(s.__file__, h.source_hash())"
+    file, sources = run(python, "-c", code, cwd=tmp_path).split()
+    assert Path(file).is_relative_to(python.parents[1])
+    assert sources == source_hash()

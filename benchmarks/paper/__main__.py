@@ -5,12 +5,14 @@ python -m benchmarks.paper --peer scene_synthesizer --peer uniform -o results/
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
 from benchmarks.paper import report, suite
+from sceniris_gym.errors import ScenirisError
 
 
 def main(
@@ -35,4 +37,7 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    try:
+        tyro.cli(main)
+    except ScenirisError as error:
+        sys.exit(f"benchmarks.paper: {error}")

@@ -1,7 +1,7 @@
 """Sources of layouts for experiments: generated fresh, replayed from a bank, or placed without any check.
 
-What a task samples besides the layout, such as which object it chooses, is sampled anew in every episode whatever the
-source: even with a bank of a single layout every object is chosen in turn.
+A task still draws whatever else it draws, such as the object to lift, anew in every episode: even with a bank of a
+single layout every object is chosen in turn.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from sceniris_gym.training.unchecked import unchecked
 
 
 def valid_rows(compiled: CompiledScene, count: int, seed: int) -> LayoutTable:
-    """Make `count` valid layouts of the train split: episode 0 of the seeds from `seed` on that have one."""
+    """Make `count` valid layouts of the train split: episode 0 of the first seeds from `seed` on that have one."""
     parts: list[LayoutTable] = []
     found, room = 0, max(count, 64)
     while found < count:
@@ -41,21 +41,16 @@ def episodes(compiled: CompiledScene, seeds: list[int], number: int, split: str 
     return LayoutTable.concatenate(parts)[by_seed]
 
 
-def home_rows(compiled: CompiledScene, seed: int) -> LayoutTable:
-    """Return a single layout, as the one fixed start state of a scene."""
-    return valid_rows(compiled, 1, seed)
-
-
 def replayed(table: LayoutTable) -> Callable[[CompiledScene, int], StoredLayouts]:
     """Return a `layout_source` for SceneVectorEnv: a world with seed s gets row s + episode, modulo the row count."""
     return lambda compiled, num_envs: StoredLayouts(compiled, table, num_envs)
 
 
 def bank(table: LayoutTable) -> Callable[[CompiledScene, int], StoredLayouts]:
-    """Return a `layout_source` for SceneVectorEnv that serves all rows of a table, also of one larger than the worlds.
+    """Return a `layout_source` for SceneVectorEnv that serves all rows of a table, even if there are fewer worlds.
 
-    Of n worlds one with seed s gets row s + (n - 1) * episode, modulo the row count: where worlds have seeds one after
-    another, the rows of two episodes follow each other, too.
+    Of n worlds one with seed s gets row s + (n - 1) * episode, modulo the row count: if the worlds have consecutive
+    seeds, each episode goes on where the one before ended.
     """
     return lambda compiled, num_envs: StoredLayouts(compiled, table, num_envs, stride=max(1, num_envs - 1))
 

@@ -1,35 +1,74 @@
-"""Scenes and environments of the package's tasks, shared by all experiments."""
+"""Tasks by name, with their scenes and environments: those of this package, and your own."""
 
 from __future__ import annotations
 
+import os
+import sys
 from importlib import import_module
 from typing import Any
 
 import gymnasium
+from gymnasium.envs.registration import EnvSpec
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import ArgumentError, UnknownNameError
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.vector.arguments import as_task
 from sceniris_gym.vector.vector_env import SceneVectorEnv
+
+NAMESPACE = "sceniris_gym/"
+"""Namespace of this package's ids, which names of tasks go without."""
 
 SEED_SPACING = 1 << 20
 """Least spacing between the seeds of experiments, so that their worlds do not share layouts."""
 
 
+def spec_of(task: str) -> EnvSpec:
+    """Return how Gymnasium makes a task.
+
+    Args:
+        task: A registered id, that of a task of this package with or without its namespace; or MODULE:ID, which imports
+            MODULE first, also from the working directory.
+
+    Raises:
+        ArgumentError: The module cannot be imported.
+        UnknownNameError: No environment is registered under this id with a task.
+    """
+    module, _, name = task.rpartition(":")
+    if module:
+        if os.getcwd() not in sys.path:
+            sys.path.append(os.getcwd())  # an installed program does not look for modules where it is started
+        try:
+            import_module(module)
+        except ImportError as error:
+            raise ArgumentError(
+                f"task '{task}': '{module}' should be a module that Python can import: {error}."
+            ) from None
+    tasks = {key.removeprefix(NAMESPACE): spec for key, spec in gymnasium.registry.items() if "task" in spec.kwargs}
+    if name.removeprefix(NAMESPACE) not in tasks:
+        raise UnknownNameError("task", name, "environments registered with a task", tasks)
+    return tasks[name.removeprefix(NAMESPACE)]
+
+
 def scene_of(task: str, *, reachable: bool) -> SceneConfig:
     """Return the scene of a task, with or without `reachable`."""
-    entry = gymnasium.spec(f"sceniris_gym/{task}").kwargs["task"]
-    module, _, name = entry.partition(":")
-    scene = SceneConfig.load(getattr(import_module(module), name).scene)
+    words = spec_of(task).kwargs
+    scene = SceneConfig.load(words.get("scene") or as_task(words["task"]).scene, words.get("overrides"))
     if reachable:
         return scene
-    data = scene.model_dump(by_alias=True, exclude_unset=True)
-    for part in data["objects"].values():
-        part.pop("reachable", None)
-    return SceneConfig.load(data)
+    return SceneConfig.load(
+        scene, {f"objects.{name}.reachable": False for name, part in scene.objects.items() if part.reachable}
+    )
 
 
 def make_env(task: str, num_envs: int, compiled: CompiledScene, **kwargs: Any) -> SceneVectorEnv:
-    """Return the environment of a task on a CompiledScene."""
-    envs = gymnasium.make_vec(f"sceniris_gym/{task}", num_envs=num_envs, scene=compiled, **kwargs)
-    assert isinstance(envs, SceneVectorEnv)
+    """Return the environment of a task on a CompiledScene.
+
+    Raises:
+        ArgumentError: The task is registered with another environment.
+    """
+    envs = gymnasium.make_vec(spec_of(task), num_envs=num_envs, scene=compiled, overrides=None, **kwargs)
+    if not isinstance(envs, SceneVectorEnv):
+        entry = "vector_entry_point='sceniris_gym:SceneVectorEnv'"
+        raise ArgumentError(f"task '{task}' should be registered with {entry}, makes a {type(envs).__name__}.")
     return envs

@@ -1,4 +1,4 @@
-"""Placement without any check, as a baseline: what most environments do at a reset."""
+"""Placement without any check: the baseline, as most environments do it at a reset."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from sceniris_gym.program.device import Program
 
 
 def unchecked(compiled: CompiledScene) -> CompiledScene:
-    """Return a CompiledScene that samples the same candidates but tests none of them for collisions.
+    """Return a CompiledScene that draws the same candidates but tests none of them for collisions.
 
-    For placement without any check, its scene must not use `reachable`.
+    Reach is still checked, so give it a scene without `reachable` for placement without any check.
     """
     program = Program()
     for name in Program.vars:

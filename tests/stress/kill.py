@@ -81,7 +81,7 @@ def train(iterations: int, device: str) -> Work:
         words = ["TabletopReach-v0", "--num-envs", str(_ENVS), "--device", device, "--out", str(folder), "--resume"]
         words += ["--minutes", "1000", "--million-steps", str(iterations * _STEPS * _ENVS / 1e6)]
         words += ["--every", "1", "--save-every", "0", "--evaluate-every", "100000"]
-        return [sys.executable, "-m", "sceniris_gym.training.train", *words]
+        return [sys.executable, "-m", "sceniris_gym", "train", *words]
 
     def fault(folder: Path, _: Path) -> str | None:
         lines = [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
@@ -95,7 +95,7 @@ def train(iterations: int, device: str) -> Work:
         held = torch.load(folder / "model.pt", weights_only=False)
         if held["infos"]["iterations"] != iterations:
             return f"the checkpoint is of iteration {held['infos']['iterations']}"
-        return _others(folder, {"log.jsonl", "model.pt", "config.json"})
+        return _others(folder, {"log.jsonl", "model.pt", "config.json", "judged.json"})
 
     def killed(folder: Path) -> str | None:
         if (folder / "model.pt").exists():

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -30,3 +32,13 @@ def test_the_suite_writes_its_rows(capsys: pytest.CaptureFixture, tmp_path: Path
     assert [row["worlds"] for row in found["rows"]] == [1024, 0]
     assert json.loads((tmp_path / "paper.json").read_text()) == found
     assert Image.open(tmp_path / "paper.png").size[0] > 1000
+
+
+def test_an_error_is_a_line_on_stderr(tmp_path: Path):
+    """A folder that cannot be made: the message, no traceback, and a status that is not 0."""
+    (tmp_path / "file").touch()
+    words = [sys.executable, "-m", "benchmarks.paper", "--quick", "-o", str(tmp_path / "file")]
+    ended = subprocess.run(words, cwd=Path(__file__).parents[3], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout) == (1, "")
+    assert ended.stderr.startswith(f"benchmarks.paper: {tmp_path}/file/paper.json cannot be written: ")
+    assert ended.stderr.count("\n") == 1

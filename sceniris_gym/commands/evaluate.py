@@ -1,0 +1,42 @@
+"""The `evaluate` command: judges the policy of a training on layouts that it has not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from sceniris_gym.files import replacing
+from sceniris_gym.training.judging import judge, judges_of
+from sceniris_gym.training.records import MODEL, as_json, read_config, share, without_layouts
+from sceniris_gym.training.runner import runner_of
+
+
+def evaluate(folder: Path, layouts: int, device: str | None, out: Path | None = None) -> dict[str, Any]:
+    """Judge the policy in the folder of a run, and return what was found by the kind of layouts; see `judge`.
+
+    Args:
+        folder: The folder, as `train` made it.
+        layouts: Number of layouts of each kind.
+        device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
+        out: JSON file to write, with the verdict on each layout.
+
+    Raises:
+        ArgumentError: The folder is not that of a run.
+        ScenirisError: There is no such task, or its scene cannot be compiled.
+    """
+    task, settings = read_config(folder)
+    found = {}
+    for name, env in judges_of(task, layouts, device).items():
+        runner = runner_of(env, settings, 0)
+        runner.load(str(folder / MODEL), map_location=str(env.device))
+        found[name] = judge(runner.get_inference_policy(str(env.device)), env, task, layouts)
+    if out is not None:
+        with replacing(out) as temporary:
+            temporary.write_text(as_json(found))
+    return without_layouts(found)
+
+
+def report(found: Mapping[str, Any]) -> str:
+    """Return the shares of successes as text, a line for each kind of layouts."""
+    return "\n".join(f"{name}: {share(one)} of {one['layouts']:,} layouts" for name, one in found.items())

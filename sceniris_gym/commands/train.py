@@ -1,0 +1,44 @@
+"""The `train` command: trains a task with rsl-rl's PPO, and judges its policy."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from tqdm import tqdm
+
+from sceniris_gym.training.records import share
+from sceniris_gym.training.settings import SETTINGS, Options
+from sceniris_gym.training.train import Run
+
+
+def train(options: Options, quiet: bool = False) -> dict[str, Any]:
+    """Train a task, show the log on stderr, and return the last evaluation.
+
+    Args:
+        options: The options of the run.
+        quiet: Show nothing.
+
+    Raises:
+        ScenirisError: See `Run`.
+    """
+
+    def show(line: str) -> None:
+        if not quiet:
+            tqdm.write(line, sys.stderr)  # leaves progress bars whole
+
+    run = Run(options, show)
+    task = run.options.task
+    if task not in SETTINGS:
+        show(f"{task} has no settings of its own, so it trains with {run.settings}. --changes tries others.")
+    judged = run.go()
+    del judged["kind"]
+    return {"task": task, "model": str(run.checkpoint), **judged}
+
+
+def report(found: Mapping[str, Any]) -> str:
+    """Return the result of a training as a line of text."""
+    shares = f"{share(found['valid'])} of valid layouts, {share(found['unfiltered'])} of unfiltered ones"
+    after = f"after {found['seconds']:.0f} s, {found['env_steps'] / 1e6:.3g} million steps"
+    return f"{found['task']}: {shares}, {after}; the policy is in {found['model']}"

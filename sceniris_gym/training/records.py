@@ -1,0 +1,73 @@
+"""The files that a run leaves in its folder, written as strict JSON; read without torch."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from sceniris_gym.errors import ArgumentError
+from sceniris_gym.training.settings import Settings
+
+CONFIG, LOG, MODEL, JUDGED = "config.json", "log.jsonl", "model.pt", "judged.json"
+
+
+def as_json(value: Any, indent: int | None = None) -> str:
+    """Return strict JSON, in which numbers that are not finite are null and paths are text."""
+    return json.dumps(_plain(value), allow_nan=False, indent=indent)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return str(value) if isinstance(value, Path) else value
+
+
+def read_config(folder: Path) -> tuple[str, Settings]:
+    """Return the task and the settings of the run in a folder that has a model.
+
+    Raises:
+        ArgumentError: It is no such folder; the message says what is missing.
+    """
+    for name in (CONFIG, MODEL):
+        if not (folder / name).is_file():
+            raise ArgumentError(
+                f"{folder}: should be the folder of a run that 'sceniris-gym train TASK --out {folder}' made, "
+                f"but has no {name}."
+            )
+    try:
+        told = json.loads((folder / CONFIG).read_text())
+        return told["options"]["task"], Settings(**told["settings"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise ArgumentError(f"{folder / CONFIG}: should be as 'sceniris-gym train' writes it: {error}.") from None
+
+
+def evaluations(folder: Path) -> list[dict[str, Any]]:
+    """Return the lines of the evaluations in the log of the run in a folder, in their order."""
+    lines = [json.loads(line) for line in (folder / LOG).read_text().splitlines()]
+    return [line for line in lines if line["kind"] == "eval"]
+
+
+def without_layouts(found: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Return what judging found by the kind of layouts, without the verdict on each layout."""
+    return {name: {key: value for key, value in one.items() if key != "each"} for name, one in found.items()}
+
+
+def share(one: dict[str, Any]) -> str:
+    """Return the share of successes that judging found, with its interval, as text."""
+    return "{:.1%} ({:.1%} to {:.1%})".format(one["success"], *one["interval"])
+
+
+def success_interval(successes: int, number: int) -> tuple[float, float]:
+    """Return the ends of the 95% Wilson interval of a share: 1.96 standard deviations to either side (Wilson 1927)."""
+    from scipy.stats import binomtest  # takes a second to import
+
+    if number == 0:
+        return 0.0, 1.0
+    interval = binomtest(successes, number).proportion_ci(math.erf(1.96 / math.sqrt(2.0)), "wilson")
+    return float(interval.low), float(interval.high)

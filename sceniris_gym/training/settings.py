@@ -1,0 +1,134 @@
+"""The options of a run, and the settings of PPO that each shipped task is trained with."""
+
+from __future__ import annotations
+
+from ast import literal_eval
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from sceniris_gym.errors import ArgumentError
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of PPO.
+
+    Attributes:
+        hidden: widths of the hidden layers of actor and critic
+        gamma: discount of a control step
+        entropy: weight of the entropy bonus at the start
+        last_entropy: weight that it falls to linearly; None keeps it constant
+        cooling: millions of control steps over which it falls
+        init_std: standard deviation of the actions at the start
+        steps: control steps of each world between two updates
+        epochs: passes over them in an update
+        mini_batches: parts of a pass
+        desired_kl: KL divergence that the learning rate is adapted to
+    """
+
+    hidden: tuple[int, ...] = (256, 128, 64)
+    gamma: float = 0.98
+    entropy: float = 0.002
+    last_entropy: float | None = None
+    cooling: float = 40.0
+    init_std: float = 1.0
+    steps: int = 24
+    epochs: int = 5
+    mini_batches: int = 4
+    desired_kl: float = 0.01
+
+    def entropy_after(self, env_steps: int) -> float:
+        """Return the weight of the entropy bonus after `env_steps` control steps of all worlds together."""
+        last = self.entropy if self.last_entropy is None else self.last_entropy
+        return self.entropy + (last - self.entropy) * min(1.0, env_steps / (1e6 * self.cooling))
+
+
+SETTINGS = {
+    "TabletopReach-v0": Settings(),
+    "TabletopReachEasy-v0": Settings(),
+    "TabletopLift-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
+    "TabletopLiftEasy-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
+    "ClutterPush-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
+    "DrawerPick-v0": Settings(gamma=0.985, entropy=0.005, steps=32),
+    "ClutterExtract-v0": Settings(
+        hidden=(512, 256, 128), gamma=0.985, entropy=0.003, last_entropy=0.0005, init_std=0.6, steps=32
+    ),
+}
+"""Settings of the tasks that were tuned; every other task has the defaults."""
+
+
+def settings_of(task: str, changes: Sequence[str] = ()) -> Settings:
+    """Return the settings of a task, the defaults if it has none of its own, with `changes` as name=value.
+
+    Raises:
+        ArgumentError: No setting has that name, or the value is none.
+    """
+    changed: dict[str, Any] = {}
+    names = [field.name for field in fields(Settings)]
+    for change in changes:
+        name, _, text = change.partition("=")
+        try:
+            if name not in names:
+                raise ValueError
+            changed[name] = literal_eval(text)
+        except (ValueError, SyntaxError):
+            wanted = f"name=value with a name out of {', '.join(names)}"
+            raise ArgumentError(f"--changes takes {wanted}, got '{change}'.") from None
+    return replace(SETTINGS.get(task, Settings()), **changed)
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of a run, as the command line takes them.
+
+    Attributes:
+        task: id of a task of this package, or MODULE:ID of your own, which importing MODULE registers
+        seed: number of the run; the layout seeds of two runs start at least 16 * 2^20 apart
+        num_envs: number of worlds
+        minutes: time of training, without compiling and evaluations
+        million_steps: stop after this many million control steps of all worlds together, too
+        out: folder for config.json, log.jsonl, model.pt and judged.json
+        resume: go on from the checkpoint in the folder, if there is one
+        device: cpu, cuda:0, ...; by default cuda:0 if there is one, else cpu
+        bank: replay this many stored layouts instead of making fresh ones
+        uniform: place uniformly, without checks for collisions and reach
+        reachable: keep `reachable` of the scene's objects
+        changes: settings to try instead of the task's, as name=value
+        layouts: layouts that the policy is judged on
+        every: iterations between two lines of the log
+        evaluate_every: seconds of training between two evaluations
+        save_every: seconds of training between two checkpoints
+    """
+
+    task: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
+    seed: Annotated[int, tyro.conf.arg(aliases=["-s"])] = 0
+    num_envs: int = 4096
+    minutes: float = 5.0
+    million_steps: float | None = None
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("results/train")
+    resume: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    device: str | None = None
+    bank: int | None = None
+    uniform: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    reachable: bool = True
+    changes: tuple[str, ...] = ()
+    layouts: int = 4096
+    every: int = 10
+    evaluate_every: float = 60.0
+    save_every: float = 20.0
+
+    def check(self) -> None:
+        """Refuse options that no run can have.
+
+        Raises:
+            ArgumentError: The message names the option, and what it takes.
+        """
+        if self.bank is not None and (self.bank < 1 or self.uniform):
+            raise ArgumentError(f"--bank takes 1 or more layouts, and no --uniform beside it, got {self.bank}.")
+        for name, value in (("minutes", self.minutes), ("million_steps", self.million_steps)):
+            if value is not None and not value > 0.0:
+                raise ArgumentError(f"--{name.replace('_', '-')} {value}: should be above 0.")

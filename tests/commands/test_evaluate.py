@@ -1,0 +1,82 @@
+"""The `evaluate` command: shares with their intervals, verdicts in a file, and what is no run."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+import torch
+
+pytest.importorskip("rsl_rl")
+
+from sceniris_gym import cli
+from sceniris_gym.commands.evaluate import report
+from sceniris_gym.commands.train import train
+from sceniris_gym.training.settings import Options
+from tests.training.scenes import write_task
+
+PAGE = Path(__file__).parents[2] / "docs" / "training.md"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a small training, of a task of one's own that lies beside it."""
+    folder = tmp_path_factory.mktemp("own")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.setenv("SCENIRIS_GYM_CACHE", str(folder / "cache"))
+        task = write_task(folder, "own_task_to_evaluate")
+        small = {"num_envs": 2, "layouts": 3, "every": 1, "million_steps": 1e-6, "changes": ("hidden=(8,)", "steps=4")}
+        train(Options(task, device="cpu", out=folder / "run", **small), quiet=True)
+    return folder / "run"
+
+
+@pytest.fixture(autouse=True)
+def _compiled_once(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SCENIRIS_GYM_CACHE", str(run.parent / "cache"))
+
+
+def test_an_evaluation_is_that_of_the_training(run: Path, capfd: pytest.CaptureFixture, tmp_path: Path):
+    """Of as many layouts it has the same verdicts, in one line of JSON and layout by layout in a file."""
+    cli.main(["evaluate", str(run), "--layouts", "3", "--device", "cpu", "--json", "-o", str(tmp_path / "each.json")])
+    said = capfd.readouterr()
+    assert (said.out.count("\n"), said.err) == (1, "")
+    found, before = json.loads(said.out), json.loads((run / "log.jsonl").read_text().splitlines()[-1])
+    assert set(found) == {"valid", "unfiltered"}
+    assert found == {name: before[name] for name in found}
+    verdicts, kept = (json.loads(path.read_text()) for path in (tmp_path / "each.json", run / "judged.json"))
+    assert verdicts == {name: kept[name] for name in verdicts}
+    assert [len(one["each"]["success"]) for one in verdicts.values()] == [3, 3]
+
+
+def test_an_evaluation_is_told_in_words():
+    """A line for each kind of layouts."""
+    found = {
+        "valid": {"success": 0.5, "interval": (0.25, 0.751), "layouts": 4096},
+        "unfiltered": {"success": 0.0, "interval": (0.0, 0.01), "layouts": 12},
+    }
+    assert report(found) == (
+        "valid: 50.0% (25.0% to 75.1%) of 4,096 layouts\nunfiltered: 0.0% (0.0% to 1.0%) of 12 layouts"
+    )
+
+
+def test_a_folder_without_a_run_is_refused(tmp_path: Path, capfd: pytest.CaptureFixture):
+    """A run that has no checkpoint yet is none to evaluate."""
+    (tmp_path / "config.json").write_text("{}")
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["evaluate", str(tmp_path), "--device", "cpu"])
+    said = capfd.readouterr()
+    assert (stop.value.code, said.out) == (2, "")
+    wanted = f"should be the folder of a run that 'sceniris-gym train TASK --out {tmp_path}' made"
+    assert said.err == f"sceniris-gym: {tmp_path}: {wanted}, but has no model.pt.\n"
+
+
+def test_the_policy_is_exported_as_the_page_says(run: Path, capfd: pytest.CaptureFixture):
+    """The program of docs/training.md writes a policy that acts on the group `policy` alone."""
+    (program,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    program = program.replace('"results/drawer"', repr(str(run)))
+    exec(compile(program, str(PAGE), "exec"), {})
+    policy = torch.jit.load(run / "policy.pt")
+    assert policy(torch.zeros(5, 4)).shape == (5, 5)

@@ -1,0 +1,53 @@
+"""Judging of policies, and how dense layouts are."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+pytest.importorskip("rsl_rl")
+
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.training import judging, task_scenes
+from tests.training.scenes import reach_scene
+
+
+def test_density_is_about_the_target_that_is_chosen():
+    """How many others there are and how near the nearest is, against the qpos of each; itself does not count."""
+    compiled = compile_scene(SceneConfig.load("tabletop_lift", {"bank": 8}), "cpu")
+    envs = task_scenes.make_env("TabletopLift-v0", 6, compiled)
+    envs.reset(seed=3)
+    task: Any = envs.task
+    chosen = task.chosen
+    assert chosen.sum(dim=0).count_nonzero() > 1
+    things, nearest = judging.density("TabletopLift-v0", envs.state, chosen)
+    qpos, names = envs.batch.data.qpos.numpy(), ("block", "can", "lemon", "tin", "orange")
+    at = [compiled.mjm.joint(f"{name}/free").qposadr[0] for name in names]
+    for world in range(6):
+        target, *_ = np.flatnonzero(chosen[world].numpy())
+        flat = np.array([qpos[world, a : a + 2] for a in at])
+        away = np.delete(np.linalg.norm(flat - flat[target], axis=1), target)
+        assert int(things[world]) == 4
+        assert float(nearest[world]) == pytest.approx(away.min(), abs=1e-5)
+
+
+def test_a_task_without_a_target_has_no_nearest_thing():
+    """The others are counted all the same; a scene may have none at all."""
+    envs = task_scenes.make_env("TabletopReach-v0", 3, reach_scene())
+    envs.reset(seed=1)
+    things, nearest = judging.density("TabletopReach-v0", envs.state, torch.ones(3, 1))
+    assert (things.tolist(), nearest.tolist()) == ([5] * 3, [np.inf] * 3)
+
+
+def test_a_scene_without_free_objects_has_no_things():
+    """Such as one of a drawer to open."""
+    envs = task_scenes.make_env("TabletopReach-v0", 3, reach_scene())
+    parts = {name: part for name, part in envs.state.scene.config.objects.items() if part.kind != "free"}
+    bare = SimpleNamespace(num_envs=3, device=envs.device, scene=SimpleNamespace(config=SimpleNamespace(objects=parts)))
+    things, nearest = judging.density("module:Own-v0", bare, torch.ones(3, 1))  # type: ignore[arg-type]
+    assert (things.tolist(), nearest.tolist()) == ([0] * 3, [np.inf] * 3)

@@ -1,0 +1,81 @@
+"""Sources of layouts: banks, replayed episodes, and placement without checks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.training import layout_sources
+from tests.training.scenes import reach_scene
+
+
+def test_a_bank_holds_valid_layouts_and_is_replayed_in_turn(compiled: CompiledScene):
+    """World with seed s gets row s + episode; two rows of one bank are two layouts."""
+    rows = layout_sources.valid_rows(compiled, 3, seed=100)
+    assert rows.qpos.shape == (3, compiled.mjm.nq)
+    assert len(np.unique(rows.qpos, axis=0)) == 3
+    generator = layout_sources.replayed(rows)(compiled, 2)
+    generator.reseed([1, 2])
+    for episode in range(4):
+        generator.generate()
+        expected = rows.qpos[[(1 + episode) % 3, (2 + episode) % 3]]
+        np.testing.assert_array_equal(generator.layouts.qpos.numpy(), expected)
+
+
+def test_a_bank_for_training_goes_on_by_the_number_of_worlds(compiled: CompiledScene):
+    """Of three worlds one with seed s gets row s + 2 * episode; two rows of one bank are two layouts."""
+    rows = layout_sources.valid_rows(compiled, 7, seed=100)
+    assert rows.qpos.shape == (7, compiled.mjm.nq)
+    assert len(np.unique(rows.qpos, axis=0)) == 7
+    generator = layout_sources.bank(rows)(compiled, 3)
+    generator.reseed([1, 2, 3])
+    for episode in range(4):
+        generator.generate()
+        expected = rows.qpos[[(seed + 2 * episode) % 7 for seed in (1, 2, 3)]]
+        np.testing.assert_array_equal(generator.layouts.qpos.numpy(), expected)
+
+
+def test_a_bank_larger_than_the_worlds_is_served_whole(compiled: CompiledScene):
+    """Four worlds go through nine rows in three episodes."""
+    rows = layout_sources.valid_rows(compiled, 9, seed=100)
+    source, seen = layout_sources.bank(rows)(compiled, 4), set()
+    source.reseed([5, 6, 7, 8])
+    for _ in range(3):
+        source.generate()
+        seen |= {row.tobytes() for row in source.layouts.qpos.numpy()}
+    assert len(seen) == 9
+
+
+def test_replayed_episodes_are_those_that_would_be_made(compiled: CompiledScene):
+    """Row i * number + e is episode e of seed i, to the bit."""
+    rows = layout_sources.episodes(compiled, [5, 90], 3)
+    generator = LayoutGenerator(compiled, 2, seed=[5, 90])
+    for episode in range(3):
+        generator.generate()
+        np.testing.assert_array_equal(generator.layouts.qpos.numpy(), rows.qpos[[episode, 3 + episode]])
+
+
+def test_placement_without_checks_takes_the_first_candidate():
+    """No candidate collides any more, and objects lie where the first ones were drawn; the scene stays as it was."""
+    plain = reach_scene(reachable=False)
+    generator = layout_sources.uniform()(plain, 64)
+    generator.reseed(np.arange(64))
+    generator.generate()
+    checked = LayoutGenerator(plain, 64, seed=0)
+    checked.generate()
+    assert not any(causes["collision"] for causes in generator.rejection_counts().values())
+    assert any(causes["collision"] for causes in checked.rejection_counts().values())
+    same = (generator.layouts.qpos.numpy() == checked.layouts.qpos.numpy()).all(axis=1)
+    first = checked.layouts.attempts.numpy() == generator.layouts.attempts.numpy()
+    np.testing.assert_array_equal(same, first)
+    assert first.any()
+    assert not first.all()
+
+
+def test_placement_without_checks_rejects_nothing():
+    """Neither for collisions nor for reach."""
+    plain = reach_scene(reachable=False)
+    generator = layout_sources.uniform()(plain, 64)
+    generator.generate()
+    assert not any(any(causes.values()) for causes in generator.rejection_counts().values())

@@ -1,0 +1,80 @@
+"""Tasks by name, their scenes and environments."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import gymnasium
+import pytest
+from gymnasium.envs.registration import EnvSpec
+
+from sceniris_gym.errors import ArgumentError, UnknownNameError
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.training import task_scenes
+from tests.training.scenes import write_task
+
+
+def test_the_word_reachable_can_be_left_out():
+    """The rest of the scene is the same."""
+    scenes = [task_scenes.scene_of("TabletopReach-v0", reachable=reachable) for reachable in (True, False)]
+    assert [bool(scene.objects["can"].reachable) for scene in scenes] == [True, False]
+    assert scenes[0].objects["can"].region == scenes[1].objects["can"].region
+
+
+def test_a_task_is_found_with_and_without_its_namespace():
+    """Either way it is the same registered environment."""
+    short, long = (task_scenes.spec_of(name) for name in ("DrawerPick-v0", "sceniris_gym/DrawerPick-v0"))
+    assert short is long is gymnasium.registry["sceniris_gym/DrawerPick-v0"]
+
+
+def test_a_task_of_ones_own_is_imported_from_where_the_program_is_started(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """Its scene is the one that its class names, and its environment takes what was compiled of it."""
+    task = write_task(tmp_path, "own_task_here")
+    monkeypatch.chdir(tmp_path)
+    scene = task_scenes.scene_of(task, reachable=True)
+    assert (list(scene.objects), scene.name) == (["block"], "lower")
+    compiled = compile_scene(scene, "cpu")
+    envs = task_scenes.make_env(task, 2, compiled)
+    assert (type(envs.task).__name__, envs.compiled, envs.max_episode_steps) == ("Lower", compiled, 4)
+
+
+def test_the_scene_may_be_registered_with_the_task(monkeypatch: pytest.MonkeyPatch):
+    """And changed there; the environment has it once."""
+    words = {"task": "sceniris_gym.envs.tabletop_reach:TabletopReach", "scene": "table_top"}
+    spec = EnvSpec(
+        "Other-v0",
+        vector_entry_point="sceniris_gym:SceneVectorEnv",
+        max_episode_steps=3,
+        kwargs={**words, "overrides": {"bank": 5}},
+    )
+    monkeypatch.setitem(gymnasium.registry, "Other-v0", spec)
+    scene = task_scenes.scene_of("Other-v0", reachable=True)
+    assert (scene.name, scene.bank) == ("table_top", 5)
+
+
+@pytest.mark.parametrize(
+    ("task", "error", "words"),
+    [
+        ("DrawerPik-v0", UnknownNameError, "unknown task 'DrawerPik-v0'. Did you mean 'DrawerPick-v0'?"),
+        ("gymnasium:CartPole-v1", UnknownNameError, "environments registered with a task: unknown task 'CartPole-v1'"),
+        ("nowhere_at_all:Task-v0", ArgumentError, "'nowhere_at_all' should be a module that Python can import"),
+    ],
+)
+def test_what_is_no_task_is_refused(task: str, error: type[Exception], words: str):
+    """With the ids that are tasks, or with what could not be imported."""
+    with pytest.raises(error) as refused:
+        task_scenes.spec_of(task)
+    assert words in str(refused.value)
+
+
+def test_a_task_with_another_environment_is_refused(monkeypatch: pytest.MonkeyPatch):
+    """Only many worlds on one device are trained; the error says how to register them."""
+    entry = {"vector_entry_point": lambda **_: gymnasium.make_vec("CartPole-v1"), "kwargs": {"task": "any"}}
+    spec = EnvSpec("Other-v0", **entry)
+    monkeypatch.setitem(gymnasium.registry, "Other-v0", spec)
+    with pytest.raises(
+        ArgumentError, match="vector_entry_point='sceniris_gym:SceneVectorEnv', makes a CartPoleVectorEnv"
+    ):
+        task_scenes.make_env("Other-v0", 2, None)  # type: ignore[arg-type]

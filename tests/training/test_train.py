@@ -1,0 +1,103 @@
+"""Training: stopping, going on, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+pytest.importorskip("rsl_rl")
+
+from benchmarks import curves
+from sceniris_gym.errors import ArgumentError
+from sceniris_gym.training import sources, task_scenes, train
+from sceniris_gym.training.records import as_json
+from sceniris_gym.training.settings import SETTINGS, Options
+
+
+@pytest.mark.slow
+def test_a_training_that_is_killed_goes_on_from_its_last_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Whatever the log has of later is cut off; worlds begin their next episodes; the table has what came of it."""
+    monkeypatch.setenv("SCENIRIS_GYM_CACHE", str(tmp_path / "cache"))  # two runs compile the same scenes
+    monkeypatch.setattr(train, "make_env", partial(task_scenes.make_env, max_episode_steps=10))
+    out = tmp_path / "fresh_0"
+    common: dict[str, Any] = {
+        "task": "TabletopReach-v0",
+        "num_envs": 4,
+        "layouts": 4,
+        "out": out,
+        "every": 1,
+        "device": "cpu",
+    }
+    options = Options(**common, million_steps=2e-4, evaluate_every=1000.0, save_every=0.0)
+    killed = train.Run(options)
+
+    def kill() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(killed, "_judge", kill)
+    with pytest.raises(KeyboardInterrupt):
+        killed.go()
+    first = (out / "log.jsonl").read_text()
+    assert len(first.splitlines()) == 3
+    (out / "log.jsonl").write_text(first + '{"kind": "tra')
+    saved = torch.load(out / "model.pt", weights_only=False)["infos"]
+
+    again = train.Run(replace(options, resume=True, million_steps=3e-4))
+    begun: list[torch.Tensor] = []
+    iterate = again._train
+
+    def watch(iterations: int) -> None:
+        envs = again.env.unwrapped
+        begun.append(torch.stack([envs.state.episode, envs.state.elapsed]).clone())
+        iterate(iterations)
+
+    monkeypatch.setattr(again, "_train", watch)
+    again.go()
+    assert begun[0].tolist() == [(saved["episode"] + 1).tolist(), saved["elapsed"].tolist()]
+    assert (begun[1][0] > begun[0][0]).all()
+    lines = (out / "log.jsonl").read_text()
+    assert lines.startswith("".join(first.splitlines(keepends=True)[:2]))
+    told = [json.loads(line, parse_constant=pytest.fail) for line in lines.splitlines()]
+    assert [line["env_steps"] for line in told if line["kind"] == "train"] == [96, 192, 288, 384]
+    judged = [line for line in told if line["kind"] == "eval"]
+    assert len(judged) == 1
+    assert {"valid", "unfiltered"} <= set(judged[0])
+    assert judged[0]["valid"]["unfinished"] == 0
+    table = curves.table(curves.read(tmp_path))
+    assert "| TabletopReach-v0 | fresh | 1 | 0.0 M | 0.0% (0.0% to 49.0%) | 0.0% (0.0% to 49.0%) | - |" in table
+
+
+def test_a_run_does_not_go_on_from_another_one(tmp_path: Path):
+    """The first option that differs is named; how long it runs may be another."""
+    options = Options("TabletopReach-v0", out=tmp_path, bank=16)
+    settings, known = asdict(SETTINGS["TabletopReach-v0"]), {"hash": sources.source_hash()}
+    told = {"options": asdict(options), "settings": settings, "sources": known}
+    (tmp_path / "config.json").write_text(as_json(told))
+    (tmp_path / "model.pt").touch()
+    with pytest.raises(ArgumentError, match=r"options\.bank = 16, not 256"):
+        train.Run(replace(options, resume=True, minutes=9.0, bank=256))
+
+
+def test_a_bank_has_layouts_and_is_not_uniform():
+    """Refused before anything is compiled."""
+    for bank, uniform in ((0, False), (-3, False), (4, True)):
+        with pytest.raises(ArgumentError, match="--bank takes 1 or more layouts"):
+            train.Run(Options("TabletopReach-v0", bank=bank, uniform=uniform))
+
+
+def test_a_run_does_not_go_on_from_one_of_other_sources(tmp_path: Path):
+    """Results of two versions are not mixed."""
+    options = Options("TabletopReach-v0", out=tmp_path / "third")
+    settings = asdict(SETTINGS["TabletopReach-v0"])
+    told = {"options": asdict(options), "settings": settings, "sources": {"hash": "b"}}
+    options.out.mkdir()
+    (options.out / "config.json").write_text(as_json(told))
+    (options.out / "model.pt").touch()
+    with pytest.raises(ArgumentError, match=r"sources\.hash = 'b', not"):
+        train.Run(replace(options, resume=True))
