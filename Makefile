@@ -16,7 +16,7 @@ setup: $(STAMP)
 $(STAMP): pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install "$$(grep '^torch==' constraints.txt)"
-	$(BIN)/python -m pip install -e '.[dev,sb3,rsl-rl,viewer,import]' -c constraints.txt
+	$(BIN)/python -m pip install -e '.[dev]' -c constraints.txt
 	touch $@
 
 # The oldest versions that are supported, over everything else that .venv has, where setuptools is newer than the one

@@ -12,7 +12,6 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "sceniris_gym"
 SOURCES = [path.relative_to(PACKAGE) for path in sorted(PACKAGE.rglob("*.py"))]
 MODULES = [path for path in SOURCES if path.name != "__init__.py"]
-MIRRORED = [path for path in MODULES if path.parts[0] not in ("collide", "placement")]
 LONGEST_FUNCTION = 80
 DEEPEST_LOOPS = 3
 
@@ -29,7 +28,7 @@ def loops(node: ast.AST) -> int:
     return max(inside, default=0) + isinstance(node, ast.For | ast.While)
 
 
-@pytest.mark.parametrize("path", MIRRORED, ids=str)
+@pytest.mark.parametrize("path", MODULES, ids=str)
 def test_tests_mirror_the_source(path: Path):
     """A module has tests in a file of its name, in the same folder of tests/."""
     assert (ROOT / "tests" / path.with_name(f"test_{path.name}")).is_file()

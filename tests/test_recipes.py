@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
+import sceniris_gym.adapters
+
 PAGE = Path(__file__).parents[1] / "docs" / "libraries.md"
 SECTIONS = (section.partition("\n") for section in PAGE.read_text().split("\n## ")[1:])
 RECIPES = {name: re.findall(r"```python\n(.*?)```", text, re.DOTALL)[0] for name, _, text in SECTIONS}
-NEEDS = {"rsl-rl": "rsl_rl", "Stable-Baselines3": "stable_baselines3", "skrl": "skrl", "TorchRL": "torchrl"}
 SMALLER = {
     "num_envs=4096": "num_envs=4, device='cpu'",
     "num_envs=64": "num_envs=4, device='cpu'",
@@ -22,18 +23,23 @@ SMALLER = {
 
 
 def test_every_library_has_a_recipe():
-    """Those that the README names."""
-    named = ["rsl-rl", "Stable-Baselines3", "skrl", "TorchRL", "A loop of your own", "A policy on chosen layouts"]
-    assert list(RECIPES) == named
+    """Those that the README names, and those that have an adapter."""
+    named = {"rsl-rl", "Stable-Baselines3", "skrl", "TorchRL", "A loop of your own", "A policy on chosen layouts"}
+    assert named <= set(RECIPES)
+    programs = "\n".join(page.read_text() for page in PAGE.parent.glob("*.md"))
+    adapters = [path.stem for path in Path(sceniris_gym.adapters.__path__[0]).glob("[!_]*.py")]
+    assert len(adapters) >= 3
+    assert not [name for name in adapters if f"from sceniris_gym.adapters.{name} import" not in programs]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", RECIPES)
 def test_a_recipe_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Of a library that is installed; some write logs to where they are."""
-    pytest.importorskip(NEEDS.get(name, "torch"))
-    monkeypatch.chdir(tmp_path)
     program = RECIPES[name]
+    for package in re.findall(r"^(?:from|import) (\w+)", program, re.MULTILINE):
+        pytest.importorskip(package)
+    monkeypatch.chdir(tmp_path)
     for before, after in SMALLER.items():
         program = program.replace(before, after)
     assert "4096" not in program

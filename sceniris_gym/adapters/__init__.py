@@ -1,1 +1,1 @@
-"""Adapters for training libraries, each with its own extra: `sb3` and `rsl-rl`."""
+"""Adapters for training libraries, each with an extra of its name."""

@@ -1,10 +1,9 @@
 """`Auditor`: all checks of layouts except reach, as one report.
 
-There is one verdict on collisions. With `geometry: physics` MuJoCo C has a say: a contact deeper than 0.01 mm is a
-missed collision, so the deepest penetration of a layout without any is less than that; contacts that are allowed for
-are listed with the reason. FCL adds what MuJoCo does not report: clearances, and fixtures in each other or in the
-static scene. With `geometry: visual` FCL alone decides, on the meshes that are drawn, and contacts of the shapes that
-collide are listed as allowed for.
+There is one verdict on collisions. With `geometry: physics`, a contact in MuJoCo C deeper than 0.01 mm is a missed
+collision, so a layout without any has no deeper penetration; allowed contacts are listed with the reason. FCL adds what
+MuJoCo does not report: clearances, and fixtures in each other or in the static scene. With `geometry: visual`, FCL
+alone decides, on the meshes that are drawn, and contacts of the colliding shapes are listed as allowed.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from sceniris_gym.audit.geometry import home_of, pose_of, poses_of, solids_of
 from sceniris_gym.audit.heaps import HeapAudit
 from sceniris_gym.audit.language import Kept, LanguageAudit
 from sceniris_gym.audit.outlines import Outlines
-from sceniris_gym.audit.pairs import Tree
+from sceniris_gym.audit.pairs import Tree, judged_pairs
 from sceniris_gym.audit.physics import FAST, STILL, limp_joints, settle
 from sceniris_gym.audit.presence import presence
 from sceniris_gym.audit.standing import Misplaced, StandingAudit, hulls_of
@@ -38,17 +37,17 @@ class Report:
     Attributes:
         layouts: Number of layouts that were judged.
         conflicts: Missed collisions, one entry per pair of geoms.
-        misplaced: Objects that do not stand where the scene says.
-        penetration: The deepest contact that is not allowed for, None if there is none.
-        allowed: Pairs of bodies whose contacts are allowed for, and had some.
-        kept: How well every relation, orientation and group is kept.
+        misplaced: Objects that are not where the scene says.
+        penetration: The deepest contact that is not allowed, None if there is none.
+        allowed: Pairs of bodies with contacts that are allowed.
+        kept: Counts for every relation, orientation and group.
         settled: Number of layouts that were stepped.
-        frozen: Names of joints that no position actuator holds, and that were kept where they are meanwhile.
+        frozen: Names of joints that no position actuator holds; they were held still while stepping.
         moved: Object name -> number of layouts in which it moved more than 1 cm while settling.
         fast: Object name -> number of layouts in which it was faster than 1 m/s.
         top_speed: The largest speed of any free object [m/s].
-        unstable: Kind of MuJoCo's warning -> number of layouts whose stepping it ended, and the first of its texts.
-            These layouts count as neither moved nor fast.
+        unstable: Kind of MuJoCo's warning -> number of layouts whose stepping it ended, and its first text. These
+            layouts count as neither moved nor fast.
     """
 
     layouts: int
@@ -71,12 +70,12 @@ class Report:
 
     @property
     def depth(self) -> float:
-        """Depth of the deepest contact beyond what is allowed for [m]."""
+        """Greatest depth of a contact beyond what is allowed [m]."""
         return self.penetration.excess if self.penetration is not None else 0.0
 
     @property
     def relation_violations(self) -> int:
-        """Number of relations, orientations and groups that are not kept, over all layouts."""
+        """Number of violations of relations, orientations and groups, over all layouts."""
         return sum(kept.broken for kept in self.kept)
 
 
@@ -87,7 +86,7 @@ class Auditor:
         mjm: The model.
         config: The scene.
         bodies: Object name -> root body id.
-        progress: Called with what is being done, how many are done, and how many there are.
+        progress: Called with the name of the work, the number done, and the total.
 
     Raises:
         NotSupportedError: A geom has a type that the audit does not know.
@@ -103,11 +102,8 @@ class Auditor:
         self.mjm, self.progress = mjm, progress
         self.tree = Tree(mjm, bodies, config.home)
         markers = {name for name, part in config.objects.items() if part.kind == "marker"}
-        solids = [
-            solid
-            for solid in solids_of(mjm, config.geometry)
-            if self.tree.owner[mjm.geom_bodyid[solid.geom]] not in markers
-        ]
+        owners = self.tree.owner
+        solids = [s for s in solids_of(mjm, config.geometry) if owners[mjm.geom_bodyid[s.geom]] not in markers]
         placed = {name: part for name, part in config.parts.items() if part.kind in ("free", "fixture")}
         clearances = {name: part.clearance for name, part in placed.items()}
         clearances |= {name: robot.clearance for name, robot in config.all_robots.items()}
@@ -118,9 +114,17 @@ class Auditor:
         self.contacts.at_home |= self.heaped
         jointed = {name for name, part in config.objects.items() if part.joints}
         jointed |= {name for name, robot in config.all_robots.items() if robot.joints}
-        self.collisions = CollisionAudit(
-            self.tree, solids, config.geometry, clearances, jointed, self.contacts.at_home, {*drawn, *jointed}, drawn
+        pairs = judged_pairs(
+            self.tree,
+            solids,
+            config.geometry,
+            clearances,
+            jointed=jointed,
+            at_home=self.contacts.at_home,
+            moved={*drawn, *jointed},
+            placed=drawn,
         )
+        self.collisions = CollisionAudit(self.tree, solids, pairs)
         home = home_of(mjm, config.home)
         outlines = Outlines(self.tree, solids, config, bodies, pose_of(home))
         self.standing = StandingAudit(self.tree, solids, config, outlines, pose_of(home), heaps)
@@ -134,7 +138,7 @@ class Auditor:
         self.free = {name: bodies[name] for name, part in placed.items() if part.kind == "free"}
 
     def judge(self, table: LayoutTable, *, settled: int = 0) -> Report:
-        """Check layouts. Of absent objects only their groups, contacts and settling are checked.
+        """Check layouts. Of absent objects only the groups, contacts and settling are checked.
 
         Args:
             table: The layouts.
@@ -148,9 +152,9 @@ class Auditor:
             poses = poses_of(self.mjm, some)
             there = presence(self.config, some)
             found, supporting = self.standing.check(poses)
-            misplaced += [Misplaced(start + m.row, m.name, m.cause) for m in found if there[m.name][m.row]]
+            misplaced += [replace(m, row=start + m.row) for m in found if there[m.name][m.row]]
             nearer = {
-                (c.row, c.geoms): Conflict(start + c.row, c.geoms, c.owners, c.distance, c.clearance)
+                (c.row, c.geoms): replace(c, row=start + c.row)
                 for c in self.collisions.missed(poses, supporting)
                 if all(there[owner][c.row] for owner in c.owners if owner in there)
             }
@@ -165,7 +169,7 @@ class Auditor:
         return self._settle(report, table[slice(0, settled)])
 
     def _settle(self, report: Report, table: LayoutTable) -> Report:
-        """Return the report with what becomes of the free objects of some layouts."""
+        """Return the report with the motion of free objects in some layouts."""
         if not len(table) or not self.free:
             return report
         limp = limp_joints(self.mjm, self._robots())
@@ -185,7 +189,7 @@ class Auditor:
         )
 
     def _robots(self) -> set[int]:
-        """Return the bodies of the robots, and of whatever else is no object of the scene but has actuators."""
+        """Return the bodies of the robots, and of anything else with actuators that is no object of the scene."""
         mjm, owner = self.mjm, self.tree.owner
         joints = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
         names = {
@@ -197,7 +201,7 @@ class Auditor:
         return {body for body, name in enumerate(owner) if name in names}
 
     def judge_language(self, table: LayoutTable) -> list[Kept]:
-        """Check only relations, orientations and groups, which is fast."""
+        """Check relations, orientations and groups alone, which is fast."""
         kept: list[Kept] = []
         for start, some in table.chunks(CHUNK):
             kept = self.language.add(kept, start, poses_of(self.mjm, some), presence(self.config, some))
@@ -212,7 +216,7 @@ class Auditor:
             order: Names of the placed objects in placement order; those after the candidate are not there yet.
 
         Returns:
-            The candidates that keep their clearance from everything, and have no contact that is not allowed for.
+            The candidates that keep their clearance from everything, and have no contact that is not allowed.
         """
         alarms = []
         names = np.asarray(candidate)
@@ -231,12 +235,12 @@ class Auditor:
                     if c.acts and _takes_part(c, mine[rows[c.row]], rank)
                 }
                 found = [a for a in found if a.row not in hit]
-            alarms += [FalseAlarm(start + a.row, a.owners, a.surplus) for a in found]
+            alarms += [replace(a, row=start + a.row) for a in found]
             self.progress("candidates judged", start + len(some), len(table))
         return alarms
 
 
 def _takes_part(contact: Contact, candidate: str, rank: Mapping[str, int]) -> bool:
-    """Return whether a contact is one of the candidate with something that is already there, or with itself."""
+    """Return whether a contact is between the candidate and itself or something placed before it."""
     others = [owner for owner in contact.owners if owner != candidate]
     return len(others) < 2 and all(rank.get(owner, -1) < rank[candidate] for owner in others)

@@ -1,4 +1,4 @@
-"""What carries an object in a layout, by the name that its scene file gives it."""
+"""The body that carries an object in a layout, by the name that its scene file gives it."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from sceniris_gym.config.scene import SceneConfig
 
 
 class Carrier(NamedTuple):
-    """What carries an object.
+    """The carrier of an object.
 
     Attributes:
-        body: Id of the body that carries it; 0 for the world.
-        geom: Id of the one geom on which it stands; None for any geom of the body.
-        owner: The object whose body it is; None for the world and for what never moves.
+        body: Id of the body; 0 for the world.
+        geom: Id of the one geom that carries; None for any geom of the body.
+        owner: The object that owns the body; None for the world and for bodies that never move.
     """
 
     body: int
@@ -26,18 +26,18 @@ class Carrier(NamedTuple):
 
 
 def is_ground(config: SceneConfig, parent: str) -> bool:
-    """Return whether a support is the ground workspace, whose size the scene says."""
+    """Return whether a support is the ground workspace, whose size is in the scene file."""
     return parent == FLOOR and config.floor is not None
 
 
 def carrier_of(mjm: mujoco.MjModel, bodies: Mapping[str, int], config: SceneConfig, parent: str) -> Carrier:
-    """Find what carries an object.
+    """Return the carrier of an object.
 
     Args:
         mjm: The model.
         bodies: Object name -> root body id.
         config: The scene.
-        parent: What the scene file calls it: 'floor', 'object', 'object/body', a geom or a body that never moves.
+        parent: Its name in the scene file: 'floor', 'object', 'object/body', a geom or a body that never moves.
     """
     if is_ground(config, parent):
         return Carrier(0)
@@ -46,7 +46,7 @@ def carrier_of(mjm: mujoco.MjModel, bodies: Mapping[str, int], config: SceneConf
         return Carrier(bodies[parent], owner=parent)
     if owner in bodies:
         own = config.objects[owner].body or owner
-        spaces = (own, own.rpartition("/")[0])  # an attached model's names begin alike
+        spaces = (own, own.rpartition("/")[0])  # names of an attached model have a prefix
         names = [part, *(f"{space}/{part}" for space in spaces)]
         ids = [mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, name) for name in reversed(names)]
         inside = [i for i in ids if i >= 0 and _is_inside(mjm, i, bodies[owner])]

@@ -1,8 +1,8 @@
-"""Forward and inverse kinematics in torch: the judge of what an arm reaches, for arms without a closed form.
+"""Forward and inverse kinematics in torch, with which the audit judges the reach of an arm.
 
-Resets and maps use those in Warp, in reach/solve.py, and none of that is used here. The chain is one of
-pytorch-kinematics, made from the bodies of an MjModel. Its own MJCF reader cannot be used: it fails on joints under
-MuJoCo 4, supports one joint per body, and gives hinges without limits the range (0, 0).
+Nothing is shared with reach/solve.py, the kinematics in Warp of resets and maps. The chain is one of
+pytorch-kinematics, made from the bodies of an MjModel. The MJCF reader of that library does not do: it fails on joints
+under MuJoCo 4, supports one joint per body, and gives hinges without limits the range (0, 0).
 """
 
 from __future__ import annotations
@@ -13,15 +13,16 @@ import pytorch_kinematics as pk
 import torch
 from pytorch_kinematics.frame import Frame, Joint, Link
 
+from sceniris_gym.audit.geometry import frame
 from sceniris_gym.errors import ArgumentError
 
 POSITION = 1e-3
-"""How far [m] a TCP may be from a pose that counts as reached."""
+"""Greatest distance [m] of the TCP from a pose that counts as reached."""
 ROTATION = np.radians(0.5)
-"""How far [rad] it may be turned from it."""
-# A radian of error counts as much as this many metres: about half the size of an arm's links.
+"""Greatest angle [rad] between the two."""
+# A radian of error counts as much as this many metres, about half the length of an arm's link.
 _LEVER = 0.3
-# The damping of a step is this share of the squared error, and at least that much in a singular pose.
+# Damping of a step: a share of the squared error, plus a constant for singular poses.
 _DAMPING, _LEAST_DAMPING = 0.1, 1.0e-6
 _LONGEST_STEP = 1.0  # [rad, m]
 
@@ -32,7 +33,7 @@ class Chain:
     Forward kinematics agree with MuJoCo's to 1e-14 m in float64, and to 2e-7 m in float32 for arms of about a metre.
 
     Args:
-        mjm: A model with the arm in it.
+        mjm: The model with the arm.
         root: Id of the arm's base body.
         site: Id of the site that is its TCP.
         device: Torch's name of the device.
@@ -50,10 +51,8 @@ class Chain:
         self.joints = joints_between(mjm, root, int(mjm.site_bodyid[site]))
         limited = mjm.jnt_limited[self.joints].astype(bool)
         low, high = mjm.jnt_range[self.joints].T
-        self.lower, self.upper = (
-            self._tensor(np.where(limited, low, -np.inf)),
-            self._tensor(np.where(limited, high, np.inf)),
-        )
+        self.lower = self._tensor(np.where(limited, low, -np.inf))
+        self.upper = self._tensor(np.where(limited, high, np.inf))
         self._ref = self._tensor(mjm.qpos0[mjm.jnt_qposadr[self.joints]])
         self._slide = self._tensor(mjm.jnt_type[self.joints] == mujoco.mjtJoint.mjJNT_SLIDE).bool()
         self.serial = pk.SerialChain(_tree(mjm, root, site), "tcp", dtype=torch.float64).to(dtype, device)
@@ -79,13 +78,13 @@ class Chain:
         Args:
             poses: TCP poses in the base frame, shape (N, 4, 4).
             seeds: Joints to start from, tried in this order for every pose, shape (K, n). If None, they are drawn.
-            restarts: How many starts to draw, uniformly within limits (-pi to pi where a hinge has none).
-            iterations: Steps from each start.
+            restarts: Number of drawn starts, uniform within limits (-pi to pi for a hinge without).
+            iterations: Number of steps from each start.
             seed: Seed of the draws.
 
         Returns:
-            Joints [rad, m], shape (N, n), within limits: a solution, or the closest joints that were found; and whether
-            their TCP is within POSITION and ROTATION of the pose, shape (N,), bool.
+            Joints [rad, m] within limits, shape (N, n): a solution, or the closest joints found; and whether their TCP
+            is within POSITION and ROTATION of the pose, shape (N,), bool.
 
         Raises:
             ArgumentError: `poses` or `seeds` have the wrong shape, or there are no starts.
@@ -95,7 +94,7 @@ class Chain:
             raise ArgumentError(f"ik: poses have shape {tuple(poses.shape)}, but should have (N, 4, 4).")
         starts = self.random_joints(restarts, seed) if seeds is None else self._joints("seeds", seeds)
         if not len(starts):
-            raise ArgumentError("ik: there are no joints to start from; give seeds, or restarts should be at least 1.")
+            raise ArgumentError("ik: there are no joints to start from. Give seeds, or at least one restart.")
         best = self._within(starts[:1]).repeat(len(poses), 1)
         error = torch.full((len(poses),), torch.inf, dtype=self.dtype, device=self.device)
         ok = torch.zeros(len(poses), dtype=torch.bool, device=self.device)
@@ -113,11 +112,11 @@ class Chain:
         return best, ok
 
     def refine(self, poses: torch.Tensor, q: torch.Tensor, iterations: int) -> torch.Tensor:
-        """Move joints, shape (N, n), towards TCP poses, shape (N, 4, 4), without leaving the limits.
+        """Return joints (N, n) moved towards TCP poses (N, 4, 4) within limits.
 
         Damping shrinks with the squared error (T. Sugihara, "Solvability-unconcerned inverse kinematics by the
-        Levenberg-Marquardt method", IEEE Transactions on Robotics 27, 2011). Joints at a limit that want beyond it are
-        left out of a step. Hinges without limits come back in [-pi, pi].
+        Levenberg-Marquardt method", IEEE Transactions on Robotics 27, 2011). A step leaves out joints that it would
+        push beyond a limit. Hinges without limits come back in [-pi, pi].
         """
         q = self._within(q)
         lever = self._tensor([1.0, 1.0, 1.0, _LEVER, _LEVER, _LEVER])
@@ -137,24 +136,24 @@ class Chain:
         return self._within(q)
 
     def errors(self, poses: torch.Tensor, q: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return how far the TCP at joints (N, n) is from poses (N, 4, 4): distances [m] and angles [rad], (N,)."""
+        """Return distances [m] and angles [rad], (N,), between the TCP at joints (N, n) and poses (N, 4, 4)."""
         e = _difference(self.fk(q), poses)
         return e[:, :3].norm(dim=1), e[:, 3:].norm(dim=1)
 
     def random_joints(self, num: int, seed: int = 0) -> torch.Tensor:
-        """Return joints drawn uniformly within limits (-pi to pi where a hinge has none), shape (num, n)."""
+        """Return joints drawn uniformly within limits (-pi to pi for a hinge without), shape (num, n)."""
         lower = torch.where(torch.isfinite(self.lower), self.lower, -torch.pi)
         upper = torch.where(torch.isfinite(self.upper), self.upper, torch.pi)
         draws = torch.rand((num, len(lower)), dtype=torch.float64, generator=torch.Generator().manual_seed(seed))
         return lower + self._tensor(draws) * (upper - lower)
 
     def _within(self, q: torch.Tensor) -> torch.Tensor:
-        """Clamp joints to limits, and wrap hinges without limits to [-pi, pi]."""
+        """Return joints clamped to limits, hinges without limits wrapped to [-pi, pi]."""
         turns = torch.where(torch.isfinite(self.lower) | self._slide, 0.0, torch.round(q / (2.0 * torch.pi)))
         return torch.clamp(q - 2.0 * torch.pi * turns, self.lower, self.upper)
 
     def _joints(self, name: str, values: torch.Tensor | np.ndarray) -> torch.Tensor:
-        """Joints from the user, with their shape checked."""
+        """Return joints from the user after a check of their shape."""
         q, n = self._tensor(values), len(self.lower)
         if q.ndim != 2 or q.shape[1] != n:
             raise ArgumentError(f"{name} has shape {tuple(q.shape)}, but should have (N, {n}).")
@@ -175,14 +174,14 @@ def joints_between(mjm: mujoco.MjModel, root: int, body: int) -> np.ndarray:
 
 
 def _tree(mjm: mujoco.MjModel, root: int, site: int) -> pk.Chain:
-    """Return an arm as frames of pytorch-kinematics: a fixed base, a frame for each joint, and the TCP, fixed."""
+    """Return an arm as frames of pytorch-kinematics: a fixed base, one frame per joint, and the fixed TCP."""
     path = [int(mjm.site_bodyid[site])]
     while path[-1] != root:
         path.append(int(mjm.body_parentid[path[-1]]))
     top = tip = Frame("base", link=Link("base"), joint=Joint("base"))
     offset = np.eye(4)  # from the last frame
     for body in path[-2::-1]:
-        offset = offset @ _matrix(mjm.body_pos[body], mjm.body_quat[body])
+        offset = offset @ frame(mjm.body_pos[body], mjm.body_quat[body])
         first = int(mjm.body_jntadr[body])
         for i in range(first, first + int(mjm.body_jntnum[body])):
             to_anchor, back = np.eye(4), np.eye(4)
@@ -191,7 +190,7 @@ def _tree(mjm: mujoco.MjModel, root: int, site: int) -> pk.Chain:
             axis = torch.as_tensor(mjm.jnt_axis[i])
             tip = _added(tip, f"joint {i}", offset @ to_anchor, kind, axis)
             offset = back
-    _added(tip, "tcp", offset @ _matrix(mjm.site_pos[site], mjm.site_quat[site]), "fixed", None)
+    _added(tip, "tcp", offset @ frame(mjm.site_pos[site], mjm.site_quat[site]), "fixed", None)
     return pk.Chain(top, dtype=torch.float64)
 
 
@@ -199,9 +198,9 @@ def _added(tip: Frame, name: str, offset: np.ndarray, kind: str, axis: torch.Ten
     """Add a frame to the end of a chain, and return it."""
     moved = pk.Transform3d(matrix=torch.as_tensor(offset), dtype=torch.float64)
     joint = Joint(name, moved, kind, axis, torch.float64)
-    frame = Frame(name, link=Link(name), joint=joint)
-    tip.add_child(frame)
-    return frame
+    added = Frame(name, link=Link(name), joint=joint)
+    tip.add_child(added)
+    return added
 
 
 def _difference(at: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
@@ -212,11 +211,3 @@ def _difference(at: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
     sine = quat[:, 1:].norm(dim=1, keepdim=True)
     scale = torch.where(sine > 1e-9, 2.0 * torch.atan2(sine, quat[:, :1]) / sine.clamp(min=1e-9), 2.0)
     return torch.cat([wanted[:, :3, 3] - at[:, :3, 3], scale * quat[:, 1:]], dim=1)
-
-
-def _matrix(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
-    """Return a pose, position [m] and wxyz quaternion, as a homogeneous matrix (4, 4)."""
-    turn, pose = np.empty(9), np.eye(4)
-    mujoco.mju_quat2Mat(turn, quat)
-    pose[:3, :3], pose[:3, 3] = turn.reshape(3, 3), pos
-    return pose

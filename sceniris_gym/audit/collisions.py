@@ -1,15 +1,15 @@
-"""Checks distances: layouts for pairs nearer than their clearance, and rejected candidates for false alarms."""
+"""Checks of distances: pairs nearer than their clearance in layouts, false alarms among rejected candidates."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sceniris_gym.audit.distance import Narrow
 from sceniris_gym.audit.geometry import Form, Poses, Solid
-from sceniris_gym.audit.pairs import Judged, Tree, judged_pairs
+from sceniris_gym.audit.pairs import Judged, Tree
 
 MISSED_TOLERANCE = 1e-5  # m; a layout may be this much nearer than its clearance
 POLYHEDRON_TOLERANCE = 1e-5  # m; a rejected candidate may be this much farther than its clearance
@@ -24,8 +24,8 @@ class Conflict:
         row: The layout.
         geoms: Ids of the two geoms.
         owners: Names of the two objects.
-        distance: Distance [m]; at most 0 if the surfaces cross, minus infinity if one is inside the other.
-        clearance: The least distance that they must keep [m]; negative where they may be as deep as they are at home.
+        distance: Distance [m]; at most 0 if the surfaces cross, minus infinity if one solid is inside the other.
+        clearance: The least distance that they must keep [m]; negative if they may be as deep as at home.
     """
 
     row: int
@@ -41,7 +41,7 @@ class FalseAlarm:
 
     Attributes:
         row: The candidate.
-        owners: Names of the nearest pair, None if nothing is near.
+        owners: Names of the nearest pair; None if nothing is near.
         surplus: Distance beyond the clearance [m], infinite if nothing is near.
     """
 
@@ -56,37 +56,19 @@ class CollisionAudit:
     Args:
         tree: Owners of the bodies.
         solids: The solids of the model.
-        geometry: "physics" or "visual".
-        clearances: Clearance [m] of each placed object.
-        jointed: Names of the objects whose joints are drawn.
-        at_home: Pairs of geoms that touch at home, which are not judged here.
-        moved: Names of the objects that layouts move, None for all that can move; pairs of others are not judged here.
-        placed: Names of the objects that layouts place, None for all; two others keep no clearance.
+        pairs: The pairs of them that must be apart.
     """
 
-    def __init__(
-        self,
-        tree: Tree,
-        solids: list[Solid],
-        geometry: str,
-        clearances: Mapping[str, float],
-        jointed: Collection[str] = (),
-        at_home: Collection[tuple[int, int]] = (),
-        moved: Collection[str] | None = None,
-        placed: Collection[str] | None = None,
-    ) -> None:
-        self.tree, self.solids = tree, solids
-        self.pairs = judged_pairs(
-            tree, solids, geometry, clearances, jointed=jointed, at_home=at_home, moved=moved, placed=placed
-        )
+    def __init__(self, tree: Tree, solids: list[Solid], pairs: list[Judged]) -> None:
+        self.tree, self.solids, self.pairs = tree, solids, pairs
         self._narrow = Narrow(solids)
         self._body = [int(tree.mjm.geom_bodyid[s.geom]) for s in solids]
 
     def missed(self, poses: Poses, supporting: Mapping[str, np.ndarray]) -> list[Conflict]:
         """Return all pairs of solids that are nearer than their clearance.
 
-        An object and the body that supports it may touch, but must not intersect: they are tested with the object
-        raised by the tolerance, as FCL gives no penetration depth for meshes.
+        An object may touch the body that supports it, but not intersect it. FCL gives no penetration depth for meshes,
+        so the object is raised by the tolerance for this test.
 
         Args:
             poses: World poses of the rows.
@@ -118,7 +100,7 @@ class CollisionAudit:
             poses: World poses of the rows; in each, the candidate stands where it was rejected.
             supporting: Object name -> id of the body that supports it in each row, shape (nrow,), -1 for none.
             candidate: Name of the rejected object of each row.
-            order: Names of the placed objects; those after the candidate are not there yet.
+            order: Names of the placed objects in placement order; those after the candidate are not there yet.
         """
         rank = {name: i for i, name in enumerate(order)}
         names = np.array(candidate)
@@ -137,7 +119,7 @@ class CollisionAudit:
     def _nearest(
         self, row: int, poses: Poses, supporting: Mapping[str, np.ndarray], names: np.ndarray, rank: Mapping[str, int]
     ) -> FalseAlarm:
-        """Return how far beyond the clearance the candidate of a row is from what is nearest to it."""
+        """Return the pair with the candidate of a row that has the least distance beyond its clearance."""
         found = FalseAlarm(row, None, np.inf)
         rows = np.array([row])
         for pair in self.pairs:
@@ -161,7 +143,7 @@ class CollisionAudit:
         return POLYHEDRON_TOLERANCE if forms <= {Form.POLYHEDRON, Form.HALFSPACE} else CURVED_TOLERANCE
 
     def _takes_part(self, pair: Judged, candidate: np.ndarray, rank: Mapping[str, int]) -> np.ndarray:
-        """Return the rows in which the pair is the candidate and something that is already there, shape (nrow,)."""
+        """Return the rows in which the pair is the candidate and itself or an earlier object, shape (nrow,)."""
         mine = [candidate == owner for owner in pair.owners]
         if pair.owners[0] == pair.owners[1]:
             return mine[0]
@@ -170,7 +152,7 @@ class CollisionAudit:
         return (mine[0] & there[1]) | (mine[1] & there[0])
 
     def _lifted(self, pair: Judged, supporting: Mapping[str, np.ndarray], nrow: int) -> np.ndarray:
-        """Return per row 1 or 2 if the pair's first or second solid is supported by the other's body, else 0."""
+        """Return for each row 1 or 2 if the body of the other solid supports the first or second one, else 0."""
         lifted = np.zeros(nrow, int)
         for side, (solid, other) in enumerate(((pair.first, pair.second), (pair.second, pair.first)), start=1):
             owner = self.tree.owner[self._body[solid]]
@@ -179,7 +161,7 @@ class CollisionAudit:
         return lifted
 
     def _over_halfspace(self, pair: Judged) -> int | None:
-        """Return the solid over a half-space, None where no half-space takes part."""
+        """Return the solid over a half-space; None if neither is one."""
         if self.solids[pair.first].form is Form.HALFSPACE:
             return pair.second
         return pair.first if self.solids[pair.second].form is Form.HALFSPACE else None
@@ -188,7 +170,7 @@ class CollisionAudit:
         return self.solids[pair.first].geom, self.solids[pair.second].geom
 
     def _lower_bound(self, pair: Judged, poses: Poses, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Return a lower bound of the distance [m] in each row: exact for half-spaces, else of the boxes."""
+        """Return a lower bound of the distance [m] in each row: exact for half-spaces, else from the boxes."""
         geoms = self._geoms(pair)
         pos = [poses.geom_xpos[rows, g] for g in geoms]
         mat = [poses.geom_xmat[rows, g] for g in geoms]

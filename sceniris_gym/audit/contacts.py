@@ -1,11 +1,11 @@
-"""Asks MuJoCo C what collides in layouts, and judges it: a contact is a missed collision, or says why it is none.
+"""Contacts of layouts in MuJoCo C: each is a missed collision, or is allowed for a reason.
 
-MuJoCo's own rules hold as it applies them: contact bits, `exclude` and `pair`, margins, parents and welded bodies. Two
-kinds of contact are allowed for:
+MuJoCo applies its own rules: contact bits, `exclude` and `pair`, margins, parents and welded bodies. Two kinds of
+contact are allowed:
 
-- What carries an object may come within the margin of the pair, but not intersect it.
-- Geoms that touch at home already, in poses relative to each other that no placing changes: of links of a robot, of
-  doors of a cabinet, of a robot and the desk it is mounted on. They may be as deep as they are at home.
+- An object may be within the contact margin of its support, but must not intersect it.
+- Geoms that touch at home, in a relative pose that no placing changes, may be as deep as at home: links of a robot,
+  doors of a cabinet, a robot and the desk it is mounted on.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from sceniris_gym.audit.geometry import home_of
 from sceniris_gym.audit.pairs import Tree
 from sceniris_gym.scene.layout_table import LayoutTable
 
-CONTACT_TOLERANCE = 1e-5  # m; deeper than that is a collision
-ROUNDING = 1e-6  # m; contacts of geoms that stay as they are at home are deeper and less deep by this
-_APART = 1000.0  # m; distance between placed objects where contacts at home are looked for
+CONTACT_TOLERANCE = 1e-5  # m; a deeper contact is a collision
+ROUNDING = 1e-6  # m; the depth of contacts between geoms that stay as they are at home varies by this
+_APART = 1000.0  # m; distance between placed objects in the search for contacts at home
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class Contact:
         row: The layout.
         geoms: Ids of the two geoms, the lower one first.
         owners: Names of the two objects.
-        depth: By how much they are nearer than the distance from which MuJoCo acts [m]; that distance is 0 for what
-            carries an object, and where there is no margin.
-        home: The same at home where the two geoms touch there, else None.
+        depth: Depth below the distance at which MuJoCo begins to act [m]: the margin of the pair, or 0 between an
+            object and its support.
+        home: The depth at home if the two geoms touch there, else None.
     """
 
     row: int
@@ -47,24 +47,24 @@ class Contact:
 
     @property
     def excess(self) -> float:
-        """How much deeper it is than it may be [m]."""
+        """The depth beyond what is allowed [m]."""
         return self.depth - (self.home or 0.0)
 
     @property
     def acts(self) -> bool:
-        """Whether it is deeper than it may be, by however little."""
+        """Whether it is deeper than allowed, beyond rounding."""
         return self.excess > (0.0 if self.home is None else ROUNDING)
 
 
 @dataclass(frozen=True)
 class Allowed:
-    """Two bodies whose contacts are allowed for.
+    """Two bodies with allowed contacts.
 
     Attributes:
         names: Names of the two bodies.
         why: The reason.
-        home: How deep they are in each other at home [m], 0 if they only touch.
-        depth: How deep at most they are in the layouts [m].
+        home: Their depth in each other at home [m], 0 if they only touch.
+        depth: Their greatest depth in the layouts [m].
     """
 
     names: tuple[str, str]
@@ -79,11 +79,11 @@ class ContactAudit:
     Args:
         tree: Owners of the bodies.
         placed: Name -> root body id of the objects whose poses are drawn.
-        markers: Names of objects that may be in anything.
+        markers: Names of objects that may intersect anything.
 
     Attributes:
-        at_home: Pairs of geoms, the lower id first, that touch at home -> how deep they are in each other there [m].
-            Those of heaps, which touch as MuJoCo settled them, are added with how deep they may be.
+        at_home: Pairs of geoms, the lower id first, that touch at home -> their depth there [m]. Pairs of heaps, which
+            touch as MuJoCo settled them, are added with the depth that they may have.
     """
 
     def __init__(self, tree: Tree, placed: Mapping[str, int], markers: set[str]) -> None:
@@ -92,7 +92,7 @@ class ContactAudit:
         self.at_home = self._touching_at_home(placed)
 
     def contacts(self, table: LayoutTable, supporting: Mapping[str, np.ndarray]) -> Iterator[Contact]:
-        """Yield the deepest contact of every two geoms in every row, also those that are allowed.
+        """Yield the deepest contact of every pair of geoms in every row, allowed ones included.
 
         Args:
             table: The layouts.
@@ -118,7 +118,7 @@ class ContactAudit:
                     yield Contact(row, geoms, owners, depth, self.at_home.get(geoms))
 
     def _touching_at_home(self, placed: Mapping[str, int]) -> dict[tuple[int, int], float]:
-        """Find geoms that touch at home, each placed object far from all others, so that nothing is said of these."""
+        """Return geoms that touch at home -> depth [m], with each placed object moved far from all others."""
         mjm, owner, data = self.tree.mjm, self.tree.owner, home_of(self.tree.mjm, self.tree.keyframe)
         for i, body in enumerate(placed.values(), start=1):
             away = [_APART * i, 0.0, _APART]
@@ -128,7 +128,7 @@ class ContactAudit:
                 adr = mjm.jnt_qposadr[mjm.body_jntadr[body]]
                 data.qpos[adr : adr + 3] = away
         mujoco.mj_kinematics(mjm, data)
-        wide = copy(mjm)  # finds as well what is nearer than the tolerance
+        wide = copy(mjm)  # also reports geoms that are nearer than the tolerance
         wide.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_OVERRIDE
         wide.opt.o_margin = CONTACT_TOLERANCE
         found: dict[tuple[int, int], float] = {}
@@ -142,15 +142,15 @@ class ContactAudit:
 
 
 class ContactTally:
-    """Sorts contacts into missed collisions and what is allowed for, as they come in.
+    """Running counts of missed collisions and allowed contacts.
 
     Args:
         mjm: The model.
-        geometry: "physics" or "visual"; with the latter all contacts are allowed for.
+        geometry: "physics" or "visual"; with the latter all contacts are allowed.
         heaped: Pairs of geoms, the lower id first, that touch as MuJoCo settled them.
 
     Attributes:
-        deepest: The contact that is deepest beyond what it may be, None if there is none.
+        deepest: The contact with the greatest excess, None if there is none.
     """
 
     def __init__(self, mjm: mujoco.MjModel, geometry: str, heaped: Collection[tuple[int, int]] = ()) -> None:
@@ -159,7 +159,7 @@ class ContactTally:
         self.deepest: Contact | None = None
 
     def add(self, start: int, contacts: Iterable[Contact]) -> list[Contact]:
-        """Return those of some contacts that are missed collisions; their rows are counted from `start` on."""
+        """Count contacts, whose rows begin at `start`, and return the missed collisions among them."""
         missed = []
         for c in contacts:
             if self._visual or c.home is not None:
@@ -173,7 +173,7 @@ class ContactTally:
         return missed
 
     def allowed(self) -> list[Allowed]:
-        """Return the pairs of bodies whose contacts were allowed for."""
+        """Return the pairs of bodies with allowed contacts."""
         return [self._allowed[bodies] for bodies in sorted(self._allowed)]
 
     def _allow(self, c: Contact) -> None:
@@ -190,7 +190,7 @@ class ContactTally:
 
 
 def _pairs(mjm: mujoco.MjModel, data: mujoco.MjData) -> Iterator[tuple[tuple[int, int], float, float]]:
-    """Yield geoms, distance [m] and the distance from which MuJoCo acts, of all contacts at the poses in `data`."""
+    """Yield (geoms, distance [m], distance below which MuJoCo acts [m]) of all contacts at the poses in `data`."""
     mujoco.mj_comPos(mjm, data)
     mujoco.mj_collision(mjm, data)
     contacts = data.contact

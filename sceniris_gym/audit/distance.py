@@ -1,13 +1,13 @@
 """Exact distances between solids by FCL, and containment by winding numbers.
 
-Which of FCL's algorithms can be trusted was measured against Minkowski differences in double precision:
+The algorithms of FCL were measured against Minkowski differences in double precision:
 
 - Triangle BVH against triangle BVH: errors below 1e-16 m over 1,425 random pairs of hulls and boxes. Boxes, hulls and
   meshes are therefore BVHs here. GJK on `fcl.Convex` was wrong by up to 7e-5 m and is not used.
 - A sphere or capsule is a point or segment (a degenerate triangle in a BVH) widened by its radius: below 1e-16 m too.
 - Cylinders and ellipsoids stay FCL primitives: 2e-6 m against a BVH, up to 3e-4 m against each other.
 
-BVHs are hollow: a solid wholly inside another one touches no triangle. Hence the winding number.
+BVHs are hollow: a solid that is wholly inside another one touches no triangle, so containment needs the winding number.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Narrow:
     """Distances between the solids of one model.
 
     Args:
-        solids: The solids, which the methods refer to by index.
+        solids: The solids, to which the methods refer by index.
     """
 
     def __init__(self, solids: list[Solid]) -> None:
@@ -63,9 +63,9 @@ class Narrow:
 
 
 def winding_number(triangles: np.ndarray, point: np.ndarray) -> float:
-    """Return how often triangles (n, 3, 3) wind around a point (3,): 1 inside a closed surface, 0 outside.
+    """Return the winding number of triangles (n, 3, 3) around a point (3,): 1 inside a closed surface, 0 outside.
 
-    This is the sum of the signed solid angles, after Van Oosterom and Strackee (1983), over 4 pi.
+    It is the sum of the signed solid angles (A. Van Oosterom and J. Strackee, 1983) over 4 pi.
     """
     a, b, c = (triangles - point).transpose(1, 0, 2)
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))

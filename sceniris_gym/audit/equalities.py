@@ -1,4 +1,4 @@
-"""Whether layouts keep the equalities of their model: welds, connects, coupled joints and tendons, by MuJoCo C."""
+"""Check of the equalities of a model in layouts, by MuJoCo C: welds, connects, coupled joints and tendons."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import numpy as np
 from sceniris_gym.scene.layout_table import LayoutTable
 
 BROKEN = 2e-4
-"""An equality that is missed by more [m or rad] is broken: keyframes are written with few digits."""
+"""Greatest error of an equality that is kept [m or rad]; keyframes have few digits."""
 
 
 @dataclass(frozen=True)
 class Equalities:
-    """How well layouts keep equalities.
+    """Errors of the equalities in layouts.
 
     Attributes:
-        broken: Number of layouts in which any is missed by more than `BROKEN`.
-        worst: The largest amount by which one is missed [m or rad].
-        name: The equality that is missed most, by its number if it has no name; empty if none is missed.
+        broken: Number of layouts with an error above `BROKEN`.
+        worst: The largest error [m or rad].
+        name: The equality with the largest error, by its number if it has no name; empty if there is no error.
     """
 
     broken: int
@@ -29,7 +29,7 @@ class Equalities:
 
 
 def equalities(mjm: mujoco.MjModel, table: LayoutTable) -> Equalities:
-    """Return how well layouts keep the active equalities of a model."""
+    """Return the errors of the active equalities of a model in layouts."""
     if not mjm.neq:
         return Equalities(0, 0.0, "")
     data = mujoco.MjData(mjm)

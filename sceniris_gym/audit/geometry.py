@@ -1,7 +1,7 @@
-"""Solids of a MuJoCo model and their poses, derived from the model alone.
+"""Solids of a MuJoCo model and their poses.
 
-The audit judges layouts, so it shares no code with what makes them: everything here is derived from a `mujoco.MjModel`
-in double precision.
+The audit shares no code with the generator that it judges: all of this comes from a `mujoco.MjModel`, in double
+precision.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _VISIBLE_GROUPS = (0, 1, 2)
 
 
 class Form(Enum):
-    """How the solid of a geom is described."""
+    """Description of the solid of a geom."""
 
     POLYHEDRON = "polyhedron"  # closed triangle surface: boxes, hulls of meshes, meshes
     ROUNDED = "rounded"  # all points within `radius` of a point or a segment: spheres, capsules
@@ -36,11 +36,11 @@ class Solid:
 
     Attributes:
         geom: Geom id.
-        form: How the solid is described.
+        form: Its kind of description.
         vertices: Surface vertices of a polyhedron, or the point or segment inside a rounded solid, shape (nvert, 3).
         faces: Triangles of a polyhedron, counter-clockwise seen from outside, shape (nface, 3).
         radius: Radius of a rounded solid, else 0.
-        size: Geom sizes as MuJoCo has them, shape (3,).
+        size: MuJoCo's sizes of the geom, shape (3,).
         center: Centre of the local bounding box, shape (3,).
         half: Half extents of the local bounding box, shape (3,); infinite for a half-space.
     """
@@ -100,9 +100,9 @@ def poses_of(mjm: mujoco.MjModel, table: LayoutTable) -> Poses:
 
 
 def home_of(mjm: mujoco.MjModel, keyframe: str | None = None) -> mujoco.MjData:
-    """Return the model's data at a keyframe, 'home' by default, with poses and subtree masses.
+    """Return the data at a keyframe, 'home' by default, with poses and subtree masses.
 
-    Without a keyframe of that name it is at its default state.
+    Without a keyframe of that name, it is the default state.
     """
     data = mujoco.MjData(mjm)
     home = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, keyframe or "home")
@@ -114,9 +114,21 @@ def home_of(mjm: mujoco.MjModel, keyframe: str | None = None) -> mujoco.MjData:
 
 
 def pose_of(data: mujoco.MjData) -> Poses:
-    """Return the poses in an MjData as those of one row."""
+    """Return the poses of an MjData as one row."""
     mats = (data.geom_xmat.reshape(1, -1, 3, 3).copy(), data.xmat.reshape(1, -1, 3, 3).copy())
     return Poses(data.geom_xpos[None].copy(), mats[0], data.xpos[None].copy(), mats[1])
+
+
+def rotation(quat: np.ndarray) -> np.ndarray:
+    """Return the rotation matrix (3, 3) of a quaternion (wxyz)."""
+    mat = np.empty(9)
+    mujoco.mju_quat2Mat(mat, quat)
+    return mat.reshape(3, 3)
+
+
+def frame(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
+    """Return a pose, position [m] and quaternion (wxyz), as a homogeneous matrix (4, 4)."""
+    return np.block([[rotation(quat), np.reshape(pos, (3, 1))], [np.zeros(3), 1.0]])
 
 
 def convex_hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -139,7 +151,7 @@ def _mesh(mjm: mujoco.MjModel, mesh: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _mesh_hull(mjm: mujoco.MjModel, mesh: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the hull that MuJoCo collides, which has fewer vertices for a mesh with `maxhullvert`."""
+    """Return the hull with which MuJoCo collides; a mesh with `maxhullvert` has one of fewer vertices."""
     vertices, _ = _mesh(mjm, mesh)
     graphadr = mjm.mesh_graphadr[mesh]
     if graphadr >= 0:
@@ -150,7 +162,7 @@ def _mesh_hull(mjm: mujoco.MjModel, mesh: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def solid_of(mjm: mujoco.MjModel, geom: int, *, hull: bool) -> Solid:
-    """Return the solid of a geom; meshes as their convex hull if `hull`, else as they are drawn.
+    """Return the solid of a geom; a mesh is its convex hull if `hull`, else its drawn surface.
 
     Raises:
         NotSupportedError: The geom has a type that the audit does not know (height field, signed distance field).
@@ -183,12 +195,12 @@ def solid_of(mjm: mujoco.MjModel, geom: int, *, hull: bool) -> Solid:
 
 
 def solids_of(mjm: mujoco.MjModel, geometry: str) -> list[Solid]:
-    """Return the solids of a model: what MuJoCo collides ("physics"), or what is seen ("visual")."""
+    """Return the solids of a model: those that collide ("physics"), or those that are seen ("visual")."""
     collides = (mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)
     if geometry == "physics":
         chosen = collides
     else:
         visible = np.isin(mjm.geom_group, _VISIBLE_GROUPS) & (mjm.geom_rgba[:, 3] > 0)
-        # an invisible plane that collides is still ground, and a drawn backdrop that does not collide is not
+        # An invisible plane that collides is still ground; a drawn backdrop that does not collide is not.
         chosen = np.where(mjm.geom_type == mujoco.mjtGeom.mjGEOM_PLANE, collides, visible)
     return [solid_of(mjm, int(g), hull=geometry == "physics") for g in np.flatnonzero(chosen)]

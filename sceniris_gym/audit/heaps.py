@@ -1,4 +1,4 @@
-"""Heaps: which geoms MuJoCo settled together, and whether things lie in what they fill as one of the settled rows."""
+"""Check of heaps: their things lie in the container as one of the settled rows has them."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.audit.carriers import carrier_of
-from sceniris_gym.audit.geometry import Poses
+from sceniris_gym.audit.geometry import Poses, rotation
 from sceniris_gym.config.scene import SceneConfig
 
-DEEPEST = 1e-3  # m; soft contacts of a heap may be as deep
-AS_SETTLED = 1e-5  # m, and per component of a rotation matrix; more than that is no settled row
+DEEPEST = 1e-3  # m; greatest depth of the soft contacts of a heap
+AS_SETTLED = 1e-5  # m, and per entry of a rotation matrix; greatest difference from a settled row
 
 
 class HeapAudit:
-    """Judges heaps by the file of their rows, which it reads by itself.
+    """Judges heaps by the file of their rows, with a reader of its own.
 
     Args:
         config: The scene.
@@ -30,7 +30,7 @@ class HeapAudit:
         self.things = frozenset(name for heap in config.heaps.values() for name in heap.of)
 
     def may_touch(self) -> dict[tuple[int, int], float]:
-        """Return pairs of geoms, the lower id first, that were settled together -> how deep they may be [m]."""
+        """Return pairs of geoms, the lower id first, that were settled together -> greatest depth [m]."""
         found = {}
         for heap in self.config.heaps.values():
             roots = {self.bodies[name] for name in heap.of}
@@ -44,12 +44,12 @@ class HeapAudit:
         return found
 
     def elsewhere(self, poses: Poses) -> dict[str, np.ndarray]:
-        """Return thing -> the rows of `poses` in which its heap lies as in none of the settled rows, shape (nrow,)."""
+        """Return thing -> rows in which its heap matches none of the settled rows, shape (nrow,)."""
         found = {}
         for heap in self.config.heaps.values():
             with np.load(Path(str(heap.rows))) as stored:
                 pos, quat = stored["pos"].astype(float), stored["quat"].astype(float)
-            mats = np.array([_matrix(q) for q in quat.reshape(-1, 4)]).reshape(*quat.shape[:2], 3, 3)
+            mats = np.array([rotation(q) for q in quat.reshape(-1, 4)]).reshape(*quat.shape[:2], 3, 3)
             filled = self._filled(heap.fill)
             off = np.zeros((len(poses.xpos), len(pos)))
             for i, name in enumerate(heap.of):
@@ -65,7 +65,7 @@ class HeapAudit:
         return carrier_of(self.mjm, self.bodies, self.config, fill).body
 
     def _rigid(self, body: int) -> set[int]:
-        """All bodies of an object that no joint moves relative to one of them."""
+        """Return all bodies of an object that are rigidly connected to one of its bodies."""
         top = body
         while self.mjm.body_parentid[top] != 0 and not self.mjm.body_jntnum[top]:
             top = int(self.mjm.body_parentid[top])
@@ -74,9 +74,3 @@ class HeapAudit:
             if int(self.mjm.body_parentid[other]) in inside and self.mjm.body_jntnum[other] == 0:
                 inside.add(other)
         return inside
-
-
-def _matrix(quat: np.ndarray) -> np.ndarray:
-    mat = np.empty(9)
-    mujoco.mju_quat2Mat(mat, quat)
-    return mat.reshape(3, 3)

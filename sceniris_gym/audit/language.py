@@ -1,9 +1,9 @@
-"""Counts in how many layouts a scene's relations, orientations and groups are kept."""
+"""Counts of the layouts that keep the relations, orientations and groups of a scene."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -19,17 +19,17 @@ TOLERANCES = {"m": 1e-4, "rad": 1e-3, "objects": 0.0}
 
 @dataclass(frozen=True)
 class Kept:
-    """How well one requirement of an object or a group is kept.
+    """Counts for one requirement of an object or a group.
 
     Attributes:
         name: The object or the group.
-        word: The relation (its index among the object's relations, and its word), or the part of the orientation or of
+        word: The relation (its index among the object's relations, and its word), or a part of the orientation or of
             the group.
         unit: "m", "rad" or "objects".
         checked: Number of rows in which it applies.
-        broken: Number of rows in which it is missed by more than the tolerance of the unit.
-        worst: Largest amount by which it is missed, in the unit; at most 0 if it is never missed.
-        row: The row with that amount, -1 if it applies nowhere.
+        broken: Number of rows with a violation above the tolerance of the unit.
+        worst: Largest violation, in the unit; at most 0 if there is none.
+        row: The row with the largest violation, -1 if the requirement applies nowhere.
     """
 
     name: str
@@ -62,9 +62,9 @@ class LanguageAudit:
 
         Args:
             kept: The counts so far, empty at first.
-            start: Index of the first of these rows.
-            poses: Poses in these rows.
-            present: Object name -> rows in which it is there, shape (nrow,).
+            start: Index of the first row.
+            poses: Poses in the rows.
+            present: Object name -> rows in which it is present, shape (nrow,).
         """
         seen = self.outlines.see(poses, present)
         found = [
@@ -77,21 +77,12 @@ class LanguageAudit:
 
 
 def _counted(kept: Kept, start: int, amount: np.ndarray) -> Kept:
-    """Return the counts with rows from `start` on added.
-
-    They miss the requirement by `amount` (nrow,), which is NaN where it does not apply.
-    """
+    """Return the counts with rows from `start` on added: their violations `amount` (nrow,), NaN where none applies."""
     applies = ~np.isnan(amount)
     if not applies.any():
         return kept
     row = int(np.nanargmax(amount))
-    worse = amount[row] > kept.worst
-    return Kept(
-        kept.name,
-        kept.word,
-        kept.unit,
-        kept.checked + int(applies.sum()),
-        kept.broken + int((amount[applies] > TOLERANCES[kept.unit]).sum()),
-        float(amount[row]) if worse else kept.worst,
-        start + row if worse else kept.row,
-    )
+    if amount[row] > kept.worst:
+        kept = replace(kept, worst=float(amount[row]), row=start + row)
+    broken = int((amount[applies] > TOLERANCES[kept.unit]).sum())
+    return replace(kept, checked=kept.checked + int(applies.sum()), broken=kept.broken + broken)

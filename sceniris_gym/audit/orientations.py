@@ -1,4 +1,4 @@
-"""Checks the orientation of every object: its yaw, what it faces, and whether it rests stably."""
+"""Check of orientations: yaw, facing, and stable rest."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from sceniris_gym.audit.relations import ROUNDING, wrapped
 from sceniris_gym.config.orientation import DrawnOrientation
 from sceniris_gym.config.scene import SceneConfig
 
-_LOWEST = 1e-4  # m; points that are at most this far above the lowest one carry the object
-_ONE_POINT = 1e-5  # m; pivots that are no further apart are at one point, but for rounding
+_LOWEST = 1e-4  # m; points up to this height above the lowest one carry the object
+_ONE_POINT = 1e-5  # m; pivots that are no further apart coincide, up to rounding
 
 
 class OrientationAudit:
-    """Measures by how much orientations are missed.
+    """Measures the violation of orientations.
 
     Args:
         config: The scene.
@@ -41,7 +41,7 @@ class OrientationAudit:
         """Measure the orientation of every placed object.
 
         Returns:
-            (object, word, unit) -> by how much it is missed in each row [m or rad], at most 0 where it is right, NaN
+            (object, word, unit) -> violation in each row [m or rad], at most 0 where the orientation is right, NaN
             where the object is absent. Shape (nrow,).
         """
         found, outlines = {}, seen.outlines
@@ -62,7 +62,7 @@ class OrientationAudit:
         return found
 
     def _off_balance(self, name: str, poses: Poses) -> np.ndarray:
-        """Return how far [m] the centre of mass is outside the hull of the lowest points, seen from above."""
+        """Return the distance [m] of the centre of mass from the hull of the lowest points, seen from above."""
         mat = poses.xmat[:, self.outlines.bodies[name]]
         points = np.einsum("nij,kj->nki", mat, self.hulls[name])
         row, corner = np.nonzero(points[:, :, 2] <= points[:, :, 2].min(1)[:, None] + _LOWEST)
@@ -71,7 +71,7 @@ class OrientationAudit:
 
 
 def _center_of_weight(home: mujoco.MjData, root: int) -> np.ndarray:
-    """Return the point [m] at which gravity pulls at what hangs on a root, less what `gravcomp` takes away."""
+    """Return the centre [m] of the weight of a root and all bodies below it, without the share of `gravcomp`."""
     mjm = home.model
     weight = np.where(mjm.body_rootid == root, mjm.body_mass * (1.0 - mjm.body_gravcomp), 0.0)
     if not mjm.body_gravcomp.any() or weight.sum() <= 0.0:
@@ -80,15 +80,15 @@ def _center_of_weight(home: mujoco.MjData, root: int) -> np.ndarray:
 
 
 def _off_interval(angle: np.ndarray, rounding: np.ndarray | float, turn: DrawnOrientation) -> np.ndarray:
-    """Return how far [rad] angles, which are known up to `rounding`, are outside the yaw interval of `turn`."""
+    """Return the distance [rad] of angles, known up to `rounding`, from the yaw interval of `turn`."""
     low, high = turn.yaw
     return np.abs(wrapped(angle - (low + high) / 2)) - (high - low) / 2 - rounding
 
 
 def _from_target(own: Outline, target: Outline) -> tuple[np.ndarray, np.ndarray]:
-    """Return the angle [rad] from the direction of the target to an object's front (-y), and its rounding.
+    """Return the angle [rad] from the direction of the target to an object's front (-y), and its rounding error.
 
-    Where both are at one point, as points of regions allow, there is no direction, and any angle is right.
+    If both are at one point, as `points` allow, there is no direction and any angle is right.
     """
     to = target.pivot[:, :2] - own.pivot[:, :2]
     apart = np.linalg.norm(to, axis=1)

@@ -1,19 +1,18 @@
-"""Objects as relations see them, from above: a pivot, a heading and rectangular bounds in every layout."""
+"""Objects seen from above, as relations need them: pivot, heading and rectangular bounds in every layout."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from sceniris_gym.audit.carriers import carrier_of
-from sceniris_gym.audit.geometry import Form, Poses, Solid
+from sceniris_gym.audit.geometry import Form, Poses, Solid, rotation
 from sceniris_gym.audit.pairs import Tree
 from sceniris_gym.config.scene import SceneConfig
 
-_UPRIGHT = 1e-3  # an x axis whose shadow is shorter than this points straight up or down
+_UPRIGHT = 1e-3  # an x axis with a shorter horizontal part points straight up or down
 
 
 @dataclass(frozen=True)
@@ -21,10 +20,10 @@ class Outline:
     """One object seen from above in each row.
 
     Attributes:
-        pivot: Bottom centre of its bounds [m], world frame, shape (nrow, 3); for a robot, the origin of its base.
-        heading: Direction of its root's x axis [rad], shape (nrow,); where that axis points straight up or down, that
-            of its y axis minus a right angle.
-        low, high: Its bounds [m] around the pivot, along its heading and across it to the left, shape (nrow, 2).
+        pivot: Bottom centre of the bounds [m], world frame, shape (nrow, 3); for a robot, the origin of its base.
+        heading: Direction of the root's x axis [rad], shape (nrow,); if that axis points straight up or down, the
+            direction of the y axis minus a right angle.
+        low, high: Bounds [m] around the pivot, along the heading and to the left of it, shape (nrow, 2).
     """
 
     pivot: np.ndarray
@@ -40,7 +39,7 @@ class Outline:
         return self.pivot[:, None, :2] + np.stack([c * x - s * y, s * x + c * y], 2)
 
     def span(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the least and greatest coordinate [m] of the bounds along unit vectors (nrow, 2), in the world."""
+        """Return the least and greatest world coordinate [m] of the bounds along unit vectors (nrow, 2)."""
         along = np.einsum("nkj,nj->nk", self.corners(), direction)
         return along.min(1), along.max(1)
 
@@ -63,7 +62,7 @@ class Seen:
 
 
 class Outlines:
-    """Computes the outlines of the objects of a scene.
+    """The objects of a scene, of which it computes outlines.
 
     Args:
         tree: Owners of the bodies.
@@ -84,7 +83,7 @@ class Outlines:
                 self._solids[owner].append(solid)
 
     def see(self, poses: Poses, present: Mapping[str, np.ndarray]) -> Seen:
-        """Return what relations, orientations and groups are judged by.
+        """Return the objects as relations, orientations and groups are judged by them.
 
         Args:
             poses: Poses in the rows.
@@ -105,16 +104,15 @@ class Outlines:
 
     def turn(self, name: str, poses: Poses) -> np.ndarray:
         """Return the rotation of an object from its authored orientation in each row, shape (nrow, 3, 3)."""
-        authored = np.empty(9)
-        mujoco.mju_quat2Mat(authored, self.mjm.body_quat[self.bodies[name]])
-        return poses.xmat[:, self.bodies[name]] @ authored.reshape(3, 3).T
+        root = self.bodies[name]
+        return poses.xmat[:, root] @ rotation(self.mjm.body_quat[root]).T
 
     def outline(self, name: str, poses: Poses) -> Outline:
         """Return the outline of an object in each row.
 
-        The pivot is the centre of the bounds with the joints at home and the orientation of the row; with
-        `orientation: any`, of the bounds with the joints of the row. The bounds, and the height of the pivot, are
-        always those with the joints of the row. A robot's pivot is the origin of its base.
+        The pivot is the centre of the bounds in the orientation of the row with the joints at home; with `orientation:
+        any`, with the joints of the row. The bounds, and the height of the pivot, always have the joints of the row. A
+        robot's pivot is the origin of its base.
         """
         heading = _heading(poses.xmat[:, self.bodies[name]])
         at = poses.xpos[:, self.bodies[name]]
@@ -137,7 +135,7 @@ class Outlines:
         return Outline(pivot, heading, low - middle, high - middle)
 
     def _least(self, name: str, poses: Poses, direction: np.ndarray) -> np.ndarray:
-        """Return the least coordinate [m] of an object along unit vectors (nrow, 3), from its root, shape (nrow,)."""
+        """Return the least coordinate [m] of an object along unit vectors (nrow, 3) from its root, shape (nrow,)."""
         at = poses.xpos[:, self.bodies[name]]
         ends = []
         for solid in self._solids[name]:
@@ -157,7 +155,7 @@ class Outlines:
 
 
 def _heading(mat: np.ndarray) -> np.ndarray:
-    """Return the headings [rad] of bodies with these rotations (nrow, 3, 3), shape (nrow,)."""
+    """Return the headings [rad] of rotations (nrow, 3, 3), shape (nrow,)."""
     x, y = mat[:, :2, 0], mat[:, :2, 1]
     upright = np.linalg.norm(x, axis=1) < _UPRIGHT
     return np.where(upright, np.arctan2(y[:, 1], y[:, 0]) - np.pi / 2, np.arctan2(x[:, 1], x[:, 0]))

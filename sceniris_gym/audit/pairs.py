@@ -1,4 +1,4 @@
-"""Which pairs of solids must be apart, and by how much."""
+"""Pairs of solids that must be apart, and their clearances."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class Judged:
     Attributes:
         first, second: Indices into the list of solids.
         clearance: Least distance between them [m], unless one supports the other.
-        owners: The objects they belong to; both the same for two parts of an object.
-        margin: The distance from which MuJoCo acts on the two [m].
+        owners: The objects that own them; the same one twice for two parts of an object.
+        margin: Distance below which MuJoCo acts on the two [m].
     """
 
     first: int
@@ -32,7 +32,7 @@ class Judged:
 
 
 class Tree:
-    """Which object owns each body of a model, and which bodies a layout can move.
+    """Owners of the bodies of a model, and the bodies that a layout can move.
 
     Args:
         mjm: The model.
@@ -72,8 +72,8 @@ def judged_pairs(
     """List the pairs of solids that a layout must keep apart.
 
     Contact bits (of the physics), explicit pairs and exclusions are honoured. Two bodies that no layout moves are not
-    judged; fixtures are kept apart from each other and from the static scene, although MuJoCo reports no contacts
-    between them. Parts of one object are judged as MuJoCo does, where a layout draws its joints.
+    judged. Fixtures are kept apart from each other and from the static scene, although MuJoCo reports no contacts
+    between them. Parts of one object are judged by MuJoCo's rules if a layout draws its joints.
 
     Args:
         tree: Owners of the bodies.
@@ -81,11 +81,11 @@ def judged_pairs(
         geometry: "physics" or "visual".
         clearances: Clearance [m] of each placed object; a pair keeps the larger one.
         jointed: Names of the objects whose joints are drawn.
-        at_home: Pairs of geoms, the lower id first, that touch at home; MuJoCo alone judges them. What is seen of
-            their bodies ("visual") is not judged at all.
-        moved: Names of the objects that layouts move, None for all that can move. MuJoCo alone judges two others: they
-            are as they are at home.
-        placed: Names of the objects that layouts place, None for all; two others keep no clearance.
+        at_home: Pairs of geoms, the lower id first, that touch at home; MuJoCo alone judges them. With "visual" their
+            bodies are not judged at all.
+        moved: Names of the objects that layouts move, None for all that can move. MuJoCo alone judges two other
+            objects, because they stay as they are at home.
+        placed: Names of the objects that layouts place, None for all; two other objects keep no clearance.
     """
     mjm = tree.mjm
     touching = {frozenset(mjm.geom_bodyid[list(geoms)].tolist()) for geoms in at_home if geometry == "visual"}
@@ -127,7 +127,7 @@ def _excluded(mjm: mujoco.MjModel, body1: int, body2: int) -> bool:
 
 
 def _filtered(mjm: mujoco.MjModel, body1: int, body2: int) -> bool:
-    """Return whether MuJoCo skips the pair because one body is welded to the other or is its parent."""
+    """Return whether MuJoCo skips the pair, because one body is welded to the other or is its parent."""
     weld1, weld2 = mjm.body_weldid[body1], mjm.body_weldid[body2]
     if weld1 == weld2:
         return True

@@ -1,4 +1,4 @@
-"""Tests layouts in MuJoCo C: whether objects stay where they are."""
+"""Test of rest in MuJoCo C: free objects of a layout should stay where they are."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy as np
 from sceniris_gym.scene.layout_table import LayoutTable
 
 SETTLE_SECONDS = 0.5
-STILL = 0.01  # m; a free object that moves more did not rest
+STILL = 0.01  # m; greatest motion of a free object at rest
 FAST = 1.0  # m/s
 _IMMOVABLE = 1e8  # kg m^2 or kg; a torque of 1,000 N m turns it by 1e-6 rad in half a second
 _FIRST_MOMENT = 0.005  # s; the contact solver's first push is not a motion
@@ -26,11 +26,11 @@ _GIVEN = mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_MOCAP_POS | mujo
 
 @dataclass(frozen=True)
 class Settling:
-    """How free objects move after a start at rest.
+    """Motion of free objects after a start at rest.
 
     Attributes:
-        moved: Object name -> distance between start and end [m], shape (nrow,), nan where MuJoCo warned.
-        speed: Object name -> largest speed [m/s], shape (nrow,), nan where MuJoCo warned.
+        moved: Object name -> distance between start and end [m], shape (nrow,), NaN where MuJoCo warned.
+        speed: Object name -> largest speed [m/s], shape (nrow,), NaN where MuJoCo warned.
         warnings: Row in which MuJoCo warned -> kind and text of its first warning.
     """
 
@@ -41,7 +41,7 @@ class Settling:
 
 @contextmanager
 def without_log() -> Iterator[None]:
-    """Keep MuJoCo's warnings, also those of its threads, from being written to a file in the working folder."""
+    """Suppress the file that MuJoCo writes its warnings to, also those of its threads, in the working folder."""
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda _: None)
     try:
@@ -58,16 +58,16 @@ def settle(
     seconds: float = SETTLE_SECONDS,
     frozen: Sequence[int] = (),
 ) -> Settling:
-    """Step each layout for some time with the actuators holding the start pose.
+    """Step each layout for some time while the actuators hold the start pose.
 
-    Where MuJoCo warns, a rollout ends early, and after a bad acceleration MuJoCo has reset the state.
+    A warning of MuJoCo ends a rollout early; after a bad acceleration MuJoCo has reset the state.
 
     Args:
         mjm: The model.
         bodies: Free object name -> its body id, which has a free joint.
         table: The layouts.
         seconds: Duration [s].
-        frozen: Ids of joints that stay where they are.
+        frozen: Ids of joints that are held still.
     """
     mjm = _frozen(mjm, frozen)
     names = list(bodies)
@@ -99,7 +99,7 @@ def settle(
 def _first_warning(
     mjm: mujoco.MjModel, data: mujoco.MjData, first: np.ndarray, given: np.ndarray, nstep: int
 ) -> tuple[str, str]:
-    """Return kind and text of the first warning in a run that a rollout ended early."""
+    """Return kind and text of the first warning, from a repetition of a rollout that ended early."""
     mujoco.mj_resetData(mjm, data)
     mujoco.mj_setState(mjm, data, first, mujoco.mjtState.mjSTATE_FULLPHYSICS)
     mujoco.mj_setState(mjm, data, given, _GIVEN)
@@ -113,7 +113,7 @@ def _first_warning(
 
 
 def _start(mjm: mujoco.MjModel, table: LayoutTable) -> tuple[np.ndarray, np.ndarray]:
-    """Return the start states (nrow, nstate), and the controls with mocap poses (nrow, ngiven), of layouts."""
+    """Return start states (nrow, nstate), and controls with mocap poses (nrow, ngiven), of layouts."""
     data = mujoco.MjData(mjm)
     full = mujoco.mjtState.mjSTATE_FULLPHYSICS
     states = np.empty((len(table), mujoco.mj_stateSize(mjm, full)))
@@ -128,7 +128,7 @@ def _start(mjm: mujoco.MjModel, table: LayoutTable) -> tuple[np.ndarray, np.ndar
 
 
 def hold(mjm: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Set the controls: those of position servos so that they exert no force, others as in the first keyframe."""
+    """Set the controls of position servos so that they exert no force, and others to the first keyframe's."""
     if mjm.nkey:
         data.ctrl[:] = mjm.key_ctrl[0]
     mujoco.mj_fwdPosition(mjm, data)
@@ -136,15 +136,16 @@ def hold(mjm: mujoco.MjModel, data: mujoco.MjData) -> None:
     rest = -(bias[servo, 0] + bias[servo, 1] * data.actuator_length[servo]) / gain[servo]
     limits = np.where(mjm.actuator_ctrllimited[servo, None], mjm.actuator_ctrlrange[servo], [-np.inf, np.inf])
     data.ctrl[servo] = np.clip(rest, *limits.T)
-    for actuator in np.flatnonzero(mjm.actuator_history[:, 0] > 0):  # a delayed one has always been told so
+    for actuator in np.flatnonzero(mjm.actuator_history[:, 0] > 0):  # a delayed actuator has had this control all along
         past = np.full((int(mjm.actuator_history[actuator, 0]), 1), data.ctrl[actuator])
         mujoco.mj_initCtrlHistory(mjm, data, int(actuator), None, past)
 
 
 def limp_joints(mjm: mujoco.MjModel, bodies: Collection[int]) -> list[int]:
-    """Return the joints of some bodies that no position servo holds, free joints aside.
+    """Return the joints of some bodies that no position servo holds, except free joints.
 
-    A servo holds the joint it acts on, all joints of the tendon it acts on, and what an equality couples to these.
+    A servo holds the joint it acts on, or all joints of the tendon it acts on, and those that equalities couple to
+    them.
     """
     held: set[int] = set()
     for actuator in np.flatnonzero(_servos(mjm)):
@@ -169,13 +170,13 @@ def limp_joints(mjm: mujoco.MjModel, bodies: Collection[int]) -> list[int]:
 
 
 def _servos(mjm: mujoco.MjModel) -> np.ndarray:
-    """Return which actuators are position servos, shape (nu,)."""
+    """Return a mask of the actuators that are position servos, shape (nu,)."""
     affine = mjm.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
     return affine & (mjm.actuator_biasprm[:, 1] < 0) & (mjm.actuator_gainprm[:, 0] > 0)
 
 
 def _frozen(mjm: mujoco.MjModel, joints: Sequence[int]) -> mujoco.MjModel:
-    """Return the model with so much inertia in some joints that nothing moves them, as if they were held."""
+    """Return the model with so much inertia in some joints that nothing moves them."""
     frozen = copy(mjm)
     for joint in joints:
         size = 3 if int(mjm.jnt_type[joint]) == mujoco.mjtJoint.mjJNT_BALL else 1

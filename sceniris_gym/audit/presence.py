@@ -1,4 +1,4 @@
-"""Checks groups: how many members are present, and that absent ones are parked far away."""
+"""Check of groups: the number of present members, and the parking of absent ones."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from sceniris_gym.audit.outlines import Seen
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.layout_table import LayoutTable
 
-FAR = 38.0  # m; beyond this along both axes an object is parked, and present ones are nearer to the origin
+FAR = 38.0  # m; parked objects are beyond it along both axes, present ones are nearer to the origin
 
 
 def presence(config: SceneConfig, table: LayoutTable) -> dict[str, np.ndarray]:
-    """Return object name (and that of robots) -> rows in which it is present, shape (nrow,)."""
+    """Return name of an object or robot -> rows in which it is present, shape (nrow,)."""
     names = [*config.objects, *config.all_robots]
     return {name: table.present[:, i].astype(bool) for i, name in enumerate(names)}
 
@@ -21,8 +21,8 @@ def excess(config: SceneConfig, seen: Seen) -> dict[tuple[str, str, str], np.nda
     """Count the violations of groups.
 
     Returns:
-        (group or object, word, "objects") -> in each row by how many members a group is too large or too small, and for
-        every member 1 if it is parked although present, or not parked although absent. Shape (nrow,).
+        (group or object, word, "objects") -> in each row the number of members that a group has too many or too few,
+        and for every member 1 if it is parked although present, or not parked although absent. Shape (nrow,).
     """
     found = {}
     for name, group in config.groups.items():

@@ -1,10 +1,9 @@
-"""Checks claims that the arm reaches objects: with MuJoCo C where joints are given, else by searching for joints.
+"""Check of claims that an arm reaches objects: by MuJoCo C if joints are claimed, else by a search for joints.
 
-Joints, limits and hand are taken from the MjModel: the chain from the robot's root body to its TCP, a site. The search
-is that of chain.py, from random joints. How wide
-the fingers open for a grasp is taken as claimed; opened so, the arm must not touch anything but the object, and that
-with its hand alone (what its last joint carries), in the grasp alone. Parts of the robot that touch each other at home
-may be as deep as they are there.
+Joints, limits and hand come from the MjModel: the chain from the robot's root body to its TCP, a site. The search is
+that of chain.py, from random joints. The opening of the fingers is taken as claimed. With that opening the arm may
+touch nothing but the object, with its hand alone (all that the last joint carries) and in the grasp alone. Parts of the
+robot that touch each other at home may be as deep as there.
 """
 
 from __future__ import annotations
@@ -18,31 +17,31 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.audit.chain import POSITION, ROTATION, Chain
-from sceniris_gym.audit.geometry import home_of
+from sceniris_gym.audit.geometry import frame, home_of
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.scene.layout_table import LayoutTable
 
-BACK = 0.08  # m, from the pre-grasp to the grasp along its approach
+BACK = 0.08  # m; distance from the pre-grasp to the grasp along the approach
 _LIMIT = 1e-6  # rad or m
-_DEEP = 1e-5  # m; bodies that overlap by more than this touch
-_OFF = 0.03  # m; most distance from the TCP of a grasp to the nearest box of the object's geoms
+_DEEP = 1e-5  # m; bodies that overlap by more touch
+_OFF = 0.03  # m; greatest distance from the TCP of a grasp to the nearest box of the object's geoms
 _STARTS, _STEPS = 64, 40  # of the search
 
 
 @dataclass(frozen=True)
 class Claim:
-    """How an object is claimed to be reached, one entry per row; NaN where nothing is claimed.
+    """Claim that a robot reaches an object, one entry per row; NaN in rows without a claim.
 
     Attributes:
         name: The object.
-        robot: The robot that is claimed to reach it.
-        tier: How thoroughly it was checked.
+        robot: The robot.
+        tier: The grade of proof.
         pose: TCP in the world frame, position [m] and orientation (w, x, y, z), shape (nrow, 7).
         qpos: Joints of the arm in the grasp [rad or m], from its base on, shape (nrow, njoint).
         pregrasp_qpos: The same for the pre-grasp.
         fingers: Positions of the fingers' joints, shape (nrow, nfinger).
         finger_adr: Their addresses in qpos, shape (nfinger,).
-        pattern: The glob that the word `grasp` chooses the object's grasps with; None if all of them count.
+        pattern: The glob of the word `grasp`, which chooses among the object's grasps; None for all of them.
     """
 
     name: str
@@ -58,7 +57,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Unreached:
-    """An object that is claimed to be reachable but is not: row, name and cause."""
+    """An object that is not reached as claimed: row, name and cause."""
 
     row: int
     name: str
@@ -73,8 +72,7 @@ class ReachAudit:
         root: Id of the robot's root body.
         bodies: Object name -> root body id.
         tcp: Name of the site that is the robot's tool centre point.
-        chain: The chain of a robot that is not in the model, where there is a body at its base alone; no joints are
-            judged then.
+        chain: The chain of a robot of which the model has the base body alone; its joints are not judged.
     """
 
     def __init__(
@@ -115,13 +113,11 @@ class ReachAudit:
         return found
 
     def _from_base(self, pose: np.ndarray) -> np.ndarray:
-        """Return a pose of the world in the frame of the base in `data`, as a matrix (4, 4)."""
-        base = np.eye(4)
-        base[:3, :3], base[:3, 3] = self.data.xmat[self.root].reshape(3, 3), self.data.xpos[self.root]
-        return np.linalg.inv(base) @ _matrix(pose)
+        """Return a world pose in the frame of the base in `data`, as a matrix (4, 4)."""
+        return np.linalg.inv(frame(self.data.xpos[self.root], self.data.xquat[self.root])) @ _matrix(pose)
 
     def _wrong(self, claim: Claim, row: int) -> str | None:
-        """Return what is wrong with a claim in the layout in `data`, except whether joints can be found."""
+        """Return what is wrong with a claim in the layout in `data`, without a search for joints."""
         pose = claim.pose[row]
         if np.isnan(pose).any():
             return "no grasp"
@@ -141,7 +137,7 @@ class ReachAudit:
         return cause
 
     def _is_chosen(self, claim: Claim, pose: np.ndarray) -> bool:
-        """Whether a pose (4, 4) is at a site `grasp_*` that counts, or half a turn from it; true without sites."""
+        """Return whether a pose (4, 4) is at a chosen site `grasp_*`, or half a turn from it; true without sites."""
         sites = np.flatnonzero(np.isin(self.mjm.site_bodyid, list(self._of[claim.name]))).tolist()
         names = {s: self.mjm.site(s).name.rsplit("/", 1)[-1] for s in sites}
         own = {s: name for s, name in names.items() if name.startswith("grasp_")}
@@ -149,10 +145,8 @@ class ReachAudit:
             if claim.pattern and not fnmatchcase(name, claim.pattern) and not fnmatchcase(name[6:], claim.pattern):
                 continue
             axes, shift = self.data.site_xmat[s].reshape(3, 3).T @ pose[:3, :3], pose[:3, 3] - self.data.site_xpos[s]
-            rolled = axes @ np.diag([-1.0, -1.0, 1.0])
-            if np.linalg.norm(shift) < POSITION and max(np.trace(axes), np.trace(rolled)) > 1.0 + 2.0 * np.cos(
-                ROTATION
-            ):
+            trace = max(np.trace(axes), np.trace(axes @ np.diag([-1.0, -1.0, 1.0])))
+            if np.linalg.norm(shift) < POSITION and trace > 1.0 + 2.0 * np.cos(ROTATION):
                 return True
         return not own
 
@@ -185,8 +179,8 @@ class ReachAudit:
         return None
 
     def _touching_at_home(self) -> dict[frozenset[int], float]:
-        """Return the geoms of the robot that are in contact with each other at home, and their least distance [m]."""
-        alone = copy(self.mjm)  # all that is placed is at the origin there
+        """Return pairs of the robot's geoms in contact at home -> their least distance [m]."""
+        alone = copy(self.mjm)  # without the placed objects, which are at the origin at home
         others = ~np.isin(alone.geom_bodyid, list(self._robot))
         alone.geom_contype[others] = alone.geom_conaffinity[others] = 0
         data = home_of(alone)
@@ -199,22 +193,15 @@ class ReachAudit:
 
     def _distance(self, name: str, point: np.ndarray) -> float:
         """Return the distance [m] from a point to the nearest box of an object's geoms; 0 for one without geoms."""
-        mjm, data = self.mjm, self.data
-        away = [
-            np.linalg.norm(
-                np.maximum(
-                    np.abs(data.geom_xmat[g].reshape(3, 3).T @ (point - data.geom_xpos[g]) - mjm.geom_aabb[g, :3])
-                    - mjm.geom_aabb[g, 3:],
-                    0.0,
-                )
-            )
-            for g in range(mjm.ngeom)
-            if int(mjm.geom_bodyid[g]) in self._of[name]
-        ]
-        return float(min(away, default=0.0))
+        geoms = np.isin(self.mjm.geom_bodyid, list(self._of[name]))
+        center, half = np.split(self.mjm.geom_aabb[geoms], 2, axis=1)
+        mat = self.data.geom_xmat[geoms].reshape(-1, 3, 3)
+        local = np.einsum("nij,ni->nj", mat, point - self.data.geom_xpos[geoms])
+        away = np.linalg.norm(np.maximum(np.abs(local - center) - half, 0.0), axis=1)
+        return float(away.min()) if len(away) else 0.0
 
     def _away(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return shift [m] and rotation vector [rad] from the current TCP to a pose (4, 4), in the world frame."""
+        """Return translation [m] and rotation vector [rad] from the current TCP to a pose (4, 4), in the world."""
         quat, turn = np.zeros(4), np.zeros(3)
         mujoco.mju_mat2Quat(quat, (pose[:3, :3] @ self.data.site_xmat[self.site].reshape(3, 3).T).ravel())
         mujoco.mju_quat2Vel(turn, quat, 1.0)
@@ -231,9 +218,6 @@ def _inside(mjm: mujoco.MjModel, root: int) -> set[int]:
 
 
 def _matrix(pose: np.ndarray) -> np.ndarray:
-    """Return a pose, position [m] and orientation (wxyz), as a matrix (4, 4)."""
-    frame, mat = np.eye(4), np.zeros(9)
+    """Return a pose, position [m] and orientation (wxyz) of any length, as a matrix (4, 4)."""
     quat = np.asarray(pose[3:], float)
-    mujoco.mju_quat2Mat(mat, quat / np.linalg.norm(quat))
-    frame[:3, :3], frame[:3, 3] = mat.reshape(3, 3), pose[:3]
-    return frame
+    return frame(pose[:3], quat / np.linalg.norm(quat))

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 from functools import singledispatch
 
-import mujoco
 import numpy as np
 import shapely
 
+from sceniris_gym.audit.geometry import rotation
 from sceniris_gym.audit.outlines import Outline, Outlines, Seen
 from sceniris_gym.config.relations import Beside, Between, Joined, Near, Relation, Sector
 
-THIN = 1e-3  # m; anchors whose hull is thinner lie on a line
-_NEARLY_THIN = 1e-5  # m; this near to THIN, either answer is right
-ROUNDING = 1e-6  # m; rounding error of a position in single precision, which is a large angle close to the anchor
+THIN = 1e-3  # m; anchors with a thinner hull lie on a line
+_NEARLY_THIN = 1e-5  # m; so near to THIN, either answer is right
+ROUNDING = 1e-6  # m; rounding error of a position in single precision, a large angle close to the anchor
 
 
 def excess(scene: Outlines, seen: Seen) -> dict[tuple[str, str, str], np.ndarray]:
     """Measure every relation of every object.
 
     Returns:
-        (object, relation, unit) -> by how much it is missed in each row [m or rad], at most 0 where it holds, NaN where
-        it does not apply because something is absent. Shape (nrow,).
+        (object, relation, unit) -> violation in each row [m or rad], at most 0 where the relation holds, NaN where it
+        does not apply because something is absent. Shape (nrow,).
     """
     found = {}
     for name, part in scene.config.parts.items():
@@ -40,7 +40,7 @@ def _is_complete(relation: Relation, seen: Seen) -> np.ndarray:
 
 @singledispatch
 def _missed(relation: Relation, name: str, scene: Outlines, seen: Seen) -> dict[str, np.ndarray]:
-    """Return unit -> by how much an object misses a relation. Absent objects count, except anchors of 'between'."""
+    """Return unit -> violation of an object's relation. Absent objects count, except anchors of 'between'."""
     raise NotImplementedError(f"no audit of {type(relation).__name__}")
 
 
@@ -70,7 +70,7 @@ def _off_between(relation: Between, name: str, scene: Outlines, seen: Seen) -> d
 
 @_missed.register
 def _off_beside(relation: Beside, name: str, scene: Outlines, seen: Seen) -> dict[str, np.ndarray]:
-    """Return the larger of two errors: of the gap along a heading, and how far the narrower bounds stick out."""
+    """Return the larger of two errors: that of the gap, and the part of the narrower bounds beyond the wider ones."""
     own, anchor, heading = seen.outlines[name], seen.outlines[relation.beside], _heading(relation, name, scene, seen)
     side = np.stack([np.cos(heading), np.sin(heading)], 1)
     across = np.stack([-side[:, 1], side[:, 0]], 1)
@@ -83,7 +83,7 @@ def _off_beside(relation: Beside, name: str, scene: Outlines, seen: Seen) -> dic
 
 @_missed.register
 def _off_site(relation: Joined, name: str, scene: Outlines, seen: Seen) -> dict[str, np.ndarray]:
-    """Return how far sites are from where they should meet, and by which angle one is turned wrongly from the other."""
+    """Return the distance of the sites from where they should meet, and the error of the angle between them."""
     sites = relation.beside
     own, own_x = _site(name, sites.my, scene, seen)
     its, its_x = _site(sites.of, sites.its, scene, seen)
@@ -102,15 +102,14 @@ def _heading(relation: Relation, name: str, scene: Outlines, seen: Seen) -> np.n
 
 
 def _site(name: str, word: str, scene: Outlines, seen: Seen) -> tuple[np.ndarray, np.ndarray]:
-    """Return where a site of an object is seen from above [m], and its x axis, shape (nrow, 2) each."""
+    """Return the position of an object's site from above [m], and its x axis, shape (nrow, 2) each."""
     mjm, poses = scene.mjm, seen.poses
     inside = mjm.body(scene.bodies[name]).name.rpartition("/")[0] or name
     sites = {mjm.site(i).name: i for i in range(mjm.nsite)}
     site = sites[f"{inside}/{word}" if f"{inside}/{word}" in sites else word]
-    body, turn = int(mjm.site_bodyid[site]), np.zeros(9)
-    mujoco.mju_quat2Mat(turn, mjm.site_quat[site])
+    body = int(mjm.site_bodyid[site])
     at = poses.xpos[:, body] + poses.xmat[:, body] @ mjm.site_pos[site]
-    return at[:, :2], (poses.xmat[:, body] @ turn.reshape(3, 3)[:, 0])[:, :2]
+    return at[:, :2], (poses.xmat[:, body] @ rotation(mjm.site_quat[site])[:, 0])[:, :2]
 
 
 def wrapped(angle: np.ndarray) -> np.ndarray:
@@ -119,7 +118,7 @@ def wrapped(angle: np.ndarray) -> np.ndarray:
 
 
 def _rectangles(outline: Outline) -> np.ndarray:
-    """Return the bounds as shapes, shape (nrow,); those without area become a point or a line."""
+    """Return the bounds as shapes, shape (nrow,); bounds without area become a point or a line."""
     return np.asarray(shapely.convex_hull(shapely.multipoints(outline.corners())))
 
 
@@ -128,9 +127,9 @@ def _between_bounds(own: Outline, anchor: Outline) -> np.ndarray:
 
 
 def _off_hull(point: np.ndarray, anchors: np.ndarray, there: np.ndarray, width: np.ndarray) -> np.ndarray:
-    """Return how far [m] points (nrow, 2) are outside the hull, strip or square of anchors (nrow, n, 2)."""
+    """Return the distance [m] of points (nrow, 2) from the hull, strip or square of anchors (nrow, n, 2)."""
     first = anchors[np.arange(len(there)), there.argmax(1)]
-    anchors = np.where(there[..., None], anchors, first[:, None])  # the absent ones do not count
+    anchors = np.where(there[..., None], anchors, first[:, None])  # absent ones do not count
     hull = shapely.convex_hull(shapely.multipoints(anchors))
     to_hull = shapely.distance(shapely.points(point), hull)
 

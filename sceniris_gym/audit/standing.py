@@ -1,4 +1,4 @@
-"""Checks that every placed object stands where the scene says: on its parent, in its region, covered or not."""
+"""Check that every placed object stands where the scene says: on its support, in its region, covered or open."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ class Misplaced:
     Attributes:
         row: The layout.
         name: The object.
-        cause: "support" (its pivot is on no surface of its parent, or not in its region), "footprint" (part of it
-            overhangs), "overhead" (it is covered although it should be open above, or the other way round) or "heap"
-            (it lies as in no settled row).
+        cause: "support" (its pivot is on no surface of its support, or not in its region), "footprint" (part of it
+            overhangs), "overhead" (it is covered but should be open above, or the reverse) or "heap" (it matches
+            no settled row).
     """
 
     row: int
@@ -53,7 +53,7 @@ def hulls_of(tree: Tree, solids: list[Solid], bodies: Mapping[str, int], home: P
 
     Args:
         tree: Owners of the bodies.
-        solids: What the objects are made of; one that has none is a point.
+        solids: The solids of the objects; an object without any is a point.
         bodies: Object name -> root body id.
         home: The start pose, one row.
     """
@@ -67,7 +67,7 @@ def hulls_of(tree: Tree, solids: list[Solid], bodies: Mapping[str, int], home: P
 
 
 class StandingAudit:
-    """Checks how objects stand in layouts.
+    """Checks the standing of objects in layouts.
 
     Args:
         tree: Owners of the bodies.
@@ -75,7 +75,7 @@ class StandingAudit:
         config: The scene.
         outlines: Outlines of the objects.
         home: The start pose, one row.
-        heaps: Judges the things of heaps; None if there are none.
+        heaps: The judge of heaps; None if there are none.
 
     Attributes:
         placed: Object name -> its ObjectConfig, for all placed objects.
@@ -120,7 +120,7 @@ class StandingAudit:
                 outside = ~_in_space(part, pivots)
                 found += [Misplaced(int(row), name, "support") for row in np.flatnonzero(outside)]
                 continue
-            if name in self.config.all_robots:  # it stands on what is lowest of it, which need not be its origin
+            if name in self.config.all_robots:  # stands on its lowest point, which may not be its origin
                 pivots = np.column_stack([pivots[:, :2], self._corners(name, poses)[:, :, 2].min(axis=1)])
             supporting[name], stands = self._supporting(name, part, poses, pivots, erosion)
             wrong = {
@@ -135,7 +135,7 @@ class StandingAudit:
     def _supporting(
         self, name: str, part: ObjectConfig, poses: Poses, pivots: np.ndarray, erosion: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the supporting body in each row (-1 for none), and whether the whole footprint is on it if required.
+        """Return the supporting body in each row (-1 for none), and whether it carries the whole footprint if required.
 
         Pivots (nrow, 3) keep a distance `erosion` (nrow,) from the edge of their surface.
         """
@@ -175,7 +175,7 @@ class StandingAudit:
     def _surfaces(
         self, part: ObjectConfig, carrier: Carrier, poses: Poses
     ) -> list[tuple[np.ndarray, list[LevelSurface]]]:
-        """Return the level surfaces of a support for each group of rows in which the same direction of it points up."""
+        """Return groups of rows in which the same direction of the support points up, with its level surfaces."""
         assert part.support is not None
         body, geom = carrier.body, carrier.geom
         if is_ground(self.config, part.support.parent):
@@ -184,7 +184,7 @@ class StandingAudit:
             return [(np.arange(len(poses.xpos)), [LevelSurface(0.0, shapely.box(-x, -y, x, y))])]
         ups, index = _directions(poses.xmat[:, body, 2])
         groups = []
-        # what never moves is open wherever there is room: what stands over it is in the way, or is not
+        # A support that never moves is open wherever there is room: a thing above it is an obstacle or not.
         open_above = part.support.word == "on" and carrier.owner is not None
         for k, up in enumerate(ups):
             key = (body, geom, open_above, *np.round(up, 6))
@@ -197,7 +197,7 @@ class StandingAudit:
         return groups
 
     def _level_planes(self, carrier: Carrier, up: np.ndarray) -> list[LevelSurface]:
-        """Return the planes of a support that are level where `up` (3,) of its body's frame points up."""
+        """Return the planes of a support that are level if `up` (3,) of its body's frame points up."""
         mjm = self.tree.mjm
         wanted = [g for g in self._planes if mjm.geom_bodyid[g] == carrier.body and carrier.geom in (None, g)]
         found = []
@@ -219,7 +219,7 @@ class StandingAudit:
         return parts
 
     def _wrongly_covered(self, part: ObjectConfig, poses: Poses, pivots: np.ndarray) -> np.ndarray:
-        """Return the rows, shape (nrow,), in which the parent covers the object but should not, or the reverse.
+        """Return the rows in which the support covers the object but should not, or the reverse, shape (nrow,).
 
         A ray that passes an edge within the tolerance is not conclusive, so its four neighbours must agree.
         """
@@ -237,7 +237,7 @@ class StandingAudit:
         return wrong
 
     def _covered(self, carrier: Carrier, poses: Poses, rows: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Return whether any solid of the parent, an object or a body, is above each point (n, 3) of the rows (n,)."""
+        """Return whether the support (object or body) has a solid above each point (n, 3) of the rows (n,)."""
         covered = np.zeros(len(rows), bool)
         for geom, surface in self._surface.items():
             body = int(self.tree.mjm.geom_bodyid[geom])
@@ -250,7 +250,7 @@ class StandingAudit:
 
 
 def _in_space(part: ObjectConfig, points: np.ndarray) -> np.ndarray:
-    """Return which points (n, 3) are in the object's box in space, or at one of its points there."""
+    """Return a mask of the points (n, 3) in the object's box in space, or at one of its points there."""
     assert part.region is not None
     if part.region.points is not None:
         return _at_one_of(part.region.points, points)
@@ -266,22 +266,19 @@ def _directions(up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _at_one_of(allowed: tuple[tuple[float, ...], ...], points: np.ndarray) -> np.ndarray:
-    """Return which points (n, k) are at one of those that are allowed, along each axis."""
-    found = np.zeros(len(points), bool)
-    for at in allowed:
-        found |= (np.abs(points - np.array(at)) <= EDGE_TOLERANCE).all(axis=1)
-    return found
+    """Return a mask of the points (n, k) that coincide with an allowed one, along each axis."""
+    return np.any([(np.abs(points - np.array(at)) <= EDGE_TOLERANCE).all(axis=1) for at in allowed], axis=0)
 
 
 def _in_region(area: shapely.Geometry, bounds: np.ndarray, part: ObjectConfig, points: np.ndarray) -> np.ndarray:
-    """Return which points (n, 2) of a surface the object's region allows; `bounds` (4,) are of the whole support."""
+    """Return a mask of the points (n, 2) of a surface in the object's region; `bounds` (4,) are of the support."""
     if part.region is not None and part.region.points is not None:
         return _at_one_of(part.region.points, points)
     return inside(_cropped(area, bounds, part), points)
 
 
 def _cropped(area: shapely.Geometry, bounds: np.ndarray, part: ObjectConfig) -> shapely.Geometry:
-    """Return the part of a surface that the object's region allows; `bounds` (4,) are those of the whole support."""
+    """Return the part of a surface in the object's region; `bounds` (4,) are of the whole support."""
     if (region := part.region) is None:
         return area
     if region.polygon is not None:
@@ -296,7 +293,7 @@ def _cropped(area: shapely.Geometry, bounds: np.ndarray, part: ObjectConfig) -> 
 
 
 def _all_inside(area: shapely.Geometry, corners: np.ndarray) -> np.ndarray:
-    """Return for each row of corners (n, k, 2) whether their hull lies inside the area."""
+    """Return a mask of the rows of corners (n, k, 2) whose hull lies inside the area."""
     whole = np.atleast_1d(inside(area, corners.reshape(-1, 2)).reshape(corners.shape[:2]).all(1))
     if not shapely.equals(area, shapely.convex_hull(area)):
         grown = shapely.buffer(area, EDGE_TOLERANCE, join_style="mitre")

@@ -1,4 +1,4 @@
-"""Finds the level surfaces of bodies, what is inside them and what covers them, by shapely and rays."""
+"""Level surfaces of bodies, points inside them, and solids above them, by shapely and rays."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NARROW = 0.02  # m; narrower strips carry nothing
 HEIGHT_TOLERANCE = 1e-4  # m
 EDGE_TOLERANCE = 1e-5  # m
 _SEGMENTS = 128
-_ABOVE = 5e-4  # m; height above a surface at which it is checked what stands on it
+_ABOVE = 5e-4  # m; height above a surface at which parts that stand on it are cut
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class LevelSurface:
 
 
 def surface_of(solid: Solid) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices and outward triangles of a solid; a curved one is approximated by the hull of its points."""
+    """Return vertices and outward triangles of a solid; a curved one is approximated by a hull of its points."""
     if solid.form is Form.POLYHEDRON:
         return solid.vertices, solid.faces
     turn = np.linspace(0, 2 * np.pi, _SEGMENTS, endpoint=False)
@@ -48,7 +48,7 @@ def surface_of(solid: Solid) -> tuple[np.ndarray, np.ndarray]:
 
 
 def upright_frame(up: np.ndarray) -> np.ndarray:
-    """Return the rotation (3, 3) whose rows are x, y and z axes with z = `up`; x turns as little as possible."""
+    """Return the rotation (3, 3) with rows x, y and z = `up`; x turns as little as possible."""
     x = np.array([1.0, 0.0, 0.0]) - up[0] * up
     if np.linalg.norm(x) < 0.5:
         x = np.array([0.0, 1.0, 0.0]) - up[1] * up
@@ -57,7 +57,7 @@ def upright_frame(up: np.ndarray) -> np.ndarray:
 
 
 def plane_surface(size: np.ndarray, pos: np.ndarray, mat: np.ndarray, up: np.ndarray) -> LevelSurface | None:
-    """Return the rectangle that a plane is drawn as, without end where a size is 0; None if it is not level.
+    """Return the rectangle of a plane, endless along a size of 0; None if it is not level.
 
     Args:
         size: MuJoCo's sizes of the plane [m].
@@ -76,9 +76,9 @@ def plane_surface(size: np.ndarray, pos: np.ndarray, mat: np.ndarray, up: np.nda
 def level_surfaces(
     parts: list[np.ndarray], up: np.ndarray, *, open_above: bool, only: list[int] | None = None
 ) -> list[LevelSurface]:
-    """Return the level surfaces of a body, joined where they have the same height.
+    """Return the level surfaces of a body, joined if they have the same height.
 
-    Areas on which another part of the body stands are left out, and with `open_above` also those below another part.
+    They exclude areas on which another part of the body stands, and with `open_above` also those below another part.
 
     Args:
         parts: Outward triangles (n, 3, 3) of each solid of the body, in the body's frame [m].
@@ -107,7 +107,7 @@ def level_surfaces(
 
 
 def _section(triangles: np.ndarray, z: float) -> shapely.Geometry:
-    """Return what the horizontal plane at `z` cuts out of a closed surface."""
+    """Return the section of a closed surface with the horizontal plane at `z`."""
     above = triangles[:, :, 2] > z
     cut = triangles[above.any(1) & ~above.all(1)]
     ends = []
@@ -142,7 +142,7 @@ def _clipped(triangle: np.ndarray, z: float) -> shapely.Geometry:
 
 
 def inside(area: shapely.Geometry, points: np.ndarray, erosion: np.ndarray | None = None) -> np.ndarray:
-    """Return which points (n, 2) are in the area, and at least `erosion` [m] (n,) from its boundary if that is given.
+    """Return a mask of the points (n, 2) in an area, and at least `erosion` [m] (n,) from its boundary if given.
 
     Both hold up to the edge tolerance.
     """
@@ -157,7 +157,7 @@ def inside(area: shapely.Geometry, points: np.ndarray, erosion: np.ndarray | Non
 
 
 def hit_above(surface: tuple[np.ndarray, np.ndarray], origin: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Return which rays hit the triangles of a surface.
+    """Return a mask of the rays that hit the triangles of a surface.
 
     Args:
         surface: Vertices (nvert, 3) and triangles (nface, 3).
@@ -188,5 +188,4 @@ def _enters_box(low: np.ndarray, high: np.ndarray, origin: np.ndarray, up: np.nd
 
 def footprint_points(parts: Iterable[np.ndarray]) -> np.ndarray:
     """Return the points of an object that can be corners of its footprint: the vertices of its convex hull."""
-    points = np.concatenate(list(parts))
-    return convex_hull(points)[0]
+    return convex_hull(np.concatenate(list(parts)))[0]

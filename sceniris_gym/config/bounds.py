@@ -1,6 +1,6 @@
-"""Bounds of the numbers in scene files and models: beyond them a layout could only be nonsense.
+"""Bounds of the numbers in scene files and models; beyond them no layout makes sense.
 
-Positions end where single precision gets coarse; the others are far above whatever was seen to make sense.
+Positions end where single precision gets coarse. The other bounds are far above every sensible value that was seen.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ MOST_FAR = 100.0
 """Largest distance [m] from the world's origin, along each axis, at which objects are placed: single precision resolves
 8 um there."""
 MOST_WIDE = 1000.0
-"""Largest distance [m] from the world's origin, along each axis, to which what is near it may reach: single precision
-resolves 61 um there, and layouts keep their distances to that. Where this matters there is a warning (`oddities.py`).
-Ground is better a plane, which has no corners."""
+"""Largest distance [m] from the world's origin, along each axis, that a geom which comes near the origin may reach:
+single precision resolves 61 um there, and distances in layouts are exact to that. `oddities.py` warns where it matters.
+A plane makes better ground, because it has no corners."""
 LEAST_GAP = 2.0e-5
-"""Least height over a support [m]: below it an object counts as touching, by rounding."""
+"""Least height over a support [m]: any lower, rounding makes the object touch it."""
 
 
 @dataclass(frozen=True)
@@ -27,12 +27,12 @@ class Bound:
     unit: str
 
     def holds(self, value: float) -> bool:
-        """Whether a value is within the bound; never for nan."""
+        """Return whether a value is within the bound; NaN never is."""
         return self.low <= value <= self.high
 
     @property
     def advice(self) -> str:
-        """What a value should be; begins with "should"."""
+        """The advice of errors, which begins with "should"."""
         return f"should be from {self.low:g} to {self.high:g} {self.unit}".rstrip()
 
 
@@ -55,5 +55,5 @@ BOUNDS = {
     "iterations": Bound(0.0, 1.0e5, ""),
     "impedance ratio": Bound(1.0e-6, 1.0e6, ""),
 }
-"""The one table: every number of a scene file that is not a share, an angle of a relation or a count has its kind here,
-and so have those numbers of a model that MuJoCo takes whatever they are."""
+"""The kinds of all numbers of a scene file except shares, counts and the angle of a relation, and of those numbers of a
+model that MuJoCo itself does not check."""

@@ -1,4 +1,4 @@
-"""How large a YAML file gets once its aliases and merges are written out: a few lines can mean billions."""
+"""Size of a YAML file with its aliases and merges written out: a few lines can mean billions of values."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from ruamel.yaml import YAML
 from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
 
 MOST_VALUES = 1_000_000
-"""Most values of a scene file: a scene of 10,000 objects has a tenth."""
+"""Greatest number of values in a scene file: a scene of 10,000 objects has a tenth of it."""
 
 
 def expanded_size(text: str) -> int:
-    """Return how many values a YAML text means, `MOST_VALUES` + 1 for more, or for a value that holds itself.
+    """Return the number of values in a YAML text, `MOST_VALUES` + 1 for more, or for a value that contains itself.
 
     Raises:
         YAMLError: The text is not YAML.
@@ -24,7 +24,7 @@ def expanded_size(text: str) -> int:
 def _size(node: Node, known: dict[int, int]) -> int:
     if id(node) in known:
         return known[id(node)]
-    known[id(node)] = MOST_VALUES + 1  # until it is known: an alias of itself inside of it has no end
+    known[id(node)] = MOST_VALUES + 1  # until it is known, since an alias inside of itself never ends
     if isinstance(node, MappingNode):
         parts = [part for pair in node.value for part in pair]
     else:

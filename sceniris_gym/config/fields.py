@@ -22,10 +22,10 @@ ROBOT = "robot"
 
 
 def wrong(advice: str, word: str = "", valid: Iterable[str] = ()) -> PydanticCustomError:
-    """Return the error about a value; `advice` says what it should be and begins with "should".
+    """Return the error about a wrong value.
 
     Args:
-        advice: What the value should be.
+        advice: A phrase that says what is right, beginning with "should".
         word: The word that was found, if it may be misspelt.
         valid: The valid words.
     """
@@ -68,6 +68,12 @@ def _over_the_skin(gap: float) -> float:
     return gap
 
 
+def _each_once(names: tuple[str, ...]) -> tuple[str, ...]:
+    if len(set(names)) < len(names):
+        raise wrong("should name each object once")
+    return names
+
+
 def _corners(box: tuple[tuple[float, ...], tuple[float, ...]]) -> tuple[tuple[float, ...], tuple[float, ...]]:
     low, high = box
     if len(low) != len(high) or len(low) not in (2, 3) or any(a > b for a, b in zip(low, high, strict=False)):
@@ -94,7 +100,7 @@ def _tier(value: Any) -> Any:
 
 
 def in_memory(model: Any) -> bool:
-    """Whether a model is a `mujoco.MjSpec` or a `mujoco.MjModel`, recognised without importing MuJoCo."""
+    """Return whether a model is a `mujoco.MjSpec` or a `mujoco.MjModel`, without importing MuJoCo."""
     return type(model).__module__.startswith("mujoco") and type(model).__name__ in ("MjSpec", "MjModel")
 
 
@@ -142,5 +148,6 @@ FractionBox = Annotated[tuple[FractionPoint2, FractionPoint2], BeforeValidator(l
 Polygon = Annotated[tuple[Point2, ...], BeforeValidator(listed), AfterValidator(_simple)]
 Points = Annotated[tuple[Corner, ...], BeforeValidator(listed), AfterValidator(_positions)]
 Reachable = Annotated[bool | str, BeforeValidator(_tier)]
+Names = Annotated[tuple[str, ...], AfterValidator(_each_once)]
 ObjectName = Annotated[str, AfterValidator(_object_name)]
 Model = Annotated[Any, BeforeValidator(_model)]

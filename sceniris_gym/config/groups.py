@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, Strict, model_validator
 
-from sceniris_gym.config.fields import listed, wrong
+from sceniris_gym.config.fields import Names, listed, wrong
 from sceniris_gym.config.section import Section
 
 _Count = Annotated[int, Strict(), Field(ge=0)]
@@ -27,11 +27,11 @@ class GroupConfig(Section):
     Attributes:
         of: Names of the members.
         count: Least and greatest number of members that are present; the number is drawn uniformly, then the members.
-        missing: What happens to a reference to a member that may be absent: the scene is refused ('refuse'), or the
-            reference is dropped where the member is absent ('drop').
+        missing: Treatment of references to a member that may be absent: the scene is refused ('refuse'), or the
+            reference is dropped in worlds without the member ('drop').
     """
 
-    of: Annotated[tuple[str, ...], Field(min_length=1)]
+    of: Annotated[Names, Field(min_length=1)]
     count: Annotated[tuple[_Count, _Count], BeforeValidator(_both_ends)]
     missing: Literal["refuse", "drop"] = "refuse"
 
@@ -42,8 +42,6 @@ class GroupConfig(Section):
 
     @model_validator(mode="after")
     def _can_be_drawn(self) -> GroupConfig:
-        if len(set(self.of)) < len(self.of):
-            raise wrong("should name every member of 'of' once")
         low, high = self.count
         if not low <= high <= len(self.of):
             raise wrong(f"should have a 'count' k or [low, high] with 0 <= low <= high <= {len(self.of)} (all members)")

@@ -1,43 +1,37 @@
-"""`heaps`: things that fill a container, as MuJoCo settled them beforehand."""
+"""`heaps`: things that fill a container, settled by MuJoCo beforehand."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from sceniris_gym.config.fields import wrong
+from sceniris_gym.config.fields import Names
 from sceniris_gym.config.section import Section
 
 PLACING = ("on", "inside", "region", "relations", "joints", "ratio_on_support", "gap")
-"""Words of an object that a heap leaves no room for."""
+"""Words that an object of a heap cannot have."""
 
 
 class HeapConfig(Section):
-    """Things that lie in a container as in one of the rows of a file, drawn anew for every layout.
+    """Things that lie in a container as one row of a file has them, drawn anew for every layout.
 
     Attributes:
         fill: The container: an object, or a body of one, as in `on`.
-        of: Names of the things, all of which are in it.
-        rows: File of settled heaps, written by `sceniris-gym settle`; None until there is one.
+        of: Names of the things, all of which are in the container.
+        rows: The file of settled heaps that `sceniris-gym settle` writes; None until there is one.
     """
 
     fill: str
-    of: Annotated[tuple[str, ...], Field(min_length=1)]
+    of: Annotated[Names, Field(min_length=1)]
     rows: str | None = None
-
-    @model_validator(mode="after")
-    def _names_everything_once(self) -> HeapConfig:
-        if len(set(self.of)) < len(self.of):
-            raise wrong("should name every thing of 'of' once")
-        return self
 
 
 def with_places(scene: Any) -> Any:
-    """Return the words of a scene in which the things of heaps are `in` what they fill, in any orientation.
+    """Return the words of a scene with the things of heaps `in` their containers, in any orientation.
 
-    What is not a scene, or names what is not there, is left for the checks that follow.
+    Anything that is not a scene, and unknown names, are left to the checks that follow.
     """
     heaps, objects = (scene.get(key) if isinstance(scene, Mapping) else None for key in ("heaps", "objects"))
     if not isinstance(heaps, Mapping) or not isinstance(objects, Mapping):

@@ -1,18 +1,18 @@
 """Limits that are compiled into device code."""
 
 MOST_ATTEMPTS = 10_000
-"""Most candidates of one object between two restarts."""
+"""Greatest number of candidates of one object between two restarts."""
 MAX_RELATIONS = 4
-"""Most relations of one object."""
+"""Greatest number of relations of one object."""
 MAX_ANCHORS = 8
-"""Most anchors of one `between`."""
+"""Greatest number of anchors of one `between`."""
 MAX_CORNERS = 24
-"""Most corners of a piece of a region: a triangle cut by four relations of four half-planes each has up to 19, one cut
-by three of them and a hull of eight anchors up to 23."""
+"""Greatest number of corners of a piece of a region: a triangle cut by four relations of four half-planes each has up
+to 19, one cut by three of them and a hull of eight anchors up to 23."""
 
 MAX_POINTS = 4096
-"""Most points of a region `points`: a point is looked for among all of them in every draw."""
+"""Greatest number of points of a region `points`: every draw searches all of them."""
 
 MAX_PIECES = 65536
-"""Most pieces that the relations of one object may cut its region into, over all combinations: each is cut and measured
-in every draw."""
+"""Greatest number of pieces that the relations of one object may cut its region into, over all combinations: every draw
+cuts and measures each."""

@@ -1,4 +1,4 @@
-"""Finding, reading and merging scene files, before anything in them is validated."""
+"""Search, reading and merging of scene files, before validation."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SHIPPED_NAME = re.compile(r"[A-Za-z0-9_-]+")  # anything else, such as 'my/scene
 # The longest dotted key of a scene has five.
 _MOST_KEYS = 16
 
-# Sets of keys of which only one may be given. A later one replaces an earlier one when scenes are merged.
+# Sets of keys of which only one may be given. When scenes are merged, a later one replaces an earlier one.
 SUPPORT_WORDS = ("on", "inside", "in")
 REGION_FORMS = ("box", "fraction", "polygon", "points")
 JOINT_FORMS = ("fraction", "range", "choice", "value", "noise")
@@ -41,7 +41,7 @@ ROBOT_FILES = ("asset", "model", "map")
 
 @dataclass(frozen=True)
 class RawScene:
-    """A scene as written: `data` with its bases merged in, and where it came from, for messages."""
+    """A scene as written: `data` with its bases merged in, and its source `where`, for messages."""
 
     data: dict
     where: str
@@ -49,7 +49,7 @@ class RawScene:
 
 
 def shipped(package: str, suffix: str) -> dict[str, Path]:
-    """Return the shipped files of a sub-package that end in `suffix`, by their stems."""
+    """Return the shipped files of a sub-package that end in `suffix`, by stem."""
     folder = Path(str(resources.files(f"sceniris_gym.{package}")))
     return {path.stem: path for path in sorted(folder.glob(f"*{suffix}"))}
 
@@ -71,7 +71,7 @@ def read_scene(scene: str | Path | Mapping) -> RawScene:
 
 
 def scene_files(scene: str | Path) -> list[Path]:
-    """Return the scene files that a scene is made of: its own and those of its bases, as far as they can be found."""
+    """Return the files of a scene: its own and those of its bases, as far as they can be found."""
     found: list[Path] = []
     try:
         path = _find(scene, where="scene", folder=Path.cwd()).resolve()
@@ -82,12 +82,12 @@ def scene_files(scene: str | Path) -> list[Path]:
                 break
             path = _find(base, where=f"{path}: base", folder=path.parent).resolve()
     except ScenirisError:
-        pass  # which file is wrong, and why, is said where the scene is read
+        pass  # reading the scene says which file is wrong, and why
     return found
 
 
 def merge(base: Mapping, child: Mapping, path: tuple[str, ...] = ()) -> dict:
-    """Return `base` with the keys of `child` laid over it, mapping by mapping.
+    """Return `base` updated with the keys of `child`, recursively.
 
     Where only one of several keys may be given (such as `on` and `in`), the key of `child` replaces the others.
     """
@@ -103,9 +103,9 @@ def merge(base: Mapping, child: Mapping, path: tuple[str, ...] = ()) -> dict:
 
 
 def override(scene: Mapping, overrides: Mapping[str, Any], where: str) -> dict:
-    """Return a scene with overrides laid over it, one after the other, by dotted keys: `objects.apple.clearance`.
+    """Return a scene updated with overrides by dotted keys such as `objects.apple.clearance`, one after the other.
 
-    Dotted keys reach into objects and groups that exist; a new one is given as a whole.
+    Dotted keys reach into existing objects and groups only; a new one is given as a whole.
     """
     if not isinstance(overrides, Mapping):
         raise ArgumentTypeError(f"overrides should be a mapping of dotted keys to values, got {type(overrides)}.")
@@ -190,14 +190,13 @@ def _read_yaml(path: Path) -> dict:
                 "should have fewer."
             )
         data = yaml.load(text)
-    except DuplicateKeyError as error:
-        line = f":{error.problem_mark.line + 1}" if error.problem_mark else ""
-        problem = str(error.problem).split(" with value")[0]
-        raise SceneFileError(f"{path}{line}: {problem}: every key should be given only once.") from None
     except MarkedYAMLError as error:
         line = f":{error.problem_mark.line + 1}" if error.problem_mark else ""
-        raise SceneFileError(f"{path}{line}: this is not YAML: {error.problem or error.context}.") from None
-    except (YAMLError, ValueError) as error:  # a ValueError: wrong bytes, dates, or a number of too many digits
+        problem = f"this is not YAML: {error.problem or error.context}."
+        if isinstance(error, DuplicateKeyError):
+            problem = f"{str(error.problem).split(' with value')[0]}: every key should be given only once."
+        raise SceneFileError(f"{path}{line}: {problem}") from None
+    except (YAMLError, ValueError) as error:  # ValueError: wrong bytes or dates, or a number of too many digits
         raise SceneFileError(f"{path}: this is not YAML: {str(error).splitlines()[0]}.") from None
     except RecursionError:
         raise SceneFileError(f"{path}: lists or mappings are nested too deeply for a scene.") from None
@@ -210,27 +209,20 @@ def _read_yaml(path: Path) -> dict:
 
 
 def _resolve_paths(data: dict, folder: Path, where: str) -> dict:
-    """Make the paths in a scene absolute, so that they keep their meaning after merging."""
+    """Return the scene with absolute paths, so that they keep their meaning after merging."""
 
-    def resolved(part: Any, key: str, names: bool) -> Any:
-        value = part.get(key) if isinstance(part, Mapping) else None
-        if not isinstance(value, str | Path) or (names and SHIPPED_NAME.fullmatch(str(value))):
-            return part
-        return {**part, key: str(user_path(value, folder, f"{where}: {key}"))}
+    def resolved(part: Any, *keys: str) -> Any:
+        found = {key: part[key] for key in keys if key in part} if isinstance(part, Mapping) else {}
+        for key, value in found.items():
+            is_name = key == "asset" and SHIPPED_NAME.fullmatch(str(value))
+            if isinstance(value, str | Path) and not is_name:
+                found[key] = str(user_path(value, folder, f"{where}: {key}"))
+        return {**part, **found} if found else part
 
-    data = dict(resolved(data, "model", names=False))
-
-    def robot(part: Any) -> Any:
-        for key in ROBOT_FILES:
-            part = resolved(part, key, names=key == "asset")
-        return part
-
-    if isinstance(data.get("robot"), Mapping):
-        data["robot"] = robot(data["robot"])
-    if isinstance(data.get("robots"), Mapping):
-        data["robots"] = {name: robot(part) for name, part in data["robots"].items()}
-    if isinstance(data.get("heaps"), Mapping):
-        data["heaps"] = {name: resolved(part, "rows", names=False) for name, part in data["heaps"].items()}
-    if isinstance(data.get("objects"), Mapping):
-        data["objects"] = {name: resolved(part, "asset", names=True) for name, part in data["objects"].items()}
+    data = dict(resolved(data, "model"))
+    if "robot" in data:
+        data["robot"] = resolved(data["robot"], *ROBOT_FILES)
+    for section, keys in (("robots", ROBOT_FILES), ("heaps", ("rows",)), ("objects", ("asset",))):
+        if isinstance(data.get(section), Mapping):
+            data[section] = {name: resolved(part, *keys) for name, part in data[section].items()}
     return data

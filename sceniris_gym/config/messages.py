@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
@@ -16,40 +16,42 @@ from sceniris_gym.errors import SceneKeyError, did_you_mean
 where_now: ContextVar[str | None] = ContextVar("where_now", default=None)
 """The file or the class that is being read, or None while nothing is."""
 
-UNKNOWN_KEY = "unknown_key"  # context: key, valid
-ADVICE = "advice"  # context: advice, a sentence that begins with "should", and hint, what may have been meant
+# Our own types of error. Context of the first: key, valid; of the second: advice (a phrase that begins with "should"),
+# hint (a guess at what was meant).
+UNKNOWN_KEY, ADVICE = "unknown_key", "advice"
 
-_SHOULD: dict[str, Callable[[ErrorDetails], str]] = {
-    "float_type": lambda e: "should be a number",
-    "float_parsing": lambda e: "should be a number",
-    "finite_number": lambda e: "should be a finite number",
-    "int_type": lambda e: "should be a whole number",
-    "string_type": lambda e: "should be a name",
-    "path_type": lambda e: "should be the path of a file",
-    "tuple_type": lambda e: "should be a list",
-    "dict_type": lambda e: "should be a mapping of names to settings",
-    "model_type": lambda e: "should be a mapping of keys to values",
-    "model_attributes_type": lambda e: "should be a mapping of keys to values",
-    "too_long": lambda e: f"should have {e.get('ctx', {}).get('max_length')} values at most",
-    "too_short": lambda e: f"should have at least {e.get('ctx', {}).get('min_length')} values",
-    "greater_than": lambda e: f"should be above {e.get('ctx', {}).get('gt')}",
-    "greater_than_equal": lambda e: f"should be at least {e.get('ctx', {}).get('ge')}",
-    "less_than_equal": lambda e: f"should be at most {e.get('ctx', {}).get('le')}",
-    "literal_error": lambda e: f"should be {e.get('ctx', {}).get('expected')}",
-    ADVICE: lambda e: e.get("ctx", {})["advice"],
+_SHOULD = {
+    "float_type": "should be a number",
+    "float_parsing": "should be a number",
+    "finite_number": "should be a finite number",
+    "int_type": "should be a whole number",
+    "string_type": "should be a name",
+    "path_type": "should be the path of a file",
+    "tuple_type": "should be a list",
+    "dict_type": "should be a mapping of names to settings",
+    "model_type": "should be a mapping of keys to values",
+    "model_attributes_type": "should be a mapping of keys to values",
+    "too_long": "should have {max_length} values at most",
+    "too_short": "should have at least {min_length} values",
+    "greater_than": "should be above {gt}",
+    "greater_than_equal": "should be at least {ge}",
+    "less_than_equal": "should be at most {le}",
+    "literal_error": "should be {expected}",
+    ADVICE: "{advice}",
 }
+"""Advice by the type of pydantic's error, with the keys of its context."""
 
 
 @contextmanager
 def reading(where: str) -> Iterator[None]:
-    """Translate the ValidationErrors raised inside into ScenirisErrors that name `where`."""
+    """Translate ValidationErrors into ScenirisErrors that name `where`."""
     token = where_now.set(where)
     try:
         yield
     except ValidationError as error:
         raise _as_scene_error(error, where) from None
-    except UnicodeError:  # half of a surrogate pair, which pydantic cannot write into an error
-        raise SceneKeyError(f"{where}: a name or a value holds a character that is no text.") from None
+    except UnicodeError:  # half of a surrogate pair, which pydantic cannot put into an error
+        raise SceneKeyError(f"{where}: a name or a value has a character that is not text.") from None
     finally:
         where_now.reset(token)
 
@@ -58,7 +60,7 @@ def _as_scene_error(error: ValidationError, where: str) -> SceneKeyError:
     try:
         found = error.errors(include_url=False)
     except UnicodeError:
-        return SceneKeyError(f"{where}: a name or a value holds a character that is no text.")
+        return SceneKeyError(f"{where}: a name or a value has a character that is not text.")
     return SceneKeyError("\n".join(f"{where}: {_path(e)}: {_sentence(e)}" for e in found))
 
 
@@ -72,11 +74,11 @@ def _sentence(error: ErrorDetails) -> str:
         return _unknown_key(context["key"], context["valid"])
     if kind == "missing":
         return "is missing."
-    advice = _SHOULD[kind](error) if kind in _SHOULD else f"is wrong: {error['msg']}"
+    advice = _SHOULD[kind].format_map(context) if kind in _SHOULD else f"is wrong: {error['msg']}"
     hint = context.get("hint", "")
     if kind == "literal_error" and isinstance(error["input"], str):
         hint = did_you_mean(error["input"], re.findall(r"'([^']*)'", str(context["expected"])))
-    # the first few words of a whole scene help nobody
+    # The first few words of a whole scene help nobody.
     subject = "it" if not error["loc"] and isinstance(error["input"], dict) else short(error["input"])
     return f"{subject} {advice}.{hint}"
 
@@ -92,9 +94,9 @@ def _unknown_key(key: Any, valid: list[str]) -> str:
 
 
 def short(value: Any) -> str:
-    """Return a value as a message shows it: on one line, and cut off after 80 characters."""
+    """Return a value for a message: on one line, cut off after 80 characters."""
     try:
         text = " ".join(repr(value).split())
-    except (ValueError, RecursionError):  # an integer of more digits than Python writes; too many lists in each other
+    except (ValueError, RecursionError):  # an integer of more digits than Python writes, or lists nested too deeply
         text = f"a {type(value).__name__}"
     return text if len(text) <= 80 else text[:77] + "..."

@@ -1,4 +1,4 @@
-"""One object of a scene: `ObjectConfig`, and where it is placed.
+"""One object of a scene: `ObjectConfig`, with its support, region, relations and joints.
 
 Lengths are metres. Angles are degrees in files, except for joint positions; these, `ObjectConfig.drawn_orientation` and
 the attributes of relations are radians.
@@ -34,27 +34,24 @@ from sceniris_gym.config.fields import (
 from sceniris_gym.config.loader import JOINT_FORMS, REGION_FORMS, SUPPORT_WORDS
 from sceniris_gym.config.orientation import DrawnOrientation, Orientation
 from sceniris_gym.config.relations import RELATION_WORDS, Joined, Relations
-from sceniris_gym.config.section import Section, check_one_of
+from sceniris_gym.config.section import Section
 
 _REACH_WORDS = ("tier", "by", "grasp")
 
 
 class JointConfig(Section):
-    """How one joint is drawn at a reset; exactly one of the words is given.
+    """The draw of one joint position at a reset; exactly one of the words is given.
 
     `fraction` [low, high] of the joint's limits, `range` [low, high] in m or rad, `choice` of values and `value` in
     m or rad, and `noise` n: uniform in [home - n, home + n], clipped to the limits.
     """
 
+    one_of = JOINT_FORMS
     fraction: FractionInterval | None = None
     range: JointInterval | None = None
     choice: Choice | None = None
     value: JointPosition | None = None
     noise: Noise | None = None
-
-    @model_validator(mode="after")
-    def _exactly_one(self) -> JointConfig:
-        return check_one_of(self, JOINT_FORMS)
 
 
 class RegionConfig(Section):
@@ -64,23 +61,20 @@ class RegionConfig(Section):
     `points` ((x, y), ...) [m]. For an object without support, a `box` or `points` of (x, y, z) in the world frame.
     """
 
+    one_of = REGION_FORMS
     box: Box | None = None
     fraction: FractionBox | None = None
     polygon: Polygon | None = None
     points: Points | None = None
 
-    @model_validator(mode="after")
-    def _exactly_one(self) -> RegionConfig:
-        return check_one_of(self, REGION_FORMS)
-
     @property
     def is_3d(self) -> bool:
-        """Whether this is a box or points in space rather than a part of a support."""
+        """Whether it is a box or points in space rather than a part of a support."""
         return len((self.box or self.points or ((),))[0]) == 3
 
     @property
     def corners(self) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
-        """The low and the high corner of a box, or of the upright one around points [m]; None for other forms."""
+        """The low and the high corner [m] of the box, or of the upright box around the points; None for other forms."""
         if self.points is None:
             return self.box
         axes = list(zip(*self.points, strict=True))
@@ -89,9 +83,9 @@ class RegionConfig(Section):
 
 @dataclass(frozen=True)
 class SupportConfig:
-    """What an object is placed on: `word` is 'on', 'inside' or 'in'.
+    """The support of an object: `word` is 'on', 'inside' or 'in'.
 
-    `parent` is 'floor', 'object' or 'object/body', or what never moves in the scene's own model: a geom or a body.
+    `parent` is 'floor', 'object', 'object/body', or a geom or body of the scene's own model that never moves.
     """
 
     word: Literal["on", "inside", "in"]
@@ -129,17 +123,12 @@ class ObjectConfig(Section):
 
     @property
     def drawn_orientation(self) -> DrawnOrientation:
-        """How the orientation is drawn: any yaw by default."""
+        """The distribution of its orientation: any yaw by default."""
         return DrawnOrientation("yaw") if self.orientation is None else self.orientation.drawn
 
     @property
-    def yaw(self) -> tuple[float, float]:
-        """Interval [rad] from which the turn about the vertical is drawn; see `DrawnOrientation`."""
-        return self.drawn_orientation.yaw
-
-    @property
     def is_placed(self) -> bool:
-        """Whether a reset draws a pose for it; otherwise it stays where the model has it."""
+        """Whether a reset draws a pose for it; otherwise it stays in the pose of the model."""
         return self.kind != "static" and (self.support is not None or self.region is not None)
 
     @property
@@ -149,14 +138,14 @@ class ObjectConfig(Section):
 
     @property
     def references(self) -> list[tuple[str, str]]:
-        """The objects that its relations and orientation name: (key path inside the object, name)."""
+        """The objects that its relations and orientation name: (path of the key in the object, name)."""
         found = [(f"relations.{i}.{key}", name) for i, r in enumerate(self.relations) for key, name in r.references]
         target = self.drawn_orientation.target
         return found + ([("orientation.face_to", target)] if target is not None else [])
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """The objects that are placed before it ('robot' for the robot): its support, then all that it refers to."""
+        """The objects that are placed before it ('robot' for the robot): its support, then all objects it names."""
         owner = [] if self.support is None else [self.support.parent.split("/")[0]]
         names = [*owner, *(name for _, name in self.references)]
         return tuple(dict.fromkeys(name for name in names if name != FLOOR))
@@ -164,7 +153,7 @@ class ObjectConfig(Section):
     @model_validator(mode="before")
     @classmethod
     def _reachable_in_words(cls, data: Any) -> Any:
-        """Write `reachable: {tier: ik, by: left, grasp: ...}` as the three words that it stands for."""
+        """Return the words with `reachable: {tier: ik, by: left, grasp: ...}` written as the three words it means."""
         words = data.get("reachable") if isinstance(data, Mapping) else None
         if not isinstance(words, Mapping):
             return data

@@ -1,4 +1,4 @@
-"""How an object is oriented: `Orientation`, as written in a scene, and `DrawnOrientation`, how it is drawn."""
+"""Orientation of an object: `Orientation` as written in a scene, and `DrawnOrientation`, its distribution."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from sceniris_gym.config.fields import TurnInterval, wrong
 from sceniris_gym.config.loader import ORIENTATION_FORMS
 from sceniris_gym.config.section import Section
 
-_WORDS = ("fixed", "any", "stable")
+_WORDS = {"fixed": {"yaw": (0.0, 0.0)}, "any": {"any": True}, "stable": {"stable": {}}}
 
 
 @dataclass(frozen=True)
 class DrawnOrientation:
-    """How an orientation is drawn.
+    """The distribution that an orientation is drawn from.
 
     Attributes:
         kind: 'yaw': upright, turned about the vertical; 'stable': in a stable pose, drawn by its probability, then
-            turned about the vertical; 'any': uniform in SO(3); 'face_to': upright, its front (-y) towards `target`.
-        yaw: Interval [rad] from which the turn about the vertical is drawn; for 'face_to' it is added to the heading
-            towards `target`.
+            turned about the vertical; 'any': uniform in SO(3); 'face_to': upright, with the front (-y) towards
+            `target`.
+        yaw: Interval [rad] of the turn about the vertical; for 'face_to' the turn is added to the heading towards
+            `target`.
         target: The object to face, for 'face_to'.
     """
 
@@ -45,7 +46,7 @@ class Stable(Section):
 
 
 class Orientation(Section):
-    """How an object is oriented: one of the forms below.
+    """Orientation of an object, in one of the forms below.
 
     `fixed`; {yaw: [low, high]} in degrees about the support's normal; `any`; `stable` or {stable: {yaw: [low, high]}};
     {face_to: object}, which may have a `yaw` [low, high] in degrees that is added.
@@ -58,7 +59,7 @@ class Orientation(Section):
 
     @property
     def drawn(self) -> DrawnOrientation:
-        """How this orientation is drawn."""
+        """The distribution that it stands for."""
         if self.any is not None:
             return DrawnOrientation("any")
         if self.stable is not None:
@@ -80,14 +81,14 @@ class Orientation(Section):
                 data,
                 _WORDS,
             )
-        return {"fixed": {"yaw": (0.0, 0.0)}, "any": {"any": True}, "stable": {"stable": {}}}[data]
+        return _WORDS[data]
 
     @model_validator(mode="after")
     def _exactly_one(self) -> Orientation:
         given = self.given(ORIENTATION_FORMS)
         if len(given) != 1 and given != ["yaw", "face_to"]:
-            has = " and ".join(given) if given else "none"
-            raise wrong(f"should have exactly one of {', '.join(ORIENTATION_FORMS)}, or a yaw with face_to; has {has}")
+            forms, has = ", ".join(ORIENTATION_FORMS), " and ".join(given) or "none"
+            raise wrong(f"should have exactly one of {forms}, or a yaw with face_to; has {has}")
         return self
 
 

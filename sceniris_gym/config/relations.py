@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from sceniris_gym.config.fields import Direction2, Length, Number, Turn, Width, wrong
+from sceniris_gym.config.fields import Direction2, Length, Names, Number, Turn, Width, wrong
 from sceniris_gym.config.limits import MAX_ANCHORS, MAX_RELATIONS
 from sceniris_gym.config.section import Section, check_one_of
 
@@ -31,7 +31,6 @@ _LEAST_ANGLE = 1.0e-3
 _THIN_BAND = "too few of the points drawn for a thinner band would lie in it"
 
 Angle = Annotated[Number, Field(gt=0.0, le=180.0)]
-Anchors = Annotated[tuple[str, ...], Field(min_length=2, max_length=MAX_ANCHORS)]
 
 
 def _wide_enough(tolerance: float) -> float:
@@ -85,7 +84,7 @@ class Relation(Section):
     Each kind declares its keys in the order of the scene file, the word first, because hashes depend on the order.
 
     Attributes:
-        words: The keys that name the kind; a relation has exactly one of them.
+        one_of: The words of the kind.
         least_anchors: Number of anchors that have to be present for the relation to apply.
         reference_frame: The frame of its heading: 'support', 'world' or the name of an object.
         half_angle: Greatest angle between the heading and the direction from the anchor to the object [rad].
@@ -94,7 +93,6 @@ class Relation(Section):
         has_own_width: Whether the region is as wide as the object itself.
     """
 
-    words: ClassVar[tuple[str, ...]]
     least_anchors: ClassVar[int] = 1
     reference_frame: ClassVar[str] = "world"
     half_angle: ClassVar[float] = math.pi
@@ -106,7 +104,7 @@ class Relation(Section):
     @property
     def word(self) -> str:
         """The word that is given."""
-        return self.given(self.words)[0]
+        return self.given(self.one_of)[0]
 
     @property
     def anchor_key(self) -> str:
@@ -147,14 +145,10 @@ class Relation(Section):
 
     @classmethod
     def _problem(cls, key: Any, valid: list[str]) -> PydanticCustomError:
-        words = [word for kind in KINDS if key in kind.model_fields for word in kind.words]
+        words = [word for kind in KINDS if key in kind.model_fields for word in kind.one_of]
         if words and key not in cls.misplaced:
-            return wrong(f"should stand only with {_listing(words)}, not with {_listing(cls.words)}")
+            return wrong(f"should stand only with {_listing(words)}, not with {_listing(cls.one_of)}")
         return super()._problem(key, _known_keys())
-
-    @model_validator(mode="after")
-    def _has_one_word(self) -> Relation:
-        return check_one_of(self, self.words)
 
 
 class Sector(Relation):
@@ -205,7 +199,7 @@ class Direction(Sector):
         of: The object that a `direction` is seen from.
     """
 
-    words = ("front_of", "back_of", "left_of", "right_of", "direction")
+    one_of = ("front_of", "back_of", "left_of", "right_of", "direction")
     front_of: str | None = None
     back_of: str | None = None
     left_of: str | None = None
@@ -257,7 +251,7 @@ class Direction(Sector):
 class Near(Sector):
     """All around an object, up to a greatest distance."""
 
-    words = ("near",)
+    one_of = ("near",)
     near: str
     distance: Distance | None = None
     measure: Literal["origin", "bounds"] = "origin"
@@ -275,9 +269,9 @@ class Between(Relation):
     The strip is `width` [m] wide, by default as wide as the shorter edge of the object's footprint.
     """
 
-    words = ("between",)
+    one_of = ("between",)
     least_anchors = 2
-    between: Anchors
+    between: Annotated[Names, Field(min_length=2, max_length=MAX_ANCHORS)]
     width: Width | None = None
 
     @property
@@ -289,12 +283,6 @@ class Between(Relation):
     def has_own_width(self) -> bool:
         """Whether the strip is as wide as the object itself."""
         return self.width is None
-
-    @model_validator(mode="after")
-    def _names_everything_once(self) -> Between:
-        if len(set(self.between)) < len(self.between):
-            raise wrong("should name every object of 'between' once")
-        return self
 
 
 class Connection(Section):
@@ -313,7 +301,7 @@ class Connection(Section):
 class Joined(Relation):
     """Joined to an object at a site of each; the sites are `gap` [m] (0) apart along the x axis of the other one."""
 
-    words = ("beside",)
+    one_of = ("beside",)
     misplaced = dict.fromkeys(("side", "frame"), "should be left out where 'beside' names sites, which say where it is")
     anchor_key: ClassVar[str] = "beside.of"
     beside: Connection
@@ -333,7 +321,7 @@ class Joined(Relation):
 class Beside(Relation):
     """Side by side with an object: bounds are `gap` [m] apart, and the narrower ones within the span of the wider."""
 
-    words = ("beside",)
+    one_of = ("beside",)
     by_bounds = True
     beside: str
     frame: str = "anchor"
@@ -360,10 +348,10 @@ def _of_its_kind(value: Any) -> Relation:
     if not isinstance(value, Mapping):
         return value if isinstance(value, Relation) else Direction.model_validate(value)
     known = _known_keys()
-    if set(value) <= set(known):
-        check_one_of(value, RELATION_WORDS)
     given = {key for key in known if value.get(key) is not None}
-    kind = next((kind for kind in KINDS if given.intersection(kind.words)), Direction)
+    if set(value) <= set(known):
+        check_one_of([word for word in RELATION_WORDS if word in given], RELATION_WORDS)
+    kind = next((kind for kind in KINDS if given.intersection(kind.one_of)), Direction)
     if kind is Beside and isinstance(value["beside"], Mapping | Connection):
         kind = Joined
     unset = set(known) - given - set(kind.model_fields)
@@ -376,7 +364,7 @@ Relations = Annotated[tuple[AnyRelation, ...], Field(max_length=MAX_RELATIONS)]
 """The relations of one object."""
 KINDS: tuple[type[Relation], ...] = get_args(get_args(AnyRelation)[0])
 """The classes of relations."""
-RELATION_WORDS = tuple(dict.fromkeys(word for kind in KINDS for word in kind.words))
+RELATION_WORDS = tuple(dict.fromkeys(word for kind in KINDS for word in kind.one_of))
 """Words of which a relation has exactly one."""
 
 

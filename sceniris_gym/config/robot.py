@@ -1,4 +1,4 @@
-"""A robot of a scene: `RobotConfig`, where it comes from and how it stands, and `TcpConfig`, where its tool is."""
+"""A robot of a scene: `RobotConfig`, its source and its pose, and `TcpConfig`, its tool centre point."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from sceniris_gym.config.loader import ROBOT_FORMS
 from sceniris_gym.config.objects import JointConfig, ObjectConfig, RegionConfig
 from sceniris_gym.config.orientation import Orientation
 from sceniris_gym.config.relations import Relations
-from sceniris_gym.config.section import Section, check_one_of
+from sceniris_gym.config.section import Section
 
 _BASE = ("base", "roll", "pitch", "yaw")
-"""Words that say where a robot that is added to a scene stands in it."""
+"""Words for the fixed pose of a robot that is added to a scene."""
 _DRAWS = ("on", "inside", "in_", "region", "relations", "orientation", "gap")
-"""Words by which its base is drawn instead."""
+"""Words with which its base is drawn instead."""
 
 
 class TcpConfig(Section):
-    """Where the tool centre point of a robot is: its +z is the approach axis.
+    """The tool centre point of a robot; its +z is the approach axis.
 
-    At the origin of a `site` or a `body`, moved by `offset` (x, y, z) [m] in that frame, then turned by `roll` about
-    its x axis, `pitch` about y and `yaw` about z, in this order and about the axes before turning [degrees]. A name
-    alone stands for the site of this name, or for the body if there is no such site. The fingers close along +y; where
-    no `yaw` is given, the frame is turned about z so that they do.
+    It is at the origin of a `site` or a `body`, moved by `offset` (x, y, z) [m] in that frame, then turned [degrees] by
+    `roll` about the x axis, `pitch` about y and `yaw` about z of the frame before turning, in this order. A name alone
+    stands for the site of this name, or for the body if there is no such site. The fingers close along +y: without a
+    `yaw` the frame is turned about z so that they do.
     """
 
     site: str | None = None
@@ -57,13 +57,14 @@ class RobotConfig(Section):
     """A robot: an `asset`, any MJCF or URDF file as `model`, or a body of the scene's own model as `in_model`.
 
     It stands at `base` (x, y, z) [m], turned by `roll`, `pitch` and `yaw` [degrees] about x, then y, then z of the
-    world, and starts from `keyframe`, by default from 'home' or, without such a keyframe, from `qpos0`. One that is in
-    the model stands as the model has it. With `on`, `inside`, `in` or a `region` its base is drawn in every world as
-    the pose of a fixture is, by the words of an object. `tcp` is its tool centre point, by default the site 'tcp';
-    `map` is the file of its reachability map, which a shipped asset has already. Whatever is placed keeps `clearance`
-    [m] from it. With `in_scene: false` there is only a frame where its base would be, from which its map judges reach.
+    world, and starts from `keyframe`, by default from 'home' or, without such a keyframe, from `qpos0`. A robot of the
+    model keeps the pose that it has there. With `on`, `inside`, `in` or a `region`, the base is drawn in every world
+    like the pose of a fixture, by the words of an object. `tcp` is the tool centre point, by default the site 'tcp';
+    `map` is the file of the reachability map, which shipped assets bring along. Placed objects keep `clearance` [m]
+    from the robot. With `in_scene: false` only the frame of its base is in the scene, from which its map judges reach.
     """
 
+    one_of = ROBOT_FORMS
     model_config = ConfigDict(populate_by_name=True)
     asset: str | None = None
     model: str | None = None
@@ -88,14 +89,14 @@ class RobotConfig(Section):
     _called: str | None = PrivateAttr(None)
 
     def called(self, name: str) -> RobotConfig:
-        """Return the same robot with the name that `robots` gives it."""
+        """Return the robot with the name that `robots` gives it."""
         named = self.model_copy()
         named._called = name
         return named
 
     @property
     def placing(self) -> ObjectConfig | None:
-        """How its base is drawn, in the words of an object; None for one that stands where it is."""
+        """The words of an object that its base is drawn by; None if its base is fixed."""
         given = [word for word in _DRAWS if word in self.model_fields_set]
         if not given:
             return None
@@ -104,12 +105,12 @@ class RobotConfig(Section):
 
     @property
     def file(self) -> str | None:
-        """The asset or the file that is added to the scene; None for a robot that is in its model."""
+        """The asset or the file that is added to the scene; None for a robot of the scene's model."""
         return self.asset if self.model is None else self.model
 
     @property
     def key(self) -> str:
-        """The word that says where the robot comes from, for messages."""
+        """The key of the robot's source, for messages."""
         return f"{self.section}.{self.given(ROBOT_FORMS)[0]}"
 
     @property
@@ -119,14 +120,13 @@ class RobotConfig(Section):
 
     @property
     def name(self) -> str:
-        """The name of its root body: that in the model or in `robots`, else 'panda' for 'panda' and 'my/panda.xml'."""
+        """The name of its root body: from the model or `robots`, else 'panda' for 'panda' and 'my/panda.xml'."""
         if self.file is None:
             return str(self.in_model)
         return Path(self.file).stem if self._called is None else self._called
 
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> RobotConfig:
-        check_one_of(self, ROBOT_FORMS)
         given = [word for word in _BASE if word in self.model_fields_set]
         start = [word for word in (*given, "keyframe") if word in self.model_fields_set]
         if self.in_model is not None and start:
@@ -135,7 +135,7 @@ class RobotConfig(Section):
             raise wrong("should be an 'asset' or a 'model' without 'joints' and 'clearance' if 'in_scene' is false")
         try:
             placing = self.placing
-        except ValidationError as error:  # what holds between the words of any object
+        except ValidationError as error:  # words that contradict each other in any object
             raise wrong(error.errors()[0]["msg"]) from None
         if placing is not None and given:
             raise wrong(f"should have no '{given[0]}': its base is drawn. Say where by 'region' and 'orientation'")

@@ -1,4 +1,4 @@
-"""A whole scene as written by the user: `SceneConfig`, from YAML, a dict or Python."""
+"""A whole scene as the user writes it: `SceneConfig`, from YAML, a dict or Python."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from sceniris_gym.config.section import Section
 from sceniris_gym.config.validation import SceneNames, check_names
 
 AUTO = "auto"
-"""`attempts` that `compile_scene` finds."""
+"""The value of `attempts` that lets `compile_scene` choose."""
 DEFAULT_BANK = 64
-"""Valid layouts that are kept for each split, for worlds that run out of restarts."""
+"""Number of valid layouts that are kept for each split, for worlds that run out of restarts."""
 _FILES = ("asset", "model", "map", "rows")
-"""Words of objects, robots and heaps that name files."""
+"""Keys of objects, robots and heaps that name files."""
 
 
 def _count_or_auto(value: Any) -> Any:
@@ -43,7 +43,7 @@ Attempts = Annotated[int | Literal["auto"], BeforeValidator(_count_or_auto)]
 
 
 class Floor(Section):
-    """The ground workspace: a rectangle around the world's origin, `size` = (x, y) full extents [m]."""
+    """The ground workspace: a rectangle around the world's origin with the full extents `size` = (x, y) [m]."""
 
     size: Extents2
 
@@ -105,7 +105,7 @@ class SceneConfig(Section):
 
     @property
     def where(self) -> str:
-        """The file this scene was read from, for messages."""
+        """The file that the scene was read from, for messages."""
         return self._where
 
     @property
@@ -115,14 +115,14 @@ class SceneConfig(Section):
 
     @cached_property
     def parts(self) -> dict[str, ObjectConfig]:
-        """The objects, followed by the robots whose base is drawn, as what they are placed as."""
+        """The objects, followed by the robots whose base is drawn, in the words of objects."""
         drawn = {name: robot.placing for name, robot in self.all_robots.items()}
         return {**self.objects, **{name: part for name, part in drawn.items() if part is not None}}
 
     def needs(self, name: str) -> tuple[str, ...]:
-        """Return what is placed before an object or a robot: what it refers to, and the drawn base of its own robot.
+        """Return the names placed before an object or a robot: those it refers to, and its robot with a drawn base.
 
-        A base that refers to a target, if only by way of others, is placed after it instead.
+        A base that refers to a target, directly or through other objects, is placed after it instead.
         """
         parts = self.parts
         part = parts[name]
@@ -137,7 +137,7 @@ class SceneConfig(Section):
         return part.needs if name in before else tuple(dict.fromkeys([*part.needs, robot]))
 
     def robot_for(self, name: str) -> str:
-        """Return the robot that is to reach an object: the one that it names, by default the only one."""
+        """Return the robot that has to reach an object: the one it names, by default the only one."""
         by = self.objects[name].by
         return by if by in self.all_robots else next(iter(self.all_robots))
 
@@ -152,9 +152,9 @@ class SceneConfig(Section):
         return in_memory(self.model)
 
     def canonical(self) -> str:
-        """Return the words that differ from their defaults as JSON that is equal for equal scenes.
+        """Return the values that differ from their defaults as JSON; equal scenes give equal text.
 
-        File names are left out: only the contents of the files matter, and they are no words.
+        File names are left out, since only the contents of the files matter.
         """
         data = self.model_dump(mode="json", by_alias=True, exclude={"name", "model"}, exclude_defaults=True)
         parts = [*data.get("objects", {}).values(), *data.get("robots", {}).values(), data.get("robot", {})]
@@ -169,7 +169,7 @@ class SceneConfig(Section):
         return {name: robot.called(name) for name, robot in robots.items()}
 
     @model_validator(mode="after")
-    def _has_each_robot_once(self) -> SceneConfig:
+    def _agrees_with_itself(self) -> SceneConfig:
         if self.robot is not None and self.robots:
             raise wrong("should have 'robot', which is the only one, or 'robots' by name, not both")
         owners: dict[str, str] = {}
@@ -178,24 +178,16 @@ class SceneConfig(Section):
                 raise wrong(f"should have a robot and an object of different names, but has two of the name '{name}'")
             if (other := owners.setdefault(robot.name, name)) != name:
                 raise wrong(f"should have robots of different names: '{other}' and '{name}' are both '{robot.name}'")
+        if self.home is not None and self.model is None:
+            raise wrong("should have 'home', the name of a keyframe, only together with 'model'")
+        if self.model is None and any(robot.in_model is not None for robot in self.all_robots.values()):
+            raise wrong("should have a robot that is 'in_model' only together with 'model'")
         return self
 
     @model_validator(mode="before")
     @classmethod
     def _heaps_are_placed(cls, data: Any) -> Any:
         return with_places(data)
-
-    @model_validator(mode="after")
-    def _home_is_of_a_model(self) -> SceneConfig:
-        if self.home is not None and self.model is None:
-            raise wrong("should have 'home', the name of a keyframe, only together with 'model'")
-        return self
-
-    @model_validator(mode="after")
-    def _robot_is_of_a_model(self) -> SceneConfig:
-        if self.model is None and any(robot.in_model is not None for robot in self.all_robots.values()):
-            raise wrong("should have a robot that is 'in_model' only together with 'model'")
-        return self
 
     @model_validator(mode="after")
     def _names_are_known(self) -> SceneConfig:

@@ -1,12 +1,19 @@
-"""`Section`, the base class of all parts of a scene: frozen, with errors in the terms of the scene file."""
+"""`Section`, the base class of all parts of a scene: frozen, with errors in the words of the scene file."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import nullcontext
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 
-from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationError, ValidatorFunctionWrapHandler
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    GetCoreSchemaHandler,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    model_validator,
+)
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
 from pydantic_core.core_schema import no_info_wrap_validator_function
 
@@ -15,20 +22,25 @@ from sceniris_gym.config.messages import UNKNOWN_KEY, reading, where_now
 
 
 class Section(BaseModel):
-    """A mapping of the scene file: frozen, and every wrong key or value is a ScenirisError."""
+    """A mapping of the scene file: frozen, and every wrong key or value is a ScenirisError.
+
+    Attributes:
+        one_of: Keys of which exactly one is given; none if any of the keys may be.
+        misplaced: Keys that belong somewhere else, with advice on where; the advice begins with "should".
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+    one_of: ClassVar[tuple[str, ...]] = ()
     misplaced: ClassVar[Mapping[str, str]] = {}
-    """Words that belong somewhere else, with advice on where; the advice begins with "should"."""
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        # Wraps all validators of the part, including those that run after its fields.
+        # Wrap all validators of the part, including those that run after its fields.
         return no_info_wrap_validator_function(cls._in_words, handler(source))
 
     @classmethod
     def _in_words(cls, data: Any, handler: ValidatorFunctionWrapHandler) -> Any:
-        # A part made on its own in Python is named by its class in errors; inside a scene, the scene file is named.
+        # Errors name the scene file, or the class if the part is made on its own in Python.
         with reading(cls.__name__) if where_now.get() is None else nullcontext():
             if isinstance(data, Mapping):
                 cls._check_keys(data)
@@ -51,18 +63,18 @@ class Section(BaseModel):
             return wrong(cls.misplaced[key])
         return PydanticCustomError(UNKNOWN_KEY, "unknown key", {"key": key, "valid": valid})
 
-    def given(self, words: tuple[str, ...]) -> list[str]:
-        """Return those of the fields `words` that have a value other than None, in their order."""
-        return [word for word in words if getattr(self, word) is not None]
+    def given(self, keys: tuple[str, ...]) -> list[str]:
+        """Return those of the fields `keys` that have a value other than None, in their order."""
+        return [key for key in keys if getattr(self, key) is not None]
+
+    @model_validator(mode="after")
+    def _has_one_of(self) -> Section:
+        if self.one_of:
+            check_one_of(self.given(self.one_of), self.one_of)
+        return self
 
 
-_PartT = TypeVar("_PartT", bound=Section | Mapping)
-
-
-def check_one_of(part: _PartT, words: tuple[str, ...]) -> _PartT:
-    """Return a section, or its keys, if exactly one of `words` is given; otherwise raise an error."""
-    given = part.given(words) if isinstance(part, Section) else [word for word in words if part.get(word) is not None]
+def check_one_of(given: list[str], keys: tuple[str, ...]) -> None:
+    """Raise an error unless exactly one of `keys` is given."""
     if len(given) != 1:
-        has = " and ".join(given) if given else "none"
-        raise wrong(f"should have exactly one of {', '.join(words)}, but has {has}")
-    return part
+        raise wrong(f"should have exactly one of {', '.join(keys)}, but has {' and '.join(given) or 'none'}")

@@ -1,4 +1,4 @@
-"""The tiers of reachability: how thoroughly it is proven that an arm reaches something, and the rule of each tier."""
+"""Tiers of reachability: grades of proof that an arm reaches an object, and the rule of each."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ TierWord = Literal["map", "map_strict", "ik", "clear"]
 
 
 class Verdict(IntEnum):
-    """What a map says about a pose. NO, YES: all corners of its cell agree. MIXED_*: decided by interpolation."""
+    """Answer of a map about a pose. NO, YES: all corners of its cell agree. MIXED_*: decided by interpolation."""
 
     NO = 0
     MIXED_NO = 1
@@ -19,7 +19,7 @@ class Verdict(IntEnum):
 
 
 class Tier(IntEnum):
-    """How thoroughly an object is proven to be reachable."""
+    """A grade of proof that an object is reachable."""
 
     MAP = 0
     """The arm's map says yes, by interpolation where the corners of a cell disagree."""
@@ -28,7 +28,7 @@ class Tier(IntEnum):
     IK = 2
     """Joints within limits bring the TCP within 1 mm and 0.5 degrees, and the arm does not hit itself."""
     CLEAR = 3
-    """There and in the pre-grasp the arm hits nothing in the layout; in the grasp the hand may touch the object."""
+    """In the grasp and the pre-grasp the arm hits nothing in the layout; in the grasp the hand may touch the object."""
 
     @classmethod
     def of(cls, word: str) -> Tier:
@@ -42,7 +42,7 @@ class Tier(IntEnum):
 
     @property
     def needs_map(self) -> bool:
-        """Whether the arm's map alone decides, as an object is placed; else inverse kinematics does, after placing."""
+        """Whether the arm's map alone decides, during placing; otherwise inverse kinematics decides afterwards."""
         return self < Tier.IK
 
     @property
@@ -51,12 +51,7 @@ class Tier(IntEnum):
 
         The tiers that solve inverse kinematics decide later; for them the map only rules out poses with a plain no.
         """
-        match self:
-            case Tier.MAP:
-                return Verdict.MIXED_YES
-            case Tier.MAP_STRICT:
-                return Verdict.YES
-        return Verdict.MIXED_NO
+        return {Tier.MAP: Verdict.MIXED_YES, Tier.MAP_STRICT: Verdict.YES}.get(self, Verdict.MIXED_NO)
 
 
 TIERS = tuple(tier.word for tier in Tier)

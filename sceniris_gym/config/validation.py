@@ -1,4 +1,4 @@
-"""Checks of names in a scene: whatever an object refers to exists, can be referred to, and can be placed before it."""
+"""Checks of names in a scene: all references exist, refer to something suitable, and can be placed first."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from sceniris_gym.errors import CycleError, NoSupportError, SceneKeyError, Unkno
 
 @dataclass(frozen=True)
 class SceneNames:
-    """What names in a scene can refer to.
+    """The named parts of a scene.
 
     Attributes:
         objects: The objects by name.
         groups: The groups by name.
-        robots: Names of the robots, 'robot' for the only one, and what each is placed as if its base is drawn.
+        robots: The robots by name, 'robot' for the only one: the words that a drawn base is placed by, else None.
         heaps: The heaps by name.
         has_floor, has_model: Whether the scene has a floor, a model of its own.
     """
@@ -34,7 +34,7 @@ class SceneNames:
 
     @property
     def placed(self) -> list[tuple[str, str, ObjectConfig]]:
-        """The objects, and the robots whose base is drawn: key, name and words of each."""
+        """The objects, and the robots whose base is drawn: (key, name, words)."""
         drawn = [(ROBOT if n == ROBOT else f"robots.{n}", n, part) for n, part in self.robots.items() if part]
         return [*((f"objects.{name}", name, part) for name, part in self.objects.items()), *drawn]
 
@@ -43,10 +43,10 @@ def check_names(scene: SceneNames, where: str) -> None:
     """Check all names of objects in a scene; errors begin with `where`.
 
     Raises:
-        SceneKeyError: An object without an asset, or a reference that does not hold in every world.
-        UnknownNameError: A name that is not in the scene.
-        NoSupportError: An object that is placed on a marker.
-        CycleError: Objects that are placed relative to each other.
+        SceneKeyError: An object has no asset, or a reference does not hold in every world.
+        UnknownNameError: A name is not in the scene.
+        NoSupportError: An object is placed on a marker.
+        CycleError: Objects are placed relative to each other in a cycle.
     """
     _check_bodies(scene, where)
     for name, part in scene.objects.items():
@@ -64,25 +64,23 @@ def check_names(scene: SceneNames, where: str) -> None:
 
 
 def _check_robot(scene: SceneNames, name: str, part: ObjectConfig, where: str) -> None:
-    """Check that it is known which robot is to reach an object."""
+    """Check that one robot is meant to reach an object."""
     if not scene.robots:
         raise SceneKeyError(
             f"{where}: objects.{name}.reachable: there is no robot that could reach it. Add a robot, as "
             "in 'robot: {asset: panda}', or leave 'reachable' out."
         )
-    if part.by in scene.robots:
-        return
-    if "by" not in part.model_fields_set and len(scene.robots) > 1:
+    if part.by not in scene.robots and "by" in part.model_fields_set:
+        raise UnknownNameError("robot", part.by, f"{where}: objects.{name}.by", scene.robots)
+    if part.by not in scene.robots and len(scene.robots) > 1:
         raise SceneKeyError(
-            f"{where}: objects.{name}.reachable: should say which robot is to reach it, as in 'reachable: {{by: "
+            f"{where}: objects.{name}.reachable: should say which robot has to reach it, as in 'reachable: {{by: "
             f"{next(iter(scene.robots))}}}'. Robots: {', '.join(scene.robots)}."
         )
-    if "by" in part.model_fields_set:
-        raise UnknownNameError("robot", part.by, f"{where}: objects.{name}.by", scene.robots)
 
 
 def _check_bodies(scene: SceneNames, where: str) -> None:
-    """Check that objects which name a body can, and that no body is two objects."""
+    """Check that the scene has a model if an object names a body, and that no two objects are one body."""
     owners: dict[str, str] = {}
     for name, part in scene.objects.items():
         if part.body is not None and not scene.has_model:
@@ -100,7 +98,7 @@ def _check_bodies(scene: SceneNames, where: str) -> None:
 
 
 def _check_body(scene: SceneNames, name: str, part: ObjectConfig, where: str) -> None:
-    """Check that an object without an asset of its own has what it needs."""
+    """Check an object without an asset of its own."""
     if part.asset is not None or scene.has_model:
         return
     if part.kind != "marker":
@@ -125,7 +123,7 @@ def _check_parent(scene: SceneNames, where: str, name: str, parent: str) -> None
     owner = parent.split("/")[0]
     others = [other for other, part in scene.objects.items() if other != name and part.kind != "marker"]
     if owner not in scene.objects and scene.has_model and (parent != FLOOR or not scene.has_floor):
-        return  # a geom or a body of the model, which only the model can know
+        return  # a geom or a body of the model, which is not loaded yet
     if parent == FLOOR and not scene.has_floor:
         raise UnknownNameError(
             "support", parent, f"{where}: the scene has no floor (add 'floor: {{size: [x, y]}}')", others
@@ -169,7 +167,7 @@ def _check_groups(scene: SceneNames, where: str) -> None:
 
 
 def _check_absent(scene: SceneNames, key: str, part: ObjectConfig, absent: dict[str, str], where: str) -> None:
-    """Check that an object can be placed whichever members of groups are absent."""
+    """Check that an object can be placed in worlds without some members of groups."""
     support = part.support
     owner = support.parent.split("/")[0] if support is not None else FLOOR
     if support is not None and owner in absent:
@@ -187,7 +185,7 @@ def _check_absent(scene: SceneNames, key: str, part: ObjectConfig, absent: dict[
 
 
 def _check_heaps(scene: SceneNames, where: str) -> None:
-    """Check that heaps are of objects that have no other place, and fill what stands upright."""
+    """Check that the objects of heaps have no other place, and that containers stand upright."""
     heap_of: dict[str, str] = {}
     grouped = {name: group for group, part in scene.groups.items() for name in part.of}
     for heap, part in scene.heaps.items():
@@ -218,15 +216,15 @@ def _check_heaps(scene: SceneNames, where: str) -> None:
 
 def _check_cycles(scene: SceneNames, where: str) -> None:
     needs: dict[str, tuple[str, ...]] = {name: part.needs for _, name, part in scene.placed}
-    ends: set[str] = set()  # objects from which no chain leads into a cycle
+    ends: set[str] = set()  # objects that no cycle can be reached from
     for name in needs:
         if (cycle := _cycle(name, needs, ends)) is not None:
             raise CycleError(where, cycle, "objects are placed relative to each other")
 
 
 def _cycle(first: str, needs: Mapping[str, tuple[str, ...]], ends: set[str]) -> list[str] | None:
-    """Return the first cycle on a path from an object, or None. A chain may be longer than Python can call itself."""
-    chain = {first: iter(needs.get(first, ()))}  # the path, and where it may go on from each
+    """Return the first cycle on a path from an object, or None. The search is no recursion: chains may be long."""
+    chain = {first: iter(needs.get(first, ()))}  # the path, with the branches left to try at each object
     while chain:
         last = next(reversed(chain))
         other = next(chain[last], None)

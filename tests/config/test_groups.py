@@ -37,7 +37,11 @@ WRONG: dict[str, tuple] = {
         SceneKeyError,
         ["groups.clutter.missing: 'dropp'", "mean 'drop'"],
     ),
-    "a member twice": ({"groups.clutter": {"of": ["can", "can"], "count": 1}}, SceneKeyError, ["'of' once"]),
+    "a member twice": (
+        {"groups.clutter": {"of": ["can", "can"], "count": 1}},
+        SceneKeyError,
+        ["groups.clutter.of: ['can', 'can'] should name each object once"],
+    ),
     "too many": ({"groups.clutter": CLUTTER | {"count": 4}}, SceneKeyError, ["clutter:", "0 <= low <= high <= 3"]),
     "upside down": ({"groups.clutter": CLUTTER | {"count": [2, 1]}}, SceneKeyError, ["0 <= low <= high <= 3"]),
     "a negative end": ({"groups.clutter": CLUTTER | {"count": [-1, 1]}}, SceneKeyError, ["count.0: -1", "at least 0"]),

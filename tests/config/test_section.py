@@ -75,14 +75,22 @@ def test_the_words_that_are_given_are_those_with_a_value():
     assert Lamp().given(("watts", "lumens")) == []
 
 
+class Bulb(Section):
+    """A part with two words of which exactly one is given."""
+
+    one_of = ("watts", "lumens")
+    watts: float | None = None
+    lumens: float | None = None
+
+
 def test_one_of_some_words_is_given():
-    """The part comes back as it is; else the error counts what it has."""
-    lamp = Lamp(watts=1.0)
-    assert check_one_of(lamp, ("watts", "lumens")) is lamp
-    with pytest.raises(ValueError, match="should have exactly one of watts, lumens, but has none"):
-        check_one_of(Lamp(), ("watts", "lumens"))
-    with pytest.raises(ValueError, match="should have exactly one of watts, lumens, but has watts and lumens"):
-        check_one_of(Lamp(watts=1.0, lumens=1.0), ("watts", "lumens"))
+    """Whoever makes the part; the error counts what it has."""
+    assert Bulb(watts=1.0).watts == 1.0
+    check_one_of(["watts"], ("watts", "lumens"))
+    with pytest.raises(SceneKeyError, match="Bulb: scene: it should have exactly one of watts, lumens, but has none"):
+        Bulb()
+    with pytest.raises(SceneKeyError, match="should have exactly one of watts, lumens, but has watts and lumens"):
+        Bulb(watts=1.0, lumens=1.0)
 
 
 def test_a_word_that_belongs_somewhere_else_is_told_where():
