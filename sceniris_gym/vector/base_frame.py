@@ -40,7 +40,7 @@ class BaseFrame:
         self.body = self.seen(UPRIGHT)
 
     def seen(self, quat: np.ndarray) -> Tensor:
-        """Return the matrix that `pose` takes for a frame turned by `quat` (wxyz) relative to its body, shape (7, 7)."""
+        """Return the matrix for `pose` of a frame turned by `quat` (wxyz) relative to its body, shape (7, 7)."""
         columns = np.zeros((4, 4))
         for column, unit in zip(columns, np.eye(4), strict=True):
             mujoco.mju_mulQuat(column, self._to_base, unit)
